@@ -10,7 +10,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -30,11 +29,9 @@ from tirgeo_ros.tools.graph.node_graph import GraphSetup, run_graph
 from tirgeo_ros.tools.graph.resources import find_resource
 from tirgeo_ros.tools.presentation.progress import Progress
 from tirgeo_ros.tools.replay.process import process
-from tirgeo_ros.tools.simulate import simulate
 
 #: Of several runs the fastest says most about the program and least about its neighbours.
 _RUNS = 3
-_SIMULATED_S = 30.0
 
 
 class Figure(NamedTuple):
@@ -197,21 +194,6 @@ def _dds_figures(name: str, found: DdsTimes, wanted: str) -> Iterator[Figure]:
     yield Figure(f"{name}: age grown in 6 s", found.grown_s * 1e3, "ms", "0")
 
 
-@contextmanager
-def _flight(given: Path | None) -> Iterator[Path]:
-    """The flight to measure: the given one, else the sample, else one that is simulated."""
-    sample = find_resource("bags/sample")
-    if given is not None or sample is not None:
-        yield given or sample or Path()
-        return
-    scenario = find_resource("config/scenarios/paper_flight.yaml")
-    if scenario is None:
-        raise TirgeoError("no sample flight and no scenario are installed: give a folder")
-    with tempfile.TemporaryDirectory() as folder:
-        simulate(scenario, folder, start_s=10.0, duration_s=_SIMULATED_S)
-        yield Path(folder)
-
-
 def line(figure: Figure) -> str:
     """One line of the table."""
     digits = 2 if figure.value >= 1 else 3
@@ -225,9 +207,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--no-graph", action="store_true", help="leave the node graph out")
     args = parser.parse_args(argv)
     graph = not args.no_graph and importlib.util.find_spec("rclpy") is not None
+    folder = args.folder or find_resource("bags/sample")
+    if folder is None:
+        parser.error("no sample flight is installed: give a folder")
     write = sys.stdout.write
     try:
-        with _flight(args.folder) as folder, tempfile.TemporaryDirectory() as work:
+        with tempfile.TemporaryDirectory() as work:
             write(f"{folder}, {os.cpu_count()} CPUs\n")
             for figure in figures(folder, Path(work), graph=graph):
                 write(line(figure) + "\n")

@@ -16,6 +16,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from dev.flight_errors import STATE_NAMES
+from dev.judging import MarkedTable
 from dev.monte_carlo import (
     SETTLED_S,
     Flown,
@@ -35,22 +36,6 @@ ASKED_POSITION_M = 0.012
 ASKED_RATIO = (0.7, 1.3)
 
 
-class _Table:
-    """Lines of text, and how many of their figures are missed."""
-
-    def __init__(self) -> None:
-        self.missed = 0
-
-    def row(self, name: str, cells: Sequence[str]) -> str:
-        return f"{name:<26}" + "".join(f"{cell:>9}" for cell in cells)
-
-    def cell(self, value: float, low: float, high: float, digits: int = 3) -> str:
-        """A value, marked where it is not from ``low`` to ``high``; NaN is not."""
-        good = low <= value <= high
-        self.missed += not good
-        return f"{value:.{digits}f}{' ' if good else '!'}"
-
-
 def groups(found: Sequence[Flown]) -> dict[str, list[Flown]]:
     """Flights by shape and IMU rate, in the order in which they come."""
     named: dict[str, list[Flown]] = {}
@@ -62,12 +47,12 @@ def groups(found: Sequence[Flown]) -> dict[str, list[Flown]]:
 
 def report(found: Sequence[Flown]) -> tuple[list[str], int]:
     """The lines of the report, and the number of figures missed."""
-    table = _Table()
+    table = MarkedTable(26, 9)
     lines = [*_accuracy(table, found), "", *_ratios(table, found), "", *_distances(table, found)]
     return lines, table.missed
 
 
-def _accuracy(table: _Table, found: Sequence[Flown]) -> Iterator[str]:
+def _accuracy(table: MarkedTable, found: Sequence[Flown]) -> Iterator[str]:
     yield f"rms error later than {SETTLED_S:g} s"
     yield table.row("", ["roll", "pitch", "heading", "north", "east", "down"])
     yield table.row("", ["deg"] * 3 + ["cm"] * 3)
@@ -76,11 +61,11 @@ def _accuracy(table: _Table, found: Sequence[Flown]) -> Iterator[str]:
     for name, flights in groups(found).items():
         rpy, position = pooled(flights, "rpy_ms"), pooled(flights, "position_ms")
         values = [*np.degrees(rpy), *(100 * position)]
-        cells = [table.cell(v, 0.0, limit) for v, limit in zip(values, asked, strict=True)]
+        cells = [table.cell(v, 0.0, limit, 3) for v, limit in zip(values, asked, strict=True)]
         yield table.row(name, cells)
 
 
-def _ratios(table: _Table, found: Sequence[Flown]) -> Iterator[str]:
+def _ratios(table: MarkedTable, found: Sequence[Flown]) -> Iterator[str]:
     low, high = ASKED_RATIO
     yield f"error over sigma, rms (asked: {low:g} to {high:g} over all flights)"
     yield table.row("", _short(STATE_NAMES))
@@ -97,7 +82,7 @@ def _short(names: Sequence[str]) -> list[str]:
     return [f"{quantity[:3]} {axis[0].upper()} " for quantity, axis in map(str.split, names)]
 
 
-def _distances(table: _Table, found: Sequence[Flown]) -> Iterator[str]:
+def _distances(table: MarkedTable, found: Sequence[Flown]) -> Iterator[str]:
     yield "normalised squares over their degrees of freedom, with bounds of 99.9 %"
     yield table.row("", ["value", "low", "high", "degrees"])
     degrees = len(STATE_NAMES) * len(found)
@@ -107,9 +92,9 @@ def _distances(table: _Table, found: Sequence[Flown]) -> Iterator[str]:
         yield _distance_row(table, f"NIS {source.value}", nis.ratio, nis.degrees)
 
 
-def _distance_row(table: _Table, name: str, value: float, degrees: int) -> str:
+def _distance_row(table: MarkedTable, name: str, value: float, degrees: int) -> str:
     low, high = chi_square_bounds(degrees)
-    cells = [table.cell(value, low, high), f"{low:.3f} ", f"{high:.3f} ", str(degrees)]
+    cells = [table.cell(value, low, high, 3), f"{low:.3f} ", f"{high:.3f} ", str(degrees)]
     return table.row(name, cells)
 
 

@@ -18,15 +18,14 @@ NIS
 from __future__ import annotations
 
 import math
-import multiprocessing
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 
 import numpy as np
 
 from dev.flight_errors import errors, fitting_config, navigation_samples
+from dev.judging import in_processes
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.estimator import Navigation
 from tirgeo_ros.core.navigation.kalman import chi_square_limit
@@ -35,7 +34,6 @@ from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.core.types.measurements import HeadingSample, NavigationInput, Source
 from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
-from tirgeo_ros.io.files.child_python import safe_workers
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from
@@ -140,21 +138,9 @@ def fly_case(case: Case, **values: object) -> Flown:
     )
 
 
-def fly_all(wanted: Sequence[Case], workers: int = 1, progress: Report = silent) -> list[Flown]:
+def fly_all(wanted: Sequence[Case], workers: int, progress: Report = silent) -> list[Flown]:
     """Fly cases, in ``workers`` processes; in the order of the cases."""
-    if workers == 1:
-        found = []
-        for done, case in enumerate(wanted):
-            progress(done, len(wanted))
-            found.append(fly_case(case))
-        return found
-    # A forked child would inherit locks that other threads hold, of OpenCV for one.
-    context = multiprocessing.get_context("spawn")
-    with safe_workers(), ProcessPoolExecutor(workers, mp_context=context) as pool:
-        futures = [pool.submit(fly_case, case) for case in wanted]
-        for done, _ in enumerate(as_completed(futures)):
-            progress(done, len(wanted))
-        return [future.result() for future in futures]
+    return in_processes(fly_case, wanted, workers, progress)
 
 
 def _filtered(

@@ -7,9 +7,7 @@ second; then the same of several bags together.
 from __future__ import annotations
 
 import math
-import multiprocessing
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -17,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from dev.flight_errors import published
+from dev.judging import in_processes
 from dev.real_flights import (
     SETTLED_S,
     Flown,
@@ -38,7 +37,6 @@ from tirgeo_ros.core.types.measurements import (
     Source,
     VelocitySample,
 )
-from tirgeo_ros.io.files.child_python import safe_workers
 from tirgeo_ros.tools.presentation.progress import Report, silent
 
 #: Positions are wrong by so much for so long, from there on: a time, and shares of the flight.
@@ -120,13 +118,7 @@ def judge_all(
     progress: Report = silent,
 ) -> list[Judged]:
     """Judge bags, in ``workers`` processes; in the order of the bags."""
-    # A forked child would inherit locks that other threads hold, of the matrix library for one.
-    context = multiprocessing.get_context("spawn")
-    with safe_workers(), ProcessPoolExecutor(workers, mp_context=context) as pool:
-        futures = [pool.submit(partial(judge, bag, values)) for bag in bags]
-        for done, _ in enumerate(as_completed(futures), 1):
-            progress(done, len(bags))
-        return [future.result() for future in futures]
+    return in_processes(partial(judge, values=values), bags, workers, progress)
 
 
 def groups(found: Sequence[Judged]) -> dict[str, list[Judged]]:

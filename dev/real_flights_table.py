@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from dev.judging import MarkedTable
 from dev.real_flights import CUT_S, SETTLED_S, Miss
 from dev.real_flights_judged import (
     MOVED_AT_SHARES,
@@ -69,36 +70,14 @@ ASKED = {
 }
 
 
-class _Table:
-    """Lines of text, and how many of their figures are missed."""
-
-    def __init__(self) -> None:
-        self.missed = 0
-
-    def row(self, name: str, cells: Sequence[str]) -> str:
-        return (f"{name:<46}" + "".join(f"{cell:>10}" for cell in cells)).rstrip()
-
-    def cell(
-        self, value: float, low: float = -math.inf, high: float = math.inf, digits: int = 2
-    ) -> str:
-        """A value, marked where it is not from ``low`` to ``high``; one that is absent is ``-``.
-
-        What is absent is missed where something is asked of it.
-        """
-        good = low <= value <= high or (math.isnan(value) and -low == high == math.inf)
-        self.missed += not good
-        text = "-" if math.isnan(value) else "none" if math.isinf(value) else f"{value:.{digits}f}"
-        return text + (" " if good else "!")
-
-
 def report(found: Sequence[Judged]) -> tuple[list[str], int]:
     """The lines of the report, and the number of figures missed."""
-    table = _Table()
+    table = MarkedTable(46, 10)
     lines = [*_fixes(table, found), "", *_tilt(table, found), "", *_cuts(table, found)]
     return lines, table.missed
 
 
-def _fixes(table: _Table, found: Sequence[Judged]) -> Iterator[str]:
+def _fixes(table: MarkedTable, found: Sequence[Judged]) -> Iterator[str]:
     yield f"fixes and poses later than {SETTLED_S:g} s; moved: by how much at the most a position"
     yield f"moves them that is {MOVED_M:g} m wrong for {MOVED_FOR_S:g} s ({_TIMES} times a flight)"
     yield table.row("", ["used ", "lost ", "resets ", "pose ", ">5 sigma ", "moved "])
@@ -120,7 +99,7 @@ def _asked(name: str, *, least: float) -> str:
     return name if math.isinf(least) else f"{name} (>={100 * least:g} %)"
 
 
-def _of_bag(table: _Table, each: Judged) -> list[str]:
+def _of_bag(table: MarkedTable, each: Judged) -> list[str]:
     flown = each.flown
     return [
         table.cell(100 * each.used, 100 * ASKED_USED_EACH, digits=1),
@@ -132,16 +111,13 @@ def _of_bag(table: _Table, each: Judged) -> list[str]:
     ]
 
 
-def _together(table: _Table, bags: Sequence[Judged], used: float, most: float) -> list[str]:
+def _together(table: MarkedTable, bags: Sequence[Judged], used: float, most: float) -> list[str]:
     share = used_of(bags)
     cells = [table.cell(100 * share, 100 * used, digits=1), "", "", ""]
     return [*cells, table.cell(100 * beyond(bags), high=100 * most)]
 
 
-_NIS = (Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING)
-
-
-def _tilt(table: _Table, found: Sequence[Judged]) -> Iterator[str]:
+def _tilt(table: MarkedTable, found: Sequence[Judged]) -> Iterator[str]:
     yield "roll and pitch less the autopilot's, rms; NIS over its degrees of freedom"
     yield table.row("", ["roll ", "pitch ", *("NIS " for _ in _NIS)])
     yield table.row("", ["deg ", "deg ", "position ", "velocity ", "heading "])
@@ -168,7 +144,7 @@ def _asked_tilt(asked: Asked) -> list[str]:
     return [*cells, f"{low:g}..{high:g} " if math.isfinite(high) else ""]
 
 
-def _cuts(table: _Table, found: Sequence[Judged]) -> Iterator[str]:
+def _cuts(table: MarkedTable, found: Sequence[Judged]) -> Iterator[str]:
     yield f"RTK hidden for {CUT_S:g} s: the pose at the last hidden fix, medians, horizontal"
     yield table.row("", ["cuts ", "error ", "<3 sigma ", "sigma "])
     yield table.row("", ["", "m ", "% ", "m "])
@@ -189,7 +165,7 @@ def _asked_cuts(asked: Asked) -> list[str]:
     return ["", error, within, sigma]
 
 
-def _of_cuts(table: _Table, cuts: Sequence[Miss], asked: Asked) -> list[str]:
+def _of_cuts(table: MarkedTable, cuts: Sequence[Miss], asked: Asked) -> list[str]:
     within = np.mean([cut.within(3) for cut in cuts]) if cuts else math.nan
     return [
         f"{len(cuts)} ",

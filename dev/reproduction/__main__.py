@@ -1,46 +1,156 @@
-"""``make reproduction``: runs the commands of ``docs/reproduction.md`` and writes the page."""
+"""``make reproduction``: run the commands of ``page.md`` and write ``docs/reproduction.md``.
+
+The template's fences name the results of their commands, in order: the commands that a reader
+sees are those that were run. Words in braces are filled in from the results. Paths below
+``reproduction`` stand on the page, and lie in the folder that is worked in.
+"""
 
 from __future__ import annotations
 
 import argparse
+import importlib
+import re
+import shlex
 import sys
 import tempfile
-from collections.abc import Sequence
+import textwrap
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
-from dev.reproduction.page import page
-from dev.reproduction.sections import QUICK, SCENARIO, Amounts
+from dev.reproduction.markdown import Results
+from dev.reproduction.tables import filled
 from tirgeo_ros.core.types.errors import CalibrationError, TirgeoError
 from tirgeo_ros.io.files.whole_files import write_files
+from tirgeo_ros.tools.cli.main import parser_of, plain, verbs
+
+TEMPLATE = Path(__file__).with_name("page.md")
+_WORK = "reproduction/"
+_FENCE = re.compile(r"^```sh ([^\n]*)\n(.*?)^```\n", re.MULTILINE | re.DOTALL)
+_FILE = re.compile(r"^cat > (\S+) <<'END'\n(.*?)^END\n", re.MULTILINE | re.DOTALL)
+#: Little of everything, for a look at the page and for tests: its numbers say nothing.
+_QUICK = {
+    "--hours 5": "--hours 0.05",
+    "seed in 1 2 3 4 5;": "seed in 1;",
+    "--no-images": "--no-images --start 25 --duration 30",
+    "--views 40 --seconds 30": "--views 8 --seconds 1.5",
+}
+
+
+def commands(block: str, names: Sequence[str]) -> dict[str, list[str]]:
+    """Return the words of a shell block's commands by name, with its loop over seeds unrolled."""
+    block = _FILE.sub("", block).replace("\\\n", " ")
+    lines = [line for line in block.splitlines() if line.strip()]
+    named: list[tuple[str, str]] = []
+    loop: list[tuple[str, str]] | None = None
+    seeds: list[str] = []
+    unused = iter(names)
+    for line in lines:
+        if line.startswith("for seed in "):
+            seeds, loop = line.removeprefix("for seed in ").removesuffix("; do").split(), []
+        elif line == "done":
+            named += [
+                (name.replace("$seed", seed), words.replace("$seed", seed))
+                for seed in seeds
+                for name, words in loop or ()
+            ]
+            loop = None
+        else:
+            (named if loop is None else loop).append((next(unused), line))
+    return {name: shlex.split(line) for name, line in named}
+
+
+def parsed(words: Sequence[str]) -> argparse.Namespace:
+    """Return the arguments of ``tirgeo ...`` or ``python -m MODULE ...``, by its own parser.
+
+    ``verb_module`` is the module that runs them. Raise SystemExit for wrong ones.
+    """
+    if words[0] == "tirgeo":
+        return parser_of(verbs()).parse_args(words[1:])
+    module = importlib.import_module(words[2])
+    args: argparse.Namespace = module.parser().parse_args(words[3:])
+    args.verb_module = module
+    return args
+
+
+def carried_out(template: str, work: Path) -> Results:
+    """Run every command of a template in a folder; return the results by name.
+
+    Raise TirgeoError if a command fails or its result is incomplete.
+    """
+    work.mkdir(parents=True, exist_ok=True)
+
+    def below(word: str) -> str:
+        return str(work / word.removeprefix(_WORK)) if word.startswith(_WORK) else word
+
+    found: dict[str, Mapping[str, Any]] = {}
+    for names, block in _FENCE.findall(template):
+        for path, text in _FILE.findall(block):
+            Path(below(path)).write_text(text, encoding="utf-8")
+        for name, words in commands(block, names.split(", ")).items():
+            if sys.stderr.isatty():
+                sys.stderr.write(f"{shlex.join(words)}\n")
+            args = parsed([below(word) for word in words])
+            result = args.verb_module.run(args)
+            if result.get("error") is not None:
+                raise CalibrationError(str(result["error"]))
+            found[name] = plain(result)  # type: ignore[assignment]
+    return found
+
+
+def page(template: str, found: Results) -> str:
+    """Return the page: the commands as they stand, the words filled in and folded."""
+    values = filled(found)
+    parts = re.split(r"^(```sh.*?^```\n)", template, flags=re.MULTILINE | re.DOTALL)
+    parts[::2] = [_folded(part.format_map(values)) for part in parts[::2]]
+    parts[1::2] = [re.sub(r"\A```sh[^\n]*", "```sh", part) for part in parts[1::2]]
+    return "".join(parts)
+
+
+def _folded(text: str) -> str:
+    """Fold paragraphs and items of lists; headings, comments and tables stay."""
+
+    def fold(paragraph: str) -> str:
+        if not paragraph.strip() or paragraph.lstrip().startswith(("#", "<", "|")):
+            return paragraph
+        items = re.split(r"\n(?=- )", paragraph.strip("\n"))
+        lines = [
+            textwrap.fill(
+                " ".join(item.split()),
+                98,
+                subsequent_indent="  " * item.startswith("- "),
+                break_long_words=False,
+                break_on_hyphens=False,
+            )
+            for item in items
+        ]
+        return (
+            paragraph[: len(paragraph) - len(paragraph.lstrip("\n"))]
+            + "\n".join(lines)
+            + ("\n" if paragraph.endswith("\n") else "")
+        )
+
+    return "\n\n".join(map(fold, text.split("\n\n")))
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Write the page that the arguments ask for."""
-    parser = argparse.ArgumentParser(
-        prog="python -m dev.reproduction",
-        description="Runs the commands of docs/reproduction.md and writes the page anew.",
-    )
+    parser = argparse.ArgumentParser(prog="python -m dev.reproduction", description=__doc__)
+    parser.add_argument("--work", type=Path, metavar="DIR", help="keep what the commands write")
     parser.add_argument(
-        "--work", type=Path, metavar="DIR", help="keep what the commands write (default: do not)"
+        "-o", "--output", type=Path, default=Path("docs/reproduction.md"), metavar="MD"
     )
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        default=Path("docs/reproduction.md"),
-        metavar="MD",
-        help="default: %(default)s",
-    )
-    parser.add_argument(
-        "--quick", action="store_true", help="little of everything: a look, not a result"
-    )
+    parser.add_argument("--quick", action="store_true", help="little of everything: no result")
     args = parser.parse_args(argv)
-    if not Path(SCENARIO).is_file():
-        parser.error(f"{SCENARIO} is not here: run it in the project's folder")
+    if not Path("config/scenarios").is_dir():
+        parser.error("config/scenarios is not here: run it in the project's folder")
+    template = TEMPLATE.read_text(encoding="utf-8")
+    for usual, quick in _QUICK.items() if args.quick else ():
+        template = template.replace(usual, quick)
     try:
         with tempfile.TemporaryDirectory() as folder:
-            text = page(QUICK if args.quick else Amounts(), args.work or Path(folder))
-        write_files({args.output: text}, CalibrationError)
+            found = carried_out(template, args.work or Path(folder))
+        write_files({args.output: page(template, found)}, CalibrationError)
     except (TirgeoError, OSError) as error:
         sys.stderr.write(f"reproduction: {error}\n")
         return 1

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 import time
 from pathlib import Path
@@ -48,21 +47,6 @@ def test_frames_without_a_picture_are_lost_and_strange_pictures_do_not_count():
     assert found.p95_s == pytest.approx(8e-3)
 
 
-def test_an_age_that_grows_is_told():
-    """By a tenth of a millisecond a frame: between the middles of the outer thirds."""
-    shown = [[stamp, 8 * MS + k * MS // 10] for k, stamp in enumerate(COUNTED)]
-    third = len(COUNTED) // 3
-    grown_ms = (len(COUNTED) - third) / 10
-    assert run(shown).grown_s == pytest.approx(grown_ms * 1e-3, abs=1e-9)
-    even = [[stamp, 8 * MS] for stamp in COUNTED]
-    assert run(even).grown_s == 0
-
-
-def test_a_node_that_says_nothing_of_itself_has_no_figure_inside():
-    shown = [[stamp, 8 * MS] for stamp in COUNTED]
-    assert math.isnan(run(shown, inside_ms=math.nan, lines=False, node="bench_relay").inside_s)
-
-
 @pytest.mark.parametrize(
     ("shown", "lines", "message"),
     [
@@ -74,12 +58,6 @@ def test_a_node_that_says_nothing_of_itself_has_no_figure_inside():
 def test_a_run_that_measured_nothing_is_an_error(shown, lines, message):
     with pytest.raises(GraphError, match=message):
         run(shown, lines=lines)
-
-
-def test_a_source_that_sent_nothing_is_an_error():
-    words = {"shown": [[START, MS]], "lines": True, "inside_ms": 1.0}
-    with pytest.raises(GraphError, match="next to no pictures"):
-        times_of({"sent": []}, words, "overlay_node", 1.0)
 
 
 def cpu_s(pid):

@@ -6,7 +6,7 @@ from collections import Counter
 
 import pytest
 
-from dev import bench, bench_dji
+from dev import bench_dji
 from tirgeo_ros.dji.link.framing import FrameReader
 
 
@@ -38,26 +38,3 @@ def test_the_capture_is_what_an_aircraft_sends(frames):
 @pytest.mark.parametrize("read", [1, bench_dji.PORT_READ, bench_dji.FILE_READ])
 def test_all_of_it_is_decoded(frames, read):
     assert bench_dji.decode(b"".join(frames), read) == len(frames) == 1710
-
-
-def test_a_frame_that_is_not_decoded_shows(frames):
-    assert bench_dji.decode(b"".join(frames)[:-1], 64) == len(frames) - 1
-    with pytest.raises(AssertionError):
-        bench_dji._speed(lambda: 1, 20, 2)
-
-
-def test_the_figures():
-    found = bench_dji.dji_speeds(1)
-    # Decoding is more work than finding the frames, and that more than bare calls; a busy
-    # machine makes speeds differ, though not threefold.
-    assert 0 < found.decoded < 3 * found.framed
-    assert 0 < found.framed < 3 * found.bare
-
-
-def test_the_lines_of_the_table(monkeypatch):
-    given = bench_dji.DjiSpeeds(11.0, 7.0, 23.0, 13.0, 140.0)
-    monkeypatch.setattr(bench, "dji_speeds", lambda: given)
-    lines = [bench.line(figure) for figure in bench._dji_speed()]
-    assert [float(line[44:53]) for line in lines] == [11.0, 7.0, 23.0, 13.0, 140.0, 110.0]
-    assert lines[0].startswith("DJI: decoded, reads of 4096 B ")
-    assert lines[-1].endswith(">= 20")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dev import bench, bench_filter
+from dev import bench_filter
 from dev.bench_pyins import pyins_is_installed, pyins_run
 from tirgeo_ros.core.accuracy.ground_errors import rms
 from tirgeo_ros.tools.simulate.flight import fly
@@ -46,12 +46,3 @@ def test_pyins_is_given_what_it_needs_to_be_good():
     assert len(late.t_s) == 1000
     assert np.degrees(rms(late.rpy)).max() < 0.12
     assert rms(late.state[:, :3]).max() < 0.02
-
-
-@pytest.mark.parametrize(
-    ("value", "wanted"), [(57.126, " 57.13  us"), (0.0391, "0.039  us"), (-1.0, "-1.000  us")]
-)
-def test_a_line_shows_three_digits_of_small_figures(value, wanted):
-    text = bench.line(bench.Figure("filter", value, "us", "<= 60"))
-    assert wanted in text
-    assert text.endswith("<= 60")

@@ -11,21 +11,15 @@ import numpy as np
 import pytest
 
 from dev.consistency import (
-    ASKED_POSITION_M,
-    ASKED_RATIO,
-    ASKED_RPY_DEG,
     groups,
-    main,
     report,
 )
-from dev.flight_errors import STATE_NAMES
 from dev.monte_carlo import (
     Case,
     cases,
     chi_square_bounds,
     fly_all,
     fly_case,
-    pooled,
     pooled_nis,
 )
 from tirgeo_ros.core.types.measurements import Source
@@ -45,37 +39,15 @@ def one():
     return fly_case(Case("lawnmower", 100.0, 5, 40.0))
 
 
-def test_accuracy_is_the_one_that_is_asked(found):
-    by_shape = groups(found)
-    assert [len(flights) for flights in by_shape.values()] == [SEEDS] * 3
-    for name, flights in by_shape.items():
-        rpy_deg = np.degrees(pooled(flights, "rpy_ms"))
-        assert (rpy_deg <= ASKED_RPY_DEG).all(), f"{name}: roll, pitch, heading {rpy_deg} deg"
-        position_m = pooled(flights, "position_ms")
-        assert (position_m <= ASKED_POSITION_M).all(), f"{name}: position {position_m} m"
-
-
-def test_errors_are_as_large_as_the_filter_says(found):
-    low, high = ASKED_RATIO
-    for name, ratio in zip(STATE_NAMES, pooled(found, "ratio_ms"), strict=True):
-        assert low <= ratio <= high, f"{name}: error over sigma {ratio:.2f}"
-
-
-def test_nees_is_chi_square(found):
-    """One value of nine degrees a flight, at its end: 270 that have nothing in common."""
-    degrees = len(STATE_NAMES) * len(found)
-    low, high = chi_square_bounds(degrees)
-    assert low <= sum(each.nees for each in found) / degrees <= high
-
-
-@pytest.mark.parametrize("source", [Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING])
-def test_nis_is_chi_square(found, source):
-    """5 Hz after 20 s: 13 000 degrees of position and of velocity, 4350 * 3 of heading."""
-    nis = pooled_nis(found)[source]
-    axes = 1 if source is Source.RTK_HEADING else 3
-    assert nis.degrees >= axes * len(found) * (DURATION_S - 21.0) * 5
-    low, high = chi_square_bounds(nis.degrees)
-    assert low <= nis.ratio <= high
+def test_thirty_flights_miss_no_figure(found):
+    """Accuracy by shape, error over sigma by state; NEES and NIS within bounds of 99.9 %."""
+    assert [len(flights) for flights in groups(found).values()] == [SEEDS] * 3
+    lines, missed = report(found)
+    assert not missed, "\n".join(lines)
+    for source, nis in pooled_nis(found).items():
+        # 5 Hz after 20 s: 13 000 degrees of position and of velocity, 4350 of heading.
+        axes = 1 if source is Source.RTK_HEADING else 3
+        assert nis.degrees >= axes * len(found) * (DURATION_S - 21.0) * 5
 
 
 @pytest.mark.parametrize(
@@ -94,18 +66,6 @@ def test_a_filter_that_is_wrong_about_its_noise_is_found_out(one, values, source
     assert nis.ratio < low if wanted == "small" else nis.ratio > high
 
 
-def test_no_two_flights_share_their_random_numbers():
-    wanted = cases(10, [100.0, 400.0], 60.0)
-    assert len({case.seed for case in wanted}) == len(wanted) == 60
-
-
-def test_flights_are_the_same_in_other_processes(one):
-    again = fly_all([one.case, one.case], workers=2)
-    for each in again:
-        assert each.nees == one.nees
-        assert np.array_equal(each.ratio_ms, one.ratio_ms)
-
-
 def test_report_marks_what_is_missed(one):
     lines, missed = report([one])
     assert missed == sum(line.count("!") for line in lines)
@@ -116,7 +76,7 @@ def test_report_marks_what_is_missed(one):
     text = "\n".join(lines)
     assert "5.730!" in text  # 0.1 rad
     assert "2.00!" in text
-    assert "nan!" in text
+    assert "-!" in text
     assert now_missed >= 3 + 9 + 1
 
 
@@ -125,10 +85,3 @@ def test_bounds_are_those_of_the_tables():
     for degrees, low, high in ((30, 11.588, 59.703), (100, 61.918, 149.449)):
         found = chi_square_bounds(degrees, sigma=3.0902)
         assert found == pytest.approx((low / degrees, high / degrees), rel=0.01)
-
-
-def test_impossible_wishes_are_refused(capsys):
-    with pytest.raises(SystemExit) as stopped:
-        main(["--duration", "10"])
-    assert stopped.value.code == 2
-    assert "more than 20 s" in capsys.readouterr().err

@@ -1,6 +1,5 @@
 """The sheet of thermal pictures: one for each palette, all with the map on them."""
 
-import re
 from pathlib import Path
 
 import cv2
@@ -8,7 +7,7 @@ import numpy as np
 import pytest
 from project import PROJECT
 
-from dev.contact_sheet import PHONE_PX, contact_sheet, main
+from dev.contact_sheet import PHONE_PX, contact_sheet
 from tirgeo_ros.core.config.overlay import PALETTES
 
 SAMPLES = "shared/thermal_samples"
@@ -35,42 +34,6 @@ def test_a_row_for_a_picture_and_a_column_for_a_palette(tmp_path, dtype):
     means = rows[0].mean(axis=(0, 2))
     assert len(np.unique(means.round(1), axis=0)) == len(PALETTES)
     assert np.abs(rows[0].astype(int) - rows[1]).max() > 100  # the name told another pose
-
-
-def test_the_map_is_drawn_and_no_notice(tmp_path):
-    written(tmp_path, "a.png", ground(size=(512, 640)))
-    singles = tmp_path / "singles"
-    assert (
-        main([str(tmp_path), "-o", str(tmp_path / "out" / "s.png"), "--singles", str(singles)])
-        == 0
-    )
-    image = cv2.imread(str(singles / "a_white_hot.png")).astype(int)
-    assert image.shape == (512, 640, 3)
-    colours = image.max(axis=2) - image.min(axis=2)
-    assert np.count_nonzero(colours > 150) > 2000
-    assert cv2.imread(str(tmp_path / "out" / "s.png")) is not None
-
-
-@pytest.mark.parametrize(
-    ("arguments", "reason"),
-    [
-        ([], "no pictures"),
-        (["--depression", "-30"], "looks at no ground .*point it lower"),
-    ],
-)
-def test_what_cannot_be_drawn_is_said(tmp_path, capsys, arguments, reason):
-    if arguments:
-        written(tmp_path, "a.png", ground())
-    assert main([str(tmp_path), "-o", str(tmp_path / "s.png"), *arguments]) == 1
-    capture = capsys.readouterr().err
-    assert capture.startswith("contact_sheet: ")
-    assert re.search(reason, capture)
-
-
-def test_a_broken_picture_is_named(tmp_path, capsys):
-    (tmp_path / "a.jpg").write_bytes(b"nothing")
-    assert main([str(tmp_path), "-o", str(tmp_path / "s.png")]) == 1
-    assert "a.jpg: not a picture that can be read" in capsys.readouterr().err
 
 
 def test_real_frames(tmp_path):

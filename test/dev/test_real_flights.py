@@ -16,12 +16,10 @@ from dev.real_flights import (
     Miss,
     cuts_of,
     fly,
-    largest_change_m,
     moved_east,
 )
-from dev.real_flights_judged import Judged, config_of, groups, judge, median
-from dev.real_flights_table import ASKED, main, report, values_from
-from tirgeo_ros.core.types.errors import TirgeoError
+from dev.real_flights_judged import Judged, groups
+from dev.real_flights_table import ASKED, main, report
 from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, PositionSample, Source
 
 DURATION_S = 30.0
@@ -97,20 +95,6 @@ def test_only_rtk_positions_of_that_time_are_moved(samples):
         assert after.latitude_rad == pytest.approx(before.latitude_rad, abs=1e-12)
 
 
-def test_a_change_is_measured_where_two_runs_differ(flown):
-    assert largest_change_m(flown.poses, flown.poses) == 0
-    pose = flown.poses[100]
-    north = pose._replace(latitude_rad=pose.latitude_rad + 3.0 / 6.37e6)
-    assert largest_change_m(flown.poses, (north,)) == pytest.approx(3.0)
-
-
-def test_the_method_is_that_of_what_a_bag_holds(samples):
-    assert config_of(samples, {}).method == "ekf_heading"
-    without = [s for s in samples if not isinstance(s, HeadingSample)]
-    assert config_of(without, {}).method == "ekf"
-    assert config_of(samples, {"method": "raw"}).method == "raw"
-
-
 def made(name="p4rtk_x", aids="positions", error_m=1.0, used=99, resets=0, tilt_deg=1.0):
     flown = Flown(
         100,
@@ -152,12 +136,6 @@ def test_a_miss_is_marked(bag, text):
     assert any(text in line for line in lines)
 
 
-def test_no_pose_is_the_worst_of_a_median():
-    assert median([1.0, math.nan, 2.0]) == 2.0
-    assert median([math.nan, math.nan, 2.0]) == math.inf
-    assert math.isnan(median([]))
-
-
 @pytest.mark.slow
 def test_a_bag_of_ones_own_is_judged(tmp_path, samples, capsys):
     """With headings, without an autopilot's attitude: no tilt, and nothing asked of it."""
@@ -176,33 +154,3 @@ def test_a_bag_of_ones_own_is_judged(tmp_path, samples, capsys):
     assert "mine, positions, velocities, headings" in out
     (tilt, *_) = [line for line in out.split("NIS over")[1].splitlines() if "mine_1" in line]
     assert tilt.split()[1:3] == ["-", "-"]
-
-
-def test_a_short_bag_is_refused(tmp_path, samples):
-    write_samples(tmp_path / "short.mcap", samples[:200])
-    with pytest.raises(TirgeoError, match=r"short\.mcap: .* s of samples .* too few"):
-        judge(tmp_path / "short.mcap", {})
-
-
-def test_an_empty_folder_is_refused(tmp_path, capsys):
-    assert main([str(tmp_path)]) == 1
-    assert "no bags" in capsys.readouterr().err
-
-
-def test_values_are_read_as_yaml():
-    found = values_from([("rtk.delay_s", "0.1"), ("aircraft.rtk_antenna_m", "[0, 0, 0.3]")])
-    assert found == {"rtk.delay_s": 0.1, "aircraft.rtk_antenna_m": [0, 0, 0.3]}
-
-
-@pytest.mark.parametrize(
-    ("pair", "text"),
-    [
-        (("rtk.delay", "0.1"), "unknown parameter rtk.delay"),
-        (("rtk.delay_s", "__import__('os')"), "not of type double"),
-        (("rtk.delay_s", "[1, "), "not YAML"),
-    ],
-)
-def test_wrong_values_are_refused(tmp_path, capsys, pair, text):
-    (tmp_path / "a.mcap").touch()
-    assert main([str(tmp_path), "--set", *pair]) == 1
-    assert text in capsys.readouterr().err

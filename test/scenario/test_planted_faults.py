@@ -40,11 +40,6 @@ def worse_than_notes(result):
     ]
 
 
-def test_the_faults_are_as_many_as_the_table_needs_and_no_name_is_twice():
-    names = [fault.name for fault in FAULTS]
-    assert len(set(names)) == len(names) == 24
-
-
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
 def test_a_planted_fault_is_named(fault, sample, tmp_path):
     if fault.name.startswith("DEM"):

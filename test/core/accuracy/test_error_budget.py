@@ -20,12 +20,10 @@ from tirgeo_ros.core.accuracy.error_budget import (
     rms_m,
 )
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
-from tirgeo_ros.core.frames.axes import BODY_OPTICAL
-from tirgeo_ros.core.frames.rotations import matrix_from_euler, quat_from_matrix
 
 F = 800.0
 PINHOLE = Camera(640, 512, F, F, 319.5, 255.5)
-UV, SHAPE = pixel_grid(PINHOLE, 16)
+UV = pixel_grid(PINHOLE, 16)[0]
 RIGHT, DOWN = UV[:, 0] - PINHOLE.cx, UV[:, 1] - PINHOLE.cy
 #: The whole picture looks at the ground: half of it spans 17.7 deg.
 depressions = st.floats(math.radians(20), math.radians(70))
@@ -144,21 +142,3 @@ def test_pixels_over_the_horizon_have_no_error():
     upper = view.uv[:, 1] < 60  # 10 deg are 140 px, and the axis is at row 252
     assert np.isnan(rms_m(view.covariance(np.eye(6)))[upper]).all()
     assert np.isfinite(rms_m(view.covariance(np.eye(6)))[view.uv[:, 1] > 200]).all()
-
-
-def test_a_level_camera_is_what_looking_gives():
-    rotation = looking(0.3, 1.2)
-    assert quat_from_matrix(rotation) == pytest.approx(
-        quat_from_matrix(matrix_from_euler(0.0, -0.3, 1.2) @ BODY_OPTICAL)
-    )
-    assert rotation[:, 2] == pytest.approx(  # the optical axis
-        [math.cos(0.3) * math.cos(1.2), math.cos(0.3) * math.sin(1.2), math.sin(0.3)]
-    )
-    assert rotation[2, 0] == pytest.approx(0, abs=1e-12)  # rows are level
-
-
-def test_the_grid_covers_the_picture_evenly():
-    uv, shape = pixel_grid(Camera(10, 7, 5, 5, 4.5, 3), 4)
-    assert shape == (2, 3)
-    assert uv.mean(axis=0) == pytest.approx([4.5, 3.0])  # the picture's middle
-    assert uv[0] == pytest.approx([10 / 6 - 0.5, 7 / 4 - 0.5])

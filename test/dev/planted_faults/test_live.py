@@ -11,15 +11,14 @@ from overlays import PLANE, pose_at
 
 from dev.planted_faults.faults import Fault
 from dev.planted_faults.ground_errors import Eye, times_of_ellipse
-from dev.planted_faults.live import CLEAN, Outcome, notice_s
+from dev.planted_faults.live import Outcome
 from dev.planted_faults.live_reading import Picture, Report, seen
-from dev.planted_faults.live_table import live_table
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.overlay.status_text import VERDICT_BGR
-from tirgeo_ros.core.overlay.text_boxes import Field, paint_notice, paint_status, place_notice
+from tirgeo_ros.core.overlay.text_boxes import Field, paint_status, place_notice
 from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.core.types.poses import CameraPose
 
@@ -50,18 +49,6 @@ def test_a_picture_is_green_where_neither_checks_nor_filter_warn(light):
     assert picture(state="aligning 3 s", light=light) == Picture(1.0, notice=False, green=False)
 
 
-def test_the_plain_notice_in_place_of_the_map_is_not_the_checks():
-    image = np.full((512, 640, 3), 100, np.uint8)
-    paint_notice(image, "NO MAP: no camera info")
-    paint_status(image, [Field("ekf")])
-    assert not seen(0.0, image).notice
-
-
-def test_a_report_names_what_it_asks_to_look_at_and_not_what_it_saw():
-    assert NAMED.names(("rtk.delay_s",))
-    assert not NAMED.names(("rtk/fix", "set it"))
-
-
 def test_a_fault_is_in_time_from_when_the_data_show_it():
     late = dataclasses.replace(NAMED, at_s=17.5)
     assert Outcome(FAULT, 0.0, NAMED).in_time
@@ -70,32 +57,6 @@ def test_a_fault_is_in_time_from_when_the_data_show_it():
     assert not Outcome(FAULT, 0.0).in_time
     assert Outcome(FAULT, refused="parameter rtk.delay_s: is not a number").in_time
     assert not Outcome(FAULT, refused="ekf_node ended").in_time
-
-
-def test_a_clean_flight_is_good_where_nothing_is_said():
-    assert Outcome(CLEAN, 0.0).is_good
-    assert not Outcome(CLEAN, 0.0, others=("late",)).is_good
-    assert not Outcome(CLEAN, 0.0, times=3.1).is_good
-
-
-def test_the_notice_is_that_which_follows_the_finding():
-    pictures = [Picture(t, notice=n, green=False) for t, n in ((7, True), (8, False), (9, True))]
-    assert notice_s(pictures, 7.5) == 9
-    assert math.isnan(notice_s(pictures, 9.5))
-
-
-def test_the_table_counts_what_is_named_and_what_was_green_and_wrong():
-    lying = Outcome(FAULT, 0.0, NAMED, ("other",), 8.1, 12, 4.0, 21.3)
-    dead = Outcome(dataclasses.replace(FAULT, name="dead"), refused="ekf_node ended: no bag")
-    told = live_table([Outcome(CLEAN, 0.0, green=180, times=0.8), lying, dead])
-    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in told.splitlines()]
-    assert rows[2] == ["(none)", "0.0 s", "", "", "", "180", "0.8", ""]
-    words = f"{NAMED.text} (also other)"
-    assert rows[3] == ["late", "0.0 s", "8.0 s", "ekf_node", "8.1 s", "12", "4.0 to 21.3 s", words]
-    assert rows[4][2] == "NO"
-    assert len({len(row) for row in rows[:5]}) == 1
-    assert "1 of 2 named within 10 s" in told
-    assert told.endswith("ellipses: late\n")
 
 
 def eye(shift_n: np.ndarray) -> Eye:

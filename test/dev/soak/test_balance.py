@@ -93,26 +93,10 @@ def test_a_frame_without_a_fate_shows():
     assert "1 of 100" in found.contradictions[0]
 
 
-def test_more_than_were_sent_shows():
-    book = ledger()
-    found = balance(book, [report(book, 5.5, 99, 103, drawn=103)], [(-3.0, 10.0, False)])
-    assert found.unaccounted == 3
-
-
-def test_what_was_never_sent_shows():
-    book, other = ledger(), ledger(player_from=0)
-    found = balance(book, [report(other, 5.5, 99, 100, drawn=100)], [(-3.0, 10.0, False)])
-    assert "never sent" in found.contradictions[0]
-
-
 def test_the_last_frames_of_a_life_that_was_not_killed_must_be_told():
     book = ledger()
     found = balance(book, [report(book, 4.0, 79, 80, drawn=80)], [(-3.0, 10.0, False)])
     assert found.unaccounted == 20
-
-
-def test_nobody_there_at_all():
-    assert balance(ledger(), [], []).down == 100
 
 
 @pytest.mark.parametrize(("drawn", "blind"), [(0, 1), (3, 0)])

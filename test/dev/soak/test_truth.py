@@ -79,21 +79,6 @@ def test_lines_need_a_pose_on_both_sides_or_one_just_before(exposure_ns, without
     assert bool(lines_without_pose([picture(exposure_ns)], stamps, LATENCY)) is without
 
 
-def test_a_gap_is_no_pose():
-    wide = [START, START + 251_000_000]
-    assert lines_without_pose([picture(150_000_000)], wide, LATENCY)
-    assert not lines_without_pose([picture(150_000_000)], [START, START + 250_000_000], LATENCY)
-
-
-def test_poses_of_another_epoch_are_none():
-    stamps = [START + k * STEP + 1 for k in range(10)]
-    assert lines_without_pose([picture(3 * STEP)], stamps, LATENCY)
-
-
-def test_a_picture_without_lines_needs_nothing():
-    assert not lines_without_pose([picture(3 * STEP, pixels=5)], [], LATENCY)
-
-
 def test_before_the_witness_has_found_a_new_node_it_cannot_tell():
     poses = poses_of([(came_s, row(k)[1], row(k)[2]) for came_s, k in ((1.0, 3), (9.0, 30))])
     before = picture(4 * STEP, came_s=4.9)

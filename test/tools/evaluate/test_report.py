@@ -12,8 +12,6 @@ import cv2
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.types.errors import MapError
-from tirgeo_ros.tools.evaluate.evaluate import evaluate
 from tirgeo_ros.tools.evaluate.report import report_html
 
 pytestmark = pytest.mark.slow
@@ -85,19 +83,10 @@ def test_all_figures_are_there_and_are_svg(found, page):
 
 def test_the_tables_hold_the_numbers(found, page):
     for method in found.methods:
-        assert f"{method.errors.mean_point_rmse_m:.3f}" in page.text
-        assert f"{method.errors.ce90_m:.3f}" in page.text
-        for error in method.errors.point_rmse_m.values():
-            assert f"{error:.3f}" in page.text
+        told = [method.errors.mean_point_rmse_m, method.errors.ce90_m]
+        told += method.errors.point_rmse_m.values()
+        assert {f"{error:.3f}" for error in told} <= set(page.text)
     assert set(found.control) <= set(page.text)
-
-
-def test_points_that_nobody_clicked_are_not_counted_as_observed(found, page):
-    seen = {one.id for one in found.method("raw").located}
-    assert 0 < len(seen) < len(found.control)
-    assert f"; {len(seen)} of {len(found.control)} surveyed points observed; " in "".join(
-        page.text
-    )
 
 
 def test_stills_are_pictures_with_the_map_and_the_clicks(found, page):
@@ -132,17 +121,3 @@ def test_names_are_text_and_no_tags(found):
     assert not re.findall(r"<[biu]>|<script", text)
     page = Page(text)
     assert {odd.id, "<i>", "ekf could not be run: <script>", "<u>"} <= set(page.text)
-
-
-def test_without_any_method_that_located(found):
-    nothing = [dataclasses.replace(one, located=(), innovations=()) for one in found.methods]
-    page = Page(report_html(dataclasses.replace(found, methods=nothing, stills=())))
-    assert "Track" in page.text
-    assert "Errors of the control points" not in page.text
-    assert embedded(page, "image/jpeg") == []
-
-
-def test_a_map_that_is_not_there_is_told_before_the_work(sample, tmp_path):
-    names = ("flight.mcap", "survey.geojson", "observations.csv")
-    with pytest.raises(MapError, match=r"absent\.geojson"):
-        evaluate(*[sample / name for name in names], map_path=tmp_path / "absent.geojson")

@@ -9,7 +9,7 @@ import pytest
 from planted_offsets import COUNT, flight
 
 from tirgeo_ros.core.ground.ground_point import Ellipse
-from tirgeo_ros.tools.evaluate.result import LocatedPoint, RefusedPoint, ground_errors
+from tirgeo_ros.tools.evaluate.result import LocatedPoint, ground_errors
 from tirgeo_ros.tools.evaluate.verdict import is_honest, verdict
 
 
@@ -71,19 +71,6 @@ def test_two_pictures_are_too_few():
 def test_a_survey_of_another_place_is_told_before_all_else():
     told = verdict([method(flight(), sigma_m=0.1, error_m=430e3)])
     assert told.startswith("the observed points lie 430 km from where the survey has them")
-
-
-def test_nothing_located_says_why():
-    refused = [RefusedPoint("P1", 0, (0.0, 0.0), "no trusted pose at that picture")]
-    nothing = SimpleNamespace(method="ekf", located=[], refused=refused)
-    assert (
-        verdict([nothing]) == "none of 1 could be located: no trusted pose at that picture (ekf)"
-    )
-
-
-def test_the_last_method_is_judged():
-    good, bad = method(flight(), sigma_m=2.0), method(flight(), sigma_m=0.1)
-    assert verdict([bad, good]).startswith("24 of 24")
 
 
 def test_shares_that_are_chance_with_ellipses_of_95_percent():

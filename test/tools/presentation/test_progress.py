@@ -8,7 +8,7 @@ import os
 
 import pytest
 
-from tirgeo_ros.tools.presentation.progress import Progress, three
+from tirgeo_ros.tools.presentation.progress import Progress
 
 
 class Terminal(io.StringIO):
@@ -33,14 +33,6 @@ def made(stream, unit="s"):
     return Progress("reading", unit, stream=stream, clock=clock), clock
 
 
-def test_the_first_message_draws():
-    stream = Terminal()
-    bar, _ = made(stream)
-    with bar:
-        bar(0.04, 80)
-        assert stream.getvalue() == "\r\x1b[Kreading [....................] 0.05 %  0.04 of 80.0 s"
-
-
 def test_nothing_is_drawn_where_there_is_no_terminal():
     stream = io.StringIO()
     bar, clock = made(stream)
@@ -58,46 +50,6 @@ def test_part_rate_and_time_left():
     assert stream.getvalue() == (
         "\r\x1b[Kreading [#####...............] 25.0 %  20.0 of 80.0 s  5.00x real time  0:12 left"
     )
-
-
-@pytest.mark.parametrize("total", [None, 0])
-def test_unknown_total_shows_count_and_rate(total):
-    stream = Terminal()
-    bar, clock = made(stream)
-    clock.now_s += 4
-    bar(20, total)
-    assert stream.getvalue() == "\r\x1b[Kreading  20.0 s  5.00x real time"
-
-
-def test_nothing_done_yet_has_no_time_left():
-    stream = Terminal()
-    bar, clock = made(stream)
-    clock.now_s += 4
-    bar(0, 80)
-    assert stream.getvalue().endswith("] 0.00 %  0.00 of 80.0 s")
-
-
-def test_what_is_not_time_goes_by_the_second():
-    stream = Terminal()
-    bar, clock = made(stream, "MB")
-    clock.now_s += 4
-    bar(1600, 4800)
-    assert stream.getvalue().endswith("33.3 %  1600 of 4800 MB  400 MB/s  0:08 left")
-
-
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [
-        (0, "0.00"),
-        (9.994, "9.99"),
-        (9.996, "10.0"),
-        (99.96, "100"),
-        (41.03, "41.0"),
-        (1235, "1235"),
-    ],
-)
-def test_three_digits(value, text):
-    assert three(value) == text
 
 
 def test_the_line_is_redrawn_ten_times_a_second_at_most():

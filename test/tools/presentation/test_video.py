@@ -45,13 +45,6 @@ def test_frames_come_back_at_their_times(tmp_path, count, name):
     np.testing.assert_allclose(found, levels, atol=6)
 
 
-def test_a_frame_stays_until_the_next_one_comes(tmp_path):
-    stamps = [k * STEP_NS for k in range(12) if k != 4]
-    write(tmp_path / "out.mp4", stamps)
-    times, _ = frames_of(tmp_path / "out.mp4")
-    np.testing.assert_allclose(times, np.array(stamps) * 1e-9, atol=TICK_S)
-
-
 @pytest.mark.parametrize(
     ("stamps", "steps_s"),
     [
@@ -112,24 +105,8 @@ def test_nothing_is_left_after_an_error(tmp_path):
     assert [entry.name for entry in tmp_path.iterdir()] == ["out.mp4"]
 
 
-def test_no_frame_no_file(tmp_path):
-    with VideoFile(tmp_path / "out.mp4"):
-        pass
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_other_size_is_refused(tmp_path):
     with VideoFile(tmp_path / "out.mp4") as video:
         video.add(0, frame(0))
         with pytest.raises(VideoError, match=r"out\.mp4: a frame of 32x24 .* follows .* 64x48"):
             video.add(STEP_NS, frame(0, (24, 32, 3)))
-
-
-def test_place_is_checked_at_once(tmp_path):
-    with pytest.raises(VideoError, match=r"no such folder .*absent"):
-        VideoFile(tmp_path / "absent" / "out.mp4")
-    with pytest.raises(VideoError, match=r"out\.avi: .* must end with \.mp4 or \.webm"):
-        VideoFile(tmp_path / "out.avi")
-    (tmp_path / "folder.mp4").mkdir()
-    with pytest.raises(VideoError, match=r"folder\.mp4: not a file; give the output another name"):
-        VideoFile(tmp_path / "folder.mp4")

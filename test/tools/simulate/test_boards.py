@@ -47,9 +47,3 @@ def test_the_angles_are_table_8_s():
     # Scaled at other instants, 50 ms apart.
     assert np.sqrt(np.mean(roll**2)) == pytest.approx(0.2704, rel=0.02)
     assert np.sqrt(np.mean(pitch**2)) == pytest.approx(0.4839, rel=0.02)
-
-
-def test_wrong_use(capsys):
-    with pytest.raises(SystemExit):
-        main(["-o", "boards", "--views", "0"])
-    assert "--views must be 1 or more" in capsys.readouterr().err

@@ -8,8 +8,7 @@ import pytest
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
-from tirgeo_ros.io.surveys.survey import load_observations, load_survey
-from tirgeo_ros.tools.simulate import scenario_from, simulate
+from tirgeo_ros.tools.simulate import simulate
 from tirgeo_ros.tools.simulate.ground import Ground
 from tirgeo_ros.tools.simulate.renderer import COUNTS_OF_0, COUNTS_PER_GREY, Renderer
 from tirgeo_ros.tools.simulate.scenario_ground import VideoScenario
@@ -36,18 +35,6 @@ def read(path, topic, convert_one):
     return [
         convert_one(cdr.deserialize(m.data, m.typename)) for m in BagReader(path).messages([topic])
     ]
-
-
-def test_the_papers_camera_is_the_default():
-    assert scenario_from({}).video.camera == XT2
-
-
-def test_a_field_of_view_gives_the_focal_length():
-    camera = scenario_from({"video.fov_deg": 60.0, "video.distortion": []}).video.camera
-    left, right = camera.rays(np.array([[-0.5, 255.5], [639.5, 255.5]]))
-    assert np.degrees(np.arctan2(right[0], right[2]) - np.arctan2(left[0], left[2])) == (
-        pytest.approx(60.0)
-    )
 
 
 def test_the_bag_says_the_camera_of_its_pictures(other):
@@ -79,13 +66,6 @@ def test_clicks_are_on_people_in_its_pictures(other):
     for stamp_ns, u, v in clicks:
         # 10 K and more, 10 grey levels each, of 16 counts, less what blur takes of few pixels.
         assert pictures[stamp_ns][round(v), round(u)] > 20_000 + 16 * 170
-
-
-def test_its_observations_are_of_its_camera(other):
-    folder, _ = other
-    names = ("flight.mcap", "survey.geojson", "observations.csv")
-    assert len(load_survey(folder / names[1])) == 4
-    assert all(one.u < 320 and one.v < 256 for one in load_observations(folder / names[2]))
 
 
 def test_sixteen_bits_hold_what_eight_do_and_the_fire_beyond():

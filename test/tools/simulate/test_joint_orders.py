@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.types.joint_orders import JOINT_ORDERS, USUAL_ORDER
+from tirgeo_ros.core.types.joint_orders import USUAL_ORDER
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.tools.cli.main import main
@@ -87,9 +87,3 @@ def test_the_wrong_order_is_told_with_its_parameter(flown):
     assert finding["parameter"] == "gimbal_node joint_order"
     assert f"set it to {OTHER}" in finding["mend"]
     assert result["error"]
-
-
-def test_an_unknown_order_is_wrong_use(capsys):
-    with pytest.raises(SystemExit, match="2"):
-        main(["simulate", "any.yaml", "-o", "any", "--joint-order", "yaw-roll"])
-    assert JOINT_ORDERS[-1] in capsys.readouterr().err

@@ -11,9 +11,9 @@ import pytest
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler, quat_multiply
-from tirgeo_ros.tools.simulate.ground import Ground, paint
+from tirgeo_ros.tools.simulate.ground import Ground
 from tirgeo_ros.tools.simulate.map_file import map_text
-from tirgeo_ros.tools.simulate.park import Hydrant, Park, Spot, lay_out
+from tirgeo_ros.tools.simulate.park import lay_out
 from tirgeo_ros.tools.simulate.renderer import Renderer
 from tirgeo_ros.tools.simulate.scenario_ground import (
     ParkScenario,
@@ -63,73 +63,6 @@ def test_a_spot_on_the_ground_is_seen_where_the_camera_projects_it(pose):
         np.testing.assert_allclose(found, [u, v], atol=0.15, err_msg=str(place))
 
 
-def test_sky_and_ground_beyond_the_painting_are_drawn_too():
-    ground = Ground([np.full((8, 8), 100, np.uint8)], 4.0, -4.0, 1.0)
-    still = VideoScenario(noise_grey=0.0, vignetting=0.0, blur_px=0.0)
-    picture = Renderer(XT2, ground, still).frame(*looking(0.0), np.random.default_rng(0))
-    assert (picture[:200] == 20).all()
-    assert (picture[300:] == 100).all()
-
-
-def test_noise_and_vignetting_are_as_asked():
-    ground = Ground([np.full((64, 64), 120, np.uint8)], 32.0, -32.0, 1.0)
-    renderer = Renderer(XT2, ground, VideoScenario(noise_grey=2.0, vignetting=0.25, blur_px=0.0))
-    picture = renderer.frame(*looking(), np.random.default_rng(1)).astype(float)
-    middle = picture[230:270, 330:370]
-    # 1600 pixels: one sigma of the mean is 0.05, of the deviation 1.8 %; rounding adds 1 / 12.
-    assert middle.mean() == pytest.approx(120.0, abs=0.3)
-    assert middle.std() == pytest.approx(np.sqrt(4 + 1 / 12), rel=4 * 0.018)
-    corners = [picture[:12, :12].mean(), picture[-12:, :12].mean()]
-    assert min(corners) == pytest.approx(90.0, abs=2.0)
-
-
-def test_beds_stay_apart_and_have_corners():
-    park = lay_out(ParkScenario(), 2205)
-    assert len(park.beds) == 13 * 10
-    assert all(4 <= len(bed.outline) <= 10 for bed in park.beds)
-    assert any(bed.holes for bed in park.beds)
-    assert len({bed.name for bed in park.beds}) == len(park.beds)
-    assert any(not bed.name.isascii() for bed in park.beds)
-    for k, bed in enumerate(park.beds):
-        row, column = divmod(k, 10)
-        low = np.array([-76.0 + 14 * row, -36.0 + 14 * column])
-        # Within the cell, two metres (half a wide path) off its edge.
-        assert (bed.outline > low + 2.0).all()
-        assert (bed.outline < low + 12.0).all()
-
-
-def test_the_painting_shows_beds_on_grass_with_a_kerb_at_the_outline():
-    park = lay_out(SMALL, 3)
-    ground = paint(park, SMALL, 3)
-    bed = max(park.beds, key=lambda bed: bed.warmth)
-    a, b = bed.outline[:2]
-    along = (b - a) / np.linalg.norm(b - a)
-    inward = np.array([-along[1], along[0]])  # clockwise rings have the inside on the right
-    greys = {}
-    for distance in (-1.0, -0.1, 0.5):
-        steps = a + np.outer(np.linspace(0.3, 0.7, 200), b - a) + distance * inward
-        rows = (ground.north_edge_m - steps[:, 0]) / 0.05
-        columns = (steps[:, 1] - ground.west_edge_m) / 0.05
-        greys[distance] = ground.levels[0][rows.astype(int), columns.astype(int)].mean()
-    assert greys[-0.1] > greys[-1.0] + 40  # kerb against grass
-    assert greys[0.5] > greys[-1.0] + 15  # a warm bed against grass
-    assert abs(greys[-0.1] - greys[0.5]) > 10
-
-
-def test_levels_are_coarser_copies():
-    ground = paint(lay_out(SMALL, 3), SMALL, 3)
-    means = [level.mean() for level in ground.levels]
-    np.testing.assert_allclose(means, means[0], atol=0.5)  # whole grey levels
-    for finer, coarser in zip(ground.levels[:-1], ground.levels[1:], strict=True):
-        assert coarser.shape == (finer.shape[0] // 2, finer.shape[1] // 2)
-
-
-def test_the_same_seed_paints_the_same_park():
-    first, second, third = (paint(lay_out(SMALL, s), SMALL, s).levels[2] for s in (5, 5, 6))
-    np.testing.assert_array_equal(first, second)
-    assert (first != third).mean() > 0.5
-
-
 def test_the_map_is_the_park_in_rfc_7946():
     plane = SiteScenario().plane
     park = lay_out(SMALL, 3)
@@ -154,9 +87,3 @@ def test_the_map_is_the_park_in_rfc_7946():
         true = np.column_stack([bed.outline, np.zeros(len(bed.outline))])
         apart = np.linalg.norm(placed[:, None] - true[None], axis=-1).min(axis=1)
         assert apart.max() < 2e-4  # nine decimals of a degree, four of a metre
-
-
-def test_an_empty_park_is_grass():
-    nothing = Park([], [], [Hydrant("one", np.zeros(2))], [], [], [Spot(np.ones(2), 0.3, 1.0)])
-    grass = paint(nothing, SMALL, 1).levels[0]
-    assert abs(np.median(grass) - 92.0) < 8.0  # weather of several metres: sigma 5 and 5

@@ -11,9 +11,6 @@ from tirgeo_ros.tools.simulate.processes import (
     DEGREE,
     Spline,
     gauss_markov,
-    generator,
-    scaled_noise,
-    smooth_noise,
 )
 
 
@@ -38,12 +35,6 @@ def test_each_derivative_is_the_difference_of_the_one_below(derivative):
     np.testing.assert_allclose(slope, curve(times, derivative + 1), atol=1e-5 * scale)
 
 
-def test_a_spline_rests_outside_its_knots():
-    curve = Spline(np.array([[1.0], [2.0], [7.0]]), 1.0)
-    np.testing.assert_allclose(curve([-100.0, 100.0])[:, 0], [1.0, 7.0], rtol=1e-12)
-    np.testing.assert_allclose(curve([-100.0, 100.0], 1), 0.0, atol=1e-12)
-
-
 def test_gauss_markov_has_its_size_and_correlation_time():
     tau, std, step = np.array([2.0, 8.0]), np.array([3.0, 0.5]), 0.5
     x = gauss_markov(np.random.default_rng(1), 60_000, step, tau, std)
@@ -51,30 +42,3 @@ def test_gauss_markov_has_its_size_and_correlation_time():
     np.testing.assert_allclose(x.std(axis=0), std, rtol=4 * 0.012)
     lagged = (x[4:] * x[:-4]).mean(axis=0) / x.var(axis=0)
     np.testing.assert_allclose(lagged, np.exp(-4 * step / tau), atol=0.05)
-
-
-def test_gauss_markov_is_stationary_from_its_first_sample():
-    rng = np.random.default_rng(2)
-    first = [gauss_markov(rng, 2, 0.01, np.array([100.0]), np.array([2.0]))[0, 0]
-             for _ in range(4000)]  # fmt: skip
-    assert np.std(first) == pytest.approx(2.0, rel=4 / np.sqrt(2 * 4000))
-
-
-def test_scaled_noise_has_the_wanted_rms_over_the_flight():
-    wanted = np.array([1.2846, 0.9342, 2.8017])
-    noise = scaled_noise(generator(3, "x"), 107.0, 45.0, wanted)
-    values = noise(np.arange(0.0, 107.0, 0.1))
-    # It is scaled on another grid of times: the rms of slow functions differs by less than 1e-3.
-    np.testing.assert_allclose(np.sqrt((values**2).mean(axis=0)), wanted, rtol=1e-3)
-
-
-def test_noise_of_size_zero_is_zero():
-    assert not scaled_noise(generator(3, "x"), 10.0, 1.0, [0.0])(np.arange(10.0)).any()
-    assert not smooth_noise(generator(3, "x"), 10.0, 1.0, [0.0])(np.arange(10.0)).any()
-
-
-def test_generators_are_repeatable_and_apart():
-    same = [generator(7, "rtk").standard_normal(4) for _ in range(2)]
-    np.testing.assert_array_equal(*same)
-    assert not np.allclose(same[0], generator(7, "gps").standard_normal(4))
-    assert not np.allclose(same[0], generator(8, "rtk").standard_normal(4))

@@ -8,7 +8,7 @@ from project import PROJECT
 from tirgeo_ros.core.config.schema import parameters_of
 from tirgeo_ros.core.types.errors import ScenarioError
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
-from tirgeo_ros.tools.simulate.scenario import Scenario, load_scenario, scenario_from
+from tirgeo_ros.tools.simulate.scenario import Scenario, load_scenario
 
 PAPER = PROJECT / "config" / "scenarios" / "paper_flight.yaml"
 
@@ -26,12 +26,6 @@ def test_the_paper_flight_is_the_default_and_says_so_in_full():
     unsaid = {p.name for p in parameters_of(Scenario)} - set(leaves(load_yaml(PAPER)))
     # The filter's own belief of turn-on biases is no property of the flight.
     assert unsaid == {"imu.noise.gyro_turn_on_bias", "imu.noise.accel_turn_on_bias"}
-
-
-def test_the_start_is_nanoseconds_of_unix_time():
-    assert scenario_from({"start_utc": "1970-01-01T00:00:10Z"}).start_ns == 10_000_000_000
-    assert scenario_from({"start_utc": "1970-01-01T08:00:00+08:00"}).start_ns == 0
-    assert scenario_from({"start_utc": "1970-01-01T00:00:01"}).start_ns == 1_000_000_000
 
 
 @pytest.mark.parametrize(
@@ -65,12 +59,6 @@ def test_a_bad_scenario_is_refused_with_file_and_key(tmp_path, text, message):
     path.write_text(text)
     with pytest.raises(ScenarioError, match=message):
         load_scenario(path)
-
-
-def test_an_empty_group_leaves_the_defaults(tmp_path):
-    path = tmp_path / "empty.yaml"
-    path.write_text("route: {}\nimu: {noise: {}}\n")
-    assert load_scenario(path) == Scenario()
 
 
 def test_an_absent_scenario_is_named(tmp_path):

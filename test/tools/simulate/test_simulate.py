@@ -27,8 +27,6 @@ from tirgeo_ros.io.surveys.survey import load_observations, load_survey
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.simulate import fly, scenario_from, simulate
 from tirgeo_ros.tools.simulate.parameters_file import parameters_text
-from tirgeo_ros.tools.simulate.park import lay_out
-from tirgeo_ros.tools.simulate.survey import surveyed
 
 SHORT = """\
 duration_s: 6.0
@@ -99,40 +97,6 @@ def test_topics_and_types_are_the_contracts(whole):
     }
     for topic, typename in (flight | truth).items():
         assert TOPIC_TYPES[topic.lstrip("/")] == typename
-
-
-def test_pictures_and_stamps(whole):
-    cdr, start_ns = Cdr(), scenario_from({}).start_ns
-    pictures = BagReader(whole[0] / "flight.mcap").messages(["/thermal/image_raw/compressed"])
-    for number, item in enumerate(pictures):
-        message = cdr.deserialize(item.data, item.typename)
-        assert convert.stamp_ns(message) == item.log_time_ns
-        exposed_ns = item.log_time_ns - 50_000_000
-        assert exposed_ns - start_ns == round(number * 1e9 / 9)
-    pixels = convert.compressed_pixels(message)
-    assert pixels.shape == (512, 640)
-    assert 20 < pixels.std() < 80
-
-
-def test_the_bag_holds_the_flight_that_fly_flies(whole):
-    flight = fly(scenario_from({"duration_s": 6.0, "route.hover_s": 1.0}))
-    cdr = Cdr()
-    said = [
-        convert.imu_sample(cdr.deserialize(m.data, m.typename))
-        for m in BagReader(whole[0] / "flight.mcap").messages(["/imu/data"])
-    ]
-    flown = [sample for _, sample in flight.samples if type(sample).__name__ == "ImuSample"]
-    for a, b in zip(said, flown, strict=True):
-        assert a.stamp_ns == b.stamp_ns
-        np.testing.assert_allclose(a.specific_force_b, b.specific_force_b, atol=1e-12)
-        np.testing.assert_allclose(a.autopilot_q_nb, b.autopilot_q_nb, atol=1e-12)
-    poses = [
-        convert.body_pose(cdr.deserialize(m.data, m.typename))
-        for m in BagReader(whole[0] / "truth.mcap").messages(["/tirgeo/odometry"])
-    ]
-    np.testing.assert_allclose(
-        [pose.position_n for pose in poses], flight.truth.position_p, atol=1e-8
-    )
 
 
 def test_observations_are_the_true_pixels_of_surveyed_points(whole):
@@ -233,38 +197,6 @@ def test_an_imu_that_averages_has_its_delay_in_the_parameters_and_means_in_its_s
     assert off < 0.1 * as_stamped
 
 
-@pytest.mark.slow
-def test_the_paper_flight_sees_twenty_points_three_times_each():
-    flight = fly(scenario_from({}))
-    points, clicks = surveyed(flight, XT2, lay_out(flight.scenario.park, flight.seed))
-    assert len(points) == 20
-    stamps = {point.id: [c.stamp_ns for c in clicks if c.id == point.id] for point in points}
-    assert all(len(set(seen)) == 3 for seen in stamps.values())
-    assert min(stamp for seen in stamps.values() for stamp in seen) >= (
-        flight.scenario.start_ns + 20_000_000_000
-    )
-    places = np.array(
-        [
-            flight.plane.ned_from_geodetic(p.latitude_rad, p.longitude_rad, p.height_m)
-            for p in points
-        ]
-    )
-    apart = np.linalg.norm(places[:, None] - places[None], axis=-1)
-    assert apart[~np.eye(20, dtype=bool)].min() > 5.0  # spread over the park
-    # Surveyed to 2 cm about the plane of the ground: twenty points stay within four sigma.
-    assert np.abs(places[:, 2]).max() < 0.08
-
-
-@pytest.mark.parametrize("shape", ["hover", "figure_eight"])
-def test_other_shapes_are_flown_too(shape, tmp_path):
-    path = tmp_path / "other.yaml"
-    path.write_text(f"{SHORT}name: {shape}\n".replace("hover_s: 1.0", f"shape: {shape}"))
-    summary = simulate(path, tmp_path / "out", images=False)
-    assert summary["scenario"] == shape
-    assert "thermal/image_raw/compressed" not in summary["messages"]
-    assert summary["messages"]["thermal/camera_info"] == 54
-
-
 @pytest.mark.parametrize(
     ("start_s", "duration_s"), [(-1.0, 2.0), (0.0, 0.0), (3.0, 4.0), (7.0, None), (np.nan, 1.0)]
 )
@@ -287,12 +219,3 @@ def test_the_verb_prints_what_it_wrote(scenario_path, tmp_path, capsys):
     summary = json.loads(capsys.readouterr().out)
     assert summary["seed"] == 5
     assert summary["messages"]["rtk/fix"] == 30
-
-
-def test_the_verb_refuses_an_unknown_key_in_one_line(tmp_path, capsys):
-    path = tmp_path / "bad.yaml"
-    path.write_text("rout: {}\n")
-    assert main(["simulate", str(path), "-o", str(tmp_path / "out")]) == 1
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1
-    assert f"{path}: unknown parameter rout" in error

@@ -68,9 +68,3 @@ def test_the_command(tmp_path, capsys):
     with pytest.raises(SystemExit):
         main(["-o", str(path), "--hours", "0"])
     assert "--hours must be above 0" in capsys.readouterr().err
-
-
-def test_a_file_that_cannot_be_written_is_told(tmp_path, capsys):
-    (tmp_path / "file").write_text("")
-    assert main(["-o", str(tmp_path / "file" / "static.mcap"), "--hours", "0.001"]) == 1
-    assert capsys.readouterr().err.startswith("static_imu: ")

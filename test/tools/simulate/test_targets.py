@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler, quat_multiply
-from tirgeo_ros.io.surveys.survey import load_survey
 from tirgeo_ros.tools.simulate import fly, scenario_from
 from tirgeo_ros.tools.simulate.ground import GRASS, GREY_PER_K, Ground
 from tirgeo_ros.tools.simulate.renderer import Renderer
 from tirgeo_ros.tools.simulate.scenario_ground import VideoScenario
 from tirgeo_ros.tools.simulate.survey import sightings
-from tirgeo_ros.tools.simulate.targets import Target, targets_of, targets_text
+from tirgeo_ros.tools.simulate.targets import Target, targets_of
 from tirgeo_ros.tools.simulate.warm_spots import Patch
 
 STILL = VideoScenario(noise_grey=0.0, vignetting=0.0)
@@ -89,28 +86,6 @@ def test_a_person_is_as_warm_as_asked_and_a_fire_saturates():
     assert pixels < (picture == 255).sum() - 100 < 1.35 * pixels
 
 
-def test_a_vehicle_has_its_warm_bonnet_ahead():
-    heading = np.radians(60.0)
-    car = Target("vehicle 1", "vehicle", np.array([32.0, 0.0]), 4.0, 4.5, heading)
-    picture = picture_of(car.patches(), looking())
-    ahead = np.array([np.cos(heading), np.sin(heading)])
-    for along, warmer_k in ((1.9, 12.0), (-1.9, 4.0), (0.0, 4.0)):
-        u, v = np.round(projected(car.center + along * ahead, looking())).astype(int)
-        assert picture[v, u] == pytest.approx(GRASS + warmer_k * GREY_PER_K, abs=2.0)
-    for along in (2.6, -2.6):
-        u, v = np.round(projected(car.center + along * ahead, looking())).astype(int)
-        assert picture[v, u] == GREY
-
-
-def test_a_picture_without_targets_is_as_it_was():
-    video = VideoScenario()
-    plain, empty = (
-        Renderer(XT2, GRASS_ALONE, video, *more).frame(PLACE, looking(), np.random.default_rng(3))
-        for more in ((), ([],))
-    )
-    np.testing.assert_array_equal(plain, empty)
-
-
 def test_one_more_target_leaves_the_others_where_they_are():
     few, many = (
         targets_of(scenario_from({"scene.people": n, "scene.fires": 2, "scene.people_at": []}), 7)
@@ -124,22 +99,6 @@ def test_one_more_target_leaves_the_others_where_they_are():
         assert -76 <= one.center[0] <= 106
         assert -36 <= one.center[1] <= 104
         assert one.kind == "person" or (1.0 <= one.size_m <= 3.0 and one.warmer_k >= 300.0)
-
-
-def test_the_file_says_where_they_are(tmp_path):
-    given = {"scene.vehicles_at": [10.0, -20.0, 5.0, 4.5], "scene.vehicles": 1}
-    scenario = scenario_from(given)
-    targets, plane = targets_of(scenario, scenario.seed), scenario.site.plane
-    path = tmp_path / "targets.geojson"
-    path.write_text(targets_text(targets, plane), encoding="utf-8")
-    kinds = [one["properties"]["kind"] for one in json.loads(path.read_text())["features"]]
-    assert kinds == ["person", "vehicle", "vehicle"]
-    for point, target in zip(load_survey(path), targets, strict=True):
-        assert point.id == target.id
-        place = plane.ned_from_geodetic(point.latitude_rad, point.longitude_rad, point.height_m)
-        # Nine decimals of a degree, four of a metre.
-        np.testing.assert_allclose(place, [*target.center, 0.0], atol=2e-4)
-    assert targets[1].center.tolist() == [10.0, -20.0]
 
 
 def test_an_operator_clicks_once_a_pass_at_the_middle():

@@ -19,9 +19,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.camera.projection_covariance import pixel_jacobian
 from tirgeo_ros.core.frames.axes import BODY_OPTICAL
-from tirgeo_ros.core.frames.rotations import matrix_from_euler, skew
+from tirgeo_ros.core.frames.rotations import matrix_from_euler, quat_from_matrix
 from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.poses import CameraPose
 
 _DOWN = 2
 
@@ -34,12 +36,8 @@ def paper_ground_offset(
     ``x_im`` and ``y_im`` (px) are from the picture's centre, right and up; ``f`` is in px;
     ``alpha_rad`` is from the nadir. X points west and Y north; ``beta_rad`` is from north to east.
     """
-    sin_a, cos_a, sin_b, cos_b = (
-        np.sin(alpha_rad),
-        np.cos(alpha_rad),
-        np.sin(beta_rad),
-        np.cos(beta_rad),
-    )
+    sin_a, cos_a = np.sin(alpha_rad), np.cos(alpha_rad)
+    sin_b, cos_b = np.sin(beta_rad), np.cos(beta_rad)
     below = f * cos_a - y_im * sin_a
     ahead = f * h_m * sin_a + h_m * y_im * cos_a
     x = -(h_m * x_im * cos_b + ahead * sin_b) / below
@@ -93,25 +91,17 @@ class GroundView:
     def of(cls, camera: Camera, rotation_nc: Array, height_m: float, uv: Array) -> GroundView:
         """Back-project pixels (N, 2) to level ground, from a height (m) and an attitude (3, 3).
 
-        Let r be the ray and d the vector from the camera to the ground point. A pose error dp and
-        phi_n moves the point by (I - r e3' / r3)(dp + phi x d). The first factor projects along
-        the ray to the ground.
+        A pixel stays where it is if its ground point moves against what a pose error does to it:
+        0 = J_pose dp + J_point dg, with the derivatives of the pixel.
         """
-        rays_c = camera.rays(uv)
-        rays_c = rays_c / rays_c[:, 2:]
-        rays_n = rays_c @ rotation_nc.T
+        rays_n = camera.rays(uv) @ rotation_nc.T
         with np.errstate(invalid="ignore"):
             rays_n[~(rays_n[:, _DOWN] > 0)] = np.nan
-        way = height_m / rays_n[:, _DOWN]
-        points_n = rays_n * way[:, None]
-        along = np.zeros((len(uv), 2, 3))
-        along[:, 0, 0] = along[:, 1, 1] = 1
-        along[:, :, _DOWN] = -rays_n[:, :2] / rays_n[:, 2:]
-        turned = np.stack([-skew(point) for point in np.eye(3)])  # phi x d = -[d x] phi
-        by_attitude = along @ np.einsum("nk,kij->nij", points_n, turned)
-        lens = np.linalg.inv(np.stack(camera.slopes(*rays_c[:, :2].T), -1).reshape(-1, 2, 2))
-        by_pixel = along @ (way[:, None, None] * rotation_nc[:, :2]) @ lens
-        return cls(uv, points_n, np.concatenate([along, by_attitude], axis=2), by_pixel)
+        points_n = rays_n * (height_m / rays_n[:, _DOWN:])
+        pose = CameraPose(0, np.zeros(3), quat_from_matrix(rotation_nc), np.zeros((6, 6)))
+        of_pose, of_point = pixel_jacobian(camera, pose, points_n)
+        by_pixel = np.linalg.inv(of_point[:, :, :2])
+        return cls(uv, points_n, -by_pixel @ of_pose, by_pixel)
 
     def covariance(
         self,

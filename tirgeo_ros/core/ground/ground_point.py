@@ -9,7 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import Camera
-from tirgeo_ros.core.camera.projection_covariance import CHI2_95, CameraRates, timed_covariance
+from tirgeo_ros.core.camera.projection_covariance import (
+    CameraRates,
+    ellipse_95,
+    timed_covariance,
+)
 from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground, Reason, locate
@@ -114,7 +118,5 @@ def _timed(pose: CameraPose, rates: CameraRates | None, config: ConfidenceConfig
 
 def ellipse_of(covariance_n: Array) -> Ellipse:
     """Return the horizontal 95 % ellipse of a covariance (3, 3), NED, m2."""
-    (north, across), (_, east) = covariance_n[:2, :2].tolist()
-    middle, reach = (north + east) / 2, math.hypot((north - east) / 2, across)
-    major, minor = (math.sqrt(CHI2_95 * max(x, 0.0)) for x in (middle + reach, middle - reach))
-    return Ellipse(major, minor, math.atan2(2 * across, north - east) / 2 % math.pi)
+    semi_axes, azimuth = ellipse_95(covariance_n[:2, :2])
+    return Ellipse(*semi_axes[0].tolist(), float(azimuth[0]) % math.pi)

@@ -7,9 +7,7 @@ covariance.
 
 from __future__ import annotations
 
-import csv
 import dataclasses
-import io
 import math
 from dataclasses import dataclass, field
 
@@ -28,6 +26,7 @@ from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
+from tirgeo_ros.io.files.whole_files import csv_text
 
 STEP_PX = 4
 
@@ -215,10 +214,6 @@ def _general(setting: Setting, view: GroundView) -> dict[str, Array]:
 
 def budget_csv(made: Budget) -> str:
     """Return the rows as CSV, to a tenth of a millimetre."""
-    out = io.StringIO()
     rows = made.rows()
-    writer = csv.DictWriter(out, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    for row in rows:
-        writer.writerow({k: f"{v:.4f}" if isinstance(v, float) else v for k, v in row.items()})
-    return out.getvalue()
+    cells = [[f"{v:.4f}" if isinstance(v, float) else v for v in row.values()] for row in rows]
+    return csv_text([list(rows[0]), *cells])

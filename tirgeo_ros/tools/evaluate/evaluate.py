@@ -15,18 +15,23 @@ from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.maps import load_layers
 from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
 from tirgeo_ros.io.pictures.camera_file import given_camera
-from tirgeo_ros.tools.evaluate.checks import check_notes, checks_of, place_notes
-from tirgeo_ros.tools.evaluate.ground import Experiment, load_experiment, locate_observations
+from tirgeo_ros.tools.evaluate.ground import (
+    Experiment,
+    check_notes,
+    checks_of,
+    load_experiment,
+    locate_observations,
+)
+from tirgeo_ros.tools.evaluate.methods import MethodSetup, method_setups, setup_notes
 from tirgeo_ros.tools.evaluate.result import Evaluation, MethodResult, Still
 from tirgeo_ros.tools.evaluate.series import MethodSeries, SensorSeries
-from tirgeo_ros.tools.evaluate.setups import MethodSetup, method_setups, setup_notes
-from tirgeo_ros.tools.evaluate.stills import StillSource, overlay_stills
+from tirgeo_ros.tools.evaluate.stills import overlay_stills
 from tirgeo_ros.tools.evaluate.t_test import paired_tests
+from tirgeo_ros.tools.evaluate.verdict import place_notes
 from tirgeo_ros.tools.presentation.progress import Report, silent
-from tirgeo_ros.tools.replay import CheckSetting, FlightChecks, setting_of
+from tirgeo_ros.tools.replay import FlightChecks, setting_of
 from tirgeo_ros.tools.replay.flight_poses import FlightPoses, RecordedFlight
 from tirgeo_ros.tools.replay.flight_topics import done_without, resolved
-from tirgeo_ros.tools.replay.node_configs import NodeConfigs, node_configs
 from tirgeo_ros.tools.replay.recorded_flight import TruePoses, load_truth
 
 #: Topics that define a method. Without them the filter would still run, on ordinary GPS.
@@ -65,31 +70,16 @@ def evaluate(
         params, boresight, dem, ground_height, namespace, given.heights_m, camera
     )
     truly = None if truth is None else load_truth(Path(truth))
-    drawn = setups[-1].overlay
+    drawn = setups[-1].configs.overlay
     map_text = drawn.map if map_path is None else os.fspath(map_path)
-    layers = (
-        load_layers(map_text, drawn.style, drawn.label_field, network=drawn.network)
-        if map_text
-        else []
-    )
-    reader = BagReader(bag)
-    files = [*paths_of(params), *([] if boresight is None else [boresight])]
-    options = node_configs(
-        files, namespace, dem=dem, ground_height=ground_height, camera=camera
-    ).given
-    checks_setting = _check_setting(reader, setups[-1], options, files, namespace)
-    flight = _Flight(reader, setups, given, namespace, truly, FlightChecks(checks_setting))
-    flight.read(progress)
+    layers: list[MapLayer] = []
+    if map_text:
+        layers = load_layers(map_text, drawn.style, drawn.label_field, network=drawn.network)
+    files = [*paths_of(params), *paths_of(boresight)]
+    flight = _Flight(BagReader(bag), setups, given, namespace, truly, files)
+    flight.recorded.read_all(progress)
     methods = flight.results()
-    sensors = flight.series.sensors(given.projection, flight.recorded.picture_stamps_ns)
-    checks = checks_of(given, sensors.image_stamps_ns)
-    stills = flight.stills(layers)
-    notes = [
-        *setup_notes(setups, given.heights_m),
-        *flight.notes,
-        *check_notes(checks),
-        *place_notes(methods),
-    ]
+    checks = checks_of(given, flight.recorded.picture_stamps_ns)
     return Evaluation(
         os.fspath(bag),
         os.fspath(survey),
@@ -97,29 +87,21 @@ def evaluate(
         given.projection,
         given.control,
         checks,
-        sensors,
+        flight.series.sensors(given.projection),
         methods,
         flight.missing | flight.faults,
         flight.faults,
         paired_tests({one.method: one.errors.point_rmse_m for one in methods}),
-        stills,
-        notes,
+        flight.stills(layers),
+        [
+            *setup_notes(setups, given.heights_m),
+            *flight.notes,
+            *check_notes(checks),
+            *place_notes(methods),
+        ],
         flight.error(methods),
         flight.checks.findings(),
     )
-
-
-def _check_setting(
-    reader: BagReader,
-    setup: MethodSetup,
-    given: frozenset[str],
-    files: Sequence[PathLike],
-    namespace: str,
-) -> CheckSetting:
-    """Return the setting of the checks: that of the last method."""
-    configs = NodeConfigs(setup.ekf, setup.gimbal, setup.overlay, given)
-    known = given_camera(setup.overlay)
-    return setting_of(configs, reader, files, namespace, ground=setup.ground, camera=known)
 
 
 @dataclass(frozen=True)
@@ -143,22 +125,19 @@ class _Run:
         plane, setup = self.poses.plane, self.setup
         assert plane is not None
         located, refused = locate_observations(
-            self.poses.cameras, plane, camera, given, setup.ground, setup.overlay
+            self.poses.cameras, plane, camera, given, setup.ground, setup.configs.overlay
         )
         status = self.poses.registration.navigation.status()
         return MethodResult(
-            setup.method,
+            setup,
             self.poses.registration.composer.composition,
             status.state.value,
-            setup.ground,
-            setup.ground_words,
             located,
             refused,
             self.series.body(given.projection),
             self.series.camera(plane, given.projection),
             self.series.innovations(),
             {f"{source} {outcome}": number for (source, outcome), number in status.counts.items()},
-            setup.parameters,
             self.series.body_errors(),
         )
 
@@ -173,92 +152,82 @@ class _Flight:
         given: Experiment,
         namespace: str,
         truth: TruePoses | None,
-        checks: FlightChecks,
+        files: Sequence[PathLike],
     ) -> None:
-        self.checks = checks
         self.missing: dict[str, str] = {}  # method -> reason, for absent topics
         self.faults: dict[str, str] = {}
         self.notes: list[str] = []
+        self._reader, self._given, self._namespace = reader, given, namespace
+        last = setups[-1]  # whose parameters are checked
+        camera = given_camera(last.configs.overlay)
+        setting = setting_of(
+            last.configs, reader, files, namespace, ground=last.ground, camera=camera
+        )
+        self.checks = FlightChecks(setting)
         self.recorded = RecordedFlight(
-            reader,
-            namespace,
-            pictures=True,
-            camera=given_camera(setups[-1].overlay),
-            checks=checks,
+            reader, namespace, pictures=True, camera=camera, checks=self.checks
         )
         self.series = SensorSeries()
-        self._reader = reader
-        self._given = given
-        self._namespace = namespace
-        self._truth = truth
-        self._runs = [run for setup in setups if (run := self._begun(setup)) is not None]
+        self._runs = [run for setup in setups if (run := self._begun(setup, truth)) is not None]
         if self._runs:
-            self._runs[-1].poses.checks = checks
+            self._runs[-1].poses.checks = self.checks
         self.recorded.add(self.series)
         self._check_any(self._runs)
 
-    def _begun(self, setup: MethodSetup) -> _Run | None:
+    def _begun(self, setup: MethodSetup, truth: TruePoses | None) -> _Run | None:
         """Return a method that takes part, or None and its reason in ``missing``."""
-        series, method = MethodSeries(self._truth), setup.ekf.method
+        ekf, gimbal, *_ = setup.configs
+        series = MethodSeries(truth)
         instants_ns = [one.stamp_ns - setup.latency_ns for one in self._given.observations]
-        try:
-            self._check_essential(method)
-            poses = self.recorded.registered(setup.ekf, setup.gimbal, instants_ns, series)
-        except BagError as error:
-            reason = str(error).removeprefix(f"{self._reader.path}: ")
-            self.missing[setup.method] = reason
-            self.notes.append(f"{setup.method} is left out: {reason}")
+        lacking = [t for t in _ESSENTIAL.get(ekf.method, ()) if not self.recorded.has(t)]
+        if lacking:
+            self._leave_out(setup, f"needed topic absent: {self._names(lacking)}")
             return None
-        absent = [self._name(topic) for topic in done_without(poses.topics, method)]
+        try:
+            poses = self.recorded.registered(ekf, gimbal, instants_ns, series)
+        except BagError as error:
+            self._leave_out(setup, str(error).removeprefix(f"{self._reader.path}: "))
+            return None
+        absent = self._names(done_without(poses.topics, ekf.method))
         if absent:
-            self.notes.append(f"{setup.method}: {', '.join(absent)} absent: done without")
+            self.notes.append(f"{setup.method}: {absent} absent: done without")
         return _Run(setup, poses, series)
 
-    def _check_essential(self, method: str) -> None:
-        topics = [name for name in _ESSENTIAL.get(method, ()) if not self.recorded.has(name)]
-        if topics:
-            raise BagError(f"needed topic absent: {', '.join(map(self._name, topics))}")
+    def _leave_out(self, setup: MethodSetup, reason: str) -> None:
+        self.missing[setup.method] = reason
+        self.notes.append(f"{setup.method} is left out: {reason}")
 
-    def _name(self, topic: str) -> str:
-        return resolved(topic, self._namespace)
-
-    def read(self, progress: Report) -> None:
-        """Pass the flight to all methods; call ``progress`` with seconds of the flight."""
-        self.recorded.read_all(progress)
+    def _names(self, topics: Sequence[str]) -> str:
+        return ", ".join(resolved(topic, self._namespace) for topic in topics)
 
     def results(self) -> list[MethodResult]:
         """Return the results of the methods that have poses; put the others into ``faults``."""
         self.faults = {run.setup.method: run.fault for run in self._runs if run.fault}
-        runs = [run for run in self._runs if not run.fault]
-        self._check_any(runs)
-        return [run.result(self.recorded.camera, self._given) for run in runs]
+        self._runs = [run for run in self._runs if not run.fault]
+        self._check_any(self._runs)
+        return [run.result(self.recorded.camera, self._given) for run in self._runs]
 
     def stills(self, layers: Sequence[MapLayer]) -> list[Still]:
         """Return pictures of the last method that has poses, with the map drawn."""
-        run = [run for run in self._runs if not run.fault][-1]
-        assert run.poses.plane is not None
-        source = StillSource(
+        run = self._runs[-1]
+        return overlay_stills(
             self._reader,
             self._namespace,
             self.recorded.camera,
-            run.poses.plane,
-            run.poses.cameras,
-            run.setup.overlay,
-            run.setup.ground,
+            run.poses,
+            run.setup,
             layers,
-            run.setup.method,
+            self._given,
         )
-        return overlay_stills(source, self._given.control.values(), self._given.observations)
 
     def _check_any(self, runs: Sequence[_Run]) -> None:
-        if not runs:
-            reasons: dict[str, list[str]] = {}
-            for method, reason in (self.missing | self.faults).items():
-                reasons.setdefault(reason, []).append(method)
-            reasons_text = "; ".join(
-                f"{', '.join(names)}: {why}" for why, names in reasons.items()
-            )
-            raise CalibrationError(f"{self._reader.path}: no method can be run: {reasons_text}")
+        if runs:
+            return
+        reasons: dict[str, list[str]] = {}
+        for method, reason in (self.missing | self.faults).items():
+            reasons.setdefault(reason, []).append(method)
+        text = "; ".join(f"{', '.join(names)}: {why}" for why, names in reasons.items())
+        raise CalibrationError(f"{self._reader.path}: no method can be run: {text}")
 
     def error(self, methods: Sequence[MethodResult]) -> str | None:
         """Return what makes the run a failure although there is a result, or None."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -19,9 +20,11 @@ from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.surveys.survey import Observation, SurveyPoint, load_observations, load_survey
 from tirgeo_ros.tools.evaluate.projection import Projection, projection_of
-from tirgeo_ros.tools.evaluate.result import ControlPoint, LocatedPoint, RefusedPoint
+from tirgeo_ros.tools.evaluate.result import ControlPoint, InputChecks, LocatedPoint, RefusedPoint
 from tirgeo_ros.tools.evaluate.systematic import PixelMoves, pixel_moves
 from tirgeo_ros.tools.replay.flight_poses import pose_at
+
+_NAMED = 5  # most ids in a note
 
 
 @dataclass(frozen=True)
@@ -128,3 +131,45 @@ def _compared(
         ellipse_of(covariance_en[::-1, ::-1]),
         moves,
     )
+
+
+def checks_of(given: Experiment, image_stamps_ns: Sequence[int]) -> InputChecks:
+    """Compare observations, survey and pictures; ``image_stamps_ns`` (M,) may be empty."""
+    names = Counter(one.id for one in given.observations)
+    unknown = {name: number for name, number in names.items() if name not in given.control}
+    unobserved = [name for name in given.control if name not in names]
+    if not image_stamps_ns:
+        return InputChecks(len(given.observations), unknown, unobserved, None, None)
+    images = np.array(sorted(image_stamps_ns), np.int64)
+    stamps = np.array([one.stamp_ns for one in given.observations], np.int64)
+    after = np.searchsorted(images, stamps)
+    near = [np.clip(after - step, 0, len(images) - 1) for step in (0, 1)]
+    apart_ns = np.min([np.abs(images[one] - stamps) for one in near], axis=0)
+    off, most_s = int(np.count_nonzero(apart_ns)), int(apart_ns.max()) * 1e-9
+    return InputChecks(len(stamps), unknown, unobserved, off, most_s)
+
+
+def check_notes(checks: InputChecks) -> list[str]:
+    """Return the checks as lines for a person."""
+    notes, total = [], checks.observations
+    if checks.unknown_ids:
+        notes.append(
+            f"{sum(checks.unknown_ids.values())} of {total} observations are of points that the "
+            f"survey has not, and left out: {_some(list(checks.unknown_ids))}"
+        )
+    if checks.unobserved_ids:
+        notes.append(
+            f"{len(checks.unobserved_ids)} surveyed points were never observed: "
+            f"{_some(checks.unobserved_ids)}"
+        )
+    if checks.off_pictures:
+        notes.append(
+            f"{checks.off_pictures} of {total} observations have a stamp that is no picture's: "
+            f"up to {checks.off_pictures_most_s:.3g} s from the nearest one"
+        )
+    return notes
+
+
+def _some(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return ", ".join(names[:_NAMED]) + more

@@ -9,9 +9,10 @@ from pathlib import Path
 
 from tirgeo_ros import __version__
 from tirgeo_ros.tools.evaluate.flight_plots import flight_plots
-from tirgeo_ros.tools.evaluate.ground_plots import ground_plots
-from tirgeo_ros.tools.evaluate.plot import Plot
+from tirgeo_ros.tools.evaluate.ground_plots import Plot, ground_plots
 from tirgeo_ros.tools.evaluate.result import Evaluation, MethodResult, Still
+from tirgeo_ros.tools.evaluate.summary import summary
+from tirgeo_ros.tools.evaluate.tables import Table, tables
 from tirgeo_ros.tools.evaluate.verdict import verdict
 
 _STYLE = """
@@ -27,8 +28,7 @@ table { border-collapse: collapse; font-variant-numeric: tabular-nums; margin: .
 th, td { padding: .15rem .7rem; text-align: right; border-bottom: 1px solid #eee;
   white-space: nowrap; }
 th:first-child, td:first-child { text-align: left; position: sticky; left: 0; background: #fff; }
-thead th, tfoot th { border-bottom: 2px solid #999; }
-tfoot th { border-bottom: 0; border-top: 2px solid #999; }
+thead th { border-bottom: 2px solid #999; }
 .wide { overflow-x: auto; }
 figure { margin: 1.2rem 0; }
 figure img { width: 100%; height: auto; display: block; }
@@ -55,12 +55,7 @@ def report_html(found: Evaluation) -> str:
         f'<p class="verdict">{escape(verdict(found.methods))}</p>',
         f'<p class="lead">{_lead(found)}</p>',
         *_remarks(found),
-        "<h2>By method</h2>",
-        _methods_table(found),
-        "<h2>Paired t-test</h2>",
-        _tests_table(found),
-        "<h2>By control point</h2>",
-        _points_table(found),
+        *[_table(one) for one in tables(summary(found))],
         *[_figure(plot) for plot in (*ground_plots(found), *flight_plots(found))],
         *_stills(found.stills),
         "<h2>Parameters as used</h2>",
@@ -80,7 +75,7 @@ def _lead(found: Evaluation) -> str:
     """Return what was compared with what, and where."""
     checks = found.checks
     seen = sum(name not in checks.unobserved_ids for name in found.control)
-    ground = found.methods[0].ground_words if found.methods else ""
+    ground = found.methods[0].setup.ground_words if found.methods else ""
     words = [
         f"{checks.observations} observations",
         f"{seen} of {len(found.control)} surveyed points observed",
@@ -102,71 +97,16 @@ def _remarks(found: Evaluation) -> list[str]:
     ]
 
 
-def _methods_table(found: Evaluation) -> str:
-    head = ("", *[method.method for method in found.methods])
-    measures = (
-        "mean of the points, m", "rmse, m", "CE90, m", "mean east, m", "mean north, m",
-        "located", "in the 95 % ellipse", "gimbal",
-    )  # fmt: skip
-    columns = [_method_column(method) for method in found.methods]
-    return _table(head, list(zip(measures, *columns, strict=True)))
-
-
-def _method_column(method: MethodResult) -> list[str]:
-    errors = method.errors
-    mean = errors.mean_error_en
-    inside = sum(one.is_inside for one in method.located)
-    count = len(method.located)
-    return [
-        _metres(errors.mean_point_rmse_m),
-        _metres(errors.rmse_m),
-        _metres(errors.ce90_m),
-        *([_metres(None)] * 2 if mean is None else [f"{value:+.3f}" for value in mean.tolist()]),
-        f"{count} of {count + len(method.refused)}",
-        f"{inside} of {count}",
-        method.composition,
-    ]
-
-
-def _tests_table(found: Evaluation) -> str:
-    rows = [(one.first, one.second, _p_value(one.p_value, one.note)) for one in found.tests]
-    table = _table(("method", "beside", "p-value"), rows)
-    explanation = (
-        "Two-sided p-values of the points' root mean square errors, pair by pair (Table 7)."
+def _table(one: Table) -> str:
+    rows = "".join(_row(row, "td") for row in one.rows)
+    body = f"<thead>{_row(one.head, 'th')}</thead><tbody>{rows}</tbody>"
+    return "\n".join(
+        [
+            f"<h2>{escape(one.title[:1].upper() + one.title[1:])}</h2>",
+            f'<div class="wide"><table>{body}</table></div>',
+            *(f"<p>{escape(note)}</p>" for note in one.notes),
+        ]
     )
-    return f"{table}\n<p>{explanation}</p>"
-
-
-def _p_value(value: float | None, note: str) -> str:
-    if value is None:
-        return note
-    return f"{value:.4f}" if value >= 1e-4 else "< 0.0001"
-
-
-def _points_table(found: Evaluation) -> str:
-    columns = [(method.method, method.errors.point_rmse_m) for method in found.methods]
-    rows = [
-        [name, *[_metres(errors.get(name)) for _, errors in columns]] for name in found.control
-    ]
-    foot = ["mean", *[_metres(method.errors.mean_point_rmse_m) for method in found.methods]]
-    table = _table(("point", *[name for name, _ in columns]), rows, foot)
-    explanation = "Root mean square over a point's observations, m (Equation 24, Table 6)."
-    return f"{table}\n<p>{explanation}</p>"
-
-
-def _metres(value: float | None) -> str:
-    return "-" if value is None else f"{value:.3f}"
-
-
-def _table(
-    head: Iterable[str], rows: Iterable[Sequence[str]], foot: Sequence[str] | None = None
-) -> str:
-    lines = ["<thead>", _row(head, "th"), "</thead>", "<tbody>"]
-    lines += [_row(row, "td") for row in rows]
-    lines.append("</tbody>")
-    if foot is not None:
-        lines += ["<tfoot>", _row(foot, "th"), "</tfoot>"]
-    return '<div class="wide"><table>' + "".join(lines) + "</table></div>"
 
 
 def _row(cells: Iterable[str], tag: str) -> str:
@@ -203,7 +143,7 @@ def _embedded(content: bytes, kind: str, words: str) -> str:
 def _parameters(method: MethodResult) -> str:
     lines = [
         f"{node}: {name}: {value}"
-        for node, values in method.parameters.items()
+        for node, values in method.setup.parameters.items()
         for name, value in values.items()
     ]
     text = escape("\n".join(lines))

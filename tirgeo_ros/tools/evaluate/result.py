@@ -10,17 +10,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from tirgeo_ros.core.accuracy.ground_errors import GroundErrors
 from tirgeo_ros.core.camera.projection_covariance import CHI2_95
-from tirgeo_ros.core.config.schema import Value
-from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ground.ground_point import Ellipse
 from tirgeo_ros.core.types.arrays import Array, IntArray
 from tirgeo_ros.core.types.finding import Finding
+from tirgeo_ros.tools.evaluate.methods import MethodSetup
 from tirgeo_ros.tools.evaluate.projection import Projection
 from tirgeo_ros.tools.evaluate.systematic import PixelMoves
 from tirgeo_ros.tools.evaluate.t_test import PairedTest
@@ -30,8 +30,7 @@ from tirgeo_ros.tools.replay.recorded_flight import BodyErrors
 SERIES_HZ = 10.0
 
 
-@dataclass(frozen=True, slots=True)
-class ControlPoint:
+class ControlPoint(NamedTuple):
     """Hold a surveyed point in the projected plane."""
 
     id: str
@@ -75,8 +74,7 @@ def ground_errors(located: Sequence[LocatedPoint]) -> GroundErrors:
     return GroundErrors([one.id for one in located], errors_en)
 
 
-@dataclass(frozen=True, slots=True)
-class RefusedPoint:
+class RefusedPoint(NamedTuple):
     """Hold one observation that a method could not locate."""
 
     id: str
@@ -101,26 +99,20 @@ class AttitudeSeries:
 class PoseTrack(AttitudeSeries):
     """Hold poses at N instants, with the standard deviations that the method predicts."""
 
-    east_m: Array  # (N,)
-    north_m: Array  # (N,)
+    place_en: Array  # (N, 2) east, north, m
     height_m: Array  # (N,) ellipsoidal
     sigma_position_n: Array  # (N, 3) north, east, down, m
     sigma_attitude_n: Array  # (N, 3) of the rotation about north, east, down, rad
 
 
-@dataclass(frozen=True)
-class FixTrack:
+class FixTrack(NamedTuple):
     """Hold antenna positions of a receiver at N instants, as they came."""
 
     stamp_ns: IntArray  # (N,)
-    east_m: Array  # (N,)
-    north_m: Array  # (N,)
-    height_m: Array  # (N,) ellipsoidal
-    status: npt.NDArray[np.int64]  # (N,) FixStatus: 2 fixed, 1 float, 0 single, -1 none
+    place_en: Array  # (N, 2) east, north, m
 
 
-@dataclass(frozen=True)
-class Innovations:
+class Innovations(NamedTuple):
     """Hold the filter's innovations for one source, of the samples that it compared."""
 
     source: str  # rtk_position, rtk_velocity, rtk_heading, gps_position, gps_velocity
@@ -140,27 +132,28 @@ class Sensors:
     gps: FixTrack
     autopilot: AttitudeSeries  # of the body
     gimbal: AttitudeSeries  # of the camera body, as the flight controller reports it
-    image_stamps_ns: IntArray  # (M,) of the bag's pictures, in order
 
 
 @dataclass(frozen=True)
 class MethodResult:
     """Hold the experiment's result under one method."""
 
-    method: str
+    setup: MethodSetup
     composition: str  # of the gimbal: paper or encoders
     state: str  # the filter's at the end
-    ground: Ground
-    ground_words: str
     located: Sequence[LocatedPoint]
     refused: Sequence[RefusedPoint]
     body: PoseTrack
     camera: PoseTrack  # attitude of the camera body: forward, right, down
     innovations: Sequence[Innovations]
     verdicts: Mapping[str, int]  # "source outcome" -> number
-    parameters: Mapping[str, Mapping[str, Value]]  # node -> dotted name -> value, as used
     #: Errors of the body's poses after the filter has settled; None without a truth.
-    against_truth: BodyErrors | None = None
+    against_truth: BodyErrors | None
+
+    @property
+    def method(self) -> str:
+        """Return the method's name."""
+        return self.setup.method
 
     @cached_property
     def errors(self) -> GroundErrors:
@@ -168,8 +161,7 @@ class MethodResult:
         return ground_errors(self.located)
 
 
-@dataclass(frozen=True, slots=True)
-class Still:
+class Still(NamedTuple):
     """Hold a picture of the overlay."""
 
     caption: str
@@ -177,7 +169,7 @@ class Still:
 
 
 @dataclass(frozen=True)
-class InputChecksResult:
+class InputChecks:
     """Hold the comparison of observations, survey and pictures."""
 
     observations: int
@@ -198,7 +190,7 @@ class Evaluation:
     observations_path: str
     projection: Projection
     control: Mapping[str, ControlPoint]  # every surveyed point by its id
-    checks: InputChecksResult
+    checks: InputChecks
     sensors: Sensors
     methods: Sequence[MethodResult]  # those that could be run, in the order of the paper
     missing: Mapping[str, str]  # method -> the reason why it could not be run
@@ -207,7 +199,7 @@ class Evaluation:
     stills: Sequence[Still]  # of the last method; empty if the bag has no pictures
     notes: Sequence[str]
     error: str | None  # what makes the run a failure although there is a result
-    findings: Sequence[Finding] = ()  # problems of set-up or sensors, the worst first
+    findings: Sequence[Finding]  # problems of set-up or sensors, the worst first
 
     def method(self, name: str) -> MethodResult | None:
         """Return a method by its name, or None if it is missing."""

@@ -19,7 +19,7 @@ from tirgeo_ros.core.frames.rotations import (
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.streams.rates import RateLimit
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
-from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.arrays import Array, IntArray
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
     ImuSample,
@@ -71,15 +71,12 @@ class MethodSeries:
         for verdict in self._pending:
             self._verdicts[verdict.source].append((sample.stamp_ns, verdict))
         self._pending.clear()
-        if found.solution is not None:
-            self._keep(found.solution)
-        self._cameras += [one for one in found.cameras if self._camera_rate.due(one.stamp_ns)]
-
-    def _keep(self, solution: NavSolution) -> None:
-        if self._solution_rate.due(solution.stamp_ns):
+        solution = found.solution
+        if solution is not None and self._solution_rate.due(solution.stamp_ns):
             self._solutions.append(solution)
-        if self._truth is not None:
+        if solution is not None and self._truth is not None:
             self._bodies.append(self._truth.plane.body_pose(solution))
+        self._cameras += [one for one in found.cameras if self._camera_rate.due(one.stamp_ns)]
 
     @property
     def has_poses(self) -> bool:
@@ -104,60 +101,49 @@ class MethodSeries:
     def camera(self, plane: TangentPlane, projection: Projection) -> PoseTrack:
         """Return the poses of the camera; the attitude is that of the camera body."""
         found = self._cameras
-        places = plane.geodetic_from_ned(_rows([p.position_n for p in found], 3))
+        places = np.stack(plane.geodetic_from_ned(_rows([p.position_n for p in found], 3)), -1)
+        # The axes of the plane are rotated to those at the camera.
+        turned = [
+            quat_multiply(
+                quat_conjugate(quat_from_matrix(plane.rotation_from_local(*at))), pose.q_nc
+            )
+            for pose, at in zip(found, places[:, :2].tolist(), strict=True)
+        ]
         return _track(
             [p.stamp_ns for p in found],
-            _camera_attitudes(found, plane, places[0], places[1]),
-            np.stack(places, axis=-1),
+            quat_multiply(_rows(turned, 4), _Q_OPTICAL_BODY),
+            places,
             _rows([p.covariance.diagonal() for p in found], 6),
             projection,
         )
 
     def innovations(self) -> list[Innovations]:
         """Return the innovations by source, sorted by the sources' names."""
-        ordered = sorted(self._verdicts.items(), key=lambda item: item[0].value)
-        return [_innovations(source, verdicts) for source, verdicts in ordered]
-
-
-def _innovations(source: Source, verdicts: Sequence[tuple[int, Verdict]]) -> Innovations:
-    return Innovations(
-        source.value,
-        np.array([stamp for stamp, _ in verdicts], np.int64),
-        np.array([verdict.innovation for _, verdict in verdicts]),
-        np.array([verdict.test_ratio for _, verdict in verdicts]),
-        np.array([verdict.used for _, verdict in verdicts]),
-    )
+        return [
+            Innovations(
+                source.value,
+                np.array([stamp for stamp, _ in verdicts], np.int64),
+                np.array([verdict.innovation for _, verdict in verdicts]),
+                np.array([verdict.test_ratio for _, verdict in verdicts]),
+                np.array([verdict.used for _, verdict in verdicts]),
+            )
+            for source, verdicts in sorted(self._verdicts.items(), key=lambda item: item[0].value)
+        ]
 
 
 def _track(
     stamps_ns: list[int], q_n: Array, geodetic: Array, variances: Array, projection: Projection
 ) -> PoseTrack:
     """Return a track of N poses: attitudes (N, 4), places (N, 3) rad, m, variances (N, 6)."""
-    place_en = projection.project(geodetic[:, 0], geodetic[:, 1])
     sigma = np.sqrt(np.maximum(variances, 0))
     return PoseTrack(
         np.array(stamps_ns, np.int64),
         euler_from_quat(q_n),
-        place_en[:, 0],
-        place_en[:, 1],
+        projection.project(geodetic[:, 0], geodetic[:, 1]),
         geodetic[:, 2],
         sigma[:, :3],
         sigma[:, 3:],
     )
-
-
-def _camera_attitudes(
-    poses: Sequence[CameraPose], plane: TangentPlane, latitude_rad: Array, longitude_rad: Array
-) -> Array:
-    """Return quaternions (N, 4) from camera body to north, east, down at the camera.
-
-    The axes of the plane are rotated to those at the camera.
-    """
-    turned = [
-        quat_multiply(quat_conjugate(quat_from_matrix(plane.rotation_from_local(*at))), pose.q_nc)
-        for pose, *at in zip(poses, latitude_rad.tolist(), longitude_rad.tolist(), strict=True)
-    ]
-    return quat_multiply(_rows(turned, 4), _Q_OPTICAL_BODY)
 
 
 def _rows(rows: Sequence[Sequence[float] | Array], width: int) -> Array:
@@ -171,57 +157,42 @@ class SensorSeries:
     topics = ("imu/data", "rtk/fix", "gps/fix", "gimbal/attitude")
 
     def __init__(self) -> None:
-        self._fixes: dict[Source, list[PositionSample]] = {
-            Source.RTK_POSITION: [],
-            Source.GPS_POSITION: [],
-        }
-        self._attitudes: dict[type, list[tuple[int, Array]]] = {
-            ImuSample: [],
-            CameraAttitudeSample: [],
-        }
-        self._rates = {key: RateLimit(SERIES_HZ) for key in (*self._fixes, *self._attitudes)}
+        self._kept: defaultdict[object, list[tuple[int, Array]]] = defaultdict(list)
+        self._rates: defaultdict[object, RateLimit] = defaultdict(lambda: RateLimit(SERIES_HZ))
 
     def take(self, sample: Sample) -> None:
-        """Keep a sample if its rate allows it."""
+        """Keep a sample if it is usable and its rate allows it."""
         if isinstance(sample, PositionSample):
-            place = sample.latitude_rad + sample.longitude_rad + sample.height_m
-            if math.isfinite(place) and self._rates[sample.source].due(sample.stamp_ns):
-                self._fixes[sample.source].append(sample)
-        elif isinstance(sample, ImuSample):
-            self._keep(sample, sample.autopilot_q_nb)
-        elif isinstance(sample, CameraAttitudeSample):
-            self._keep(sample, sample.q_ng)
-
-    def _keep(self, sample: Sample, q_n: Array | None) -> None:
-        if q_n is None or not usable_attitude(q_n):
+            place = np.array([sample.latitude_rad, sample.longitude_rad, sample.height_m])
+            self._keep(
+                sample.source, sample.stamp_ns, place, usable=bool(np.isfinite(place).all())
+            )
             return
-        if self._rates[type(sample)].due(sample.stamp_ns):
-            self._attitudes[type(sample)].append((sample.stamp_ns, q_n))
+        q_n: Array | None = None
+        if isinstance(sample, ImuSample):
+            q_n = sample.autopilot_q_nb
+        elif isinstance(sample, CameraAttitudeSample):
+            q_n = sample.q_ng
+        if q_n is not None:
+            self._keep(type(sample), sample.stamp_ns, q_n, usable=usable_attitude(q_n))
 
-    def sensors(self, projection: Projection, picture_stamps_ns: Sequence[int]) -> Sensors:
+    def _keep(self, kind: object, stamp_ns: int, values: Array, *, usable: bool) -> None:
+        if usable and self._rates[kind].due(stamp_ns):
+            self._kept[kind].append((stamp_ns, values))
+
+    def sensors(self, projection: Projection) -> Sensors:
         """Return the series in the projected plane."""
-        return Sensors(
-            _fix_track(self._fixes[Source.RTK_POSITION], projection),
-            _fix_track(self._fixes[Source.GPS_POSITION], projection),
-            _attitudes(self._attitudes[ImuSample]),
-            _attitudes(self._attitudes[CameraAttitudeSample]),
-            np.array(sorted(picture_stamps_ns), np.int64),
-        )
+        fixes = []
+        for source in (Source.RTK_POSITION, Source.GPS_POSITION):
+            stamps, places = self._series(source, 3)
+            fixes.append(FixTrack(stamps, projection.project(places[:, 0], places[:, 1])))
+        attitudes = []
+        for kind in (ImuSample, CameraAttitudeSample):
+            stamps, q_n = self._series(kind, 4)
+            attitudes.append(AttitudeSeries(stamps, euler_from_quat(q_n)))
+        return Sensors(*fixes, *attitudes)
 
-
-def _attitudes(found: Sequence[tuple[int, Array]]) -> AttitudeSeries:
-    stamps = np.array([stamp for stamp, _ in found], np.int64)
-    return AttitudeSeries(stamps, euler_from_quat(_rows([q for _, q in found], 4)))
-
-
-def _fix_track(found: Sequence[PositionSample], projection: Projection) -> FixTrack:
-    place_en = projection.project(
-        np.array([p.latitude_rad for p in found]), np.array([p.longitude_rad for p in found])
-    ).reshape(-1, 2)
-    return FixTrack(
-        np.array([p.stamp_ns for p in found], np.int64),
-        place_en[:, 0],
-        place_en[:, 1],
-        np.array([p.height_m for p in found]),
-        np.array([int(p.status) for p in found], np.int64),
-    )
+    def _series(self, kind: object, width: int) -> tuple[IntArray, Array]:
+        found = self._kept[kind]
+        stamps = np.array([stamp for stamp, _ in found], np.int64)
+        return stamps, _rows([values for _, values in found], width)

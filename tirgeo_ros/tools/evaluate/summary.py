@@ -6,7 +6,10 @@ import json
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
+from dataclasses import asdict
 from pathlib import Path
+
+import numpy as np
 
 from tirgeo_ros.core.config import METHODS
 from tirgeo_ros.core.config.schema import Value
@@ -19,10 +22,9 @@ from tirgeo_ros.io.files.whole_files import (
     write_files,
 )
 from tirgeo_ros.io.parameters.parameter_output import parameters_yaml
-from tirgeo_ros.tools.evaluate.result import Evaluation, LocatedPoint, MethodResult
+from tirgeo_ros.tools.evaluate.methods import CALIBRATED
+from tirgeo_ros.tools.evaluate.result import Evaluation, LocatedPoint, MethodResult, RefusedPoint
 from tirgeo_ros.tools.evaluate.series import SETTLED_S
-from tirgeo_ros.tools.evaluate.setups import CALIBRATED
-from tirgeo_ros.tools.evaluate.t_test import PairedTest
 from tirgeo_ros.tools.evaluate.verdict import verdict
 from tirgeo_ros.tools.replay.finding_lines import finding_items
 from tirgeo_ros.tools.replay.recorded_flight import BodyErrors
@@ -46,33 +48,22 @@ _OBSERVATION_COLUMNS = (
 
 def summary(found: Evaluation) -> dict[str, object]:
     """Return all numbers, for JSON: lengths in m, in the projected plane."""
-    checks, projection = found.checks, found.projection
     return {
         "verdict": verdict(found.methods),
         "input": found.bag,
         "survey": found.survey_path,
         "observations": found.observations_path,
-        "projection": {
-            "name": projection.name,
-            "definition": projection.definition,
-            "central_meridian_deg": projection.central_meridian_deg,
-            "scale": projection.scale,
-        },
+        "projection": asdict(found.projection),
         "methods": {one.method: _method(one) for one in found.methods},
         "missing": dict(found.missing),
         "points": _points(found),
-        "t_tests": [_test(one) for one in found.tests],
-        "checks": {
-            "observations": checks.observations,
-            "unknown_ids": dict(checks.unknown_ids),
-            "unobserved_ids": list(checks.unobserved_ids),
-            "off_pictures": checks.off_pictures,
-            "off_pictures_most_s": checks.off_pictures_most_s,
-        },
+        "t_tests": [asdict(one) for one in found.tests],
+        "checks": asdict(found.checks),
         "definitions": DEFINITIONS,
         "notes": list(found.notes),
         "findings": finding_items(found.findings),
-        "warning": _warning(found),
+        "warning": "; ".join(f"{one} is missing: {why}" for one, why in found.faults.items())
+        or None,
         "error": found.error,
     }
 
@@ -92,7 +83,7 @@ def _method(one: MethodResult) -> dict[str, object]:
         "refused": dict(Counter(point.reason for point in one.refused)),
         "composition": one.composition,
         "state": one.state,
-        "ground": one.ground_words,
+        "ground": one.setup.ground_words,
         "verdicts": dict(one.verdicts),
         "against_truth": None if one.against_truth is None else _truth(one.against_truth),
     }
@@ -121,23 +112,6 @@ def _points(found: Evaluation) -> dict[str, dict[str, object]]:
         for name, point in found.control.items()
         if name in seen
     }
-
-
-def _test(test: PairedTest) -> dict[str, object]:
-    return {
-        "first": test.first,
-        "second": test.second,
-        "points": test.points,
-        "mean_difference_m": test.mean_difference_m,
-        "t": test.t,
-        "p_value": test.p_value,
-        "note": test.note,
-    }
-
-
-def _warning(found: Evaluation) -> str | None:
-    faults = [f"{method} is missing: {reason}" for method, reason in found.faults.items()]
-    return "; ".join(faults) or None
 
 
 def check_folder(folder: PathLike, inputs: Iterable[PathLike | None]) -> None:
@@ -180,7 +154,7 @@ def _parameters(found: Evaluation, one: MethodResult) -> str:
     """Return the parameters that are set: NaN and empty lists or strings are unset."""
     nodes = {
         node: {name: value for name, value in values.items() if _is_set(value)}
-        for node, values in one.parameters.items()
+        for node, values in one.setup.parameters.items()
     }
     return parameters_yaml(nodes, f"With what the method {one.method} ran over {found.bag}.")
 
@@ -192,40 +166,35 @@ def _is_set(value: Value) -> bool:
 def _points_csv(found: Evaluation) -> str:
     methods = [one.method for one in found.methods]
     rows: list[list[object]] = [["id", *(f"{name}_rmse_m" for name in methods), "observations"]]
-    columns = {one.method: one.errors.point_rmse_m for one in found.methods}
     for name, point in _points(found).items():
-        errors = [_metres(columns[method].get(name)) for method in methods]
-        rows.append([name, *errors, point["observations"]])
+        errors = (one.errors.point_rmse_m.get(name) for one in found.methods)
+        rows.append([name, *map(_metres, errors), point["observations"]])
     return csv_text(rows)
 
 
 def _observations_csv(found: Evaluation) -> str:
     rows: list[list[object]] = [list(_OBSERVATION_COLUMNS)]
     for one in found.methods:
-        rows += [_located_row(one.method, point) for point in one.located]
-        rows += [
-            [point.id, point.stamp_ns, *_pixel(point.uv), one.method, *[""] * 11, point.reason]
-            for point in one.refused
-        ]
+        for point in (*one.located, *one.refused):
+            measured = (
+                [*[""] * 11, point.reason]
+                if isinstance(point, RefusedPoint)
+                else [*_measured(point), ""]
+            )
+            pixel = [f"{pixels:.3f}" for pixels in point.uv]
+            rows.append([point.id, point.stamp_ns, *pixel, one.method, *measured])
     return csv_text(rows)
 
 
-def _located_row(method: str, point: LocatedPoint) -> list[object]:
-    ellipse = point.ellipse
-    variances = point.covariance_en.diagonal().tolist()
+def _measured(point: LocatedPoint) -> list[str]:
+    """Return the columns from ``east_m`` to ``ellipse_azimuth_deg``."""
+    sigmas = np.sqrt(np.maximum(point.covariance_en.diagonal(), 0.0)).tolist()
     metres = [
         *(point.east_m, point.north_m, point.height_m),
         *(*point.error_en.tolist(), point.distance_m),
-        *(math.sqrt(max(variance, 0.0)) for variance in variances),
-        *(ellipse.major_m, ellipse.minor_m),
+        *(*sigmas, point.ellipse.major_m, point.ellipse.minor_m),
     ]
-    azimuth = f"{math.degrees(ellipse.azimuth_rad):.2f}"
-    seen = [point.id, point.stamp_ns, *_pixel(point.uv), method]
-    return [*seen, *map(_metres, metres), azimuth, ""]
-
-
-def _pixel(uv: tuple[float, float]) -> list[str]:
-    return [f"{pixels:.3f}" for pixels in uv]
+    return [*map(_metres, metres), f"{math.degrees(point.ellipse.azimuth_rad):.2f}"]
 
 
 def _metres(value: float | None) -> str:

@@ -5,7 +5,7 @@ The pairs are a point's root mean square errors (Eq. 24) under both methods.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -33,22 +33,23 @@ def paired_test(
 ) -> PairedTest:
     """Compare two methods; ``errors_m`` is method -> point -> error."""
     common = sorted(errors_m[first].keys() & errors_m[second].keys())
-    differences = np.array([errors_m[first][name] - errors_m[second][name] for name in common])
+    columns = [np.array([errors_m[name][point] for point in common]) for name in (first, second)]
+    differences = columns[0] - columns[1]
     mean = float(differences.mean()) if common else None
+    note = ""
     if len(common) < 2:
-        return PairedTest(first, second, len(common), mean, None, None, "fewer than 2 points")
-    if np.ptp(differences) <= _ALIKE_M:
+        note = "fewer than 2 points"
+    elif np.ptp(differences) <= _ALIKE_M:
         note = "all differences are alike"
+    if note:
         return PairedTest(first, second, len(common), mean, None, None, note)
     from scipy import stats  # noqa: PLC0415  slow to import
 
-    columns = [[errors_m[method][name] for name in common] for method in (first, second)]
     found = stats.ttest_rel(*columns)
-    return PairedTest(
-        first, second, len(common), mean, float(found.statistic), float(found.pvalue), ""
-    )
+    t, p_value = float(found.statistic), float(found.pvalue)
+    return PairedTest(first, second, len(common), mean, t, p_value, "")
 
 
-def paired_tests(errors_m: Mapping[str, Mapping[str, float]]) -> Sequence[PairedTest]:
+def paired_tests(errors_m: Mapping[str, Mapping[str, float]]) -> list[PairedTest]:
     """Compare each pair of methods once, in their order."""
     return [paired_test(a, b, errors_m) for a, b in combinations(errors_m, 2)]

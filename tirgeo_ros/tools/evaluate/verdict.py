@@ -14,7 +14,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.tools.evaluate.checks import place_notes
 from tirgeo_ros.tools.evaluate.result import MethodResult
 from tirgeo_ros.tools.evaluate.systematic import (
     LEAST_PICTURES,
@@ -23,6 +22,7 @@ from tirgeo_ros.tools.evaluate.systematic import (
     find_systematic,
 )
 
+_ELSEWHERE_M = 500.0  # median error of every method: no drone's camera is so far off
 _CONFIDENCE, _CHANCE = 0.95, 0.01
 _ROUNDING = 1e-9  # of a share times some thousands
 _EIGHTHS = (
@@ -55,6 +55,19 @@ def verdict(methods: Sequence[MethodResult]) -> str:
         mean_m = float(best.errors.distance_m.mean())
         return f"{lead}, {_length(mean_m)} off on average ({best.method})"
     return f"{lead}, {_offset_words(best, pictures)} ({best.method})"
+
+
+def place_notes(methods: Sequence[MethodResult]) -> list[str]:
+    """Return a note if the survey seems to be of another place, else []."""
+    errors_m = [[one.distance_m for one in method.located] for method in methods]
+    usual_m = min((float(np.median(some)) for some in errors_m if some), default=0.0)
+    if usual_m < _ELSEWHERE_M:
+        return []
+    note = (
+        f"the observed points lie {usual_m / 1000:.3g} km from where the survey has them: are "
+        "these the survey and the observations of this flight, in WGS84?"
+    )
+    return [note]
 
 
 def is_honest(share: float, pictures: int) -> bool:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,22 +26,10 @@ from tirgeo_ros.tools.simulate.survey import exposures
 Outgoing = tuple[int, str, Any]  # log time in ns, topic, message
 
 
-@dataclass(frozen=True)
-class TimeWindow:
-    """Hold the part of a flight that is written, by log time; both ends are included."""
-
-    start_ns: int
-    end_ns: int
-
-    def __contains__(self, log_time_ns: int) -> bool:
-        """Return whether a message of this log time is written."""
-        return self.start_ns <= log_time_ns <= self.end_ns
-
-
 def write_flight(
     path: Path,
     flight: SimulatedFlight,
-    window: TimeWindow,
+    window: range,
     camera: Camera,
     renderer: Renderer | None,
     clicks: Sequence[Observation],
@@ -50,7 +37,8 @@ def write_flight(
 ) -> dict[str, int]:
     """Write what the aircraft recorded, and an operator's clicks on its pictures.
 
-    Without a renderer no pictures are written. Return the number of messages by topic.
+    Without a renderer no pictures are written. Only messages whose log time (ns) is in ``window``
+    are. Return the number of messages by topic.
     """
     messages = Messages(Cdr().types)
     streams = [_sensed(messages, flight, window), _video(messages, flight, window, camera)]
@@ -62,7 +50,7 @@ def write_flight(
     return _write(path, merged, window, progress)
 
 
-def write_truth(path: Path, flight: SimulatedFlight, window: TimeWindow) -> dict[str, int]:
+def write_truth(path: Path, flight: SimulatedFlight, window: range) -> dict[str, int]:
     """Write the true poses: the body's at the IMU's rate, the camera's at the gimbal's."""
     messages = Messages(Cdr().types)
     streams = [_true_body(messages, flight, window), _true_camera(messages, flight, window)]
@@ -71,34 +59,31 @@ def write_truth(path: Path, flight: SimulatedFlight, window: TimeWindow) -> dict
 
 
 def _write(
-    path: Path, outgoing: Iterator[Outgoing], window: TimeWindow, progress: Report
+    path: Path, outgoing: Iterator[Outgoing], window: range, progress: Report
 ) -> dict[str, int]:
     counts: dict[str, int] = {}
-    total_s = (window.end_ns - window.start_ns) / 1e9
+    total_s = len(window) / 1e9
     with BagWriter(path) as bag:
         for log_time_ns, topic, message in outgoing:
             bag.write(f"/{topic}", TOPIC_TYPES[topic], message, log_time_ns)
             counts[topic] = counts.get(topic, 0) + 1
-            progress((log_time_ns - window.start_ns) / 1e9, total_s)
+            progress((log_time_ns - window.start) / 1e9, total_s)
     return dict(sorted(counts.items()))
 
 
-def _sensed(messages: Messages, flight: SimulatedFlight, window: TimeWindow) -> Iterator[Outgoing]:
+def _sensed(messages: Messages, flight: SimulatedFlight, window: range) -> Iterator[Outgoing]:
+    pilot = flight.scenario.autopilot
+    sigmas = np.radians([*pilot.tilt_rms_deg, pilot.heading_rms_deg])
+    covariance = np.diag(sigmas**2).ravel()
     for arrival_ns, sample in flight.samples:
         if arrival_ns in window:
             topic, message = sensed(messages, sample)
             if isinstance(sample, ImuSample):
-                message.orientation_covariance = _autopilot_covariance(flight)
+                message.orientation_covariance = covariance
             yield arrival_ns, topic, message
 
 
-def _autopilot_covariance(flight: SimulatedFlight) -> Any:
-    pilot = flight.scenario.autopilot
-    sigmas = np.radians([*pilot.tilt_rms_deg, pilot.heading_rms_deg])
-    return np.diag(sigmas**2).ravel()
-
-
-def _frames(flight: SimulatedFlight, window: TimeWindow) -> Iterator[tuple[int, int, float]]:
+def _frames(flight: SimulatedFlight, window: range) -> Iterator[tuple[int, int, float]]:
     """Yield number, stamp (ns) and exposure time (s) of the pictures.
 
     They arrive at their stamps.
@@ -111,14 +96,14 @@ def _frames(flight: SimulatedFlight, window: TimeWindow) -> Iterator[tuple[int, 
 
 
 def _video(
-    messages: Messages, flight: SimulatedFlight, window: TimeWindow, camera: Camera
+    messages: Messages, flight: SimulatedFlight, window: range, camera: Camera
 ) -> Iterator[Outgoing]:
     for _, stamp_ns, _ in _frames(flight, window):
         yield stamp_ns, "thermal/camera_info", messages.camera_info(camera, stamp_ns)
 
 
 def _pictures(
-    messages: Messages, flight: SimulatedFlight, window: TimeWindow, renderer: Renderer
+    messages: Messages, flight: SimulatedFlight, window: range, renderer: Renderer
 ) -> Iterator[Outgoing]:
     for number, stamp_ns, t_s in _frames(flight, window):
         position, q_pc = flight.gimbal.camera(t_s)
@@ -135,7 +120,7 @@ def _pictures(
 
 
 def _clicks(
-    flight: SimulatedFlight, window: TimeWindow, clicks: Sequence[Observation]
+    flight: SimulatedFlight, window: range, clicks: Sequence[Observation]
 ) -> Iterator[Outgoing]:
     messages = Messages(Cdr().types)
     wait_ns = round(flight.scenario.scene.click_after_s * 1e9)
@@ -145,11 +130,9 @@ def _clicks(
             yield click.stamp_ns + wait_ns, "tirgeo/locate/pixel", message
 
 
-def _true_body(
-    messages: Messages, flight: SimulatedFlight, window: TimeWindow
-) -> Iterator[Outgoing]:
+def _true_body(messages: Messages, flight: SimulatedFlight, window: range) -> Iterator[Outgoing]:
     truth, plane = flight.truth, flight.plane
-    yield window.start_ns, "tirgeo/origin", messages.origin(plane, window.start_ns)
+    yield window.start, "tirgeo/origin", messages.origin(plane, window.start)
     for k, stamp_ns in enumerate(truth.stamp_ns):
         if stamp_ns not in window:
             continue
@@ -169,9 +152,7 @@ def _true_body(
         yield stamp_ns, "tirgeo/fix", messages.fix(solution)
 
 
-def _true_camera(
-    messages: Messages, flight: SimulatedFlight, window: TimeWindow
-) -> Iterator[Outgoing]:
+def _true_camera(messages: Messages, flight: SimulatedFlight, window: range) -> Iterator[Outgoing]:
     epochs = Epochs.at_rate(flight.scenario, flight.scenario.gimbal.rate_hz)
     position, q_pc = flight.gimbal.camera(epochs.t_s)
     for k, stamp_ns in enumerate(epochs.stamp_ns):

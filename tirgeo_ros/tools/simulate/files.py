@@ -10,17 +10,17 @@ from tirgeo_ros.core.types.errors import ScenarioError
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, made_folder, write_files
 from tirgeo_ros.io.surveys.survey import save_observations, save_survey
 from tirgeo_ros.tools.presentation.progress import Report, silent
-from tirgeo_ros.tools.simulate.bags import TimeWindow, write_flight, write_truth
+from tirgeo_ros.tools.simulate.bags import write_flight, write_truth
 from tirgeo_ros.tools.simulate.flight import SimulatedFlight, fly
 from tirgeo_ros.tools.simulate.ground import paint
 from tirgeo_ros.tools.simulate.map_file import map_text
 from tirgeo_ros.tools.simulate.parameters_file import parameters_text
-from tirgeo_ros.tools.simulate.park import Park, lay_out
+from tirgeo_ros.tools.simulate.park import lay_out
 from tirgeo_ros.tools.simulate.relief import WGS84_TEXT, Relief, elevation_text
 from tirgeo_ros.tools.simulate.renderer import Renderer
 from tirgeo_ros.tools.simulate.scenario import load_scenario
 from tirgeo_ros.tools.simulate.survey import sightings, surveyed
-from tirgeo_ros.tools.simulate.targets import Target, targets_of, targets_text
+from tirgeo_ros.tools.simulate.targets import targets_of, targets_text
 
 NAMES = ("flight.mcap", "truth.mcap", "map.geojson", "survey.geojson", "targets.geojson",
          "observations.csv", "params.yaml")  # fmt: skip
@@ -63,12 +63,12 @@ def simulate(
         )
     flight = fly(scenario, seed)
     start_ns = scenario.start_ns + round(start_s * 1e9)
-    window = TimeWindow(start_ns, start_ns + round(duration_s * 1e9))
+    window = range(start_ns, start_ns + round(duration_s * 1e9) + 1)
     return _written(Path(out_dir), flight, window, images=images, progress=progress)
 
 
 def _written(
-    folder: Path, flight: SimulatedFlight, window: TimeWindow, *, images: bool, progress: Report
+    folder: Path, flight: SimulatedFlight, window: range, *, images: bool, progress: Report
 ) -> dict[str, object]:
     camera = flight.scenario.video.camera
     park = lay_out(flight.scenario.park, flight.seed)
@@ -90,14 +90,18 @@ def _written(
     save_survey(folder / "survey.geojson", points)
     save_observations(folder / "observations.csv", clicks)
     write_truth(folder / "truth.mcap", flight, window)
-    renderer = _renderer(flight, park, targets, relief) if images else None
-    seen = sightings(flight, camera, targets) if images else []
+    renderer, seen = None, []
+    if images:
+        ground = paint(park, flight.scenario.park, flight.seed)
+        patches = [patch for target in targets for patch in target.patches()]
+        renderer = Renderer(camera, ground, flight.scenario.video, patches, relief)
+        seen = sightings(flight, camera, targets)
     counts = write_flight(folder / "flight.mcap", flight, window, camera, renderer, seen, progress)
     return {
         "folder": str(folder),
         "scenario": flight.scenario.name,
         "seed": flight.seed,
-        "duration_s": (window.end_ns - window.start_ns) / 1e9,
+        "duration_s": (len(window) - 1) / 1e9,
         "control_points": len(points),
         "observations": len(clicks),
         "targets": len(targets),
@@ -114,11 +118,3 @@ def _check_clear(flight: SimulatedFlight, relief: Relief) -> None:
             f"park: its ground may rise to {relief.highest_m:.1f} m, and the flight is as low as "
             f"{lowest_m:.1f} m: fly {_CLEAR_M:g} m above it, or make slope_deg or hills_m less"
         )
-
-
-def _renderer(
-    flight: SimulatedFlight, park: Park, targets: list[Target], relief: Relief
-) -> Renderer:
-    ground = paint(park, flight.scenario.park, flight.seed)
-    patches = [patch for target in targets for patch in target.patches()]
-    return Renderer(flight.scenario.video.camera, ground, flight.scenario.video, patches, relief)

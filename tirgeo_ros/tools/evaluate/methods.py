@@ -8,14 +8,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from statistics import median
 
-from tirgeo_ros.core.config import METHODS, EkfConfig, GimbalConfig, OverlayConfig
+from tirgeo_ros.core.config import METHODS
 from tirgeo_ros.core.config.schema import Value, values_of
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
-from tirgeo_ros.tools.replay.node_configs import node_configs
+from tirgeo_ros.tools.replay.node_configs import NodeConfigs, node_configs
 
 #: Name of the paper's own method with a boresight calibration.
 CALIBRATED = "calibrated"
@@ -27,22 +27,20 @@ class MethodSetup:
     """Hold a method with its parameters."""
 
     method: str
-    ekf: EkfConfig
-    gimbal: GimbalConfig
-    overlay: OverlayConfig
+    configs: NodeConfigs
     ground: Ground
     ground_words: str
 
     @property
     def latency_ns(self) -> int:
         """Return the time from an exposure to its picture's stamp (ns)."""
-        return round(self.overlay.video_latency_s * 1e9)
+        return round(self.configs.overlay.video_latency_s * 1e9)
 
     @property
     def parameters(self) -> Mapping[str, Mapping[str, Value]]:
         """Return the parameters: node -> dotted name -> value."""
-        nodes = {"ekf_node": self.ekf, "gimbal_node": self.gimbal, "overlay_node": self.overlay}
-        return {node: values_of(config) for node, config in nodes.items()}
+        nodes = ("ekf_node", "gimbal_node", "overlay_node")
+        return {node: values_of(config) for node, config in zip(nodes, self.configs, strict=False)}
 
 
 def method_setups(
@@ -60,45 +58,35 @@ def method_setups(
     both. Without any ground it is level at the median of the survey's heights. Raise ConfigError,
     ElevationError.
     """
-    files = paths_of(params)
-    asked = [(name, name, files) for name in METHODS]
+    asked = [(name, name, paths_of(params)) for name in METHODS]
     if boresight is not None:
-        asked.append((CALIBRATED, _CALIBRATED_IS, [*files, boresight]))
+        asked.append((CALIBRATED, _CALIBRATED_IS, [*paths_of(params), boresight]))
     grounds: dict[object, Ground | None] = {}
     setups = []
-    for name, method, given in asked:
-        ekf, gimbal, overlay, _ = node_configs(
-            given,
-            namespace,
-            method=method,
-            dem=dem,
-            ground_height=ground_height,
-            camera=camera,
+    for name, method, files in asked:
+        configs = node_configs(
+            files, namespace, method=method, dem=dem, ground_height=ground_height, camera=camera
         )
+        overlay = configs.overlay
         key = (str(overlay.ground_height_m), overlay.dem, overlay.dem_undulation_m)
         if key not in grounds:  # an elevation model is large, so each is read once
             grounds[key] = ground_of(overlay)
-        setups.append(_setup(name, ekf, gimbal, overlay, grounds[key], survey_heights_m))
+        setups.append(_setup(name, configs, grounds[key], survey_heights_m))
     return setups
 
 
 def _setup(
-    name: str,
-    ekf: EkfConfig,
-    gimbal: GimbalConfig,
-    overlay: OverlayConfig,
-    ground: Ground | None,
-    survey_heights_m: Sequence[float],
+    name: str, configs: NodeConfigs, ground: Ground | None, survey_heights_m: Sequence[float]
 ) -> MethodSetup:
     if isinstance(ground, Terrain):
-        words = f"elevation model {os.fspath(overlay.dem)}"
+        words = f"elevation model {os.fspath(configs.overlay.dem)}"
     elif ground is None:
         ground = float(median(survey_heights_m))
-        overlay = replace(overlay, ground_height_m=ground)
+        configs = configs._replace(overlay=replace(configs.overlay, ground_height_m=ground))
         words = f"level at {ground:.3f} m, the median of the survey's heights"
     else:
         words = f"level at {ground:.3f} m"
-    return MethodSetup(name, ekf, gimbal, overlay, ground, words)
+    return MethodSetup(name, configs, ground, words)
 
 
 def setup_notes(setups: Sequence[MethodSetup], survey_heights_m: Sequence[float]) -> list[str]:

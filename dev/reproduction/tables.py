@@ -1,0 +1,174 @@
+"""Lay out the results of the commands as the paper's tables, in Markdown."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from dev.paper_tables import (
+    TABLE_1,
+    TABLE_2_M,
+    TABLE_5,
+    TABLE_8_DEG,
+    TABLE_9,
+)
+from dev.reproduction.ground import askew, located, p_values
+from dev.reproduction.markdown import Results, fixed, plus_minus, table
+from tirgeo_ros.core.camera.camera_model import XT2
+
+_AXES = "xyz"
+
+
+def filled(found: Results) -> dict[str, object]:
+    """Return what the template's words in braces stand for."""
+    return (
+        _budget(found)
+        | _imu(found["allan"])
+        | located(found)
+        | askew(found)
+        | {"p_values": p_values(found)}
+        | _boards(found)
+    )
+
+
+def _budget(found: Results) -> dict[str, object]:
+    """Return Tables 1 and 2."""
+    told = found["flight budget"]["flight"]
+    rows = []
+    for name, unit, key in (
+        ("E_Xcam (east)", "m", "east_error_m"),
+        ("E_Ycam (north)", "m", "north_error_m"),
+        ("E_hcam (height)", "m", "height_error_m"),
+        ("E_beta (heading)", "deg", "heading_error_deg"),
+    ):
+        paper = TABLE_1[f"{name.split()[0]}_{unit}"]
+        # The simulator is given the paper's own numbers.
+        numbers = [f"{fixed(value, 4)} {unit}" for value in (paper, paper, told[key])]
+        rows.append([name, *numbers, f"{told[key] / paper:.2f}"])
+    first = table(["error", "paper", "put in", "here", "here / paper"], rows)
+    names = ("Position", "Height", "Position3D", "Yaw")
+    columns = [[TABLE_2_M[f"Cam{name}"] for name in names]]
+    for run, form in (
+        ("budget", "closed"),
+        ("centred budget", "closed"),
+        ("budget", "general"),
+        ("flight budget", "closed"),
+    ):
+        means = {r["factor"]: r["mean_m"] for r in found[run]["rows"] if r["form"] == form}
+        columns.append([means[one] for one in ("position", "height", "position 3d", "heading")])
+    ratios = [columns[1][k] / columns[0][k] for k in range(4)]
+    rows = [
+        [f"E_Cam{name}", *(fixed(column[k], 4) for column in columns), f"{ratios[k]:.2f}"]
+        for k, name in enumerate(names)
+    ]
+    both = [math.hypot(*column[:2]) for column in columns]
+    last = f"{both[1] / columns[0][2]:.2f}"
+    rows.append(["hypotenuse of the first two", *(fixed(one, 4) for one in both), last])
+    forms = ("paper", "Eq. 15-21", "same, centred", "covariance", "flight's own errors")
+    head = ["mean over the field of view, m", *forms, "Eq. 15-21 / paper"]
+    return {
+        "sensor_errors": first,
+        "positions": told["positions"],
+        "headings": told["headings"],
+        "ground_factors": table(head, rows),
+        "height_off": f"{100 * (ratios[1] - 1):.1f} %",
+        "heading_off": f"{100 * (ratios[3] - 1):.1f} %",
+    }
+
+
+#: Name and unit, paper's key, sensor, our key.
+_IMU_ROWS = (
+    ("angle random walk N, rad/√s", "angle_random_walk_rad_sqrt_s", "gyro", "random_walk"),
+    ("velocity random walk N, m/s/√s", "velocity_random_walk_m_s_sqrt_s", "accel", "random_walk"),
+    ("gyro bias, rad/s", "gyro_dynamic_bias_rad_s", "gyro", "bias_sigma"),
+    ("accelerometer bias, m/s²", "accel_dynamic_bias_m_s2", "accel", "bias_sigma"),
+    ("gyro correlation time, s", "gyro_correlation_time_s", "gyro", "correlation_time_s"),
+    (
+        "accelerometer correlation time, s",
+        "accel_correlation_time_s",
+        "accel",
+        "correlation_time_s",
+    ),
+)
+
+
+def _imu(allan: Mapping[str, Any]) -> dict[str, object]:
+    """Return Table 5."""
+    axes = {axis["axis"]: axis for axis in allan["axes"]}
+    rows, walks = [], []
+    for name, key, sensor, ours in _IMU_ROWS:
+        for axis, paper in zip(_AXES, TABLE_5[key], strict=True):
+            here = axes[f"{sensor} {axis}"]
+            given = f"{paper:g}" if ours == "correlation_time_s" else f"{paper:.4e}"
+            rows.append([name, axis, given, *_imu_cells(here, ours, paper)])
+            walks += [abs(here[ours] / paper - 1)] if ours == "random_walk" else []
+    terms = []
+    for name, axis in axes.items():
+        below, beyond = ("", "") if axis["minimum_reached"] else ("< ", "> ")
+        cells = [f"{below}{axis['minimum']:.3e}", f"{beyond}{axis['minimum_at_s']:.0f}"]
+        cells.append(f"{below}{axis['minimum_over_0.664']:.3e}")
+        for key in ("bias_instability", "rate_random_walk"):
+            known = axis[key] is not None and math.isfinite(axis[key])
+            upper = f"< {axis[f'{key}_upper']:.3e}"
+            cells.append(plus_minus(axis[key], axis[f"{key}_sigma"]) if known else upper)
+        terms.append([name, *cells])
+    seen = [name for name, axis in axes.items() if axis["bias_seen"]]
+    return {
+        "imu_noise": table(
+            ["parameter", "axis", "paper, and put in", "here", "here / paper"], rows
+        ),
+        "allan_terms": table(
+            ["axis", "floor of the curve", "at, s", "floor / 0.664", "B", "K"], terms
+        ),
+        "hours": f"{allan['span_s'] / 3600:.2g}",
+        "imu_hz": f"{allan['rate_hz']:.0f}",
+        "walk_off": f"{100 * max(walks):.1f}",
+        "axes_seen": f"{len(seen)} of {len(axes)} axes ({', '.join(seen) or 'none'})",
+    }
+
+
+def _imu_cells(here: Mapping[str, Any], key: str, paper: float) -> list[str]:
+    """Return a parameter of one axis and its ratio, or that the record does not show it."""
+    if key != "random_walk" and not here["bias_seen"]:
+        return ["not seen" if key != "bias_sigma" else f"< {here[key]:.3e}", ""]
+    ratio = f"{here[key] / paper:.2f}"
+    if key != "correlation_time_s":
+        return [plus_minus(here[key], here[f"{key}_sigma"]), ratio]
+    factor = here["correlation_time_factor"]
+    return [f"{here[key]:.0f}{f' (to a factor of {factor:.1f})' if factor else ''}", ratio]
+
+
+def _boards(found: Results) -> dict[str, object]:
+    """Return Tables 8 and 9."""
+    wall, truth = found["gimbal"], found["boards"]["angles_std_deg"]
+    rows = []
+    for axis in ("pitch", "yaw", "roll"):
+        here = wall["std_deg"][axis]
+        numbers = (TABLE_8_DEG[axis], truth[axis], here, wall["noise_deg"][axis])
+        rows.append([axis, *(fixed(one, 4) for one in numbers), f"{here / truth[axis]:.2f}"])
+    head = ["axis, deg", "paper", "put in", "here", "of it noise of the picture", "here / put in"]
+    lens = found["lens"]
+    lengths = {"fx": XT2.fx, "fy": XT2.fy, "cx": XT2.cx, "cy": XT2.cy}
+    true = lengths | dict(zip(("k1", "k2", "p1", "p2"), XT2.distortion, strict=True))
+    fitted = []
+    for name, value in lens["parameters"].items():
+        unit, digits = (", px", 2) if name in lengths else ("", 5)
+        sigma = lens["sigma"][name]
+        cells = [fixed(TABLE_9[name], 4), fixed(value, digits), fixed(sigma, digits)]
+        fitted.append([f"{name}{unit}", *cells, f"{(value - true[name]) / sigma:+.1f}"])
+    return {
+        "gimbal": table(head, rows),
+        "wall_used": wall["used"],
+        "wall_pictures": wall["pictures"],
+        "swing_deg": f"{wall['span_deg']['yaw']:.0f}",
+        "lens": table(
+            ["parameter", "paper, and put in", "here", "sigma", "off by, sigmas"], fitted
+        ),
+        "views_used": lens["views"],
+        "views": lens["pictures"],
+        "views_refused": len(lens["refused"]),
+        "covered": f"{100 * lens['covered_share']:.0f}",
+        "reprojection_px": fixed(lens["reprojection_mean_px"], 3),
+        "worst_view_px": fixed(lens["reprojection_worst_view_px"], 3),
+    }
