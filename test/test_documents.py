@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from project import PROJECT
 
-from tirgeo_ros.tools.cli import _calibrations
+from tirgeo_ros.tools.cli import calibrate
 from tirgeo_ros.tools.cli.main import verbs
 
 PAGES = [PROJECT / "README.md", PROJECT / "CONTRIBUTING.md", *sorted(PROJECT.glob("docs/*.md"))]
@@ -58,7 +58,7 @@ def test_make_targets_exist(page):
 @pytest.mark.parametrize("page", PAGES, ids=ids)
 def test_verbs_exist(page):
     known = {verb.__name__.rpartition(".")[2].rstrip("_") for verb in verbs()}
-    calibrations = {found.name for found in pkgutil.iter_modules(_calibrations.__path__)}
+    calibrations = {found.name for found in pkgutil.iter_modules(calibrate.__path__)}
     text = code(page).replace("ros2 run tirgeo tirgeo", "tirgeo")
     command = re.compile(r"(?:^\s*|`|/)tirgeo ([a-z]+)(?: ([a-z]+)\b)?", re.MULTILINE)
     named = command.findall(text)

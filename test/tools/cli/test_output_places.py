@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tirgeo_ros.core.types.errors import CalibrationError
-from tirgeo_ros.io.files.whole_files import check_outputs, write_files
+from tirgeo_ros.io.files.whole_files import check_outputs
 from tirgeo_ros.tools.cli import main as command
 
 #: What each command writes: options, and of those that take a folder the files in it.
@@ -197,11 +197,3 @@ def test_the_commands_own_output_is_not_replaced(tmp_path):
         finally:
             os.dup2(before, 1)
             os.close(before)
-
-
-def test_no_device_is_written_over(tmp_path):
-    os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(CalibrationError, match="pipe: not a file"):
-        write_files({tmp_path / "pipe": "text"}, CalibrationError)
-    assert (tmp_path / "pipe").is_fifo()
-    assert [one.name for one in tmp_path.iterdir()] == ["pipe"]
