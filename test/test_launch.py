@@ -137,11 +137,6 @@ def test_launch_leaves_the_reach_to_the_user(launch_file, monkeypatch, given):
     assert (PROJECT / "config" / "fastdds.xml").is_file()
 
 
-def test_launch_of_a_live_graph_can_be_for_this_machine_alone(launch_file):
-    environment = environment_of(launch_file, localhost_only="true")
-    assert environment[PROFILE].endswith("fastdds_localhost.xml")
-
-
 def test_launch_leaves_a_users_dds_profile_alone(launch_file, monkeypatch):
     monkeypatch.setenv(PROFILE, "/home/user/own.xml")
     assert environment_of(launch_file) == {}

@@ -44,10 +44,3 @@ def test_the_size_that_a_calibration_is_of_is_named(size):
     width, height = size
     [finding] = lens_findings(replace(BOSON, width=width, height=height), "")
     assert "K is that of 640x512" in finding.evidence
-
-
-def test_another_size_stops():
-    finding = size_finding(BOSON, (336, 256), "overlay_node camera")
-    assert "336x256" in finding.evidence
-    assert "640x512" in finding.evidence
-    assert finding.parameter == "overlay_node camera"

@@ -169,13 +169,6 @@ def test_a_flight_without_turns_or_tilts_says_nothing():
     assert (found.lever_sigma_b > 5).all()  # what is believed before: 10 m
 
 
-def test_too_few_windows_or_fixes_are_none():
-    still = ImuMean(0, 0.05, (0.0, 0.0, -9.81), (0.0, 0.0, 0.0), None, True)
-    path = integrated([still] * 80, quat_from_euler(0, 0, 0), None, np.zeros(3))
-    assert by_positions(path, np.array((1.0, 2.0)), np.zeros((2, 3))) is None
-    assert solved([LeverArmWindow(None, None, overlaps=True)] * 9) is None
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
 def test_another_antenna_and_another_baseline(seed):

@@ -74,11 +74,6 @@ def test_a_map_of_another_place(feature, severity, evidence):
     assert found.parameter == "overlay_node map"
 
 
-def test_a_map_without_features():
-    found = only(map_findings(laid(), GROUND_M))
-    assert (found.check, found.severity) == ("map_empty", Severity.STOP)
-
-
 def test_a_style_sheet_that_hides_all():
     map_of = laid(geo(SQUARE_N), scale_m_px=(0.0, 0.02))
     found = only(map_findings(map_of, GROUND_M, 0.05))
@@ -87,12 +82,6 @@ def test_a_style_sheet_that_hides_all():
     assert "0.02 m" in found.evidence
     assert map_findings(map_of, GROUND_M, 0.01) == []
     assert map_findings(map_of, GROUND_M) == []  # nobody knows how high it will fly
-
-
-def test_a_model_with_a_gap_at_the_place_of_take_off():
-    found = only(dem_findings(model(gap=True), PLANE))
-    assert (found.check, found.severity) == ("dem_elsewhere", Severity.CAUTION)
-    assert "gap" in found.evidence
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,6 @@ import pytest
 
 from tirgeo_ros.core.checks.recording_checks import (
     RecordedTopics,
-    damage_findings,
     no_pose_findings,
     recording_findings,
     unreadable_findings,
@@ -63,10 +62,6 @@ def test_what_is_absent_is_a_fault(absent, parameter):
     assert (severity, named) == ("STOP", parameter)
 
 
-def test_a_given_camera_stands_for_its_topic():
-    assert found(without("thermal/camera_info"), has_camera=True) == []
-
-
 def test_without_pictures_no_gimbal_is_needed():
     """A flight of the filter alone: nothing is wrong with it."""
     assert found({"/imu/data": "Imu", "/rtk/fix": "NavSatFix"}) == [
@@ -104,12 +99,6 @@ def test_a_topic_under_another_name_is_told_where_it_is():
     there = without("imu/data") | {"/mavros/imu/data": "Imu"}
     (finding,) = recording_findings(RecordedTopics(there, CONTRACT))
     assert finding.evidence == "the bag has no /imu/data (there is /mavros/imu/data)"
-
-
-def test_damage():
-    assert damage_findings(None) == []
-    (finding,) = damage_findings("cut off after 3 messages")
-    assert (finding.severity, finding.evidence) == (Severity.CAUTION, "cut off after 3 messages")
 
 
 @pytest.mark.parametrize(

@@ -6,9 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from tirgeo_ros.core.checks.rate_checks import RateChecks
+from tirgeo_ros.core.checks.rate_checks import RateChecks, Stream
 from tirgeo_ros.core.checks.stamp_checks import StampChecks
-from tirgeo_ros.core.checks.streams import Stream
 from tirgeo_ros.core.config import EkfConfig, RtkConfig
 from tirgeo_ros.core.types.finding import Severity
 
@@ -21,14 +20,6 @@ def test_a_rate_is_that_between_gaps():
         stream.add(k * S // 100, k * S // 100)
     assert stream.rate_hz == pytest.approx(100)
     assert (stream.gaps, stream.longest_ns) == (1, 51 * S // 100)
-
-
-def test_stamps_of_zero_count_as_arrivals():
-    stream = Stream(1.0)
-    for k in range(20):
-        stream.add(0, S + k * S // 5)
-    assert stream.unstamped == 20
-    assert stream.rate_hz == pytest.approx(5)
 
 
 def aged(ages_s, config=EkfConfig()):  # noqa: B008 - frozen
