@@ -1,4 +1,4 @@
-"""Check map, style sheet and elevation model against the place of the flight."""
+"""Check map and elevation model against the place of the flight."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _FAR_M = 10_000.0
 #: Part of the map readers' remark on a file that names no coordinate system.
 _NO_SYSTEM = "taken for WGS84"
 _STEP_RAD = 1e-5  # 64 m: short compared with a model, long compared with rounding in its grid
-_MAP, _STYLE, _DEM = "overlay_node map", "overlay_node style", "overlay_node dem"
+_MAP, _DEM = "overlay_node map", "overlay_node dem"
 
 
 class MapChecks:
@@ -56,16 +56,14 @@ class MapChecks:
         return sorted_findings([*self._found, *self._unread])
 
 
-def map_findings(laid: DrapedMap, ground: Ground, scale_m_px: float = math.nan) -> list[Finding]:
+def map_findings(laid: DrapedMap, ground: Ground) -> list[Finding]:
     """Return the faults of a map that was draped in the flight's plane, the most severe first.
 
     The plane's origin is taken as the place of take-off. ``ground`` is what the map was draped on.
-    ``scale_m_px`` is the finest ground length of a pixel in the middle of the picture during the
-    flight, if known; with nan the layers' scale ranges are not checked.
     """
     if not laid.features:
         return [_nothing("the map has no features", _MAP)]
-    found = [*_ground_findings(laid, ground), *_scale_findings(laid, scale_m_px)]
+    found = _ground_findings(laid, ground)
     nearest = NearestFeature(laid.map, laid.first_n).nearest(np.zeros(3))
     if nearest is not None and nearest.distance_m > _FAR_M:
         severity = Severity.STOP if nearest.distance_m > ELSEWHERE_M else Severity.CAUTION
@@ -111,20 +109,6 @@ def _ground_findings(laid: DrapedMap, ground: Ground) -> list[Finding]:
         mend = "give a model that covers the map: they are not drawn there"
         found.append(Finding("map_off_dem", Severity.NOTE, evidence, _DEM, mend))
     return found
-
-
-def _scale_findings(laid: DrapedMap, scale_m_px: float) -> list[Finding]:
-    used = set(laid.map.layer.tolist())
-    ranges = [laid.map.layers[number].style.scale_m_px for number in used]
-    if math.isnan(scale_m_px) or any(scale_m_px <= most for _, most in ranges):
-        return []
-    most = max(most for _, most in ranges)
-    evidence = (
-        f"no layer is shown: a pixel spans {scale_m_px:.2g} m or more, and the style sheet shows "
-        f"none above {most:g} m"
-    )
-    mend = "widen scale of the layers"
-    return [Finding("style_hides_all", Severity.STOP, evidence, _STYLE, mend)]
 
 
 def _beside_m(terrain: Terrain, plane: TangentPlane) -> float:

@@ -156,7 +156,7 @@ def fit_motion(
         scene.pair_rms(scene.residuals(np.zeros(6))),
         scene.pair_rms(scene.residuals(values)),
         scene.pair_rms((scene.second - scene.first) * focal_px),
-        tuple(map(without, (LATENCY, FOCAL, HEIGHT, BORESIGHT))),
+        tuple(without(one) for one in (LATENCY, FOCAL, HEIGHT, BORESIGHT)),
         float(np.median(scene.above_m)),
         float(np.median([one.height_sigma_m for one in pairs])),
     )
