@@ -18,17 +18,9 @@ LINE = re.compile(r"^    (#?)([a-z_.0-9]+): (.+)$", re.MULTILINE)
 #: What a person can face, all lines of values counted.
 MOST_LINES = 25
 MEASURED_BY_THE_OWNER = {
-    "aircraft.gps_antenna_m",
-    "aircraft.gimbal_pivot_m",
-    "aircraft.camera_from_pivot_m",
-    "boresight_rpy_deg",
-    "video_latency_s",
-    "camera",
-    "geoid_undulation_m",
-    "map",
-    "ground_height_m",
-    "dem",
-    "dem_undulation_m",
+    *("aircraft.gps_antenna_m", "aircraft.gimbal_pivot_m", "aircraft.camera_from_pivot_m"),
+    *("boresight_rpy_deg", "video_latency_s", "camera", "geoid_undulation_m", "map"),
+    *("ground_height_m", "dem", "dem_undulation_m"),
 }
 ANTENNAS = {"aircraft.rtk_antenna_m", "aircraft.second_antenna_m"}
 

@@ -27,23 +27,18 @@ class Argument(Recorded):
 @pytest.fixture
 def launch_file(monkeypatch):
     names = {
-        "launch": ("LaunchContext", "LaunchDescription"),
-        "launch.action": ("Action",),
-        "launch.actions": (
-            "DeclareLaunchArgument",
-            "OpaqueFunction",
-            "SetEnvironmentVariable",
-            "Shutdown",
-            "UnsetEnvironmentVariable",
-        ),
-        "launch_ros": (),
-        "launch_ros.actions": ("Node",),
-        "launch_ros.parameter_descriptions": ("ParameterValue",),
-        "launch.substitutions": (),
+        "launch": "LaunchContext LaunchDescription",
+        "launch.action": "Action",
+        "launch.actions": "DeclareLaunchArgument OpaqueFunction SetEnvironmentVariable Shutdown "
+        "UnsetEnvironmentVariable",
+        "launch_ros": "",
+        "launch_ros.actions": "Node",
+        "launch_ros.parameter_descriptions": "ParameterValue",
+        "launch.substitutions": "",
     }
     for module_name, classes in names.items():
         module = ModuleType(module_name)
-        for name in classes:
+        for name in classes.split():
             setattr(module, name, type(name, (Recorded,), {}))
         monkeypatch.setitem(sys.modules, module_name, module)
     sys.modules["launch.substitutions"].LaunchConfiguration = Argument

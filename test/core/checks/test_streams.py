@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from tirgeo_ros.core.checks.rate_checks import RateChecks, Stream
+from tirgeo_ros.core.checks.rate_checks import Stream, rate_findings
 from tirgeo_ros.core.checks.stamp_checks import StampChecks
 from tirgeo_ros.core.config import EkfConfig, RtkConfig
 from tirgeo_ros.core.types.finding import Severity
@@ -73,7 +73,7 @@ def test_two_publishers_are_told_by_their_order():
     for k in range(100):
         stream.add(k * S // 100, k * S // 100)
         stream.add(k * S // 100 - 1, k * S // 100)
-    found = RateChecks(EkfConfig()).findings({"imu/data": stream}, S)
+    found = rate_findings({"imu/data": stream}, EkfConfig(), S)
     assert "stamp_order" in [one.check for one in found]
 
 
@@ -90,8 +90,6 @@ def test_two_publishers_are_told_by_their_order():
     ],
 )
 def test_topics_that_a_method_needs(method, present, absent):
-    checks = RateChecks(replace(EkfConfig(), method=method))
-    streams = dict.fromkeys(present, Stream(1.0))
-    checks.begin(0)
-    assert checks.findings(streams, 5 * S) == []  # it may still come
-    assert [one.check for one in checks.findings(streams, 10 * S)] == absent
+    config, streams = replace(EkfConfig(), method=method), dict.fromkeys(present, Stream(1.0))
+    assert rate_findings(streams, config, 5 * S) == []  # it may still come
+    assert [one.check for one in rate_findings(streams, config, 10 * S)] == absent

@@ -115,13 +115,17 @@ def headings(flight, poses) -> Headings:
     return Headings(t_s, np.degrees(error), np.degrees(sigma))
 
 
+def counts_and_headings(flight, **config):
+    composer, poses = camera_poses(flight, gimbal_config(flight, **config))
+    return composer.counts, headings(flight, poses)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("shape", ["lawnmower", "figure_eight"])
 def test_a_bias_of_three_degrees_is_found_by_a_centred_gimbal(shape):
-    flight = flown(shape=shape, bias_deg=3.0)
-    composer, poses = camera_poses(flight, gimbal_config(flight, centred=True))
-    found = headings(flight, poses).after(SETTLED_S)
-    assert composer.counts["north_used"] >= 1
+    counts, found = counts_and_headings(flown(shape=shape, bias_deg=3.0), centred=True)
+    found = found.after(SETTLED_S)
+    assert counts["north_used"] >= 1
     assert len(found.t_s) == pytest.approx(50 * (DURATION_S - SETTLED_S), abs=1)
     assert np.abs(found.error_deg).max() < BOUND_DEG
     assert np.all(np.abs(found.error_deg) < 3 * found.sigma_deg)
@@ -148,19 +152,15 @@ def test_it_is_found_behind_the_filter_too():
 
 @pytest.mark.slow
 def test_a_bias_that_nothing_shows_is_in_the_covariance():
-    flight = flown(bias_deg=3.0)
-    composer, poses = camera_poses(flight, gimbal_config(flight))
-    found = headings(flight, poses)
-    assert "north_used" not in composer.counts
+    counts, found = counts_and_headings(flown(bias_deg=3.0))
+    assert "north_used" not in counts
     np.testing.assert_allclose(found.error_deg, -3.0, atol=SAMPLE_DEG)
     assert np.all(np.abs(found.error_deg) < 3 * found.sigma_deg)
     assert found.sigma_deg[-1] > found.sigma_deg[0] > 3.0  # and it grows
 
 
 def test_a_calibrated_bias_is_taken_out_at_once():
-    flight = flown(bias_deg=3.0)
-    config = gimbal_config(flight, bias_deg=3.0, sigma_deg=0.5)
-    found = headings(flight, camera_poses(flight, config)[1])
+    _, found = counts_and_headings(flown(bias_deg=3.0), bias_deg=3.0, sigma_deg=0.5)
     assert np.abs(found.error_deg).max() < SAMPLE_DEG
     # 0.5 and a walk of a minute, beside the body's 0.1 and the reported roll's 0.27 sin 30
     assert found.sigma_deg.max() < math.hypot(0.5, 0.03 * math.sqrt(60), 0.1, 0.15)
@@ -169,10 +169,8 @@ def test_a_calibrated_bias_is_taken_out_at_once():
 @pytest.mark.slow
 def test_a_step_in_flight_is_followed():
     """As when RTK is switched on: 4 deg at 30 s, on a leg on which the nose keeps still."""
-    flight = flown(step_deg=4.0, step_s=30.0)
-    composer, poses = camera_poses(flight, gimbal_config(flight, centred=True))
-    found = headings(flight, poses)
-    assert composer.counts["north_reset"] == 1
+    counts, found = counts_and_headings(flown(step_deg=4.0, step_s=30.0), centred=True)
+    assert counts["north_reset"] == 1
     # two seconds until a mean is of the new bias alone, five of refused ones, one mean more
     after = found.after(30.0 + 2.0 + 5.0 + 1.0)
     assert np.abs(after.error_deg).max() < BOUND_DEG
@@ -184,10 +182,8 @@ def test_a_step_in_flight_is_followed():
 @pytest.mark.slow
 def test_a_drift_stays_covered():
     """One degree in 50 s, ten times what the walk says of a minute."""
-    flight = flown(bias_deg=2.0, drift_deg_s=0.02)
-    composer, poses = camera_poses(flight, gimbal_config(flight, centred=True))
-    found = headings(flight, poses)
-    assert "north_reset" not in composer.counts
+    counts, found = counts_and_headings(flown(bias_deg=2.0, drift_deg_s=0.02), centred=True)
+    assert "north_reset" not in counts
     assert np.all(np.abs(found.error_deg) < 3 * found.sigma_deg)
     # the largest gap between readings is a turn of the route and the settling, some 15 s
     assert np.abs(found.after(SETTLED_S).error_deg).max() < BOUND_DEG + 0.02 * 15

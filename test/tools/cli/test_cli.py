@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import signal
@@ -14,13 +13,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from verb_parsers import verb_parsers
 
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.tools.cli import main as command
 from tirgeo_ros.tools.cli._verb import UsageError
-
-MODULE = [sys.executable, "-m", "tirgeo_ros.tools.cli.main"]
-VERBS = command.verbs()
 
 
 def verb(run, **more):
@@ -112,22 +109,12 @@ def test_a_verb_may_find_wrong_use_itself(run_verb, capsys):
     )
 
 
-def _parsers(parser, words="tirgeo"):
-    """Every verb, those within a verb too, with its words."""
-    groups = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
-    if not groups:
-        yield words, parser
-    for group in groups:
-        for name, inner in group.choices.items():
-            yield from _parsers(inner, f"{words} {name}")
-
-
-@pytest.mark.parametrize(("words", "parser"), list(_parsers(command.parser_of(VERBS))), ids=str)
+@pytest.mark.parametrize(("words", "parser"), list(verb_parsers().items()), ids=str)
 def test_each_verbs_help_has_an_example_and_json(words, parser):
     text = parser.format_help()
-    assert f"\n  {words} " in f"{text.partition('example')[2]} "
+    assert f"\n  tirgeo {words} " in f"{text.partition('example')[2]} "
     assert "--json" in text
-    assert parser.prog == words  # which begins its errors
+    assert parser.prog == f"tirgeo {words}"  # which begins its errors
 
 
 def test_help_imports_nothing_heavy():

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import os
 from pathlib import Path
 
 import pytest
+from verb_parsers import verb_parsers
 
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.files.whole_files import check_outputs
@@ -42,17 +42,7 @@ REST = {"board": "9x6", "square": "0.1"}  # what is needed beside files
 PARAMETERS = {"params", "boresight"}  # are read first, for what they name
 
 
-def parsers(parser, words=()):
-    inner = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
-    if not inner:
-        return {" ".join(words): parser}
-    found = {}
-    for name, one in inner[0].choices.items():
-        found |= parsers(one, (*words, name))
-    return found
-
-
-VERBS = parsers(command.parser_of(command.verbs()))
+VERBS = verb_parsers()
 
 
 def inputs_of(verb):

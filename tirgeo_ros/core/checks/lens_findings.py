@@ -20,13 +20,20 @@ _NEAR_RATIO = 0.1  # tolerance, because principal points are off centre too
 _FROM_LENS = "run tirgeo calibrate lens on pictures of this camera"
 
 
-def lens_findings(camera: Camera, lens: str) -> list[Finding]:
-    """Return what is wrong with a calibration; ``lens`` names its source."""
+def lens_findings(camera: Camera, lens: str, size: tuple[int, int] | None = None) -> list[Finding]:
+    """Return what is wrong with a calibration for pictures of a ``size`` (width, height) if known.
+
+    ``lens`` names its source.
+    """
     found = []
 
-    def tell(check: str, severity: Severity, evidence: str) -> None:
-        found.append(Finding(check, severity, evidence, lens, _FROM_LENS))
+    def tell(check: str, severity: Severity, evidence: str, mend: str = _FROM_LENS) -> None:
+        found.append(Finding(check, severity, evidence, lens, mend))
 
+    if size is not None and size != (camera.width, camera.height):
+        evidence = f"pictures are {size[0]}x{size[1]}, the lens {camera.width}x{camera.height}"
+        mend = "calibrate the lens in the pictures' size; nothing is drawn until then"
+        tell("picture_size", Severity.STOP, evidence, mend)
     right, down = camera.cx - (camera.width - 1) / 2, camera.cy - (camera.height - 1) / 2
     if math.hypot(right, down) > _ASIDE * camera.width:
         evidence = (
@@ -51,15 +58,6 @@ def lens_findings(camera: Camera, lens: str) -> list[Finding]:
         evidence = f"the lens model folds within the picture: {share:.0%} of it has no place"
         tell("lens_folds", Severity.CAUTION, evidence)
     return found
-
-
-def size_finding(camera: Camera, size: tuple[int, int], lens: str) -> Finding | None:
-    """Return a finding if the pictures' ``size`` (width, height) is not the calibration's."""
-    if size == (camera.width, camera.height):
-        return None
-    evidence = f"pictures are {size[0]}x{size[1]}, the lens {camera.width}x{camera.height}"
-    mend = "calibrate the lens in the pictures' size; nothing is drawn until then"
-    return Finding("picture_size", Severity.STOP, evidence, lens, mend)
 
 
 def _other_size(camera: Camera) -> str:

@@ -9,13 +9,14 @@ from typing import NamedTuple
 import numpy as np
 
 from tirgeo_ros.core.checks.imu_blocks import ImuMean
-from tirgeo_ros.core.checks.lever_arm_equations import (
+from tirgeo_ros.core.checks.lever_arm_fit import (
     ImuPath,
-    by_positions,
-    by_velocities,
+    LeverArmEstimate,
+    LeverArmWindow,
+    equations,
     integrated,
+    solved,
 )
-from tirgeo_ros.core.checks.lever_arm_solution import LeverArmEstimate, LeverArmWindow, solved
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.navigation.delays import Delays
@@ -130,12 +131,11 @@ class LeverChecks:
         begin_ns = stretch.start_ns + round(delay_s * 1e9)
         end_ns = stretch.end_ns + round(delay_s * 1e9)
         normals = []
-        for aids, fit in zip(self._aids, (by_positions, by_velocities), strict=True):
+        for aids, velocities in zip(self._aids, (False, True), strict=True):
             inside = [aid for aid in aids if begin_ns < aid[0] < end_ns]
             times_s = np.array([stamp_ns - begin_ns for stamp_ns, _ in inside]) * 1e-9
-            rising = len(inside) > 1 and bool((np.diff(times_s) > 0).all())
             values = np.array([value for _, value in inside])
-            normals.append(fit(stretch.path, times_s, values) if rising else None)
+            normals.append(equations(stretch.path, times_s, values, velocities=velocities))
         return LeverArmWindow(normals[0], normals[1], stretch.overlaps)
 
     @property

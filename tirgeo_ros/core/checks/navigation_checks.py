@@ -14,7 +14,7 @@ from tirgeo_ros.core.checks.heading_checks import HeadingChecks
 from tirgeo_ros.core.checks.imu_blocks import ImuBlocks
 from tirgeo_ros.core.checks.lever_arm_checks import LeverChecks
 from tirgeo_ros.core.checks.position_checks import PositionChecks
-from tirgeo_ros.core.checks.rate_checks import RateChecks, Stream, longest_step_s
+from tirgeo_ros.core.checks.rate_checks import Stream, longest_step_s, rate_findings
 from tirgeo_ros.core.checks.stamp_checks import StampChecks
 from tirgeo_ros.core.checks.velocity_checks import VelocityChecks
 from tirgeo_ros.core.checks.vibration_checks import VibrationChecks
@@ -51,13 +51,13 @@ class NavigationChecks:
 
     def _begin(self, config: EkfConfig) -> None:
         self._streams: dict[str, Stream] = {}
-        self._arrived_ns = 0
+        self._first_ns = self._arrived_ns = 0
         self._blocks = ImuBlocks()
         self._force, self._gyro = ForceChecks(config.aircraft), GyroChecks(config.aircraft)
         self._vibration = VibrationChecks(config.imu)
         self._heading = HeadingChecks(config)
         self._positions = PositionChecks(config)
-        self._stamps, self._rates = StampChecks(config), RateChecks(config)
+        self._stamps = StampChecks(config)
         self._covariances = CovarianceChecks(config)
         self._velocities = {
             Source.RTK_VELOCITY: VelocityChecks("rtk/vel", "rtk/fix"),
@@ -70,9 +70,7 @@ class NavigationChecks:
         """Take a sample of a topic (``rtk/fix``), as it arrived."""
         if arrival_ns < self._arrived_ns - _BACK_NS:
             self._begin(self._config)
-        if not self._arrived_ns:
-            self._rates.begin(arrival_ns)
-        self._arrived_ns = arrival_ns
+        self._first_ns, self._arrived_ns = self._first_ns or arrival_ns, arrival_ns
         if topic not in self._streams:
             self._streams[topic] = Stream(longest_step_s(topic, self._config))
         stream = self._streams[topic]
@@ -102,7 +100,7 @@ class NavigationChecks:
             *self._positions.findings(),
             *(one for check in self._velocities.values() for one in check.findings()),
             *self._stamps.findings(self._streams),
-            *self._rates.findings(self._streams, self._arrived_ns),
+            *rate_findings(self._streams, self._config, self._arrived_ns - self._first_ns),
             *self._covariances.findings(),
             *([] if units else self._vibration.findings()),  # its unit would be wrong too
         ]

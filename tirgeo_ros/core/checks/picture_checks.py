@@ -10,7 +10,7 @@ import numpy.typing as npt
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.checks.frame_stamps import FrameStamps
 from tirgeo_ros.core.checks.height_checks import HeightChecks, ground_parameter
-from tirgeo_ros.core.checks.lens_findings import lens_findings, size_finding
+from tirgeo_ros.core.checks.lens_findings import lens_findings
 from tirgeo_ros.core.checks.motion_findings import motion_findings
 from tirgeo_ros.core.checks.picture_motion import PictureMotion
 from tirgeo_ros.core.checks.picture_tracks import PictureTracker
@@ -120,9 +120,7 @@ class PictureChecks:
         return found
 
     def _lens_findings(self, camera: Camera) -> list[Finding]:
-        found = lens_findings(camera, self._lens)
-        different = self._size and size_finding(camera, self._size, self._lens)
-        found += [different] if different else []
+        found = lens_findings(camera, self._lens, self._size)
         fit = self._motion.fit()
         if fit is not None:
             ground = self._ground if self._motion.knows_ground else ""

@@ -72,23 +72,14 @@ def longest_step_s(topic: str, config: EkfConfig) -> float:
     return config.max_imu_gap_s if topic == "imu/data" else config.trust.aid_timeout_s
 
 
-class RateChecks:
-    """Check the streams that the filter's method needs."""
-
-    def __init__(self, config: EkfConfig) -> None:
-        self._config = config
-        self._first_ns: int | None = None
-
-    def begin(self, arrival_ns: int) -> None:
-        """Set the first arrival of any topic."""
-        self._first_ns = arrival_ns
-
-    def findings(self, streams: Mapping[str, Stream], now_ns: int) -> list[Finding]:
-        """Return what is wrong with the streams at ``now_ns``, an arrival time."""
-        found = [*_rates(streams), *_gaps(streams, self._config), *_order(streams)]
-        if self._first_ns is not None and now_ns - self._first_ns > _PATIENCE_NS:
-            found += _absent(streams, self._config.method, (now_ns - self._first_ns) * 1e-9)
-        return found
+def rate_findings(
+    streams: Mapping[str, Stream], config: EkfConfig, waited_ns: int
+) -> list[Finding]:
+    """Return what is wrong with the streams ``waited_ns`` after the first sample of any."""
+    found = [*_rates(streams), *_gaps(streams, config), *_order(streams)]
+    if waited_ns > _PATIENCE_NS:
+        found += _absent(streams, config.method, waited_ns * 1e-9)
+    return found
 
 
 def _absent(streams: Mapping[str, Stream], method: str, waited_s: float) -> list[Finding]:
