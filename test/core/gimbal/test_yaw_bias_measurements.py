@@ -14,8 +14,6 @@ from tirgeo_ros.core.frames.rotations import (
     matrix_from_quat,
     quat_from_euler,
     quat_from_matrix,
-    rotation_z,
-    wrap_pi,
 )
 from tirgeo_ros.core.gimbal.yaw_bias_filter import YawBiasFilter
 from tirgeo_ros.core.gimbal.yaw_bias_measurements import (
@@ -30,19 +28,6 @@ PERIOD_MS = 50
 CENTRED = NorthConfig(centred=True)
 headings = st.floats(-3.1, 3.1)
 biases = st.floats(-0.6, 0.6)
-
-
-@given(headings, st.floats(-math.pi / 2, 0.5))
-def test_right_side_has_the_camera_s_heading_at_any_pitch(yaw, pitch):
-    found = heading_of_right(quat_from_euler(0.0, pitch, yaw))
-    assert wrap_pi(found - yaw) == pytest.approx(0.0, abs=1e-9)
-
-
-@given(headings, st.floats(-math.pi / 2, 0.5), st.floats(-3.0, 3.0))
-def test_vertical_turn_is_the_turn_about_the_vertical(yaw, pitch, turn):
-    q = quat_from_euler(0.02, pitch, yaw)
-    turned = quat_from_matrix(rotation_z(turn) @ matrix_from_quat(q))
-    assert wrap_pi(vertical_turn(q, turned) - turn) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_steep_axes_have_no_heading():
@@ -107,23 +92,6 @@ def test_joints_show_the_bias_without_the_gimbal_being_centred_and_looking_down(
         assert north.updates == 3
         prior_part = 0.1 * (0.2**2 / 3) / 3.0**2
         assert north.bias_rad == pytest.approx(0.1, abs=2 * prior_part)
-
-
-def means(values, nose=None, settle_s=0.0, period_ms=100):
-    mean = SteadyMean(settle_s)
-    noses = [0.0] * len(values) if nose is None else nose
-    found = [
-        mean.add(k * period_ms * MS, nose_rad, value)
-        for k, (nose_rad, value) in enumerate(zip(noses, values, strict=True))
-    ]
-    return [value for value in found if value is not None]
-
-
-@given(st.floats(-math.pi, math.pi), st.lists(st.floats(-0.2, 0.2), min_size=11, max_size=11))
-def test_the_mean_is_the_mean_of_angles(middle, offsets):
-    values = [float(wrap_pi(middle + offset)) for offset in offsets]
-    (found,) = means(values)
-    assert wrap_pi(found - middle - np.mean(offsets)) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_a_gap_or_a_clock_that_goes_back_begins_anew():
