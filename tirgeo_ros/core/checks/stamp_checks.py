@@ -133,7 +133,7 @@ def _unstamped(streams: Mapping[str, Stream], delayed: Collection[str]) -> list[
 
 
 def _worst(off_s: Mapping[str, float]) -> list[tuple[str, str]]:
-    """Return the topic that is farthest off, with a text of the IMU and the other topics."""
+    """Return at most one topic, that farthest off, with a text of the IMU and the other topics."""
     if not off_s:
         return []
     worst = max(off_s, key=lambda topic: abs(off_s[topic]))
