@@ -9,7 +9,6 @@ import pytest
 from project import PROJECT
 
 from tirgeo_ros.core.config import NODE_CONFIGS, AircraftConfig, DjiConfig
-from tirgeo_ros.core.config.schema import parameters_of
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile, load_config
 from tirgeo_ros.tools.replay.node_configs import node_configs
 
@@ -19,20 +18,11 @@ LINE = re.compile(r"^    (#?)([a-z_.0-9]+): (.+)$", re.MULTILINE)
 #: What a person can face, all lines of values counted.
 MOST_LINES = 25
 MEASURED_BY_THE_OWNER = {
-    "aircraft.gps_antenna_m",
-    "aircraft.gimbal_pivot_m",
-    "aircraft.camera_from_pivot_m",
-    "boresight_rpy_deg",
-    "video_latency_s",
-    "camera",
-    "geoid_undulation_m",
-    "map",
-    "ground_height_m",
-    "dem",
-    "dem_undulation_m",
+    *("aircraft.gps_antenna_m", "aircraft.gimbal_pivot_m", "aircraft.camera_from_pivot_m"),
+    *("boresight_rpy_deg", "video_latency_s", "camera", "geoid_undulation_m", "map"),
+    *("ground_height_m", "dem", "dem_undulation_m"),
 }
 ANTENNAS = {"aircraft.rtk_antenna_m", "aircraft.second_antenna_m"}
-WORDS = {"m": "metres", "deg": "degrees", "s": "seconds", "": "", "bit/s": "speed"}
 
 
 def lines(path):
@@ -54,16 +44,6 @@ def test_a_shipped_file_is_short_and_sound_with_all_its_lines(path, tmp_path):
         assert set().union(*values.values()) == set(names)
         for node, kind in NODE_CONFIGS.items():
             given.config(node, kind)
-
-
-@pytest.mark.parametrize("path", [M600, M300], ids=lambda path: path.stem)
-def test_a_comment_above_tells_each_unit(path):
-    units = {one.name: one.unit for kind in NODE_CONFIGS.values() for one in parameters_of(kind)}
-    text = path.read_text()
-    for found in LINE.finditer(text):
-        assert text[: found.start()].rstrip("\n").rpartition("\n")[2].startswith("    ")
-        told = " ".join(text[: found.start()].replace("#", " ").split())
-        assert WORDS[units[found[2]]] in told, found[2]
 
 
 @pytest.mark.parametrize(

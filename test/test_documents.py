@@ -1,4 +1,4 @@
-"""README.md, CONTRIBUTING.md and docs/*.md: links lead somewhere, and what they name exists."""
+"""README.md, CONTRIBUTING.md and docs/*.md: links lead somewhere, what they name exists."""
 
 from __future__ import annotations
 
@@ -9,13 +9,27 @@ from pathlib import Path
 import pytest
 from project import PROJECT
 
-from tirgeo_ros.tools.cli import _calibrations
+from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
+from tirgeo_ros.core.config.schema import parameters_of
+from tirgeo_ros.io.messages import NAVIGATION_INPUTS, TOPIC_TYPES
+from tirgeo_ros.tools.cli import calibrate
 from tirgeo_ros.tools.cli.main import verbs
 
 PAGES = [PROJECT / "README.md", PROJECT / "CONTRIBUTING.md", *sorted(PROJECT.glob("docs/*.md"))]
 LINK = re.compile(r"\]\((?!https?:)([^)\s]+)\)")
 FENCE = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
 CODE = re.compile(r"`[^`]+`|^(?: {4,}|\t).*$", re.MULTILINE)
+
+
+INPUTS = (PROJECT / "docs" / "inputs.md").read_text()
+OTHER_INPUTS = {
+    "gimbal/joint_states",
+    "gimbal/attitude",
+    "thermal/image_raw",
+    "thermal/image_raw/compressed",
+    "thermal/camera_info",
+    "tirgeo/locate/pixel",
+}
 
 
 def ids(path: Path) -> str:
@@ -58,7 +72,7 @@ def test_make_targets_exist(page):
 @pytest.mark.parametrize("page", PAGES, ids=ids)
 def test_verbs_exist(page):
     known = {verb.__name__.rpartition(".")[2].rstrip("_") for verb in verbs()}
-    calibrations = {found.name for found in pkgutil.iter_modules(_calibrations.__path__)}
+    calibrations = {found.name for found in pkgutil.iter_modules(calibrate.__path__)}
     text = code(page).replace("ros2 run tirgeo tirgeo", "tirgeo")
     command = re.compile(r"(?:^\s*|`|/)tirgeo ([a-z]+)(?: ([a-z]+)\b)?", re.MULTILINE)
     named = command.findall(text)
@@ -70,3 +84,20 @@ def test_headings_become_anchors(tmp_path):
     page = tmp_path / "page.md"
     page.write_text("# SROS 2: names, keys\n\n```\n# no heading\n```\n## The IMU's `level`\n")
     assert anchors(page) == {"sros-2-names-keys", "the-imus-level"}
+
+
+def test_every_input_is_there_with_its_type():
+    rows = dict(re.findall(r"^\| `([a-z_/]+)` \| ([a-z_]+/[A-Za-z]+) \|", INPUTS, re.MULTILINE))
+    inputs = {topic for topic, _ in NAVIGATION_INPUTS.values()} | OTHER_INPUTS
+    assert rows == {topic: TOPIC_TYPES[topic].replace("/msg/", "/") for topic in inputs}
+
+
+def test_every_parameter_on_the_page_is_one():
+    known = {
+        parameter.name
+        for config in (EkfConfig, GimbalConfig, OverlayConfig)
+        for parameter in parameters_of(config)
+    }
+    named = re.findall(r"`((?:[a-z]+\.)?[a-z_]+_(?:s|m|m_s|deg))`", INPUTS)
+    assert named
+    assert set(named) <= known

@@ -136,11 +136,6 @@ def changelog():
     return (PROJECT / "CHANGELOG.rst").read_text()
 
 
-def test_pyproject_has_no_project_table():
-    # colcon reads such a table and then ignores setup.py.
-    assert not re.search(r"^\[project", (PROJECT / "pyproject.toml").read_text(), re.MULTILINE)
-
-
 def test_what_the_code_imports_is_in_package_xml_and_no_more(package_xml):
     code = imported_modules(PROJECT / "tirgeo_ros") | message_packages(PROJECT / "tirgeo_ros")
     keys = {
@@ -155,13 +150,6 @@ def test_what_the_code_imports_is_in_setup_py_and_no_more(arguments):
     code = imported_modules(PROJECT / "tirgeo_ros") & {*KEYS, *BY_PIP_ALONE}
     needed = {re.split(r"[<>=]", item)[0] for item in arguments["install_requires"]}
     assert needed == {WHEELS.get(name, name) for name in code}
-
-
-def test_optional_libraries_are_extras(arguments):
-    for library, extra in OPTIONAL.items():
-        assert [re.split(r"[<>=]", item)[0] for item in arguments["extras_require"][extra]] == [
-            library
-        ]
 
 
 def test_what_the_tests_import_is_told(package_xml, arguments):
@@ -181,11 +169,6 @@ def test_every_executable_is_there_and_resolves(arguments):
     for target in commands.values():
         module, _, function = target.partition(":")
         assert callable(getattr(importlib.import_module(module), function))
-
-
-def test_nodes_of_the_executables_exist():
-    for name in NODES:
-        assert (PROJECT / "tirgeo_ros" / "nodes" / f"{name}.py").is_file()
 
 
 def test_every_module_is_installed(arguments):

@@ -1,48 +1,33 @@
 """Other simulated flights: nothing is found in them, and what is planted is."""
 
 import json
-from dataclasses import replace
 
 import pytest
-from checked_flights import checked_flight, picture_findings
+from checked_flights import checked_flight
 
 from tirgeo_ros.core.checks.gimbal_checks import GimbalChecks
 from tirgeo_ros.core.checks.picture_checks import PictureChecks
 from tirgeo_ros.tools.simulate import simulate
 
+BASE = {"duration_s": 50.0, "survey.points": 4}
+EIGHT = {"route.shape": "figure_eight", "route.turn_radius_m": 15.0, "route.legs": 1}
+LEGS = {"route.leg_length_m": 60.0, "route.leg_spacing_m": 30.0, "route.turn_radius_m": 12.0}
+HOVER = {"route.shape": "hover"}
+
+
+def of(seed, height_m, pitch_deg, **route):
+    """Values of a scenario, of its route without ``route.``."""
+    values = {"seed": seed, "gimbal.pitch_deg": pitch_deg}
+    values["route.height_above_ground_m"] = height_m
+    return BASE | values | {f"route.{name}": value for name, value in route.items()}
+
+
 FLIGHTS = {
-    "turns on the spot": {
-        "seed": 7,
-        "route.shape": "hover",
-        "route.height_above_ground_m": 30.0,
-        "gimbal.pitch_deg": -40.0,
-    },
-    "straight down in an eight": {
-        "seed": 11,
-        "route.shape": "figure_eight",
-        "route.turn_radius_m": 15.0,
-        "route.legs": 1,
-        "route.speed_m_s": 6.0,
-        "route.height_above_ground_m": 40.0,
-        "gimbal.pitch_deg": -85.0,
-    },
-    "high and fast": {
-        "seed": 3,
-        "route.height_above_ground_m": 60.0,
-        "route.speed_m_s": 8.0,
-        "route.leg_length_m": 60.0,
-        "route.leg_spacing_m": 30.0,
-        "route.turn_radius_m": 12.0,
-        "gimbal.pitch_deg": -45.0,
-    },
-    "still": {
-        "seed": 5,
-        "route.shape": "hover",
-        "route.hover_s": 600.0,
-        "route.hold_error_m": 0.05,
-    },
+    "turns on the spot": of(7, 30.0, -40.0) | HOVER,
+    "straight down in an eight": of(11, 40.0, -85.0, speed_m_s=6.0) | EIGHT,
+    "high and fast": of(3, 60.0, -45.0, speed_m_s=8.0) | LEGS,
+    "still": BASE | HOVER | {"seed": 5, "route.hover_s": 600.0, "route.hold_error_m": 0.05},
 }
-TURNING = [name for name in FLIGHTS if name != "still"]
 
 pytestmark = [pytest.mark.slow, pytest.mark.long]  # 25 s of pictures each
 
@@ -55,9 +40,8 @@ def name(request):
 @pytest.fixture(scope="module")
 def flight(name, tmp_path_factory):
     folder = tmp_path_factory.mktemp("flight")
-    values = {"duration_s": 50.0, "survey.points": 4} | FLIGHTS[name]
     scenario = folder / "scenario.json"  # which is YAML too
-    scenario.write_text(json.dumps(dict(nested(values))))
+    scenario.write_text(json.dumps(dict(nested(FLIGHTS[name]))))
     simulate(scenario, folder, start_s=15.0, duration_s=25.0)
     return checked_flight(folder)
 
@@ -99,23 +83,3 @@ def give(pictures, gimbal, kind, what, arrival_ns):
         gimbal.reported(what)
     elif kind == "imu/data":
         gimbal.autopilot(what.stamp_ns, what.autopilot_q_nb)
-
-
-def test_a_late_video_is_found_where_the_camera_turns(flight, name):
-    overlay = replace(flight.configs.overlay, video_latency_s=0.25)
-    findings = picture_findings(flight, overlay=overlay)
-    assert [one.check for one in findings] == ["video_latency"] * (name in TURNING)
-
-
-def test_another_focal_length_is_found_where_the_camera_turns(flight, name):
-    findings = picture_findings(
-        flight, lens=lambda camera: replace(camera, fx=camera.fx * 1.3, fy=camera.fy * 1.3)
-    )
-    assert [one.check for one in findings] == ["focal_length"] * (name in TURNING)
-
-
-def test_ground_far_too_low_is_found_where_the_camera_travels(flight, name):
-    overlay = replace(flight.configs.overlay, ground_height_m=11.5 - 47.0)
-    findings = picture_findings(flight, overlay=overlay)
-    travels = "spot" not in name and name != "still"
-    assert [one.check for one in findings] == ["ground_by_motion"] * travels

@@ -80,10 +80,6 @@ def test_a_hover_is_no_rest():
     assert found(HOME_M - GEOID_M, [*[20.0] * 100, *CLIMB[::-1], *CLIMB]) == []
 
 
-def test_a_hover_that_shakes_is_no_rest_though_it_climbs_then():
-    assert found(HOME_M, [*[20.0] * 100, *np.linspace(20.0, 60.0, 200)], shake_m=0.05) == []
-
-
 def test_heights_in_flight():
     [high] = found(HOME_M - 600.0, [40.0] * 60, speed_m_s=5.0)
     assert high.check == "far_above_ground"

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
-from tirgeo_ros.core.checks.lens_findings import lens_findings, size_finding
+from tirgeo_ros.core.checks.lens_findings import lens_findings
 
 BOSON = Camera(640, 512, 770.0, 770.0, 319.5, 255.5)
 WIDE = Camera(1280, 1024, 700.0, 702.0, 640.0, 512.0, (-0.3, 0.1, 0.0, 0.0))
@@ -18,7 +18,7 @@ def checks_of(camera):
 @pytest.mark.parametrize("camera", [XT2, BOSON, WIDE])
 def test_good_lenses_say_nothing(camera):
     assert checks_of(camera) == []
-    assert size_finding(camera, (camera.width, camera.height), "") is None
+    assert lens_findings(camera, "", (camera.width, camera.height)) == []
 
 
 @pytest.mark.parametrize(
@@ -44,10 +44,3 @@ def test_the_size_that_a_calibration_is_of_is_named(size):
     width, height = size
     [finding] = lens_findings(replace(BOSON, width=width, height=height), "")
     assert "K is that of 640x512" in finding.evidence
-
-
-def test_another_size_stops():
-    finding = size_finding(BOSON, (336, 256), "overlay_node camera")
-    assert "336x256" in finding.evidence
-    assert "640x512" in finding.evidence
-    assert finding.parameter == "overlay_node camera"

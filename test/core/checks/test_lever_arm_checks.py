@@ -13,13 +13,13 @@ from flights import flight
 from dev.flight_errors import fitting_config
 from tirgeo_ros.core.checks.imu_blocks import ImuMean
 from tirgeo_ros.core.checks.lever_arm_checks import LeverChecks
-from tirgeo_ros.core.checks.lever_arm_equations import (
+from tirgeo_ros.core.checks.lever_arm_fit import (
+    LeverArmWindow,
     Normal,
-    by_positions,
-    by_velocities,
+    equations,
     integrated,
+    solved,
 )
-from tirgeo_ros.core.checks.lever_arm_solution import LeverArmWindow, solved
 from tirgeo_ros.core.checks.navigation_checks import NavigationChecks
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.frames.rotations import quat_from_euler
@@ -161,19 +161,10 @@ def test_a_flight_without_turns_or_tilts_says_nothing():
     path = integrated([still] * 80, quat_from_euler(0, 0, 0), None, np.zeros(3))
     times_s = np.arange(0.2, 3.9, 0.2)
     fixes = np.random.default_rng(1).normal(0, 0.01, (len(times_s), 3))
-    normal = by_positions(path, times_s, fixes)
-    found = solved(
-        [LeverArmWindow(normal, by_velocities(path, times_s, fixes), overlaps=False)] * 6
-    )
+    normals = [equations(path, times_s, fixes, velocities=one) for one in (False, True)]
+    found = solved([LeverArmWindow(*normals, overlaps=False)] * 6)
     assert found is not None
     assert (found.lever_sigma_b > 5).all()  # what is believed before: 10 m
-
-
-def test_too_few_windows_or_fixes_are_none():
-    still = ImuMean(0, 0.05, (0.0, 0.0, -9.81), (0.0, 0.0, 0.0), None, True)
-    path = integrated([still] * 80, quat_from_euler(0, 0, 0), None, np.zeros(3))
-    assert by_positions(path, np.array((1.0, 2.0)), np.zeros((2, 3))) is None
-    assert solved([LeverArmWindow(None, None, overlaps=True)] * 9) is None
 
 
 @pytest.mark.slow

@@ -25,6 +25,7 @@ CAMERA = Camera(640, 512, 800.0, 800.0, 319.5, 255.5)
 PLANE = TangentPlane(math.radians(48.0), math.radians(11.0), 100.0)
 LATENCY_S = 0.05
 NOISE_PX = 0.3
+ASIDE = (0.02, -0.05, 0.06)
 
 
 def slope(degrees):
@@ -79,30 +80,27 @@ def check(fit, planted):
     assert (fit.sigmas[BORESIGHT] < math.radians(0.6)).all()
 
 
-def test_without_errors_none_is_found():
-    check(fitted(100.0, 100.0), np.zeros(6))
+def longer(factor):
+    return Camera(640, 512, 800.0 * factor, 800.0 * factor, 319.5, 255.5)
 
 
-@pytest.mark.parametrize("off_s", [-0.2, 0.1])
-def test_a_latency_comes_back(off_s):
-    check(fitted(100.0, 100.0, latency_s=LATENCY_S + off_s), np.eye(6)[LATENCY] * -off_s)
-
-
-@pytest.mark.parametrize("factor", [1.3, 0.7])
-def test_a_focal_length_comes_back(factor):
-    camera = Camera(640, 512, 800.0 * factor, 800.0 * factor, 319.5, 255.5)
-    check(fitted(100.0, 100.0, camera=camera), np.eye(6)[FOCAL] * -math.log(factor))
-
-
-@pytest.mark.parametrize("off_m", [-47.0, 20.0])
-def test_a_height_comes_back(off_m):
-    planted = np.eye(6)[HEIGHT] * math.log(40.0 / (40.0 - off_m))
-    check(fitted(100.0, 100.0 + off_m), planted)
-
-
-def test_a_boresight_comes_back():
-    aside = (0.02, -0.05, 0.06)
-    check(fitted(100.0, 100.0, aside=aside), np.array([0.0, 0.0, 0.0, *aside]))
+@pytest.mark.parametrize(
+    ("changes", "error", "planted"),
+    [
+        ({}, 0, 0.0),
+        ({"latency_s": LATENCY_S - 0.2}, LATENCY, 0.2),
+        ({"latency_s": LATENCY_S + 0.1}, LATENCY, -0.1),
+        ({"camera": longer(1.3)}, FOCAL, -math.log(1.3)),
+        ({"camera": longer(0.7)}, FOCAL, -math.log(0.7)),
+        ({"believed": 53.0}, HEIGHT, math.log(40.0 / 87.0)),
+        ({"believed": 120.0}, HEIGHT, math.log(40.0 / 20.0)),
+        ({"aside": ASIDE}, BORESIGHT, ASIDE),
+    ],
+)
+def test_a_planted_error_comes_back(changes, error, planted):
+    values = np.zeros(6)
+    values[error] = planted
+    check(fitted(**{"ground": 100.0, "believed": 100.0} | changes), values)
 
 
 @pytest.mark.slow

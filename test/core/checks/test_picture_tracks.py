@@ -71,15 +71,6 @@ def test_a_crosshair_stays_and_is_left_out():
     assert (np.linalg.norm(tracks.second - tracks.first, axis=1) > 5.0).all()
 
 
-@pytest.mark.slow
-def test_pairs_are_taken_a_few_times_a_second():
-    pictures = [cut(0, k) for k in range(60)]
-    tracker, found = taken(*pictures, step_ns=33_000_000)
-    assert 4 <= len(found) <= 6  # in two seconds, one each 0.4 s
-    assert all(80_000_000 <= one.second_ns - one.first_ns <= 350_000_000 for one in found)
-    assert tracker.frozen == 0
-
-
 def test_what_cannot_be_followed_gives_nothing():
     flat = np.full((512, 640), 80, np.uint8)
     assert taken(flat, flat)[1] == []

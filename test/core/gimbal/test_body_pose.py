@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -41,13 +40,3 @@ def test_attitude_and_covariance_turn_with_the_axes(north_rad, east_rad, yaw):
         expected = turn @ at.pose_covariance[block, block] @ turn.T
         np.testing.assert_allclose(pose.covariance[block, block], expected, atol=1e-13)
     assert pose.stamp_ns == 5
-
-
-def test_north_turns_with_the_meridian():
-    """East of the origin, north leans to the plane's west by the convergence, dlon sin(lat)."""
-    plane = TangentPlane(0.9, 0.2, 0.0)
-    east_rad = 1e-4
-    pose = plane.body_pose(solution(0.9, 0.2 + east_rad, quat_from_euler(0.0, 0.0, 0.0)))
-    nose = matrix_from_quat(pose.q_nb)[:, 0]
-    convergence = -np.arctan2(nose[1], nose[0])
-    assert convergence == pytest.approx(east_rad * np.sin(0.9), rel=1e-6)

@@ -14,7 +14,6 @@ from tirgeo_ros.core.frames.axes import BODY_OPTICAL
 from tirgeo_ros.core.frames.heading import azimuth_row, wrap_pi
 from tirgeo_ros.core.frames.rotations import (
     euler_from_matrix,
-    euler_from_quat,
     matrix_from_quat,
     matrix_from_rotvec,
     quat_from_euler,
@@ -107,17 +106,6 @@ def test_joints_are_the_whole_chain(body_euler, angles):
     np.testing.assert_allclose(rotation_ng(pose), expected, atol=1e-12)
 
 
-def test_signs_of_the_joints():
-    level_north = body_at((0.0, 0.0, 0.0))
-    down = from_joints(PLAIN, level_north, JointSample(7, 0.0, 0.0, np.radians(-30)))
-    axis_n = matrix_from_quat(down.q_nc)[:, 2]  # optical axis
-    np.testing.assert_allclose(axis_n, [np.cos(np.pi / 6), 0, 0.5], atol=1e-12)
-    right = from_joints(PLAIN, level_north, JointSample(7, np.radians(90), 0.0, 0.0))
-    np.testing.assert_allclose(matrix_from_quat(right.q_nc)[:, 2], [0, 1, 0], atol=1e-12)
-    rolled = from_joints(PLAIN, level_north, JointSample(7, 0.0, np.radians(10), 0.0))
-    assert matrix_from_quat(rolled.q_nc)[2, 0] > 0  # the picture's right side is down
-
-
 def test_lever_arm_and_offset_turn_with_body_and_camera():
     aircraft = AircraftConfig(gimbal_pivot_m=(1.0, 0.0, -0.5), camera_from_pivot_m=(0.2, 0, 0))
     mount = Mount.from_config(GimbalConfig(aircraft=aircraft))
@@ -184,63 +172,6 @@ NORTH_VARIANCE = np.radians(2.0) ** 2
 DIFFERENCE_TOLERANCE = 1e-9
 
 
-@settings(max_examples=20)  # each composes eighteen times
-@given(attitudes, camera_attitudes, st.integers(0, 1000))
-def test_covariance_by_joints_against_differences(body_euler, angles, seed):
-    roll, pitch, yaw = angles
-    body = body_at(body_euler, covariance=some_covariance(seed))
-
-    def compose(at, error):
-        return from_joints(FULL, at, JointSample(7, *(np.array([yaw, roll, pitch]) + error)))
-
-    expected = covariance_by_differences(compose, body, FULL.joint_variance)
-    found = compose(body, np.zeros(3)).covariance
-    np.testing.assert_allclose(found, expected, atol=DIFFERENCE_TOLERANCE)
-    np.testing.assert_array_equal(found, found.T)
-
-
-@given(attitudes, st.tuples(tilts, st.floats(-1.4, 0.5), headings), headings, st.integers(0, 1000))
-def test_covariance_of_reported_against_differences(body_euler, camera, autopilot_yaw, seed):
-    body = body_at(body_euler, covariance=some_covariance(seed))
-    autopilot = quat_from_euler(0.0, 0.0, autopilot_yaw)
-
-    def compose(at, error):
-        euler = np.array(camera) + np.array([*error[:2], 0.0])
-        reported = CameraAttitudeSample(7, quat_from_euler(*euler))
-        north = YawBias(0.05 - error[2], NORTH_VARIANCE)
-        return from_reported(FULL, at, autopilot, reported, north)
-
-    variances = np.append(FULL.reported_variance, NORTH_VARIANCE)
-    expected = covariance_by_differences(compose, body, variances)
-    found = compose(body, np.zeros(3)).covariance
-    np.testing.assert_allclose(found, expected, atol=DIFFERENCE_TOLERANCE)
-    np.testing.assert_array_equal(found, found.T)
-
-
-@pytest.mark.slow
-def test_covariance_covers_a_north_that_is_not_known():
-    """Monte Carlo: the normalised squared error of six states is 6 on average."""
-    rng = np.random.default_rng(11)
-    count, sigma = 3000, np.radians(2.0)
-    body, camera = body_at((0.03, -0.05, 0.7), covariance=some_covariance(4)), (0.01, -0.6, 1.1)
-    tilts_rad = np.sqrt(FULL.reported_variance)
-    root = np.linalg.cholesky(body.covariance)
-    estimate = YawBias(0.04, sigma**2)
-    truth_q = quat_from_euler(*camera)
-    truth = from_reported(FULL, body, body.q_nb, CameraAttitudeSample(7, truth_q), KNOWN)
-    squares = []
-    for draw in rng.standard_normal((count, 9)):
-        roll, pitch, yaw = np.array(camera) + np.append(tilts_rad, sigma) * draw[:3]
-        reported = CameraAttitudeSample(7, quat_from_euler(roll, pitch, yaw + 0.04))
-        # the estimate's error is the other way about: the truth is the estimate turned by it
-        seen = turned(body, -root @ draw[3:])
-        pose = from_reported(FULL, seen, body.q_nb, reported, estimate)
-        error = pose_error(truth, pose)
-        squares.append(error @ np.linalg.solve(pose.covariance, error))
-    # chi-square of 6: its mean's sigma is sqrt(12 / 3000) = 0.06; 2 deg leave 0.1 of second order
-    assert np.mean(squares) == pytest.approx(6.0, abs=3 * 0.063 + 0.1)
-
-
 def computed(autopilot_q_nb, camera_euler):
     """Joints as they are computed from the two attitudes that the flight controller reports."""
     rotation_bg = matrix_from_quat(autopilot_q_nb).T @ matrix_from_quat(
@@ -265,38 +196,45 @@ def test_computed_joints_are_equation_12_where_the_tilts_agree(euler, camera, he
     )
 
 
-@given(attitudes, st.tuples(tilts, st.floats(-1.4, 0.5), headings), headings, st.integers(0, 1000))
-def test_covariance_of_computed_joints_against_differences(euler, camera, heading, seed):
+def by_joints(euler, camera):
+    def compose(at, error):
+        roll, pitch, yaw = camera
+        return from_joints(FULL, at, JointSample(7, *(np.array([yaw, roll, pitch]) + error)))
+
+    return compose, FULL.joint_variance
+
+
+def by_reported(euler, camera):
+    def compose(at, error):
+        reported = CameraAttitudeSample(7, quat_from_euler(*(camera + np.append(error[:2], 0.0))))
+        north = YawBias(0.05 - error[2], NORTH_VARIANCE)
+        return from_reported(FULL, at, quat_from_euler(0.0, 0.0, euler[2]), reported, north)
+
+    return compose, np.append(FULL.reported_variance, NORTH_VARIANCE)
+
+
+def by_computed(euler, camera):
     """Where the autopilot's tilt is the body's, so that the camera's is the reported one."""
-    body = body_at((euler[0], euler[1], heading), covariance=some_covariance(seed))
-    autopilot = quat_from_euler(*euler)
 
     def compose(at, error):
-        tilted = quat_multiply(quat_from_euler(*error[2:4], 0.0), autopilot)
-        joints = computed(tilted, np.array(camera) + np.array([*error[:2], 0.0]))
+        tilted = quat_multiply(quat_from_euler(*error[2:4], 0.0), quat_from_euler(*euler))
+        joints = computed(tilted, camera + np.append(error[:2], 0.0))
         return from_computed(FULL, at, joints, YawBias(0.05 - error[4], NORTH_VARIANCE))
 
     tilt = FULL.tilt_variance
-    variances = np.append(FULL.reported_variance, (tilt, tilt, NORTH_VARIANCE))
+    return compose, np.append(FULL.reported_variance, (tilt, tilt, NORTH_VARIANCE))
+
+
+@pytest.mark.parametrize("composed", [by_joints, by_reported, by_computed])
+@settings(max_examples=20)  # each composes some twenty times
+@given(attitudes, st.tuples(tilts, st.floats(-1.4, 0.5), headings), headings, st.integers(0, 1000))
+def test_covariance_against_differences(composed, euler, camera, heading, seed):
+    body = body_at((*euler[:2], heading), covariance=some_covariance(seed))
+    compose, variances = composed(euler, np.array(camera))
     expected = covariance_by_differences(compose, body, variances)
-    found = compose(body, np.zeros(5)).covariance
+    found = compose(body, np.zeros(len(variances))).covariance
     np.testing.assert_allclose(found, expected, atol=DIFFERENCE_TOLERANCE)
     np.testing.assert_array_equal(found, found.T)
-
-
-def test_heading_alone_comes_from_the_filter_in_reported():
-    """A filter that errs in roll and pitch alone leaves a level aircraft's camera as reported."""
-    covariance = np.diag([0, 0, 0, 1e-2, 1e-2, 0])
-    body = body_at((0.0, 0.0, 0.4), covariance=covariance)
-    reported = CameraAttitudeSample(7, quat_from_euler(0.0, -0.5, 0.4))
-    pose = from_reported(PLAIN, body, body.q_nb, reported, KNOWN)
-    camera_n = matrix_from_quat(reported.q_ng)
-    across, forward = camera_n[:, 1], camera_n[:, 0]
-    roll_variance, pitch_variance = np.radians(GimbalConfig().reported_sigma_deg) ** 2
-    expected = roll_variance * np.outer(forward, forward) + pitch_variance * np.outer(
-        across, across
-    )
-    np.testing.assert_allclose(pose.covariance[3:, 3:], expected, atol=1e-15)
 
 
 def test_nose_straight_up_has_no_heading():
@@ -305,9 +243,3 @@ def test_nose_straight_up_has_no_heading():
     upright = dataclasses.replace(body_at((0.0, 0.0, 0.0)), q_nb=up)
     assert from_reported(PLAIN, upright, level, reported, KNOWN) is None
     assert from_reported(PLAIN, body_at((0.0, 0.0, 0.0)), up, reported, KNOWN) is None
-
-
-def test_camera_pose_keeps_stamp_of_body():
-    pose = from_joints(PLAIN, body_at((0.0, 0.0, 0.0)), JointSample(7, 0.0, 0.0, 0.0))
-    assert pose.stamp_ns == 7
-    np.testing.assert_allclose(euler_from_quat(quat_from_matrix(rotation_ng(pose))), 0, atol=1e-12)

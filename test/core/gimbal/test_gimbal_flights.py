@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -50,14 +51,9 @@ def flown(seed=1, shape="lawnmower", **north) -> SimulatedFlight:
 
 
 def gimbal_config(flight, composition="paper", **north) -> GimbalConfig:
-    return config_from(
-        GimbalConfig,
-        {
-            "composition": composition,
-            **values_of(flight.scenario.aircraft, "aircraft."),
-            **{f"north.{name}": value for name, value in north.items()},
-        },
-    )
+    values = {"composition": composition} | values_of(flight.scenario.aircraft, "aircraft.")
+    values |= {f"north.{name}": value for name, value in north.items()}
+    return config_from(GimbalConfig, values)
 
 
 def bodies(flight) -> dict[int, BodyPose]:
@@ -101,15 +97,14 @@ def heading_rad(q_nc):
     return np.arctan2(forward[..., 1, 0], forward[..., 0, 0])
 
 
-@dataclasses.dataclass
-class Headings:
+class Headings(NamedTuple):
     t_s: np.ndarray
     error_deg: np.ndarray
     sigma_deg: np.ndarray
 
     def after(self, t_s, until_s=DURATION_S):
         keep = (self.t_s > t_s) & (self.t_s <= until_s)
-        return Headings(self.t_s[keep], self.error_deg[keep], self.sigma_deg[keep])
+        return Headings(*(column[keep] for column in self))
 
 
 def headings(flight, poses) -> Headings:
@@ -120,13 +115,17 @@ def headings(flight, poses) -> Headings:
     return Headings(t_s, np.degrees(error), np.degrees(sigma))
 
 
+def counts_and_headings(flight, **config):
+    composer, poses = camera_poses(flight, gimbal_config(flight, **config))
+    return composer.counts, headings(flight, poses)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("shape", ["lawnmower", "figure_eight"])
 def test_a_bias_of_three_degrees_is_found_by_a_centred_gimbal(shape):
-    flight = flown(shape=shape, bias_deg=3.0)
-    composer, poses = camera_poses(flight, gimbal_config(flight, centred=True))
-    found = headings(flight, poses).after(SETTLED_S)
-    assert composer.counts["north_used"] >= 1
+    counts, found = counts_and_headings(flown(shape=shape, bias_deg=3.0), centred=True)
+    found = found.after(SETTLED_S)
+    assert counts["north_used"] >= 1
     assert len(found.t_s) == pytest.approx(50 * (DURATION_S - SETTLED_S), abs=1)
     assert np.abs(found.error_deg).max() < BOUND_DEG
     assert np.all(np.abs(found.error_deg) < 3 * found.sigma_deg)
@@ -137,12 +136,11 @@ def test_a_bias_of_three_degrees_is_found_by_a_centred_gimbal(shape):
 def test_it_is_found_behind_the_filter_too():
     """The heading of the filter adds 0.08 deg, its requirement, at 4 sigma."""
     flight = flown(bias_deg=3.0)
+    plane = flight.plane
+    origin = (*np.degrees([plane.latitude_rad, plane.longitude_rad]).tolist(), plane.height_m)
     ekf = config_from(
         EkfConfig,
-        {
-            "origin_lat_lon_h": origin(flight),
-            **values_of(flight.scenario.aircraft, "aircraft."),
-        },
+        {"origin_lat_lon_h": origin} | values_of(flight.scenario.aircraft, "aircraft."),
     )
     registration, poses = Registration(ekf, gimbal_config(flight, centred=True)), []
     for _, sample in flight.samples:
@@ -152,47 +150,27 @@ def test_it_is_found_behind_the_filter_too():
     assert np.all(np.abs(found.error_deg) < 3 * found.sigma_deg)
 
 
-def origin(flight):
-    plane = flight.plane
-    return math.degrees(plane.latitude_rad), math.degrees(plane.longitude_rad), plane.height_m
-
-
 @pytest.mark.slow
 def test_a_bias_that_nothing_shows_is_in_the_covariance():
-    flight = flown(bias_deg=3.0)
-    composer, poses = camera_poses(flight, gimbal_config(flight))
-    found = headings(flight, poses)
-    assert "north_used" not in composer.counts
+    counts, found = counts_and_headings(flown(bias_deg=3.0))
+    assert "north_used" not in counts
     np.testing.assert_allclose(found.error_deg, -3.0, atol=SAMPLE_DEG)
     assert np.all(np.abs(found.error_deg) < 3 * found.sigma_deg)
     assert found.sigma_deg[-1] > found.sigma_deg[0] > 3.0  # and it grows
 
 
 def test_a_calibrated_bias_is_taken_out_at_once():
-    flight = flown(bias_deg=3.0)
-    config = gimbal_config(flight, bias_deg=3.0, sigma_deg=0.5)
-    found = headings(flight, camera_poses(flight, config)[1])
+    _, found = counts_and_headings(flown(bias_deg=3.0), bias_deg=3.0, sigma_deg=0.5)
     assert np.abs(found.error_deg).max() < SAMPLE_DEG
     # 0.5 and a walk of a minute, beside the body's 0.1 and the reported roll's 0.27 sin 30
     assert found.sigma_deg.max() < math.hypot(0.5, 0.03 * math.sqrt(60), 0.1, 0.15)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("centred", [False, True])
-def test_where_there_is_no_bias_none_is_made(centred):
-    flight = flown()
-    _, poses = camera_poses(flight, gimbal_config(flight, centred=centred))
-    bound_deg = SAMPLE_DEG + (READING_DEG if centred else 0.0)
-    assert np.abs(headings(flight, poses).error_deg).max() < bound_deg
-
-
-@pytest.mark.slow
 def test_a_step_in_flight_is_followed():
     """As when RTK is switched on: 4 deg at 30 s, on a leg on which the nose keeps still."""
-    flight = flown(step_deg=4.0, step_s=30.0)
-    composer, poses = camera_poses(flight, gimbal_config(flight, centred=True))
-    found = headings(flight, poses)
-    assert composer.counts["north_reset"] == 1
+    counts, found = counts_and_headings(flown(step_deg=4.0, step_s=30.0), centred=True)
+    assert counts["north_reset"] == 1
     # two seconds until a mean is of the new bias alone, five of refused ones, one mean more
     after = found.after(30.0 + 2.0 + 5.0 + 1.0)
     assert np.abs(after.error_deg).max() < BOUND_DEG
@@ -204,10 +182,8 @@ def test_a_step_in_flight_is_followed():
 @pytest.mark.slow
 def test_a_drift_stays_covered():
     """One degree in 50 s, ten times what the walk says of a minute."""
-    flight = flown(bias_deg=2.0, drift_deg_s=0.02)
-    composer, poses = camera_poses(flight, gimbal_config(flight, centred=True))
-    found = headings(flight, poses)
-    assert "north_reset" not in composer.counts
+    counts, found = counts_and_headings(flown(bias_deg=2.0, drift_deg_s=0.02), centred=True)
+    assert "north_reset" not in counts
     assert np.all(np.abs(found.error_deg) < 3 * found.sigma_deg)
     # the largest gap between readings is a turn of the route and the settling, some 15 s
     assert np.abs(found.after(SETTLED_S).error_deg).max() < BOUND_DEG + 0.02 * 15

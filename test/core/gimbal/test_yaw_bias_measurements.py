@@ -10,13 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tirgeo_ros.core.config import NorthConfig
-from tirgeo_ros.core.frames.heading import wrap_pi
 from tirgeo_ros.core.frames.rotations import (
     matrix_from_quat,
-    matrix_from_rotvec,
     quat_from_euler,
     quat_from_matrix,
-    rotation_z,
 )
 from tirgeo_ros.core.gimbal.yaw_bias_filter import YawBiasFilter
 from tirgeo_ros.core.gimbal.yaw_bias_measurements import (
@@ -33,34 +30,14 @@ headings = st.floats(-3.1, 3.1)
 biases = st.floats(-0.6, 0.6)
 
 
-@given(headings, st.floats(-math.pi / 2, 0.5))
-def test_right_side_has_the_camera_s_heading_at_any_pitch(yaw, pitch):
-    found = heading_of_right(quat_from_euler(0.0, pitch, yaw))
-    assert wrap_pi(found - yaw) == pytest.approx(0.0, abs=1e-9)
-
-
-def test_right_side_up_has_no_heading():
+def test_steep_axes_have_no_heading():
     assert heading_of_right(quat_from_euler(-math.pi / 2, 0.0, 0.3)) is None
-
-
-@given(headings, st.floats(-math.pi / 2, 0.5), st.floats(-3.0, 3.0))
-def test_vertical_turn_is_the_turn_about_the_vertical(yaw, pitch, turn):
-    q = quat_from_euler(0.02, pitch, yaw)
-    turned = quat_from_matrix(rotation_z(turn) @ matrix_from_quat(q))
-    assert wrap_pi(vertical_turn(q, turned) - turn) == pytest.approx(0.0, abs=1e-9)
-
-
-@given(headings, st.floats(-math.pi / 2, 0.5), biases, st.floats(-0.01, 0.01), st.floats(0, 6.28))
-def test_errors_in_tilt_hardly_show_in_the_vertical_turn(yaw, pitch, turn, tilt, direction):
-    q = quat_from_euler(0.0, pitch, yaw)
-    level = tilt * np.array([math.cos(direction), math.sin(direction), 0.0])
-    turned = quat_from_matrix(matrix_from_rotvec(level) @ rotation_z(turn) @ matrix_from_quat(q))
-    # second order: a level rotation after one about the vertical leaves the twist as it is
-    assert wrap_pi(vertical_turn(q, turned) - turn) == pytest.approx(0.0, abs=tilt * tilt + 1e-9)
-
-
-def test_upside_down_is_no_reading():
     assert vertical_turn(np.array([1.0, 0, 0, 0]), quat_from_euler(3.0, 0.0, 0.0)) is None
+    north, up = YawBiasFilter(CENTRED), quat_from_euler(0.0, math.pi / 2, 0.0)
+    readings = YawBiasMeasurements(CENTRED, 0.0)
+    for t_ms in range(0, 8000, PERIOD_MS):
+        readings.read(north, t_ms * MS, quat_from_euler(0.0, -0.5, 0.0), up, None)
+    assert north.updates == 0
 
 
 def read(nose, bias, *, seconds=10.0, config=CENTRED, lag_s=0.0, joints=False, pitch=-0.5):
@@ -91,11 +68,6 @@ def test_a_still_centred_gimbal_shows_the_bias(yaw, bias, pitch):
     assert north.bias_rad == pytest.approx(bias, abs=1e-5)
 
 
-def test_nothing_is_read_unless_the_gimbal_is_centred():
-    north = read(lambda _t: 0.3, 0.1, config=NorthConfig())
-    assert (north.updates, north.bias_rad) == (0, 0.0)
-
-
 @pytest.mark.parametrize("rate_deg_s", [1.0, -10.0, 60.0])
 def test_nothing_is_read_while_the_nose_turns(rate_deg_s):
     north = read(lambda t: math.radians(rate_deg_s) * t, 0.1, seconds=30.0, lag_s=0.35)
@@ -113,17 +85,6 @@ def test_the_lag_of_a_turn_is_waited_for():
     assert north.bias_rad == pytest.approx(0.1, abs=math.radians(0.05) + prior_part)
 
 
-def test_a_swaying_nose_is_still_enough():
-    """A degree of sway in two seconds, which the gimbal follows in part, has its mean near 0."""
-    north = read(
-        lambda t: math.radians(0.9) * math.sin(math.pi * t), 0.05, seconds=40.0, lag_s=0.35
-    )
-    assert north.updates >= 30
-    # a sway that is followed with lag w tau / sqrt(1 + (w tau)^2) is off by 0.67 deg at most, its
-    # mean over half a period by 2 / pi of it, and over the whole periods of many readings by 0
-    assert north.bias_rad == pytest.approx(0.05, abs=math.radians(0.1))
-
-
 def test_joints_show_the_bias_without_the_gimbal_being_centred_and_looking_down():
     config = NorthConfig()
     for pitch in (-0.5, -math.pi / 2):
@@ -131,36 +92,6 @@ def test_joints_show_the_bias_without_the_gimbal_being_centred_and_looking_down(
         assert north.updates == 3
         prior_part = 0.1 * (0.2**2 / 3) / 3.0**2
         assert north.bias_rad == pytest.approx(0.1, abs=2 * prior_part)
-
-
-def test_a_nose_straight_up_gives_no_reading():
-    north, readings = YawBiasFilter(CENTRED), YawBiasMeasurements(CENTRED, 0.0)
-    for t_ms in range(0, 8000, PERIOD_MS):
-        up = quat_from_euler(0.0, math.pi / 2, 0.0)
-        readings.read(north, t_ms * MS, quat_from_euler(0.0, -0.5, 0.0), up, None)
-    assert north.updates == 0
-
-
-def means(values, nose=None, settle_s=0.0, period_ms=100):
-    mean = SteadyMean(settle_s)
-    noses = [0.0] * len(values) if nose is None else nose
-    found = [
-        mean.add(k * period_ms * MS, nose_rad, value)
-        for k, (nose_rad, value) in enumerate(zip(noses, values, strict=True))
-    ]
-    return [value for value in found if value is not None]
-
-
-@given(st.floats(-math.pi, math.pi), st.lists(st.floats(-0.2, 0.2), min_size=11, max_size=11))
-def test_the_mean_is_the_mean_of_angles(middle, offsets):
-    values = [float(wrap_pi(middle + offset)) for offset in offsets]
-    (found,) = means(values)
-    assert wrap_pi(found - middle - np.mean(offsets)) == pytest.approx(0.0, abs=1e-12)
-
-
-def test_a_nose_through_north_or_south_is_still():
-    sway = [math.pi + 0.01 * (-1) ** k for k in range(21)]
-    assert len(means([0.1] * 21, nose=[float(wrap_pi(x)) for x in sway])) == 1
 
 
 def test_a_gap_or_a_clock_that_goes_back_begins_anew():
@@ -171,7 +102,3 @@ def test_a_gap_or_a_clock_that_goes_back_begins_anew():
     assert mean.add(3500 * MS, 0.0, 0.1) is None
     assert mean.add(0, 0.0, 0.1) is None  # back
     assert mean.add(1000 * MS, 0.0, 0.1) == pytest.approx(0.1)
-
-
-def test_samples_once_a_second_serve_too():
-    assert len(means([0.1] * 10, settle_s=3.0, period_ms=1000)) == 3

@@ -22,7 +22,7 @@ from tirgeo_ros.core.aircraft_calibration.parameters import PARAMETERS
 from tirgeo_ros.core.types.errors import BagError, CalibrationError
 from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample
 from tirgeo_ros.tools.calibrate.aircraft import HOLDS, calibrate_aircraft
-from tirgeo_ros.tools.cli._calibrations import aircraft as verb
+from tirgeo_ros.tools.cli.calibrate import aircraft as verb
 from tirgeo_ros.tools.cli.main import main as command
 
 PER_UNIT = {"m": 1.0, "deg": math.radians(1.0), "ms": 1e-3}

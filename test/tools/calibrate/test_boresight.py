@@ -20,7 +20,8 @@ from tirgeo_ros.tools.calibrate.boresight import (
     USUAL,
     calibrate_boresight,
 )
-from tirgeo_ros.tools.cli._calibrations import boresight
+from tirgeo_ros.tools.cli._verb import add_verb
+from tirgeo_ros.tools.cli.calibrate import boresight
 from tirgeo_ros.tools.cli.main import main
 
 pytestmark = pytest.mark.slow
@@ -127,9 +128,8 @@ def test_what_cannot_be_told_apart_is_refused_and_nothing_written(flown):
 def test_the_verb_knows_the_names_and_the_click():
     assert boresight._NAMES == PARAMETERS  # spelled there to start quickly
     assert boresight._NAMES[:5] == (*USUAL, IF_TOLD)
-    parser = argparse.ArgumentParser()
-    made = boresight.add_parser(parser.add_subparsers())
-    assert made.get_default("click_sigma") == CLICK_SIGMA_PX
+    made = add_verb(argparse.ArgumentParser().add_subparsers(), boresight)
+    assert made.get_default("click_sigma_px") == CLICK_SIGMA_PX
 
 
 def test_the_verb_prints_a_table_or_json_and_draws(flown, capsys):

@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 
 from tirgeo_ros.core.camera.camera_model import XT2
-from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.types.errors import BagError, CameraError
+from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter
 from tirgeo_ros.io.parameters.parameter_output import write_parameters
-from tirgeo_ros.io.pictures.camera_file import given_camera, save_camera
-from tirgeo_ros.tools.budget.budget_files import make_budget
+from tirgeo_ros.io.pictures.camera_file import save_camera
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.replay.graph_outputs import read_pictures
 from tirgeo_ros.tools.replay.locate import locate_pixels
@@ -117,15 +115,3 @@ def test_a_calibration_of_another_size_is_refused(verb, sample, tmp_path, capsys
         )
     )
     assert not (tmp_path / "points.geojson").exists()
-
-
-def test_the_budget_with_it(lens):
-    near = next(row for row in make_budget({}, camera=lens)["rows"] if row["factor"] == "heading")
-    far = next(row for row in make_budget({})["rows"] if row["factor"] == "heading")
-    assert near["largest_m"] < far["largest_m"]
-
-
-def test_a_file_that_is_none(tmp_path):
-    assert given_camera(OverlayConfig()) is None
-    with pytest.raises(CameraError, match=r"absent\.yaml: cannot be read: No such file"):
-        given_camera(replace(OverlayConfig(), camera=str(tmp_path / "absent.yaml")))

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import os
 from pathlib import Path
 
 import pytest
+from verb_parsers import verb_parsers
 
 from tirgeo_ros.core.types.errors import CalibrationError
-from tirgeo_ros.io.files.whole_files import check_outputs, write_files
+from tirgeo_ros.io.files.whole_files import check_outputs
 from tirgeo_ros.tools.cli import main as command
 
 #: What each command writes: options, and of those that take a folder the files in it.
@@ -42,17 +42,7 @@ REST = {"board": "9x6", "square": "0.1"}  # what is needed beside files
 PARAMETERS = {"params", "boresight"}  # are read first, for what they name
 
 
-def parsers(parser, words=()):
-    inner = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
-    if not inner:
-        return {" ".join(words): parser}
-    found = {}
-    for name, one in inner[0].choices.items():
-        found |= parsers(one, (*words, name))
-    return found
-
-
-VERBS = parsers(command.parser_of(command.verbs()))
+VERBS = verb_parsers()
 
 
 def inputs_of(verb):
@@ -197,11 +187,3 @@ def test_the_commands_own_output_is_not_replaced(tmp_path):
         finally:
             os.dup2(before, 1)
             os.close(before)
-
-
-def test_no_device_is_written_over(tmp_path):
-    os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(CalibrationError, match="pipe: not a file"):
-        write_files({tmp_path / "pipe": "text"}, CalibrationError)
-    assert (tmp_path / "pipe").is_fifo()
-    assert [one.name for one in tmp_path.iterdir()] == ["pipe"]

@@ -62,9 +62,15 @@ class ForceChecks:
         forces, upwards, rates = (np.array(column) for column in zip(*self._seconds, strict=True))
         mean_b = forces.mean(axis=0)
         size = float(np.linalg.norm(forces, axis=1).mean())
-        found = self._wrong_size(size, float(np.linalg.norm(mean_b)))
+        found = _wrong_size(size, float(np.linalg.norm(mean_b)))
         found = found or _wrong_axes(mean_b, upwards.mean(axis=0)) or self._wrong_scale()
-        return [one for one in (found, _wrong_rate(float(rates.mean()))) if one]
+        turning = float(rates.mean())
+        if turning < _LARGEST_RATE_RAD_S:
+            return [found] if found else []
+        evidence = f"the gyroscopes turn at {turning:.0f} rad/s in the mean"
+        mend = f"are they in deg/s? ({turning:.0f} deg/s is {math.radians(turning):.2f} rad/s)"
+        rate = Finding("gyro_unit", Severity.STOP, evidence, "imu/data angular_velocity", mend)
+        return [found, rate] if found else [rate]
 
     def _second(self, blocks: list[ImuMean]) -> None:
         forces, rates = (np.array([b[k] for b in blocks]) for k in (2, 3))
@@ -79,17 +85,6 @@ class ForceChecks:
         if turning < _QUIET_RAD_S and float(forces.std(axis=0).max()) < _QUIET_M_S2:
             self._quiet.append(float(np.linalg.norm(force_b)))
 
-    def _wrong_size(self, size: float, mean: float) -> Finding | None:
-        if _LEAST < size < _LARGEST:
-            return None
-        in_g = _LEAST_G < size < _LARGEST_G and _LEAST_G < mean < _LARGEST_MEAN_G
-        mend = {
-            in_g: "it is in g: multiply it by 9.80665",
-            size < _LEAST and not in_g: "gravity was taken off: send the accelerometers' readings",
-        }.get(True, f"divide it by {size / _GRAVITY:.4g}: the unit is m/s2")
-        evidence = f"the specific force is {size:.3g} m/s2 in the mean, not 9.8"
-        return Finding("force_unit", Severity.STOP, evidence, _TOPIC, mend)
-
     def _wrong_scale(self) -> Finding | None:
         if len(self._quiet) < _LEAST_SECONDS:
             return None
@@ -101,6 +96,18 @@ class ForceChecks:
         return Finding("force_scale", Severity.CAUTION, evidence, _TOPIC, mend)
 
 
+def _wrong_size(size: float, mean: float) -> Finding | None:
+    if _LEAST < size < _LARGEST:
+        return None
+    mend = f"divide it by {size / _GRAVITY:.4g}: the unit is m/s2"
+    if _LEAST_G < size < _LARGEST_G and _LEAST_G < mean < _LARGEST_MEAN_G:
+        mend = "it is in g: multiply it by 9.80665"
+    elif size < _LEAST:
+        mend = "gravity was taken off: send the accelerometers' readings"
+    evidence = f"the specific force is {size:.3g} m/s2 in the mean, not 9.8"
+    return Finding("force_unit", Severity.STOP, evidence, _TOPIC, mend)
+
+
 def _wrong_axes(mean_b: Array, up_b: Array) -> Finding | None:
     """Check the direction of a mean force (3,), m/s2, against the mean expected direction (3,)."""
     cosine = float(mean_b @ up_b / (np.linalg.norm(mean_b) * np.linalg.norm(up_b)))
@@ -108,17 +115,7 @@ def _wrong_axes(mean_b: Array, up_b: Array) -> Finding | None:
         return None
     numbers = ", ".join(f"{value:+.1f}" for value in flu_from_frd(mean_b))
     evidence = f"the mean specific force is ({numbers}) m/s2 forward, left, up, not (0, 0, +9.8)"
-    mend = (
-        "the sign is wrong: at rest z is +9.8 (axes forward, left, up)"
-        if cosine < -math.cos(_LARGEST_ANGLE_RAD)
-        else "turn the axes to forward, left, up, or set aircraft.imu_rpy_deg"
-    )
+    mend = "turn the axes to forward, left, up, or set aircraft.imu_rpy_deg"
+    if cosine < -math.cos(_LARGEST_ANGLE_RAD):
+        mend = "the sign is wrong: at rest z is +9.8 (axes forward, left, up)"
     return Finding("force_axes", Severity.STOP, evidence, _TOPIC, mend)
-
-
-def _wrong_rate(size: float) -> Finding | None:
-    if size < _LARGEST_RATE_RAD_S:
-        return None
-    evidence = f"the gyroscopes turn at {size:.0f} rad/s in the mean"
-    mend = f"are they in deg/s? ({size:.0f} deg/s is {math.radians(size):.2f} rad/s)"
-    return Finding("gyro_unit", Severity.STOP, evidence, "imu/data angular_velocity", mend)

@@ -33,6 +33,13 @@ _MOST = 0.9  # share of the instants at which a fault is reported
 _SKY_RAD = math.radians(5.0)  # above the horizon
 _TILT_RAD = math.radians(15.0)  # largest tilt of a picture that should be level
 _JOINTS, _REPORTED = "gimbal/joint_states", "gimbal/attitude"
+_NEVER_CALIBRATED = Finding(
+    "boresight_default",
+    Severity.CAUTION,
+    "the boresight was never calibrated: the ellipses do not hold its error",
+    "gimbal_node boresight_rpy_deg",
+    "run tirgeo calibrate boresight, or set it to zeros where the camera is known to be true",
+)
 
 
 class GimbalChecks:
@@ -137,12 +144,14 @@ class GimbalChecks:
             joints, reported = map(np.array, zip(*self._pairs, strict=True))
             found = joint_findings(joints, reported, self._order, used=self._used)
         if not found and len(self._sizes) >= _FEWEST and np.median(self._sizes) > math.tau:
-            found = [_in_degrees(float(np.median(self._sizes)), used=self._used)]
+            size = np.median(self._sizes)
+            evidence = f"roll or pitch of the gimbal is {size:.1f} rad, more than a turn"
+            severity = Severity.STOP if self._used else Severity.NOTE
+            mend = "send radians; these look like degrees"
+            found = [Finding("joint_angles", severity, evidence, _JOINTS, mend)]
         if not found:
             found = [one for topic in self._looks for one in self._look_findings(topic)]
-        if self._askew and self._waiting:
-            found.append(_never_calibrated())
-        return found
+        return [*found, _NEVER_CALIBRATED] if self._askew and self._waiting else found
 
     def _look_findings(self, topic: str) -> list[Finding]:
         if len(self._looks[topic]) < _FEWEST:
@@ -170,20 +179,3 @@ def _due(history: StampedBuffer[Array], stamp_ns: int) -> bool:
 
 def _deg(angles_rad: Array) -> str:
     return f"{math.degrees(float(np.median(angles_rad))):.0f} deg"
-
-
-def _in_degrees(size: float, *, used: bool) -> Finding:
-    evidence = f"roll or pitch of the gimbal is {size:.1f} rad, more than a turn"
-    severity = Severity.STOP if used else Severity.NOTE
-    mend = "send radians; these look like degrees"
-    return Finding("joint_angles", severity, evidence, _JOINTS, mend)
-
-
-def _never_calibrated() -> Finding:
-    return Finding(
-        "boresight_default",
-        Severity.CAUTION,
-        "the boresight was never calibrated: the ellipses do not hold its error",
-        "gimbal_node boresight_rpy_deg",
-        "run tirgeo calibrate boresight, or set it to zeros where the camera is known to be true",
-    )

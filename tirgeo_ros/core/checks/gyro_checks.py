@@ -19,7 +19,6 @@ from tirgeo_ros.core.types.finding import Finding, Severity
 
 _BLOCKS = 5  # IMU blocks in a comparison: a quarter of a second
 _LEAST_NUMBER = 24
-_KEPT = 1 - 1 / 240  # weight per comparison of the running sums: a memory of one minute
 #: Least rms rate at which an axis is judged. Noise does not correlate.
 _LEAST_RAD_S = math.radians(1.0)
 _SURE = 0.8  # correlation; 24 pairs of noise reach it with probability 1e-5
@@ -31,6 +30,22 @@ _AXES = ("forward (roll)", "left (pitch)", "up (yaw)")
 _TOPIC = "imu/data angular_velocity"
 
 
+class RunningProducts:
+    """Sum squares and products of pairs of vectors (3,); each pair's weight falls by ``kept``."""
+
+    def __init__(self, kept: float) -> None:
+        self._kept, self.number = kept, 0.0
+        self.first, self.second = np.zeros(3), np.zeros(3)  # sums of squares
+        self.both = np.zeros((3, 3))  # sums of products [first, second]
+
+    def add(self, first: Array, second: Array) -> None:
+        """Add a pair."""
+        self.number = self._kept * self.number + 1
+        self.first = self._kept * self.first + first * first
+        self.second = self._kept * self.second + second * second
+        self.both = self._kept * self.both + np.outer(first, second)
+
+
 class GyroChecks:
     """Compare the IMU's blocks with the autopilot's attitude."""
 
@@ -40,10 +55,7 @@ class GyroChecks:
         self._seconds = 0.0
         self._count = 0
         self._from: Array | None = None  # attitude at the comparison's start
-        self._number = 0.0
-        self._own = np.zeros(3)  # sums of squares, gyroscopes
-        self._other = np.zeros(3)  # sums of squares, attitude
-        self._both = np.zeros((3, 3))  # sums of products [gyroscope, attitude]
+        self._sums = RunningProducts(1 - 1 / 240)  # of gyroscopes and attitude, over a minute
 
     def block(self, block: ImuMean) -> None:
         """Take the next block."""
@@ -56,29 +68,25 @@ class GyroChecks:
             return
         now = block.autopilot_q_nb if usable_attitude(block.autopilot_q_nb) else None
         if now is not None and self._from is not None:
-            self._compare(rotvec_from_quat(quat_multiply(quat_conjugate(self._from), now)))
+            turned_b = rotvec_from_quat(quat_multiply(quat_conjugate(self._from), now))
+            own = self._rotated_b
+            own = own if self._rotation_bi is None else self._rotation_bi @ own
+            self._sums.add(own / self._seconds, turned_b / self._seconds)
         self._begin(now)
 
     def _begin(self, attitude: Array | None) -> None:
         self._rotated_b, self._seconds, self._count = np.zeros(3), 0.0, 0
         self._from = attitude
 
-    def _compare(self, turned_b: Array) -> None:
-        own = self._rotated_b if self._rotation_bi is None else self._rotation_bi @ self._rotated_b
-        own, other = own / self._seconds, turned_b / self._seconds
-        self._number = _KEPT * self._number + 1
-        self._own = _KEPT * self._own + own * own
-        self._other = _KEPT * self._other + other * other
-        self._both = _KEPT * self._both + np.outer(own, other)
-
     def findings(self) -> list[Finding]:
         """Return the most severe fault of any axis: unit, axes and signs, or scale."""
-        if self._number < _LEAST_NUMBER:
+        sums = self._sums
+        if sums.number < _LEAST_NUMBER:
             return []
-        is_excited = np.sqrt(self._other / self._number) > _LEAST_RAD_S
-        scale = np.sqrt(np.outer(self._own, self._other))
-        same = np.divide(self._both, scale, out=np.zeros((3, 3)), where=scale > 0)
-        ratio = np.sqrt(self._own / np.maximum(self._other, 1e-12))
+        is_excited = np.sqrt(sums.second / sums.number) > _LEAST_RAD_S
+        scale = np.sqrt(np.outer(sums.first, sums.second))
+        same = np.divide(sums.both, scale, out=np.zeros((3, 3)), where=scale > 0)
+        ratio = np.sqrt(sums.first / np.maximum(sums.second, 1e-12))
         found = [_fault(k, same[:, k], float(ratio[k])) for k in range(3) if is_excited[k]]
         kinds = [one for one in found if one]
         return sorted(kinds, key=lambda one: -one.severity)[:1]

@@ -6,7 +6,6 @@ The heading itself is compared with the autopilot's, or without an autopilot wit
 
 from __future__ import annotations
 
-import bisect
 import math
 from collections import deque
 from typing import NamedTuple
@@ -15,13 +14,13 @@ from tirgeo_ros.core.checks.imu_blocks import ImuMean
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.heading import azimuth, wrapped
 from tirgeo_ros.core.frames.rotations import rotation_of
+from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedBuffer
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Vector
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.measurements import HeadingSample, VelocitySample
 
-#: Number of IMU blocks that are kept: as long as a heading may be late.
-_KEPT = 60
+_KEPT_S = 3.0  # of IMU blocks: as long as a heading may be late
 _PAIR_NS = 1_000_000_000
 _LONGEST_PAIR_NS = 3_000_000_000
 #: A smaller change is ignored: headings in whole degrees change by one degree by rounding.
@@ -31,7 +30,6 @@ _LEAST_TURNED_RAD = math.radians(40)  # sum of the turns that is needed for a fi
 _EXPLAINED = 0.3
 #: Rms difference between changes of heading and of the gyroscopes at which the heading jumps.
 _JUMPING_RAD = math.radians(15)
-_DEGREES = 180 / math.pi
 _MEMORY = 100  # samples of a running mean
 _LEAST_NUMBER, _LEAST_CONSTANT = 15, 0.9  # samples; length of the mean unit vector (26 deg rms)
 #: A compass errs by 10 deg near steel or without its declination.
@@ -43,7 +41,6 @@ _SECOND = "ekf_node aircraft.second_antenna_m"
 
 
 class _Turn(NamedTuple):
-    stamp_ns: int
     turned_rad: float  # rotation about the vertical, by the gyroscopes since the start
     autopilot_rad: float  # the autopilot's heading; nan without
 
@@ -77,15 +74,15 @@ class HeadingChecks:
         self._rotation_bi = config.aircraft.rotation_bi
         sigma_rad = math.radians(config.autopilot.attitude_sigma_deg[2])
         self._off_rad = max(_OFF_RAD, _SIGMAS * sigma_rad)
-        self._turns: deque[_Turn] = deque(maxlen=_KEPT)
+        self._turns: StampedBuffer[_Turn] = StampedBuffer(_KEPT_S)
         self._turned_rad = 0.0
         self._waiting: deque[HeadingSample] = deque(maxlen=20)
         self._before: tuple[HeadingSample, float] | None = None  # with the rotation at its stamp
         self._autopilot, self._course = _Circle(), _Circle()
         self._newest: HeadingSample | None = None
-        # over pairs: |turn|; squares of gyro turn and of heading change; product; residual square
-        self._sum = dict.fromkeys(("turned", "gyro", "own", "both", "left"), 0.0)
-        self._pairs = self._still = 0
+        # over pairs: |turn|; squares of gyro turn and of heading change; product
+        self._sum = dict.fromkeys(("turned", "gyro", "own", "both"), 0.0)
+        self._pairs = 0
 
     def block(self, block: ImuMean) -> None:
         """Take the next block of the IMU."""
@@ -103,7 +100,7 @@ class HeadingChecks:
             self._turns.clear()
             self._before = None
         self._turned_rad += block.step_s * sum(a * b for a, b in zip(rate_b, down_b, strict=True))
-        self._turns.append(_Turn(block.stamp_ns, self._turned_rad, autopilot_rad))
+        self._turns.put(block.stamp_ns, _Turn(self._turned_rad, autopilot_rad))
         while self._waiting and self._waiting[0].stamp_ns <= block.stamp_ns:
             self._match(self._waiting.popleft())
 
@@ -112,7 +109,7 @@ class HeadingChecks:
         if math.isfinite(sample.heading_rad):
             self._newest = sample
             self._waiting.append(sample)
-            if self._turns and sample.stamp_ns <= self._turns[-1].stamp_ns:
+            if sample.stamp_ns <= (self._turns.newest_ns or 0):
                 self._match(self._waiting.pop())
 
     def velocity(self, sample: VelocitySample) -> None:
@@ -122,11 +119,10 @@ class HeadingChecks:
             self._course.add(self._newest.heading_rad - azimuth((north, east)))
 
     def _match(self, sample: HeadingSample) -> None:
-        at = bisect.bisect_left(self._turns, sample.stamp_ns, key=lambda turn: turn.stamp_ns)
-        if not 0 < at < len(self._turns):
+        around = self._turns.around(sample.stamp_ns)
+        if isinstance(around, Miss):
             return
-        first, last = self._turns[at - 1], self._turns[at]
-        share = (sample.stamp_ns - first.stamp_ns) / (last.stamp_ns - first.stamp_ns)
+        first, last, share = around
         turned_rad = first.turned_rad + share * (last.turned_rad - first.turned_rad)
         if not math.isnan(last.autopilot_rad):
             self._autopilot.add(sample.heading_rad - last.autopilot_rad)
@@ -148,45 +144,41 @@ class HeadingChecks:
         sums["gyro"] += turned * turned
         sums["own"] += change * change
         sums["both"] += change * turned
-        sums["left"] += (change - turned) ** 2  # not wrapped: nothing that flies turns 180 deg/s
-        self._still += change == 0.0
 
     def findings(self) -> list[Finding]:
         """Return a fault of the heading's changes, or if they are right, of its mean."""
-        changes = self._changing()
-        if changes:
-            return [changes]
-        offset = self._offset()
-        return [offset] if offset else []
+        found = self._changing() or self._offset()
+        return [found] if found else []
 
     def _changing(self) -> Finding | None:
         sums = self._sum
-        if sums["left"] <= _EXPLAINED**2 * sums["gyro"]:
+        # Differences are not wrapped: nothing that flies turns 180 deg/s.
+        unlike = max(sums["own"] + sums["gyro"] - 2 * sums["both"], 0.0)
+        if unlike <= _EXPLAINED**2 * sums["gyro"]:
             return None  # the heading turns as the gyroscopes do
-        turned_deg = math.degrees(sums["turned"])
-        evidence = f"while the gyroscopes turned by {turned_deg:.0f} deg"
+        evidence = f"while the gyroscopes turned by {math.degrees(sums['turned']):.0f} deg"
         long = sums["turned"] > _LEAST_TURNED_RAD
         if long and sums["own"] < 1e-12:
             text = f"{evidence}, rtk/heading stayed the same"
-            mend = "the receiver or its driver repeats one value"
-            return Finding("heading_stuck", Severity.STOP, text, "rtk/heading", mend)
+            return _stop("heading_stuck", text, "the receiver or its driver repeats one value")
         slope = sums["both"] / sums["own"] if sums["own"] > 0 else 0.0  # gyroscope turn / change
         left = sums["gyro"] - slope * sums["both"]
         explained = long and left < _EXPLAINED**2 * sums["gyro"]
         if explained and -1.3 < slope < -0.7:
             text = f"{evidence}, rtk/heading turned the other way (slope {1 / slope:+.2f})"
             mend = "its yaw must be ENU, counter-clockwise from east: 90 deg less the azimuth"
-            return Finding("heading_sign", Severity.STOP, text, "rtk/heading", mend)
+            return _stop("heading_sign", text, mend)
         if explained and not 0.7 < slope < 1.3:
             text = f"{evidence}, rtk/heading turned by {1 / slope:+.3f} of that"
-            mend = "is one of both in degrees? Both are in radians"
             where = "imu/data angular_velocity, rtk/heading"
-            return Finding("heading_unit", Severity.STOP, text, where, mend)
-        rms = math.sqrt(sums["left"] / max(self._pairs, 1))
+            return _stop(
+                "heading_unit", text, "is one of both in degrees? Both are in radians", where
+            )
+        rms = math.sqrt(unlike / max(self._pairs, 1))
         if self._pairs >= 8 and rms > _JUMPING_RAD:
             text = f"rtk/heading jumps by {math.degrees(rms):.0f} deg a second {evidence}"
             mend = "degrees for radians in its quaternion, or a receiver without a solution"
-            return Finding("heading_jumps", Severity.STOP, text, "rtk/heading", mend)
+            return _stop("heading_jumps", text, mend)
         return None
 
     def _offset(self) -> Finding | None:
@@ -209,4 +201,8 @@ class HeadingChecks:
             mend = "the antennas are swapped: exchange rtk_antenna_m and second_antenna_m"
         else:
             mend = "the baseline lies across: measure both antennas, or take out a constant of 90"
-        return Finding("heading_offset", Severity.STOP, evidence, _SECOND, mend)
+        return _stop("heading_offset", evidence, mend, _SECOND)
+
+
+def _stop(check: str, evidence: str, mend: str, where: str = "rtk/heading") -> Finding:
+    return Finding(check, Severity.STOP, evidence, where, mend)

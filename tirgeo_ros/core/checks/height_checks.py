@@ -8,6 +8,7 @@ lower before or after. A flight that neither begins nor ends on the ground gives
 from __future__ import annotations
 
 import math
+from collections import Counter
 
 import numpy as np
 
@@ -35,6 +36,12 @@ _HIGHEST_M = 500.0
 _LOWEST_M, _FLIES_M_S = 2.0, 3.0
 _LASTS = 8  # consecutive samples: two seconds
 _LARGEST_UNDULATION_M = 110.0
+_EVIDENCE = {
+    "below_ground": "{:.1f} m below the ground",
+    "far_above_ground": "{:.0f} m above ground",
+    "near_ground": "flies {:.1f} m above ground",
+    "height_at_rest": "at rest, at the lowest place of the flight, {:.1f} m above ground (0 to 2)",
+}
 
 
 def ground_parameter(ground: Ground | None) -> str:
@@ -54,7 +61,7 @@ class HeightChecks:
         self._rest: tuple[int, Array, float] | None = None  # start, position, height above ground
         self._rested: tuple[float, float] | None = None  # height in the plane, height above ground
         self._lowest_m, self._highest_m = math.inf, -math.inf  # in the plane
-        self._counts = dict.fromkeys(("below", "high", "low"), 0)
+        self._counts: Counter[str] = Counter()  # of samples in succession, by check
         self._worst: dict[str, float] = {}
 
     def pose(self, pose: BodyPose | CameraPose) -> None:
@@ -75,10 +82,10 @@ class HeightChecks:
         speed_m_s = way_m / ((pose.stamp_ns - before[0]) * 1e-9)
         self._update_rest(pose.stamp_ns, pose.position_n, speed_m_s)
         sigma_m = math.sqrt(max(float(pose.covariance[2, 2]), 0.0))
-        self._count("below", self.above_m < -_BELOW_M - 4 * sigma_m)
-        self._count("high", self.above_m > _HIGHEST_M)
+        self._count("below_ground", self.above_m < -_BELOW_M - 4 * sigma_m)
+        self._count("far_above_ground", self.above_m > _HIGHEST_M)
         flies_low = speed_m_s > _FLIES_M_S and -_BELOW_M < self.above_m < _LOWEST_M - 3 * sigma_m
-        self._count("low", flies_low)
+        self._count("near_ground", flies_low)
 
     def _above_m(self, plane: TangentPlane, position_n: Array) -> float:
         latitude, longitude, height_m = plane.geodetic_from_ned(position_n)
@@ -107,38 +114,23 @@ class HeightChecks:
 
     def findings(self) -> list[Finding]:
         """Return the findings so far."""
-        found = [_of_flight(name, self._worst[name], self._ground) for name in self._worst]
+        found = [self._finding(check, above_m) for check, above_m in self._worst.items()]
         climbed = self._highest_m - self._lowest_m >= _CLIMBS_M
         if climbed and self._rested and self._rested[0] <= self._lowest_m + _LOWER_M:
             above_m = self._rested[1]
             low, high = _RESTS_ON_TERRAIN_M if isinstance(self._ground, Terrain) else _RESTS_M
             if not low <= above_m <= high and not math.isnan(above_m):
-                found.append(_at_rest(above_m, self._ground))
+                found.append(self._finding("height_at_rest", above_m))
         return found
 
-
-def _mend(above_m: float, ground: Ground | None) -> str:
-    name = "dem_undulation_m" if isinstance(ground, Terrain) else "ground_height_m"
-    if 5.0 < abs(above_m) < _LARGEST_UNDULATION_M:
-        return f"{name}: heights are ellipsoidal; one above sea level is off by the geoid's height"
-    return f"see that the ground's height is that of this place, and {name} is ellipsoidal"
-
-
-def _at_rest(above_m: float, ground: Ground | None) -> Finding:
-    severity = Severity.STOP if above_m < 0 or isinstance(ground, Terrain) else Severity.CAUTION
-    evidence = f"at rest, at the lowest place of the flight, {above_m:.1f} m above ground (0 to 2)"
-    return Finding(
-        "height_at_rest", severity, evidence, ground_parameter(ground), _mend(above_m, ground)
-    )
-
-
-def _of_flight(name: str, above_m: float, ground: Ground | None) -> Finding:
-    parameter, mend = ground_parameter(ground), _mend(above_m, ground)
-    if name == "below":
-        evidence = f"{-above_m:.1f} m below the ground"
-        return Finding("below_ground", Severity.STOP, evidence, parameter, mend)
-    if name == "high":
-        evidence = f"{above_m:.0f} m above ground"
-        return Finding("far_above_ground", Severity.CAUTION, evidence, parameter, mend)
-    evidence = f"flies {above_m:.1f} m above ground"
-    return Finding("near_ground", Severity.CAUTION, evidence, parameter, mend)
+    def _finding(self, check: str, above_m: float) -> Finding:
+        terrain = isinstance(self._ground, Terrain)
+        name = "dem_undulation_m" if terrain else "ground_height_m"
+        mend = f"see that the ground's height is that of this place, and {name} is ellipsoidal"
+        if 5.0 < abs(above_m) < _LARGEST_UNDULATION_M:
+            geoid = "one above sea level is off by the geoid's height"
+            mend = f"{name}: heights are ellipsoidal; {geoid}"
+        wrong = check == "height_at_rest" and (above_m < 0 or terrain)
+        severity = Severity.STOP if wrong or check == "below_ground" else Severity.CAUTION
+        evidence = _EVIDENCE[check].format(abs(above_m) if check == "below_ground" else above_m)
+        return Finding(check, severity, evidence, ground_parameter(self._ground), mend)

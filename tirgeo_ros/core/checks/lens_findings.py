@@ -13,75 +13,58 @@ from tirgeo_ros.core.types.finding import Finding, Severity
 _ASIDE = 0.1
 _NARROWEST_DEG, _WIDEST_DEG = 5.0, 120.0
 _SQUARE = 0.1  # largest relative difference of fx and fy: the pixels of sensors are square
+_FOLDS = 0.1  # share of the picture in which the lens model is not defined
 #: Ratios between the picture sizes that cameras offer.
 _RATIOS = (0.25, 1 / 3, 0.4, 0.5, 0.6, 0.625, 2 / 3, 0.75, 0.8, 1.25, 4 / 3, 1.5, 1.6, 2, 2.5, 4)
 _NEAR_RATIO = 0.1  # tolerance, because principal points are off centre too
 _FROM_LENS = "run tirgeo calibrate lens on pictures of this camera"
 
 
-def lens_findings(camera: Camera, lens: str) -> list[Finding]:
-    """Return what is wrong with a calibration; ``lens`` names its source."""
-    found = (
-        _aside(camera, lens),
-        _view(camera, lens),
-        _square(camera, lens),
-        _folds(camera, lens),
-    )
-    return [one for one in found if one is not None]
+def lens_findings(camera: Camera, lens: str, size: tuple[int, int] | None = None) -> list[Finding]:
+    """Return what is wrong with a calibration for pictures of a ``size`` (width, height) if known.
+
+    ``lens`` names its source.
+    """
+    found = []
+
+    def tell(check: str, severity: Severity, evidence: str, mend: str = _FROM_LENS) -> None:
+        found.append(Finding(check, severity, evidence, lens, mend))
+
+    if size is not None and size != (camera.width, camera.height):
+        evidence = f"pictures are {size[0]}x{size[1]}, the lens {camera.width}x{camera.height}"
+        mend = "calibrate the lens in the pictures' size; nothing is drawn until then"
+        tell("picture_size", Severity.STOP, evidence, mend)
+    right, down = camera.cx - (camera.width - 1) / 2, camera.cy - (camera.height - 1) / 2
+    if math.hypot(right, down) > _ASIDE * camera.width:
+        evidence = (
+            f"principal point {camera.cx:.0f}, {camera.cy:.0f} lies "
+            f"{math.hypot(right, down):.0f} px from the middle of {camera.width}x{camera.height}"
+        )
+        other = _other_size(camera)
+        severity = Severity.STOP if other else Severity.CAUTION
+        tell("principal_point", severity, evidence + (f": K is that of {other}" if other else ""))
+    view_deg = 2 * math.degrees(math.atan(camera.width / 2 / camera.fx))
+    if not _NARROWEST_DEG <= view_deg <= _WIDEST_DEG:
+        evidence = f"field of view {view_deg:.1f} deg, by a focal length of {camera.fx:.0f} px"
+        tell("field_of_view", Severity.STOP, evidence)
+    ratio = camera.fx / camera.fy
+    if abs(ratio - 1) > _SQUARE:
+        evidence = f"focal lengths {camera.fx:.0f} and {camera.fy:.0f} px: pixels {ratio:.2f} to 1"
+        tell("focal_ratio", Severity.CAUTION, evidence)
+    axes = np.linspace(0, camera.width - 1, 9), np.linspace(0, camera.height - 1, 9)
+    grid = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+    share = float(np.isnan(camera.rays(grid)[:, 0]).mean())
+    if share >= _FOLDS:
+        evidence = f"the lens model folds within the picture: {share:.0%} of it has no place"
+        tell("lens_folds", Severity.CAUTION, evidence)
+    return found
 
 
-def size_finding(camera: Camera, size: tuple[int, int], lens: str) -> Finding | None:
-    """Return a finding if the pictures' ``size`` (width, height) is not the calibration's."""
-    if size == (camera.width, camera.height):
-        return None
-    evidence = f"pictures are {size[0]}x{size[1]}, the lens {camera.width}x{camera.height}"
-    mend = "calibrate the lens in the pictures' size; nothing is drawn until then"
-    return Finding("picture_size", Severity.STOP, evidence, lens, mend)
-
-
-def _aside(camera: Camera, lens: str) -> Finding | None:
-    right = camera.cx - (camera.width - 1) / 2
-    down = camera.cy - (camera.height - 1) / 2
-    far = math.hypot(right, down)
-    if far <= _ASIDE * camera.width:
-        return None
-    evidence = (
-        f"principal point {camera.cx:.0f}, {camera.cy:.0f} lies {far:.0f} px from the middle of "
-        f"{camera.width}x{camera.height}"
-    )
+def _other_size(camera: Camera) -> str:
+    """Return the picture size that the principal point is the middle of, or an empty string."""
     ratio = 2 * camera.cx / camera.width
     nearest = min(_RATIOS, key=lambda one: abs(math.log(one / max(ratio, 1e-6))))
     alike = abs(2 * camera.cy / camera.height / nearest - 1) < _NEAR_RATIO
-    if alike and abs(ratio / nearest - 1) < _NEAR_RATIO:
-        width, height = camera.width * nearest, camera.height * nearest
-        evidence += f": K is that of {width:.0f}x{height:.0f}"
-        return Finding("principal_point", Severity.STOP, evidence, lens, _FROM_LENS)
-    return Finding("principal_point", Severity.CAUTION, evidence, lens, _FROM_LENS)
-
-
-def _view(camera: Camera, lens: str) -> Finding | None:
-    view_deg = 2 * math.degrees(math.atan(camera.width / 2 / camera.fx))
-    if _NARROWEST_DEG <= view_deg <= _WIDEST_DEG:
-        return None
-    evidence = f"field of view {view_deg:.1f} deg, by a focal length of {camera.fx:.0f} px"
-    return Finding("field_of_view", Severity.STOP, evidence, lens, _FROM_LENS)
-
-
-def _square(camera: Camera, lens: str) -> Finding | None:
-    ratio = camera.fx / camera.fy
-    if abs(ratio - 1) <= _SQUARE:
-        return None
-    evidence = f"focal lengths {camera.fx:.0f} and {camera.fy:.0f} px: pixels {ratio:.2f} to 1"
-    return Finding("focal_ratio", Severity.CAUTION, evidence, lens, _FROM_LENS)
-
-
-def _folds(camera: Camera, lens: str) -> Finding | None:
-    """Return a finding if the lens model is not defined in a tenth or more of the picture."""
-    columns = np.linspace(0, camera.width - 1, 9)
-    rows = np.linspace(0, camera.height - 1, 9)
-    grid = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
-    share = float(np.isnan(camera.rays(grid)[:, 0]).mean())
-    if share < 0.1:
-        return None
-    evidence = f"the lens model folds within the picture: {100 * share:.0f} % of it has no place"
-    return Finding("lens_folds", Severity.CAUTION, evidence, lens, _FROM_LENS)
+    if not alike or abs(ratio / nearest - 1) >= _NEAR_RATIO:
+        return ""
+    return f"{camera.width * nearest:.0f}x{camera.height * nearest:.0f}"

@@ -9,13 +9,14 @@ from typing import NamedTuple
 import numpy as np
 
 from tirgeo_ros.core.checks.imu_blocks import ImuMean
-from tirgeo_ros.core.checks.lever_arm_equations import (
+from tirgeo_ros.core.checks.lever_arm_fit import (
     ImuPath,
-    by_positions,
-    by_velocities,
+    LeverArmEstimate,
+    LeverArmWindow,
+    equations,
     integrated,
+    solved,
 )
-from tirgeo_ros.core.checks.lever_arm_solution import LeverArmEstimate, LeverArmWindow, solved
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.navigation.delays import Delays
@@ -118,27 +119,23 @@ class LeverChecks:
         stretch = _Stretch(start.stamp_ns, blocks[-1].stamp_ns, path, overlaps)
         self._stretches.append(stretch)
         # The smallest: after a clock that jumped back, the first one is not the oldest.
-        self._forget(min(kept.start_ns for kept in self._stretches) - _LONGER_NS)
+        needed_ns = min(kept.start_ns for kept in self._stretches) - _LONGER_NS
+        for aids in self._aids:
+            while aids and aids[0][0] < needed_ns:
+                aids.popleft()
         self._windows.append(self._window(stretch, self._delay_s))
         self._fresh = False
-
-    def _forget(self, before_ns: int) -> None:
-        """Drop measurements that no window needs any more."""
-        for aids in self._aids:
-            while aids and aids[0][0] < before_ns:
-                aids.popleft()
 
     def _window(self, stretch: _Stretch, delay_s: float) -> LeverArmWindow:
         """Return a window's equations, made for stamps that are late by ``delay_s``."""
         begin_ns = stretch.start_ns + round(delay_s * 1e9)
         end_ns = stretch.end_ns + round(delay_s * 1e9)
         normals = []
-        for aids, fit in zip(self._aids, (by_positions, by_velocities), strict=True):
+        for aids, velocities in zip(self._aids, (False, True), strict=True):
             inside = [aid for aid in aids if begin_ns < aid[0] < end_ns]
             times_s = np.array([stamp_ns - begin_ns for stamp_ns, _ in inside]) * 1e-9
-            rising = len(inside) > 1 and bool((np.diff(times_s) > 0).all())
             values = np.array([value for _, value in inside])
-            normals.append(fit(stretch.path, times_s, values) if rising else None)
+            normals.append(equations(stretch.path, times_s, values, velocities=velocities))
         return LeverArmWindow(normals[0], normals[1], stretch.overlaps)
 
     @property
@@ -169,7 +166,11 @@ class LeverChecks:
     def findings(self, topics: Container[str]) -> list[Finding]:
         """Return the differences from the parameters; ``topics`` are those that arrive."""
         unset = self._unset(topics)
-        found = [] if self.found is None else [*self._lever(self.found), *self._delays(self.found)]
+        found = []
+        if self.found is not None:
+            names = (("rtk/fix", "rtk.delay_s"), ("rtk/vel", "rtk.velocity_delay_s"))
+            delays = (_delay(*name, self.found, kind) for kind, name in enumerate(names))
+            found = [*self._lever(self.found), *(one for one in delays if one)]
         return [unset, *(one for one in found if one.check != unset.check)] if unset else found
 
     def _unset(self, topics: Container[str]) -> Finding | None:
@@ -177,10 +178,9 @@ class LeverChecks:
         given, two = self._given, "rtk/heading" in topics
         if self._lever_b.any() or not two or (given is not None and _LEVER in given):
             return None
-        estimate = (
-            "" if self.found is None else f"; this flight says about {_place_text(self.found)}"
-        )
-        evidence = f"rtk/heading comes, and the antennas' places are still at zero{estimate}"
+        evidence = "rtk/heading comes, and the antennas' places are still at zero"
+        if self.found is not None:
+            evidence += f"; this flight says about {_place_text(self.found)}"
         severity = Severity.NOTE if given is None else Severity.CAUTION
         mend = "measure both from the IMU with a tape (forward, left, up)"
         return Finding("antenna_place", severity, evidence, f"{_LEVER}, {_SECOND}", mend)
@@ -192,32 +192,18 @@ class LeverChecks:
             return []
         set_m = flu_from_frd(self._lever_b)
         configured = ", ".join(f"{value:+.2f}" for value in set_m)
-        evidence = (
-            f"the flight puts the RTK antenna at {_place_text(found)}, not at ({configured})"
-        )
-        names = [
-            name
-            for name, own, other in zip(
-                ("forward", "left", "up"), set_m, flu_from_frd(found.lever_b), strict=True
-            )
-            if abs(own) > _LEAST_M and abs(own + other) < 0.5 * abs(own)
-        ]
+        place = _place_text(found)
+        evidence = f"the flight puts the RTK antenna at {place}, not at ({configured})"
+        turned = np.abs(set_m + flu_from_frd(found.lever_b)) < 0.5 * np.abs(set_m)
+        turned &= np.abs(set_m) > _LEAST_M
+        names = " and ".join(np.array(("forward", "left", "up"))[turned])
         mend = (
-            f"is the sign of {' and '.join(names)} wrong?"
-            if names
-            else "measure it from the IMU, with a tape"
+            f"is the sign of {names} wrong?" if names else "measure it from the IMU, with a tape"
         )
         severity = Severity.CAUTION if self._lever_b.any() else Severity.NOTE
         if self._given is not None and _LEVER in self._given:
             severity = Severity.CAUTION
         return [Finding("antenna_place", severity, evidence, f"ekf_node {_LEVER}", mend)]
-
-    def _delays(self, found: LeverArmEstimate) -> list[Finding]:
-        delays = [
-            _delay("rtk/fix", "rtk.delay_s", found, 0),
-            _delay("rtk/vel", "rtk.velocity_delay_s", found, 1),
-        ]
-        return [one for one in delays if one]
 
 
 def _sigmas(found: LeverArmEstimate) -> float:

@@ -1,4 +1,4 @@
-"""Check map, style sheet and elevation model against the place of the flight."""
+"""Check map and elevation model against the place of the flight."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _FAR_M = 10_000.0
 #: Part of the map readers' remark on a file that names no coordinate system.
 _NO_SYSTEM = "taken for WGS84"
 _STEP_RAD = 1e-5  # 64 m: short compared with a model, long compared with rounding in its grid
-_MAP, _STYLE, _DEM = "overlay_node map", "overlay_node style", "overlay_node dem"
+_MAP, _DEM = "overlay_node map", "overlay_node dem"
 
 
 class MapChecks:
@@ -56,20 +56,26 @@ class MapChecks:
         return sorted_findings([*self._found, *self._unread])
 
 
-def map_findings(laid: DrapedMap, ground: Ground, scale_m_px: float = math.nan) -> list[Finding]:
+def map_findings(laid: DrapedMap, ground: Ground) -> list[Finding]:
     """Return the faults of a map that was draped in the flight's plane, the most severe first.
 
     The plane's origin is taken as the place of take-off. ``ground`` is what the map was draped on.
-    ``scale_m_px`` is the finest ground length of a pixel in the middle of the picture during the
-    flight, if known; with nan the layers' scale ranges are not checked.
     """
     if not laid.features:
-        return [_nothing("the map has no features")]
-    found = [*_ground_findings(laid, ground), *_scale_findings(laid, scale_m_px)]
+        return [_nothing("the map has no features", _MAP)]
+    found = _ground_findings(laid, ground)
     nearest = NearestFeature(laid.map, laid.first_n).nearest(np.zeros(3))
     if nearest is not None and nearest.distance_m > _FAR_M:
-        found.append(_elsewhere(laid, nearest.distance_m, nearest.azimuth_rad, nearest.point_n))
-    return sorted_findings([*found, *_system_findings(laid)])
+        severity = Severity.STOP if nearest.distance_m > ELSEWHERE_M else Severity.CAUTION
+        way = way_words(nearest.distance_m, nearest.azimuth_rad)
+        question = likely_mistake(laid.plane, np.asarray(nearest.point_n))
+        evidence = f"map is {way}{'; ' if question else ''}{question}"
+        mend = "give the map of this place, in its own system (crs in the style sheet)"
+        found.append(Finding("map_elsewhere", severity, evidence, _MAP, mend))
+    remarks = [line for layer in laid.map.layers for line in layer.left_out if _NO_SYSTEM in line]
+    mend = "save it in WGS84 (EPSG:4326), or name its system under crs in the style sheet"
+    unknown = [Finding("map_system_unknown", Severity.NOTE, one, _MAP, mend) for one in remarks]
+    return sorted_findings([*found, *unknown])
 
 
 def dem_findings(ground: Ground, plane: TangentPlane) -> list[Finding]:
@@ -88,18 +94,9 @@ def dem_findings(ground: Ground, plane: TangentPlane) -> list[Finding]:
     return [Finding("dem_elsewhere", severity, evidence, _DEM, mend)]
 
 
-def _nothing(evidence: str, parameter: str = _MAP) -> Finding:
+def _nothing(evidence: str, parameter: str) -> Finding:
     mend = "see that its file has lines, outlines or points, and the style sheet names its layers"
     return Finding("map_empty", Severity.STOP, evidence, parameter, mend)
-
-
-def _elsewhere(laid: DrapedMap, distance_m: float, azimuth_rad: float, point_n: object) -> Finding:
-    severity = Severity.STOP if distance_m > ELSEWHERE_M else Severity.CAUTION
-    question = likely_mistake(laid.plane, np.asarray(point_n))
-    evidence = f"map is {way_words(distance_m, azimuth_rad)}"
-    evidence += f"; {question}" if question else ""
-    mend = "give the map of this place, in its own system (crs in the style sheet)"
-    return Finding("map_elsewhere", severity, evidence, _MAP, mend)
 
 
 def _ground_findings(laid: DrapedMap, ground: Ground) -> list[Finding]:
@@ -114,51 +111,16 @@ def _ground_findings(laid: DrapedMap, ground: Ground) -> list[Finding]:
     return found
 
 
-def _scale_findings(laid: DrapedMap, scale_m_px: float) -> list[Finding]:
-    used = set(laid.map.layer.tolist())
-    ranges = [laid.map.layers[number].style.scale_m_px for number in used]
-    if math.isnan(scale_m_px) or any(scale_m_px <= most for _, most in ranges):
-        return []
-    most = max(most for _, most in ranges)
-    evidence = (
-        f"no layer is shown: a pixel spans {scale_m_px:.2g} m or more, and the style sheet shows "
-        f"none above {most:g} m"
-    )
-    return [_nothing_shown(evidence)]
-
-
-def _nothing_shown(evidence: str) -> Finding:
-    mend = "widen scale of the layers"
-    return Finding("style_hides_all", Severity.STOP, evidence, _STYLE, mend)
-
-
-def _system_findings(laid: DrapedMap) -> list[Finding]:
-    remarks = [line for layer in laid.map.layers for line in layer.left_out if _NO_SYSTEM in line]
-    if not remarks:
-        return []
-    mend = "save it in WGS84 (EPSG:4326), or name its system under crs in the style sheet"
-    return [Finding("map_system_unknown", Severity.NOTE, remarks[0], _MAP, mend)]
-
-
 def _beside_m(terrain: Terrain, plane: TangentPlane) -> float:
     """Return the distance of the plane's origin from the model's grid, m: 0 inside, or nan."""
-    rows, columns = terrain.heights_m.shape
     steps = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]) * _STEP_RAD
-    at = terrain.grid_of(plane.latitude_rad + steps[0], plane.longitude_rad + steps[1])
-    column, row = (np.asarray(each, float) for each in at)
-    off = np.array([_off(column[0], columns - 1), _off(row[0], rows - 1)])
+    nodes = terrain.grid_of(plane.latitude_rad + steps[0], plane.longitude_rad + steps[1])
+    at, north, east = np.array(nodes, float).T  # (column, row) of the origin and of both steps
+    off = at - at.clip(0.0, np.array(terrain.heights_m.shape[::-1]) - 1.0)
     # Grid nodes per metre to the north and east; their inverse gives the metres back to the grid.
-    cosine = math.cos(plane.latitude_rad)
-    per_m = (
-        np.array([np.diff(column[[0, 1]]), np.diff(row[[0, 1]])]).ravel(),
-        np.array([column[2] - column[0], row[2] - row[0]]),
-    )
-    nodes_per_m = np.column_stack([per_m[0], per_m[1] / cosine]) / (_STEP_RAD * SEMI_MAJOR_AXIS_M)
+    nodes_per_m = np.column_stack([north - at, (east - at) / math.cos(plane.latitude_rad)])
+    nodes_per_m /= _STEP_RAD * SEMI_MAJOR_AXIS_M
     try:
         return float(np.linalg.norm(np.linalg.solve(nodes_per_m, off)))
     except np.linalg.LinAlgError:
         return math.nan
-
-
-def _off(place: float, most: float) -> float:
-    return max(place - most, 0.0) + min(place, 0.0)

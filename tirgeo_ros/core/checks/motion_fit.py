@@ -142,6 +142,12 @@ def fit_motion(
     if assumed.any():
         start = np.where(assumed, 0.0, values)
         values, sigmas = _fitted(scene, start, np.where(assumed, _TIGHT, _LOOSE))
+
+    def without(one: int | slice) -> float:
+        left = values.copy()
+        left[one] = 0.0
+        return scene.pair_rms(scene.residuals(left))
+
     return MotionFit(
         values,
         sigmas,
@@ -150,16 +156,10 @@ def fit_motion(
         scene.pair_rms(scene.residuals(np.zeros(6))),
         scene.pair_rms(scene.residuals(values)),
         scene.pair_rms((scene.second - scene.first) * focal_px),
-        tuple(_left_wrong(scene, values, one) for one in (LATENCY, FOCAL, HEIGHT, BORESIGHT)),
+        tuple(without(one) for one in (LATENCY, FOCAL, HEIGHT, BORESIGHT)),
         float(np.median(scene.above_m)),
         float(np.median([one.height_sigma_m for one in pairs])),
     )
-
-
-def _left_wrong(scene: _Scene, values: Array, one: int | slice) -> float:
-    x = values.copy()
-    x[one] = 0.0
-    return scene.pair_rms(scene.residuals(x))
 
 
 def _searched(scene: _Scene) -> Array:

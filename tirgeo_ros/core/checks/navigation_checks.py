@@ -14,15 +14,13 @@ from tirgeo_ros.core.checks.heading_checks import HeadingChecks
 from tirgeo_ros.core.checks.imu_blocks import ImuBlocks
 from tirgeo_ros.core.checks.lever_arm_checks import LeverChecks
 from tirgeo_ros.core.checks.position_checks import PositionChecks
-from tirgeo_ros.core.checks.rate_checks import RateChecks, longest_step_s
+from tirgeo_ros.core.checks.rate_checks import Stream, longest_step_s, rate_findings
 from tirgeo_ros.core.checks.stamp_checks import StampChecks
-from tirgeo_ros.core.checks.streams import Stream
 from tirgeo_ros.core.checks.velocity_checks import VelocityChecks
 from tirgeo_ros.core.checks.vibration_checks import VibrationChecks
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.streams.sanity_checks import fault_of
-from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding, Severity, sorted_findings
 from tirgeo_ros.core.types.measurements import (
     FixStatus,
@@ -49,18 +47,17 @@ class NavigationChecks:
 
     def __init__(self, config: EkfConfig, given: Collection[str] | None) -> None:
         self._config, self._given = config, given
-        self._begin()
+        self._begin(config)
 
-    def _begin(self) -> None:
-        config = self._config
+    def _begin(self, config: EkfConfig) -> None:
         self._streams: dict[str, Stream] = {}
-        self._arrived_ns = 0
+        self._first_ns = self._arrived_ns = 0
         self._blocks = ImuBlocks()
         self._force, self._gyro = ForceChecks(config.aircraft), GyroChecks(config.aircraft)
         self._vibration = VibrationChecks(config.imu)
         self._heading = HeadingChecks(config)
         self._positions = PositionChecks(config)
-        self._stamps, self._rates = StampChecks(config), RateChecks(config)
+        self._stamps = StampChecks(config)
         self._covariances = CovarianceChecks(config)
         self._velocities = {
             Source.RTK_VELOCITY: VelocityChecks("rtk/vel", "rtk/fix"),
@@ -72,16 +69,18 @@ class NavigationChecks:
     def take(self, topic: str, sample: NavigationInput, arrival_ns: int) -> None:
         """Take a sample of a topic (``rtk/fix``), as it arrived."""
         if arrival_ns < self._arrived_ns - _BACK_NS:
-            self._begin()
-        if not self._arrived_ns:
-            self._rates.begin(arrival_ns)
-        self._arrived_ns = arrival_ns
-        stream = self._streams.get(topic)
-        if stream is None:
-            stream = self._streams[topic] = Stream(longest_step_s(topic, self._config))
+            self._begin(self._config)
+        self._first_ns, self._arrived_ns = self._first_ns or arrival_ns, arrival_ns
+        if topic not in self._streams:
+            self._streams[topic] = Stream(longest_step_s(topic, self._config))
+        stream = self._streams[topic]
         stream.add(sample.stamp_ns, arrival_ns)
         if isinstance(sample, ImuSample):
-            self._imu(sample)
+            self._vibration.add(sample)
+            block = self._blocks.add(sample)
+            if block is not None:
+                for check in (self._force, self._gyro, self._heading, self._levers):
+                    check.block(block)
             return
         if _IMU in self._streams:
             self._stamps.take(topic, stream, self._streams[_IMU])
@@ -101,22 +100,13 @@ class NavigationChecks:
             *self._positions.findings(),
             *(one for check in self._velocities.values() for one in check.findings()),
             *self._stamps.findings(self._streams),
-            *self._rates.findings(self._streams, self._arrived_ns),
+            *rate_findings(self._streams, self._config, self._arrived_ns - self._first_ns),
             *self._covariances.findings(),
             *([] if units else self._vibration.findings()),  # its unit would be wrong too
         ]
         if not any(one.severity is Severity.STOP for one in found):  # the fit trusts all inputs
             found += self._levers.findings(self._streams)
         return sorted_findings(found)
-
-    def _imu(self, sample: ImuSample) -> None:
-        self._vibration.add(sample)
-        block = self._blocks.add(sample)
-        if block is not None:
-            self._force.block(block)
-            self._gyro.block(block)
-            self._heading.block(block)
-            self._levers.block(block)
 
     def _aid(self, topic: str, sample: PositionSample | VelocitySample | HeadingSample) -> None:
         self._covariances.take(topic, sample)
@@ -136,16 +126,11 @@ class NavigationChecks:
         self._positions.position(sample)
         if sample.status is FixStatus.NONE or fault_of(sample):
             return
-        position_n = self._planar(sample)
+        place = sample.latitude_rad, sample.longitude_rad, sample.height_m
+        self._plane = self._plane or TangentPlane(*place)  # at the first position
+        position_n = self._plane.ned_from_geodetic(*place)
         rtk = sample.source is Source.RTK_POSITION
         velocity = Source.RTK_VELOCITY if rtk else Source.GPS_VELOCITY
         self._velocities[velocity].position(sample.stamp_ns, position_n)
         if rtk and sample.status is FixStatus.FIXED:
             self._levers.position(sample.stamp_ns, position_n)
-
-    def _planar(self, sample: PositionSample) -> Array:
-        """Return (3,) NED, m, in the tangent plane of the first position."""
-        place = sample.latitude_rad, sample.longitude_rad, sample.height_m
-        if self._plane is None:
-            self._plane = TangentPlane(*place)
-        return self._plane.ned_from_geodetic(*place)

@@ -25,29 +25,20 @@ def parameter_findings(
     pictures or a gimbal. ``option`` is the option that names parameter files.
     """
     found = []
+
+    def tell(check: str, evidence: str, mend: str) -> None:
+        found.append(Finding(check, Severity.CAUTION, evidence, option, mend))
+
     if unused:
         where = f"/{namespace.strip('/')}" if namespace.strip("/") else "no namespace"
         evidence = f"sections of parameters for no node of this flight ({where}): "
         mend = "give the --namespace of that aircraft, or begin the section with /**/"
-        finding = Finding(
-            "parameters_elsewhere",
-            Severity.CAUTION,
-            evidence + ", ".join(unused),
-            option,
-            mend,
-        )
-        found.append(finding)
-    own = [name for name in given if name not in ("camera", "method", *_GROUND)]
-    if pictures and not own:
+        tell("parameters_elsewhere", evidence + ", ".join(unused), mend)
+    if pictures and set(given) <= {"camera", "method", *_GROUND}:
         ground = "" if any(name in given for name in _GROUND) else ", no height of the ground"
-        finding = Finding(
-            "no_parameters",
-            Severity.CAUTION,
-            f"no place on the aircraft is given: all lever arms and the boresight are 0{ground}",
-            option,
-            "measure them and write them into a copy of config/m600_xt2.yaml or m300_h20t.yaml",
-        )
-        found.append(finding)
+        evidence = "no place on the aircraft is given: all lever arms and the boresight are 0"
+        mend = "measure them and write them into a copy of config/m600_xt2.yaml or m300_h20t.yaml"
+        tell("no_parameters", evidence + ground, mend)
     return found
 
 
@@ -55,7 +46,5 @@ def size_fault(camera: Camera, width: int, height: int) -> str:
     """Return why a calibration does not fit a picture's size; empty if the sizes are equal."""
     if (camera.width, camera.height) == (width, height):
         return ""
-    return (
-        f"the calibration is of {camera.width}x{camera.height} pixels and the pictures have "
-        f"{width}x{height}"
-    )
+    size = f"{camera.width}x{camera.height}"
+    return f"the calibration is of {size} pixels and the pictures have {width}x{height}"

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.checks.frame_stamps import FrameStamps
 from tirgeo_ros.core.checks.height_checks import HeightChecks, ground_parameter
-from tirgeo_ros.core.checks.lens_findings import lens_findings, size_finding
+from tirgeo_ros.core.checks.lens_findings import lens_findings
 from tirgeo_ros.core.checks.motion_findings import motion_findings
 from tirgeo_ros.core.checks.picture_motion import PictureMotion
 from tirgeo_ros.core.checks.picture_tracks import PictureTracker
@@ -50,11 +50,6 @@ class PictureChecks:
         self._tracker = PictureTracker()
         self._motion = PictureMotion(config.video_latency_s, ground)
         self._size: tuple[int, int] | None = None  # of a picture that does not fit the lens
-
-    @property
-    def above_ground_m(self) -> float:
-        """Return the height of the body, or without body poses of the camera, m; nan: unknown."""
-        return self._heights.above_m
 
     def camera(self, camera: Camera) -> None:
         """Set the calibration."""
@@ -110,35 +105,24 @@ class PictureChecks:
         """Return the findings so far."""
         found = [*self._heights.findings(), *self._stamps.findings()]
         if self._camera is not None:
-            found += lens_findings(self._camera, self._lens)
-            if self._size is not None:
-                different = size_finding(self._camera, self._size, self._lens)
-                found += [different] if different else []
-            found += self._motion_findings(self._camera)
+            found += self._lens_findings(self._camera)
         tracker = self._tracker
         if tracker.pairs >= _FEWEST and tracker.frozen > _FROZEN * tracker.pairs:
-            found.append(_frozen(tracker.frozen, tracker.pairs))
+            same = f"{tracker.frozen} of {tracker.pairs} pictures are the same as the one before"
+            evidence, where = f"{same}, bit by bit", "thermal/image_raw"
+            mend = "see that the video is live and not the last picture again and again"
+            found.append(Finding("pictures_frozen", Severity.CAUTION, evidence, where, mend))
         if self._default and tracker.pairs:
-            found.append(_default_latency(self._latency_s))
+            evidence = f"latency of the video at its default, {self._latency_s:g} s"
+            where = "overlay_node video_latency_s"
+            mend = "measure it with tirgeo calibrate boresight, and set it"
+            found.append(Finding("latency_default", Severity.NOTE, evidence, where, mend))
         return found
 
-    def _motion_findings(self, camera: Camera) -> list[Finding]:
+    def _lens_findings(self, camera: Camera) -> list[Finding]:
+        found = lens_findings(camera, self._lens, self._size)
         fit = self._motion.fit()
-        if fit is None:
-            return []
-        ground = self._ground if self._motion.knows_ground else ""
-        return motion_findings(fit, self._latency_s, camera.fx, self._lens, ground)
-
-
-def _frozen(frozen: int, pairs: int) -> Finding:
-    evidence = f"{frozen} of {pairs} pictures are the same as the one before, bit by bit"
-    mend = "see that the video is live and not the last picture again and again"
-    return Finding("pictures_frozen", Severity.CAUTION, evidence, "thermal/image_raw", mend)
-
-
-def _default_latency(latency_s: float) -> Finding:
-    evidence = f"latency of the video at its default, {latency_s:g} s"
-    mend = "measure it with tirgeo calibrate boresight, and set it"
-    return Finding(
-        "latency_default", Severity.NOTE, evidence, "overlay_node video_latency_s", mend
-    )
+        if fit is not None:
+            ground = self._ground if self._motion.knows_ground else ""
+            found += motion_findings(fit, self._latency_s, camera.fx, self._lens, ground)
+        return found

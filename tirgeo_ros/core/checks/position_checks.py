@@ -40,10 +40,9 @@ class PositionChecks:
 
     def position(self, sample: PositionSample) -> None:
         """Take a position as it arrived."""
-        fault = place_fault(sample.latitude_rad, sample.longitude_rad, sample.height_m)
-        finite = math.isfinite(sample.longitude_rad) and math.isfinite(sample.height_m)
-        swapped = sample.status is not FixStatus.NONE and finite
-        if (fault and not swapped) or sample.status is FixStatus.NONE:
+        place = sample.latitude_rad, sample.longitude_rad, sample.height_m
+        finite = math.isfinite(place[1]) and math.isfinite(place[2])  # swapped ones are kept
+        if sample.status is FixStatus.NONE or (place_fault(*place) and not finite):
             return
         self._newest[sample.source] = sample
         rtk = self._newest.get(Source.RTK_POSITION)
@@ -84,16 +83,10 @@ class PositionChecks:
     def _elsewhere(self, across_m: float) -> Finding:
         rtk, gps = self._newest[Source.RTK_POSITION], self._newest[Source.GPS_POSITION]
         evidence = f"rtk/fix and gps/fix are {across_m / 1e3:.0f} km apart"
-        swapped = (
-            abs(rtk.latitude_rad - gps.longitude_rad)
-            < 0.01
-            > abs(rtk.longitude_rad - gps.latitude_rad)
-        )
-        mend = (
-            "latitude and longitude of one are swapped"
-            if swapped
-            else "one is of another place: look at its driver (degrees, signs) and its base"
-        )
+        apart = rtk.latitude_rad - gps.longitude_rad, rtk.longitude_rad - gps.latitude_rad
+        mend = "one is of another place: look at its driver (degrees, signs) and its base"
+        if max(map(abs, apart)) < 0.01:
+            mend = "latitude and longitude of one are swapped"
         where = "rtk/fix, gps/fix latitude, longitude"
         return Finding("position_elsewhere", Severity.STOP, evidence, where, mend)
 
@@ -102,12 +95,10 @@ def _height(up_m: float, sigma_m: float) -> Finding:
     """Return the finding on GPS height minus RTK height, m."""
     evidence = f"gps/fix is {up_m:+.1f} m above rtk/fix all along (its sigma is {sigma_m:.1f} m)"
     where = "rtk/fix, gps/fix altitude; dji_node geoid_undulation_m"
-    mend = (
-        "one is above sea level: all heights are ellipsoidal; switch the receiver, or set the "
-        "undulation of the place"
-        if abs(up_m) < _LARGEST_UNDULATION_M
-        else "one height has another unit or datum"
-    )
+    mend = "one height has another unit or datum"
+    if abs(up_m) < _LARGEST_UNDULATION_M:
+        sea = "one is above sea level: all heights are ellipsoidal"
+        mend = f"{sea}; switch the receiver, or set the undulation of the place"
     return Finding("height_datum", Severity.CAUTION, evidence, where, mend)
 
 

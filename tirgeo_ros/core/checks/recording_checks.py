@@ -58,7 +58,10 @@ def recording_findings(recording: RecordedTopics) -> list[Finding]:
     namespace = _namespace(recording)
     if namespace is not None:
         return [namespace]  # all other findings would follow from it
-    found = needed_findings(recording, _needed(recording))
+    needed: list[tuple[str, ...]] = [("imu/data",), _POSITIONS]
+    if recording.there.intersection(_PICTURES):
+        needed += [_GIMBAL] if recording.has_camera else [_GIMBAL, (_CAMERA_INFO,)]
+    found = needed_findings(recording, needed)
     return [*found, *_no_pictures(recording, {finding.parameter for finding in found})]
 
 
@@ -91,15 +94,6 @@ def _namespace(recording: RecordedTopics) -> Finding | None:
     here = f"no input topic under {recording.name('')}"
     mend = f"did you mean --namespace {space or '/'}?"
     return Finding("namespace", Severity.STOP, f"{here}; {where}", "--namespace", mend)
-
-
-def _needed(recording: RecordedTopics) -> list[tuple[str, ...]]:
-    """Return the groups of topics of which at least one must be present."""
-    needed: list[tuple[str, ...]] = [("imu/data",), _POSITIONS]
-    if recording.there.intersection(_PICTURES):
-        needed.append(_GIMBAL)
-        needed += [] if recording.has_camera else [(_CAMERA_INFO,)]
-    return needed
 
 
 def _wrong_types(recording: RecordedTopics, missed: Collection[str]) -> list[Finding]:

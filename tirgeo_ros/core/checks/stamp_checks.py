@@ -7,10 +7,10 @@ their transport times; a topic that is younger on arrival than the IMU has stamp
 from __future__ import annotations
 
 import statistics
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Collection, Mapping, Sequence
 
-from tirgeo_ros.core.checks.streams import Stream
+from tirgeo_ros.core.checks.rate_checks import Stream
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.delays import Delays
 from tirgeo_ros.core.types.finding import Finding, Severity
@@ -34,6 +34,7 @@ _LEAST_DRIFTING = 30  # seconds of data before a drift is reported
 _SECOND_NS = 1_000_000_000
 #: After a longer silence the IMU's age is not used.
 _OLD_NS = 500_000_000
+_ONE_CLOCK = "stamp both with one clock"
 
 
 class StampChecks:
@@ -49,8 +50,8 @@ class StampChecks:
         self._second: dict[str, tuple[int, list[int]]] = {}
         # for each topic: medians of the newest seconds, s
         self._against: dict[str, deque[float]] = {}
+        self._number: Counter[str] = Counter()  # of seconds
         self._first: dict[str, float] = {}
-        self._number: dict[str, int] = {}
         self._jumped: dict[str, float] = {}
 
     def take(self, topic: str, stream: Stream, imu: Stream) -> None:
@@ -67,17 +68,14 @@ class StampChecks:
     def _ended(self, topic: str, ages_ns: Sequence[int]) -> None:
         kept = self._against.setdefault(topic, deque(maxlen=2 * _WINDOWS))
         kept.append((statistics.median(ages_ns) + self._delay_ns[topic]) * 1e-9)
-        self._number[topic] = self._number.get(topic, 0) + 1
+        self._number[topic] += 1
         if len(kept) == 2 * _WINDOWS:
             self._first.setdefault(topic, statistics.median(kept))
-            self._look_for_jump(topic, list(kept))
-
-    def _look_for_jump(self, topic: str, ages: Sequence[float]) -> None:
-        before, after = ages[:_WINDOWS], ages[_WINDOWS:]
-        apart = statistics.median(after) - statistics.median(before)
-        if max(max(a) - min(a) for a in (before, after)) < 0.3 * abs(apart) > 0.3 * _STEP_S:
-            self._jumped[topic] = apart
-            self._first[topic] = after[-1]  # a drift is measured from here
+            before, after = list(kept)[:_WINDOWS], list(kept)[_WINDOWS:]
+            apart = statistics.median(after) - statistics.median(before)
+            if max(max(a) - min(a) for a in (before, after)) < 0.3 * abs(apart) > 0.3 * _STEP_S:
+                self._jumped[topic] = apart
+                self._first[topic] = after[-1]  # a drift is measured from here
 
     def findings(self, streams: Mapping[str, Stream]) -> list[Finding]:
         """Return what is wrong with the stamps of ``streams``, one finding for each fault."""
@@ -95,14 +93,24 @@ class StampChecks:
             if min(change) > _DRIFT_S or max(change) < -_DRIFT_S
         }
         found = [*_unstamped(streams, [t for t, delay_ns in self._delay_ns.items() if delay_ns])]
-        if ahead:
-            found.append(_ahead(ahead))
-        if late:
-            found.append(_late(late, self._max_delay_s))
-        if self._jumped:
-            found.append(_apart("stamp_jump", "jumped by", self._jumped))
-        elif drifted:
-            found.append(_apart("stamp_drift", "have drifted by", drifted))
+        for topic, text in _worst(ahead):
+            evidence = f"{topic} is stamped {-ahead[topic]:.2f} s ahead of {text}"
+            mend = f"{_ONE_CLOCK}, or set it to {-ahead[topic]:.2f} s and more"
+            where = _parameter(topic)
+            found.append(Finding("stamp_ahead", Severity.STOP, evidence, where, mend))
+        for topic, text in _worst(late):
+            limit = f"later than max_delay_s, {self._max_delay_s:g} s, is refused"
+            evidence = f"{topic} is stamped {late[topic]:.2f} s behind {text}; {limit}"
+            mend = f"{_ONE_CLOCK}; where the delay is true, set max_delay_s"
+            where = _parameter(topic)
+            found.append(Finding("stamp_late", Severity.STOP, evidence, where, mend))
+        check, verb = ("stamp_jump", "jumped") if self._jumped else ("stamp_drift", "have drifted")
+        apart = self._jumped or drifted
+        for topic, text in _worst(apart):
+            evidence = f"stamps of {topic} {verb} by {apart[topic]:+.2f} s against {text}"
+            mend = f"{_ONE_CLOCK}, and let none be set in flight"
+            where = f"{topic} header.stamp"
+            found.append(Finding(check, Severity.CAUTION, evidence, where, mend))
         return found
 
 
@@ -124,35 +132,13 @@ def _unstamped(streams: Mapping[str, Stream], delayed: Collection[str]) -> list[
     return [Finding("stamp_zero", severity, evidence, where, mend)]
 
 
-def _ahead(ages: Mapping[str, float]) -> Finding:
-    worst = min(ages, key=ages.__getitem__)
-    evidence = f"{worst} is stamped {-ages[worst]:.2f} s ahead of {IMU}{_too(ages, worst)}"
-    mend = f"stamp both with one clock, or set it to {-ages[worst]:.2f} s and more"
-    return Finding("stamp_ahead", Severity.STOP, evidence, _parameter(worst), mend)
-
-
-def _late(ages: Mapping[str, float], longest_s: float) -> Finding:
-    worst = max(ages, key=ages.__getitem__)
-    evidence = (
-        f"{worst} is stamped {ages[worst]:.2f} s behind {IMU}{_too(ages, worst)}; later than "
-        f"max_delay_s, {longest_s:g} s, is refused"
-    )
-    mend = "stamp both with one clock; where the delay is true, set max_delay_s"
-    return Finding("stamp_late", Severity.STOP, evidence, _parameter(worst), mend)
-
-
-def _apart(check: str, verb: str, changes: Mapping[str, float]) -> Finding:
-    worst = max(changes, key=lambda topic: abs(changes[topic]))
-    evidence = (
-        f"stamps of {worst} {verb} {changes[worst]:+.2f} s against {IMU}{_too(changes, worst)}"
-    )
-    mend = "stamp both with one clock, and let none be set in flight"
-    return Finding(check, Severity.CAUTION, evidence, f"{worst} header.stamp", mend)
-
-
-def _too(found: Mapping[str, float], worst: str) -> str:
-    others = [topic for topic in found if topic != worst]
-    return f" ({', '.join(others)} too)" if others else ""
+def _worst(off_s: Mapping[str, float]) -> list[tuple[str, str]]:
+    """Return at most one topic, that farthest off, with a text of the IMU and the other topics."""
+    if not off_s:
+        return []
+    worst = max(off_s, key=lambda topic: abs(off_s[topic]))
+    others = [topic for topic in off_s if topic != worst]
+    return [(worst, f"{IMU} ({', '.join(others)} too)" if others else IMU)]
 
 
 def _parameter(topic: str) -> str:

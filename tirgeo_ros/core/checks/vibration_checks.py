@@ -58,8 +58,8 @@ class VibrationChecks:
         """Return the findings on vibration and on clipping."""
         found = []
         if self._number >= _LEAST_NUMBER:
-            powers = (self._sums / self._number).tolist()
-            found += _strong(np.array(densities(tuple(powers))), self._known)
+            powers = tuple((self._sums / self._number).tolist())
+            found += _strong(np.array(densities(powers)), self._known)
         counts = self._clipping.counts
         total = sum(counts.values())
         if total >= max(_LEAST_CLIPPED, _MOST_CLIPPED * self._count):

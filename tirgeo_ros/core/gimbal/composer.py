@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter, deque
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from tirgeo_ros.core.config import GimbalConfig
 from tirgeo_ros.core.frames.rotations import quat_multiply, slerp
@@ -41,18 +41,6 @@ from tirgeo_ros.core.types.poses import BodyPose, CameraPose
 
 _HISTORY_S = 3.0
 _MAY_COME = (Miss.EMPTY, Miss.TOO_NEW)
-
-
-@dataclass(frozen=True, slots=True)
-class _NoPose:
-    """Hold why a gimbal sample has no camera pose, and whether it may get one later."""
-
-    reason: str
-    may_come: bool = False
-
-    @classmethod
-    def of(cls, what: str, miss: Miss) -> _NoPose:
-        return cls(f"{what}_{miss.value}", miss in _MAY_COME)
 
 
 class GimbalComposer:
@@ -109,13 +97,14 @@ class GimbalComposer:
         ``joints_steady`` and ``joints_silent``, how often ``auto`` changed to joints and back;
         ``north_used``, ``north_refused`` and ``north_reset`` for the measurements of the north.
         """
-        found = Counter(self._counts)
-        found["north_used"] = self._north.updates
-        found["north_refused"] = self._north.refused
-        found["north_reset"] = self._north.resets
-        found["body_invalid"] = self._bodies.invalid
-        found["body_went_back"] = self._bodies.went_back
-        found["autopilot_went_back"] = self._autopilot.went_back
+        found = dict(self._counts) | {
+            "north_used": self._north.updates,
+            "north_refused": self._north.refused,
+            "north_reset": self._north.resets,
+            "body_invalid": self._bodies.invalid,
+            "body_went_back": self._bodies.went_back,
+            "autopilot_went_back": self._autopilot.went_back,
+        }
         return {name: number for name, number in sorted(found.items()) if number}
 
     @property
@@ -226,18 +215,26 @@ class GimbalComposer:
         while self._waiting:
             composed = self._compose(self._waiting[0])
             if isinstance(composed, CameraPose):
-                self._counts["composed"] += 1
                 poses.append(composed)
-            elif composed.may_come and not self._overdue(self._waiting[0].stamp_ns):
-                break
+                why = "composed"
             else:
-                self._counts[composed.reason] += 1
+                why, miss = composed
+                stamp_ns = self._waiting[0].stamp_ns
+                newest_ns = max(self._newest_ns or stamp_ns, self._bodies.newest_ns or stamp_ns)
+                if miss in _MAY_COME and newest_ns - stamp_ns <= self._max_wait_ns:
+                    break
+            self._counts[why] += 1
             self._read_north(self._waiting.popleft())
         return poses
 
     def _read_north(self, sample: JointSample | CameraAttitudeSample) -> None:
         if isinstance(sample, JointSample):
-            self._read_centred(sample)
+            # Computed joints show a centred gimbal's north; the body's heading cancels.
+            use = sample.computed and self._centred
+            body = self._bodies.at(sample.stamp_ns) if use else Miss.EMPTY
+            if not isinstance(body, Miss):
+                q_ng = quat_multiply(body.q_nb, camera_turn(sample))
+                self._readings.read(self._north, sample.stamp_ns, q_ng, body.q_nb, None)
             return
         joints = self._joints.around(sample.stamp_ns)
         if isinstance(joints, Miss) and not self._centred:
@@ -248,24 +245,13 @@ class GimbalComposer:
         q_bg = None if isinstance(joints, Miss) else slerp(*joints)
         self._readings.read(self._north, sample.stamp_ns, sample.q_ng, slerp(*autopilot), q_bg)
 
-    def _read_centred(self, sample: JointSample) -> None:
-        """Measure a centred gimbal's north from computed joints; the body's heading cancels."""
-        if not (sample.computed and self._centred):
-            return
+    def _compose(
+        self, sample: JointSample | CameraAttitudeSample
+    ) -> CameraPose | tuple[str, Miss | None]:
+        """Return the camera's pose, or the name in ``counts`` of why there is none."""
         body = self._bodies.at(sample.stamp_ns)
         if isinstance(body, Miss):
-            return
-        q_ng = quat_multiply(body.q_nb, camera_turn(sample))
-        self._readings.read(self._north, sample.stamp_ns, q_ng, body.q_nb, None)
-
-    def _overdue(self, stamp_ns: int) -> bool:
-        newest_ns = max(self._newest_ns or stamp_ns, self._bodies.newest_ns or stamp_ns)
-        return newest_ns - stamp_ns > self._max_wait_ns
-
-    def _compose(self, sample: JointSample | CameraAttitudeSample) -> CameraPose | _NoPose:
-        body = self._bodies.at(sample.stamp_ns)
-        if isinstance(body, Miss):
-            return _NoPose.of("body", body)
+            return f"body_{body.value}", body
         if isinstance(sample, JointSample):
             if not sample.computed:
                 return from_joints(self._mount, body, sample)
@@ -273,7 +259,7 @@ class GimbalComposer:
             return from_computed(self._mount, body, sample, self.north)
         autopilot = self._autopilot.around(sample.stamp_ns)
         if isinstance(autopilot, Miss):
-            return _NoPose.of("autopilot", autopilot)
+            return f"autopilot_{autopilot.value}", autopilot
         self._north.advance(sample.stamp_ns)
         pose = from_reported(self._mount, body, slerp(*autopilot), sample, self.north)
-        return pose if pose is not None else _NoPose("no_heading")
+        return pose or ("no_heading", None)

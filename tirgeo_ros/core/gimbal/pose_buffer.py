@@ -67,11 +67,8 @@ class StampedBuffer(Generic[T]):
             return
         self._stamps.append(stamp_ns)
         self._entries.append(entry)
-        self._forget_before(stamp_ns - self._span_ns)
-
-    def _forget_before(self, stamp_ns: int) -> None:
-        if self._stamps[0] < stamp_ns:
-            old = bisect_left(self._stamps, stamp_ns)
+        if self._stamps[0] < stamp_ns - self._span_ns:
+            old = bisect_left(self._stamps, stamp_ns - self._span_ns)
             del self._stamps[:old], self._entries[:old]
 
     def latest(self, span_s: float) -> list[T]:
@@ -94,9 +91,6 @@ class StampedBuffer(Generic[T]):
             return self._entries[after], self._entries[after], 0.0
         if after == 0:
             return Miss.TOO_OLD
-        return self._between(after, stamp_ns)
-
-    def _between(self, after: int, stamp_ns: int) -> tuple[T, T, float] | Miss:
         start, end = self._stamps[after - 1], self._stamps[after]
         if end - start > self._max_gap_ns:
             return Miss.GAP
@@ -104,71 +98,42 @@ class StampedBuffer(Generic[T]):
         return self._entries[after - 1], self._entries[after], fraction
 
 
-class PoseBuffer(Generic[P]):
-    """Hold body or camera poses of the newest ``span_s`` seconds.
+class PoseBuffer(StampedBuffer[P]):
+    """Hold body or camera poses; refuse those that are not valid.
 
     ``max_gap_s`` is the longest time between two poses that is interpolated across. ``invalid``
-    counts the refused poses, ``fault`` is the reason for the newest refusal, and ``went_back``
-    counts the stamps that cleared the history.
+    counts the refused poses, ``fault`` is the reason for the newest refusal.
     """
 
     def __init__(self, span_s: float = 3.0, max_gap_s: float = 0.25) -> None:
-        self.invalid = 0
-        self.fault = ""
-        self.max_gap_s = max_gap_s
-        self._history: StampedBuffer[P] = StampedBuffer(span_s, max_gap_s)
-
-    def __len__(self) -> int:
-        """Return the number of poses."""
-        return len(self._history)
-
-    @property
-    def went_back(self) -> int:
-        """Return how often a stamp earlier than the newest one cleared the history."""
-        return self._history.went_back
-
-    @property
-    def newest_ns(self) -> int | None:
-        """Return the newest pose's stamp, or None."""
-        return self._history.newest_ns
-
-    def latest(self, span_s: float) -> list[P]:
-        """Return the poses of the last ``span_s`` seconds up to the newest one, in order."""
-        return self._history.latest(span_s)
-
-    def clear(self) -> None:
-        """Remove every pose; keep the counts."""
-        self._history.clear()
+        super().__init__(span_s, max_gap_s)
+        self.invalid, self.fault, self.max_gap_s = 0, "", max_gap_s
 
     def add(self, pose: P) -> bool:
         """Add a pose; return False, and count it with its fault, if it is not a valid pose."""
         fault = pose_fault(pose.position_n, attitude_of(pose), pose.covariance)
         if fault:
-            self.invalid += 1
-            self.fault = fault
+            self.invalid, self.fault = self.invalid + 1, fault
             return False
-        self._history.put(pose.stamp_ns, pose)
+        self.put(pose.stamp_ns, pose)
         return True
 
     def at(self, stamp_ns: int) -> P | Miss:
         """Return the pose at an instant, or the reason why there is none."""
-        found = self._history.around(stamp_ns)
+        found = self.around(stamp_ns)
         if isinstance(found, Miss):
             return found
         start, end, fraction = found
-        return start if fraction == 0.0 else _interpolated(start, end, fraction, stamp_ns)
+        if fraction == 0.0:
+            return start
+        return type(start)(  # a weighted mean of two covariances is a covariance
+            stamp_ns,
+            start.position_n + fraction * (end.position_n - start.position_n),
+            slerp(attitude_of(start), attitude_of(end), fraction),
+            start.covariance + fraction * (end.covariance - start.covariance),
+        )
 
 
 def attitude_of(pose: BodyPose | CameraPose) -> Array:
     """Return ``q_nb`` of a body pose or ``q_nc`` of a camera pose."""
     return pose.q_nb if isinstance(pose, BodyPose) else pose.q_nc
-
-
-def _interpolated(start: P, end: P, fraction: float, stamp_ns: int) -> P:
-    """Interpolate between two poses; a weighted mean of two covariances is a covariance."""
-    return type(start)(
-        stamp_ns,
-        start.position_n + fraction * (end.position_n - start.position_n),
-        slerp(attitude_of(start), attitude_of(end), fraction),
-        start.covariance + fraction * (end.covariance - start.covariance),
-    )

@@ -1,24 +1,18 @@
 r"""The command ``tirgeo VERB``: one module of this package a verb.
 
 Every module here, except ``main`` and those whose names begin with ``_``, is the verb of its name
-(``import_`` is ``import``). It has::
+(``import_`` is ``import``). Its docstring is the verb's help: a first line for the list of verbs,
+a description, and ``example:``. It has::
 
-    def add_parser(subparsers: Subparsers) -> ArgumentParser:
-        parser = subparsers.add_parser(
-            "process",
-            help="one line for the list of verbs",
-            description="a paragraph",
-            epilog="example:\n  tirgeo process flight.mcap -o out.mcap",  # needed, kept as it is
-        )
-        parser.add_argument("bag", ...)
-        return parser
+    OPTIONS = (*FLIGHT, *PARAMETERS, ("--kml", "KML", "the points as KML too"))
 
     def run(args: Namespace) -> dict[str, object] | int: ...
 
     def describe(result: dict[str, object]) -> str: ...  # optional: the result for a person
-    # an option with dest="describe" (-v of process) replaces it by another function
+    # optional: describe_all(result) for -v, and VERBOSE, what -v adds
 
-``main`` adds ``--json`` to every verb, runs it and handles its result and errors:
+``_verb`` says what an option is, has those that verbs share, and calls the tool that does the
+work. ``main`` adds ``--json`` to every verb, runs it and handles its result and errors:
 
 - A ``dict`` from ``run`` is the result. It is printed by ``describe`` (else one line per key) or,
   with ``--json``, as one JSON object: NaN and infinities as null, arrays as lists, paths as
@@ -29,12 +23,9 @@ Every module here, except ``main`` and those whose names begin with ``_``, is th
   stderr and exit code 1. Wrong use is 2: argparse, or ``raise UsageError(message)``. Ctrl-C is
   130, SIGTERM 143, SIGHUP 129 (unless nohup made it ignored): all unwind the stack, so that
   context managers clean up. Any other exception is a bug and keeps its traceback.
-- ``Subparsers`` and ``UsageError`` come from ``tirgeo_ros.tools.cli._verb``.
 
-A verb without ``run`` has sub-verbs (``calibrate``): ``add_parser`` declares them, each in a
-module of the same form, and calls ``complete`` of ``_verb`` for each.
+A package without ``run`` (``calibrate``) has sub-verbs: its modules, which have the same form.
 
 A verb's module imports heavy modules (NumPy, OpenCV, rclpy, tirgeo_ros.core.config) only within
-``run``, so that ``tirgeo --help`` is quick. Long work shows a
-``tools.presentation.progress.Progress``.
+``run``, so that ``tirgeo --help`` is quick.
 """

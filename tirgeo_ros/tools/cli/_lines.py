@@ -1,9 +1,9 @@
-"""Format a result as lines for a person: one per key, the rest only with ``-v``."""
+"""Format a result as lines for a person: one per key, or as a table."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 #: Key of a result that is printed elsewhere.
 _TOLD = "findings"
@@ -14,6 +14,16 @@ def lines(result: Mapping[str, object]) -> str:
     pairs = [(name, item) for name, item in _flat(result) if item is not None and name != _TOLD]
     width = max((len(name) for name, _ in pairs), default=0)
     return "\n".join(f"{name:<{width}}  {_text(item)}" for name, item in pairs)
+
+
+def table(rows: Sequence[Sequence[str]], *, right: bool = False) -> str:
+    """Return rows of equal length as columns, two spaces apart, flush left or ``right``."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    side = ">" if right else "<"
+    return "\n".join(
+        "  ".join(f"{c:{side}{w}}" for c, w in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    )
 
 
 def not_used(refused: Mapping[str, str]) -> list[str]:

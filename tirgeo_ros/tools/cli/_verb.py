@@ -1,22 +1,162 @@
-"""Define what a verb's module imports: the type of ``subparsers`` and the error for wrong use."""
+"""Declare the options that verbs share, build a verb's parser, and call the tool of a verb."""
 
 from __future__ import annotations
 
 import argparse
+import importlib
+import math
+import pkgutil
+from collections.abc import Callable
+from pathlib import Path
 from types import ModuleType
-from typing import TypeAlias
+from typing import Any, TypeAlias, TypeVar
+
+from tirgeo_ros.tools.presentation.progress import Progress
 
 Subparsers: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"  # noqa: SLF001  its only name
+#: Names (with spaces), metavar (None: a flag), help, and more keywords of ``add_argument``. A
+#: value is a Path unless ``type`` or ``choices`` says otherwise.
+Option: TypeAlias = tuple[Any, ...]
+
+T = TypeVar("T")
+
+METHODS = ("raw", "rtk", "ekf", "ekf_heading")
+NUMBER, WORD, NEEDED = {"type": float}, {"type": str}, {"required": True}
+
+FLIGHT: tuple[Option, ...] = (("bag", "IN.mcap", "the recorded flight"),)
+NAMESPACE: tuple[Option, ...] = (
+    ("--namespace", "NS", "of the bag's topics", {"type": str, "default": ""}),
+)
+PARAMS: tuple[Option, ...] = (
+    (
+        *("--params", "YAML"),
+        "ROS 2 parameter file; may be repeated: a later one stands before an earlier",
+        {"action": "append"},
+    ),
+)
+PARAMETERS = (
+    *PARAMS,
+    ("--camera", "YAML", "its calibration, in place of the bag's thermal/camera_info"),
+    *NAMESPACE,
+)
+_METHOD_HELP = "%(choices)s; default: as --params say, else ekf_heading where the bag has "
+METHOD: tuple[Option, ...] = (
+    (
+        "--method",
+        "M",
+        f"{_METHOD_HELP}rtk/heading and ekf where it has none",
+        {"choices": METHODS},
+    ),
+)
+GROUND: tuple[Option, ...] = (
+    ("--dem", "TIF", "elevation model of the ground; tiles of one with commas", WORD),
+    ("--ground-height", "M", "ellipsoidal height of the ground, m", NUMBER),
+)
+SURVEY: tuple[Option, ...] = (
+    ("--survey", "GCPS", "GeoJSON, or CSV id,lat,lon,h", NEEDED),
+    ("--observations", "CSV", "id,stamp_ns,u,v: the picture's header stamp, column, row", NEEDED),
+)
+WINDOW: tuple[Option, ...] = (
+    ("--from", "S", "since the first", {"dest": "from_s", "type": float, "default": 0.0}),
+    ("--to", "S", "message, s", {"dest": "to_s", "type": float, "default": math.inf}),
+)
+_PICTURES = "pictures of 8 or 16 bits, folders of them, or one bag (.mcap) with thermal video"
+_BOARD = "inner corners of the board, as 9x6: one less each way than squares"
+BOARD: tuple[Option, ...] = (
+    ("pictures", "PICTURES", _PICTURES, {"nargs": "+"}),
+    *NAMESPACE,
+    ("--board", "COLUMNSxROWS", _BOARD, WORD | NEEDED),
+    ("--square", "M", "side of a square, m", NUMBER | NEEDED),
+)
 
 
 class UsageError(Exception):
     """Report arguments whose error argparse alone cannot see: usage and exit code 2."""
 
 
-def complete(parser: argparse.ArgumentParser, module: ModuleType) -> None:
-    """Give a verb's parser what all verbs share, and record the module that does the work."""
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument(
-        "--json", action="store_true", help="print the result as one JSON object on stdout"
+def verbs_of(package: ModuleType) -> list[ModuleType]:
+    """Return the modules of a package's verbs, sorted by name."""
+    names = sorted(found.name for found in pkgutil.iter_modules(package.__path__))
+    return [
+        importlib.import_module(f"{package.__name__}.{name}")
+        for name in names
+        if name != "main" and not name.startswith("_")
+    ]
+
+
+def add_verb(subparsers: Subparsers, module: ModuleType) -> argparse.ArgumentParser:
+    """Add and return the parser of a verb's module, with what all verbs share."""
+    help_line, _, rest = (module.__doc__ or "").partition("\n\n")
+    description, example, examples = rest.partition("example:\n")
+    parser = subparsers.add_parser(
+        module.__name__.rpartition(".")[2].strip("_"),
+        help=help_line.rstrip("."),
+        description=description.strip() or help_line,
+        epilog=example + examples,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    if not hasattr(module, "run"):
+        inner = parser.add_subparsers(dest="what", metavar="WHAT", required=True)
+        for one in verbs_of(module):
+            add_verb(inner, one)
+        return parser
+    for option in module.OPTIONS:
+        add_option(parser, *option)
+    if hasattr(module, "describe_all"):
+        keywords = {"dest": "describe", "action": "store_const", "const": module.describe_all}
+        what = f"{module.VERBOSE} (--json has it too)"
+        parser.add_argument("-v", "--verbose", help=what, **keywords)
+    add_option(parser, "--json", None, "print the result as one JSON object on stdout")
     parser.set_defaults(verb_module=module, verb_parser=parser)
+    return parser
+
+
+def add_option(
+    parser: argparse._ActionsContainer,
+    names: str,
+    metavar: str | None,
+    text: str,
+    more: dict[str, Any] | None = None,
+) -> None:
+    """Add one Option to a parser."""
+    own: dict[str, Any] = {"action": "store_true"} if metavar is None else {"metavar": metavar}
+    if metavar is not None and "choices" not in (more or {}):
+        own["type"] = Path
+    parser.add_argument(*names.split(), help=text, **own | (more or {}))
+
+
+def call(
+    tool: Callable[..., T],
+    args: argparse.Namespace,
+    doing: str,
+    first: str,
+    keywords: str,
+    **more: object,
+) -> T:
+    """Call a tool with a progress bar, by names of arguments with spaces between them.
+
+    ``first`` go by place, ``keywords`` by name; ``doing`` is the bar's words, with a comma and a
+    unit if it has one. Raise UsageError for two grounds, and for a window that ends too soon.
+    """
+    given = vars(args)
+    if given.get("dem") is not None and given.get("ground_height") is not None:
+        raise UsageError("--dem and --ground-height are two grounds: give one")
+    if "from_s" in given and not 0 <= args.from_s < args.to_s:
+        raise UsageError("--from must be 0 or more, and less than --to")
+    named = {name: given[name] for name in keywords.split()}
+    what, _, unit = doing.partition(", ")
+    with Progress(what, unit=unit) as bar:
+        return tool(*(given[name] for name in first.split()), **named, **more, progress=bar)
+
+
+def names_of(known: tuple[str, ...]) -> Callable[[str], list[str]]:
+    """Return a type of option: names with commas, each one of ``known``."""
+
+    def names(text: str) -> list[str]:
+        found = [name.strip() for name in text.split(",") if name.strip()]
+        for name in found:
+            if name not in known:
+                raise argparse.ArgumentTypeError(f"{name} is none of {', '.join(known)}")
+        return found
+
+    return names

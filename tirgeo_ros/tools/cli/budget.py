@@ -1,67 +1,53 @@
-"""The verb ``tirgeo budget``."""
+"""Tell the errors on the ground that errors of the pose make.
+
+The error budget over the camera's picture: root mean square errors on level ground by factor, by
+the closed form of Ren et al. 2022 (section 3.5, a pinhole camera) and by the whole covariance of
+the pose, with the lens. Without a bag the errors, the view and the camera are those of the paper.
+With a bag they are the flight's: its ordinary GPS against RTK, its autopilot's heading against the
+filter's (Eq. 22), and a second table is made of the filter's own covariance.
+
+example:
+  tirgeo budget --height 60 --tilt 45 -o budget
+  tirgeo budget bags/sample/flight.mcap --params bags/sample/params.yaml
+"""
 
 from __future__ import annotations
 
 import argparse
 import math
-from pathlib import Path
 from typing import Any
 
-from tirgeo_ros.tools.cli._arguments import add_parameters
-from tirgeo_ros.tools.cli._verb import Subparsers
-from tirgeo_ros.tools.presentation.progress import Progress
+from tirgeo_ros.tools.cli._verb import NUMBER, PARAMETERS, call
 
-#: Option, name of the value, unit, help text.
+#: Option, metavar, help text, name of the value.
 _VALUES = (
-    ("--height", "height_m", "M", "of the camera above the ground"),
-    ("--tilt", "depression_deg", "DEG", "of the optical axis below the horizon"),
-    ("--speed", "speed_m_s", "M_S", "along which an error of time acts"),
-    ("--east-error", "east_error_m", "M", "of the camera's position"),
-    ("--north-error", "north_error_m", "M", "of the camera's position"),
-    ("--height-error", "height_error_m", "M", "of the camera's position"),
-    ("--heading-error", "heading_error_deg", "DEG", "of the camera's attitude"),
-    ("--roll-error", "roll_error_deg", "DEG", "of the camera's attitude"),
-    ("--pitch-error", "pitch_error_deg", "DEG", "of the camera's attitude"),
+    ("--height", "M", "of the camera above the ground", "height_m"),
+    ("--tilt", "DEG", "of the optical axis below the horizon", "depression_deg"),
+    ("--speed", "M_S", "along which an error of time acts", "speed_m_s"),
+    ("--east-error", "M", "of the camera's position", "east_error_m"),
+    ("--north-error", "M", "of the camera's position", "north_error_m"),
+    ("--height-error", "M", "of the camera's position", "height_error_m"),
+    ("--heading-error", "DEG", "of the camera's attitude", "heading_error_deg"),
+    ("--roll-error", "DEG", "of the camera's attitude", "roll_error_deg"),
+    ("--pitch-error", "DEG", "of the camera's attitude", "pitch_error_deg"),
 )
-
-
-def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
-    """Declare the verb's arguments."""
-    parser = subparsers.add_parser(
-        "budget",
-        help="the errors on the ground that errors of the pose make",
-        description="The error budget over the camera's picture: root mean square errors on level "
-        "ground by factor, by the closed form of Ren et al. 2022 (section 3.5, a pinhole camera) "
-        "and by the whole covariance of the pose, with the lens. Without a bag the errors, the "
-        "view and the camera are those of the paper. With a bag they are the flight's: its "
-        "ordinary GPS against RTK, its autopilot's heading against the filter's (Eq. 22), and a "
-        "second table is made of the filter's own covariance.",
-        epilog="example:\n  tirgeo budget --height 60 --tilt 45 -o budget\n"
-        "  tirgeo budget bags/sample/flight.mcap --params bags/sample/params.yaml",
-    )
-    parser.add_argument("bag", nargs="?", type=Path, metavar="IN.mcap", help="a flight")
-    parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="for CSV and maps (PNG)")
-    add_parameters(parser)
-    for option, name, unit, what in _VALUES:
-        parser.add_argument(option, dest=name, type=float, metavar=unit, help=what)
-    return parser
+OPTIONS = (
+    ("bag", "IN.mcap", "a flight", {"nargs": "?"}),
+    ("-o --output", "DIR", "for CSV and maps (PNG)"),
+    *PARAMETERS,
+    *((*option, NUMBER | {"dest": name}) for *option, name in _VALUES),
+)
+_WIDE = 1e6  # m: larger values do not fit the columns with their millimetres
+_COLUMNS = ("middle", "mean", "median", "percentile 95", "largest")
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Compute the budget; return it as plain values."""
     from tirgeo_ros.tools.budget.budget_files import make_budget  # noqa: PLC0415 heavy
 
-    values = {name: getattr(args, name) for _, name, _, _ in _VALUES}
-    with Progress("reading", unit="s") as bar:
-        return make_budget(
-            {name: value for name, value in values.items() if value is not None},
-            bag=args.bag,
-            output=args.output,
-            params=args.params,
-            camera=args.camera,
-            namespace=args.namespace,
-            progress=bar,
-        )
+    values = {name: getattr(args, name) for *_, name in _VALUES}
+    args.given = {name: value for name, value in values.items() if value is not None}
+    return call(make_budget, args, "reading, s", "given", "bag output params camera namespace")
 
 
 def describe(result: dict[str, Any]) -> str:
@@ -69,10 +55,9 @@ def describe(result: dict[str, Any]) -> str:
     view = f"{result['height_m']:.4g} m above the ground, {result['depression_deg']:.4g} deg down"
     parts = [f"camera {view}"]
     if "flight" in result:
-        measured = "\n".join(
-            f"{name:<20}{_measured(value)}" for name, value in result["flight"].items()
-        )
-        parts.append(f"GPS against RTK, autopilot against filter (Eq. 22)\n{measured}")
+        lines = [f"{name:<20}{_measured(value)}" for name, value in result["flight"].items()]
+        title = "GPS against RTK, autopilot against filter (Eq. 22)"
+        parts.append("\n".join([title, *lines]))
     parts.append(f"errors on the ground, m\n{_table(result['rows'])}")
     sky = 1 - result["ground_share"]
     if sky > 0:
@@ -87,18 +72,12 @@ def describe(result: dict[str, Any]) -> str:
     return "\n\n".join(parts)
 
 
-_WIDE = 1e6  # m: larger values do not fit the columns with their millimetres
-_COLUMNS = ("middle", "mean", "median", "percentile 95", "largest")
-
-
 def _table(rows: list[dict[str, Any]]) -> str:
     lines = [f"{'factor':<16}{'form':<9}" + "".join(f"{name:>14}" for name in _COLUMNS)]
     for row in rows:
-        numbers = [row[f"{name.replace(' ', '_')}_m"] for name in _COLUMNS]
-        lines.append(
-            f"{row['factor']:<16}{row['form']:<9}"
-            + "".join(f"{_number(value):>14}" for value in numbers)
-        )
+        numbers = (_number(row[f"{name.replace(' ', '_')}_m"]) for name in _COLUMNS)
+        cells = "".join(f"{number:>14}" for number in numbers)
+        lines.append(f"{row['factor']:<16}{row['form']:<9}{cells}")
     return "\n".join(lines)
 
 

@@ -1,59 +1,32 @@
-"""The verb ``tirgeo check``."""
+r"""Find what is wrong with a flight's set-up and sensors.
+
+Looks for signs, units, axes, stamps, lever arms, lens, ground and map that are wrong. Tells each
+fault with its evidence, the parameter or topic to look at and how to mend it, the worst first,
+then what was checked (-v: each topic). Exit code 1 where a flight must not begin so.
+
+example:
+  tirgeo check bags/sample/flight.mcap --params bags/sample/params.yaml \
+    --map bags/sample/map.geojson
+"""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
-from tirgeo_ros.tools.cli._arguments import (
-    add_flight,
-    add_ground,
-    add_parameters,
-    add_verbose,
-    check_ground,
-)
-from tirgeo_ros.tools.cli._verb import Subparsers
-from tirgeo_ros.tools.presentation.progress import Progress
+from tirgeo_ros.tools.cli._verb import FLIGHT, GROUND, PARAMETERS, call
 
-
-def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
-    """Declare the verb's arguments."""
-    parser = subparsers.add_parser(
-        "check",
-        help="what is wrong with a flight's set-up and sensors",
-        description="Looks for faults of set-up and sensors in a recorded flight: signs, units, "
-        "axes, stamps, lever arms, lens, ground and map. Tells each with its evidence, the "
-        "parameter or topic to look at and how to mend it, the worst first, then what was "
-        "checked (-v: each topic). Exit code 1 where a flight must not begin so.",
-        epilog="example:\n  tirgeo check bags/sample/flight.mcap "
-        "--params bags/sample/params.yaml --map bags/sample/map.geojson",
-    )
-    add_flight(parser)
-    add_parameters(parser)
-    add_ground(parser)
-    parser.add_argument("--map", type=Path, metavar="MAP", help="the map that is to be drawn")
-    add_verbose(parser, describe_all, "what was checked, topic by topic")
-    return parser
+OPTIONS = (*FLIGHT, *PARAMETERS, *GROUND, ("--map", "MAP", "the map that is to be drawn"))
+VERBOSE = "what was checked, topic by topic"
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Check the flight; return findings and numbers."""
     from tirgeo_ros.tools.replay.check import check  # noqa: PLC0415 heavy
 
-    check_ground(args)
-    with Progress("checking", unit="s") as bar:
-        return check(
-            args.bag,
-            params=args.params,
-            map=args.map,
-            dem=args.dem,
-            ground_height=args.ground_height,
-            camera=args.camera,
-            namespace=args.namespace,
-            progress=bar,
-        )
+    names = "params map dem ground_height camera namespace"
+    return call(check, args, "checking, s", "bag", names)
 
 
 def finding_lines(_result: Mapping[str, object]) -> list[str]:
@@ -63,37 +36,29 @@ def finding_lines(_result: Mapping[str, object]) -> list[str]:
 
 def describe(result: Mapping[str, Any]) -> str:
     """Return the findings, three lines each, then one line on what was checked."""
-    return _report(result, _checked_in_short(result))
-
-
-def describe_all(result: Mapping[str, Any]) -> str:
-    """Return the findings, three lines each, then everything that was checked."""
-    return _report(result, "\n".join(_checked(result)))
-
-
-def _report(result: Mapping[str, Any], checked: str) -> str:
-    from tirgeo_ros.tools.replay.finding_lines import report  # noqa: PLC0415 heavy
-
-    parts = [result["verdict"], report(result["findings"]), checked]
-    return "\n\n".join(part for part in parts if part)
-
-
-def _checked_in_short(result: Mapping[str, Any]) -> str:
     checked = result["checked"]
     summary = (
         f"checked over {checked['duration_s']:.1f} s: {len(checked['topics'])} topics, filter "
         f"{checked['method']} {checked['state']}; -v has each"
     )
-    return "\n".join([summary, *_notes(result)])
+    return _report(result, [summary])
 
 
-def _notes(result: Mapping[str, Any]) -> list[str]:
-    return [f"  note: {note}" for note in result["notes"]]
+def describe_all(result: Mapping[str, Any]) -> str:
+    """Return the findings, three lines each, then everything that was checked."""
+    return _report(result, _checked(result["checked"]))
 
 
-def _checked(result: Mapping[str, Any]) -> Iterator[str]:
+def _report(result: Mapping[str, Any], checked: Iterator[str] | list[str]) -> str:
+    from tirgeo_ros.tools.replay.finding_lines import report  # noqa: PLC0415 heavy
+
+    last = "\n".join([*checked, *(f"  note: {note}" for note in result["notes"])])
+    parts = [result["verdict"], report(result["findings"]), last]
+    return "\n\n".join(part for part in parts if part)
+
+
+def _checked(checked: Mapping[str, Any]) -> Iterator[str]:
     """Yield a line for each thing that was checked."""
-    checked = result["checked"]
     yield f"checked over {checked['duration_s']:.1f} s:"
     for topic, one in checked["topics"].items():
         rate = f"{one['rate_hz']:.1f} Hz" if one["rate_hz"] else f"{one['messages']} message"
@@ -108,4 +73,3 @@ def _checked(result: Mapping[str, Any]) -> Iterator[str]:
         yield f"  {'height above ground':<30} {low:.1f} to {high:.1f} m"
     if "map_layers" in checked:
         yield f"  {'map':<30} {checked['map_layers']} layers"
-    yield from _notes(result)

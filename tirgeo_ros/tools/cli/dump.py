@@ -1,46 +1,41 @@
-"""The verb ``tirgeo dump``."""
+"""Print the frames of a capture of the aircraft's serial port.
+
+Prints one JSON object a frame on stdout (--json or not): offset and header, its kind, and what it
+holds: raw values and SI values beside them, what cannot be read as empty fields, NaN and
+infinities as null. One line of counts goes to stderr. Bytes in no frame are skipped and counted:
+a capture may begin and end within a frame, and a cable may lose bytes, so the exit code is 0 as
+soon as there is a frame, and 1 where there is none.
+
+What a subscription package holds is taken from the requests for packages if the capture has both
+directions, else from --packages, else it is the usual five of DJI's ROS wrapper. A push with a
+value that its package cannot have (a quaternion that is no rotation) names it under 'implausible':
+then the table of packages is wrong.
+
+example:
+  tirgeo dump capture.bin | head -3
+
+--packages takes
+  packages:
+    0:                       # the package's id
+      rate_hz: 5
+      with_timestamp: true
+      topics: [RTK_POSITION, RTK_YAW]   # in the order of the request
+"""
 
 from __future__ import annotations
 
 import argparse
 import json
 import sys
-from pathlib import Path
 
-from tirgeo_ros.tools.cli._verb import Subparsers
+from tirgeo_ros.tools.cli._verb import WORD, Option
 
-
-def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
-    """Declare the verb's arguments."""
-    parser = subparsers.add_parser(
-        "dump",
-        help="print the frames of a capture of the aircraft's serial port",
-        description="Prints one JSON object a frame on stdout (--json or not): offset and header, "
-        "its kind, and what it holds: raw values and SI values beside them, what cannot be read "
-        "as empty fields, NaN and infinities as null. One line of counts goes to stderr. Bytes "
-        "in no frame are skipped and counted: a capture may begin and end within a frame, and "
-        "a cable may lose bytes, so the exit code is 0 as soon as there is a frame, and 1 "
-        "where there is none.\n\n"
-        "What a subscription package holds is taken from the requests for packages if the "
-        "capture has both directions, else from --packages, else it is the usual five of DJI's "
-        "ROS wrapper. A push with a value that its package cannot have (a quaternion that is no "
-        "rotation) names it under 'implausible': then the table of packages is wrong.",
-        epilog="example:\n  tirgeo dump capture.bin | head -3\n\n"
-        "--packages takes\n"
-        "  packages:\n"
-        "    0:                       # the package's id\n"
-        "      rate_hz: 5\n"
-        "      with_timestamp: true\n"
-        "      topics: [RTK_POSITION, RTK_YAW]   # in the order of the request",
-    )
-    parser.add_argument("capture", type=Path, metavar="CAPTURE", help="bytes as they came")
-    parser.add_argument(
-        "--packages", type=Path, metavar="YAML", help="what the subscription packages hold"
-    )
-    parser.add_argument(
-        "--key", default="", metavar="HEX", help="application key, for encrypted frames"
-    )
-    return parser
+#: Of ``import`` too.
+CAPTURE: tuple[Option, ...] = (
+    ("--packages", "YAML", "what the subscription packages hold"),
+    ("--key", "HEX", "application key, for encrypted frames", WORD | {"default": ""}),
+)
+OPTIONS = (("capture", "CAPTURE", "bytes as they came"), *CAPTURE)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -64,13 +59,12 @@ def _line(record: dict[str, object]) -> str:
 
 
 def _summary(counts: dict[str, int], kinds: dict[str, int]) -> str:
-    damaged = counts["bad_crc32"] + counts["truncated"]
     parts = [f"{number} {kind}" for kind, number in sorted(kinds.items())]
     plural = "" if counts["frames"] == 1 else "s"
     found = f"{counts['frames']} frame{plural} ({', '.join(parts)})"
     rest = {
         "bytes skipped": counts["skipped_bytes"],
-        "damaged or cut": damaged,
+        "damaged or cut": counts["bad_crc32"] + counts["truncated"],
         "unreadable": counts["unreadable"],
         "implausible": counts["implausible"],
         "not decrypted": kinds.get("encrypted", 0),

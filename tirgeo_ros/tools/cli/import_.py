@@ -1,60 +1,44 @@
-"""The verb ``tirgeo import``."""
+"""Make a bag of a ROS 1 bag or a serial capture.
+
+Makes a bag with the topics of tirgeo (imu/data, gps, rtk, gimbal, thermal) of a ROS 1 bag that
+DJI's wrapper was recorded in (dji_sdk/ or dji_osdk_ros/), or of the bytes that an aircraft's
+serial port sent. Topics of the wrong type and values that make no sense are told and left out. A
+damaged bag is imported as far as it can be read (exit code 1). The same input gives the same
+bytes. Topics are options of ROS 1 bags; packages, key and start time of captures.
+
+example:
+  tirgeo import flight.bag -o flight.mcap --params params.yaml
+
+params.yaml needs at least
+  /**:
+    ros__parameters:
+      geoid_undulation_m: 43.2                      # where it flies
+      aircraft.rtk_antenna_m: [0.0, 0.55, 0.35]     # forward, left, up
+      aircraft.second_antenna_m: [0.0, -0.55, 0.35]
+"""
 
 from __future__ import annotations
 
 import argparse
 from datetime import datetime, timezone
-from pathlib import Path
 from typing import Any
 
-from tirgeo_ros.tools.cli._verb import Subparsers, UsageError
-from tirgeo_ros.tools.presentation.progress import Progress
+from tirgeo_ros.tools.cli._lines import table
+from tirgeo_ros.tools.cli._verb import NAMESPACE, NEEDED, WORD, UsageError, call
+from tirgeo_ros.tools.cli.dump import CAPTURE
 
-
-def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
-    """Declare the verb's arguments."""
-    parser = subparsers.add_parser(
-        "import",
-        help="make a bag of a ROS 1 bag or a serial capture",
-        description="Makes a bag with the topics of tirgeo (imu/data, gps, rtk, gimbal, thermal) "
-        "of a ROS 1 bag that DJI's wrapper was recorded in (dji_sdk/ or dji_osdk_ros/), or of the "
-        "bytes that an aircraft's serial port sent. Topics of the wrong type and values that make "
-        "no sense are told and left out. A damaged bag is imported as far as it can be read (exit "
-        "code 1). The same input gives the same bytes.",
-        epilog="example:\n  tirgeo import flight.bag -o flight.mcap --params params.yaml\n\n"
-        "params.yaml needs at least\n"
-        "  /**:\n"
-        "    ros__parameters:\n"
-        "      geoid_undulation_m: 43.2                      # where it flies\n"
-        "      aircraft.rtk_antenna_m: [0.0, 0.55, 0.35]     # forward, left, up\n"
-        "      aircraft.second_antenna_m: [0.0, -0.55, 0.35]",
-    )
-    parser.add_argument("flight", type=Path, metavar="IN", help="ROS 1 bag or serial capture")
-    parser.add_argument("-o", "--output", type=Path, metavar="OUT.mcap", required=True)
-    parser.add_argument("--params", type=Path, metavar="YAML", help="parameters of dji_node")
-    parser.add_argument(
-        "--namespace", default="", metavar="NS", help="of the bag's topics and of the new ones"
-    )
-    bags = parser.add_argument_group("of ROS 1 bags")
-    bags.add_argument(
-        "--image-topic", default="", metavar="TOPIC", help="goes to thermal/image_raw[/compressed]"
-    )
-    bags.add_argument(
-        "--camera-info-topic", default="", metavar="TOPIC", help="goes to thermal/camera_info"
-    )
-    captures = parser.add_argument_group("of captures")
-    captures.add_argument(
-        "--packages", type=Path, metavar="YAML", help="what the subscription packages hold"
-    )
-    captures.add_argument(
-        "--key", default="", metavar="HEX", help="application key, for encrypted frames"
-    )
-    captures.add_argument(
-        "--start-time",
-        metavar="TIME",
-        help="UTC of the first message, as 2024-06-11T07:44:39; default: by its receivers' date",
-    )
-    return parser
+_TIME = "UTC of the first message, as 2024-06-11T07:44:39; default: by its receivers' date"
+_TOPIC = WORD | {"default": ""}
+OPTIONS = (
+    ("flight", "IN", "ROS 1 bag or serial capture"),
+    ("-o --output", "OUT.mcap", "the new bag", NEEDED),
+    ("--params", "YAML", "parameters of dji_node"),
+    *NAMESPACE,
+    ("--image-topic", "TOPIC", "goes to thermal/image_raw[/compressed]", _TOPIC),
+    ("--camera-info-topic", "TOPIC", "goes to thermal/camera_info", _TOPIC),
+    *CAPTURE,
+    ("--start-time", "TIME", _TIME, WORD),
+)
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
@@ -64,16 +48,10 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     from tirgeo_ros.tools.convert.import_ros1 import Pictures  # noqa: PLC0415 heavy
 
     start_ns = None if args.start_time is None else _utc_ns(args.start_time)
-    with Progress("importing") as bar:
-        return import_flight(
-            args.flight,
-            args.output,
-            params=args.params,
-            namespace=args.namespace,
-            pictures=Pictures(args.image_topic, args.camera_info_topic),
-            capture=CaptureOptions(str(args.packages or ""), args.key, start_ns),
-            progress=bar,
-        )
+    args.pictures = Pictures(args.image_topic, args.camera_info_topic)
+    args.capture = CaptureOptions(str(args.packages or ""), args.key, start_ns)
+    names = "params namespace pictures capture"
+    return call(import_flight, args, "importing", "flight output", names)
 
 
 def _utc_ns(text: str) -> int:
@@ -91,27 +69,28 @@ def describe(result: dict[str, Any]) -> str:
     """Return the tables of inputs and outputs."""
     parts = [_came_in(result), _went_out(result["written"])]
     if result["counts"]:
-        parts.append("\n".join(f"{name:<32}{number}" for name, number in result["counts"].items()))
-    parts += ["\n".join(result["notes"])] if result.get("notes") else []
+        parts.append(_pairs(result["counts"]))
+    if result.get("notes"):
+        parts.append("\n".join(result["notes"]))
     pictures = [t for t, kind in result.get("not_read", {}).items() if "Image" in kind]
     if pictures:
         parts.append(f"pictures in the bag that --image-topic may name: {', '.join(pictures)}")
     return "\n\n".join(parts)
 
 
+def _pairs(numbers: dict[str, Any]) -> str:
+    return "\n".join(f"{name:<32}{number}" for name, number in numbers.items())
+
+
 def _came_in(result: dict[str, Any]) -> str:
     if result["kind"] == "capture":
-        frames = [(f"frames {name}", str(number)) for name, number in result["frames"].items()]
-        frames += [(name, str(number)) for name, number in result["telemetry"].items()]
-        return "\n".join(
-            f"{name:<32}{number}" for name, number in [*frames, ("time", result["time"])]
-        )
-    rows = [("topic in", "messages", "refused", "to")]
-    rows += [
+        frames = {f"frames {name}": number for name, number in result["frames"].items()}
+        return _pairs(frames | result["telemetry"] | {"time": result["time"]})
+    rows = [
         (row["topic"], str(row["messages"]), str(row["refused"]), ", ".join(row["to"]))
         for row in result["topics"]
     ]
-    return _table(rows)
+    return table([("topic in", "messages", "refused", "to"), *rows])
 
 
 def _went_out(written: dict[str, Any]) -> str:
@@ -120,12 +99,4 @@ def _went_out(written: dict[str, Any]) -> str:
         begun = datetime.fromtimestamp(seen["first_ns"] // 10**9, timezone.utc)
         lasts_s = (seen["last_ns"] - seen["first_ns"]) * 1e-9
         rows.append((topic, str(seen["messages"]), f"{begun:%Y-%m-%d %H:%M:%S}", f"{lasts_s:.1f}"))
-    return _table(rows)
-
-
-def _table(rows: list[tuple[str, str, str, str]]) -> str:
-    widths = [max(len(row[column]) for row in rows) for column in range(4)]
-    return "\n".join(
-        "  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip()
-        for row in rows
-    )
+    return table(rows)

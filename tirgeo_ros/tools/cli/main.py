@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 import io
 import json
 import math
 import os
-import pkgutil
 import signal
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from types import FrameType, ModuleType
 from typing import Any, NoReturn
@@ -21,19 +19,14 @@ from tirgeo_ros.core.types.errors import TirgeoError, shown
 from tirgeo_ros.io.files.child_python import stop_signals
 from tirgeo_ros.tools import cli
 from tirgeo_ros.tools.cli._lines import lines
-from tirgeo_ros.tools.cli._verb import UsageError, complete
+from tirgeo_ros.tools.cli._verb import UsageError, add_verb, verbs_of
 
 DONE, FAILED, HUNG_UP, INTERRUPTED, BROKEN_PIPE, TERMINATED = 0, 1, 129, 130, 141, 143
 
 
 def verbs() -> list[ModuleType]:
     """Return the modules of the verbs, sorted by name."""
-    names = (found.name for found in pkgutil.iter_modules(cli.__path__))
-    return [
-        importlib.import_module(f"{cli.__name__}.{name}")
-        for name in sorted(names)
-        if name != "main" and not name.startswith("_")
-    ]
+    return verbs_of(cli)
 
 
 def parser_of(modules: Sequence[ModuleType]) -> argparse.ArgumentParser:
@@ -46,9 +39,7 @@ def parser_of(modules: Sequence[ModuleType]) -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=tirgeo_ros.__version__)
     subparsers = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
     for module in modules:
-        verb = module.add_parser(subparsers)
-        if hasattr(module, "run"):  # else it has sub-verbs
-            complete(verb, module)
+        add_verb(subparsers, module)
     return parser
 
 
@@ -78,18 +69,12 @@ def _run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(plain(result), allow_nan=False, ensure_ascii=False))
     else:
-        print(_describe(args)(result))
+        by_verb = getattr(args.verb_module, "describe", lines)
+        print((getattr(args, "describe", None) or by_verb)(result))
     if result.get("warning") is not None:
         _say(args, f"warning: {result['warning']}", DONE)
     error = result.get("error")
     return DONE if error is None else _say(args, str(error), FAILED)
-
-
-def _describe(args: argparse.Namespace) -> Callable[[Any], str]:
-    """Return the function that formats the result: of the command line, the verb, or by key."""
-    by_verb: Callable[[Any], str] = getattr(args.verb_module, "describe", lines)
-    asked: Callable[[Any], str] | None = getattr(args, "describe", None)
-    return asked or by_verb
 
 
 def _finding_lines(result: Mapping[str, Any]) -> list[str]:

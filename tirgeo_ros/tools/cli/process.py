@@ -1,48 +1,43 @@
-"""The verb ``tirgeo process``."""
+r"""Geo-register a recorded flight.
+
+Runs filter, gimbal composition and overlay over a bag, faster than real time, and writes every
+output topic of the nodes to a new bag. The same input gives the same bytes. A damaged bag is
+processed as far as it can be read (exit code 1).
+
+example:
+  tirgeo process bags/sample/flight.mcap -o out.mcap --params bags/sample/params.yaml \
+    --map bags/sample/map.geojson --video out.mp4
+"""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
-from tirgeo_ros.tools.cli._arguments import (
-    add_flight,
-    add_ground,
-    add_method,
-    add_parameters,
-    add_verbose,
-    check_ground,
-)
 from tirgeo_ros.tools.cli._lines import lines
-from tirgeo_ros.tools.cli._verb import Subparsers, UsageError
-from tirgeo_ros.tools.presentation.progress import Progress
+from tirgeo_ros.tools.cli._verb import (
+    FLIGHT,
+    GROUND,
+    METHOD,
+    NEEDED,
+    PARAMETERS,
+    UsageError,
+    call,
+)
 
-
-def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
-    """Declare the verb's arguments."""
-    parser = subparsers.add_parser(
-        "process",
-        help="geo-register a recorded flight",
-        description="Runs filter, gimbal composition and overlay over a bag, faster than real "
-        "time, and writes every output topic of the nodes to a new bag. The same input gives the "
-        "same bytes. A damaged bag is processed as far as it can be read (exit code 1).",
-        epilog="example:\n  tirgeo process bags/sample/flight.mcap -o out.mcap "
-        "--params bags/sample/params.yaml --map bags/sample/map.geojson --video out.mp4",
-    )
-    add_flight(parser)
-    parser.add_argument("-o", "--output", type=Path, metavar="OUT.mcap", required=True)
-    add_parameters(parser)
-    add_method(parser)
-    add_ground(parser)
-    parser.add_argument("--map", type=Path, metavar="MAP", help="the map; without it no overlay")
-    parser.add_argument("--no-images", action="store_true", help="poses only, no overlay")
-    parser.add_argument("--raw-images", action="store_true", help="write the overlay raw as well")
-    video = "the overlay as a video, H.264 (.mp4) or VP9 (.webm)"
-    parser.add_argument("--video", type=Path, metavar="OUT.mp4", help=video)
-    add_verbose(parser, describe_all, "after the six lines a line for each key of the result")
-    return parser
+OPTIONS = (
+    *FLIGHT,
+    ("-o --output", "OUT.mcap", "the new bag", NEEDED),
+    *PARAMETERS,
+    *METHOD,
+    *GROUND,
+    ("--map", "MAP", "the map; without it no overlay"),
+    ("--no-images", None, "poses only, no overlay"),
+    ("--raw-images", None, "write the overlay raw as well"),
+    ("--video", "OUT.mp4", "the overlay as a video, H.264 (.mp4) or VP9 (.webm)"),
+)
+VERBOSE = "after the six lines a line for each key of the result"
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
@@ -51,23 +46,9 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
     if args.no_images and (args.video or args.raw_images):
         raise UsageError("--no-images goes with neither --video nor --raw-images")
-    check_ground(args)
-    with Progress("processing", unit="s") as bar:
-        return process(
-            args.bag,
-            args.output,
-            params=args.params,
-            map=args.map,
-            method=args.method,
-            camera=args.camera,
-            dem=args.dem,
-            ground_height=args.ground_height,
-            images=not args.no_images,
-            raw_images=args.raw_images,
-            video=args.video,
-            namespace=args.namespace,
-            progress=bar,
-        )
+    names = "params map method camera dem ground_height raw_images video namespace"
+    images = not args.no_images
+    return call(process, args, "processing, s", "bag output", names, images=images)
 
 
 def describe(result: Mapping[str, Any]) -> str:

@@ -16,7 +16,7 @@ from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import check_outputs, write_files
 from tirgeo_ros.io.maps import map_files
 from tirgeo_ros.io.surveys.survey import load_survey
-from tirgeo_ros.tools.graph.node_graph import AWAITED, GraphRun, GraphSetup, run_graph
+from tirgeo_ros.tools.graph.node_graph import AWAITED, GraphSetup, run_graph
 from tirgeo_ros.tools.graph.resources import find_resource
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.presentation.video import VideoFile
@@ -58,7 +58,9 @@ def demonstrate(setup: GraphSetup, progress: Report = silent) -> dict[str, objec
     frames_in = sum(1 for _ in reader.messages([f"/{name}" for name in PICTURES]))
     result: dict[str, object] = {"bag": str(setup.bag), **files, "frames_in": frames_in}
     result["serial"] = setup.serial
-    result |= summary(outputs, first_ns) | cost(run)
+    result |= summary(outputs, first_ns)
+    cores = run.cores | {"total": sum(run.cores.values())}
+    result |= {"play_s": run.play_s, "cpu_s": run.cpu_s, "cores": cores}
     result["camera_against_truth"] = against_truth(outputs, setup.bag.with_name("truth.mcap"))
     result["found"] = against_targets(outputs, setup.bag.with_name(TARGETS))
     result["error"] = run.error
@@ -129,15 +131,6 @@ def summary(outputs: Outputs, begin_ns: int) -> dict[str, object]:
         "first_map_after_s": (mapped[0] - begin_ns) * 1e-9 if mapped else None,
         "heading_sigma_deg": fmean(sigmas) if sigmas else None,
         "frame_latency_ms": median(frame_ms) if frame_ms else None,
-    }
-
-
-def cost(run: GraphRun) -> dict[str, object]:
-    """Return processor seconds and cores by node."""
-    return {
-        "play_s": run.play_s,
-        "cpu_s": run.cpu_s,
-        "cores": run.cores | {"total": sum(run.cores.values())},
     }
 
 

@@ -8,7 +8,7 @@ import re
 import signal
 import socket
 import time
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -93,7 +93,11 @@ def run_graph(setup: GraphSetup, duration_s: float, progress: Report = silent) -
         time.sleep(_SETTLE_S)
         _stop([process for process in processes if process is not player])
     cpu_s = {process.name: process.cpu_s() for process in processes}
-    return GraphRun(recording, play_s, cpu_s, cores, _loss(player), _shift_ns(player))
+    # The player's last line tells what of a damaged bag was lost; its log, how it shifted stamps.
+    whole = player.ended is not None and player.ended.exit_code == 0
+    error = None if whole else player.last_line().removeprefix(f"{player.name}: ")
+    said = re.search(r"stamps are later than the bag's by (\d+) ns", player.text())
+    return GraphRun(recording, play_s, cpu_s, cores, error, int(said[1]) if said else 0)
 
 
 def graph_environment(setup: GraphSetup) -> dict[str, str]:
@@ -120,38 +124,35 @@ def free_domain(but: Collection[int] = ()) -> int:
 
 
 def _nodes(setup: GraphSetup, recording: Path) -> dict[str, list[str]]:
+    """Return the arguments of each node."""
     # The serial link is stamped by the host's clock, so all nodes use that clock.
-    clock = [] if setup.serial else ["-p", "use_sim_time:=true"]
-    common = clock + _params(setup)
-    method = ["-p", f"method:={setup.method}"] if setup.method else []
-    map_file = ["-p", f"map:={setup.map}"] if setup.map else []
-    record = ["-p", f"output:={recording}", "-p", f"topics:={','.join(setup.topics)}"]
+    clock = {} if setup.serial else {"use_sim_time": "true"}
+    record = {"output": recording, "topics": ",".join(setup.topics)}
+    common = _params(setup) + _words(clock)
     nodes = {
-        "ekf_node": common + method,
+        "ekf_node": common + _words({"method": setup.method} if setup.method else {}),
         "gimbal_node": common,
-        "overlay_node": common + map_file,
-        "recorder": clock + record,
+        "overlay_node": common + _words({"map": setup.map} if setup.map else {}),
+        "recorder": _words(clock | record),
     }
-    if setup.serial:
-        port = ["-p", "source:=serial", "-p", f"port:={_port(setup)}"]
-        return {"dji_node": common + port, **nodes}
-    return nodes
+    if not setup.serial:
+        return nodes
+    return {"dji_node": common + _words({"source": "serial", "port": _port(setup)}), **nodes}
 
 
 def _player(setup: GraphSetup) -> list[str]:
+    """Return the player's arguments; it waits for subscribers, so as not to lose pictures."""
+    played = BagReader(setup.bag).topics()
+    awaited = [name for name in (*AWAITED, *PICTURES) if f"/{name}" in played]
     values: dict[str, object] = {"bag": setup.bag, "rate": float(setup.rate)}
     if setup.serial:
         values |= {"live": "true", "serial_port": _port(setup)}
-    values["wait_for"] = ",".join(_awaited(setup))
-    words = [word for name, value in values.items() for word in ("-p", f"{name}:={value}")]
-    return _params(setup) + words
+        awaited = [name for name in awaited if name not in SENSED_TOPICS]
+    return _params(setup) + _words(values | {"wait_for": ",".join(awaited)})
 
 
-def _awaited(setup: GraphSetup) -> list[str]:
-    """Return the topics whose subscribers the player waits for, so as not to lose pictures."""
-    played = BagReader(setup.bag).topics()
-    names = [name for name in (*AWAITED, *PICTURES) if f"/{name}" in played]
-    return [name for name in names if not (setup.serial and name in SENSED_TOPICS)]
+def _words(values: Mapping[str, object]) -> list[str]:
+    return [word for name, value in values.items() for word in ("-p", f"{name}:={value}")]
 
 
 def _params(setup: GraphSetup) -> list[str]:
@@ -174,18 +175,14 @@ def node_processes() -> Iterator[list[NodeProcess]]:
         # A second Ctrl-C must not leave some of them running; the wait is limited.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, stop_signals())
         try:
-            _end(processes)
+            for process in processes:
+                process.signal(signal.SIGINT)
+            for process in processes:
+                if process.wait(_STOP_TIMEOUT_S) is None:
+                    process.signal(signal.SIGKILL)
+                    process.wait(_STOP_TIMEOUT_S)
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _end(processes: Sequence[NodeProcess]) -> None:
-    for process in processes:
-        process.signal(signal.SIGINT)
-    for process in processes:
-        if process.wait(_STOP_TIMEOUT_S) is None:
-            process.signal(signal.SIGKILL)
-            process.wait(_STOP_TIMEOUT_S)
 
 
 def await_words(processes: Sequence[NodeProcess], words: str) -> None:
@@ -220,18 +217,6 @@ def _watch(
     if ended is None or not player.said("played"):
         raise GraphError(player.last_line())
     return play_s, cores
-
-
-def _shift_ns(player: NodeProcess) -> int:
-    """Return by how much (ns) the player shifted the stamps, from its log; 0 if not live."""
-    said = re.search(r"stamps are later than the bag's by (\d+) ns", player.text())
-    return 0 if said is None else int(said[1])
-
-
-def _loss(player: NodeProcess) -> str | None:
-    """Return the player's last line if it failed, as for a damaged bag, else None."""
-    whole = player.ended is not None and player.ended.exit_code == 0
-    return None if whole else player.last_line().removeprefix(f"{player.name}: ")
 
 
 def _stop(processes: Sequence[NodeProcess]) -> None:

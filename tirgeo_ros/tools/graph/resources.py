@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import tirgeo_ros
@@ -16,12 +15,9 @@ def find_resource(relative: str) -> Path | None:
     The search goes through the source tree, the ROS prefixes of the environment and the virtual
     environment. ``get_package_share_directory`` alone would not find a file outside a ROS prefix.
     """
-    return next((path for path in _candidates(relative) if path.exists()), None)
-
-
-def _candidates(relative: str) -> Iterator[Path]:
     source = Path(tirgeo_ros.__file__).resolve().parents[1]
-    if (source / "package.xml").is_file():
-        yield source / relative
     prefixes = [*os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep), sys.prefix]
-    yield from (Path(prefix) / "share" / "tirgeo" / relative for prefix in prefixes if prefix)
+    folders = [Path(prefix) / "share" / "tirgeo" for prefix in prefixes if prefix]
+    if (source / "package.xml").is_file():
+        folders.insert(0, source)
+    return next((path for folder in folders if (path := folder / relative).exists()), None)

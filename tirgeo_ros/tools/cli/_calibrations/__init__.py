@@ -1,1 +1,0 @@
-"""The verbs ``tirgeo calibrate WHAT``: one module each, of the form of all verbs."""

@@ -1,0 +1,57 @@
+r"""Find antennas, delays and the IMU's level from an ordinary flight.
+
+Finds from a flight with turns, without any point on the ground, where the RTK antenna is, where
+the two antennas point, how late positions, velocities and headings are against the IMU, and how
+the IMU sits against the autopilot's level. What the flight cannot tell is named, with what to fly
+for it. The file is given to --params and to the nodes after the aircraft's own.
+
+example:
+  tirgeo calibrate aircraft flight.mcap --params aircraft.yaml -o found.yaml --plot found.png
+  tirgeo process flight.mcap -o out.mcap --params aircraft.yaml --params found.yaml
+"""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from tirgeo_ros.tools.cli._verb import FLIGHT, NAMESPACE, PARAMS, call, names_of
+
+_NAMES = (
+    *("antenna", "baseline", "elevation", "position_delay", "velocity_delay", "heading_delay"),
+    *("level", "rtk"),
+)
+_HOLD_HELP = (
+    f"with commas, of {', '.join(_NAMES)}: as --params has them. Only differences of delays are "
+    "seen: by itself the IMU's stays; rtk holds that of positions and finds the IMU's"
+)
+OPTIONS = (
+    *FLIGHT,
+    ("-o --output", "YAML", "the parameters (without: shown only)"),
+    *PARAMS,
+    *NAMESPACE,
+    ("--hold", "NAMES", _HOLD_HELP, {"type": names_of(_NAMES), "default": []}),
+    ("--plot", "PNG", "innovations before and after"),
+)
+
+
+def run(args: argparse.Namespace) -> dict[str, object]:
+    """Run the calibration; return its summary."""
+    from tirgeo_ros.tools.calibrate.aircraft import calibrate_aircraft  # noqa: PLC0415 heavy
+
+    names = "params hold namespace plot"
+    return call(calibrate_aircraft, args, "calibrating, runs", "bag output", names)
+
+
+def describe(result: dict[str, Any]) -> str:
+    """Return the estimates as a table, what was not determined, and the innovations' size."""
+    from tirgeo_ros.tools.calibrate.estimates import closing_lines, table  # noqa: PLC0415 heavy
+
+    lines = table(result["parameters"])
+    lines += [f"not told: {name}: {reason}" for name, reason in result["not_told"].items()]
+    nis = [
+        f"{source} {one['before']:.3g} before, {one['after']:.2f} after"
+        for source, one in result["nis"].items()
+    ]
+    lines.append(f"squared innovations over what is foreseen: {'; '.join(nis)}")
+    return "\n".join([*lines, *closing_lines(result)])

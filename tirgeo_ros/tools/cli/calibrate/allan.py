@@ -1,0 +1,52 @@
+"""Find the noise of the IMU from hours at rest (Allan variance).
+
+Overlapping Allan deviation of each axis of an IMU that lay still for hours, with motors off:
+random walk N, bias instability B (flicker floor over 0.664, the plain minimum beside it), rate
+random walk K, and the Gauss-Markov bias that the filter models. Writes parameters for ekf_node and
+a plot.
+
+example:
+  tirgeo calibrate allan still.mcap -o imu.yaml --csv imu.csv
+  tirgeo process flight.mcap -o out.mcap --params imu.yaml
+"""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from tirgeo_ros.tools.cli._verb import NAMESPACE, NEEDED, WINDOW, WORD, call
+
+_TOPIC_HELP = "of sensor_msgs/Imu (default: %(default)s)"
+OPTIONS = (
+    ("bag", "IN.mcap", "the record at rest"),
+    ("-o --output", "YAML", "the parameters", NEEDED),
+    ("--topic", "TOPIC", _TOPIC_HELP, WORD | {"default": "imu/data"}),
+    *NAMESPACE,
+    *WINDOW,
+    ("--plot", "PNG", "the plot's place (default: beside the YAML)"),
+    ("--csv", "CSV", "the curves as numbers too"),
+    ("--moved", None, "write the figures of a record that moved, too"),
+)
+
+
+def run(args: argparse.Namespace) -> dict[str, object]:
+    """Estimate the noise; return a summary."""
+    from tirgeo_ros.tools.calibrate.allan import calibrate_allan  # noqa: PLC0415 heavy
+
+    names = "topic namespace from_s to_s plot csv moved"
+    return call(calibrate_allan, args, "reading, s", "bag output", names)
+
+
+def describe(result: dict[str, Any]) -> str:
+    """Return the axes as a table, and what was written."""
+    from tirgeo_ros.tools.calibrate.imu_noise_tables import rest_table  # noqa: PLC0415 heavy
+
+    odd = ", ".join(f"{number} {what}" for what, number in result["irregular"].items() if number)
+    return (
+        f"{result['samples']} samples of {result['topic']}, {result['span_s'] / 3600:.2f} h at "
+        f"{result['rate_hz']:.2f} Hz, stamps to {result['jitter_ms']:.2g} ms"
+        f"{'; ' if odd else ''}{odd.replace('_', ' ')}\n"
+        f"{rest_table(result['axes'])}\n"
+        f"written: {', '.join(result['output'])}"
+    )

@@ -1,0 +1,87 @@
+r"""Find the camera's mounting error and the video's latency from a flight.
+
+Finds from surveyed points and their pixels in one flight how the camera sits on its gimbal and how
+late the video is. Refuses what it cannot tell apart. The file is given to --params and to the
+nodes after the aircraft's own.
+
+example:
+  tirgeo calibrate boresight bags/sample/flight.mcap --survey bags/sample/survey.geojson \
+    --observations bags/sample/observations.csv --params bags/sample/params.yaml -o boresight.yaml
+"""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from tirgeo_ros.tools.cli._verb import (
+    FLIGHT,
+    NEEDED,
+    PARAMETERS,
+    SURVEY,
+    UsageError,
+    call,
+    names_of,
+)
+
+_NAMES = ("roll", "pitch", "yaw", "latency", "gimbal_north", "heading_offset", "ground_height")
+_ESTIMATE_HELP = (
+    f"with commas, of {', '.join(_NAMES)}; by itself the first four, and gimbal_north where the "
+    "flight tells it from them"
+)
+
+
+def _pixels(text: str) -> float:
+    value = float(text)
+    if not 0 < value < 100:
+        raise argparse.ArgumentTypeError(f"{text} is not between 0 and 100 px")
+    return value
+
+
+_SIGMA_HELP = "how well a point was hit, one standard deviation per axis (%(default)s)"
+_SIGMA = {"type": _pixels, "default": 1.0, "dest": "click_sigma_px"}
+_LIST = {"type": names_of(_NAMES)}
+OPTIONS = (
+    *FLIGHT,
+    *SURVEY,
+    ("-o --output", "YAML", "the parameters", NEEDED),
+    *PARAMETERS,
+    ("--estimate", "LIST", _ESTIMATE_HELP, _LIST),
+    ("--hold", "LIST", "of the same: as --params has them", _LIST | {"default": []}),
+    ("--click-sigma", "PX", _SIGMA_HELP, _SIGMA),
+    ("--plot", "PNG", "residuals before and after"),
+)
+
+
+def run(args: argparse.Namespace) -> dict[str, object]:
+    """Run the calibration; return its summary."""
+    from tirgeo_ros.tools.calibrate.boresight import calibrate_boresight  # noqa: PLC0415 heavy
+
+    both = sorted(set(args.estimate or ()) & set(args.hold))
+    if both:
+        raise UsageError(f"{', '.join(both)}: either --estimate or --hold")
+    if not set(_NAMES[:5] if args.estimate is None else args.estimate) - set(args.hold):
+        raise UsageError("nothing to estimate")
+    first = "bag survey observations output"
+    names = "params camera estimate hold namespace click_sigma_px plot"
+    return call(calibrate_boresight, args, "calibrating, s", first, names)
+
+
+def describe(result: dict[str, Any]) -> str:
+    """Return the estimates as a table, and how well they fit."""
+    from tirgeo_ros.tools.calibrate.estimates import closing_lines, table  # noqa: PLC0415 heavy
+
+    lines = table(result["parameters"])
+    pixels, ground = result["residual_rms_px"], result["ground_rmse_m"]
+    lines += [
+        f"residuals: {pixels['before']:.2f} px before, {pixels['after']:.2f} px after (rms)",
+        (
+            f"on the ground: {ground['before']:.3f} m before, {ground['after']:.3f} m after, "
+            f"{ground['leave_one_point_out']:.3f} m each point by the others alone (rmse)"
+        ),
+        (
+            f"{result['observations']} observations of {result['points']} points in "
+            f"{result['pictures']} pictures, composition {result['composition']}"
+        ),
+    ]
+    return "\n".join([*lines, *closing_lines(result)])

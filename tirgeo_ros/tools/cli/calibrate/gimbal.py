@@ -1,0 +1,70 @@
+"""Tell how still a gimbal holds its camera, from a video of a fixed checkerboard.
+
+Finds the camera's roll, pitch and yaw against a fixed checkerboard in every picture of a video,
+while the aircraft is turned about, and their standard deviations. Roll and pitch tell the gimbal's
+stability; yaw follows the aircraft.
+
+example:
+  tirgeo calibrate gimbal wall.mcap --board 9x6 --square 0.1 --camera camera.yaml -o attitude.csv
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from typing import Any
+
+from tirgeo_ros.tools.cli._lines import each_not_used, not_used
+from tirgeo_ros.tools.cli._verb import BOARD, NUMBER, UsageError, call
+
+_RATE_HELP = (
+    "pictures a second: looked at in a bag, or that files were taken at (default %(default)g)"
+)
+OPTIONS = (
+    *BOARD,
+    ("--camera", "YAML", "calibration file (default: the bag's own)"),
+    ("--rate", "HZ", _RATE_HELP, NUMBER | {"default": 10.0, "dest": "rate_hz"}),
+    ("-o --output", "CSV", "the angles over time"),
+    ("--plot", "PNG", "the angles as a picture"),
+)
+VERBOSE = "each picture that was not used, with its reason"
+_COLUMNS = {
+    "std_deg": "std",
+    "noise_deg": "of noise",
+    "std_without_noise_deg": "without",
+    "span_deg": "span",
+    "mean_deg": "mean",
+}
+
+
+def run(args: argparse.Namespace) -> dict[str, object]:
+    """Measure the attitudes; return a summary."""
+    if not args.rate_hz > 0:
+        raise UsageError("--rate must be positive")
+    from tirgeo_ros.core.calibration.checkerboard.board import board_of  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.calibrate.gimbal import calibrate_gimbal  # noqa: PLC0415 heavy
+
+    args.board = board_of(args.board, args.square)
+    names = "camera rate_hz output plot namespace"
+    return call(calibrate_gimbal, args, "looking for the board", "pictures board", names)
+
+
+def describe(result: Mapping[str, Any]) -> str:
+    """Return the standard deviations as a table, and how many pictures were not used."""
+    lines = ["deg   " + "".join(f"{name:>12}" for name in _COLUMNS.values())]
+    lines += [
+        f"{axis:6}" + "".join(f"{result[name][axis]:12.4f}" for name in _COLUMNS)
+        for axis in ("pitch", "yaw", "roll")
+    ]
+    lines.append(
+        f"{result['used']} of {result['pictures']} pictures used, over "
+        f"{result['duration_s']:.1f} s; reprojection error {result['reprojection_rms_px']:.3f} px"
+    )
+    lines += not_used(result["refused"])
+    lines += [f"written: {path}" for path in result["output"]]
+    return "\n".join(lines)
+
+
+def describe_all(result: Mapping[str, Any]) -> str:
+    """Return the same, then each picture that was not used with its reason."""
+    return f"{describe(result)}\n{each_not_used(result['refused'])}".rstrip()

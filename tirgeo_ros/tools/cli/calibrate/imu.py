@@ -1,0 +1,49 @@
+"""Measure the noise of the IMU in flight, and what shakes it.
+
+Measures the white noise of gyroscopes and accelerometers in a flight, between the lines of
+vibration above 8 Hz, beside the second differences that the filter follows by itself, and the
+strongest lines. Writes the noise of the flight's calmest tenth, but not less than that of
+--params, as parameters for ekf_node, and a plot. Without -o it only tells.
+
+example:
+  tirgeo calibrate imu flight.mcap -o imu.yaml
+  tirgeo process flight.mcap -o out.mcap --params aircraft.yaml --params imu.yaml
+"""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from tirgeo_ros.tools.cli._verb import FLIGHT, NAMESPACE, PARAMS, WINDOW, call
+
+OPTIONS = (
+    *FLIGHT,
+    ("-o --output", "YAML", "the parameters (without: shown only)"),
+    *PARAMS,
+    *NAMESPACE,
+    *WINDOW,
+    ("--plot", "PNG", "the plot's place (default: beside the YAML)"),
+)
+
+
+def run(args: argparse.Namespace) -> dict[str, object]:
+    """Measure the noise; return a summary."""
+    from tirgeo_ros.tools.calibrate.imu import calibrate_imu  # noqa: PLC0415 heavy
+
+    names = "params namespace from_s to_s plot"
+    return call(calibrate_imu, args, "reading, s", "bag output", names)
+
+
+def describe(result: dict[str, Any]) -> str:
+    """Return the axes as a table, and what was written."""
+    from tirgeo_ros.tools.calibrate.imu_noise_tables import flight_table  # noqa: PLC0415 heavy
+
+    rest = f", {result['resting_s']} s at rest left out" if result["resting_s"] else ""
+    skipped = f", {result['skipped_s']} s with gaps left out" if result["skipped_s"] else ""
+    return (
+        f"{result['samples']} samples of {result['topic']} at {result['rate_hz']:.2f} Hz: "
+        f"{result['flying_s']} s in flight{rest}{skipped}\n"
+        f"{flight_table(result['axes'])}\n"
+        f"written: {', '.join(result['output']) or 'nothing; -o writes it'}"
+    )

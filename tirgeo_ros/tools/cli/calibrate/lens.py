@@ -1,0 +1,82 @@
+"""Calibrate a lens from pictures of a thermal checkerboard.
+
+Finds focal lengths, principal point and distortion from pictures of a checkerboard: foil on the
+dark squares shows it to a thermal camera. Writes a calibration file as ROS's camera_calibration
+does. Pictures that would spoil the result are refused, each with its reason.
+
+example:
+  tirgeo calibrate lens pictures/ --board 9x6 --square 0.1 -o camera.yaml --plot coverage.png
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from typing import Any
+
+from tirgeo_ros.tools.cli._lines import each_not_used, not_used
+from tirgeo_ros.tools.cli._verb import BOARD, NEEDED, NUMBER, WORD, UsageError, call
+
+_MODELS = {"choices": ("plumb_bob", "rational"), "default": "plumb_bob"}
+_MODEL_HELP = "k1 k2 p1 p2, or with k3 to k6 as a quotient: %(choices)s (default %(default)s)"
+_EVERY_HELP = "of a bag, look at the sharpest picture of so many seconds (default %(default)s)"
+_VIEWS_HELP = "use the N most different views (default %(default)s)"
+OPTIONS = (
+    *BOARD,
+    ("-o --output", "YAML", "the calibration", NEEDED),
+    ("--plot", "PNG", "corners and errors as a picture"),
+    ("--model", "MODEL", _MODEL_HELP, _MODELS),
+    ("--k3", None, "estimate k3 too"),
+    ("--name", "NAME", "camera_name of the file", WORD | {"default": "thermal"}),
+    ("--every", "S", _EVERY_HELP, NUMBER | {"default": 0.5}),
+    ("--max-views", "N", _VIEWS_HELP, {"type": int, "default": 60}),
+)
+VERBOSE = "each picture that was not used, with its reason"
+
+
+def run(args: argparse.Namespace) -> dict[str, object]:
+    """Run the calibration; return its summary."""
+    if not args.every > 0:
+        raise UsageError("--every must be positive")
+    if args.k3 and args.model == "rational":
+        raise UsageError("--k3 is part of --model rational already")
+    from tirgeo_ros.core.calibration.checkerboard.board import board_of  # noqa: PLC0415 heavy
+    from tirgeo_ros.core.calibration.checkerboard.lens_fit import FEWEST_VIEWS, LensModel  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.calibrate.lens import calibrate_lens  # noqa: PLC0415 heavy
+
+    if args.max_views < FEWEST_VIEWS:
+        raise UsageError(f"--max-views must be {FEWEST_VIEWS} or more")
+    args.board, args.model = board_of(args.board, args.square), LensModel(args.model, args.k3)
+    first, names = "pictures board output", "model max_views plot namespace"
+    more = {"every_s": args.every, "camera_name": args.name}
+    return call(calibrate_lens, args, "looking for the board", first, names, **more)
+
+
+def describe(result: Mapping[str, Any]) -> str:
+    """Return the parameters with their standard deviations, and how many views were not used."""
+    lines = [
+        f"{name:<3}{value:14.6g} +- {result['sigma'][name]:.2g}"
+        for name, value in result["parameters"].items()
+    ]
+    lines += [
+        (
+            f"reprojection error {result['reprojection_rms_px']:.3f} px rms, "
+            f"{result['reprojection_mean_px']:.3f} px mean, worst view "
+            f"{result['reprojection_worst_view_px']:.3f} px"
+        ),
+        (
+            f"{result['views']} of {result['pictures']} pictures used; they cover "
+            f"{100 * result['covered_share']:.0f} % of the frame, tilted up to "
+            f"{result['tilt_deg']:.0f} deg"
+        ),
+        *not_used(result["refused"]),
+    ]
+    if result["views_spare"]:
+        lines.append(f"not needed: {result['views_spare']} views")
+    lines += [f"written: {path}" for path in result["output"]]
+    return "\n".join(lines)
+
+
+def describe_all(result: Mapping[str, Any]) -> str:
+    """Return the same, then each picture that was not used with its reason."""
+    return f"{describe(result)}\n{each_not_used(result['refused'])}".rstrip()

@@ -1,0 +1,85 @@
+r"""Make a map from features digitised on an orthophoto, by control points.
+
+Takes features digitised in pixels of an orthophoto to the ground by a polynomial through control
+points, and writes them as GeoJSON in WGS84. Pixels are counted from the top left corner; QGIS's
+rows below zero are turned. Residuals are told for each point, and what lies outside the points'
+hull is warned of.
+
+example:
+  tirgeo calibrate map beds_px.geojson --points marks.csv --survey survey.geojson \
+    -o map.geojson --plot residuals.png
+  tirgeo calibrate map beds_px.geojson --points ortho.points -o map.geojson --order 2
+"""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from tirgeo_ros.tools.cli._lines import table
+from tirgeo_ros.tools.cli._verb import NEEDED, WORD, UsageError
+
+_POINTS_HELP = "id,column,row with --survey, or a .points file of QGIS's georeferencer"
+_ORDERS = {"type": int, "choices": (1, 2, 3), "default": 3}
+OPTIONS = (
+    ("vectors", "PIXELS.geojson", "coordinates are column, row"),
+    ("--points", "FILE", _POINTS_HELP, NEEDED),
+    ("--survey", "GCPS", "GeoJSON points, or CSV id,lat,lon,h"),
+    ("-o --output", "GEOJSON", "the map", NEEDED),
+    ("--order", "ORDER", "of the polynomial: %(choices)s (default: 3)", _ORDERS),
+    ("--crs", "CRS", "plane of the fit (default: the UTM zone of the points)", WORD),
+    ("--points-crs", "CRS", "of a .points file that does not name it", WORD),
+    ("--residuals", "CSV", "a line for each point"),
+    ("--plot", "PNG", "residuals as arrows"),
+    ("--image", "ORTHO", "lay this picture too (needs rasterio)"),
+    ("--geotiff", "TIF", "where to (default: beside the GeoJSON)"),
+)
+#: Columns of the residuals: title, key, format.
+_COLUMNS = (
+    ("point", "id", ""),
+    ("column", "column", ".1f"),
+    ("row", "row", ".1f"),
+    ("x [m]", "x_m", ".4f"),
+    ("y [m]", "y_m", ".4f"),
+    ("length [m]", "length_m", ".4f"),
+    ("[px]", "length_px", ".2f"),
+    ("left out [m]", "left_out_m", ".4f"),
+)
+
+
+def run(args: argparse.Namespace) -> dict[str, object]:
+    """Georeference the features; return a summary."""
+    from tirgeo_ros.tools.calibrate.map import calibrate_map  # noqa: PLC0415 heavy
+
+    if args.survey is not None and args.points_crs is not None:
+        raise UsageError("--points-crs is for a .points file, which goes without --survey")
+    if args.geotiff is not None and args.image is None:
+        raise UsageError("--geotiff needs the picture: --image")
+    geotiff = args.geotiff or args.output.with_suffix(".tif")
+    names = ("survey", "points_crs", "order", "crs", "plot", "image")
+    return calibrate_map(
+        args.vectors,
+        args.points,
+        args.output,
+        residuals_csv=args.residuals,
+        geotiff=geotiff if args.image is not None else None,
+        **{name: getattr(args, name) for name in names},
+    )
+
+
+def describe(result: dict[str, Any]) -> str:
+    """Return the residuals as a table, their means, and what was written."""
+    rows = [[f"{one[key]:{form}}" for _, key, form in _COLUMNS] for one in result["residuals"]]
+    means = (
+        f"mean residual {result['mean_residual_px']:.2f} px, {result['mean_residual_m']:.4f} m "
+        f"(rms {result['rms_residual_px']:.2f} px, {result['rms_residual_m']:.4f} m; each point "
+        f"left out {result['rms_left_out_m']:.4f} m)"
+    )
+    lines = [
+        table([[title for title, _, _ in _COLUMNS], *rows], right=True),
+        means,
+        f"order {result['order']} in {result['crs']}, {result['pixel_m']:.4g} m a pixel",
+        f"{result['features']} features, {result['features_outside']} of them reach outside",
+        f"written: {', '.join(result['output'])}",
+    ]
+    return "\n".join(lines)
