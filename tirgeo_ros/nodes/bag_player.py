@@ -18,13 +18,13 @@ from typing import Any
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
+from std_msgs.msg import Header
 
 from tirgeo_ros.core.config import BagPlayerConfig
 from tirgeo_ros.core.types.errors import BagError, ConfigError
 from tirgeo_ros.core.types.quoted_text import shown
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader
-from tirgeo_ros.io.messages import Messages
-from tirgeo_ros.nodes.live_stamps import moved
+from tirgeo_ros.io.messages import Messages, stamp_ns
 from tirgeo_ros.nodes.parameters import declare
 from tirgeo_ros.nodes.play_clock import PlayClock
 from tirgeo_ros.nodes.playlist import Audience, aircraft_topics, publishers_for
@@ -59,12 +59,9 @@ class BagPlayer(Node):
         self._clock_publisher = None if self._config.live else advertise(self, "/clock", output())
         self._audience = Audience(self, [*self._topics.values()], self._config.wait_for)
         self._messages = Messages(message_class)
-        self._aircraft = self._on_port(port, spoken) if port else None
+        config = self._config.simulated_aircraft, self._config.aircraft
+        self._aircraft = SerialAircraft(port, *config, spoken) if port else None
         self.resources = self._aircraft.terminal if self._aircraft else None
-
-    def _on_port(self, port: str, spoken: dict[str, str]) -> SerialAircraft:
-        config = self._config
-        return SerialAircraft(port, config.simulated_aircraft, config.aircraft, spoken)
 
     def play(self, stop: threading.Event) -> int:
         """Wait for subscribers, play, wait for acknowledgement; return the exit code."""
@@ -127,7 +124,8 @@ class BagPlayer(Node):
                 throttle_duration_sec=10.0,
             )
             return None
-        return moved(message, shift_ns)
+        move_stamps(message, shift_ns)
+        return message
 
     def _await_acknowledgement(self, stop: threading.Event) -> None:
         end_s = time.monotonic() + _ACKNOWLEDGE_S
@@ -149,6 +147,23 @@ class BagPlayer(Node):
     def _tick(self, bag_ns: int) -> None:
         if self._clock_publisher is not None:
             self._clock_publisher.publish(self._messages.clock(bag_ns))
+
+
+def move_stamps(part: Any, shift_ns: int) -> None:
+    """Add ``shift_ns`` to the stamps of all headers in a message, in place; 0 stays 0."""
+    for name in part.get_fields_and_field_types():
+        value = getattr(part, name)
+        if isinstance(value, Header):
+            stamp = stamp_ns(part)
+            if stamp:
+                sec, nanosec = divmod(stamp + shift_ns, 1_000_000_000)
+                part.header.stamp.sec, part.header.stamp.nanosec = sec, nanosec
+        elif isinstance(value, list):
+            if value and hasattr(value[0], "get_fields_and_field_types"):
+                for item in value:
+                    move_stamps(item, shift_ns)
+        elif hasattr(value, "get_fields_and_field_types"):
+            move_stamps(value, shift_ns)
 
 
 def _check(config: BagPlayerConfig) -> None:

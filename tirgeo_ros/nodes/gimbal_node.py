@@ -21,12 +21,11 @@ from tirgeo_ros.io.messages import (
     joint_sample,
 )
 from tirgeo_ros.nodes.diagnostics import Diagnostics, item_name
-from tirgeo_ros.nodes.input_checks import InputChecks, Known
 from tirgeo_ros.nodes.monitor import OK, Monitor
 from tirgeo_ros.nodes.parameters import declare, given_names
 from tirgeo_ros.nodes.qos import STREAM_DEPTH, output, sensor_input
 from tirgeo_ros.nodes.runner import run
-from tirgeo_ros.nodes.setup_checks import SetupChecks
+from tirgeo_ros.nodes.setup_checks import InputChecks, Known, SetupChecks
 from tirgeo_ros.nodes.topics import advertise, message_class, subscribe
 
 

@@ -36,18 +36,15 @@ from tirgeo_ros.io.messages import (
 from tirgeo_ros.io.pictures.camera_file import given_camera
 from tirgeo_ros.nodes.callbacks import steady_timer
 from tirgeo_ros.nodes.diagnostics import Diagnostics, item_name
-from tirgeo_ros.nodes.frame_times import FrameTimes
-from tirgeo_ros.nodes.input_checks import InputChecks
+from tirgeo_ros.nodes.frame_statistics import FrameTimes, SentNumbers
 from tirgeo_ros.nodes.locate_topics import LocateTopics
 from tirgeo_ros.nodes.map_watch import MapWatch
 from tirgeo_ros.nodes.monitor import OK, WARN, Monitor
 from tirgeo_ros.nodes.parameters import declare, given_names
 from tirgeo_ros.nodes.qos import IMAGE_DEPTH, latched, output, sensor_input
-from tirgeo_ros.nodes.runner import run
-from tirgeo_ros.nodes.sent_numbers import SentNumbers
-from tirgeo_ros.nodes.setup_checks import SUBJECT, SetupChecks
+from tirgeo_ros.nodes.runner import run, unless_stopped
+from tirgeo_ros.nodes.setup_checks import SUBJECT, InputChecks, SetupChecks
 from tirgeo_ros.nodes.topics import advertise, message_class, subscribe
-from tirgeo_ros.nodes.unless_stopped import unless_stopped
 
 #: Period (s) of the timer that checks frames that wait for their poses.
 _RELEASE_PERIOD_S = 0.02
@@ -182,14 +179,14 @@ class OverlayNode(Node):
         return subject if node.rpartition("/")[0] == namespace else ""
 
     def _release(self) -> None:
-        if not self._overlay.waiting:
+        if not self._overlay.frames:
             return
         self._renew_map()
         result = self._overlay.take(self._now_ns())
         if result is not None:
             self._publish(result)
             self._monitor.took("tirgeo/overlay/image", self._times.left(result.stamp_ns))
-        if not self._overlay.waiting:
+        if not self._overlay.frames:
             self._timer.cancel()
 
     def _renew_map(self) -> None:
@@ -217,15 +214,15 @@ class OverlayNode(Node):
     def _items(self) -> list[DiagnosticItem]:
         self._renew_map()
         watch = self.resources
-        numbers = self._overlay.counts | {"waiting": self._overlay.waiting} | watch.counts
+        numbers = self._overlay.counts | {"waiting": len(self._overlay.frames)} | watch.counts
         numbers |= {
             "frames_sent": sum(each.sent for each in self._numbers),
             "frames_missed": sum(each.missed for each in self._numbers),
         }
         values = {name: str(number) for name, number in numbers.items()}
-        if self._overlay.pose_fault:
-            values["poses_invalid_because"] = self._overlay.pose_fault
-        values |= {"frame rate [Hz]": f"{self._overlay.rate_hz:.1f}"}
+        if self._overlay.poses.fault:
+            values["poses_invalid_because"] = self._overlay.poses.fault
+        values |= {"frame rate [Hz]": f"{self._overlay.frames.rate_hz:.1f}"}
         values |= self._times.values | self._clicks.values | self._arrivals.diagnostics
         waits = self._overlay.no_map_yet
         message = watch.error or (f"no map yet: {waits}" if waits else "ok")

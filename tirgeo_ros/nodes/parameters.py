@@ -16,7 +16,7 @@ from tirgeo_ros.core.config.schema import Parameter, Value, config_from, paramet
 from tirgeo_ros.nodes.arguments import parameter_files
 
 T = TypeVar("T")
-_ROS_OWN = ("use_sim_time", "start_type_description_service")  # rclpy checks these itself
+_ROS_OWN = {"use_sim_time", "start_type_description_service"}  # rclpy checks these itself
 
 
 def declare(node: Node, kind: type[T]) -> T:
@@ -48,17 +48,12 @@ def _given(node: Node, kind: type) -> dict[str, object]:
     # rclpy has no public access to overrides that are not declared yet.
     overrides: Mapping[str, RosParameter] = node._parameter_overrides  # noqa: SLF001
     own = {parameter.name: parameter for parameter in parameters_of(kind)}
+    others = {p.name for kind in NODE_CONFIGS.values() for p in parameters_of(kind)} | _ROS_OWN
     return {
         name: _plain(given, own.get(name))
         for name, given in overrides.items()
-        if name in own or not _of_another(name)
+        if name in own or not (name in others or name.startswith("qos_overrides."))
     }
-
-
-def _of_another(name: str) -> bool:
-    if name in _ROS_OWN or name.startswith("qos_overrides."):
-        return True
-    return any(name == p.name for kind in NODE_CONFIGS.values() for p in parameters_of(kind))
 
 
 def _plain(given: RosParameter, own: Parameter | None) -> object:

@@ -225,7 +225,9 @@ def test_what_is_seen_knows_its_place_on_the_map(camera):
     line = np.column_stack([rng.uniform(-50, 200, 40), rng.uniform(-80, 80, 40), np.zeros(40)])
     pose = pose_at(pitch=-20, roll=5)
     seen = View(camera).lines(map_of(line, [[35, 0, 0]]), pose)
-    points_n = seen.points_n(pose)
+    x, y, nearness = seen.rays
+    points_c = np.stack([x, y, np.ones_like(x)]) / nearness
+    points_n = matrix_from_quat(pose.q_nc) @ points_c + pose.position_n[:, None]
     assert points_n.shape == (3, seen.points.shape[1])
     uv, valid = camera.project((points_n.T - pose.position_n) @ matrix_from_quat(pose.q_nc))
     assert valid.mean() > 0.9  # but those cut at a limit itself

@@ -67,10 +67,7 @@ class Terrain:
         """Return heights (m) at columns and rows of any shape; nan as in ``height_m``."""
         with np.errstate(invalid="ignore"):
             i, j, inside = self.cells(column, row)
-            x, y = column - i, row - j
-        nw, ne, sw, se = self.corners(i, j)
-        height = nw + (ne - nw) * x + (sw - nw) * y + (nw - ne - sw + se) * (x * y)
-        return np.where(inside, height, np.nan)
+        return np.where(inside, self.surface(i, j, column - i, row - j), np.nan)
 
     def cells(
         self, column: Array, row: Array
@@ -85,15 +82,19 @@ class Terrain:
         j = np.fmin(np.fmax(row, 0.0), rows - 2).astype(np.intp)
         return i, j, inside
 
-    def corners(
-        self, i: npt.NDArray[np.intp], j: npt.NDArray[np.intp]
-    ) -> tuple[Array, Array, Array, Array]:
-        """Return heights at (i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1); i columns, j rows."""
+    def surface(
+        self, i: npt.NDArray[np.intp], j: npt.NDArray[np.intp], x: Array, y: Array
+    ) -> Array:
+        """Return the bilinear heights (m) in the cells of columns i and rows j.
+
+        ``x`` and ``y`` are the places' columns and rows from the cell's first node.
+        """
         flat = self.heights_m.reshape(-1)
         columns = self.heights_m.shape[1]
         nodes = np.add.outer([0, 1, columns, columns + 1], j * columns + i)
         nw, ne, sw, se = flat[nodes].astype(float)
-        return nw, ne, sw, se
+        height: Array = nw + (ne - nw) * x + (sw - nw) * y + (nw - ne - sw + se) * (x * y)
+        return height
 
 
 def _range(heights: npt.NDArray[np.floating]) -> tuple[float, float]:

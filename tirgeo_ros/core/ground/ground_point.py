@@ -82,13 +82,14 @@ def place(
     that corrects the latency sets it before. ``rates`` is the camera's motion at the exposure;
     without it the time of exposure counts as exact. ``config`` gives the other sigmas.
     """
-    if not _is_inside(camera, uv):
+    if not (-0.5 <= uv[0] <= camera.width - 0.5 and -0.5 <= uv[1] <= camera.height - 0.5):
         return Refusal(pose.stamp_ns, uv, Reason.OUTSIDE_PICTURE)
     points_n, reasons = locate(camera, pose, np.array([uv]), plane, ground)
     if reasons[0] is not None:
         return Refusal(pose.stamp_ns, uv, reasons[0])
-    timed = _timed(pose, rates, config)
-    if timed is None:
+    known = math.isfinite(pose.covariance.sum())
+    timed = timed_covariance(pose, rates, config.latency_sigma_s) if known else pose.covariance
+    if not math.isfinite(timed.sum()):
         return Refusal(pose.stamp_ns, uv, Reason.UNCERTAIN_POSE)
     point_n = points_n[0]
     covariance_n = point_covariance(camera, pose, timed, point_n, plane, ground, config)
@@ -97,19 +98,6 @@ def place(
         return Refusal(pose.stamp_ns, uv, Reason.GRAZING)
     latitude, longitude, height_m = (float(x) for x in plane.geodetic_from_ned(point_n))
     return Located(pose.stamp_ns, uv, point_n, covariance_n, latitude, longitude, height_m)
-
-
-def _is_inside(camera: Camera, uv: tuple[float, float]) -> bool:
-    """Return whether a pixel is in the picture; (0, 0) is the centre of the first pixel."""
-    return -0.5 <= uv[0] <= camera.width - 0.5 and -0.5 <= uv[1] <= camera.height - 0.5
-
-
-def _timed(pose: CameraPose, rates: CameraRates | None, config: ConfidenceConfig) -> Array | None:
-    """Return the pose's covariance (6, 6) plus that of the time; None if it is not usable."""
-    if not math.isfinite(pose.covariance.sum()):
-        return None
-    covariance = timed_covariance(pose, rates, config.latency_sigma_s)
-    return covariance if math.isfinite(covariance.sum()) else None
 
 
 def ellipse_of(covariance_n: Array) -> Ellipse:

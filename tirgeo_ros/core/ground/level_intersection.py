@@ -30,31 +30,19 @@ def level_hits(
     if not above_m > 0:
         return np.full(len(rays_n), np.nan), [Stop.UNDER] * len(rays_n)
     with np.errstate(invalid="ignore", divide="ignore"):
-        ways = _on_a_sphere(above_m, rays_n @ plane.up_n(latitude, longitude))
+        slopes = rays_n @ plane.up_n(latitude, longitude)
+        # On a sphere the smaller root t of above + slope t + (1 - slope^2) t^2 / 2 R.
+        bend = (1 - slopes**2) / (2 * SEMI_MAJOR_AXIS_M)
+        root = np.sqrt(np.where(slopes < 0, slopes**2 - 4 * bend * above_m, np.nan))
+        ways = 2 * above_m / (root - slopes)
         for _ in range(_MOST_STEPS):
-            off_m, slopes = _heights_and_slopes(plane, position_n, ways, rays_n)
+            points_n = position_n + ways[:, None] * rays_n
+            latitude, longitude, off_m = plane.geodetic_from_ned(points_n)
             off_m -= height_m
+            # The height's gradient is the ellipsoid's normal at the place.
+            slopes = (plane.up_n(latitude, longitude) * rays_n).sum(axis=1)
             if not (np.abs(off_m) > _SETTLED_M).any():
                 break
             ways = ways - off_m / slopes
         met = (np.abs(off_m) < _CLOSE_M) & (slopes < -_LEVEL_RAD) & (ways > 0)
     return np.where(met, ways, np.nan), [None if one else Stop.OVER for one in met.tolist()]
-
-
-def _on_a_sphere(above_m: float, slopes: Array) -> Array:
-    """Return the smaller root t of above + slope t + (1 - slope^2) t^2 / 2 R; nan if none."""
-    bend = (1 - slopes**2) / (2 * SEMI_MAJOR_AXIS_M)
-    root = np.sqrt(np.where(slopes < 0, slopes**2 - 4 * bend * above_m, np.nan))
-    way: Array = 2 * above_m / (root - slopes)
-    return way
-
-
-def _heights_and_slopes(
-    plane: TangentPlane, position_n: Array, ways: Array, rays_n: Array
-) -> tuple[Array, Array]:
-    """Return the heights (N,), m, at distances (N,) along rays, and their derivatives (N,).
-
-    The height's gradient is the ellipsoid's normal at the place.
-    """
-    latitude, longitude, height = plane.geodetic_from_ned(position_n + ways[:, None] * rays_n)
-    return height, (plane.up_n(latitude, longitude) * rays_n).sum(axis=1)

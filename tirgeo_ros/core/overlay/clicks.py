@@ -73,8 +73,11 @@ class Clicks:
         if plane == self._plane:
             return
         self._shown.clear()
-        moved = [dataclasses.replace(one, point_n=_point_n(plane, one)) for one in self._located]
-        self._plane, self._located = plane, deque(moved, maxlen=MARKERS)
+        self._plane = plane
+        for number, one in enumerate(self._located):
+            place_rad = one.latitude_rad, one.longitude_rad
+            point_n = plane.ned_from_geodetic(*place_rad, one.height_m)
+            self._located[number] = dataclasses.replace(one, point_n=point_n)
 
     def set_ground(self, ground: Ground | None) -> None:
         """Set an ellipsoidal height (m) or an elevation model; None or nan if it is not known."""
@@ -120,9 +123,7 @@ class Clicks:
             return Refusal(stamp_ns, uv, Reason.TOO_OLD)
         if isinstance(found, Miss) or found[2]:  # found[2] > 0: between two pictures
             return Refusal(stamp_ns, uv, Reason.UNKNOWN_PICTURE)
-        return self._on(stamp_ns, uv, found[0])
-
-    def _on(self, stamp_ns: int, uv: tuple[float, float], shown: ShownFrame) -> Located | Refusal:
+        shown = found[0]
         if shown.pose is None or self._plane is None:
             return Refusal(stamp_ns, uv, Reason.NO_POSE)
         if self._ground is None:
@@ -131,7 +132,3 @@ class Clicks:
             shown.camera, shown.pose, uv, self._plane, self._ground, self._config, shown.rates
         )
         return dataclasses.replace(answer, stamp_ns=stamp_ns)
-
-
-def _point_n(plane: TangentPlane, one: Located) -> Array:
-    return plane.ned_from_geodetic(one.latitude_rad, one.longitude_rad, one.height_m)

@@ -176,10 +176,7 @@ class _Parts:
         left = np.flatnonzero(off[row])
         if len(left):
             order = left[np.lexsort((point[0, left], row[left]))]
-            _to_widest(places, point[:, order[::2]], point[:, order[1::2]], row[order[::2]])
-
-
-def _to_widest(places: Array, left: Array, right: Array, row: IntArray) -> None:
-    """Move places (5, F) to the middle of the widest of their spans from left to right."""
-    widest = np.argsort(right[0] - left[0], kind="stable")  # the widest is written last and stays
-    places[:, row[widest]] = ((left + right) / 2)[:, widest]
+            begin, end = point[:, order[::2]], point[:, order[1::2]]
+            # To the middle of the widest span, which is written last and stays.
+            widest = np.argsort(end[0] - begin[0], kind="stable")
+            places[:, row[order[::2]][widest]] = ((begin + end) / 2)[:, widest]

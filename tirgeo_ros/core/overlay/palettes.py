@@ -13,7 +13,6 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from tirgeo_ros.core.config.overlay import PALETTES
 from tirgeo_ros.core.types.arrays import Array, Pixels
@@ -43,21 +42,14 @@ def palette_table(name: str) -> Pixels:
 
 
 def _mixed(name: str) -> Pixels:
-    stops = _lab(np.array([[int(code, 16) for code in _bytes(stop)] for stop in _STOPS[name]]))
+    stops_rgb = np.array([list(bytes.fromhex(stop)) for stop in _STOPS[name]])
+    unit = (stops_rgb[:, None, ::-1] / 255).astype(np.float32)
+    stops = np.asarray(cv2.cvtColor(unit, cv2.COLOR_BGR2LAB), float)[:, 0]
     place = np.linspace(0, len(stops) - 1, _LEVELS)
     lab = np.stack([np.interp(place, range(len(stops)), row) for row in stops.T], axis=1)
     if name not in _UNEVEN:
         lab[:, 0] = np.linspace(stops[0, 0], stops[-1, 0], _LEVELS)
     return _bgr(lab)
-
-
-def _bytes(code: str) -> tuple[str, str, str]:
-    return code[4:], code[2:4], code[:2]
-
-
-def _lab(bgr: npt.NDArray[np.int64]) -> Array:
-    unit = (bgr[:, None] / 255).astype(np.float32)
-    return np.asarray(cv2.cvtColor(unit, cv2.COLOR_BGR2LAB), float)[:, 0]
 
 
 def _bgr(lab: Array) -> Pixels:
@@ -71,14 +63,11 @@ def _bgr(lab: Array) -> Pixels:
         bgr = np.asarray(
             cv2.cvtColor(faded[:, None].astype(np.float32), cv2.COLOR_LAB2BGR), np.float32
         )
-        outside = _leaves_screen(faded, bgr)
+        # Clipped and converted back, a colour outside sRGB has changed by more than one L*a*b*
+        # unit, which is barely visible.
+        again = np.asarray(cv2.cvtColor(np.clip(bgr, 0, 1), cv2.COLOR_BGR2LAB), float)[:, 0]
+        outside = np.abs(again - faded).max(axis=1) > 1.0
         if not outside.any():
             break
         chroma[outside] *= 0.95
     return np.asarray(np.rint(np.clip(bgr, 0, 1) * 255), np.uint8)
-
-
-def _leaves_screen(lab: Array, bgr: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
-    """Return whether a colour is outside sRGB: clipped and converted back, it has changed."""
-    again = np.asarray(cv2.cvtColor(np.clip(bgr, 0, 1), cv2.COLOR_BGR2LAB), float)[:, 0]
-    return np.asarray(np.abs(again - lab).max(axis=1) > 1.0)  # one L*a*b* unit is barely visible

@@ -222,7 +222,11 @@ def ellipse_dashes(
     ``semi_px`` (N, 2) are the semi-axes and ``angle`` (N,) those of the larger ones, as returned
     by ``ellipse_95``. ``owner`` (N,) are the features; ``dotted`` (N,) ones have shorter dashes.
     """
-    corners = _corners(uv, semi_px, angle)
+    c, s = np.cos(angle), np.sin(angle)
+    along, across = semi_px.T
+    axes = np.array([[along * c, -across * s], [along * s, across * c]])
+    # (2, N, corners + 1); the last corner of an ellipse equals the first.
+    corners = axes.transpose(0, 2, 1) @ _CIRCLE + uv[:, :, None]
     dashes = _CORNERS // _PERIOD
     begins = _PERIOD * np.arange(dashes)
     which = np.repeat(np.arange(len(owner)), dashes)
@@ -230,11 +234,3 @@ def ellipse_dashes(
     begin = np.tile(begins, len(owner)) + which * (_CORNERS + 1)
     number, starts = runs(begin, lengths)
     return Polylines(corners.reshape(2, -1).take(number, axis=1), starts, owner[which])
-
-
-def _corners(uv: Array, semi_px: Array, angle: Array) -> Array:
-    """Return (2, N, corners + 1) points of the ellipses; the last equals the first."""
-    c, s = np.cos(angle), np.sin(angle)
-    along, across = semi_px.T
-    axes = np.array([[along * c, -across * s], [along * s, across * c]])
-    return np.asarray(axes.transpose(0, 2, 1) @ _CIRCLE + uv[:, :, None])
