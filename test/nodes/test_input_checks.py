@@ -11,10 +11,10 @@ pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Vector3Stamped
 from graph_helpers import await_words
+from tirgeo_ros.nodes.input_checks import InputChecks
 
 from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.io.messages import diagnostic_level
-from tirgeo_ros.nodes.input_checks import InputChecks, Known
 from tirgeo_ros.nodes.monitor import ERROR, Monitor
 
 JOINTS, ATTITUDE = "gimbal/joint_states", "gimbal/attitude"
@@ -84,20 +84,6 @@ def test_a_topic_under_another_namespace_is_named():
 def test_one_of_several_will_do(heard):
     checks = checks_of(FakeNode(), heard)
     assert not any(checks.findings() for _ in range(20))
-
-
-def test_what_is_published_and_of_the_right_type_is_not_absent():
-    node = FakeNode(uav1__gimbal__joint_states="sensor_msgs/msg/JointState")
-    checks = checks_of(node, "imu/data")
-    assert not any(checks.findings() for _ in range(20))
-
-
-def test_what_is_known_is_told_once_anything_comes():
-    monitor, found = Monitor(), ["no parameters"]
-    known = Known(monitor, found)
-    assert not known.findings()
-    monitor.received("imu/data")
-    assert known.findings() == found
 
 
 @pytest.mark.graph

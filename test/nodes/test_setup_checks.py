@@ -11,6 +11,7 @@ pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
 from diagnostic_msgs.msg import DiagnosticArray
 from graph_helpers import await_words
+from kept_log import KeptLog
 from overlay_flight import MESSAGES, Flight, write_map
 from overlays import PLANE, SQUARE_N
 from sensor_msgs.msg import Image, Imu
@@ -27,31 +28,6 @@ CAUTION = Finding("late", Severity.CAUTION, "rtk/fix is 0.4 s late", "ekf_node r
 STOP = Finding("g", Severity.STOP, "1.00 m/s2 at rest", "imu/data", "give m/s2")
 
 
-class Logger:
-    def __init__(self) -> None:
-        self.lines: list[tuple[str, str]] = []
-
-    def info(self, text: str) -> None:
-        self.lines.append(("info", text))
-
-    def warning(self, text: str) -> None:
-        self.lines.append(("warning", text))
-
-    def error(self, text: str) -> None:
-        self.lines.append(("error", text))
-
-
-class FakeNode:
-    def __init__(self) -> None:
-        self.logger = Logger()
-
-    def get_fully_qualified_name(self) -> str:
-        return "/uav1/ekf_node"
-
-    def get_logger(self) -> Logger:
-        return self.logger
-
-
 class FakeChecks:
     """Finds what it is told to."""
 
@@ -64,9 +40,9 @@ class FakeChecks:
         return self.found
 
 
-def setup_of(*checks: FakeChecks) -> tuple[SetupChecks, Logger, Monitor]:
-    node, monitor = FakeNode(), Monitor()
-    return SetupChecks(node, monitor, *checks), node.logger, monitor
+def setup_of(*checks: FakeChecks) -> tuple[SetupChecks, KeptLog, Monitor]:
+    node, monitor = KeptLog(), Monitor()
+    return SetupChecks(node, monitor, *checks), node, monitor
 
 
 def test_the_item_has_the_worst_level_and_every_finding():

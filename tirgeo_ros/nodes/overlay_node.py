@@ -14,7 +14,9 @@ from tirgeo_ros.core.checks.map_checks import MapChecks
 from tirgeo_ros.core.checks.picture_checks import PictureChecks
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.map.draping import Ground
+from tirgeo_ros.core.overlay.clicks import Clicks
 from tirgeo_ros.core.overlay.map_renderer import DrawingVerdict
 from tirgeo_ros.core.overlay.overlay import Overlay, OverlayResult
 from tirgeo_ros.core.streams.arrival_stamps import Arrivals
@@ -23,6 +25,7 @@ from tirgeo_ros.core.types.quoted_text import cut, shown
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.messages import (
     DiagnosticItem,
+    LocatedMessages,
     Messages,
     camera,
     camera_pose,
@@ -30,6 +33,7 @@ from tirgeo_ros.io.messages import (
     diagnostic_level,
     image_pixels,
     navigation_status,
+    pixel,
     stamp_ns,
     tangent_plane,
 )
@@ -37,7 +41,6 @@ from tirgeo_ros.io.pictures.camera_file import given_camera
 from tirgeo_ros.nodes.callbacks import steady_timer
 from tirgeo_ros.nodes.diagnostics import Diagnostics, item_name
 from tirgeo_ros.nodes.frame_statistics import FrameTimes, SentNumbers
-from tirgeo_ros.nodes.locate_topics import LocateTopics
 from tirgeo_ros.nodes.map_watch import MapWatch
 from tirgeo_ros.nodes.monitor import OK, WARN, Monitor
 from tirgeo_ros.nodes.parameters import declare, given_names
@@ -45,6 +48,43 @@ from tirgeo_ros.nodes.qos import IMAGE_DEPTH, latched, output, sensor_input
 from tirgeo_ros.nodes.runner import run, unless_stopped
 from tirgeo_ros.nodes.setup_checks import SUBJECT, InputChecks, SetupChecks
 from tirgeo_ros.nodes.topics import advertise, message_class, subscribe
+
+_CLICKS = 10
+
+
+class LocateTopics:
+    """Connect the Clicks of an overlay with their topics; ``values`` is for the diagnostics."""
+
+    def __init__(self, node: Node, clicks: Clicks, monitor: Monitor) -> None:
+        self._clicks = clicks
+        self._node = node
+        self._messages = LocatedMessages(message_class)
+        self._fix = advertise(node, "tirgeo/locate/fix", output())
+        self._point = advertise(node, "tirgeo/locate/point", output())
+        self._refused = ""
+        # Best effort, so that any publisher is compatible.
+        subscribe(node, "tirgeo/locate/pixel", self._take, sensor_input(_CLICKS), monitor)
+
+    @property
+    def values(self) -> dict[str, str]:
+        """Return how many clicks were located and refused, and why the last one was refused."""
+        found = {f"clicks_{name}": str(n) for name, n in sorted(self._clicks.counts.items())}
+        return found | ({"last_click_refused": self._refused} if self._refused else {})
+
+    def _take(self, message: Any) -> None:
+        stamp_ns, u, v = pixel(message)
+        answer = self._clicks.locate((u, v), stamp_ns)
+        if isinstance(answer, Located):
+            self._fix.publish(self._messages.fix(answer))
+            self._point.publish(self._messages.point(answer))
+            self._refused = ""
+            return
+        self._refused = answer.reason.value
+        self._node.get_logger().warning(
+            f"tirgeo/locate/pixel: no point at ({u:.0f}, {v:.0f}): {self._refused}",
+            throttle_duration_sec=1.0,
+        )
+
 
 #: Period (s) of the timer that checks frames that wait for their poses.
 _RELEASE_PERIOD_S = 0.02

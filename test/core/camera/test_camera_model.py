@@ -119,12 +119,6 @@ def test_the_fold_of_a_lens_is_its_limit():
     assert not camera.project(beyond)[1].any()
 
 
-def test_the_corner_is_the_limit_of_a_lens_that_does_not_fold():
-    camera = CAMERAS[0]
-    corner = math.hypot(320.5 / 800, 256.5 / 790)  # (-0.5, 511.5) from (320, 255)
-    assert camera.max_radius == pytest.approx(1.1 * corner, rel=1e-12)
-
-
 @given(
     k=st.lists(st.floats(-2.0, 2.0), min_size=8, max_size=8),
     few=st.sampled_from([4, 5, 8]),

@@ -56,12 +56,6 @@ def test_all_may_be_measured_from_any_one_point():
         np.testing.assert_array_equal(getattr(other, name), getattr(PLACES, name))
 
 
-def test_one_antenna_has_no_baseline():
-    one = replace(PLACES, second_antenna_m=())
-    assert one.baseline_b is None
-    assert one.baseline_deg is None
-
-
 @pytest.mark.parametrize("second_m", [(1, 2, 9.0), (1.04, 2, 3), (1.03, 1.97, 3), (1, 2.2, 4)])
 def test_antennas_that_give_no_heading_are_refused_with_both_names(second_m):
     bad = replace(PLACES, second_antenna_m=second_m)
@@ -96,11 +90,6 @@ def test_no_old_name_is_in_use_and_every_node_knows_them():
     for kind in NODE_CONFIGS.values():
         with pytest.raises(ConfigError, match=r"rtk\.lever_arm_m is now aircraft\.rtk_antenna_m"):
             config_from(kind, {"rtk.lever_arm_m": [0.0, 0.0, 0.0]})
-
-
-def test_imu_axes_that_are_the_bodys_cost_no_copy():
-    sample = ImuSample(0, np.zeros(3), np.zeros(3))
-    assert ImuAxes(AircraftConfig()).to_body(sample) is sample
 
 
 def test_an_imu_turned_by_its_angles_feels_the_bodys_axes():

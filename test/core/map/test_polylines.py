@@ -18,13 +18,6 @@ def lines_of(lengths, seed, dimensions=3):
     return Polylines(rng.normal(size=(dimensions, starts[-1])), starts, owner)
 
 
-@given(lengths=LENGTHS, seed=SEEDS)
-def test_links_join_points_of_one_line(lengths, seed):
-    lines = lines_of(lengths, seed)
-    line_of = np.repeat(np.arange(len(lengths)), lengths)
-    np.testing.assert_array_equal(lines.links(), line_of[:-1] == line_of[1:])
-
-
 @given(lengths=LENGTHS, seed=SEEDS, data=st.data())
 def test_select(lengths, seed, data):
     lines = lines_of(lengths, seed)
@@ -84,14 +77,6 @@ def test_subdivided_lines_keep_their_points_and_stay_straight(lengths, seed):
             for k in range(n)
         ]
         np.testing.assert_allclose(line, [*wanted, other[-1]], atol=1e-15)
-
-
-def test_no_lines():
-    none = Polylines(np.empty((2, 0)), np.array([0]), np.array([], int))
-    assert none.split() == []
-    assert len(none.cut(np.empty(0), np.empty(0))) == 0
-    assert len(none.subdivided(np.empty(0, int))) == 0
-    assert len(none.select(np.array([], int))) == 0
 
 
 @pytest.mark.parametrize("lengths", [[4] * 90, [4] * 90 + [2] * 70 + [9, 5, 5], [3, 1], []])

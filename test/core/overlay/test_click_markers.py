@@ -2,23 +2,16 @@
 
 import numpy as np
 import pytest
+from camera_poses import camera_pose
 
 from tirgeo_ros.core.camera.camera_model import Camera
-from tirgeo_ros.core.frames.axes import BODY_OPTICAL
-from tirgeo_ros.core.frames.rotations import quat_from_matrix, rotation_y
 from tirgeo_ros.core.overlay.click_markers import PlacedMarkers
 from tirgeo_ros.core.overlay.clicks import Marker
 from tirgeo_ros.core.overlay.line_renderer import LineRenderer
-from tirgeo_ros.core.types.poses import CameraPose
 
 CAMERA = Camera(640, 512, 800.0, 800.0, 319.5, 255.5)
 HEIGHT_M = 20.0  # 40 px to a metre, straight down
-POSE = CameraPose(
-    0,
-    np.array([0.0, 0.0, -HEIGHT_M]),
-    quat_from_matrix(rotation_y(-np.pi / 2) @ BODY_OPTICAL),
-    np.eye(6) * 1e-6,
-)
+POSE = camera_pose([0.0, 0.0, -HEIGHT_M], covariance=1e-6)
 
 
 def painted(sigma_m, point_n=(0.0, 0.0, 0.0)):

@@ -69,12 +69,6 @@ def test_after_the_clock_went_back_the_video_goes_on():
     assert queue.rate_hz == pytest.approx(10.0)
 
 
-def test_pictures_of_16_bits_are_taken():
-    queue = FrameQueue()
-    queue.put(Frame(SECOND, np.zeros((4, 5), np.uint16), 0))
-    assert len(queue) == 1
-
-
 def test_the_rate_is_of_the_last_ten():
     queue = FrameQueue()
     assert math.isnan(queue.rate_hz)

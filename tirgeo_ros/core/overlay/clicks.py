@@ -1,16 +1,5 @@
 """Locate clicks on the picture with the camera, pose and image that the person saw.
 
-    clicks = Clicks(config.confidence)                      # of an OverlayConfig
-    encoder = LocatedMessages(message_class)                # from io.messages
-    clicks.set_plane(plane)
-    clicks.set_ground(terrain)                              # or an ellipsoidal height
-    clicks.show(stamp_ns, camera, pose, rates)              # for each published picture
-    answer = clicks.locate((u, v), stamp_ns)                # stamp 0: the newest picture
-    if isinstance(answer, Located):
-        fix.publish(encoder.fix(answer))
-        point.publish(encoder.point(answer))
-    for mark in clicks.markers(): ...                       # mark.point_n, mark.label
-
 ``camera`` is the camera of the picture as shown: the rectified camera if the picture is rectified.
 ``pose`` is None if the picture was shown without a trusted pose.
 """

@@ -1,10 +1,5 @@
 """Draw the overlay's own uncertainty: lines that fade or have a band, and ellipses.
 
-    confidence = Confidence(config.confidence)
-    frame = confidence.frame(camera, pose, rates)                      # once a picture
-    confidence.paint_bands(image, frame, lines, layer, styles, sigma)  # under the lines
-    marked = confidence.marked(frame, lines, anchors, radius_px, sigma)   # for Painter.strokes
-
 A faded line shows that a feature exists, but no longer where. Ellipses are drawn only at points,
 dashed, in a colour of their own, and left out where the mark is about as large. Where an ellipse
 would be wrong (the projection is too nonlinear), or is as large as the picture, it is dotted and
@@ -33,8 +28,7 @@ from tirgeo_ros.core.map.layers import LayerStyle
 from tirgeo_ros.core.map.polylines import Polylines, runs
 from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.map.visibility import VisibleLines
-from tirgeo_ros.core.overlay.line_fading import Fading
-from tirgeo_ros.core.overlay.line_sampling import each, ribbons, sampled
+from tirgeo_ros.core.overlay.line_sampling import Fading, each, ribbons, sampled
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray, Pixels
 from tirgeo_ros.core.types.poses import CameraPose
 
