@@ -74,22 +74,3 @@ def test_it_goes_back_to_the_reported_attitude_when_joints_fall_silent(spawn, me
     assert float(values["north_sigma_deg"]) > 0
     assert math.isfinite(float(values["north_bias_deg"]))
     gimbal.check_running()
-
-
-@pytest.mark.slow
-def test_it_shows_the_north_that_a_centred_gimbal_has(spawn, meet):
-    gimbal = spawn("gimbal_node", "-p", "composition:=paper", "-p", "north.centred:=true")
-    observer = meet(**{"/diagnostics": DiagnosticArray})
-    await_words(gimbal, "ready")
-    aircraft = Aircraft(observer)
-
-    def used() -> int:
-        aircraft.step(joints=False)
-        return int(newest(observer, ITEM)[1].get("north_used", "0"))
-
-    observer.spin_until(lambda: used() >= 5)
-    _, values = newest(observer, ITEM)
-    assert float(values["north_bias_deg"]) == pytest.approx(0.0, abs=1e-3)
-    # a centre known to 0.3 deg and readings of 0.2 deg, five and more
-    assert float(values["north_sigma_deg"]) < math.hypot(0.3, 0.2)
-    gimbal.check_running()

@@ -67,7 +67,10 @@ class BagPlayer(Node):
         """Wait for subscribers, play, wait for acknowledgement; return the exit code."""
         attend = self._aircraft.attend if self._aircraft else lambda: True
         if not self._audience.wait(self._config.wait_timeout_s, stop, attend):
-            self.get_logger().warning(shown(f"playing without {self._missing()}"))
+            no_reader = self._aircraft is not None and not self._aircraft.attend()
+            missing = f"a reader of {self._config.serial_port}"
+            missing = missing if no_reader else self._audience.missing()
+            self.get_logger().warning(shown(f"playing without {missing}"))
         self.get_logger().info(shown(f"playing {self._config.bag}"))
         self._play_once(stop)
         while self._config.loop and not stop.is_set():
@@ -78,11 +81,6 @@ class BagPlayer(Node):
         if self._reader.damage:
             raise BagError(f"{self._config.bag}: {self._reader.damage}")
         return 0
-
-    def _missing(self) -> str:
-        if self._aircraft is not None and not self._aircraft.attend():
-            return f"a reader of {self._config.serial_port}"
-        return self._audience.missing()
 
     def _play_once(self, stop: threading.Event) -> None:
         clock = PlayClock(self._config.rate, self._config.clock_rate_hz, self._tick)

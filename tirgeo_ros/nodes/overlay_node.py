@@ -15,7 +15,6 @@ from tirgeo_ros.core.checks.picture_checks import PictureChecks
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.ground_point import Located
-from tirgeo_ros.core.map.draping import Ground
 from tirgeo_ros.core.overlay.clicks import Clicks
 from tirgeo_ros.core.overlay.map_renderer import DrawingVerdict
 from tirgeo_ros.core.overlay.overlay import Overlay, OverlayResult
@@ -104,7 +103,9 @@ class OverlayNode(Node):
         if not self._config.map:
             self.get_logger().warning("no map: set the parameter map to its file")
         layers = None if self._config.map else ()
-        ground = self._load_ground()
+        ground = unless_stopped(partial(ground_of, self._config))
+        for note in ground.notes if isinstance(ground, Terrain) else ():
+            self.get_logger().warning(shown(f"{self._config.dem}: {note}"))
         terrain = ground if isinstance(ground, Terrain) else None
         self._overlay = Overlay(self._config, layers, terrain)
         self._monitor = Monitor()
@@ -138,12 +139,6 @@ class OverlayNode(Node):
         self._clicks = LocateTopics(self, self._overlay.clicks, self._monitor)
         self._diagnostics = Diagnostics(self, self._messages, self._monitor, self._items)
         gc.freeze()  # keep a large map out of garbage collection while the video runs
-
-    def _load_ground(self) -> Ground | None:
-        ground = unless_stopped(partial(ground_of, self._config))
-        for note in ground.notes if isinstance(ground, Terrain) else ():
-            self.get_logger().warning(shown(f"{self._config.dem}: {note}"))
-        return ground
 
     def _subscribe(self) -> None:
         frames, info = sensor_input(_FRAME_DEPTH), sensor_input(1)

@@ -12,7 +12,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from tirgeo_ros.core.config import NODE_CONFIGS
-from tirgeo_ros.core.config.schema import Parameter, Value, config_from, parameters_of, values_of
+from tirgeo_ros.core.config.schema import Parameter, config_from, parameters_of, values_of
 from tirgeo_ros.nodes.arguments import parameter_files
 
 T = TypeVar("T")
@@ -28,12 +28,11 @@ def declare(node: Node, kind: type[T]) -> T:
     config = config_from(kind, _given(node, kind), ", ".join(parameter_files(sys.argv)))
     values = values_of(config)
     for parameter in parameters_of(kind):
-        node.declare_parameter(
-            parameter.name,
-            _ros_value(values[parameter.name]),
-            _descriptor(parameter),
-            ignore_override=True,
-        )
+        value: object = values[parameter.name]
+        if isinstance(value, tuple):
+            # rclpy cannot infer the type of an empty list, so it is declared by type only.
+            value = list(value) or RosParameter.Type.DOUBLE_ARRAY
+        node.declare_parameter(parameter.name, value, _descriptor(parameter), ignore_override=True)
     return config
 
 
@@ -48,25 +47,14 @@ def _given(node: Node, kind: type) -> dict[str, object]:
     # rclpy has no public access to overrides that are not declared yet.
     overrides: Mapping[str, RosParameter] = node._parameter_overrides  # noqa: SLF001
     own = {parameter.name: parameter for parameter in parameters_of(kind)}
+    lists = {name for name, parameter in own.items() if isinstance(parameter.default, tuple)}
     others = {p.name for kind in NODE_CONFIGS.values() for p in parameters_of(kind)} | _ROS_OWN
     return {
-        name: _plain(given, own.get(name))
+        # rcl reads an empty list as None.
+        name: () if given.value is None and name in lists else given.value
         for name, given in overrides.items()
         if name in own or not (name in others or name.startswith("qos_overrides."))
     }
-
-
-def _plain(given: RosParameter, own: Parameter | None) -> object:
-    if given.value is None and own is not None and isinstance(own.default, tuple):
-        return ()  # rcl reads an empty list as None
-    return given.value
-
-
-def _ros_value(value: Value) -> object:
-    if isinstance(value, tuple):
-        # rclpy cannot infer the type of an empty list, so it is declared by type only.
-        return list(value) if value else RosParameter.Type.DOUBLE_ARRAY
-    return value
 
 
 def _descriptor(parameter: Parameter) -> ParameterDescriptor:

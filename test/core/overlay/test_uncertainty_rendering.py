@@ -12,7 +12,6 @@ from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import rays_to
 from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
-from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.map.layers import LayerStyle
 from tirgeo_ros.core.map.polylines import Polylines
 from tirgeo_ros.core.map.visibility import VisibleLines
@@ -27,7 +26,6 @@ from tirgeo_ros.core.overlay.uncertainty_rendering import (
 )
 
 CAMERA = Camera(640, 512, 800.0, 800.0, 319.5, 255.5)
-PLANE = TangentPlane(math.radians(48.2), math.radians(16.4), 200.0)
 HEIGHT_M = 20.0
 #: Of a map point straight below: 40 px to a metre.
 PX_PER_M = CAMERA.fx / HEIGHT_M
@@ -281,10 +279,6 @@ def test_labels_have_their_ellipses_before_other_marks():
     assert (chosen.uv[:, 30:] > 50).any(axis=0).all()  # elsewhere
     few = with_marks(labelled, seen_from(pose, [(300, 200)]), CAMERA)
     assert few.owner.tolist() == [*range(499, 529), 0]
-
-
-def geo(points_n):
-    return np.column_stack(PLANE.geodetic_from_ned(np.array(points_n, float)))
 
 
 def test_lines_are_not_changed_by_being_sampled():

@@ -172,8 +172,7 @@ class View:
         piece = rings.pieces[number]
         boxes = details.boxes.take(piece)
         level, _ = self._levels(details, piece, boxes.distance(eye.position_n))
-        # The path of a piece wholly out of view does not change the visible fill: use the
-        # coarsest level.
+        # Pieces wholly out of view do not change the visible fill: use the coarsest level.
         out = np.ones(len(piece), bool)
         out[boxes.within(eye.normals, eye.offsets)] = False
         level[out] = len(details.count) - 1
@@ -237,8 +236,7 @@ class View:
     def marks(self, vector_map: VectorMap, pose: CameraPose, far_m: float = FAR_M) -> VisibleLines:
         """Return the map's points in the image, up to ``far_m`` ahead: lines of one point, px."""
         marks = vector_map.marks
-        offset_n = marks.points.T - pose.position_n
-        points_c = offset_n @ matrix_from_quat(pose.q_nc)
+        points_c = (marks.points.T - pose.position_n) @ matrix_from_quat(pose.q_nc)
         uv, valid = self.camera.project(points_c)
         valid[valid] = self.inside(uv[valid].T) & (points_c[valid, 2] <= far_m)
         owner = marks.owner[valid]

@@ -154,22 +154,18 @@ class FreeSpace:
         """Return a place (``last`` if free) and its box, and take the box; None without room."""
         if wish.width > self._width or wish.height > self._height:
             return None
-        found = self._same(wish, last) or next(self._free(wish), None)
+        found = None
+        if last is not None and last.places is wish.places:
+            box = self._box(wish, last.number)
+            found = (last.number, box) if self._is_free(box, wish, 0) else None
+        if found is None:
+            boxes = ((number, self._box(wish, number)) for number in range(len(wish.places)))
+            free = [each for each in boxes if self._is_free(each[1], wish, _ROOM_PX)]
+            bare = (each for each in free if not self._covers_mark(each[1]))
+            found = next(bare, free[0] if free else None)
         if found is not None:
             self._taken.append(found[1])
         return found
-
-    def _same(self, wish: PlacementRequest, last: LabelPlace | None) -> tuple[int, Box] | None:
-        if last is None or last.places is not wish.places:
-            return None
-        box = self._box(wish, last.number)
-        return (last.number, box) if self._is_free(box, wish, 0) else None
-
-    def _free(self, wish: PlacementRequest) -> Iterator[tuple[int, Box]]:
-        boxes = ((number, self._box(wish, number)) for number in range(len(wish.places)))
-        free = [(number, box) for number, box in boxes if self._is_free(box, wish, _ROOM_PX)]
-        yield from ((number, box) for number, box in free if not self._covers_mark(box))
-        yield from free
 
     def _box(self, wish: PlacementRequest, place: int) -> Box:
         """Return the box of a place, shifted into the picture."""

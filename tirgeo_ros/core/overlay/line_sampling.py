@@ -62,7 +62,9 @@ def sampled(lines: VisibleLines, step_px: float) -> tuple[VisibleLines, Samples]
     if len(long):
         pieces = np.ones(len(length), np.int64)
         pieces[long] = np.ceil(length[long] / STEP_PX)
-        lines = _subdivided(lines, pieces)
+        both = np.concatenate([lines.points, lines.rays])
+        finer = Polylines(both, lines.starts, lines.owner).subdivided(pieces)
+        lines = VisibleLines(finer.points[:2], finer.starts, finer.owner, finer.points[2:])
         length = _lengths(lines)
     way = (np.cumsum(length) / step_px).astype(np.int64)
     chosen = np.zeros(lines.points.shape[1], bool)
@@ -75,12 +77,6 @@ def sampled(lines: VisibleLines, step_px: float) -> tuple[VisibleLines, Samples]
 def _lengths(lines: VisibleLines) -> Array:
     step = lines.points[:, 1:] - lines.points[:, :-1]
     return np.asarray(np.maximum(*np.abs(step, out=step)))
-
-
-def _subdivided(lines: VisibleLines, pieces: IntArray) -> VisibleLines:
-    both = np.concatenate([lines.points, lines.rays])
-    finer = Polylines(both, lines.starts, lines.owner).subdivided(pieces)
-    return VisibleLines(finer.points[:2], finer.starts, finer.owner, finer.points[2:])
 
 
 def each(sigma_m: Array | None, line: IntArray | BoolArray) -> Array | None:

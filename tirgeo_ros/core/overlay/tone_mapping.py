@@ -102,7 +102,10 @@ class Stretch:
         low, middle, high = self._wanted(raw)
         self._ends = self._followed(low, middle, high, stamp_ns)
         self._stamp_ns = stamp_ns
-        return _scaled(raw, *self._ends)
+        low, high = self._ends
+        scale = 255.0 / (high - low)
+        # The only OpenCV call that scales 16 bits to 8 and also clips below zero in one pass.
+        return np.asarray(cv2.addWeighted(raw, scale, raw, 0.0, -low * scale, dtype=cv2.CV_8U))
 
     def _wanted(self, raw: npt.NDArray[np.uint16]) -> tuple[float, float, float]:
         """Return the percentiles; ignore dead and saturated pixels unless there are no others."""
@@ -123,11 +126,6 @@ class Stretch:
         shown_low, shown_high = self._ends
         if not shown_low <= middle <= shown_high or not self._time_s:
             return low, high
-        return self._moved(low, high, elapsed_s)
-
-    def _moved(self, low: float, high: float, elapsed_s: float) -> tuple[float, float]:
-        assert self._ends is not None
-        shown_low, shown_high = self._ends
         span = shown_high - shown_low
         off = max(abs(low - shown_low), abs(high - shown_high)) / span
         self._moves = off > (_ARRIVES if self._moves else _LEAVES)
@@ -143,12 +141,6 @@ class Stretch:
         if abs(growth) < _PLAIN_GROWTH:
             return plain
         return math.expm1(max(-most, min(most, plain * growth))) / math.expm1(growth)
-
-
-def _scaled(raw: npt.NDArray[np.uint16], low: float, high: float) -> Pixels:
-    scale = 255.0 / (high - low)
-    # The only OpenCV call that scales 16 bits to 8 and also clips below zero in one pass.
-    return np.asarray(cv2.addWeighted(raw, scale, raw, 0.0, -low * scale, dtype=cv2.CV_8U))
 
 
 @lru_cache(maxsize=8)

@@ -114,12 +114,10 @@ class Confidence:
         ellipses = self._ellipses(frame.camera, anchors, spread[:, :count], linear, mark_radius_px)
         if not fading:
             return Marked(lines, np.ones(len(lines)), ellipses)
-        return Marked(*fading.cut(self._opacity(radius_95(spread[:, count:]))), ellipses)
-
-    def _opacity(self, radius_px: Array) -> Array:
-        """Return the opacity for 95 % radii, px; an unknown radius (nan) gives the faintest."""
+        radius_px = radius_95(spread[:, count:])
+        # fmin turns nan, an unknown radius, into the faintest step.
         step = np.fmin(np.floor(radius_px * (FADE_STEPS / self._config.fade_px)), FADE_STEPS)
-        return np.asarray(1 - step * ((1 - FAINTEST) / FADE_STEPS))
+        return Marked(*fading.cut(1 - step * ((1 - FAINTEST) / FADE_STEPS)), ellipses)
 
     def paint_bands(
         self,
@@ -143,7 +141,12 @@ class Confidence:
         of_quad = layer[some.line[:-1]]
         wide = np.isfinite(quads).all(axis=(1, 2))
         for number in np.unique(of_quad[wide]).tolist():
-            _tint(image, quads[wide & (of_quad == number)], styles[number])
+            mask = np.zeros(image.shape[:2], np.uint8)  # blend once where quads overlap
+            for quad in np.rint(quads[wide & (of_quad == number)]).astype(np.int32):
+                cv2.fillConvexPoly(mask, quad, (255,))
+            cv2.copyTo(cv2.convertScaleAbs(image, alpha=1 - _BAND_OPACITY), mask, image)
+            light = np.array([*styles[number].line_bgr, 0.0]) * _BAND_OPACITY
+            cv2.add(image, light, dst=image, mask=mask)
 
     def _ellipses(
         self,
@@ -185,16 +188,6 @@ def with_marks(labelled: Anchors, marks: VisibleLines, camera: Camera) -> Anchor
     uv = np.concatenate([labelled.uv, marks.points[:, others]], axis=1)
     owner = np.concatenate([labelled.owner, marks.owner[others]])
     return Anchors(uv, rays, owner, np.concatenate([labelled.mark, np.ones(len(others), bool)]))
-
-
-def _tint(image: Pixels, quads: Array, style: LayerStyle) -> None:
-    """Blend a layer's colour thinly over the picture, once where quads overlap."""
-    mask = np.zeros(image.shape[:2], np.uint8)
-    for quad in np.rint(quads).astype(np.int32):
-        cv2.fillConvexPoly(mask, quad, (255,))
-    tinted = cv2.convertScaleAbs(image, alpha=1 - _BAND_OPACITY)
-    cv2.copyTo(tinted, mask, image)
-    cv2.add(image, np.array([*style.line_bgr, 0.0]) * _BAND_OPACITY, dst=image, mask=mask)
 
 
 def _spread_out(uv: Array, camera: Camera) -> IntArray:
