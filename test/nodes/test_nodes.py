@@ -25,28 +25,6 @@ from tirgeo_ros.nodes.topics import message_class
 pytestmark = pytest.mark.graph
 
 
-def value_of(stranger, item: str, key: str) -> str:
-    """The newest value of a diagnostic, or an empty text."""
-    for array in reversed(stranger.received["/diagnostics"]):
-        for status in array.status:
-            found = {pair.key: pair.value for pair in status.values}
-            if status.name == item and key in found:
-                return found[key]
-    return ""
-
-
-def send(stranger, kind: type, topic: str, messages: list, done) -> None:
-    """Publish round about until the answer is there: best effort may lose some."""
-    publisher = stranger.node.create_publisher(kind, topic, 10)
-
-    def step() -> bool:
-        for message in messages:
-            publisher.publish(message)
-        return done()
-
-    stranger.spin_until(step)
-
-
 def imu(stamp_s: int, **fields) -> Imu:
     message = Imu()
     message.header.stamp.sec = stamp_s
@@ -63,35 +41,32 @@ def test_messages_without_use_or_stamp_are_counted_and_told(spawn, meet):
     observer = meet(**{"/diagnostics": DiagnosticArray, "tirgeo/overlay/image": Image})
     begin_s = time.monotonic()
 
-    def until(kind: type, topic: str, sent: list, item: str, key: str, most: int = 4) -> None:
-        send(observer, kind, topic, sent, lambda: int(value_of(observer, item, key) or 0) > most)
+    def until(topic: str, sent: list, item: str, key: str, most: int = 4) -> None:
+        observer.send({topic: sent}, lambda: int(observer.diagnostic(item).get(key, 0)) > most)
 
     navigation, camera = "/ekf_node: navigation", "/gimbal_node: camera pose"
     bad = [imu(10, z=math.nan), imu(11, z=math.inf)]
-    until(Imu, "imu/data", bad, navigation, "count.imu.invalid", 2)
-    until(Imu, "imu/data", [imu(0)], navigation, "stamped_at_arrival.imu/data")
+    until("imu/data", bad, navigation, "count.imu.invalid", 2)
+    until("imu/data", [imu(0)], navigation, "stamped_at_arrival.imu/data")
     # In the order of their arrival, each later than the one before.
-    assert int(value_of(observer, navigation, "count.imu.waiting")) > 3
+    assert int(observer.diagnostic(navigation)["count.imu.waiting"]) > 3
     joints = "gimbal/joint_states"
     wrong = [JointState(name=["arm"], position=[0.0]), JointState(name=["gimbal_yaw_joint"])]
-    until(JointState, joints, wrong, "/gimbal_node: topics", f"{joints} unreadable")
+    until(joints, wrong, "/gimbal_node: topics", f"{joints} unreadable")
     names = ["gimbal_yaw_joint", "gimbal_roll_joint", "gimbal_pitch_joint"]
     right = JointState(name=names, position=[0.0, 0.0, -0.5])
-    until(JointState, joints, [right], camera, f"stamped_at_arrival.{joints}")
+    until(joints, [right], camera, f"stamped_at_arrival.{joints}")
     # Again after 10 s, if this machine takes that long.
     most = 1 + (time.monotonic() - begin_s) // 10.0
     assert 1 <= nodes[1].log.read_text().count("no position of") <= most
     raw = Image(height=2, width=2, step=2, encoding="bayer_rggb8", data=bytes(4))
     jpeg = CompressedImage(data=b"no jpeg")
-    for kind, topic, message in (
-        (Image, "thermal/image_raw", raw),
-        (CompressedImage, "thermal/image_raw/compressed", jpeg),
-    ):
-        until(kind, topic, [message], "/overlay_node: topics", f"{topic} unreadable", 0)
+    for topic, message in (("thermal/image_raw", raw), ("thermal/image_raw/compressed", jpeg)):
+        until(topic, [message], "/overlay_node: topics", f"{topic} unreadable", 0)
     # A frame without a pose comes back with a notice, across the upper part of the grey picture.
     frame = Messages(message_class).image(5_000_000_000, np.full((512, 640), 90, np.uint8))
     got = observer.received["tirgeo/overlay/image"]
-    send(observer, Image, "thermal/image_raw", [frame], lambda: bool(got))
+    observer.send({"thermal/image_raw": [frame]}, lambda: bool(got))
     assert got[0].encoding == "bgr8"
     assert (got[0].header.stamp.sec, got[0].height, got[0].width) == (5, 512, 640)
     assert np.any(np.frombuffer(got[0].data, np.uint8).reshape(512, 640, 3)[:200] != 90)
@@ -178,8 +153,8 @@ def test_what_has_no_stamp_counts_as_measured_at_arrival(spawn, meet, flight_bag
     for topic, source in (("fix", "position"), ("vel", "velocity"), ("heading", "heading")):
         key = f"stamped_at_arrival.rtk/{topic}"
         # Of 20 in 4 s; best effort may lose one or two where the machine is busy.
-        assert int(value_of(stranger, item, key)) >= 15
-        assert int(value_of(stranger, item, f"count.rtk_{source}.used")) >= 5
+        assert int(stranger.diagnostic(item)[key]) >= 15
+        assert int(stranger.diagnostic(item)[f"count.rtk_{source}.used"]) >= 5
 
 
 def states_of(stranger) -> list[str]:

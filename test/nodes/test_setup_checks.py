@@ -22,7 +22,7 @@ from overlays import PLANE, SQUARE_N
 from sensor_msgs.msg import Image
 
 from tirgeo_ros.core.types.finding import Finding, Severity
-from tirgeo_ros.io.messages import DiagnosticItem, diagnostic_level, image_pixels
+from tirgeo_ros.io.messages import DiagnosticItem, image_pixels
 from tirgeo_ros.nodes.monitor import ERROR, OK, WARN, Monitor
 from tirgeo_ros.nodes.setup_checks import InputChecks, SetupChecks
 
@@ -106,14 +106,6 @@ def test_a_fault_in_a_check_leaves_the_node_and_what_was_found():
     assert monitor.item("topics").values["set-up failed"] == "2"
 
 
-def newest(stranger, name: str):
-    for array in reversed(stranger.received["/diagnostics"]):
-        for status in array.status:
-            if status.name == name:
-                return status
-    return None
-
-
 def written(image: Image, bgr) -> int:
     """Pixels of a colour in the first lines of the picture."""
     off = np.abs(image_pixels(image)[:60].astype(int) - bgr)
@@ -144,10 +136,10 @@ def test_a_ground_47_m_too_high_is_told_in_diagnostics_log_and_picture(flight):
         p.header.stamp.sec + p.header.stamp.nanosec * 1e-9 for p in (pictures[0], pictures[-1])
     ]
     assert stamps[1] - stamps[0] < WITHIN_S
-    status = newest(aircraft.stranger, "/overlay_node: set-up")
-    assert diagnostic_level(status) == ERROR
-    assert status.message.startswith("NO GO: 27.0 m below the ground")
-    assert "ground_height_m" in status.message
+    told = aircraft.diagnostics("/overlay_node: set-up")
+    assert told["level"] == str(ERROR)
+    assert told[""].startswith("NO GO: 27.0 m below the ground")
+    assert "ground_height_m" in told[""]
     await_words(node, "set-up: NO GO: 27.0 m below the ground")
     strip = image_pixels(pictures[-1])[-22:].astype(int)
     assert (np.abs(strip - ORANGE_BGR).max(axis=2) < 20).sum() > 20  # never all green
@@ -252,13 +244,8 @@ def test_joints_of_another_type_are_an_error_of_the_gimbals_set_up(spawn, meet):
     observer.node.create_publisher(Vector3Stamped, JOINTS, 10)
 
     def told() -> bool:
-        reports = observer.received["/diagnostics"]
-        found = [status for array in reports for status in array.status]
-        return any(
-            status.name == "/gimbal_node: set-up"
-            and diagnostic_level(status) == ERROR
-            and "geometry_msgs/msg/Vector3Stamped" in status.message
-            for status in found
-        )
+        found = observer.diagnostic("/gimbal_node: set-up")
+        is_type = "geometry_msgs/msg/Vector3Stamped" in found.get("", "")
+        return is_type and found["level"] == str(ERROR)
 
     observer.spin_until(told)
