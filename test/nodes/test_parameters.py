@@ -22,8 +22,7 @@ from tirgeo_ros.core.config import (
 from tirgeo_ros.core.config.schema import parameters_of
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile
-from tirgeo_ros.nodes.arguments import check_arguments
-from tirgeo_ros.nodes.parameters import declare, given_names
+from tirgeo_ros.nodes.parameters import check_arguments, declare, given_names
 
 
 @pytest.fixture

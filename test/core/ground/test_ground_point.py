@@ -24,8 +24,8 @@ from tirgeo_ros.core.ground.ground_point import (
     Refusal,
     ellipse_of,
     place,
+    point_covariance,
 )
-from tirgeo_ros.core.ground.ground_point_covariance import point_covariance
 from tirgeo_ros.core.types.poses import CameraPose
 
 PLANE = TangentPlane(math.radians(39.85), math.radians(116.7), 30.0)

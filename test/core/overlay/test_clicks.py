@@ -8,12 +8,20 @@ import numpy as np
 import pytest
 from camera_poses import camera_pose
 
-from tirgeo_ros.core.camera.camera_model import XT2
+from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Reason
 from tirgeo_ros.core.ground.ground_point import Located, Refusal
-from tirgeo_ros.core.overlay.clicks import MARKER_S, MARKERS, REMEMBERED_S, Clicks
+from tirgeo_ros.core.overlay.clicks import (
+    MARKER_S,
+    MARKERS,
+    REMEMBERED_S,
+    Clicks,
+    Marker,
+    PlacedMarkers,
+)
+from tirgeo_ros.core.overlay.line_renderer import LineRenderer
 
 PLANE = TangentPlane(0.6955, 2.0368, 30.0)
 S = 1_000_000_000
@@ -113,3 +121,38 @@ def test_another_plane_forgets_pictures_and_moves_marks(clicks):
     clicks.show(9 * S, XT2, pose_over(0.0))
     clicks.set_plane(TangentPlane(other.latitude_rad, other.longitude_rad, other.height_m))
     assert isinstance(clicks.locate(CENTRE), Located)  # the same plane said again
+
+
+CAMERA = Camera(640, 512, 800.0, 800.0, 319.5, 255.5)
+HEIGHT_M = 20.0  # 40 px to a metre, straight down
+POSE = camera_pose([0.0, 0.0, -HEIGHT_M], covariance=1e-6)
+
+
+def painted(sigma_m, point_n=(0.0, 0.0, 0.0)):
+    image = np.full((512, 640, 3), 128, np.uint8)
+    marker = Marker(np.array(point_n), "x", np.diag([sigma_m**2, sigma_m**2, 0.0]))
+    placed = PlacedMarkers(image, CAMERA, POSE, [marker])
+    placed.paint(image, LineRenderer())
+    for box in placed.boxes:
+        image[box.top : box.bottom, box.left : box.right] = 128
+    v, u = np.nonzero((image != 128).any(axis=2))
+    return np.hypot(u - 319.5, v - 255.5)
+
+
+@pytest.mark.parametrize("sigma_m", [0.3, 1.0, 2.0])
+def test_the_ellipse_holds_95_percent(sigma_m):
+    # 2 px of ink and 1 px of halo on each side, both anti-aliased
+    assert painted(sigma_m).max() == pytest.approx(2.4477 * sigma_m * 40, abs=4)
+
+
+def test_an_ellipse_about_as_large_as_the_mark_is_not_drawn():
+    """The mark's radius is 7 px, and the least ellipse 1.5 times that."""
+    mark = painted(0.0)
+    assert 6 < mark.max() < 12
+    np.testing.assert_array_equal(painted(10.4 / 2.4477 / 40), mark)
+    assert len(painted(10.6 / 2.4477 / 40)) > len(mark)
+    np.testing.assert_array_equal(painted(np.nan), mark)
+
+
+def test_a_point_out_of_the_picture_leaves_it_as_it_is():
+    assert len(painted(0.3, point_n=(500.0, 0.0, 0.0))) == 0

@@ -25,8 +25,7 @@ from tirgeo_ros.core.map.clipping import (
     cut_rings_to_planes,
     disc,
 )
-from tirgeo_ros.core.map.level_of_detail import Boxes, Details, levels_at
-from tirgeo_ros.core.map.line_thinning import ends, merged
+from tirgeo_ros.core.map.level_of_detail import Boxes, Details, ends, levels_at, merged
 from tirgeo_ros.core.map.polylines import Polylines, joined, runs
 from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray, Pixels

@@ -18,8 +18,7 @@ from tirgeo_ros.core.map.draping import Ground, check_heights
 from tirgeo_ros.core.map.layers import MapLayer
 from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.map.visibility import View
-from tirgeo_ros.core.overlay.click_markers import PlacedMarkers
-from tirgeo_ros.core.overlay.clicks import Marker
+from tirgeo_ros.core.overlay.clicks import Marker, PlacedMarkers
 from tirgeo_ros.core.overlay.layer_painter import LayerPainter, SeenMap
 from tirgeo_ros.core.overlay.line_renderer import LineRenderer
 from tirgeo_ros.core.overlay.map_absence import MapAbsence
