@@ -16,6 +16,7 @@ from contextlib import contextmanager, nullcontext, suppress
 from typing import Any, TypeVar
 
 import rclpy
+from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -122,7 +123,9 @@ def _spin(executor: Any, stop: threading.Event) -> int:
     # In these versions of the events executor only spin_once delivers messages; spin() does not.
     with suppress(ExternalShutdownException):
         while not stop.is_set():
-            executor.spin_once(timeout_sec=0.5)
+            # An event of a subscription that was destroyed meanwhile ends no node.
+            with suppress(InvalidHandle):
+                executor.spin_once(timeout_sec=0.5)
     return 0
 
 
