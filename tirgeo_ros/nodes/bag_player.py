@@ -175,6 +175,4 @@ def _check(config: BagPlayerConfig) -> None:
         )
 
 
-def main() -> int:
-    """Run the node until the bag ends; return the exit code."""
-    return run("bag_player", BagPlayer, BagPlayer.play)
+main = partial(run, "bag_player", BagPlayer, BagPlayer.play)

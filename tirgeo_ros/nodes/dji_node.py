@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from functools import partial
 
 from rclpy.node import Node
 
@@ -71,6 +72,4 @@ class DjiNode(Node):
         return [*self._source.items(), own]
 
 
-def main() -> int:
-    """Run the node; return the exit code."""
-    return run("dji_node", DjiNode, DjiNode.serve)
+main = partial(run, "dji_node", DjiNode, DjiNode.serve)

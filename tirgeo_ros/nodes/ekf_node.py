@@ -116,6 +116,4 @@ class EkfNode(Node):
         return response
 
 
-def main() -> int:
-    """Run the node; return the exit code."""
-    return run("ekf_node", EkfNode)
+main = partial(run, "ekf_node", EkfNode)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from rclpy.node import Node
@@ -118,6 +119,4 @@ class GimbalNode(Node):
             self._imu = None
 
 
-def main() -> int:
-    """Run the node; return the exit code."""
-    return run("gimbal_node", GimbalNode)
+main = partial(run, "gimbal_node", GimbalNode)

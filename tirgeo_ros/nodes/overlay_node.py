@@ -266,6 +266,4 @@ class OverlayNode(Node):
         return [item, self._setup.item()]
 
 
-def main() -> int:
-    """Run the node; return the exit code."""
-    return run("overlay_node", OverlayNode)
+main = partial(run, "overlay_node", OverlayNode)

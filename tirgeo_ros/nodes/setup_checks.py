@@ -6,7 +6,7 @@ The topics that a node needs must be published and have the right type.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Protocol
+from typing import Any
 
 from rclpy.node import Node
 
@@ -29,21 +29,16 @@ _SETTLED = 10
 _PATIENCE = 5
 
 
-class Checks(Protocol):
-    """Define what the checks of ``core.checks`` offer to a node."""
-
-    def findings(self) -> Sequence[Finding]:
-        """Return the findings from all data so far."""
-
-
 class SetupChecks:
     """Run a node's checks once per report; a fault in a check does not stop the node.
+
+    Each of ``checks``, those of ``core.checks``, has the findings from all data so far.
 
     The item ``NODE: set-up`` has the worst finding's level, and the verdict as its message. Its
     values are all findings: the check's name -> severity and line.
     """
 
-    def __init__(self, node: Node, monitor: Monitor, *checks: Checks) -> None:
+    def __init__(self, node: Node, monitor: Monitor, *checks: Any) -> None:
         self._name = item_name(node, SUBJECT)
         self._logger = node.get_logger()
         self._monitor = monitor
