@@ -18,7 +18,6 @@ from tirgeo_ros.core.config import (
 )
 from tirgeo_ros.core.config.schema import config_from, parameters_of
 from tirgeo_ros.core.frames.rotations import matrix_from_euler
-from tirgeo_ros.core.navigation.imu_axes import ImuAxes
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.core.types.measurements import ImuSample, Source
 from tirgeo_ros.tools.simulate.flight import fly
@@ -90,17 +89,6 @@ def test_no_old_name_is_in_use_and_every_node_knows_them():
     for kind in NODE_CONFIGS.values():
         with pytest.raises(ConfigError, match=r"rtk\.lever_arm_m is now aircraft\.rtk_antenna_m"):
             config_from(kind, {"rtk.lever_arm_m": [0.0, 0.0, 0.0]})
-
-
-def test_an_imu_turned_by_its_angles_feels_the_bodys_axes():
-    """Yawed a quarter to the left, its forward axis is the body's left (FLU), minus y in FRD."""
-    left = ImuAxes(AircraftConfig(imu_rpy_deg=(0.0, 0.0, 90.0)))
-    q_nb = np.array([1.0, 0.0, 0.0, 0.0])
-    felt = ImuSample(5, np.array([1.0, 2.0, 3.0]), np.array([0.1, 0.2, 0.3]), q_nb)
-    in_body = left.to_body(felt)
-    np.testing.assert_allclose(in_body.specific_force_b, [2.0, -1.0, 3.0], atol=1e-15)
-    np.testing.assert_allclose(in_body.angular_rate_b, [0.2, -0.1, 0.3], atol=1e-16)
-    assert (in_body.stamp_ns, in_body.autopilot_q_nb) == (5, q_nb)
 
 
 @pytest.mark.parametrize("method", ["ekf_heading", "raw"])

@@ -100,12 +100,6 @@ def test_pieces_are_short_and_meet(vertices):
         np.testing.assert_array_equal(parts[i][-1], parts[i + 1][0])
 
 
-def test_pieces_are_sorted_by_layer():
-    layer = np.random.default_rng(0).integers(0, 3, 40)
-    details = details_of(walks(40, 10), layer)
-    assert (np.diff(layer[details.owner]) >= 0).all()
-
-
 def test_culling_by_blocks_finds_what_culling_by_boxes_finds():
     details = details_of(walks(3000, 4))
     normals, offsets = np.array([[1.0, 0, 0], [0.0, 0.6, 0.8]]), np.array([100.0, -50.0])

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from camera_poses import camera_pose
@@ -65,14 +62,6 @@ def at(latitude_deg, longitude_deg):
 )
 def test_why_none_of_it_is_in_view(features, pose, why):
     assert notice(features, pose) == f"NO MAP IN VIEW: {why}"
-
-
-def test_swapped_latitude_and_longitude():
-    plane = replace(PLANE, latitude_rad=math.radians(48.1), longitude_rad=math.radians(11.5))
-    laid = lay_layers([MapLayer("m", [at(11.5, 48.1)])], plane, 25.0)
-    why = MapAbsence(laid.map, plane).why(XT2, pose_at(START), 1000.0)
-    assert why.endswith("; are latitude and longitude swapped?")
-    assert why.startswith("map 5300 km away to the south-east")
 
 
 def test_no_layer_at_this_scale():

@@ -13,7 +13,6 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import locate
 from tirgeo_ros.core.overlay.scale_bar_compass import (
     camera_heading_rad,
-    ground_sample_m,
     place_rose,
     place_scale_bar,
     scale_bar,
@@ -81,13 +80,6 @@ def test_no_bar_where_no_ground_is_seen():
     assert scale_bar(XT2, pose(), PLANE, 500.0, 12.0, 470.0) is None  # under the ground
     image = np.full((512, 640, 3), GREY, np.uint8)
     assert place_scale_bar(image, XT2, pose(down=-40.0), PLANE, 11.5) is None
-
-
-def test_the_ground_that_a_pixel_spans():
-    plain = Camera(640, 512, 800.0, 800.0, 319.5, 255.5)
-    assert ground_sample_m(plain, pose(40, down=90), PLANE, 11.5) == pytest.approx(0.05, rel=1e-5)
-    assert ground_sample_m(plain, pose(40, down=30), PLANE, 11.5) == pytest.approx(0.1, rel=1e-4)
-    assert math.isnan(ground_sample_m(plain, pose(down=-10), PLANE, 11.5))
 
 
 @pytest.mark.parametrize("size", [(320, 256), (640, 512), (1280, 1024)])
