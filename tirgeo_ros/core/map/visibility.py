@@ -84,11 +84,8 @@ class View:
         self.reached = self._lens_mask() if self._reaches_past_lens else None
 
     def _lens_mask(self) -> Pixels:
-        """Return the mask of a lens model that ends within the image, without its rim.
-
-        Rings are clipped to the rim and may run back and forth along it, and OpenCV draws the
-        edges of filled areas.
-        """
+        """Return the mask of a lens model that ends within the image, without its rim."""
+        # Rings may run back and forth along the rim, and OpenCV draws the edges of areas.
         rim = self._bent(closed(disc(self.camera.max_radius)))
         uv = self.camera.pixels(*rim.points).T
         mask = np.zeros((self.camera.height, self.camera.width), np.uint8)
@@ -165,6 +162,8 @@ class View:
             return _NOTHING
         eye = self._eye(pose, FAR_M)
         seen, whole = rings.boxes.seen(eye.normals, eye.offsets)
+        if not len(seen):
+            return _NOTHING
         whole &= not self._reaches_past_lens
         seen = np.concatenate([seen[whole], seen[~whole]])
         number, starts = runs(rings.starts[seen], np.diff(rings.starts)[seen])
