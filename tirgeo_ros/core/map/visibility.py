@@ -96,7 +96,7 @@ class View:
     def farthest_m(self, height_m: float) -> float:
         """Return up to what distance (m) ground is drawn, from the camera's height (m) above it.
 
-        An unknown height is nan; then, as for a height that is not positive, it is ``FAR_M``.
+        It is ``FAR_M`` where the height is unknown, nan, or not positive.
         """
         rows_m = height_m * self.camera.fy / HORIZON_ROWS
         return min(rows_m, FAR_M) if rows_m > 0 else FAR_M
@@ -115,8 +115,7 @@ class View:
         row = self._in_a_row(boxes, whole, eye, detail_px)
         cut_off = ~whole
         if detail_px:
-            sheet = _sheet(vector_map, details.owner[piece])
-            keep = self._dots(sheet, boxes, distance_m, eye, 2 * detail_px)
+            keep = self._dots(vector_map, piece, boxes, distance_m, eye, 2 * detail_px)
             whole, row, cut_off = whole & keep, row & keep, cut_off & keep
         inner, outer = np.flatnonzero(whole & ~row), np.flatnonzero(cut_off)
         some = np.concatenate([inner, outer])
@@ -203,14 +202,20 @@ class View:
         return level, detail_px
 
     def _dots(
-        self, sheet: IntArray, boxes: Boxes, distance_m: Array, eye: _Eye, dot_px: float
+        self,
+        vector_map: VectorMap,
+        piece: IntArray,
+        boxes: Boxes,
+        distance_m: Array,
+        eye: _Eye,
+        dot_px: float,
     ) -> BoolArray:
         """Return (N,) which pieces to keep: those smaller than a dot are thinned to one a dot.
 
-        A dot is a square of ``dot_px``. Only pieces of one sheet (N,) replace each other. Small
+        A dot is a square of ``dot_px``. Only pieces that are drawn alike replace each other. Small
         pieces with their centre outside the image are kept.
         """
-        keep = np.ones(len(sheet), bool)
+        keep = np.ones(len(piece), bool)
         size = 2 * np.sqrt(np.einsum("ij,ij->j", boxes.halves, boxes.halves))
         small = np.flatnonzero(size * self._px_per_rad < dot_px * distance_m)
         if not len(small):
@@ -220,7 +225,8 @@ class View:
         valid[valid] = self.inside(uv[valid].T)
         small = small[valid]
         column, row = np.rint(uv[valid].T / dot_px).astype(np.int64)
-        cell = (sheet[small] * (self.camera.height + 2) + row) * (self.camera.width + 2) + column
+        sheet = _sheet(vector_map, vector_map.details.owner[piece[small]])
+        cell = (sheet * (self.camera.height + 2) + row) * (self.camera.width + 2) + column
         _, first = np.unique(cell, return_index=True)
         keep[small] = False
         keep[small[first]] = True
@@ -250,15 +256,11 @@ class View:
 
     def _bent(self, flat: Polylines) -> Polylines:
         """Return lines on the plane z = 1 subdivided so that drawn chords follow the lens."""
-        x, y = flat.points[:2]
-        dx, dy = x[1:] - x[:-1], y[1:] - y[:-1]
-        squared = dx * dx
-        squared += dy * dy
+        dx, dy = flat.points[:2, 1:] - flat.points[:2, :-1]
+        squared = dx * dx + dy * dy
         squared[flat.starts[1:-1] - 1] = 0.0  # not a segment: the gap between two lines
         squared *= self._pieces_per_length**2
         long = np.flatnonzero(squared > 1)
-        if not len(long):
-            return flat
         pieces = np.ones(len(squared), np.int64)
         pieces[long] = np.ceil(np.sqrt(squared[long]))
         return flat.subdivided(pieces)
