@@ -26,7 +26,7 @@ from tirgeo_ros.nodes.monitor import OK, Monitor
 from tirgeo_ros.nodes.parameters import declare, given_names
 from tirgeo_ros.nodes.qos import STREAM_DEPTH, output, sensor_input
 from tirgeo_ros.nodes.runner import run
-from tirgeo_ros.nodes.setup_checks import InputChecks, Known, SetupChecks
+from tirgeo_ros.nodes.setup_checks import InputChecks, SetupChecks
 from tirgeo_ros.nodes.topics import advertise, message_class, subscribe
 
 
@@ -41,13 +41,13 @@ class GimbalNode(Node):
         self._monitor = Monitor()
         given = given_names(self, GimbalConfig)
         self._checks = GimbalChecks(config, given)
-        none = parameter_findings(given, (), "", pictures=True, option="--params-file")
+        known = parameter_findings(given, (), "", pictures=True, option="--params-file")
         self._setup = SetupChecks(
             self,
             self._monitor,
             InputChecks(self, self._monitor, ("gimbal/joint_states", "gimbal/attitude")),
-            Known(self._monitor, none),
             self._checks,
+            known=known,
         )
         self._arrivals = Arrivals()
         stream = output(STREAM_DEPTH)

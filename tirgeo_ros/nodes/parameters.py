@@ -42,19 +42,16 @@ def check_arguments(name: str, arguments: Sequence[str]) -> None:
         name = next(a for a in arguments if a.startswith("__node:=")).removeprefix("__node:=")
     if name not in NODE_CONFIGS:
         return
+    namespaces = [a.removeprefix("__ns:=") for a in arguments if a.startswith("__ns:=")]
+    namespace = namespaces[-1] if namespaces else ""
     for path in parameter_files(arguments):
-        values = load_parameters(path, name, _namespace(arguments))
+        values = load_parameters(path, name, namespace)
         for key, value in values.items():
             if isinstance(value, list) and len({type(item) for item in value}) > 1:
                 raise ConfigError(
                     f"{path}: parameter {key}: ROS takes lists of one type only: "
                     f"write all of {value} with a decimal point"
                 )
-
-
-def _namespace(arguments: Sequence[str]) -> str:
-    found = [a.removeprefix("__ns:=") for a in arguments if a.startswith("__ns:=")]
-    return found[-1] if found else ""
 
 
 @contextmanager

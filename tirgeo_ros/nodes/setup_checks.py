@@ -32,17 +32,20 @@ _PATIENCE = 5
 class SetupChecks:
     """Run a node's checks once per report; a fault in a check does not stop the node.
 
-    Each of ``checks``, those of ``core.checks``, has the findings from all data so far.
+    Each of ``checks``, those of ``core.checks``, has the findings from all data so far; those
+    that are ``known`` from the start count once any message has come.
 
     The item ``NODE: set-up`` has the worst finding's level, and the verdict as its message. Its
     values are all findings: the check's name -> severity and line.
     """
 
-    def __init__(self, node: Node, monitor: Monitor, *checks: Any) -> None:
+    def __init__(
+        self, node: Node, monitor: Monitor, *checks: Any, known: Sequence[Finding] = ()
+    ) -> None:
         self._name = item_name(node, SUBJECT)
         self._logger = node.get_logger()
         self._monitor = monitor
-        self._checks = checks
+        self._checks, self._known = checks, known
         # With the number of reports since it was last found.
         self._recent: dict[str, tuple[Finding, int]] = {}
         self._logged: Severity | None = None
@@ -68,7 +71,9 @@ class SetupChecks:
         )
 
     def _ask(self) -> None:
-        found = {one.check: one for check in self._checks for one in check.findings()}
+        known = self._known if self._monitor.heard else ()
+        found = {one.check: one for one in known}
+        found |= {one.check: one for check in self._checks for one in check.findings()}
         absent = {
             name: (finding, reports + 1)
             for name, (finding, reports) in self._recent.items()
@@ -130,14 +135,3 @@ class InputChecks:
             if kinds:
                 types[graph.name(topic)] = wanted if wanted in kinds else min(kinds)
         return graph
-
-
-class Known:
-    """Report findings that are known from the start, once any message has come."""
-
-    def __init__(self, monitor: Monitor, found: Sequence[Finding]) -> None:
-        self._monitor, self._found = monitor, found
-
-    def findings(self) -> Sequence[Finding]:
-        """Return the findings, or none before the first message."""
-        return self._found if self._monitor.heard else ()

@@ -28,7 +28,7 @@ from tirgeo_ros.core.overlay.label_placement import FreeSpace, wish_beside
 from tirgeo_ros.core.overlay.line_renderer import LineRenderer, mark_radius_px, marks_as_lines
 from tirgeo_ros.core.overlay.text_rendering import Box, Colour, TextBitmap, stamp, text_px
 from tirgeo_ros.core.overlay.uncertainty_rendering import ELLIPSE_BGR, MARK_TIMES, ellipse_dashes
-from tirgeo_ros.core.types.arrays import Array, BoolArray, Pixels
+from tirgeo_ros.core.types.arrays import Array, Pixels
 from tirgeo_ros.core.types.poses import CameraPose
 
 #: Time for which pictures are kept: a person looks, thinks and clicks on a paused picture.
@@ -154,7 +154,11 @@ class PlacedMarkers:
         taken: Sequence[Box] = (),
     ) -> None:
         points_n = np.array([marker.point_n for marker in markers]).reshape(-1, 3)
-        uv, seen = _in_picture(camera, pose, points_n)
+        points_c = (points_n - pose.position_n) @ matrix_from_quat(pose.q_nc)
+        uv, seen = camera.project(points_c)
+        with np.errstate(invalid="ignore"):
+            inside = (uv >= -0.5) & (uv < [camera.width - 0.5, camera.height - 0.5])
+        seen &= inside.all(axis=1)
         self._uv = uv[seen]
         shown = [markers[i] for i in np.flatnonzero(seen).tolist()]
         _, by_point = pixel_jacobian(camera, pose, points_n[seen])
@@ -176,24 +180,13 @@ class PlacedMarkers:
         count = len(self._uv)
         marks = Polylines(self._uv.T, np.arange(count + 1), np.zeros(count, np.int64))
         diamonds = marks_as_lines(marks, mark_radius_px(image))
-        dashes = _ellipses(self._uv, self._covariance, mark_radius_px(image))
+        # The ellipses that are clearly larger than the mark.
+        semi_px, angle = ellipse_95(self._covariance)
+        drawn = np.flatnonzero(semi_px[:, 0] >= MARK_TIMES * mark_radius_px(image))  # not nan
+        semi_px = np.minimum(semi_px[drawn], _LARGEST_PX)
+        dotted = np.zeros(len(drawn), bool)
+        dashes = ellipse_dashes(self._uv[drawn].T, semi_px, angle[drawn], drawn, dotted)
         painter.thin_strokes(image, dashes, ELLIPSE_BGR)
         painter.strokes(image, diamonds, np.zeros(count, np.int64), [_STYLE])
         for text, box in self._labels:
             text.lay(image, box.left, box.top)
-
-
-def _in_picture(camera: Camera, pose: CameraPose, points_n: Array) -> tuple[Array, BoolArray]:
-    uv, valid = camera.project((points_n - pose.position_n) @ matrix_from_quat(pose.q_nc))
-    with np.errstate(invalid="ignore"):
-        inside = (uv >= -0.5) & (uv < [camera.width - 0.5, camera.height - 0.5])
-    return uv, np.asarray(valid & inside.all(axis=1))
-
-
-def _ellipses(uv: Array, covariance: Array, mark_px: float) -> Polylines:
-    """Return the dashed ellipses of the points whose ellipse is clearly larger than the mark."""
-    semi_px, angle = ellipse_95(covariance)
-    drawn = np.flatnonzero(semi_px[:, 0] >= MARK_TIMES * mark_px)  # nan compares false
-    semi_px = np.minimum(semi_px[drawn], _LARGEST_PX)
-    dotted = np.zeros(len(drawn), bool)
-    return ellipse_dashes(uv[drawn].T, semi_px, angle[drawn], drawn, dotted)

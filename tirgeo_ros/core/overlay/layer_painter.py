@@ -21,7 +21,6 @@ from tirgeo_ros.core.overlay.text_rendering import TEXT_BGR, Box, stamp, text_px
 from tirgeo_ros.core.overlay.uncertainty_rendering import (
     ELLIPSE_BGR,
     Confidence,
-    layer_sigmas,
     with_marks,
 )
 from tirgeo_ros.core.types.arrays import Pixels
@@ -52,7 +51,9 @@ class LayerPainter:
         self._styles: Sequence[LayerStyle] = [layer.style for layer in vector_map.layers]
         ranges = [style.scale_m_px for style in self._styles]
         self._scales_m_px = np.array(ranges, float).reshape(-1, 2)
-        sigmas = layer_sigmas(vector_map)
+        # Position sigma of each feature's layer, m; nan if not given.
+        given = [np.nan if one.sigma_m is None else one.sigma_m for one in vector_map.layers]
+        sigmas = np.array(given, float)[vector_map.layer]
         self._sigmas = None if np.isnan(sigmas).all() else sigmas
         self._painter = painter or LineRenderer()
         self._confidence = Confidence(config)

@@ -75,7 +75,10 @@ def lay_layers(layers: Sequence[MapLayer], plane: TangentPlane, ground: Ground) 
     level_m = math.nan
     if places and not _is_given(ground):
         level_m = float(np.median(np.concatenate(places)[:, 2]))
-    first_n = plane.ned_from_geodetic(*places[0][0, :2], 0.0) if places else None
+    first_n = None
+    if places:
+        latitude, longitude, _ = places[0][0]
+        first_n = plane.ned_from_geodetic(latitude, longitude, 0.0)
     return DrapedMap(plane, laid, features, level_m, first_n)
 
 

@@ -26,7 +26,6 @@ from tirgeo_ros.core.camera.projection_covariance import (
 from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.map.layers import LayerStyle
 from tirgeo_ros.core.map.polylines import Polylines, runs
-from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.map.visibility import VisibleLines
 from tirgeo_ros.core.overlay.line_sampling import Fading, each, ribbons, sampled
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray, Pixels
@@ -165,12 +164,6 @@ class Confidence:
         uv, within_px = anchors.uv[:, chosen], np.minimum(semi_px, most_px)
         dashes = ellipse_dashes(uv, within_px, angle[chosen], owner, uncertain[chosen])
         return Ellipses(dashes, uncertain)
-
-
-def layer_sigmas(vector_map: VectorMap) -> Array:
-    """Return (features,) position sigma of each feature's layer, m; nan if not given."""
-    sigmas = [np.nan if layer.sigma_m is None else layer.sigma_m for layer in vector_map.layers]
-    return np.array(sigmas, float)[vector_map.layer]
 
 
 def with_marks(labelled: Anchors, marks: VisibleLines, camera: Camera) -> Anchors:
