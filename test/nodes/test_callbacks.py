@@ -12,6 +12,7 @@ rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402 as above
 from kept_log import KeptLog  # noqa: E402
+from rclpy.exceptions import InvalidHandle  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
@@ -21,7 +22,7 @@ from tirgeo_ros.nodes.callbacks import guarded, steady_timer  # noqa: E402
 from tirgeo_ros.nodes.diagnostics import Diagnostics  # noqa: E402
 from tirgeo_ros.nodes.monitor import ERROR, OK, Monitor  # noqa: E402
 from tirgeo_ros.nodes.qos import output  # noqa: E402
-from tirgeo_ros.nodes.runner import make_executor  # noqa: E402
+from tirgeo_ros.nodes.runner import _spin, make_executor  # noqa: E402
 from tirgeo_ros.nodes.topics import message_class, subscribe  # noqa: E402
 
 
@@ -97,6 +98,21 @@ def test_a_node_outlives_what_its_callbacks_and_timers_raise(node):
         executor.spin_once(timeout_sec=0.05)
     executor.shutdown()
     assert heard[-1].status[0].level == bytes([ERROR])
+
+
+def test_an_event_of_a_subscription_just_given_up_ends_no_node():
+    """The events executor raises where the handle went between the event and its turn."""
+    stop, turns = threading.Event(), []
+
+    class Executor:
+        def spin_once(self, timeout_sec: float) -> None:
+            turns.append(timeout_sec)
+            if len(turns) == 1:
+                raise InvalidHandle("destruction was requested")
+            stop.set()
+
+    assert _spin(Executor(), stop) == 0
+    assert len(turns) == 2
 
 
 def test_one_thread_reads_what_another_writes():

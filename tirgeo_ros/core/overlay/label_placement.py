@@ -26,6 +26,7 @@ _STAYS_WITHIN = 0.8
 #: Free space that a new place needs around it, so that the label is not displaced again soon.
 _ROOM_PX = 4
 
+_Places = tuple[tuple[int, int], ...]
 #: Candidate places, the best first: offsets of the label's middle from the anchor, to the right
 #: and down, in units of ``PlacementRequest.half_u`` and ``half_v``.
 _BESIDE = ((1, 0), (-1, 0), (0, -1), (0, 1), (1, -1), (1, 1), (-1, -1), (-1, 1))
@@ -82,7 +83,7 @@ class Labels:
 class LabelPlace(NamedTuple):
     """Hold which of a tuple of candidate places a label had."""
 
-    places: tuple[tuple[int, int], ...]
+    places: _Places
     number: int
 
 
@@ -113,7 +114,7 @@ class PlacementRequest(NamedTuple):
     half_u: float  # horizontal unit of ``places``, px
     half_v: float
     mark: bool
-    places: tuple[tuple[int, int], ...]
+    places: _Places
 
 
 def wish_beside(u: float, v: float, size: tuple[int, int], mark_px: float) -> PlacementRequest:
@@ -125,17 +126,16 @@ def wish_beside(u: float, v: float, size: tuple[int, int], mark_px: float) -> Pl
 def _wish(
     seen: _Feature, size: tuple[int, int], mark_px: float, last: LabelPlace | None
 ) -> PlacementRequest:
-    width, height = size
-    u, v, half_u, half_v = seen.u, seen.v, width / 2, height / 2
     if seen.mark:
-        return wish_beside(u, v, size, mark_px)
-    if not seen.inside:
-        return PlacementRequest(u, v, width, height, half_u, half_v, False, _ALONG)
-    fits = _STAYS_WITHIN if last is not None and last.places is _WITHIN else 1.0
-    if seen.half_u < fits * half_u or seen.half_v < fits * half_v:
-        half_u, half_v = half_u + seen.half_u, half_v + seen.half_v
-        return PlacementRequest(u, v, width, height, half_u, half_v, False, _UNDER)
-    return PlacementRequest(u, v, width, height, half_u, half_v, False, _WITHIN)
+        return wish_beside(seen.u, seen.v, size, mark_px)
+    half_u, half_v = size[0] / 2, size[1] / 2
+    places: _Places = _ALONG
+    if seen.inside:
+        fits = _STAYS_WITHIN if last is not None and last.places is _WITHIN else 1.0
+        places = _WITHIN
+        if seen.half_u < fits * half_u or seen.half_v < fits * half_v:
+            half_u, half_v, places = half_u + seen.half_u, half_v + seen.half_v, _UNDER
+    return PlacementRequest(seen.u, seen.v, *size, half_u, half_v, False, places)
 
 
 class FreeSpace:
