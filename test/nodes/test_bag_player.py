@@ -24,8 +24,8 @@ from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
 from tirgeo_ros.dji.protocol.commands import GetVersion, decode_version_ack, encode_request
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
 from tirgeo_ros.io.messages import stamp_ns
-from tirgeo_ros.nodes.live_stamps import moved
-from tirgeo_ros.nodes.playlist import aircraft_topics, names, publishers_for
+from tirgeo_ros.nodes.bag_player import move_stamps
+from tirgeo_ros.nodes.playlist import aircraft_topics, publishers_for
 
 pytestmark = pytest.mark.graph
 
@@ -93,17 +93,8 @@ def test_a_truncated_bag_plays_what_is_left_and_fails(spawn, meet, flight_bag, t
 
 
 def test_nobody_listens_and_it_says_so(spawn, flight_bag):
-    player = spawn(
-        "bag_player",
-        "-p",
-        f"bag:={flight_bag}",
-        "-p",
-        "rate:=50.0",
-        "-p",
-        "wait_timeout_s:=0.5",
-        "-p",
-        "wait_for:=imu/data",
-    )
+    given = (f"bag:={flight_bag}", "rate:=50.0", "wait_timeout_s:=0.5", "wait_for:=imu/data")
+    player = spawn("bag_player", *(word for one in given for word in ("-p", one)))
     assert player.wait(60.0).exit_code == 0
     assert player.said("playing without a subscriber of /imu/data")
 
@@ -163,32 +154,26 @@ def test_the_aircraft_speaks_on_a_port_and_not_on_topics(spawn, meet, flight_bag
     assert not port.is_symlink()
 
 
-@pytest.mark.slow
-def test_a_port_that_nobody_opens_is_told_of(spawn, flight_bag, tmp_path):
-    arguments = ("-p", "live:=true", "-p", f"serial_port:={tmp_path / 'aircraft'}")
-    player = spawn(
-        "bag_player", "-p", f"bag:={flight_bag}", *arguments, "-p", "wait_timeout_s:=0.5"
-    )
-    assert player.wait(60.0).exit_code == 0
-    assert player.said(f"playing without a reader of {tmp_path / 'aircraft'}")
-    assert player.said(f"bytes that nobody read from {tmp_path / 'aircraft'}")
+WRONG = [
+    ("topics:=rtk/fix,radar", "the bag has no radar"),
+    ("wait_for:=radar", "wait_for: /radar is not played"),
+    ("start_offset_s:=60.0 wait_timeout_s:=0.0", "is beyond the bag's 4.1 s"),
+    ("live:=true rate:=2.0", "rate: a live bag plays at 1, not at 2"),
+    ("serial_port:=/tmp/x", "serial_port: bytes are stamped as they come"),
+    ("live:=true serial_port:=/no/where", "/no/where: no pseudo-terminal"),
+]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["-p", "topics:=rtk/fix,radar"], "the bag has no radar"),
-        (["-p", "wait_for:=radar"], "wait_for: /radar is not played"),
-        (["-p", "start_offset_s:=60.0", "-p", "wait_timeout_s:=0.0"], "is beyond the bag's 4.1 s"),
-        (["-p", "live:=true", "-p", "rate:=2.0"], "rate: a live bag plays at 1, not at 2"),
-        (["-p", "serial_port:=/tmp/x"], "serial_port: bytes are stamped as they come"),
-        (["-p", "live:=true", "-p", "serial_port:=/no/where"], "/no/where: no pseudo-terminal"),
-    ],
-)
-def test_what_the_bag_lacks_is_named(spawn, flight_bag, arguments, message):
-    player = spawn("bag_player", "-p", f"bag:={flight_bag}", *arguments)
-    assert player.wait(60.0).exit_code == 1
-    assert message in player.last_line()
+def test_what_the_bag_lacks_is_named(spawn, flight_bag):
+    players = [
+        spawn(
+            "bag_player", *(w for one in [f"bag:={flight_bag}", *p.split()] for w in ("-p", one))
+        )
+        for p, _ in WRONG
+    ]
+    for player, (_, message) in zip(players, WRONG, strict=True):
+        assert player.wait(60.0).exit_code == 1
+        assert message in player.last_line()
 
 
 def test_an_unknown_type_is_passed_over(spawn, meet, tmp_path, flight_bag):
@@ -204,11 +189,6 @@ def test_an_unknown_type_is_passed_over(spawn, meet, tmp_path, flight_bag):
     player = spawn("bag_player", "-p", f"bag:={path}", "-p", "rate:=10.0")
     stranger.spin_until(lambda: player.poll() is not None)
     assert player.ended.exit_code == 0
-
-
-def test_names():
-    assert names(" /imu/data, rtk/fix ,") == ["imu/data", "rtk/fix"]
-    assert names("") == []
 
 
 class _Publishing:
@@ -233,12 +213,6 @@ def test_outputs_of_the_graph_are_not_played_unless_asked():
     assert asked == {"/uav1/tirgeo/origin": ("NavSatFix", "uav1/tirgeo/origin", "TRANSIENT_LOCAL")}
 
 
-def test_a_bag_of_outputs_alone_has_nothing_to_play():
-    topics = {"/tirgeo/odometry": "nav_msgs/msg/Odometry"}
-    with pytest.raises(BagError, match=r"no topic to play \(it has: /tirgeo/odometry\)"):
-        publishers_for(_Publishing(), topics, "")
-
-
 def test_the_aircrafts_topics_are_told_apart():
     topics = {"/imu/data": "sensor_msgs/msg/Imu", "/thermal/image_raw": "sensor_msgs/msg/Image"}
     assert aircraft_topics(topics, "") == {"/imu/data": "sensor_msgs/msg/Imu"}
@@ -254,7 +228,7 @@ def test_stamps_are_moved_wherever_they_stand():
     path.header.stamp.sec = 1
     path.poses[0].header.stamp.sec = 5
     path.poses[0].header.stamp.nanosec = 900_000_000
-    moved(path, 200_000_000)
+    move_stamps(path, 200_000_000)
     assert [stamp_ns(part) for part in (path, *path.poses)] == [
         1_200_000_000,
         6_100_000_000,
@@ -262,4 +236,5 @@ def test_stamps_are_moved_wherever_they_stand():
     ]
     imu = Imu()
     imu.header.stamp.sec = 7
-    assert stamp_ns(moved(imu, -1)) == 6_999_999_999
+    move_stamps(imu, -1)
+    assert stamp_ns(imu) == 6_999_999_999

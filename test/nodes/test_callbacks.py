@@ -11,6 +11,8 @@ import pytest
 rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402 as above
+from kept_log import KeptLog  # noqa: E402
+from rclpy.exceptions import InvalidHandle  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
@@ -20,25 +22,8 @@ from tirgeo_ros.nodes.callbacks import guarded, steady_timer  # noqa: E402
 from tirgeo_ros.nodes.diagnostics import Diagnostics  # noqa: E402
 from tirgeo_ros.nodes.monitor import ERROR, OK, Monitor  # noqa: E402
 from tirgeo_ros.nodes.qos import output  # noqa: E402
-from tirgeo_ros.nodes.runner import make_executor  # noqa: E402
+from tirgeo_ros.nodes.runner import _spin, make_executor  # noqa: E402
 from tirgeo_ros.nodes.topics import message_class, subscribe  # noqa: E402
-
-
-class Log:
-    """A node's logger, and the node."""
-
-    def __init__(self) -> None:
-        self.warnings: list[str] = []
-        self.errors: list[str] = []
-
-    def get_logger(self):
-        return self
-
-    def warning(self, text: str) -> None:
-        self.warnings.append(text)
-
-    def error(self, text: str) -> None:
-        self.errors.append(text)
 
 
 @pytest.fixture
@@ -52,7 +37,7 @@ def node(environment):
 
 
 def test_bad_data_is_counted_with_its_reason_and_warned_of_once():
-    log, monitor = Log(), Monitor()
+    log, monitor = KeptLog(), Monitor()
 
     def work(message):
         raise MessageError(f"rtk/fix: {message}")
@@ -60,7 +45,7 @@ def test_bad_data_is_counted_with_its_reason_and_warned_of_once():
     call = guarded(log, monitor, "rtk/fix", work)
     assert not any(call(number) for number in range(3))
     assert not call("\x1b[2J\n" * 10_000)
-    assert log.warnings == ["rtk/fix: rtk/fix: 0"]
+    assert log.texts("warning") == ["rtk/fix: rtk/fix: 0"]
     item = monitor.item("x")
     assert item.level == OK
     assert item.values["rtk/fix unreadable"] == "4"
@@ -70,14 +55,14 @@ def test_bad_data_is_counted_with_its_reason_and_warned_of_once():
 
 
 def test_a_fault_of_the_program_shows_once_with_its_place_and_stays_an_error():
-    log, monitor = Log(), Monitor()
+    log, monitor = KeptLog(), Monitor()
     call = guarded(log, monitor, "tirgeo/origin", lambda n: [1 / n if n < 2 else [][n]])
     assert call(1)
     for number in (0, 0, 5, 0):
         assert not call(number)
-    assert len(log.errors) == 2  # of two kinds
-    assert "ZeroDivisionError: division by zero" in log.errors[0]
-    assert "test_callbacks.py" in log.errors[0]
+    first, _ = log.texts("error")  # of two kinds
+    assert "ZeroDivisionError: division by zero" in first
+    assert "test_callbacks.py" in first
     assert call(1)
     for _ in range(2):
         item = monitor.item("x")
@@ -113,6 +98,21 @@ def test_a_node_outlives_what_its_callbacks_and_timers_raise(node):
         executor.spin_once(timeout_sec=0.05)
     executor.shutdown()
     assert heard[-1].status[0].level == bytes([ERROR])
+
+
+def test_an_event_of_a_subscription_just_given_up_ends_no_node():
+    """The events executor raises where the handle went between the event and its turn."""
+    stop, turns = threading.Event(), []
+
+    class Executor:
+        def spin_once(self, timeout_sec: float) -> None:
+            turns.append(timeout_sec)
+            if len(turns) == 1:
+                raise InvalidHandle("destruction was requested")
+            stop.set()
+
+    assert _spin(Executor(), stop) == 0
+    assert len(turns) == 2
 
 
 def test_one_thread_reads_what_another_writes():

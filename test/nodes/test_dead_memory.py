@@ -62,10 +62,6 @@ def test_files_of_others_stay_and_links_are_not_followed(tmp_path):
     assert left(tmp_path) == sorted([*names, "target", DEAD, f"{DEAD}_el"])
 
 
-def test_a_folder_that_is_not_there_holds_nothing(tmp_path):
-    assert remove_dead(tmp_path / "none") == []
-
-
 @pytest.mark.graph
 def test_a_killed_node_leaves_its_memory_to_the_next_one_to_remove(spawn):
     before = set(shared_files())

@@ -5,21 +5,11 @@ from __future__ import annotations
 import math
 
 import pytest
+from kept_log import KeptLog
 
 from tirgeo_ros.core.types.measurements import FixStatus
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 from tirgeo_ros.nodes.filter_status_log import StateLog
-
-
-class Logger:
-    def __init__(self) -> None:
-        self.lines: list[tuple[str, str]] = []
-
-    def info(self, text: str) -> None:
-        self.lines.append(("info", text))
-
-    def warning(self, text: str) -> None:
-        self.lines.append(("warning", text))
 
 
 def status(state: FilterState, reason: str = "", **more: object) -> NavigationStatus:
@@ -27,7 +17,7 @@ def status(state: FilterState, reason: str = "", **more: object) -> NavigationSt
 
 
 def told(*statuses: NavigationStatus) -> tuple[list[tuple[str, str]], list[bool]]:
-    logger = Logger()
+    logger = KeptLog()
     log = StateLog(logger)
     changes = [log.note(item) for item in statuses]
     return logger.lines, changes
@@ -71,14 +61,8 @@ def test_every_reset_is_told_once_with_what_it_changed():
     assert changes == [True, True, False, True]
 
 
-def test_counts_that_begin_anew_are_no_reset():
-    running = FilterState.RUNNING
-    lines, _ = told(status(running, resets={"rtk_position": 2}), status(running))
-    assert len(lines) == 2
-
-
 def test_another_reason_is_told_when_asked_for():
-    logger = Logger()
+    logger = KeptLog()
     log = StateLog(logger)
     for reason in ("needs rtk/fix", "needs rtk/vel", "needs rtk/vel"):
         log.note(status(FilterState.WAITING, reason))

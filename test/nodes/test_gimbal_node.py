@@ -48,15 +48,6 @@ class Aircraft:
                 self._publishers[topic].publish(message)
 
 
-def newest(stranger, item: str) -> tuple[str, dict[str, str]]:
-    """Message and values of the newest diagnostic of a name."""
-    for array in reversed(stranger.received["/diagnostics"]):
-        for status in array.status:
-            if status.name == item:
-                return status.message, {pair.key: pair.value for pair in status.values}
-    return "", {}
-
-
 def test_it_goes_back_to_the_reported_attitude_when_joints_fall_silent(spawn, meet):
     gimbal, observer = spawn("gimbal_node"), meet(**{"/diagnostics": DiagnosticArray})
     await_words(gimbal, "ready")
@@ -64,32 +55,15 @@ def test_it_goes_back_to_the_reported_attitude_when_joints_fall_silent(spawn, me
 
     def says(composition: str, listens: bool, joints: bool) -> bool:
         aircraft.step(joints=joints)
-        heard = "imu/data rate [Hz]" in newest(observer, TOPICS)[1]
-        return newest(observer, ITEM)[0] == f"composition: {composition}" and heard == listens
+        heard = "imu/data rate [Hz]" in observer.diagnostic(TOPICS)
+        return (
+            observer.diagnostic(ITEM).get("") == f"composition: {composition}" and heard == listens
+        )
 
     observer.spin_until(lambda: says("encoders", listens=False, joints=True))
     observer.spin_until(lambda: says("paper", listens=True, joints=False))
-    _, values = newest(observer, ITEM)
+    values = observer.diagnostic(ITEM)
     assert (values["joints_steady"], values["joints_silent"]) == ("1", "1")
     assert float(values["north_sigma_deg"]) > 0
     assert math.isfinite(float(values["north_bias_deg"]))
-    gimbal.check_running()
-
-
-@pytest.mark.slow
-def test_it_shows_the_north_that_a_centred_gimbal_has(spawn, meet):
-    gimbal = spawn("gimbal_node", "-p", "composition:=paper", "-p", "north.centred:=true")
-    observer = meet(**{"/diagnostics": DiagnosticArray})
-    await_words(gimbal, "ready")
-    aircraft = Aircraft(observer)
-
-    def used() -> int:
-        aircraft.step(joints=False)
-        return int(newest(observer, ITEM)[1].get("north_used", "0"))
-
-    observer.spin_until(lambda: used() >= 5)
-    _, values = newest(observer, ITEM)
-    assert float(values["north_bias_deg"]) == pytest.approx(0.0, abs=1e-3)
-    # a centre known to 0.3 deg and readings of 0.2 deg, five and more
-    assert float(values["north_sigma_deg"]) < math.hypot(0.3, 0.2)
     gimbal.check_running()

@@ -27,7 +27,7 @@ WRITTEN = {
     "dji_node": (("dji_node", "diagnostics"), set(SENSED_TOPICS)),
     "ekf_node": (("ekf_node", "diagnostics"), {one for one, _ in NAVIGATION_INPUTS.values()}),
     "gimbal_node": (("gimbal_node", "diagnostics"), set()),
-    "overlay_node": (("overlay_node", "locate_topics", "diagnostics"), set()),
+    "overlay_node": (("overlay_node", "diagnostics"), set()),
 }
 
 

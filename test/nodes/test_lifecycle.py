@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
-import itertools
 import os
 import random
 import re
@@ -65,29 +64,25 @@ def ended_cleanly(process, within_s: float = STOP_S) -> None:
     assert "rror" not in said
 
 
-@pytest.mark.parametrize(
-    ("name", "number"),
-    [
-        *itertools.product(
-            ["ekf_node", "gimbal_node", "overlay_node", "bag_player", "recorder"],
-            [signal.SIGINT, signal.SIGTERM],
-        ),
-        ("recorder", signal.SIGHUP),
-    ],
-)
-def test_a_running_node_stops_on_a_signal(spawn, tmp_path, flight_bag, hangs_up, name, number):
-    process = spawn(name, *arguments_of(name, tmp_path, flight_bag))
-    await_words(process, "ready")
-    process.signal(number)
-    ended_cleanly(process)
-    # Who ended a node is worth knowing where several share a machine.
-    assert process.said(f"stopped by {number.name} from process {os.getpid()}")
+NODES = ["dji_node", "ekf_node", "gimbal_node", "overlay_node", "bag_player", "recorder"]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_running_nodes_stop_on_a_signal(spawn, tmp_path, flight_bag, hangs_up, number):
+    names = ["recorder"] if number is signal.SIGHUP else NODES
+    processes = [spawn(name, *arguments_of(name, tmp_path, flight_bag)) for name in names]
+    for process in processes:
+        await_words(process, "ready")
+        process.signal(number)
+    for process in processes:
+        ended_cleanly(process)
+        # Who ended a node is worth knowing where several share a machine.
+        assert process.said(f"stopped by {number.name} from process {os.getpid()}")
 
 
 def test_a_node_that_was_stopped_lives_on(spawn, tmp_path, flight_bag):
     """As by Ctrl-Z and fg, ``docker pause``, or a computer that slept."""
-    names = ["dji_node", "ekf_node", "gimbal_node", "overlay_node", "bag_player", "recorder"]
-    processes = [spawn(name, *arguments_of(name, tmp_path, flight_bag)) for name in names]
+    processes = [spawn(name, *arguments_of(name, tmp_path, flight_bag)) for name in NODES]
     for process in processes:
         await_words(process, "ready")
         process.signal(signal.SIGSTOP)
@@ -142,34 +137,30 @@ def test_signals_at_any_moment_also_twice(spawn, tmp_path, flight_bag):
         ended_cleanly(process, START_AND_STOP_S)
 
 
-@pytest.mark.parametrize(
-    ("name", "arguments", "message"),
-    [
-        ("ekf_node", ["-p", "publish_rate_hz:=-1.0"], "publish_rate_hz: -1 Hz is outside"),
-        ("ekf_node", ["-p", "publsh_rate_hz:=1.0"], "unknown parameter publsh_rate_hz"),
-        ("ekf_node", ["-p", "use_sim_time:=1"], "use_sim_time"),
-        ("ekf_node", ["-p", "qos_overrides./imu/data.subscription.reliability:=so_so"], "so_so"),
-        ("ekf_node", ["--params-file", "/nowhere.yaml"], "/nowhere.yaml: cannot be read"),
-        ("gimbal_node", ["-p", "aircraft.gimbal_pivot_m:=[1, 2.0, 3]"], "with a decimal point"),
-        ("overlay_node", ["-p", "map:=/nowhere.geojson"], "/nowhere.geojson"),
-        ("bag_player", [], "parameter bag: no bag given"),
-        ("bag_player", ["-p", "bag:=/nowhere.mcap"], "/nowhere.mcap: cannot be read"),
-        (
-            "recorder",
-            ["-p", "output:=/nowhere/a.mcap", "-p", "topics:=rtk/fix"],
-            "/nowhere/a.mcap",
-        ),
-        ("recorder", ["-p", "output:=a.mcap", "-p", "topics:=rtk/fx"], "rtk/fx"),
-    ],
-)
-def test_wrong_arguments_end_in_one_line(spawn, name, arguments, message):
-    process = spawn(name, *arguments)
-    ended = process.wait(START_AND_STOP_S)
-    assert ended is not None
-    assert ended.exit_code == 1
-    assert message in process.last_line()
-    assert process.last_line().startswith(f"{name}: ")
-    assert "Traceback" not in process.log.read_text()
+WRONG = [
+    ("ekf_node", "-p publish_rate_hz:=-1.0", "publish_rate_hz: -1 Hz is outside"),
+    ("ekf_node", "-p publsh_rate_hz:=1.0", "unknown parameter publsh_rate_hz"),
+    ("ekf_node", "-p use_sim_time:=1", "use_sim_time"),
+    ("ekf_node", "-p qos_overrides./imu/data.subscription.reliability:=so_so", "so_so"),
+    ("ekf_node", "--params-file /nowhere.yaml", "/nowhere.yaml: cannot be read"),
+    ("gimbal_node", "-p aircraft.gimbal_pivot_m:=[1,2.0,3]", "with a decimal point"),
+    ("overlay_node", "-p map:=/nowhere.geojson", "/nowhere.geojson"),
+    ("bag_player", "", "parameter bag: no bag given"),
+    ("bag_player", "-p bag:=/nowhere.mcap", "/nowhere.mcap: cannot be read"),
+    ("recorder", "-p output:=/nowhere/a.mcap -p topics:=rtk/fix", "/nowhere/a.mcap"),
+    ("recorder", "-p output:=a.mcap -p topics:=rtk/fx", "rtk/fx"),
+]
+
+
+def test_wrong_arguments_end_in_one_line(spawn):
+    started = [(spawn(name, *words.split()), message) for name, words, message in WRONG]
+    for process, message in started:
+        ended = process.wait(START_AND_STOP_S)
+        assert ended is not None, message
+        assert ended.exit_code == 1, message
+        assert message in process.last_line()
+        assert process.last_line().startswith(f"{process.name}: ")
+        assert "Traceback" not in process.log.read_text()
 
 
 def test_without_ros_a_node_says_so():

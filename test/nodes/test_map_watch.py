@@ -16,6 +16,7 @@ from map_readers import reader_of
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
 from graph_helpers import await_words
+from kept_log import KeptLog
 
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
@@ -93,21 +94,6 @@ def test_a_signal_ends_a_node_that_waits_for_its_elevation_model(spawn, tmp_path
     ended_soon(node)
 
 
-class Told:
-    """A node's logger, and a node that has nothing but it."""
-
-    def __init__(self) -> None:
-        self.lines: list[str] = []
-
-    def get_logger(self):
-        return self
-
-    def info(self, text: str) -> None:
-        self.lines.append(text)
-
-    warning = error = info
-
-
 @pytest.fixture
 def config(tmp_path) -> OverlayConfig:
     write_line(tmp_path / "map.geojson")
@@ -115,7 +101,7 @@ def config(tmp_path) -> OverlayConfig:
 
 
 def test_a_fault_of_the_watching_thread_is_told_and_the_map_is_watched_all_the_same(config):
-    told, asked = Told(), []
+    told, asked = KeptLog(), []
 
     def plane() -> TangentPlane:
         asked.append(1)
@@ -127,8 +113,8 @@ def test_a_fault_of_the_watching_thread_is_told_and_the_map_is_watched_all_the_s
     with MapWatch(told, config, plane) as watch:
         until(lambda: (laid := watch.changed()) and (found.append(laid) or True))
     assert found[0].features == 1
-    assert any("Traceback" in line and "a fault of ours" in line for line in told.lines)
-    assert any("the map stays as it was" in line for line in told.lines)
+    assert any("Traceback" in line and "a fault of ours" in line for line in told.texts())
+    assert any("the map stays as it was" in line for line in told.texts())
 
 
 def test_what_a_reader_says_that_fails_is_told_and_no_more_than_a_page(
@@ -138,7 +124,7 @@ def test_what_a_reader_says_that_fails_is_told_and_no_more_than_a_page(
     broken.write_text("#!/bin/sh\nhead -c 3000000 /dev/zero | tr '\\0' x >&2\n")
     broken.write_text(broken.read_text() + "echo; echo 'KeyError: a fault of ours' >&2; exit 1\n")
     broken.chmod(0o755)
-    told, whole = Told(), sys.executable
+    told, whole = KeptLog(), sys.executable
     with MapWatch(told, config, lambda: PLANE) as watch:
         until(watch.changed)
         monkeypatch.setattr(sys, "executable", str(broken))
@@ -146,7 +132,7 @@ def test_what_a_reader_says_that_fails_is_told_and_no_more_than_a_page(
         until(lambda: watch.changed() or watch.error)
         assert "its reader ended (exit code 1)" in watch.error
         assert len(watch.error) < 4500
-        said = [line for line in told.lines if "KeyError: a fault of ours" in line]
+        said = [line for line in told.texts() if "KeyError: a fault of ours" in line]
         assert said
         assert max(map(len, said)) < 4500
         monkeypatch.setattr(sys, "executable", whole)

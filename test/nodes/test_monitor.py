@@ -44,15 +44,6 @@ def test_silence_of_what_is_needed_is_a_warning(clock):
     assert monitor.item("x").level == OK
 
 
-def test_what_cannot_be_read_is_counted_on(clock):
-    monitor = Monitor()
-    for _ in range(3):
-        monitor.refused("rtk/fix")
-    clock[0] += 1.0
-    assert monitor.item("x").values["rtk/fix unreadable"] == "3"
-    assert monitor.item("x").values["rtk/fix unreadable"] == "3"
-
-
 def test_what_the_transport_lost_is_counted_on_until_it_is_forgotten(clock):
     monitor = Monitor()
     for number in (1, 5, 5):
@@ -63,14 +54,6 @@ def test_what_the_transport_lost_is_counted_on_until_it_is_forgotten(clock):
     monitor.forget("thermal/image_raw")
     monitor.lost("thermal/image_raw", 1)
     assert "thermal/image_raw lost" not in monitor.item("x").values
-
-
-def test_latency_is_the_middle_one(clock):
-    monitor = Monitor()
-    for latency in (0.001, 0.002, 0.5):
-        monitor.took("tirgeo/odometry", latency)
-    assert monitor.item("x").values["tirgeo/odometry latency [ms]"] == "2.0"
-    assert "tirgeo/odometry latency [ms]" not in monitor.item("x").values
 
 
 def test_a_forgotten_topic_stays_forgotten(clock):

@@ -25,33 +25,6 @@ from tirgeo_ros.nodes.topics import message_class
 pytestmark = pytest.mark.graph
 
 
-def value_of(stranger, item: str, key: str) -> str:
-    """The newest value of a diagnostic, or an empty text."""
-    for array in reversed(stranger.received["/diagnostics"]):
-        for status in array.status:
-            found = {pair.key: pair.value for pair in status.values}
-            if status.name == item and key in found:
-                return found[key]
-    return ""
-
-
-@pytest.fixture
-def observer(meet):
-    return meet(**{"/diagnostics": DiagnosticArray})
-
-
-def send(stranger, kind: type, topic: str, messages: list, done) -> None:
-    """Publish round about until the answer is there: best effort may lose some."""
-    publisher = stranger.node.create_publisher(kind, topic, 10)
-
-    def step() -> bool:
-        for message in messages:
-            publisher.publish(message)
-        return done()
-
-    stranger.spin_until(step)
-
-
 def imu(stamp_s: int, **fields) -> Imu:
     message = Imu()
     message.header.stamp.sec = stamp_s
@@ -60,43 +33,46 @@ def imu(stamp_s: int, **fields) -> Imu:
     return message
 
 
-def test_bad_imu_messages_become_verdicts(spawn, observer):
-    ekf = spawn("ekf_node")
-    await_words(ekf, "ready")
-    bad = [imu(10, z=math.nan), imu(11, z=math.inf)]
-    item, key = "/ekf_node: navigation", "count.imu.invalid"
-    send(observer, Imu, "imu/data", bad, lambda: int(value_of(observer, item, key) or 0) > 2)
-    ekf.check_running()
-    assert "Traceback" not in ekf.log.read_text()
-
-
-def test_joints_that_cannot_be_read_are_counted_and_told_once(spawn, observer):
-    gimbal = spawn("gimbal_node")
-    await_words(gimbal, "ready")
+def test_messages_without_use_or_stamp_are_counted_and_told(spawn, meet):
+    """Bad samples, unreadable messages, samples without a stamp; a frame that nothing helps."""
+    nodes = [spawn(name) for name in ("ekf_node", "gimbal_node", "overlay_node")]
+    for node in nodes:
+        await_words(node, "ready")
+    observer = meet(**{"/diagnostics": DiagnosticArray, "tirgeo/overlay/image": Image})
     begin_s = time.monotonic()
+
+    def until(topic: str, sent: list, item: str, key: str, most: int = 4) -> None:
+        observer.send({topic: sent}, lambda: int(observer.diagnostic(item).get(key, 0)) > most)
+
+    navigation, camera = "/ekf_node: navigation", "/gimbal_node: camera pose"
+    bad = [imu(10, z=math.nan), imu(11, z=math.inf)]
+    until("imu/data", bad, navigation, "count.imu.invalid", 2)
+    until("imu/data", [imu(0)], navigation, "stamped_at_arrival.imu/data")
+    # In the order of their arrival, each later than the one before.
+    assert int(observer.diagnostic(navigation)["count.imu.waiting"]) > 3
+    joints = "gimbal/joint_states"
     wrong = [JointState(name=["arm"], position=[0.0]), JointState(name=["gimbal_yaw_joint"])]
-    item, key = "/gimbal_node: topics", "gimbal/joint_states unreadable"
-    topic = "gimbal/joint_states"
-    send(observer, JointState, topic, wrong, lambda: int(value_of(observer, item, key) or 0) > 4)
-    gimbal.check_running()
+    until(joints, wrong, "/gimbal_node: topics", f"{joints} unreadable")
+    names = ["gimbal_yaw_joint", "gimbal_roll_joint", "gimbal_pitch_joint"]
+    right = JointState(name=names, position=[0.0, 0.0, -0.5])
+    until(joints, [right], camera, f"stamped_at_arrival.{joints}")
     # Again after 10 s, if this machine takes that long.
     most = 1 + (time.monotonic() - begin_s) // 10.0
-    assert 1 <= gimbal.log.read_text().count("no position of") <= most
-
-
-def test_pictures_that_cannot_be_read_are_counted(spawn, observer):
-    overlay = spawn("overlay_node")
-    await_words(overlay, "ready")
-    wrong = Image(height=2, width=2, step=2, encoding="bayer_rggb8", data=bytes(4))
-    item = "/overlay_node: topics"
-    for kind, topic, message in (
-        (Image, "thermal/image_raw", wrong),
-        (CompressedImage, "thermal/image_raw/compressed", CompressedImage(data=b"no jpeg")),
-    ):
-        key = f"{topic} unreadable"
-        send(observer, kind, topic, [message], lambda k=key: bool(value_of(observer, item, k)))
-    overlay.check_running()
-    assert "Traceback" not in overlay.log.read_text()
+    assert 1 <= nodes[1].log.read_text().count("no position of") <= most
+    raw = Image(height=2, width=2, step=2, encoding="bayer_rggb8", data=bytes(4))
+    jpeg = CompressedImage(data=b"no jpeg")
+    for topic, message in (("thermal/image_raw", raw), ("thermal/image_raw/compressed", jpeg)):
+        until(topic, [message], "/overlay_node: topics", f"{topic} unreadable", 0)
+    # A frame without a pose comes back with a notice, across the upper part of the grey picture.
+    frame = Messages(message_class).image(5_000_000_000, np.full((512, 640), 90, np.uint8))
+    got = observer.received["tirgeo/overlay/image"]
+    observer.send({"thermal/image_raw": [frame]}, lambda: bool(got))
+    assert got[0].encoding == "bgr8"
+    assert (got[0].header.stamp.sec, got[0].height, got[0].width) == (5, 512, 640)
+    assert np.any(np.frombuffer(got[0].data, np.uint8).reshape(512, 640, 3)[:200] != 90)
+    for node in nodes:
+        node.check_running()
+        assert "Traceback" not in node.log.read_text()
 
 
 #: What the filter needs to start: it may be found one after the other.
@@ -107,22 +83,6 @@ def player_of(bag) -> list[str]:
     """Half as fast as it was flown: a busy machine must not lag behind."""
     parameters = (f"bag:={bag}", f"wait_for:={AWAITED}", "rate:=0.5")
     return ["bag_player", *(word for each in parameters for word in ("-p", each))]
-
-
-def test_a_frame_without_a_pose_comes_back_with_a_notice(spawn, meet):
-    """Also with nothing else in the graph: the timer lets it go."""
-    overlay = spawn("overlay_node")
-    await_words(overlay, "ready")
-    stranger = meet(tirgeo__overlay__image=Image)
-    pixels = np.full((512, 640), 90, np.uint8)
-    frame = Messages(message_class).image(5_000_000_000, pixels)
-    got = stranger.received["tirgeo/overlay/image"]
-    send(stranger, Image, "thermal/image_raw", [frame], lambda: bool(got))
-    assert got[0].encoding == "bgr8"
-    assert (got[0].header.stamp.sec, got[0].height, got[0].width) == (5, 512, 640)
-    drawn = np.frombuffer(got[0].data, np.uint8).reshape(512, 640, 3)
-    # The notice "no map is given" lies across the upper part of the grey picture.
-    assert np.any(drawn[:200] != 90)
 
 
 def test_the_origin_reaches_who_comes_late_and_reset_starts_again(spawn, meet, flight_bag):
@@ -193,26 +153,8 @@ def test_what_has_no_stamp_counts_as_measured_at_arrival(spawn, meet, flight_bag
     for topic, source in (("fix", "position"), ("vel", "velocity"), ("heading", "heading")):
         key = f"stamped_at_arrival.rtk/{topic}"
         # Of 20 in 4 s; best effort may lose one or two where the machine is busy.
-        assert int(value_of(stranger, item, key)) >= 15
-        assert int(value_of(stranger, item, f"count.rtk_{source}.used")) >= 5
-
-
-def test_gimbal_and_imu_samples_without_a_stamp_too(spawn, observer):
-    ekf, gimbal = spawn("ekf_node"), spawn("gimbal_node")
-    await_words(ekf, "ready")
-    await_words(gimbal, "ready")
-    names = ["gimbal_yaw_joint", "gimbal_roll_joint", "gimbal_pitch_joint"]
-    joints = JointState(name=names, position=[0.0, 0.0, -0.5])
-
-    def count(item: str, topic: str) -> int:
-        return int(value_of(observer, item, f"stamped_at_arrival.{topic}") or 0)
-
-    camera, navigation = "/gimbal_node: camera pose", "/ekf_node: navigation"
-    topic = "gimbal/joint_states"
-    send(observer, JointState, topic, [joints], lambda: count(camera, topic) > 4)
-    send(observer, Imu, "imu/data", [imu(0)], lambda: count(navigation, "imu/data") > 4)
-    # In the order of their arrival, each later than the one before.
-    assert int(value_of(observer, navigation, "count.imu.waiting")) > 3
+        assert int(stranger.diagnostic(item)[key]) >= 15
+        assert int(stranger.diagnostic(item)[f"count.rtk_{source}.used"]) >= 5
 
 
 def states_of(stranger) -> list[str]:

@@ -75,8 +75,7 @@ def off_px(picture: Image, ring_n) -> float:
     return distances(ink[ink[:, 1] > NOTICE_ROWS], outline).max()
 
 
-def test_a_click_becomes_a_point_on_the_ground(flight):
-    flown, _, _ = flight
+def a_click_becomes_a_point_on_the_ground(flown, _):
     picture = flown.shown()
     assert off_px(picture, SQUARE_N) < 1.5
     corner = (SQUARE_N[:1] - pose_at(0).position_n) @ matrix_from_quat(pose_at(0).q_nc)
@@ -156,9 +155,8 @@ def test_a_reader_that_dies_is_told_and_a_changed_map_is_read_all_the_same(overl
     assert off_px(flown.shown(), SQUARE_N + NORTH_N) < 1.5
 
 
-def test_the_map_is_laid_again_in_another_plane(flight):
+def the_map_is_laid_again_in_another_plane(flown, _):
     """As after the filter's reset: the same outline, at another place in the new plane."""
-    flown, _, _ = flight
     assert off_px(flown.shown(), SQUARE_N) < 1.5
     moved = dataclasses.replace(PLANE, latitude_rad=PLANE.latitude_rad + 5e-7)  # 3.2 m north
     flown.origin.publish(MESSAGES.origin(moved, 0))
@@ -168,9 +166,8 @@ def test_the_map_is_laid_again_in_another_plane(flight):
     assert flown.next_diagnostics()["reloads"] == "0"
 
 
-def test_messages_that_cannot_be_are_counted_and_the_video_goes_on(flight):
+def messages_that_cannot_be_are_counted_and_the_video_goes_on(flown, node):
     """An origin at infinity, a picture wider than JPEG has it, poses and texts without end."""
-    flown, node, _ = flight
     flown.shown()
     far = pose_at(0)
     far.position_n[0] = 1e200
@@ -207,9 +204,8 @@ def test_messages_that_cannot_be_are_counted_and_the_video_goes_on(flight):
     assert "Traceback" not in node.text()
 
 
-def test_frames_without_a_stamp_take_the_time_of_their_arrival(flight):
+def frames_without_a_stamp_take_the_time_of_their_arrival(flown, _):
     """All are drawn, and told of; one in thirty was."""
-    flown, _, _ = flight
     flown.shown()
     pictures = flown.stranger.received["tirgeo/overlay/image"]
     pictures.clear()
@@ -221,6 +217,15 @@ def test_frames_without_a_stamp_take_the_time_of_their_arrival(flight):
     assert all(has_lines(picture) for picture in pictures[-5:])
     stamps = [stamp_ns(picture) for picture in pictures]
     assert 0 not in stamps[5:]
+    flown.unstamped = False
+
+
+def test_one_flight_after_the_other(flight):
+    flown, node, _ = flight
+    a_click_becomes_a_point_on_the_ground(flown, node)
+    frames_without_a_stamp_take_the_time_of_their_arrival(flown, node)
+    messages_that_cannot_be_are_counted_and_the_video_goes_on(flown, node)
+    the_map_is_laid_again_in_another_plane(flown, node)
 
 
 def test_frames_that_the_transport_loses_are_counted(overlay, meet):

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
 from types import SimpleNamespace
 
@@ -37,9 +36,6 @@ from tirgeo_ros.nodes.psdk_source import PsdkSource
 
 pytestmark = pytest.mark.graph
 
-needs_none = pytest.mark.skipif(
-    importlib.util.find_spec("psdk_interfaces") is not None, reason="psdk_interfaces is installed"
-)
 SECOND = 1_000_000_000
 
 
@@ -134,10 +130,8 @@ def test_the_ordinary_gps(aircraft):
         "gps_position": place(52.0),
         "gps_velocity": vector(TwistStamped, (1.0, 2.0, 3.0)),
     }
-    aircraft.send(
-        topics,
-        lambda: aircraft.of(GpsReading, "place") and aircraft.of(GpsReading, "velocity_n"),
-    )
+    parts = ("place", "velocity_n")
+    aircraft.send(topics, lambda: all(aircraft.of(GpsReading, part) for part in parts))
     where = aircraft.of(GpsReading, "place")[0].place
     assert where == (math.radians(52.0), math.radians(-120.0), 88.5)
     assert aircraft.of(GpsReading, "velocity_n")[0].velocity_n == (1.0, 2.0, 3.0)
@@ -148,31 +142,12 @@ def test_fused_values_stand_in_where_nothing_else_comes(aircraft):
         "gps_position_fused": place(52.0),
         "velocity_ground_fused": vector(Vector3Stamped, (2.0, 1.0, -3.0)),
     }
-    aircraft.send(
-        topics,
-        lambda: aircraft.of(GpsReading, "place") and aircraft.of(GpsReading, "velocity_n"),
-    )
+    parts = ("place", "velocity_n")
+    aircraft.send(topics, lambda: all(aircraft.of(GpsReading, part) for part in parts))
     # By the other pi it is 2.8e-8 more.
     where = aircraft.of(GpsReading, "place")[0].place
     assert where.latitude_rad == pytest.approx(math.radians(52.0) * (1 + 2.783e-8), rel=1e-11)
     assert aircraft.of(GpsReading, "velocity_n")[0].velocity_n == (1.0, 2.0, 3.0)
-
-
-def test_rtk_positions_and_velocities_have_the_flag_that_comes_on_its_own(aircraft):
-    topics = {
-        "rtk_position": place(52.0),
-        "rtk_velocity": vector(TwistStamped, (1.0, 2.0, 3.0)),
-        "rtk_position_info": UInt8(data=50),
-    }
-    parts = ("place", "velocity_n")
-    aircraft.send(
-        topics,
-        lambda: all(aircraft.of(RtkReading, part, "position_flag") for part in parts),
-    )
-    places, velocities = (aircraft.of(RtkReading, part, "position_flag") for part in parts)
-    assert places[0].place == (math.radians(52.0), math.radians(-120.0), 88.5)
-    assert velocities[0].velocity_n == (1.0, 2.0, 3.0)
-    assert {r.position_flag for r in places + velocities} == {50}
 
 
 def test_an_rtk_position_without_its_flag_goes_on_by_the_timer(aircraft):
@@ -213,14 +188,6 @@ def test_the_accuracies_of_psdk_interfaces(aircraft):
     assert reading.velocity_sigma_m_s == pytest.approx(0.4)
 
 
-@needs_none
-def test_it_is_said_what_is_missing_without_psdk_interfaces(aircraft):
-    item = aircraft.item()
-    assert item.level == WARN
-    assert "no rtk/heading" in item.message
-    assert "build its package psdk_interfaces" in item.message
-
-
 def test_with_psdk_interfaces_nothing_is_missing(meet, monkeypatch):
     """Any type does for being there: its topics are not sent."""
     types = {topic: ("std_msgs/msg/UInt8", lambda m: m.data) for topic in psdk_source._LOST}
@@ -237,12 +204,6 @@ def test_silence_is_said_and_taken_back(aircraft, monkeypatch):
     monkeypatch.setattr(psdk_source, "SILENT_S", 60.0)
     aircraft.send({"rtk_yaw_info": UInt8(data=50)}, lambda: aircraft.readings)
     assert "nothing comes" not in aircraft.item().message
-
-
-def test_another_prefix(meet):
-    aircraft = Aircraft(meet(), prefix="/uav1/psdk/")
-    topics = {"gps_position": place(52.0)}
-    aircraft.send(topics, lambda: aircraft.of(GpsReading), prefix="/uav1/psdk")
 
 
 def test_a_prefix_that_names_no_topic_is_refused(meet):

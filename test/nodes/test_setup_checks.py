@@ -1,8 +1,12 @@
-"""What a node's checks find: in its diagnostics, its log, and in the picture."""
+"""What a node's checks find: in its diagnostics, its log, and in the picture.
+
+A topic that nobody publishes, or of another type, is found by the node that needs it.
+"""
 
 from __future__ import annotations
 
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,46 +14,23 @@ import pytest
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Vector3Stamped
 from graph_helpers import await_words
+from kept_log import KeptLog
 from overlay_flight import MESSAGES, Flight, write_map
 from overlays import PLANE, SQUARE_N
-from sensor_msgs.msg import Image, Imu
+from sensor_msgs.msg import Image
 
 from tirgeo_ros.core.types.finding import Finding, Severity
-from tirgeo_ros.io.messages import DiagnosticItem, diagnostic_level, image_pixels
+from tirgeo_ros.io.messages import DiagnosticItem, image_pixels
 from tirgeo_ros.nodes.monitor import ERROR, OK, WARN, Monitor
-from tirgeo_ros.nodes.setup_checks import SetupChecks
+from tirgeo_ros.nodes.setup_checks import InputChecks, SetupChecks
 
 WITHIN_S = 10.0  # of stamps, from the first message to the item and the notice
 AMBER_BGR, ORANGE_BGR = (80, 200, 255), (60, 140, 255)
 NOTE = Finding("levers", Severity.NOTE, "all lever arms are zero", "ekf_node aircraft", "measure")
 CAUTION = Finding("late", Severity.CAUTION, "rtk/fix is 0.4 s late", "ekf_node rtk.delay_s", "set")
 STOP = Finding("g", Severity.STOP, "1.00 m/s2 at rest", "imu/data", "give m/s2")
-
-
-class Logger:
-    def __init__(self) -> None:
-        self.lines: list[tuple[str, str]] = []
-
-    def info(self, text: str) -> None:
-        self.lines.append(("info", text))
-
-    def warning(self, text: str) -> None:
-        self.lines.append(("warning", text))
-
-    def error(self, text: str) -> None:
-        self.lines.append(("error", text))
-
-
-class FakeNode:
-    def __init__(self) -> None:
-        self.logger = Logger()
-
-    def get_fully_qualified_name(self) -> str:
-        return "/uav1/ekf_node"
-
-    def get_logger(self) -> Logger:
-        return self.logger
 
 
 class FakeChecks:
@@ -64,9 +45,9 @@ class FakeChecks:
         return self.found
 
 
-def setup_of(*checks: FakeChecks) -> tuple[SetupChecks, Logger, Monitor]:
-    node, monitor = FakeNode(), Monitor()
-    return SetupChecks(node, monitor, *checks), node.logger, monitor
+def setup_of(*checks: FakeChecks) -> tuple[SetupChecks, KeptLog, Monitor]:
+    node, monitor = KeptLog(), Monitor()
+    return SetupChecks(node, monitor, *checks), node, monitor
 
 
 def test_the_item_has_the_worst_level_and_every_finding():
@@ -125,46 +106,6 @@ def test_a_fault_in_a_check_leaves_the_node_and_what_was_found():
     assert monitor.item("topics").values["set-up failed"] == "2"
 
 
-def newest(stranger, name: str):
-    for array in reversed(stranger.received["/diagnostics"]):
-        for status in array.status:
-            if status.name == name:
-                return status
-    return None
-
-
-@pytest.mark.slow
-@pytest.mark.graph
-@pytest.mark.long
-def test_gravity_in_g_is_an_error_of_the_filters_set_up(spawn, meet):
-    ekf, observer = spawn("ekf_node"), meet(**{"/diagnostics": DiagnosticArray})
-    await_words(ekf, "ready")
-    publisher = observer.node.create_publisher(Imu, "imu/data", 100)
-    start_ns, sent, rng = time.time_ns(), 0, np.random.default_rng(1)
-
-    def found() -> bool:
-        """After one sample more: 100 Hz by the stamps, whatever else the machine does."""
-        nonlocal sent
-        message = Imu()
-        stamp_ns = start_ns + sent * 10_000_000
-        message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, 10**9)
-        message.orientation.w = 1.0
-        force = message.linear_acceleration
-        force.x, force.y, force.z = rng.normal((0.0, 0.0, 1.0), 0.002)
-        publisher.publish(message)
-        sent += 1
-        time.sleep(0.01)
-        status = newest(observer, "/ekf_node: set-up")
-        return status is not None and any("is in g" in pair.value for pair in status.values)
-
-    observer.spin_until(found)
-    assert sent * 0.01 < WITHIN_S
-    status = newest(observer, "/ekf_node: set-up")
-    assert diagnostic_level(status) == ERROR
-    assert status.message.startswith("NO GO: ")
-    await_words(ekf, "set-up: NO GO")
-
-
 def written(image: Image, bgr) -> int:
     """Pixels of a colour in the first lines of the picture."""
     off = np.abs(image_pixels(image)[:60].astype(int) - bgr)
@@ -195,10 +136,10 @@ def test_a_ground_47_m_too_high_is_told_in_diagnostics_log_and_picture(flight):
         p.header.stamp.sec + p.header.stamp.nanosec * 1e-9 for p in (pictures[0], pictures[-1])
     ]
     assert stamps[1] - stamps[0] < WITHIN_S
-    status = newest(aircraft.stranger, "/overlay_node: set-up")
-    assert diagnostic_level(status) == ERROR
-    assert status.message.startswith("NO GO: 27.0 m below the ground")
-    assert "ground_height_m" in status.message
+    told = aircraft.diagnostics("/overlay_node: set-up")
+    assert told["level"] == str(ERROR)
+    assert told[""].startswith("NO GO: 27.0 m below the ground")
+    assert "ground_height_m" in told[""]
     await_words(node, "set-up: NO GO: 27.0 m below the ground")
     strip = image_pixels(pictures[-1])[-22:].astype(int)
     assert (np.abs(strip - ORANGE_BGR).max(axis=2) < 20).sum() > 20  # never all green
@@ -225,3 +166,86 @@ def test_the_picture_tells_what_another_node_of_its_namespace_found(flight):
     assert lines.sum() > 100  # the map stays
     pictures.clear()
     aircraft.until(lambda: not tells("/ekf_node: set-up", OK, AMBER_BGR) and passed(0))
+
+
+JOINTS, ATTITUDE = "gimbal/joint_states", "gimbal/attitude"
+
+
+class FakeNode:
+    """A node of a namespace in a graph whose publishers are given: names with types."""
+
+    def __init__(self, **published: str) -> None:
+        self.published = {f"/{name.replace('__', '/')}": kind for name, kind in published.items()}
+
+    def get_namespace(self) -> str:
+        return "/uav1"
+
+    def get_topic_names_and_types(self) -> list[tuple[str, list[str]]]:
+        own = {f"/uav1/{name}": "of the node itself" for name in (JOINTS, ATTITUDE)}
+        return [(name, [kind]) for name, kind in (own | self.published).items()]
+
+    def count_publishers(self, name: str) -> int:
+        return name in self.published
+
+    def get_publishers_info_by_topic(self, topic: str) -> list[SimpleNamespace]:
+        kind = self.published.get(f"/uav1/{topic}")
+        return [SimpleNamespace(topic_type=kind)] if kind else []
+
+
+def checks_of(node: FakeNode, heard: str = "") -> InputChecks:
+    monitor = Monitor()
+    if heard:
+        monitor.received(heard)
+    return InputChecks(node, monitor, (JOINTS, ATTITUDE))
+
+
+def test_another_type_is_told_at_once():
+    node = FakeNode(uav1__gimbal__joint_states="geometry_msgs/msg/Vector3Stamped")
+    (found,) = checks_of(node).findings()
+    assert found.severity is Severity.STOP
+    assert found.parameter == JOINTS
+    assert "/uav1/gimbal/joint_states is a geometry_msgs/msg/Vector3Stamped" in found.evidence
+
+
+def test_what_nobody_publishes_is_waited_for_from_the_first_message_on():
+    quiet, heard = checks_of(FakeNode()), checks_of(FakeNode(), "tirgeo/odometry")
+    assert not any(quiet.findings() for _ in range(20))
+    counts = [len(heard.findings()) for _ in range(20)]
+    assert counts == [0] * 5 + [1] * 15
+    (found,) = heard.findings()
+    assert found.severity is Severity.STOP
+    assert found.evidence.startswith("the graph has neither /uav1/gimbal/joint_states nor ")
+
+
+def test_what_other_nodes_say_of_themselves_is_no_message_of_a_flight():
+    checks = checks_of(FakeNode(), "/diagnostics")
+    assert not any(checks.findings() for _ in range(20))
+
+
+def test_a_topic_under_another_namespace_is_named():
+    checks = checks_of(
+        FakeNode(gimbal__attitude="geometry_msgs/msg/QuaternionStamped"), "imu/data"
+    )
+    (found,) = [found for _ in range(6) for found in checks.findings()]
+    assert "there is /gimbal/attitude" in found.evidence
+    assert "remap" in found.mend
+
+
+@pytest.mark.parametrize("heard", [JOINTS, ATTITUDE])
+def test_one_of_several_will_do(heard):
+    checks = checks_of(FakeNode(), heard)
+    assert not any(checks.findings() for _ in range(20))
+
+
+@pytest.mark.graph
+def test_joints_of_another_type_are_an_error_of_the_gimbals_set_up(spawn, meet):
+    node, observer = spawn("gimbal_node"), meet(**{"/diagnostics": DiagnosticArray})
+    await_words(node, "ready")
+    observer.node.create_publisher(Vector3Stamped, JOINTS, 10)
+
+    def told() -> bool:
+        found = observer.diagnostic("/gimbal_node: set-up")
+        is_type = "geometry_msgs/msg/Vector3Stamped" in found.get("", "")
+        return is_type and found["level"] == str(ERROR)
+
+    observer.spin_until(told)

@@ -79,20 +79,11 @@ class Aircraft:
         while not done():
             self.fly(CYCLE_S)
 
-    def state(self) -> str:
-        return self._newest()[0]
-
     def counts(self) -> dict[str, int]:
         """How many samples had which verdict, by ``source.outcome``."""
-        return self._newest()[1]
-
-    def _newest(self) -> tuple[str, dict[str, int]]:
-        told = [s for array in self._stranger.received["/diagnostics"] for s in array.status]
-        found = [status for status in told if status.name == "/ekf_node: navigation"]
-        if not found:
-            return "", {}
-        pairs = ((pair.key.partition("count.")[2], pair.value) for pair in found[-1].values)
-        return found[-1].message, {key: int(value) for key, value in pairs if key}
+        told = self._stranger.diagnostic("/ekf_node: navigation")
+        counts = {key.partition("count.")[2]: value for key, value in told.items()}
+        return {key: int(value) for key, value in counts.items() if key}
 
     def unheard(self) -> int:
         """How many samples of the IMU have no verdict, as far as is known."""

@@ -87,12 +87,7 @@ class Aircraft:
 
     def status(self) -> dict[str, dict[str, str]]:
         """Return the newest values of both items."""
-        items = [s for array in self.stranger.received["/diagnostics"] for s in array.status]
-        return {
-            item.name: {pair.key: pair.value for pair in item.values}
-            for item in items
-            if item.name in {NAVIGATION, CAMERA}
-        }
+        return {name: self.stranger.diagnostic(name) for name in (NAVIGATION, CAMERA)}
 
 
 def test_a_stop_loses_no_sample_of_the_imu_and_no_pose_of_the_gimbal(spawn, meet):

@@ -12,6 +12,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
+from tirgeo_ros.io.messages import diagnostic_level
 from tirgeo_ros.tools.graph.node_process import NodeProcess
 
 #: By default a reader that halts, as on a machine with other work, finds the samples of the last
@@ -59,6 +60,31 @@ class Stranger:
         while not done():
             assert time.monotonic() < end_s, {k: len(v) for k, v in self.received.items()}
             self.executor.spin_once(timeout_sec=0.1)
+
+    def diagnostic(self, name: str) -> dict[str, str]:
+        """Return the newest item of a name: its values, its message as "", its level."""
+        for array in reversed(self.received["/diagnostics"]):
+            for status in array.status:
+                if status.name == name:
+                    told = {"": status.message, "level": str(diagnostic_level(status))}
+                    return told | {pair.key: pair.value for pair in status.values}
+        return {}
+
+    def send(self, messages: dict[str, list], done) -> None:
+        """Publish each topic's messages round about until the answer is there.
+
+        Best effort may lose some.
+        """
+        make = self.node.create_publisher
+        publishers = {topic: make(type(sent[0]), topic, 10) for topic, sent in messages.items()}
+
+        def step() -> bool:
+            for topic, sent in messages.items():
+                for message in sent:
+                    publishers[topic].publish(message)
+            return done()
+
+        self.spin_until(step)
 
     def ask(self, service: str, kind: type) -> Any:
         """Return a service's answer to an empty request.

@@ -72,12 +72,7 @@ class Flight:
         return pictures[-1]
 
     def diagnostics(self, item: str = ITEM) -> dict[str, str]:
-        """The newest of an item; its message under no name."""
-        for array in reversed(self.stranger.received["/diagnostics"]):
-            for status in array.status:
-                if status.name == item:
-                    return {"": status.message} | {pair.key: pair.value for pair in status.values}
-        return {}
+        return self.stranger.diagnostic(item)
 
     def next_diagnostics(self) -> dict[str, str]:
         """Those of the next second: what has been published may not have come yet."""

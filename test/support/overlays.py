@@ -4,18 +4,17 @@ import math
 from itertools import pairwise
 
 import numpy as np
+from camera_poses import camera_pose
 
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.config.overlay import ConfidenceConfig
-from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
-from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler, quat_multiply
+from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.map.layers import GeoFeature, MapLayer
 from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.overlay.text_boxes import status_box
 from tirgeo_ros.core.types.measurements import FixStatus
-from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 
 PLANE = TangentPlane(math.radians(30.5), math.radians(114.3), 25.0)
@@ -39,10 +38,7 @@ def geo(points_n, label="", *, height=True):
 
 
 def pose_at(stamp_ns, north=0.0, yaw_deg=0.0):
-    q_nc = quat_multiply(
-        quat_from_euler(0.0, math.radians(-30), math.radians(yaw_deg)), Q_BODY_OPTICAL
-    )
-    return CameraPose(stamp_ns, np.array([north, 0.0, -20.0]), q_nc, np.eye(6) * 1e-4)
+    return camera_pose([north, 0.0, -20.0], 0.0, -30.0, yaw_deg, 1e-4, stamp_ns)
 
 
 def status(state=FilterState.RUNNING, reason=""):
@@ -75,6 +71,13 @@ def true_outline(pose, points_n=SQUARE_N, camera=XT2):
 
 def distances(pixels, outline):
     return np.array([np.hypot(*(outline - pixel).T).min() for pixel in pixels])
+
+
+def pictured(overlay, stamp_ns=START, now_ns=START, frame=GREY, **pose):
+    """Return what becomes of a frame whose pose is there."""
+    overlay.add_pose(pose_at(stamp_ns, **pose))
+    overlay.add_frame(stamp_ns + LATENCY, frame, now_ns)
+    return overlay.take(now_ns)
 
 
 def assert_on(image, pose):

@@ -18,12 +18,12 @@ from typing import Any
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
+from std_msgs.msg import Header
 
 from tirgeo_ros.core.config import BagPlayerConfig
 from tirgeo_ros.core.types.errors import BagError, ConfigError, shown
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader
-from tirgeo_ros.io.messages import Messages
-from tirgeo_ros.nodes.live_stamps import moved
+from tirgeo_ros.io.messages import Messages, stamp_ns
 from tirgeo_ros.nodes.parameters import declare
 from tirgeo_ros.nodes.play_clock import PlayClock
 from tirgeo_ros.nodes.playlist import Audience, aircraft_topics, publishers_for
@@ -58,18 +58,18 @@ class BagPlayer(Node):
         self._clock_publisher = None if self._config.live else advertise(self, "/clock", output())
         self._audience = Audience(self, [*self._topics.values()], self._config.wait_for)
         self._messages = Messages(message_class)
-        self._aircraft = self._on_port(port, spoken) if port else None
+        config = self._config.simulated_aircraft, self._config.aircraft
+        self._aircraft = SerialAircraft(port, *config, spoken) if port else None
         self.resources = self._aircraft.terminal if self._aircraft else None
-
-    def _on_port(self, port: str, spoken: dict[str, str]) -> SerialAircraft:
-        config = self._config
-        return SerialAircraft(port, config.simulated_aircraft, config.aircraft, spoken)
 
     def play(self, stop: threading.Event) -> int:
         """Wait for subscribers, play, wait for acknowledgement; return the exit code."""
         attend = self._aircraft.attend if self._aircraft else lambda: True
         if not self._audience.wait(self._config.wait_timeout_s, stop, attend):
-            self.get_logger().warning(shown(f"playing without {self._missing()}"))
+            no_reader = self._aircraft is not None and not self._aircraft.attend()
+            missing = f"a reader of {self._config.serial_port}"
+            missing = missing if no_reader else self._audience.missing()
+            self.get_logger().warning(shown(f"playing without {missing}"))
         self.get_logger().info(shown(f"playing {self._config.bag}"))
         self._play_once(stop)
         while self._config.loop and not stop.is_set():
@@ -80,11 +80,6 @@ class BagPlayer(Node):
         if self._reader.damage:
             raise BagError(f"{self._config.bag}: {self._reader.damage}")
         return 0
-
-    def _missing(self) -> str:
-        if self._aircraft is not None and not self._aircraft.attend():
-            return f"a reader of {self._config.serial_port}"
-        return self._audience.missing()
 
     def _play_once(self, stop: threading.Event) -> None:
         clock = PlayClock(self._config.rate, self._config.clock_rate_hz, self._tick)
@@ -126,7 +121,8 @@ class BagPlayer(Node):
                 throttle_duration_sec=10.0,
             )
             return None
-        return moved(message, shift_ns)
+        move_stamps(message, shift_ns)
+        return message
 
     def _await_acknowledgement(self, stop: threading.Event) -> None:
         end_s = time.monotonic() + _ACKNOWLEDGE_S
@@ -150,6 +146,23 @@ class BagPlayer(Node):
             self._clock_publisher.publish(self._messages.clock(bag_ns))
 
 
+def move_stamps(part: Any, shift_ns: int) -> None:
+    """Add ``shift_ns`` to the stamps of all headers in a message, in place; 0 stays 0."""
+    for name in part.get_fields_and_field_types():
+        value = getattr(part, name)
+        if isinstance(value, Header):
+            stamp = stamp_ns(part)
+            if stamp:
+                sec, nanosec = divmod(stamp + shift_ns, 1_000_000_000)
+                part.header.stamp.sec, part.header.stamp.nanosec = sec, nanosec
+        elif isinstance(value, list):
+            if value and hasattr(value[0], "get_fields_and_field_types"):
+                for item in value:
+                    move_stamps(item, shift_ns)
+        elif hasattr(value, "get_fields_and_field_types"):
+            move_stamps(value, shift_ns)
+
+
 def _check(config: BagPlayerConfig) -> None:
     if not config.bag:
         raise ConfigError("parameter bag: no bag given: set it to an MCAP file")
@@ -161,6 +174,4 @@ def _check(config: BagPlayerConfig) -> None:
         )
 
 
-def main() -> int:
-    """Run the node until the bag ends; return the exit code."""
-    return run("bag_player", BagPlayer, BagPlayer.play)
+main = partial(run, "bag_player", BagPlayer, BagPlayer.play)

@@ -45,8 +45,15 @@ def guarded(
                 warned_s = time.monotonic()
                 node.get_logger().warning(f"{name}: {error}")
         except Exception as error:  # noqa: BLE001 an aircraft in flight keeps the rest of its node
-            if monitor.failed(name, _kind(error)):
-                node.get_logger().error(f"{name}: {_fault_text(error)}")
+            place = traceback.extract_tb(error.__traceback__)[-1]
+            file = place.filename.rpartition("/")[2]
+            # Equal strings of type and place are the same fault.
+            if monitor.failed(name, f"{type(error).__name__} at {file}:{place.lineno}"):
+                frames = "".join(traceback.format_tb(error.__traceback__))
+                node.get_logger().error(
+                    f"{name}: a fault in this program; the node goes on, and counts it from here "
+                    f"on. Please report:\n{frames}{type(error).__name__}: {shown(error)}"
+                )
         else:
             return True
         return False
@@ -73,17 +80,3 @@ def steady_timer(
     """Return a timer that calls ``work`` by the steady clock, also under ``use_sim_time``."""
     clock = Clock(clock_type=ClockType.STEADY_TIME)
     return node.create_timer(period_s, guarded(node, monitor, name, work), clock=clock)
-
-
-def _kind(error: Exception) -> str:
-    """Return the type and place of an exception: equal strings are the same fault."""
-    place = traceback.extract_tb(error.__traceback__)[-1]
-    return f"{type(error).__name__} at {place.filename.rpartition('/')[2]}:{place.lineno}"
-
-
-def _fault_text(error: Exception) -> str:
-    frames = "".join(traceback.format_tb(error.__traceback__))
-    return (
-        "a fault in this program; the node goes on, and counts it from here on. Please report:\n"
-        f"{frames}{type(error).__name__}: {shown(error)}"
-    )

@@ -32,17 +32,16 @@ def remove_dead(folder: Path = FOLDER) -> list[str]:
     """
     names = {path.name.removesuffix(_LOCK) for path in folder.glob("fastrtps_*")}
     segments = filter(_SEGMENT.fullmatch, names)
-    dead = sorted(name for name in segments if not _lives(folder, name))
+    dead = []
+    for name in sorted(segments):
+        lock = folder / (name + _LOCK)
+        if not (_young(folder / name) or _young(lock) or _locked(lock)):
+            dead.append(name)
     for name in dead:
         for file in (name, name + _LOCK):
             with contextlib.suppress(OSError):
                 (folder / file).unlink()
     return dead
-
-
-def _lives(folder: Path, name: str) -> bool:
-    lock = folder / (name + _LOCK)
-    return _young(folder / name) or _young(lock) or _locked(lock)
 
 
 def _young(path: Path) -> bool:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 from rclpy.node import Node
 
 from tirgeo_ros.io.messages import DiagnosticItem, Messages
 from tirgeo_ros.nodes.callbacks import steady_timer
-from tirgeo_ros.nodes.monitor import OK, Monitor
+from tirgeo_ros.nodes.monitor import Monitor
 from tirgeo_ros.nodes.qos import output
 from tirgeo_ros.nodes.topics import advertise
 
@@ -50,8 +50,3 @@ class Diagnostics:
 def item_name(node: Node, subject: str) -> str:
     """Return ``/namespace/node: subject``, as diagnostic aggregators expect."""
     return f"{node.get_fully_qualified_name()}: {subject}"
-
-
-def counts_item(name: str, counts: Mapping[str, int], message: str = "ok") -> DiagnosticItem:
-    """Return a diagnostic item of level OK that holds a table of counts."""
-    return DiagnosticItem(name, OK, message, {key: str(number) for key, number in counts.items()})

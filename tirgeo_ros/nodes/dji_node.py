@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from functools import partial
 
 from rclpy.node import Node
 
@@ -62,18 +63,13 @@ class DjiNode(Node):
             counts = {name: str(n) for name, n in self._interpreter.counts.items()}
             values = self._interpreter.diagnostics | counts
         for warning in warnings:
-            self._warn_once(warning)
+            if warning not in self._warned:
+                self._warned.add(warning)
+                self.get_logger().warning(warning)
         name = item_name(self, "aircraft")
         message = "; ".join(warnings) or "ok"
         own = DiagnosticItem(name, WARN if warnings else OK, message, values)
         return [*self._source.items(), own]
 
-    def _warn_once(self, warning: str) -> None:
-        if warning not in self._warned:
-            self._warned.add(warning)
-            self.get_logger().warning(warning)
 
-
-def main() -> int:
-    """Run the node; return the exit code."""
-    return run("dji_node", DjiNode, DjiNode.serve)
+main = partial(run, "dji_node", DjiNode, DjiNode.serve)

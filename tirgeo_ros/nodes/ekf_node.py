@@ -23,12 +23,11 @@ from tirgeo_ros.nodes.callbacks import guarded
 from tirgeo_ros.nodes.diagnostics import Diagnostics, item_name
 from tirgeo_ros.nodes.filter_status_log import StateLog
 from tirgeo_ros.nodes.inbox import Inbox
-from tirgeo_ros.nodes.input_checks import InputChecks
 from tirgeo_ros.nodes.monitor import Monitor
 from tirgeo_ros.nodes.parameters import declare, given_names
 from tirgeo_ros.nodes.qos import STREAM_DEPTH, latched, output, sensor_input
 from tirgeo_ros.nodes.runner import run
-from tirgeo_ros.nodes.setup_checks import SetupChecks
+from tirgeo_ros.nodes.setup_checks import InputChecks, SetupChecks
 from tirgeo_ros.nodes.topics import advertise, message_class
 
 Decode = Callable[[Any], NavigationInput]
@@ -117,6 +116,4 @@ class EkfNode(Node):
         return response
 
 
-def main() -> int:
-    """Run the node; return the exit code."""
-    return run("ekf_node", EkfNode)
+main = partial(run, "ekf_node", EkfNode)

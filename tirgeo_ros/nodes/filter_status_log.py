@@ -29,7 +29,9 @@ class StateLog:
         """Log a new state (a worse one as a warning) and resets; return whether there was any."""
         moved = status.state is not self._state
         if moved:
-            self._log_state(status, worse=self._is_worse(status.state))
+            rank, before = _BEST_FIRST.index, self._state
+            worse = before is not None and rank(status.state) > rank(before)
+            self._log_state(status, worse=worse)
         reset = [name for name, n in status.resets.items() if n > self._resets.get(name, 0)]
         if reset:
             text = f"reset by {', '.join(reset)}: {status.last_reset}"
@@ -43,13 +45,9 @@ class StateLog:
         Do not call this for each sample: a reason may contain a number, so it would log each time.
         """
         if status.reason != self._reason:
-            self._log_state(status, worse=False)
+            self._log_state(status)
 
-    def _is_worse(self, state: FilterState) -> bool:
-        before = self._state
-        return before is not None and _BEST_FIRST.index(state) > _BEST_FIRST.index(before)
-
-    def _log_state(self, status: NavigationStatus, *, worse: bool) -> None:
+    def _log_state(self, status: NavigationStatus, *, worse: bool = False) -> None:
         self._state, self._reason = status.state, status.reason
         reason = f": {status.reason}" if status.reason else ""
         text = f"{status.method}: {status.state.value}{reason}"

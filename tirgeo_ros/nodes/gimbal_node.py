@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from rclpy.node import Node
@@ -21,12 +22,11 @@ from tirgeo_ros.io.messages import (
     joint_sample,
 )
 from tirgeo_ros.nodes.diagnostics import Diagnostics, item_name
-from tirgeo_ros.nodes.input_checks import InputChecks, Known
 from tirgeo_ros.nodes.monitor import OK, Monitor
 from tirgeo_ros.nodes.parameters import declare, given_names
 from tirgeo_ros.nodes.qos import STREAM_DEPTH, output, sensor_input
 from tirgeo_ros.nodes.runner import run
-from tirgeo_ros.nodes.setup_checks import SetupChecks
+from tirgeo_ros.nodes.setup_checks import InputChecks, SetupChecks
 from tirgeo_ros.nodes.topics import advertise, message_class, subscribe
 
 
@@ -41,13 +41,13 @@ class GimbalNode(Node):
         self._monitor = Monitor()
         given = given_names(self, GimbalConfig)
         self._checks = GimbalChecks(config, given)
-        none = parameter_findings(given, (), "", pictures=True, option="--params-file")
+        known = parameter_findings(given, (), "", pictures=True, option="--params-file")
         self._setup = SetupChecks(
             self,
             self._monitor,
             InputChecks(self, self._monitor, ("gimbal/joint_states", "gimbal/attitude")),
-            Known(self._monitor, none),
             self._checks,
+            known=known,
         )
         self._arrivals = Arrivals()
         stream = output(STREAM_DEPTH)
@@ -119,6 +119,4 @@ class GimbalNode(Node):
             self._imu = None
 
 
-def main() -> int:
-    """Run the node; return the exit code."""
-    return run("gimbal_node", GimbalNode)
+main = partial(run, "gimbal_node", GimbalNode)

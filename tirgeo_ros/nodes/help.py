@@ -5,11 +5,11 @@ from __future__ import annotations
 import ast
 import math
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 
 from tirgeo_ros.core.config import NODE_CONFIGS
-from tirgeo_ros.core.config.schema import Parameter, Value, parameters_of
+from tirgeo_ros.core.config.schema import Value, parameters_of
 from tirgeo_ros.io.messages import NAVIGATION_INPUTS, SENSED_TOPICS, TOPIC_TYPES
 
 HELP_ALL = "--help-all"
@@ -42,7 +42,10 @@ TOPICS: Mapping[str, tuple[Sequence[str], Sequence[str]]] = {
 def help_text(name: str, arguments: Sequence[str] = (), package: str = "tirgeo_ros.nodes") -> str:
     """Return the help of a node in a package; ``arguments`` is its command line."""
     whole = HELP_ALL in arguments
-    parts = [_described(name, package)]
+    # The docstring of the node's module; reading it needs no ROS.
+    source = files(package).joinpath(f"{name}.py").read_text(encoding="utf-8")
+    docstring = ast.get_docstring(ast.parse(source)) or ""
+    parts = [f"{name}: {docstring}".replace("``", "")]
     if name in TOPICS:
         parts += [
             _topics(title, ts) for title, ts in zip(("in", "out"), TOPICS[name], strict=True)
@@ -50,13 +53,6 @@ def help_text(name: str, arguments: Sequence[str] = (), package: str = "tirgeo_r
     if name in NODE_CONFIGS:
         parts += [_parameters(name, whole), _usage(name)]
     return "\n\n".join(part for part in parts if part) + "\n"
-
-
-def _described(name: str, package: str) -> str:
-    """Return the name and the docstring of the node's module; reading it needs no ROS."""
-    source = files(package).joinpath(f"{name}.py").read_text(encoding="utf-8")
-    docstring = ast.get_docstring(ast.parse(source)) or ""
-    return f"{name}: {docstring}".replace("``", "")
 
 
 def _topics(title: str, topics: Sequence[str]) -> str:
@@ -73,24 +69,18 @@ def _parameters(name: str, whole: bool) -> str:
     for one in parameters_of(NODE_CONFIGS[name]):
         group, _, rest = one.name.rpartition(".")
         if whole or not group:
-            lines += _parameter_lines(one)
+            value = as_yaml(one.default)
+            unit = f" {one.unit}" if one.unit and value not in _NONE else ""
+            choices = f" ({', '.join(one.choices)})" if one.choices else ""
+            lines.append(f"  {one.name}  {value}{unit}")
+            lines += _wrapped(one.description + choices, 6)
         else:
             groups.setdefault(group, []).append(rest)
     if groups:
         lines.append(f"  groups, told of by {HELP_ALL}:")
-        lines += [line for pair in groups.items() for line in _group_lines(*pair)]
+        for group, names in groups.items():
+            lines += _wrapped(f"{group}.*  {', '.join(names)}", 4, 8)
     return "\n".join(lines)
-
-
-def _parameter_lines(one: Parameter) -> Iterator[str]:
-    value = as_yaml(one.default)
-    yield f"  {one.name}  {value}{f' {one.unit}' if one.unit and value not in _NONE else ''}"
-    choices = f" ({', '.join(one.choices)})" if one.choices else ""
-    yield from _wrapped(one.description + choices, 6)
-
-
-def _group_lines(group: str, names: Sequence[str]) -> list[str]:
-    return _wrapped(f"{group}.*  {', '.join(names)}", 4, 8)
 
 
 def _wrapped(text: str, indent: int, more: int | None = None) -> list[str]:

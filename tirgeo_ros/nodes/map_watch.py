@@ -18,7 +18,7 @@ from tirgeo_ros.core.overlay.map_renderer import DrapedMap
 from tirgeo_ros.core.types.errors import MapError, TirgeoError, shown
 from tirgeo_ros.io.maps import map_files
 from tirgeo_ros.io.maps.map_process import MapContents, MapProcess
-from tirgeo_ros.nodes.unless_stopped import done_or_stopped
+from tirgeo_ros.nodes.runner import done_or_stopped
 
 # ``stop`` kills the child; the thread can then only hang on a file that does not respond.
 _JOIN_S = 1.0

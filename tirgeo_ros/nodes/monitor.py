@@ -107,7 +107,7 @@ class Monitor:
         """Return the diagnostic item for the time since the last call, and begin a new window."""
         with self._lock:
             now = time.monotonic()
-            values = self._rates(now) | self._ages(now) | self._latencies() | self._counts()
+            values = self._values(now)
             level, message = self._judged(now)
             self._since_s = now
             self._window.clear()
@@ -123,24 +123,15 @@ class Monitor:
         level = ERROR if self._failures else WARN if silent else OK
         return level, "; ".join(parts) or "ok"
 
-    def _counts(self) -> dict[str, str]:
-        values = {f"{topic} unreadable": str(n) for topic, n in self._refused.items()}
+    def _values(self, now_s: float) -> dict[str, str]:
+        span = max(now_s - self._since_s, 1e-3)
+        topics = sorted({*self._expected_s, *self._last_s, *self._window})
+        values = {f"{topic} rate [Hz]": f"{self._window[topic] / span:.1f}" for topic in topics}
+        for topic, last in sorted(self._last_s.items()):
+            values[f"{topic} age [s]"] = f"{now_s - last:.2f}"
+        for topic, found in self._latency_s.items():
+            values[f"{topic} latency [ms]"] = f"{1e3 * sorted(found)[len(found) // 2]:.1f}"
+        values |= {f"{topic} unreadable": str(n) for topic, n in self._refused.items()}
         values |= {f"{topic} unreadable because": why for topic, why in self._reasons.items()}
         values |= {f"{topic} failed": str(n) for topic, n in self._failed.items()}
         return values | {f"{topic} lost": str(n) for topic, n in self._lost.items()}
-
-    def _rates(self, now_s: float) -> dict[str, str]:
-        span = max(now_s - self._since_s, 1e-3)
-        topics = {*self._expected_s, *self._last_s, *self._window}
-        return {
-            f"{topic} rate [Hz]": f"{self._window[topic] / span:.1f}" for topic in sorted(topics)
-        }
-
-    def _ages(self, now_s: float) -> dict[str, str]:
-        return {f"{t} age [s]": f"{now_s - last:.2f}" for t, last in sorted(self._last_s.items())}
-
-    def _latencies(self) -> dict[str, str]:
-        return {
-            f"{topic} latency [ms]": f"{1e3 * sorted(found)[len(found) // 2]:.1f}"
-            for topic, found in self._latency_s.items()
-        }

@@ -14,7 +14,8 @@ from tirgeo_ros.core.checks.map_checks import MapChecks
 from tirgeo_ros.core.checks.picture_checks import PictureChecks
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.map.draping import Ground
+from tirgeo_ros.core.ground.ground_point import Located
+from tirgeo_ros.core.overlay.clicks import Clicks
 from tirgeo_ros.core.overlay.map_renderer import DrawingVerdict
 from tirgeo_ros.core.overlay.overlay import Overlay, OverlayResult
 from tirgeo_ros.core.streams.arrival_stamps import Arrivals
@@ -30,24 +31,58 @@ from tirgeo_ros.io.messages import (
     diagnostic_level,
     image_pixels,
     navigation_status,
+    pixel,
     stamp_ns,
     tangent_plane,
 )
 from tirgeo_ros.io.pictures.camera_file import given_camera
 from tirgeo_ros.nodes.callbacks import steady_timer
 from tirgeo_ros.nodes.diagnostics import Diagnostics, item_name
-from tirgeo_ros.nodes.frame_times import FrameTimes
-from tirgeo_ros.nodes.input_checks import InputChecks
-from tirgeo_ros.nodes.locate_topics import LocateTopics
+from tirgeo_ros.nodes.frame_statistics import FrameTimes, SentNumbers
 from tirgeo_ros.nodes.map_watch import MapWatch
 from tirgeo_ros.nodes.monitor import OK, WARN, Monitor
 from tirgeo_ros.nodes.parameters import declare, given_names
 from tirgeo_ros.nodes.qos import IMAGE_DEPTH, latched, output, sensor_input
-from tirgeo_ros.nodes.runner import run
-from tirgeo_ros.nodes.sent_numbers import SentNumbers
-from tirgeo_ros.nodes.setup_checks import SUBJECT, SetupChecks
+from tirgeo_ros.nodes.runner import run, unless_stopped
+from tirgeo_ros.nodes.setup_checks import SUBJECT, InputChecks, SetupChecks
 from tirgeo_ros.nodes.topics import advertise, message_class, subscribe
-from tirgeo_ros.nodes.unless_stopped import unless_stopped
+
+_CLICKS = 10
+
+
+class LocateTopics:
+    """Connect the Clicks of an overlay with their topics; ``values`` is for the diagnostics."""
+
+    def __init__(self, node: Node, clicks: Clicks, monitor: Monitor) -> None:
+        self._clicks = clicks
+        self._node = node
+        self._messages = Messages(message_class)
+        self._fix = advertise(node, "tirgeo/locate/fix", output())
+        self._point = advertise(node, "tirgeo/locate/point", output())
+        self._refused = ""
+        # Best effort, so that any publisher is compatible.
+        subscribe(node, "tirgeo/locate/pixel", self._take, sensor_input(_CLICKS), monitor)
+
+    @property
+    def values(self) -> dict[str, str]:
+        """Return how many clicks were located and refused, and why the last one was refused."""
+        found = {f"clicks_{name}": str(n) for name, n in sorted(self._clicks.counts.items())}
+        return found | ({"last_click_refused": self._refused} if self._refused else {})
+
+    def _take(self, message: Any) -> None:
+        stamp_ns, u, v = pixel(message)
+        answer = self._clicks.locate((u, v), stamp_ns)
+        if isinstance(answer, Located):
+            self._fix.publish(self._messages.located_fix(answer))
+            self._point.publish(self._messages.located_point(answer))
+            self._refused = ""
+            return
+        self._refused = answer.reason.value
+        self._node.get_logger().warning(
+            f"tirgeo/locate/pixel: no point at ({u:.0f}, {v:.0f}): {self._refused}",
+            throttle_duration_sec=1.0,
+        )
+
 
 #: Period (s) of the timer that checks frames that wait for their poses.
 _RELEASE_PERIOD_S = 0.02
@@ -67,7 +102,9 @@ class OverlayNode(Node):
         if not self._config.map:
             self.get_logger().warning("no map: set the parameter map to its file")
         layers = None if self._config.map else ()
-        ground = self._load_ground()
+        ground = unless_stopped(partial(ground_of, self._config))
+        for note in ground.notes if isinstance(ground, Terrain) else ():
+            self.get_logger().warning(shown(f"{self._config.dem}: {note}"))
         terrain = ground if isinstance(ground, Terrain) else None
         self._overlay = Overlay(self._config, layers, terrain)
         self._monitor = Monitor()
@@ -101,12 +138,6 @@ class OverlayNode(Node):
         self._clicks = LocateTopics(self, self._overlay.clicks, self._monitor)
         self._diagnostics = Diagnostics(self, self._messages, self._monitor, self._items)
         gc.freeze()  # keep a large map out of garbage collection while the video runs
-
-    def _load_ground(self) -> Ground | None:
-        ground = unless_stopped(partial(ground_of, self._config))
-        for note in ground.notes if isinstance(ground, Terrain) else ():
-            self.get_logger().warning(shown(f"{self._config.dem}: {note}"))
-        return ground
 
     def _subscribe(self) -> None:
         frames, info = sensor_input(_FRAME_DEPTH), sensor_input(1)
@@ -182,14 +213,14 @@ class OverlayNode(Node):
         return subject if node.rpartition("/")[0] == namespace else ""
 
     def _release(self) -> None:
-        if not self._overlay.waiting:
+        if not self._overlay.frames:
             return
         self._renew_map()
         result = self._overlay.take(self._now_ns())
         if result is not None:
             self._publish(result)
             self._monitor.took("tirgeo/overlay/image", self._times.left(result.stamp_ns))
-        if not self._overlay.waiting:
+        if not self._overlay.frames:
             self._timer.cancel()
 
     def _renew_map(self) -> None:
@@ -217,15 +248,15 @@ class OverlayNode(Node):
     def _items(self) -> list[DiagnosticItem]:
         self._renew_map()
         watch = self.resources
-        numbers = self._overlay.counts | {"waiting": self._overlay.waiting} | watch.counts
+        numbers = self._overlay.counts | {"waiting": len(self._overlay.frames)} | watch.counts
         numbers |= {
             "frames_sent": sum(each.sent for each in self._numbers),
             "frames_missed": sum(each.missed for each in self._numbers),
         }
         values = {name: str(number) for name, number in numbers.items()}
-        if self._overlay.pose_fault:
-            values["poses_invalid_because"] = self._overlay.pose_fault
-        values |= {"frame rate [Hz]": f"{self._overlay.rate_hz:.1f}"}
+        if self._overlay.poses.fault:
+            values["poses_invalid_because"] = self._overlay.poses.fault
+        values |= {"frame rate [Hz]": f"{self._overlay.frames.rate_hz:.1f}"}
         values |= self._times.values | self._clicks.values | self._arrivals.diagnostics
         waits = self._overlay.no_map_yet
         message = watch.error or (f"no map yet: {waits}" if waits else "ok")
@@ -234,6 +265,4 @@ class OverlayNode(Node):
         return [item, self._setup.item()]
 
 
-def main() -> int:
-    """Run the node; return the exit code."""
-    return run("overlay_node", OverlayNode)
+main = partial(run, "overlay_node", OverlayNode)

@@ -1,22 +1,87 @@
-"""Declare the configuration dataclasses as ROS parameters, checked and resolved once at start."""
+"""Check a node's command line and parameter files; declare the dataclasses as ROS parameters.
+
+rcl's errors are rewritten: they do not name the key and do not say what to do.
+"""
 
 from __future__ import annotations
 
 import math
+import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from itertools import pairwise
 from typing import TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from tirgeo_ros.core.config import NODE_CONFIGS
-from tirgeo_ros.core.config.schema import Parameter, Value, config_from, parameters_of, values_of
-from tirgeo_ros.nodes.arguments import parameter_files
+from tirgeo_ros.core.config.schema import Parameter, config_from, parameters_of, values_of
+from tirgeo_ros.core.types.errors import ConfigError
+from tirgeo_ros.io.parameters.parameter_file import load_parameters
 
 T = TypeVar("T")
-_ROS_OWN = ("use_sim_time", "start_type_description_service")  # rclpy checks these itself
+_ROS_OWN = {"use_sim_time", "start_type_description_service"}  # rclpy checks these itself
+
+
+def parameter_files(arguments: Sequence[str]) -> list[str]:
+    """Return the paths of the parameter files on a command line, in order."""
+    return [b for a, b in pairwise(arguments) if a == "--params-file"]
+
+
+def check_arguments(name: str, arguments: Sequence[str]) -> None:
+    """Read and check each parameter file before rcl does.
+
+    Raise ConfigError naming file and key. A node that was given a name without a configuration is
+    not checked here: rcl checks it.
+    """
+    if any(argument.startswith("__node:=") for argument in arguments):
+        name = next(a for a in arguments if a.startswith("__node:=")).removeprefix("__node:=")
+    if name not in NODE_CONFIGS:
+        return
+    namespaces = [a.removeprefix("__ns:=") for a in arguments if a.startswith("__ns:=")]
+    namespace = namespaces[-1] if namespaces else ""
+    for path in parameter_files(arguments):
+        values = load_parameters(path, name, namespace)
+        for key, value in values.items():
+            if isinstance(value, list) and len({type(item) for item in value}) > 1:
+                raise ConfigError(
+                    f"{path}: parameter {key}: ROS takes lists of one type only: "
+                    f"write all of {value} with a decimal point"
+                )
+
+
+@contextmanager
+def explained(arguments: Sequence[str]) -> Iterator[None]:
+    """Convert what rclpy raises for wrong arguments and parameters into a ConfigError."""
+    try:
+        yield
+    except (ParameterException, NameValidationException) as error:
+        raise ConfigError(f"{_where(arguments)}{_one_line(error)}") from None
+    except RuntimeError as error:
+        # rcl's errors are not importable from the public API, so they are compared by name.
+        if type(error).__name__ not in {
+            "RCLError",
+            "UnknownROSArgsError",
+            "RCLInvalidROSArgsError",
+        }:
+            raise
+        raise ConfigError(f"{_where(arguments)}{_one_line(error)}") from None
+
+
+def _where(arguments: Sequence[str]) -> str:
+    files = ", ".join(parameter_files(arguments))
+    return f"{files}: " if files else ""
+
+
+def _one_line(error: Exception) -> str:
+    # The position in rcl's C source does not help the user.
+    text = re.sub(r", at \S+:\d+", "", " ".join(str(error).split()))
+    mixed = "Sequence should be of same type" in text
+    return f"{text}: write every number of a list with a decimal point" if mixed else text
 
 
 def declare(node: Node, kind: type[T]) -> T:
@@ -28,12 +93,11 @@ def declare(node: Node, kind: type[T]) -> T:
     config = config_from(kind, _given(node, kind), ", ".join(parameter_files(sys.argv)))
     values = values_of(config)
     for parameter in parameters_of(kind):
-        node.declare_parameter(
-            parameter.name,
-            _ros_value(values[parameter.name]),
-            _descriptor(parameter),
-            ignore_override=True,
-        )
+        value: object = values[parameter.name]
+        if isinstance(value, tuple):
+            # rclpy cannot infer the type of an empty list, so it is declared by type only.
+            value = list(value) or RosParameter.Type.DOUBLE_ARRAY
+        node.declare_parameter(parameter.name, value, _descriptor(parameter), ignore_override=True)
     return config
 
 
@@ -48,30 +112,14 @@ def _given(node: Node, kind: type) -> dict[str, object]:
     # rclpy has no public access to overrides that are not declared yet.
     overrides: Mapping[str, RosParameter] = node._parameter_overrides  # noqa: SLF001
     own = {parameter.name: parameter for parameter in parameters_of(kind)}
+    lists = {name for name, parameter in own.items() if isinstance(parameter.default, tuple)}
+    others = {p.name for kind in NODE_CONFIGS.values() for p in parameters_of(kind)} | _ROS_OWN
     return {
-        name: _plain(given, own.get(name))
+        # rcl reads an empty list as None.
+        name: () if given.value is None and name in lists else given.value
         for name, given in overrides.items()
-        if name in own or not _of_another(name)
+        if name in own or not (name in others or name.startswith("qos_overrides."))
     }
-
-
-def _of_another(name: str) -> bool:
-    if name in _ROS_OWN or name.startswith("qos_overrides."):
-        return True
-    return any(name == p.name for kind in NODE_CONFIGS.values() for p in parameters_of(kind))
-
-
-def _plain(given: RosParameter, own: Parameter | None) -> object:
-    if given.value is None and own is not None and isinstance(own.default, tuple):
-        return ()  # rcl reads an empty list as None
-    return given.value
-
-
-def _ros_value(value: Value) -> object:
-    if isinstance(value, tuple):
-        # rclpy cannot infer the type of an empty list, so it is declared by type only.
-        return list(value) if value else RosParameter.Type.DOUBLE_ARRAY
-    return value
 
 
 def _descriptor(parameter: Parameter) -> ParameterDescriptor:

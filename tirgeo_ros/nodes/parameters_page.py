@@ -85,14 +85,11 @@ def _group(name: str, holder: type | None, whose: str, own: Iterable[Parameter])
 
 
 def _row(one: Parameter) -> str:
-    cells = [f"`{one.name}`", _type(one), one.unit, _range(one), _default(one), one.description]
+    kind = _KINDS.get(type(one.default)) or f"{' or '.join(map(str, one.sizes))} doubles"
+    text = as_yaml(one.default)
+    default = f"*{text}*" if text in ("unset", "empty") else f"`{text}`"
+    cells = [f"`{one.name}`", kind, one.unit, _range(one), default, one.description]
     return f"| {' | '.join(cells)} |"
-
-
-def _type(one: Parameter) -> str:
-    if isinstance(one.default, tuple):
-        return f"{' or '.join(map(str, one.sizes))} doubles"
-    return _KINDS[type(one.default)]
 
 
 def _range(one: Parameter) -> str:
@@ -107,11 +104,6 @@ def _bound(value: float) -> str:
     """Return a bound as text, without an exponent if it is a whole number below 1e7."""
     whole = value == int(value) and (abs(value) < 1e7 or isinstance(value, int))
     return str(int(value)) if whole else f"{value:g}"
-
-
-def _default(one: Parameter) -> str:
-    text = as_yaml(one.default)
-    return f"*{text}*" if text in ("unset", "empty") else f"`{text}`"
 
 
 if __name__ == "__main__":

@@ -35,17 +35,13 @@ class PlayClock:
         due_s = self._begin[0] + (bag_ns - self._begin[1]) * 1e-9 / self._rate
         while not stop.is_set():
             now_s = time.monotonic()
-            self._tick_if_due(now_s, bag_ns)
+            if now_s >= self._next_tick_s:
+                self._next_tick_s += self._period_s
+                if self._next_tick_s <= now_s:  # missed ticks are skipped
+                    self._next_tick_s = now_s + self._period_s
+                elapsed_ns = max(0, round((now_s - self._begin[0]) * self._rate * 1e9))
+                self._tick(min(self._begin[1] + elapsed_ns, bag_ns))
             if now_s >= due_s:
                 return True
             stop.wait(min(due_s, self._next_tick_s) - now_s)
         return False
-
-    def _tick_if_due(self, now_s: float, limit_ns: int) -> None:
-        if now_s < self._next_tick_s or self._begin is None:
-            return
-        self._next_tick_s += self._period_s
-        if self._next_tick_s <= now_s:  # after a stall, or at the start, missed ticks are skipped
-            self._next_tick_s = now_s + self._period_s
-        elapsed_ns = max(0, round((now_s - self._begin[0]) * self._rate * 1e9))
-        self._tick(min(self._begin[1] + elapsed_ns, limit_ns))

@@ -9,6 +9,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from operator import attrgetter
 from typing import Any
 
 from rclpy.exceptions import InvalidTopicNameException
@@ -31,28 +32,15 @@ _DUE_S = 0.01
 Values = Callable[[Any], Any]
 
 
-def _vector(v: Any) -> Vector:
-    return v.x, v.y, v.z
-
-
-def _quaternion(q: Any) -> Quaternion:
-    return q.w, q.x, q.y, q.z
-
-
-def _place(m: Any) -> Vector:
-    return m.latitude, m.longitude, m.altitude
+_vector: Values = attrgetter("x", "y", "z")
+_quaternion: Values = attrgetter("w", "x", "y", "z")
+_place: Values = attrgetter("latitude", "longitude", "altitude")
+_sigmas: Values = attrgetter("horizontal_accuracy", "vertical_accuracy", "speed_accuracy")
 
 
 def _imu(m: Any) -> tuple[Quaternion, Vector, Vector]:
-    return (
-        _quaternion(m.orientation),
-        _vector(m.angular_velocity),
-        _vector(m.linear_acceleration),
-    )
-
-
-def _gps_details(m: Any) -> tuple[float, Vector]:
-    return m.fix_state, (m.horizontal_accuracy, m.vertical_accuracy, m.speed_accuracy)
+    rates, forces = _vector(m.angular_velocity), _vector(m.linear_acceleration)
+    return _quaternion(m.orientation), rates, forces
 
 
 #: Topic name -> its type, and the function that extracts the values for PsdkDecoder.
@@ -69,7 +57,7 @@ _TOPICS: dict[str, tuple[str, Values]] = {
     "rtk_position_info": ("std_msgs/msg/UInt8", lambda m: m.data),
     "rtk_yaw_info": ("std_msgs/msg/UInt8", lambda m: m.data),
     "rtk_yaw": ("psdk_interfaces/msg/RTKYaw", lambda m: m.yaw),
-    "gps_details": ("psdk_interfaces/msg/GPSDetails", _gps_details),
+    "gps_details": ("psdk_interfaces/msg/GPSDetails", lambda m: (m.fix_state, _sigmas(m))),
 }
 _WITHOUT_HEADER = {"rtk_position_info", "rtk_yaw_info"}
 #: What is missing without a topic whose message type may not be installed.

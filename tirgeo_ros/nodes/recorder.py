@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 from rclpy.node import Node
@@ -53,6 +54,4 @@ class Recorder(Node):
         self.create_subscription(message_class(typename), topic, write, qos, raw=True)
 
 
-def main() -> int:
-    """Run the node; return the exit code."""
-    return run("recorder", Recorder)
+main = partial(run, "recorder", Recorder)

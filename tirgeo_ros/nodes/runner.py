@@ -12,20 +12,22 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
-from typing import Any
+from contextlib import contextmanager, nullcontext, suppress
+from typing import Any, TypeVar
 
 import rclpy
+from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from tirgeo_ros.core.types.errors import TirgeoError
-from tirgeo_ros.nodes.arguments import check_arguments, explained
 from tirgeo_ros.nodes.dead_memory import remove_dead
+from tirgeo_ros.nodes.parameters import check_arguments, explained
 from tirgeo_ros.nodes.start import STOP_SIGNALS
 
-_POLL_S = 0.1
+_POLL_S, _START_POLL_S = 0.1, 0.05
+T = TypeVar("T")
 Work = Callable[[Any, threading.Event], int]
 
 
@@ -39,7 +41,7 @@ def run(name: str, build: Callable[[], Node], work: Work | None = None) -> int:
     signal.pthread_sigmask(signal.SIG_BLOCK, STOP_SIGNALS)
     try:
         check_arguments(name, sys.argv)
-        with _context(), _node(build) as node, _resources(node):
+        with _context(), _node(build) as node, getattr(node, "resources", None) or nullcontext():
             node.get_logger().info("ready")
             return _until_stopped(node, work)
     except TirgeoError as error:
@@ -83,10 +85,6 @@ def _node(build: Callable[[], Node]) -> Iterator[Node]:
         node.destroy_node()
 
 
-def _resources(node: Node) -> AbstractContextManager[Any]:
-    return getattr(node, "resources", None) or nullcontext()
-
-
 def _until_stopped(node: Node, work: Work | None) -> int:
     stop = threading.Event()
     executor = make_executor()
@@ -125,5 +123,39 @@ def _spin(executor: Any, stop: threading.Event) -> int:
     # In these versions of the events executor only spin_once delivers messages; spin() does not.
     with suppress(ExternalShutdownException):
         while not stop.is_set():
-            executor.spin_once(timeout_sec=0.5)
+            # An event of a subscription that was destroyed meanwhile ends no node.
+            with suppress(InvalidHandle):
+                executor.spin_once(timeout_sec=0.5)
     return 0
+
+
+def done_or_stopped(done: threading.Event) -> bool:
+    """Wait for ``done``; return False if a stop signal comes before."""
+    while not done.wait(_START_POLL_S):
+        if not signal.sigpending().isdisjoint(STOP_SIGNALS):
+            return False
+    return True
+
+
+def unless_stopped(work: Callable[[], T]) -> T | None:
+    """Run ``work`` in a thread; return or raise its result, or None if a stop signal comes first.
+
+    In that case the thread is left behind: it ends with the process.
+    """
+    done = threading.Event()
+    found: list[T] = []
+    raised: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            found.append(work())
+        except BaseException as error:  # noqa: BLE001  raised again below
+            raised.append(error)
+        done.set()
+
+    threading.Thread(target=run, name="before the node runs", daemon=True).start()
+    if not done_or_stopped(done):
+        return None
+    if raised:
+        raise raised[0]
+    return found[0]

@@ -74,16 +74,13 @@ class SerialSource:
             # On a closed port a request would only count as unanswered.
             is_open = self._link.state is LinkState.OPEN
             to_send = self._road.host.due(now_s) if is_open else b""
-            report = self._look(now_s)
+            road = self._road
+            counts = road.counts["bytes"], road.counts["frames"], road.locked
+            report = self._watch.look(now_s, self._link.state, self._link.message, *counts)
         if to_send:
             self._link.write(to_send)
         self._take(readings)
         self._log_changes(report)
-
-    def _look(self, now_s: float) -> LinkReport | None:
-        link, road = self._link, self._road
-        counts = road.counts["bytes"], road.counts["frames"], road.locked
-        return self._watch.look(now_s, link.state, link.message, *counts)
 
     def _log_changes(self, report: LinkReport | None) -> None:
         """Log each change of the link's state and of the host's message once."""

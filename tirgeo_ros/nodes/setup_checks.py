@@ -1,15 +1,19 @@
-"""Run a node's checks of its set-up: findings to the diagnostics, go or no go to the log."""
+"""Run a node's checks of its set-up: findings to the diagnostics, go or no go to the log.
+
+The topics that a node needs must be published and have the right type.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 from rclpy.node import Node
 
+from tirgeo_ros.core.checks.recording_checks import RecordedTopics, needed_findings
 from tirgeo_ros.core.types.errors import shown
 from tirgeo_ros.core.types.finding import Finding, Severity, sorted_findings, verdict_line
-from tirgeo_ros.io.messages import DiagnosticItem
+from tirgeo_ros.io.messages import TOPIC_TYPES, DiagnosticItem
 from tirgeo_ros.nodes.callbacks import guarded
 from tirgeo_ros.nodes.diagnostics import item_name
 from tirgeo_ros.nodes.monitor import ERROR, OK, WARN, Monitor
@@ -21,33 +25,35 @@ LEVELS = {Severity.NOTE: OK, Severity.CAUTION: WARN, Severity.STOP: ERROR}
 _HELD = 10
 #: The set-up is logged as good after this many reports with data and nothing worse than a note.
 _SETTLED = 10
-
-
-class Checks(Protocol):
-    """Define what the checks of ``core.checks`` offer to a node."""
-
-    def findings(self) -> Sequence[Finding]:
-        """Return the findings from all data so far."""
+#: The checks run once a second: nodes discover each other within 4 s (at the start of a graph).
+_PATIENCE = 5
 
 
 class SetupChecks:
     """Run a node's checks once per report; a fault in a check does not stop the node.
 
+    Each of ``checks``, those of ``core.checks``, has the findings from all data so far; those
+    that are ``known`` from the start count once any message has come.
+
     The item ``NODE: set-up`` has the worst finding's level, and the verdict as its message. Its
     values are all findings: the check's name -> severity and line.
     """
 
-    def __init__(self, node: Node, monitor: Monitor, *checks: Checks) -> None:
+    def __init__(
+        self, node: Node, monitor: Monitor, *checks: Any, known: Sequence[Finding] = ()
+    ) -> None:
         self._name = item_name(node, SUBJECT)
         self._logger = node.get_logger()
         self._monitor = monitor
-        self._checks = checks
+        self._checks, self._known = checks, known
         # With the number of reports since it was last found.
         self._recent: dict[str, tuple[Finding, int]] = {}
         self._logged: Severity | None = None
         self._quiet = 0  # reports without a finding
         #: ``take(checks.pose, pose)`` passes new data to a check.
-        self.take: Callable[..., bool] = guarded(node, monitor, SUBJECT, _call)
+        self.take: Callable[..., bool] = guarded(
+            node, monitor, SUBJECT, lambda check, *data: check(*data)
+        )
         self._renew = guarded(node, monitor, SUBJECT, self._ask)
 
     def item(self) -> DiagnosticItem:
@@ -65,7 +71,9 @@ class SetupChecks:
         )
 
     def _ask(self) -> None:
-        found = {one.check: one for check in self._checks for one in check.findings()}
+        known = self._known if self._monitor.heard else ()
+        found = {one.check: one for one in known}
+        found |= {one.check: one for check in self._checks for one in check.findings()}
         absent = {
             name: (finding, reports + 1)
             for name, (finding, reports) in self._recent.items()
@@ -90,5 +98,40 @@ class SetupChecks:
             self._logger.info(line)
 
 
-def _call(check: Callable[..., None], *arguments: Any) -> None:
-    check(*arguments)
+class InputChecks:
+    """Ask the graph who publishes the topics that a node has not heard, once other messages come.
+
+    ``needed``: groups of topics of the contract; one topic of a group is enough.
+    """
+
+    def __init__(self, node: Node, monitor: Monitor, *needed: Sequence[str]) -> None:
+        self._node, self._monitor = node, monitor
+        self._needed = needed
+        self._waited = 0  # calls of findings() since anything came
+
+    def findings(self) -> list[Finding]:
+        """Return findings: for a wrong type at once, for topics nobody publishes after a while."""
+        heard = self._monitor.heard_of()
+        missed = [topics for topics in self._needed if not heard.intersection(topics)]
+        if not missed:
+            return []
+        self._waited += any(not topic.startswith("/") for topic in heard)
+        found = needed_findings(self._graph(missed), missed)
+        if self._waited > _PATIENCE:
+            return found
+        return [one for one in found if one.check.startswith("type_of_")]
+
+    def _graph(self, missed: Sequence[Sequence[str]]) -> RecordedTopics:
+        node = self._node
+        contract = {topic: TOPIC_TYPES[topic] for topics in missed for topic in topics}
+        names = node.get_topic_names_and_types()
+        types = {name: kinds[0] for name, kinds in names if node.count_publishers(name)}
+        graph = RecordedTopics(types, contract, node.get_namespace(), live=True)
+        # The list above also contains the type of the node's own subscription.
+        for topic, wanted in contract.items():
+            infos = node.get_publishers_info_by_topic(topic)
+            kinds = {info.topic_type for info in infos}
+            types.pop(graph.name(topic), None)
+            if kinds:
+                types[graph.name(topic)] = wanted if wanted in kinds else min(kinds)
+        return graph

@@ -12,6 +12,7 @@ import importlib
 import os
 import signal
 import sys
+from functools import partial
 
 from tirgeo_ros.io.files.child_python import stop_signals
 
@@ -59,26 +60,9 @@ def keep_memory() -> None:
     mallopt(_MMAP_THRESHOLD, _MMAP_BYTES)
 
 
-def dji_node() -> int:
-    """Run dji_node (aircraft to topics); return the exit code."""
-    return start("dji_node")
-
-
-def ekf_node() -> int:
-    """Run ekf_node (navigation filter); return the exit code."""
-    return start("ekf_node")
-
-
-def gimbal_node() -> int:
-    """Run gimbal_node (camera pose); return the exit code."""
-    return start("gimbal_node")
-
-
-def overlay_node() -> int:
-    """Run overlay_node (map on video); return the exit code."""
-    return start("overlay_node")
-
-
-def bag_player() -> int:
-    """Run bag_player (bag to topics); return the exit code."""
-    return start("bag_player")
+# The executables of setup.py.
+dji_node = partial(start, "dji_node")
+ekf_node = partial(start, "ekf_node")
+gimbal_node = partial(start, "gimbal_node")
+overlay_node = partial(start, "overlay_node")
+bag_player = partial(start, "bag_player")

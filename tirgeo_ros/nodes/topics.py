@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache
 from typing import Any
 
@@ -35,9 +36,8 @@ def advertise(node: Node, topic: str, qos: QoSProfile) -> Publisher:
     """Return a publisher of a contract topic whose quality of service a parameter can override."""
     kind = message_class(TOPIC_TYPES[topic])
     with_overrides = QoSOverridingOptions.with_default_policies()
-    return _made(
-        lambda: node.create_publisher(kind, topic, qos, qos_overriding_options=with_overrides)
-    )
+    with _overrides():
+        return node.create_publisher(kind, topic, qos, qos_overriding_options=with_overrides)
 
 
 def subscribe(
@@ -70,22 +70,22 @@ def subscribe(
 
     callback = wrapped(receive) if wrapped else receive
 
-    def lost(event: Any) -> None:
-        monitor.lost(topic, event.total_count)
-
-    def create(callbacks: SubscriptionEventCallbacks) -> Subscription:
-        options = QoSOverridingOptions.with_default_policies()
+    def create(**events: Callable[[Any], None]) -> Subscription:
         return node.create_subscription(
             kind,
             topic,
             callback,
             qos,
             raw=raw,
-            qos_overriding_options=options,
-            event_callbacks=callbacks,
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            event_callbacks=SubscriptionEventCallbacks(**events),
         )
 
-    return _made(lambda: _with_losses(create, lost))
+    with _overrides():
+        try:
+            return create(message_lost=lambda event: monitor.lost(topic, event.total_count))
+        except UnsupportedEventTypeError:
+            return create()
 
 
 def _message(kind: type, data: bytes) -> Any:
@@ -95,18 +95,9 @@ def _message(kind: type, data: bytes) -> Any:
         raise MessageError(f"{len(data)} bytes are no {kind.__name__}") from None
 
 
-def _with_losses(
-    create: Callable[[SubscriptionEventCallbacks], Subscription], lost: Callable[[Any], None]
-) -> Subscription:
-    """Return a subscription that reports losses, if the middleware supports it."""
+@contextmanager
+def _overrides() -> Iterator[None]:
     try:
-        return create(SubscriptionEventCallbacks(message_lost=lost))
-    except UnsupportedEventTypeError:
-        return create(SubscriptionEventCallbacks())
-
-
-def _made(create: Callable[[], Any]) -> Any:
-    try:
-        return create()
+        yield
     except (InvalidQosOverridesError, RuntimeError, ValueError) as error:
         raise ConfigError(f"qos_overrides: {error}") from None

@@ -101,13 +101,6 @@ def test_nothing_at_or_behind_the_lens_is_valid(camera, x, y, z):
     assert np.isnan(uv).all()
 
 
-@given(x=st.floats(-1e300, 1e300), y=st.floats(-1e300, 1e300), z=st.floats(NEAR_M, 1e300))
-def test_valid_pixels_stay_near_the_image(x, y, z):
-    uv, valid = XT2.project(np.array([[x, y, z]]))
-    # 1.1 times the corner's radius moves the corner's 420 px by about 12 % with this lens.
-    assert not valid[0] or (np.abs(uv - [320, 256]) < 600).all()
-
-
 def test_the_fold_of_a_lens_is_its_limit():
     camera = Camera(640, 512, 400.0, 400.0, 319.5, 255.5, FOLDING)
     assert camera.max_radius == pytest.approx(0.98 / math.sqrt(0.9), rel=1e-12)
@@ -117,12 +110,6 @@ def test_the_fold_of_a_lens_is_its_limit():
     assert (np.diff(uv[:, 0]) > 0).all()
     beyond = np.array([[1.01 * camera.max_radius, 0.0, 1.0], [3.0, 0.0, 1.0]])
     assert not camera.project(beyond)[1].any()
-
-
-def test_the_corner_is_the_limit_of_a_lens_that_does_not_fold():
-    camera = CAMERAS[0]
-    corner = math.hypot(320.5 / 800, 256.5 / 790)  # (-0.5, 511.5) from (320, 255)
-    assert camera.max_radius == pytest.approx(1.1 * corner, rel=1e-12)
 
 
 @given(

@@ -28,11 +28,6 @@ def blank_of(camera):
     return ~seen.reshape(v.shape)
 
 
-def test_the_camera_is_the_same_without_its_lens():
-    camera = Rectifier(XT2).camera
-    assert camera == Camera(640, 512, XT2.fx, XT2.fy, XT2.cx, XT2.cy)
-
-
 def test_a_camera_of_too_many_pixels_is_refused():
     with pytest.raises(CameraError, match="16384x16384 pixels are too many to rectify"):
         Rectifier(Camera(16384, 16384, 9e3, 9e3, 8e3, 8e3))

@@ -56,12 +56,6 @@ def test_all_may_be_measured_from_any_one_point():
         np.testing.assert_array_equal(getattr(other, name), getattr(PLACES, name))
 
 
-def test_one_antenna_has_no_baseline():
-    one = replace(PLACES, second_antenna_m=())
-    assert one.baseline_b is None
-    assert one.baseline_deg is None
-
-
 @pytest.mark.parametrize("second_m", [(1, 2, 9.0), (1.04, 2, 3), (1.03, 1.97, 3), (1, 2.2, 4)])
 def test_antennas_that_give_no_heading_are_refused_with_both_names(second_m):
     bad = replace(PLACES, second_antenna_m=second_m)

@@ -53,10 +53,6 @@ def test_names_defaults_and_ranges_of_a_tree():
     assert found["mode"].choices == ("a", "b")
 
 
-def test_nothing_given_is_the_default():
-    assert repr(config_from(Tree, {})) == repr(Tree())
-
-
 def test_values_are_put_where_they_belong():
     made = config_from(
         Tree,
@@ -73,13 +69,6 @@ def test_values_are_put_where_they_belong():
     assert made.leaf.arms_m == (0.0, 9.0, 4.5)
     assert made.leaf.place == (1.0, 2.0, 3.0)
     assert math.isnan(made.leaf.unset_m)
-
-
-def test_whole_numbers_are_doubles_where_doubles_are_wanted():
-    """YAML's 3 is an int; the tree holds what it says."""
-    made = config_from(Tree, {"leaf.length_m": 3, "leaf.arms_m": [1, 2, 3]})
-    assert type(made.leaf.length_m) is float
-    assert all(type(number) is float for number in made.leaf.arms_m)
 
 
 def test_nan_is_a_value_only_where_it_is_the_default():
@@ -139,15 +128,6 @@ def test_unknown_names_like_none_are_answered_with_the_list():
         config_from(Tree, {"xyz": 1.0})
     expected = "unknown parameter xyz (known: mode, title, count, quick, leaf.length_m, "
     assert str(caught.value).startswith(expected)
-
-
-def test_a_group_is_not_a_parameter():
-    with pytest.raises(ConfigError, match=r"unknown parameter leaf \("):
-        config_from(Tree, {"leaf": 1.0})
-
-
-def test_empty_list_where_it_may_be():
-    assert config_from(Tree, {"leaf.place": []}).leaf.place == ()
 
 
 @given(

@@ -4,26 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from camera_poses import camera_pose as pose_at
 from hypothesis import given
 from hypothesis import strategies as st
 
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
-from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
-from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler, quat_multiply
+from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Reason, locate
-from tirgeo_ros.core.types.poses import CameraPose
 
 PLANE = TangentPlane(0.6955, 2.0368, 30.0)
 RATIONAL = Camera(
     640, 512, 500.0, 510.0, 322.0, 250.0, (0.1, -0.05, 1e-3, -5e-4, 0.01, 0.12, -0.03, 0.005)
 )
-
-
-def pose_at(position_n, roll_deg, pitch_deg, yaw_deg):
-    q_ng = quat_from_euler(*np.radians([roll_deg, pitch_deg, yaw_deg]))
-    q_nc = quat_multiply(q_ng, Q_BODY_OPTICAL)
-    return CameraPose(0, np.asarray(position_n, float), q_nc, np.zeros((6, 6)))
 
 
 def pixels_of(camera, pose, points_n):
@@ -65,14 +58,6 @@ def test_inverts_the_projection(roll, pitch, yaw, height, ground, far, camera, s
     np.testing.assert_allclose(back, uv, rtol=0, atol=1e-6)  # the figure required
 
 
-def test_the_ground_follows_the_ellipsoid_and_not_the_plane():
-    pose = pose_at([0.0, 0.0, -100.0], 0, -5, 0)
-    points, _ = locate(XT2, pose, np.array([[XT2.cx, XT2.cy]]), PLANE, 30.0)
-    assert points[0, 0] > 1000
-    fallen = points[0, 0] ** 2 / (2 * 6.36e6)  # 10 cm; the meridian's radius to 1 %
-    assert points[0, 2] == pytest.approx(fallen, rel=0.01)
-
-
 @pytest.mark.parametrize("ground_m", [29.9, -100.0])
 def test_a_ray_at_or_above_the_horizon_meets_nothing(ground_m):
     level = pose_at([0.0, 0.0, 0.0], 0, 0, 0)
@@ -105,15 +90,3 @@ def test_a_pixel_outside_the_lens_model_meets_nothing(uv):
     points, reasons = locate(XT2, pose, np.array([uv]), PLANE, 30.0)
     assert reasons == [Reason.OUTSIDE_LENS]
     assert np.isnan(points).all()
-
-
-def test_no_pixels_are_no_points():
-    points, reasons = locate(XT2, pose_at([0, 0, -20], 0, -90, 0), np.empty((0, 2)), PLANE, 0.0)
-    assert points.shape == (0, 3)
-    assert reasons == []
-
-
-def test_every_reason_reads_as_a_sentence():
-    for reason in Reason:
-        assert reason.value[0].islower()
-        assert "\n" not in reason.value

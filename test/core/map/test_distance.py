@@ -12,10 +12,7 @@ from overlays import PLANE, geo
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.map.distance import (
     NearestFeature,
-    compass_word,
-    distance_words,
     likely_mistake,
-    way_words,
 )
 from tirgeo_ros.core.map.layers import GeoFeature, MapLayer
 from tirgeo_ros.core.overlay.map_renderer import lay_layers
@@ -58,11 +55,6 @@ def test_the_nearest_feature_of_a_large_map():
         assert found.distance_m == pytest.approx(nearest_of_all(features_n, np.array(at)), abs=0.1)
 
 
-def test_direction_and_distance_of_one_point():
-    found = whereabouts(geo([[200.0, 200.0, 0.0]], "")).nearest(np.array([0.0, 0.0, -60.0]))
-    assert way_words(found.distance_m, found.azimuth_rad) == "280 m away to the north-east"
-
-
 def test_a_map_without_parts_is_nowhere():
     assert whereabouts().nearest(np.zeros(3)) is None
 
@@ -97,18 +89,3 @@ def test_what_put_a_map_so_far_away(latitude_deg, longitude_deg, question):
 def test_a_zone_across_the_antimeridian():
     fiji = TangentPlane(math.radians(-17.0), math.radians(-179.0), 0.0)
     assert likely_mistake(fiji, place_n(-17.0, 175.0, fiji)) == "is it UTM zone 1 instead of 60?"
-
-
-@pytest.mark.parametrize(
-    ("distance_m", "words"),
-    [(7.04, "7 m"), (304.0, "300 m"), (996.0, "1 km"), (1234.0, "1.2 km"), (431_000.0, "430 km")],
-)
-def test_distances_in_two_digits(distance_m, words):
-    assert distance_words(distance_m) == words
-
-
-@pytest.mark.parametrize(
-    ("azimuth_deg", "word"), [(0, "north"), (-44, "north-west"), (180, "south"), (-170, "south")]
-)
-def test_compass_words(azimuth_deg, word):
-    assert compass_word(math.radians(azimuth_deg)) == word

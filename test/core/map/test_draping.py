@@ -10,7 +10,6 @@ from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.map import draping
 from tirgeo_ros.core.map.layers import GeoFeature, LayerStyle, MapLayer
 from tirgeo_ros.core.map.vector_map import VectorMap
-from tirgeo_ros.core.types.errors import ConfigError
 
 PLANE = TangentPlane(math.radians(48.2), math.radians(16.4), 200.0)
 CELL_M = 5.0
@@ -99,25 +98,8 @@ def test_marks_off_the_model_are_left_out():
     assert got.without_ground == 1
 
 
-def test_a_map_beside_the_model_is_empty_and_counted():
-    got = draped(feature([[9e3, 0], [9e3, 50]]), feature([[1e6, 0]]))
-    assert len(got.lines) == len(got.marks) == 0
-    assert got.without_ground == 2
-
-
 def test_too_fine_a_model_is_touched_less_often(monkeypatch):
     monkeypatch.setattr(draping, "MOST_VERTICES", 50)
     got = draped(feature([[-450, 0], [450, 0]]))
     assert 40 < got.lines.points.shape[1] < 70
     assert "every 3.6 cells" in got.notes[0]
-
-
-def test_outlines_stay_closed():
-    got = draped(feature([[0, 0], [0, 100], [100, 100]], closed=True)).lines.split()[0]
-    np.testing.assert_array_equal(got[0], got[-1])
-
-
-def test_unknown_heights_name_their_layer():
-    layer = MapLayer("roads", [feature([[0, 0], [1, 1]])])
-    with pytest.raises(ConfigError, match=r"layer 'roads': 1 of 1 features have no height"):
-        VectorMap.from_layers([layer], PLANE, math.nan)

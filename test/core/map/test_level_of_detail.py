@@ -9,7 +9,6 @@ from tirgeo_ros.core.map.level_of_detail import (
     Boxes,
     Details,
     cut_in_pieces,
-    levels_at,
     worths,
 )
 from tirgeo_ros.core.map.polylines import Polylines
@@ -101,12 +100,6 @@ def test_pieces_are_short_and_meet(vertices):
         np.testing.assert_array_equal(parts[i][-1], parts[i + 1][0])
 
 
-def test_pieces_are_sorted_by_layer():
-    layer = np.random.default_rng(0).integers(0, 3, 40)
-    details = details_of(walks(40, 10), layer)
-    assert (np.diff(layer[details.owner]) >= 0).all()
-
-
 def test_culling_by_blocks_finds_what_culling_by_boxes_finds():
     details = details_of(walks(3000, 4))
     normals, offsets = np.array([[1.0, 0, 0], [0.0, 0.6, 0.8]]), np.array([100.0, -50.0])
@@ -131,20 +124,9 @@ def test_boxes_hold_their_pieces_and_know_their_distance():
     assert box.distance(np.array([1.0, 1.0, 1.0]))[0] == 0.0
 
 
-def test_the_level_is_the_coarsest_within_the_tolerance():
-    asked = np.array([0.0, 0.009, 0.01, 0.05, 1e9])
-    np.testing.assert_array_equal(levels_at(asked), [0, 0, 1, 3, len(TOLERANCES_M) - 1])
-
-
 def test_points_on_one_place_and_straight_lines_are_simplified_too():
     still = Polylines(np.zeros((3, 100)), np.array([0, 50, 100]), np.array([0, 1]))
     straight = Polylines(np.arange(300.0).reshape(3, 100), np.array([0, 100]), np.array([0]))
     for lines in (still, straight):
         details = details_of(lines)
         assert (details.count[1] == 2).all()
-
-
-def test_no_lines():
-    none = Polylines(np.empty((3, 0)), np.array([0]), np.array([], int))
-    details = details_of(none)
-    assert len(details.seen(np.eye(3), np.zeros(3))[0]) == 0

@@ -18,24 +18,6 @@ def lines_of(lengths, seed, dimensions=3):
     return Polylines(rng.normal(size=(dimensions, starts[-1])), starts, owner)
 
 
-@given(lengths=LENGTHS, seed=SEEDS)
-def test_links_join_points_of_one_line(lengths, seed):
-    lines = lines_of(lengths, seed)
-    line_of = np.repeat(np.arange(len(lengths)), lengths)
-    np.testing.assert_array_equal(lines.links(), line_of[:-1] == line_of[1:])
-
-
-@given(lengths=LENGTHS, seed=SEEDS, data=st.data())
-def test_select(lengths, seed, data):
-    lines = lines_of(lengths, seed)
-    picked = sorted(data.draw(st.sets(st.integers(0, len(lengths) - 1))))
-    chosen = lines.select(np.array(picked, int))
-    assert len(chosen) == len(picked)
-    for got, wanted in zip(chosen.split(), picked, strict=True):
-        np.testing.assert_array_equal(got, lines.split()[wanted])
-    np.testing.assert_array_equal(chosen.owner, lines.owner[picked])
-
-
 def cut_by_loop(lines, enter, leave):
     out, owners = [], []
     for number, (a, b) in enumerate(zip(lines.starts[:-1], lines.starts[1:], strict=True)):
@@ -86,14 +68,6 @@ def test_subdivided_lines_keep_their_points_and_stay_straight(lengths, seed):
         np.testing.assert_allclose(line, [*wanted, other[-1]], atol=1e-15)
 
 
-def test_no_lines():
-    none = Polylines(np.empty((2, 0)), np.array([0]), np.array([], int))
-    assert none.split() == []
-    assert len(none.cut(np.empty(0), np.empty(0))) == 0
-    assert len(none.subdivided(np.empty(0, int))) == 0
-    assert len(none.select(np.array([], int))) == 0
-
-
 @pytest.mark.parametrize("lengths", [[4] * 90, [4] * 90 + [2] * 70 + [9, 5, 5], [3, 1], []])
 def test_runs_of_some_lines_are_the_lines_in_any_order(lengths):
     starts = np.cumsum([0, *lengths])
@@ -103,13 +77,3 @@ def test_runs_of_some_lines_are_the_lines_in_any_order(lengths):
         wanted = [rows[starts[i] : starts[i + 1]].tolist() for i in which]
         got = [run.tolist() for run in lines.runs_of(rows, which)]
         assert sorted(got) == sorted(wanted)
-
-
-@pytest.mark.parametrize("count", [0, 1, 2, 3])
-def test_parted_lines_are_the_first_and_the_others(count):
-    lines = Polylines(np.arange(14.0).reshape(2, 7), np.array([0, 2, 5, 7]), np.array([4, 2, 9]))
-    first, others = lines.parted(count)
-    assert (len(first), len(others)) == (count, 3 - count)
-    assert [*first.owner, *others.owner] == [4, 2, 9]
-    parts = [line.tolist() for line in (*first.split(), *others.split())]
-    assert parts == [line.tolist() for line in lines.split()]

@@ -35,12 +35,6 @@ def test_points_come_back_where_they_were():
         np.testing.assert_allclose(line, wanted, atol=1e-7)  # 6.4e6 m in float64: 1e-9 m
 
 
-def test_the_ground_height_replaces_every_height():
-    got = laid([feature(SQUARE), feature(SQUARE, height=False)], 20.0)
-    # 5 m under the plane, and the earth falls by d^2 / 2R from it: 1.6e-5 m at 14 m.
-    np.testing.assert_allclose(got.lines.points[2], 5.0, atol=2e-5)
-
-
 def test_a_map_without_heights_needs_the_ground_height():
     features = [feature(SQUARE), feature(SQUARE, height=False)]
     with pytest.raises(ConfigError, match=r"1 of 2 features.*ground_height_m \(--ground-height\)"):

@@ -60,21 +60,6 @@ def test_a_late_or_repeated_frame_is_dropped():
     assert queue.counts["out_of_order"] == 2
 
 
-def test_after_the_clock_went_back_the_video_goes_on():
-    queue = FrameQueue()
-    put(queue, 100.0, 100.1, 3.0, 3.1)
-    assert stamps(queue) == [3.1, 3.0]  # what waited before would come out after them
-    assert queue.counts["time_jumps"] == 1
-    assert queue.counts["replaced"] == 2
-    assert queue.rate_hz == pytest.approx(10.0)
-
-
-def test_pictures_of_16_bits_are_taken():
-    queue = FrameQueue()
-    queue.put(Frame(SECOND, np.zeros((4, 5), np.uint16), 0))
-    assert len(queue) == 1
-
-
 def test_the_rate_is_of_the_last_ten():
     queue = FrameQueue()
     assert math.isnan(queue.rate_hz)

@@ -6,17 +6,15 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from camera_poses import camera_pose
 from overlays import PLANE, geo
 
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.frames.axes import BODY_OPTICAL
-from tirgeo_ros.core.frames.rotations import quat_from_matrix, rotation_x, rotation_y, rotation_z
 from tirgeo_ros.core.map.layers import MapLayer
 from tirgeo_ros.core.overlay.clicks import Marker
 from tirgeo_ros.core.overlay.map_renderer import DrawingVerdict, MapRenderer
 from tirgeo_ros.core.types.finding import Severity
-from tirgeo_ros.core.types.poses import CameraPose
 
 POSES = 40
 WORDS = "NO GO: height above ground at rest 47.3 m, should be 1 m: overlay_node ground_height_m"
@@ -45,10 +43,9 @@ def town(rng):
 
 
 def pose_of(rng):
-    attitude = rotation_z(rng.uniform(0, 2 * np.pi)) @ rotation_y(-np.radians(rng.uniform(5, 90)))
-    attitude = attitude @ rotation_x(np.radians(rng.uniform(-15, 15))) @ BODY_OPTICAL
+    angles_deg = rng.uniform([-15, -90, 0], [15, -5, 360])
     place = np.append(rng.uniform(-80, 80, 2), -rng.uniform(10, 120))
-    return CameraPose(0, place, quat_from_matrix(attitude), np.eye(6) * 1e-3)
+    return camera_pose(place, *angles_deg, 1e-3)
 
 
 def clicked(rng):

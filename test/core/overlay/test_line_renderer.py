@@ -104,15 +104,6 @@ def test_lines_have_a_dark_halo_and_leave_the_rest():
     assert (image[104:] == GREY).all()
 
 
-def test_lines_are_not_joined_to_each_other():
-    image = drawn(polylines([[20.0, 50.0], [60.0, 50.0]], [[200.0, 150.0], [260.0, 150.0]]))
-    assert (image[60:140] == GREY).all()
-
-
-def test_lines_far_outside_do_no_harm():
-    assert (drawn(polylines([[-9000.0, -9000.0], [9000.0, -8000.0]])) == GREY).all()
-
-
 @pytest.mark.parametrize("colour", [(0, 0, 255), (40, 140, 255), (255, 255, 255), (7, 90, 3)])
 @pytest.mark.parametrize("ground", [0, 128, 255])
 def test_the_middle_of_a_line_has_its_layers_colour_on_any_ground(colour, ground):
@@ -165,12 +156,6 @@ def test_a_faint_line_does_not_weaken_a_strong_one():
         assert image[100, 140:160, 1].min() > 200
 
 
-def test_no_lines_and_no_layers():
-    nothing = polylines()
-    assert (drawn(nothing) == GREY).all()
-    assert (filled(nothing, YELLOW) == GREY).all()
-
-
 # marks
 
 
@@ -186,16 +171,6 @@ def test_a_mark_is_open_in_its_middle(size):
     reach = np.abs(pixels - [150, 100]).sum(axis=1).max()
     # The ink of one pixel reaches 2 to either side; on the largest, three pixels, as much again.
     assert radius <= reach <= radius + (4 if size[1] > 640 else 2)
-
-
-def test_marks_keep_their_owners():
-    marks = polylines([[10.0, 20.0]], [[30.0, 40.0]], owner=[7, 3])
-    lines = marks_as_lines(marks, 5)
-    assert lines.owner.tolist() == [7, 3]
-    for line, middle in zip(lines.split(), ([10, 20], [30, 40]), strict=True):
-        np.testing.assert_array_equal(line[0], line[-1])
-        np.testing.assert_allclose(line[:-1].mean(axis=0), middle)
-        np.testing.assert_allclose(np.abs(line - middle).sum(axis=1), 5)
 
 
 # areas
@@ -217,18 +192,6 @@ def test_a_hole_stays_open_and_an_island_in_it_is_filled():
     assert abs(int(image[30, 30, 1]) - 146) <= 1
     assert (image[60, 60] == GREY).all()
     assert abs(int(image[95, 95, 1]) - 146) <= 1
-
-
-def test_two_areas_of_a_layer_that_overlap_are_no_hole():
-    image = filled(polylines(square(20, 20, 100), square(80, 80, 100)), GREEN)
-    assert np.abs(image[100, 100] - np.array(MIXED)).max() <= 1
-
-
-def test_rings_of_an_owner_need_not_follow_each_other():
-    rings = [square(20, 20, 150), square(200, 20, 50), square(50, 50, 90)]
-    image = filled(polylines(*rings, owner=[4, 9, 4]), GREEN)
-    assert (image[60, 60] == GREY).all()
-    assert image[40, 220, 1] > GREY
 
 
 def test_areas_of_two_layers_mix_and_an_unfilled_layer_is_left():

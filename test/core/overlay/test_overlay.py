@@ -19,6 +19,7 @@ from overlays import (
     distances,
     geo,
     ink_on,
+    pictured,
     pose_at,
     ready,
     status,
@@ -33,7 +34,6 @@ from tirgeo_ros.core.map.layers import LayerStyle, MapLayer
 from tirgeo_ros.core.overlay.map_renderer import lay_layers
 from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import FilterState
 
 
@@ -55,23 +55,12 @@ def test_the_lines_lie_on_the_truth_at_the_exposure():
     assert (GREY == 90).all()  # the frame itself is left alone
 
 
-def test_a_colour_frame():
-    overlay = ready()
-    overlay.add_pose(pose_at(START))
-    colour = np.dstack([GREY, GREY, GREY])
-    overlay.add_frame(START + LATENCY, colour, START + LATENCY)
-    assert_on(overlay.take(START + LATENCY).image, pose_at(START))
-    assert (colour == 90).all()
-
-
 def test_a_rectified_picture():
     """Lines lie on the truth of a camera without distortion, and a click is taken on that one."""
     plain = Camera(640, 512, XT2.fx, XT2.fy, XT2.cx, XT2.cy)
     wide_n = SQUARE_N * [1, 2, 1]
     overlay = ready([geo(wide_n)], rectify=True, ground_height_m=25.0)
-    overlay.add_pose(pose_at(START))
-    overlay.add_frame(START + LATENCY, GREY, START)
-    result = overlay.take(START)
+    result = pictured(overlay)
     assert result.camera == plain
     pixels = ink_on(result.image)
     pixels = pixels[result.image[pixels[:, 1], pixels[:, 0], 1] > 100]  # not the border's edge
@@ -80,19 +69,6 @@ def test_a_rectified_picture():
     uv, _ = plain.project((SQUARE_N[:1] - [0, 0, -20.0]) @ matrix_from_quat(pose_at(START).q_nc))
     located = overlay.clicks.locate(tuple(uv[0]))
     np.testing.assert_allclose(located.point_n[:2], SQUARE_N[0, :2], atol=0.01)  # Earth's bend
-
-
-def test_a_click_is_located_with_the_picture_it_was_made_on():
-    overlay = ready(ground_height_m=25.0)
-    for k in range(3):
-        overlay.add_pose(pose_at(START + 100 * MS * k, north=k))
-        overlay.add_frame(START + 100 * MS * k + LATENCY, GREY, START)
-        assert overlay.take(START).camera == XT2
-    found = [
-        overlay.clicks.locate((320.0, 256.0), START + 100 * MS * k + LATENCY).point_n[0]
-        for k in range(3)
-    ]
-    np.testing.assert_allclose(np.diff(found), 1.0, atol=1e-3)
 
 
 def test_another_map_while_running():
@@ -109,11 +85,6 @@ def test_another_map_while_running():
     assert distances(pixels, outline).max() < 1.5
 
 
-def test_heights_that_are_unknown_are_refused():
-    with pytest.raises(ConfigError, match="set ground_height_m"):
-        lay_layers([MapLayer("flat", [geo(SQUARE_N, height=False)])], PLANE, math.nan)
-
-
 def test_a_map_that_is_laid_elsewhere_is_waited_for_in_each_plane():
     layers = [MapLayer("map", [geo(SQUARE_N)])]
     overlay = ready(layers=None, told=False)
@@ -124,14 +95,14 @@ def test_a_map_that_is_laid_elsewhere_is_waited_for_in_each_plane():
     ):
         start = START + turn * 10 * MS
         overlay.set_plane(plane)
-        result = shown(overlay, start)
+        result = pictured(overlay, start)
         assert result.notice == "NO MAP YET: reading"
         assert not (ink_on(result.image)[:, 1] > 150).any()  # the notice stands above
         assert overlay.no_map_yet == "reading"
         overlay.set_map(lay_layers(layers, other, math.nan))  # not for this plane
-        assert shown(overlay, start + MS).notice == "NO MAP YET: reading"
+        assert pictured(overlay, start + MS).notice == "NO MAP YET: reading"
         overlay.set_map(lay_layers(layers, plane, math.nan))
-        result = shown(overlay, start + 2 * MS)
+        result = pictured(overlay, start + 2 * MS)
         assert (result.notice, overlay.no_map_yet) == ("", "")
         assert distances(ink_on(result.image), true_outline(pose_at(START), ring_n)).max() < 1.5
 
@@ -139,30 +110,10 @@ def test_a_map_that_is_laid_elsewhere_is_waited_for_in_each_plane():
 def test_a_map_that_fails_to_come_is_told_and_one_that_is_drawn_stays():
     overlay = ready(layers=None, told=False)
     overlay.map_failed()
-    assert shown(overlay, START + MS).notice == "NO MAP: its reading failed"
+    assert pictured(overlay, START + MS).notice == "NO MAP: its reading failed"
     overlay.set_map(lay_layers([MapLayer("map", [geo(SQUARE_N)])], PLANE, math.nan))
     overlay.map_failed()
-    assert_on(shown(overlay, START + 2 * MS).image, pose_at(START))
-
-
-def test_before_its_plane_a_map_from_elsewhere_lacks_the_origin():
-    overlay = Overlay(OverlayConfig(), None)
-    overlay.set_camera(XT2)
-    assert shown(overlay, START).notice == "NO MAP: no origin"
-    assert overlay.no_map_yet == ""
-
-
-def test_an_empty_map_from_elsewhere_is_none():
-    overlay = ready(layers=None, told=False)
-    overlay.set_map(lay_layers([MapLayer("map", [])], PLANE, math.nan))
-    assert shown(overlay, START).notice == "NO MAP: the map has no features"
-
-
-def shown(overlay, stamp_ns):
-    """What becomes of a frame whose pose is there."""
-    overlay.add_pose(pose_at(stamp_ns))
-    overlay.add_frame(stamp_ns + LATENCY, GREY, START)
-    return overlay.take(START)
+    assert_on(pictured(overlay, START + 2 * MS).image, pose_at(START))
 
 
 def gap(overlay):
@@ -224,18 +175,6 @@ def test_what_no_pose_can_help_is_said_at_once():
     assert empty.take(START).notice == "NO MAP: the map has no features"
 
 
-def test_the_status_line_shows_the_age_and_the_rate():
-    overlay = ready(told=False)
-    overlay.add_pose(pose_at(START))
-    overlay.add_pose(pose_at(START + 200 * MS))
-    strips = []
-    for stamp, age in ((LATENCY, 83 * MS), (LATENCY + MS, 83 * MS), (LATENCY + 2 * MS, 500 * MS)):
-        overlay.add_frame(START + stamp, GREY, START)
-        strips.append(overlay.take(START + stamp + age).image[STRIP_TOP:])
-    assert (strips[0] != strips[1]).any()  # "video starts"
-    assert (strips[1] != strips[2]).any()
-
-
 @pytest.mark.parametrize("state", list(FilterState))
 def test_a_map_is_drawn_where_there_is_a_pose_and_the_status_line_tells_the_state(state):
     """A status may be a second old; a filter that does not navigate gives no pose."""
@@ -252,16 +191,6 @@ def test_a_map_is_drawn_where_there_is_a_pose_and_the_status_line_tells_the_stat
     )
 
 
-def test_poses_that_are_not_finite_are_counted():
-    overlay = ready()
-    bad = pose_at(START)
-    overlay.add_pose(CameraPose(START, bad.position_n * math.nan, bad.q_nc, bad.covariance))
-    overlay.add_pose(CameraPose(START, bad.position_n, bad.q_nc * 0, bad.covariance))
-    assert overlay.counts["poses_invalid"] == 2
-    overlay.add_frame(START + LATENCY, GREY, START)
-    assert overlay.take(START + WAIT).notice == "NO MAP: no pose at this frame"
-
-
 def test_a_new_plane_forgets_poses_in_the_old_one():
     overlay = ready()
     overlay.add_pose(pose_at(START))
@@ -275,21 +204,12 @@ def test_a_new_plane_forgets_poses_in_the_old_one():
     assert overlay.take(START + WAIT).notice == "NO MAP: no pose at this frame"
 
 
-def test_the_latency_is_a_parameter():
-    overlay = ready(video_latency_s=0.0)
-    overlay.add_pose(pose_at(START, yaw_deg=3.0))
-    overlay.add_frame(START, GREY, START)
-    assert_on(overlay.take(START).image, pose_at(START, yaw_deg=3.0))
-
-
 def test_a_map_without_heights():
     flat = [geo(SQUARE_N, height=False)]
     with pytest.raises(ConfigError, match="set ground_height_m"):
         Overlay(OverlayConfig(), [MapLayer("map", flat)])
     overlay = ready(features=flat, ground_height_m=25.0)
-    overlay.add_pose(pose_at(START))
-    overlay.add_frame(START + LATENCY, GREY, START)
-    assert_on(overlay.take(START).image, pose_at(START))
+    assert_on(pictured(overlay).image, pose_at(START))
 
 
 def test_labels_and_marks_are_drawn():
@@ -297,23 +217,11 @@ def test_labels_and_marks_are_drawn():
     pictures = []
     for features in (named, [geo(SQUARE_N), geo([[36, 0, 0]])], [geo(SQUARE_N)]):
         overlay = ready(features=features, confidence=PLAIN)
-        overlay.add_pose(pose_at(START))
-        overlay.add_frame(START + LATENCY, GREY, START)
-        pictures.append(overlay.take(START).image)
+        pictures.append(pictured(overlay).image)
     white = [(picture[:490] > 200).all(axis=2).sum() for picture in pictures]
     assert white[0] > 50
     assert white[1] == white[2] == 0
     assert len(ink_on(pictures[1])) > len(ink_on(pictures[2]))
-
-
-def test_the_same_frames_give_the_same_pictures():
-    results = []
-    for _ in range(2):
-        overlay = ready(features=[geo(SQUARE_N, "a"), geo(SQUARE_N + 3, "b")])
-        overlay.add_pose(pose_at(START))
-        overlay.add_frame(START + LATENCY, GREY, START + 7 * MS)
-        results.append(overlay.take(START + 60 * MS).image)
-    np.testing.assert_array_equal(*results)
 
 
 NORTH_N = np.array([1.0, 0.0, 0.0])
@@ -323,16 +231,7 @@ def layered(*layers, **config):
     overlay = Overlay(OverlayConfig(confidence=PLAIN, **config), layers)
     overlay.set_plane(PLANE)
     overlay.set_camera(XT2)
-    overlay.add_pose(pose_at(START))
-    overlay.add_frame(START + LATENCY, GREY, START)
-    return overlay.take(START).image
-
-
-def test_layers_have_their_styles():
-    red = LayerStyle(line_bgr=(0, 0, 255), fill_bgr=(255, 0, 0), fill_opacity=0.5)
-    image = layered(MapLayer("beds", [geo(SQUARE_N)], red)).astype(int)
-    assert (image[..., 2] - image[..., 1] > 100).sum() > 400
-    assert image[250, 350].tolist() == pytest.approx([172, 45, 45], abs=2)  # half 90, half blue
+    return pictured(overlay).image
 
 
 @pytest.mark.parametrize(("scale_m_px", "drawn"), [((0.0, 0.05), 1), ((0.05, 0.06), 0)])
@@ -349,9 +248,8 @@ def test_a_located_point_stays_drawn_with_its_ellipse():
     overlay.set_map(lay_layers(far, PLANE, 25.0))
     pictures = []
     for k in range(2):
-        overlay.add_pose(pose_at(START + 100 * MS * k, yaw_deg=2.0 * k))
-        overlay.add_frame(START + 100 * MS * k + LATENCY, GREY, START)
-        pictures.append(overlay.take(START + 100 * MS * k).image.astype(int))
+        result = pictured(overlay, START + 100 * MS * k, START + 100 * MS * k, yaw_deg=2.0 * k)
+        pictures.append(result.image.astype(int))
         overlay.clicks.locate((320.0, 256.0))
     magenta = [image[..., 0] - image[..., 1] > 120 for image in pictures]  # mark and label
     assert magenta[0].sum() == 0

@@ -4,33 +4,28 @@ import math
 
 import numpy as np
 import pytest
+from camera_poses import camera_pose
 from hypothesis import given
 from hypothesis import strategies as st
 
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
-from tirgeo_ros.core.frames.axes import BODY_OPTICAL
-from tirgeo_ros.core.frames.rotations import quat_from_matrix, rotation_x, rotation_y, rotation_z
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import locate
 from tirgeo_ros.core.overlay.scale_bar_compass import (
     camera_heading_rad,
-    ground_sample_m,
     place_rose,
     place_scale_bar,
     scale_bar,
 )
 from tirgeo_ros.core.overlay.text_boxes import status_box
 from tirgeo_ros.core.overlay.text_rendering import text_px
-from tirgeo_ros.core.types.poses import CameraPose
 
 PLANE = TangentPlane(0.6955, 2.0368, 11.5)
 GREY = 128
 
 
 def pose(height_m=40.0, yaw=0.0, down=60.0, roll=0.0):
-    turn = rotation_z(math.radians(yaw)) @ rotation_y(math.radians(-down))
-    attitude = turn @ rotation_x(math.radians(roll)) @ BODY_OPTICAL
-    return CameraPose(0, np.array([3.0, -2.0, -height_m]), quat_from_matrix(attitude), np.eye(6))
+    return camera_pose([3.0, -2.0, -height_m], roll, -down, yaw)
 
 
 def painted(image, decoration):
@@ -85,13 +80,6 @@ def test_no_bar_where_no_ground_is_seen():
     assert scale_bar(XT2, pose(), PLANE, 500.0, 12.0, 470.0) is None  # under the ground
     image = np.full((512, 640, 3), GREY, np.uint8)
     assert place_scale_bar(image, XT2, pose(down=-40.0), PLANE, 11.5) is None
-
-
-def test_the_ground_that_a_pixel_spans():
-    plain = Camera(640, 512, 800.0, 800.0, 319.5, 255.5)
-    assert ground_sample_m(plain, pose(40, down=90), PLANE, 11.5) == pytest.approx(0.05, rel=1e-5)
-    assert ground_sample_m(plain, pose(40, down=30), PLANE, 11.5) == pytest.approx(0.1, rel=1e-4)
-    assert math.isnan(ground_sample_m(plain, pose(down=-10), PLANE, 11.5))
 
 
 @pytest.mark.parametrize("size", [(320, 256), (640, 512), (1280, 1024)])
@@ -151,26 +139,3 @@ def test_the_needle_points_to_north(yaw, size):
         bearing = math.degrees(math.atan2(east, -south))
         # A pixel, of the needle's middle which is the nearer one, or a tenth of the letter.
         assert (bearing + yaw + 180) % 360 - 180 == pytest.approx(0, abs=12)
-
-
-def test_a_small_picture_has_no_decorations():
-    for shape in ((1, 1, 3), (40, 60, 3), (20, 300, 3)):
-        image = np.full(shape, GREY, np.uint8)
-        camera = Camera(shape[1], shape[0], 50.0, 50.0, shape[1] / 2, shape[0] / 2)
-        assert place_rose(image, 1.0) is None
-        assert place_scale_bar(image, camera, pose(), PLANE, 11.5) is None
-
-
-def test_the_heading_is_written_as_three_digits(monkeypatch):
-    from tirgeo_ros.core.overlay import scale_bar_compass as decorations  # noqa: PLC0415
-
-    decorations._rose.cache_clear()
-    written = []
-    for name in ("stamp", "passing_stamp"):
-        real = getattr(decorations, name)
-        noted = lambda *a, real=real: written.append(a[0]) or real(*a)  # noqa: E731
-        monkeypatch.setattr(decorations, name, noted)
-    for yaw in (7.4, 359.8):
-        image = np.zeros((512, 640, 3), np.uint8)
-        painted(image, place_rose(image, math.radians(yaw)))
-    assert set(written) == {"N", "007\u00b0", "000\u00b0"}

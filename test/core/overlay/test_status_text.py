@@ -56,22 +56,6 @@ def test_a_state_that_is_not_running_comes_first_with_time_and_reason(
     assert fields[0].colour != TEXT_BGR
 
 
-def test_the_colour_goes_with_the_danger():
-    def colour(state):
-        return status_line(status(state), 0.0, 8.0)[0].colour
-
-    by_danger = [
-        {colour(FilterState.RUNNING)},
-        {colour(s) for s in (FilterState.WAITING, FilterState.ALIGNING, FilterState.DEGRADED)},
-        {colour(FilterState.DEAD_RECKONING)},
-        {colour(FilterState.LOST)},
-    ]
-    assert [len(colours) for colours in by_danger] == [1, 1, 1, 1]
-    assert len(set.union(*by_danger)) == 4
-    green = [next(iter(colours))[1] for colours in by_danger]
-    assert green == sorted(green, reverse=True)  # from white over amber and orange to red
-
-
 def test_what_is_not_known_is_not_shown():
     assert texts(status_line(None, 0.05, 9.0)) == [
         "no filter status",
@@ -104,13 +88,6 @@ def test_state_method_and_fix_are_whole_on_a_thermal_picture(state):
     assert "RTK fixed" in kept
     assert "ekf_heading" in kept
     assert "heading sigma 9.74 deg" in kept
-
-
-def test_all_of_it_is_on_a_thermal_picture_while_all_is_well():
-    fields = status_line(status(), 0.083, 29.97)
-    for width in (640, 1280):
-        size_px = text_px(np.empty((width * 4 // 5, width, 3)))
-        assert fitted(fields, width, size_px) == fields
 
 
 def test_the_height_above_ground_stands_before_the_heading():

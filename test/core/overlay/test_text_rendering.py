@@ -33,16 +33,6 @@ def render(request):
     return lambda content, size_px: text._by_opencv(cv2, content, size_px)
 
 
-def test_size_and_margin(render):
-    small, large = render("Hxg", 12), render("Hxg", 24)
-    for image in (small, large):
-        assert image.dtype == np.uint8
-        assert image.max() > 200
-        for edge in (image[0], image[-1], image[:, 0], image[:, -1]):
-            assert not edge.any()
-    assert large.shape[0] == pytest.approx(2 * small.shape[0], abs=5)  # margins do not grow
-
-
 def test_lines_of_one_size_have_one_height_and_base(render):
     plain, deep = render("xxx", 12), render("xgp", 12)
     assert plain.shape[0] == deep.shape[0]
@@ -85,10 +75,6 @@ def test_a_stamp_keeps_the_ink_within_its_halo():
         assert (made.ink.reshape(-1, 3).max(axis=0) == colour).all()
 
 
-def test_stamps_are_made_once():
-    assert stamp("once", 12, WHITE) is stamp("once", 12, WHITE)
-
-
 def test_control_characters_and_length():
     assert stamp("a\nb\x00", 12, WHITE) == stamp("a\nb\x00", 12, WHITE)
     np.testing.assert_array_equal(stamp("a\nb", 12, WHITE).ink, stamp("a b", 12, WHITE).ink)
@@ -124,10 +110,3 @@ def test_without_either_library_the_user_is_told(monkeypatch):
     monkeypatch.setattr(builtins, "__import__", without_pillow)
     with pytest.raises(ConfigError, match="labels need OpenCV 5 or Pillow"):
         coverage("x", 12)
-
-
-def test_of_a_long_text_no_more_is_kept_than_is_drawn():
-    text._stamp.cache_clear()
-    first = stamp("y" * 1_000_000, 12, WHITE)
-    assert stamp("y" * 60_000, 12, WHITE) is first
-    assert first.size[0] < 60 * 12

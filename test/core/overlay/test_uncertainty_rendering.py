@@ -6,16 +6,14 @@ import math
 
 import numpy as np
 import pytest
+from camera_poses import camera_pose
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import rays_to
 from tirgeo_ros.core.config.overlay import ConfidenceConfig
-from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
-from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler, quat_multiply
-from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.map.layers import GeoFeature, LayerStyle, MapLayer
+from tirgeo_ros.core.frames.rotations import matrix_from_quat
+from tirgeo_ros.core.map.layers import LayerStyle
 from tirgeo_ros.core.map.polylines import Polylines
-from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.map.visibility import VisibleLines
 from tirgeo_ros.core.overlay.line_sampling import STEP_PX, cut, sampled
 from tirgeo_ros.core.overlay.uncertainty_rendering import (
@@ -24,13 +22,10 @@ from tirgeo_ros.core.overlay.uncertainty_rendering import (
     MOST_ELLIPSES,
     Anchors,
     Confidence,
-    layer_sigmas,
     with_marks,
 )
-from tirgeo_ros.core.types.poses import CameraPose
 
 CAMERA = Camera(640, 512, 800.0, 800.0, 319.5, 255.5)
-PLANE = TangentPlane(math.radians(48.2), math.radians(16.4), 200.0)
 HEIGHT_M = 20.0
 #: Of a map point straight below: 40 px to a metre.
 PX_PER_M = CAMERA.fx / HEIGHT_M
@@ -43,10 +38,7 @@ MARK_PX = 7
 
 
 def pose_at(down_deg=90.0, covariance=None, height_m=HEIGHT_M):
-    q_ng = quat_from_euler(0.0, -math.radians(down_deg), 0.0)
-    covariance = np.zeros((6, 6)) if covariance is None else covariance
-    position_n = np.array([0.0, 0.0, -height_m])
-    return CameraPose(0, position_n, quat_multiply(q_ng, Q_BODY_OPTICAL), covariance)
+    return camera_pose([0.0, 0.0, -height_m], 0.0, -down_deg, 0.0, covariance)
 
 
 def seen_from(pose, *lines):
@@ -90,12 +82,6 @@ def test_opacity_falls_to_the_faintest_at_the_configured_radius(share, opacity):
     assert len(lines) == 1
 
 
-def test_nothing_becomes_of_lines_if_so_configured():
-    lines, found = faded(100.0, lines="none")
-    assert found.tolist() == [1.0]
-    assert lines.points.shape == (2, 3)
-
-
 def test_a_layer_without_sigma_has_the_configured_one():
     assert faded(math.nan, map_sigma_m=100.0)[1].tolist() == [FAINTEST]
     assert faded(0.0, map_sigma_m=100.0)[1].tolist() == [1.0]
@@ -104,12 +90,6 @@ def test_a_layer_without_sigma_has_the_configured_one():
 def test_what_nobody_can_tell_is_faintest():
     none = np.diag([1.0, 1.0, 1.0, 1.0, 1.0, -1.0])
     assert faded(0.0, pose_at(covariance=none))[1].tolist() == [FAINTEST]
-
-
-def test_no_lines():
-    one = confidence()
-    lines, found = faded_lines(one, pose_at(), seen_from(pose_at()))
-    assert len(lines) == len(found) == 0
 
 
 def test_a_long_line_fades_along_its_way():
@@ -190,13 +170,6 @@ def test_a_band_is_as_wide_as_95_percent(slope, sigma_m):
     assert set(image[v, u, 2].tolist()) == {75 + 64}
 
 
-def test_bands_that_cross_do_not_cancel():
-    lines = seen_from(pose_at(), [(200, 255), (440, 255)], [(320, 140), (320, 370)])
-    tinted, image = band(lines, 0.5)
-    assert tinted[255, 320] > 0
-    assert len(np.unique(image[:, :, 2])) == 2
-
-
 def test_a_narrow_band_is_the_line_itself():
     lines = seen_from(pose_at(), [(200, 255), (440, 255)])
     assert not band(lines, 0.02)[0].any()  # 1.6 px to each side
@@ -241,15 +214,6 @@ def test_ellipses_are_the_covariances():
         np.testing.assert_allclose((off**2).sum(axis=1), 5.991465, rtol=1e-6)
 
 
-def test_a_label_has_no_ellipse_but_the_word_that_it_is_uncertain():
-    pose = pose_at()
-    one = confidence(map_sigma_m=100.0)
-    anchors = anchors_at(pose, [(330, 256), (200, 200)])
-    found = ellipses_of(one, pose, anchors._replace(mark=np.array([False, True])))
-    assert found.uncertain.tolist() == [True, True]
-    assert set(found.outlines.owner.tolist()) == {1}
-
-
 def test_an_ellipse_about_as_large_as_the_mark_is_not_drawn():
     pose = pose_at()
     for share, count in ((0.9, 0), (1.1, 1)):
@@ -289,14 +253,6 @@ def test_what_the_first_order_does_not_tell_is_uncertain():
     assert len(found.outlines) == 0
 
 
-def test_without_ellipses_there_is_still_the_word():
-    pose = pose_at()
-    one = confidence(ellipses=False, map_sigma_m=100.0)
-    found = ellipses_of(one, pose, anchors_at(pose, [(330, 256)]))
-    assert found.uncertain.tolist() == [True]
-    assert len(found.outlines) == 0
-
-
 def test_of_many_marks_some_have_an_ellipse_everywhere():
     pose = pose_at()
     uv = np.random.default_rng(4).uniform(0, 1, (500, 2)) * [639, 511]
@@ -323,38 +279,6 @@ def test_labels_have_their_ellipses_before_other_marks():
     assert (chosen.uv[:, 30:] > 50).any(axis=0).all()  # elsewhere
     few = with_marks(labelled, seen_from(pose, [(300, 200)]), CAMERA)
     assert few.owner.tolist() == [*range(499, 529), 0]
-
-
-def geo(points_n):
-    return np.column_stack(PLANE.geodetic_from_ned(np.array(points_n, float)))
-
-
-def test_sigmas_of_a_map():
-    square = geo([(-2, -2, 0), (-2, 2, 0), (2, 2, 0), (2, -2, 0)])
-    layers = [
-        MapLayer("a", [GeoFeature("field", True, square)], sigma_m=0.5),
-        MapLayer("b", [GeoFeature("way", False, geo([(3, 0, 0), (5, 0, 0)]))]),
-    ]
-    vector_map = VectorMap.from_layers(layers, PLANE, PLANE.height_m)
-    np.testing.assert_array_equal(layer_sigmas(vector_map), [0.5, math.nan])
-
-
-def test_a_picture_of_short_lines_and_a_long_one_has_all_of_them():
-    """Short lines are of one opacity each, the long one falls: each line once, in one order."""
-    covariance = np.zeros((6, 6))
-    covariance[5, 5] = math.radians(2.0) ** 2
-    pose = pose_at(covariance=covariance)
-    one = confidence(fade_px=20.0)
-    near, far = [(319, 250), (325, 255), (330, 256)], [(5, 5), (12, 9)]
-    lines = seen_from(pose, near, [(322, 258), (620, 500)], far)
-    found, opacity = faded_lines(one, pose, lines)
-    assert opacity[found.owner == 0].tolist() == [1.0]
-    assert opacity[found.owner == 2].tolist() == [FAINTEST]
-    assert len(set(opacity[found.owner == 1].tolist())) > 1
-    assert np.bincount(found.owner)[[0, 2]].tolist() == [1, 1]
-    pieces = dict(zip(found.owner.tolist(), found.split(), strict=True))
-    np.testing.assert_array_equal(pieces[0], near)
-    np.testing.assert_array_equal(pieces[2], far)
 
 
 def test_lines_are_not_changed_by_being_sampled():

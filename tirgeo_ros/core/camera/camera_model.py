@@ -72,9 +72,13 @@ class Camera:
         reach = min(_FOLD_MARGIN * _fold_radius(k), _WIDEST_RADIUS)
         self._limit(reach)
         corner = self._corner_radius()
-        self._check_inverse(corner)
         self._limit(min(reach, _CORNER_MARGIN * corner))
-        self._check_reach()
+        reach_px = self._radii[0][-1] * min(self.fx, self.fy)
+        if reach_px < min(self.width, self.height) / 2:
+            raise CameraError(
+                f"camera: the lens model {self.distortion} folds {reach_px:.0f} px from the "
+                "principal point; calibrate the lens again"
+            )
 
     def _check(self) -> None:
         numbers = (self.width, self.height, self.fx, self.fy, self.cx, self.cy, *self.distortion)
@@ -98,29 +102,6 @@ class Camera:
                 f"{self.fy:g} must be positive; is the camera calibrated?"
             )
 
-    def _check_inverse(self, corner_radius: float) -> None:
-        """Raise CameraError if a corner has no ray although the model reaches far past the image.
-
-        Such a model bends too steeply to be inverted in that corner.
-        """
-        farthest = math.hypot(
-            max(self.cx + 0.5, self.width - 0.5 - self.cx) / self.fx,
-            max(self.cy + 0.5, self.height - 0.5 - self.cy) / self.fy,
-        )
-        if math.isinf(corner_radius) and self._radii[0][-1] > _TOO_FAR * farthest:
-            raise CameraError(
-                f"camera: the lens model {self.distortion} bends too steeply to be undone; "
-                "calibrate the lens again"
-            )
-
-    def _check_reach(self) -> None:
-        reach_px = self._radii[0][-1] * min(self.fx, self.fy)
-        if reach_px < min(self.width, self.height) / 2:
-            raise CameraError(
-                f"camera: the lens model {self.distortion} folds {reach_px:.0f} px from the "
-                "principal point; calibrate the lens again"
-            )
-
     def _limit(self, max_radius: float) -> None:
         """Set ``max_radius``, and tabulate the distorted radius and the radius up to it."""
         radius = np.linspace(0.0, max_radius, _TABLE_SIZE)
@@ -128,11 +109,23 @@ class Camera:
         object.__setattr__(self, "_radii", (radius * _radial(self._k, radius**2), radius))
 
     def _corner_radius(self) -> float:
-        """Return the radius of the farthest image corner; infinite if a corner has no ray."""
+        """Return the radius of the farthest image corner; infinite if a corner has no ray.
+
+        Raise CameraError if the model reaches far past such a corner: then it bends too steeply
+        to be inverted there.
+        """
         right, bottom = self.width - 0.5, self.height - 0.5
         corners = np.array([[-0.5, -0.5], [right, -0.5], [-0.5, bottom], [right, bottom]])
         radius = np.hypot(*self.rays(corners)[:, :2].T)
-        return float(radius.max()) if np.isfinite(radius).all() else math.inf
+        if np.isfinite(radius).all():
+            return float(radius.max())
+        farthest = np.hypot(*((corners - [self.cx, self.cy]) / [self.fx, self.fy]).T).max()
+        if self._radii[0][-1] > _TOO_FAR * farthest:
+            raise CameraError(
+                f"camera: the lens model {self.distortion} bends too steeply to be undone; "
+                "calibrate the lens again"
+            )
+        return math.inf
 
     @property
     def matrix(self) -> Array:

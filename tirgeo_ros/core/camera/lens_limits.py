@@ -18,18 +18,21 @@ def field_of_view(camera: Camera) -> tuple[float, float, float, float]:
     The image is taken with a border of 8 px. If the lens model does not reach all of the border,
     the rectangle is the square around the model's ``max_radius``.
     """
-    u = np.linspace(-0.5 - _BORDER_PX, camera.width - 0.5 + _BORDER_PX, _EDGE_SAMPLES)
-    v = np.linspace(-0.5 - _BORDER_PX, camera.height - 0.5 + _BORDER_PX, _EDGE_SAMPLES)
-    border = [
-        *([(x, y) for x in u for y in (v[0], v[-1])]),
-        *([(x, y) for y in v for x in (u[0], u[-1])]),
-    ]
-    rays = camera.rays(np.array(border))
-    x, y = rays[:, 0], rays[:, 1]
+    share = np.linspace(0, 1, _EDGE_SAMPLES)
+    low, high = np.zeros_like(share), np.ones_like(share)
+    edges = np.array([[*share, *share, *low, *high], [*low, *high, *share, *share]]).T
+    size = np.array([camera.width, camera.height]) + 2 * _BORDER_PX
+    x, y, _ = camera.rays(edges * size - 0.5 - _BORDER_PX).T
     radius = camera.max_radius
     if np.isnan(x).any():
         return -radius, radius, -radius, radius
     return float(x.min()), float(x.max()), float(y.min()), float(y.max())
+
+
+def _rings(radius: float) -> tuple[Array, Array]:
+    """Return x and y (N,) of points on rings up to a radius on the plane z = 1."""
+    ring, turn = np.meshgrid(np.linspace(0, radius, 33), np.linspace(0, 2 * np.pi, 33))
+    return (ring * np.cos(turn)).ravel(), (ring * np.sin(turn)).ravel()
 
 
 def largest_bend(camera: Camera, radius: float) -> float:
@@ -38,8 +41,7 @@ def largest_bend(camera: Camera, radius: float) -> float:
     It is the largest norm of all second derivatives (px), from differences on rings up to
     ``radius``.
     """
-    ring, turn = np.meshgrid(np.linspace(0, radius, 33), np.linspace(0, 2 * np.pi, 33))
-    x, y = (ring * np.cos(turn)).ravel(), (ring * np.sin(turn)).ravel()
+    x, y = _rings(radius)
     h = 1e-3
 
     def at(i: int, j: int) -> Array:
@@ -53,8 +55,7 @@ def largest_bend(camera: Camera, radius: float) -> float:
 
 def largest_scale(camera: Camera, radius: float) -> float:
     """Return an upper bound, up to ``radius``, of pixels per angle between two rays (px/rad)."""
-    ring, turn = np.meshgrid(np.linspace(0, radius, 33), np.linspace(0, 2 * np.pi, 33))
-    x, y = (ring * np.cos(turn)).ravel(), (ring * np.sin(turn)).ravel()
+    x, y = _rings(radius)
     h = 1e-4
     by_x = camera.pixels(x + h, y) - camera.pixels(x - h, y)
     by_y = camera.pixels(x, y + h) - camera.pixels(x, y - h)

@@ -70,13 +70,6 @@ class CameraRates(NamedTuple):
         return cls((last.position_n - first.position_n) / step_s, rotvec_from_quat(turn) / step_s)
 
 
-class ScreenCovariance(NamedTuple):
-    """Hold the covariances of points in the picture."""
-
-    covariance: Array  # (N, 2, 2) px2, column and row; nan where the camera does not see the point
-    linear: BoolArray  # (N,) whether first order is enough; False where there is no covariance
-
-
 def pixel_jacobian(camera: Camera, pose: CameraPose, points_n: Array) -> tuple[Array, Array]:
     """Return the derivatives of pixels by the pose (N, 2, 6) and by the point (N, 2, 3).
 
@@ -151,11 +144,6 @@ class FrameConfidence:
         self._axis_variance = covariance_c[5, 5]
         self._moves_of = moves_of(covariance_c)
         self._level = level_moves(rotation_cn)
-
-    def covariance(self, rays: Array, sigma_m: Array | float | None = None) -> ScreenCovariance:
-        """Return the covariances of the pixels of rays (3, N)."""
-        spread, linear = self.spread(rays, sigma_m, rays.shape[1])
-        return ScreenCovariance(matrices(spread), linear)
 
     def spread(
         self, rays: Array, sigma_m: Array | float | None = None, closely: int = 0
@@ -276,19 +264,6 @@ def radius_95(spread: Array) -> Array:
     uu, uv, vv = spread
     longest = (uu + vv) / 2 + np.hypot((uu - vv) / 2, uv)
     return np.asarray(np.sqrt(CHI2_95 * np.maximum(longest, 0.0)))
-
-
-def screen_covariance(
-    camera: Camera,
-    pose: CameraPose,
-    points_n: Array,
-    config: ConfidenceConfig,
-    rates: CameraRates | None = None,
-    sigma_m: Array | float | None = None,
-) -> ScreenCovariance:
-    """Return the pixel covariances of map points (N, 3), NED, m, from ``FrameConfidence``."""
-    frame = FrameConfidence(config, camera, pose, rates)
-    return frame.covariance(rays_to(camera, pose, points_n), sigma_m)
 
 
 def ellipse_95(covariance: Array) -> tuple[Array, Array]:

@@ -38,7 +38,13 @@ class Rectifier:
         columns, rows, blank = _sources(camera)
         self._maps = cv2.convertMaps(columns, rows, cv2.CV_16SC2)
         self._blank = np.where(blank, np.uint8(255), np.uint8(0))
-        self._border = _hatched(blank)
+        v, u = np.indices(blank.shape)
+        self._border = np.empty((*blank.shape, 3), np.uint8)
+        self._border[:] = _GROUND_BGR
+        self._border[(u + v) % _HATCH_PX < 2] = _HATCH_BGR
+        # Outside the picture counts as blank.
+        inner = cv2.erode(blank.astype(np.uint8), np.ones((3, 3), np.uint8))
+        self._border[blank & (inner == 0)] = _EDGE_BGR
 
     def rectified(self, image: Pixels) -> Pixels:
         """Return the rectified picture, a new array (h, w, 3) BGR, of a picture (h, w, 3) BGR."""
@@ -59,14 +65,3 @@ def _sources(camera: Camera) -> tuple[Places, Places, BoolArray]:
     inside = (column >= -0.5) & (column <= camera.width - 0.5)
     inside &= (row >= -0.5) & (row <= camera.height - 0.5)
     return column.astype(np.float32), row.astype(np.float32), ~inside
-
-
-def _hatched(blank: BoolArray) -> Pixels:
-    """Return a hatched picture (h, w, 3) BGR with a line along the edge of the blank area."""
-    v, u = np.indices(blank.shape)
-    border = np.empty((*blank.shape, 3), np.uint8)
-    border[:] = _GROUND_BGR
-    border[(u + v) % _HATCH_PX < 2] = _HATCH_BGR
-    inner = cv2.erode(blank.astype(np.uint8), np.ones((3, 3), np.uint8))  # outside counts as blank
-    border[blank & (inner == 0)] = _EDGE_BGR
-    return border

@@ -20,8 +20,8 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.core.types.measurements import Source
 
-_LARGE = 1e3
 _NOWHERE = (0.0, 0.0, 0.0)
+_PLACE = ("m", -1e3, 1e3)
 #: Antennas that are nearer to each other, seen from above, make no baseline: a tape's error of
 #: 1 cm turns one of 5 cm by 11 deg.
 _LEAST_APART_M = 0.05
@@ -41,33 +41,25 @@ class AircraftConfig:
         _NOWHERE,
         "position of the IMU, the origin of base_link (forward, left, up); zeros if everything "
         "is measured from the IMU",
-        unit="m",
-        low=-_LARGE,
-        high=_LARGE,
+        _PLACE,
     )
     imu_rpy_deg: tuple[float, ...] = param(
         _NOWHERE,
         "rotation of the IMU's axes relative to base_link: roll, pitch, yaw about forward, "
         "left, up; zeros for a flight controller mounted level",
-        unit="deg",
-        low=-180,
-        high=180,
+        ("deg", -180, 180),
     )
     rtk_antenna_m: tuple[float, ...] = param(
         _NOWHERE,
         "position of the first RTK antenna (forward, left, up); with D-RTK the left one",
-        unit="m",
-        low=-_LARGE,
-        high=_LARGE,
+        _PLACE,
     )
     rtk_antenna_sigma_m: tuple[float, ...] = param(
         (),
         "standard deviation of rtk_antenna_m (forward, left, up); components above 0 are "
         "estimated in flight. Empty = zeros, or 0.3 up if rtk_antenna_m is where the IMU is, "
         "that is, not measured",
-        unit="m",
-        low=0,
-        high=10,
+        ("m", 0, 10),
         sizes=(0, 3),
     )
     second_antenna_m: tuple[float, ...] = param(
@@ -75,33 +67,25 @@ class AircraftConfig:
         "position of the second RTK antenna (forward, left, up); with D-RTK the right one. "
         "Empty = one antenna. The two give the direction of the heading's baseline and must be "
         "5 cm apart seen from above",
-        unit="m",
-        low=-_LARGE,
-        high=_LARGE,
+        _PLACE,
         sizes=(0, 3),
     )
     gps_antenna_m: tuple[float, ...] = param(
         _NOWHERE,
         "position of the autopilot's ordinary GPS antenna (forward, left, up)",
-        unit="m",
-        low=-_LARGE,
-        high=_LARGE,
+        _PLACE,
     )
     gimbal_pivot_m: tuple[float, ...] = param(
         _NOWHERE,
         "position of the point about which the gimbal turns the camera (forward, left, up; a "
         "gimbal that hangs below has a negative up)",
-        unit="m",
-        low=-_LARGE,
-        high=_LARGE,
+        _PLACE,
     )
     camera_from_pivot_m: tuple[float, ...] = param(
         _NOWHERE,
         "position of the camera relative to that point, along the camera's own axes (forward, "
         "left, up)",
-        unit="m",
-        low=-_LARGE,
-        high=_LARGE,
+        _PLACE,
     )
 
     @property

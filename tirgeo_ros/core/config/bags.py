@@ -18,9 +18,7 @@ class SimulatedAircraftConfig:
         0.0,
         "height of the geoid (sea level) above the ellipsoid, subtracted from the recorded "
         "heights before they are sent",
-        unit="m",
-        low=-120,
-        high=100,
+        ("m", -120, 100),
     )
     gimbal: str = param(
         "joints",
@@ -39,10 +37,10 @@ class SimulatedAircraftConfig:
         choices=("modern", "legacy"),
     )
     clock_start_ms: int = param(
-        60_000, "reading of the aircraft's clock at the start", unit="ms", low=0, high=2**32 - 1
+        60_000, "reading of the aircraft's clock at the start", ("ms", 0, 2**32 - 1)
     )
     clock_drift_ppm: float = param(
-        0.0, "rate error of the aircraft's clock; positive = fast", unit="ppm", low=-1e4, high=1e4
+        0.0, "rate error of the aircraft's clock; positive = fast", ("ppm", -1e4, 1e4)
     )
     pushes: bool = param(
         False, "send the usual subscription packages too, as an aircraft does whose host has gone"
@@ -54,14 +52,12 @@ class BagPlayerConfig(NodeParameters):
     """Parameters of bag_player."""
 
     bag: str = param("", "MCAP file to play")
-    rate: float = param(1.0, "speed of playing, as a multiple of real time", low=0.01, high=100)
-    start_offset_s: float = param(
-        0.0, "time in the bag at which playing begins", unit="s", low=0, high=1e6
-    )
+    rate: float = param(1.0, "speed of playing, as a multiple of real time", ("", 0.01, 100))
+    start_offset_s: float = param(0.0, "time in the bag at which playing begins", ("s", 0, 1e6))
     loop: bool = param(False, "begin again at the end")
-    clock_rate_hz: float = param(100.0, "rate of /clock", unit="Hz", low=1, high=100)
+    clock_rate_hz: float = param(100.0, "rate of /clock", ("Hz", 1, 100))
     wait_timeout_s: float = param(
-        30.0, "longest wait for subscribers before the first message", unit="s", low=0, high=3600
+        30.0, "longest wait for subscribers before the first message", ("s", 0, 3600)
     )
     wait_for: str = param(
         "",

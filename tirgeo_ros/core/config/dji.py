@@ -11,6 +11,7 @@ from tirgeo_ros.core.config.schema import group, param
 
 #: Codes of the broadcast rates: 0 Hz, 1, 10, 50, 100, as it is, 200, 400.
 RATE_CODES = 8
+_DELAY = ("s", -2, 2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,9 +21,7 @@ class DjiHeadingConfig:
     sigma_deg: float = param(
         0.6,
         "standard deviation given to a heading, which comes in whole degrees",
-        unit="deg",
-        low=1e-3,
-        high=180,
+        ("deg", 1e-3, 180),
     )
 
 
@@ -33,21 +32,17 @@ class DjiRtkConfig:
     fixed_sigma_m: tuple[float, ...] = param(
         (0.01, 0.02),
         "standard deviation given to a fixed position: horizontal, vertical",
-        unit="m",
-        low=1e-4,
-        high=100,
+        ("m", 1e-4, 100),
         sizes=(2,),
     )
     velocity_sigma_m_s: float = param(
-        0.03, "standard deviation given to a velocity, per axis", unit="m/s", low=1e-4, high=100
+        0.03, "standard deviation given to a velocity, per axis", ("m/s", 1e-4, 100)
     )
     delay_s: float = param(
         0.0,
         "age of an RTK value when the aircraft sends it, taken off its stamp; negative where "
         "stamps are early",
-        unit="s",
-        low=-2,
-        high=2,
+        _DELAY,
     )
 
 
@@ -55,13 +50,9 @@ class DjiRtkConfig:
 class DjiDelayConfig:
     """The age of other values when the aircraft sends them, as ``rtk.delay_s``."""
 
-    imu_s: float = param(
-        0.0, "age of acceleration, angular rate and attitude", unit="s", low=-2, high=2
-    )
-    gps_s: float = param(
-        0.0, "age of a position or velocity of the ordinary GPS", unit="s", low=-2, high=2
-    )
-    gimbal_s: float = param(0.0, "age of the gimbal's angles", unit="s", low=-2, high=2)
+    imu_s: float = param(0.0, "age of acceleration, angular rate and attitude", _DELAY)
+    gps_s: float = param(0.0, "age of a position or velocity of the ordinary GPS", _DELAY)
+    gimbal_s: float = param(0.0, "age of the gimbal's angles", _DELAY)
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,16 +62,10 @@ class DjiClockConfig:
     window_s: float = param(
         20.0,
         "window over which the offset between the aircraft's clock and this computer's is fitted",
-        unit="s",
-        low=0.5,
-        high=3600,
+        ("s", 0.5, 3600),
     )
     max_drift_ppm: float = param(
-        100.0,
-        "largest drift between the two clocks that the fit allows",
-        unit="ppm",
-        low=0,
-        high=1e4,
+        100.0, "largest drift between the two clocks that the fit allows", ("ppm", 0, 1e4)
     )
 
 
@@ -91,15 +76,13 @@ class DjiHostConfig:
     app_id: int = param(
         0,
         "DJI application id to activate with; 0 = do not activate, which listening does not need",
-        low=0,
-        high=2**31 - 1,
+        ("", 0, 2**31 - 1),
     )
     broadcast_rates: tuple[float, ...] = param(
         (),
         "rate code for each of the 16 parts of the broadcast (0: off, 1: 1 Hz, 2: 10, 3: 50, 4: "
         "100, 5: unchanged, 6: 200, 7: 400); empty = leave all unchanged",
-        low=0,
-        high=RATE_CODES - 1,
+        ("", 0, RATE_CODES - 1),
         sizes=(0, 16),
     )
     subscribe: bool = param(
@@ -119,7 +102,7 @@ class DjiConfig(NodeParameters):
     )
     port: str = param("/dev/ttyUSB0", "serial port")
     baud: int = param(
-        921600, "speed of the serial port, as set in DJI Assistant 2", low=1200, high=4000000
+        921600, "speed of the serial port, as set in DJI Assistant 2", ("", 1200, 4000000)
     )
     key: str = param(
         "", "application key that decrypts the frames, 64 hexadecimal digits; empty = none"
@@ -134,9 +117,7 @@ class DjiConfig(NodeParameters):
         math.nan,
         "height of the geoid (sea level) above the WGS84 ellipsoid in the area of flight, added "
         "to DJI's heights; unset = 0, with a warning",
-        unit="m",
-        low=-120,
-        high=100,
+        ("m", -120, 100),
     )
     acceleration_unit: str = param(
         "auto",

@@ -14,6 +14,8 @@ from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.joint_orders import JOINT_ORDERS, USUAL_ORDER
 
+_ANGLE, _SIGMA = ("deg", -180, 180), ("deg", 0, 90)
+
 
 @dataclass(frozen=True, slots=True)
 class NorthConfig:
@@ -24,25 +26,19 @@ class NorthConfig:
         "calibrated bias: heading of the camera as reported minus its true heading, counted "
         "from the autopilot's north. To measure it, centre the gimbal on the nose and subtract "
         "the aircraft's heading from the gimbal's",
-        unit="deg",
-        low=-180,
-        high=180,
+        _ANGLE,
     )
     sigma_deg: float = param(
         3.0,
         "standard deviation of bias_deg at the start; 3 = not calibrated (uniform within 5 deg "
         "either way is 2.9), 0.5 suits a calibration of the same day",
-        unit="deg",
-        low=0,
-        high=100,
+        ("deg", 0, 100),
     )
     walk_deg: float = param(
         0.03,
         "random walk of the bias: standard deviation of its change in one second, growing with "
         "the square root of the time; 0.03 is one degree in 18 minutes",
-        unit="deg",
-        low=0,
-        high=10,
+        ("deg", 0, 10),
     )
     centred: bool = param(
         False,
@@ -54,38 +50,29 @@ class NorthConfig:
         3.0,
         "time for which the nose must have kept still, within 2 deg, before a centred gimbal is "
         "read; six of the time constants with which the gimbal follows",
-        unit="s",
-        low=0,
-        high=60,
+        ("s", 0, 60),
     )
     centred_sigma_deg: float = param(
         0.3,
         "standard deviation of the constant angle between the nose and a centred camera",
-        unit="deg",
-        low=0,
-        high=90,
+        _SIGMA,
     )
     noise_deg: float = param(
         0.2,
         "standard deviation of one reading of the bias, which is a mean over one second",
-        unit="deg",
-        low=1e-3,
-        high=90,
+        ("deg", 1e-3, 90),
     )
     gate_sigma: float = param(
         5.0,
         "innovation gate: reject readings further than this many standard deviations from the "
         "estimate",
-        low=1,
-        high=1e6,
+        ("", 1, 1e6),
     )
     reset_after_s: float = param(
         5.0,
         "reset the bias to the readings that have been rejected for at least this long while "
         "agreeing with each other",
-        unit="s",
-        low=0.1,
-        high=3600,
+        ("s", 0.1, 3600),
     )
 
 
@@ -109,51 +96,37 @@ class GimbalConfig(NodeParameters):
         (0.0, 0.0, 0.0),
         "mounting error of the camera: roll, pitch, yaw about its own axes forward, left, up; "
         "found by tirgeo calibrate boresight",
-        unit="deg",
-        low=-180,
-        high=180,
+        _ANGLE,
     )
     yaw_zero_deg: float = param(
         0.0,
         "error of the yaw encoder's zero: yaw joint angle in gimbal/joint_states minus the true "
         "one. Joint angles computed from the reported attitude have north.bias_deg instead",
-        unit="deg",
-        low=-180,
-        high=180,
+        _ANGLE,
     )
-    encoder_sigma_deg: float = param(
-        0.05, "standard deviation of a joint angle", unit="deg", low=0, high=90
-    )
+    encoder_sigma_deg: float = param(0.05, "standard deviation of a joint angle", _SIGMA)
     reported_sigma_deg: tuple[float, ...] = param(
         (0.2704, 0.4839),
         "standard deviation of the reported camera roll and pitch (Table 8 of Ren et al. 2022)",
-        unit="deg",
-        low=0,
-        high=90,
+        _SIGMA,
     )
     autopilot_tilt_sigma_deg: float = param(
         0.5,
         "standard deviation of the autopilot's own roll and pitch, which joint angles computed "
         "from its attitude inherit",
-        unit="deg",
-        low=0,
-        high=90,
+        _SIGMA,
     )
     max_wait_s: float = param(
         0.5,
         "longest wait of a gimbal sample for the body pose that follows it; must exceed 1 / "
         "publish_rate_hz of ekf_node",
-        unit="s",
-        low=0,
-        high=10,
+        ("s", 0, 10),
     )
     max_gap_s: float = param(
         0.25,
         "longest gap between two body poses that is interpolated; must exceed 1 / "
         "publish_rate_hz of ekf_node",
-        unit="s",
-        low=1e-3,
-        high=2,
+        ("s", 1e-3, 2),
     )
     north: NorthConfig = group(NorthConfig)
     aircraft: AircraftConfig = group(AircraftConfig)

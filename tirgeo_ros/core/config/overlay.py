@@ -18,23 +18,16 @@ class PictureConfig:
     stretch_percent: tuple[float, ...] = param(
         (1.0, 99.0),
         "percentiles of a 16-bit picture that are shown as black and white",
-        unit="%",
-        low=0,
-        high=100,
+        ("%", 0, 100),
         sizes=(2,),
     )
     stretch_time_s: float = param(
         1.0,
         "time in which that stretch follows 95 % of a change of the scene, against flicker",
-        unit="s",
-        low=0,
-        high=60,
+        ("s", 0, 60),
     )
     local_contrast: float = param(
-        0.0,
-        "limit of the gain of the local contrast; 0 = off, 2 is plain, 8 strong",
-        low=0,
-        high=40,
+        0.0, "limit of the gain of the local contrast; 0 = off, 2 is plain, 8 strong", ("", 0, 40)
     )
 
 
@@ -50,29 +43,17 @@ class ConfidenceConfig:
         choices=("fade", "band", "none"),
     )
     fade_px: float = param(
-        60.0,
-        "95 % radius at which a line has faded to its faintest",
-        unit="px",
-        low=1,
-        high=1e4,
+        60.0, "95 % radius at which a line has faded to its faintest", ("px", 1, 1e4)
     )
-    latency_sigma_s: float = param(
-        0.005, "standard deviation of video_latency_s", unit="s", low=0, high=1
-    )
-    lens_sigma_px: float = param(
-        0.5, "standard deviation of the lens model", unit="px", low=0, high=100
-    )
+    latency_sigma_s: float = param(0.005, "standard deviation of video_latency_s", ("s", 0, 1))
+    lens_sigma_px: float = param(0.5, "standard deviation of the lens model", ("px", 0, 100))
     map_sigma_m: float = param(
         0.1,
         "standard deviation of the map's horizontal positions, where the layer's style does not "
         "say",
-        unit="m",
-        low=0,
-        high=1e3,
+        ("m", 0, 1e3),
     )
-    ground_sigma_m: float = param(
-        0.1, "standard deviation of the ground's height", unit="m", low=0, high=1e3
-    )
+    ground_sigma_m: float = param(0.1, "standard deviation of the ground's height", ("m", 0, 1e3))
     scale_bar: bool = param(True, "draw a bar of known length on the ground")
     heading_rose: bool = param(True, "draw where north is, and the camera's heading")
 
@@ -97,16 +78,12 @@ class OverlayConfig(NodeParameters):
     reload_s: float = param(
         2.0,
         "interval at which map and style are checked for changes and read again; 0 = never",
-        unit="s",
-        low=0,
-        high=3600,
+        ("s", 0, 3600),
     )
     ground_height_m: float = param(
         math.nan,
         "ellipsoidal height of level ground; unset = the DEM, else the heights in the map",
-        unit="m",
-        low=-500,
-        high=9000,
+        ("m", -500, 9000),
     )
     dem: str = param(
         "",
@@ -117,9 +94,7 @@ class OverlayConfig(NodeParameters):
         0.0,
         "height of the DEM's zero above the ellipsoid: 0 for ellipsoidal heights, the geoid's "
         "height for heights above sea level",
-        unit="m",
-        low=-120,
-        high=100,
+        ("m", -120, 100),
     )
     camera: str = param(
         "",
@@ -130,27 +105,19 @@ class OverlayConfig(NodeParameters):
         0.05,
         "delay of the video: an image's stamp minus its time of exposure; found by tirgeo "
         "calibrate boresight",
-        unit="s",
-        low=-1,
-        high=5,
+        ("s", -1, 5),
     )
     max_pose_wait_s: float = param(
-        0.1,
-        "longest wait of a frame for the camera pose at its exposure",
-        unit="s",
-        low=0,
-        high=5,
+        0.1, "longest wait of a frame for the camera pose at its exposure", ("s", 0, 5)
     )
     max_prediction_s: float = param(
         0.1,
         "longest prediction of a pose for a frame that has waited in vain, which is then drawn "
         "and marked; 0 = never",
-        unit="s",
-        low=0,
-        high=1,
+        ("s", 0, 1),
     )
     palette: str = param("white_hot", "colours for pictures without colour", choices=PALETTES)
     rectify: bool = param(False, "show the picture without the lens's distortion")
-    jpeg_quality: int = param(80, "quality of tirgeo/overlay/image/compressed", low=1, high=100)
+    jpeg_quality: int = param(80, "quality of tirgeo/overlay/image/compressed", ("", 1, 100))
     picture: PictureConfig = group(PictureConfig)
     confidence: ConfidenceConfig = group(ConfidenceConfig)

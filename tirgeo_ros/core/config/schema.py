@@ -36,11 +36,8 @@ class Parameter:
 
     def checked(self, value: object) -> Value:
         """The value in this parameter's type; raises ConfigError naming the parameter."""
-        if isinstance(self.default, tuple):
-            return self._checked_list(value)
-        return self._checked_scalar(value, type(self.default))
-
-    def _checked_list(self, value: object) -> tuple[float, ...]:
+        if not isinstance(self.default, tuple):
+            return self._checked_scalar(value, type(self.default))
         if isinstance(value, str | bytes) or not hasattr(value, "__iter__"):
             raise ConfigError(f"parameter {self.name}: {value!r} is not a list of numbers")
         numbers = tuple(float(self._checked_scalar(item, float)) for item in value)
@@ -56,18 +53,13 @@ class Parameter:
             raise ConfigError(
                 f"parameter {self.name}: {value!r} is not of type {_KIND_NAMES[kind]}"
             )
-        if isinstance(value, str):
-            return self._checked_choice(value)
-        if kind is not bool:
-            self._check_range(float(value))
-        return kind(value)  # type: ignore[no-any-return]
-
-    def _checked_choice(self, value: str) -> str:
         if self.choices and value not in self.choices:
             raise ConfigError(
                 f"parameter {self.name}: {value!r} is not one of {', '.join(self.choices)}"
             )
-        return value
+        if kind in (int, float):
+            self._check_range(float(value))
+        return kind(value)  # type: ignore[no-any-return]
 
     def _check_range(self, value: float) -> None:
         if math.isinf(value):
@@ -86,6 +78,7 @@ _KIND_NAMES = {bool: "bool", int: "int", float: "double", str: "string"}
 def param(
     default: Value,
     description: str,
+    within: tuple[str, float, float] | None = None,
     *,
     unit: str = "",
     low: float = -math.inf,
@@ -93,7 +86,12 @@ def param(
     choices: tuple[str, ...] = (),
     sizes: tuple[int, ...] = (),
 ) -> Any:
-    """A dataclass field that is a parameter. ``sizes`` are the lengths a list may have."""
+    """A dataclass field that is a parameter.
+
+    ``within`` is its unit, least and largest value in one; ``sizes`` are the lengths a list may
+    have.
+    """
+    unit, low, high = within or (unit, low, high)
     if isinstance(default, tuple) and not sizes:
         sizes = (len(default),)
     made = Parameter("", default, description, unit, low, high, choices, sizes)
@@ -150,12 +148,9 @@ def config_from(kind: type[T], values: Mapping[str, object], where: str = "") ->
 def _unknown(name: str, known: Mapping[str, Parameter], renamed: Mapping[str, str]) -> str:
     if name in renamed:
         return f"parameter {name} {renamed[name]}"
-    return f"unknown parameter {name}{_suggestion(name, known)}"
-
-
-def _suggestion(name: str, known: Mapping[str, Parameter]) -> str:
     near = difflib.get_close_matches(name, known, n=1)
-    return f" (did you mean {near[0]}?)" if near else f" (known: {', '.join(known)})"
+    hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(known)}"
+    return f"unknown parameter {name} ({hint})"
 
 
 def _build(kind: type[T], values: Mapping[str, Value], prefix: str) -> T:

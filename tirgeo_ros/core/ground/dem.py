@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from tirgeo_ros.core.frames.wgs84 import earth_at
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import ElevationError
 
@@ -21,6 +22,7 @@ GridOf = Callable[[Array, Array], tuple[Array, Array]]
 
 #: Above any mountain and below any trench: a value beyond is an undeclared no-data mark.
 _HIGHEST_M, _LOWEST_M = 9500.0, -12000.0
+_PROBE_M = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,10 +69,7 @@ class Terrain:
         """Return heights (m) at columns and rows of any shape; nan as in ``height_m``."""
         with np.errstate(invalid="ignore"):
             i, j, inside = self.cells(column, row)
-            x, y = column - i, row - j
-        nw, ne, sw, se = self.corners(i, j)
-        height = nw + (ne - nw) * x + (sw - nw) * y + (nw - ne - sw + se) * (x * y)
-        return np.where(inside, height, np.nan)
+        return np.where(inside, self.surface(i, j, column - i, row - j), np.nan)
 
     def cells(
         self, column: Array, row: Array
@@ -85,15 +84,19 @@ class Terrain:
         j = np.fmin(np.fmax(row, 0.0), rows - 2).astype(np.intp)
         return i, j, inside
 
-    def corners(
-        self, i: npt.NDArray[np.intp], j: npt.NDArray[np.intp]
-    ) -> tuple[Array, Array, Array, Array]:
-        """Return heights at (i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1); i columns, j rows."""
+    def surface(
+        self, i: npt.NDArray[np.intp], j: npt.NDArray[np.intp], x: Array, y: Array
+    ) -> Array:
+        """Return the bilinear heights (m) in the cells of columns i and rows j.
+
+        ``x`` and ``y`` are the places' columns and rows from the cell's first node.
+        """
         flat = self.heights_m.reshape(-1)
         columns = self.heights_m.shape[1]
         nodes = np.add.outer([0, 1, columns, columns + 1], j * columns + i)
         nw, ne, sw, se = flat[nodes].astype(float)
-        return nw, ne, sw, se
+        height: Array = nw + (ne - nw) * x + (sw - nw) * y + (nw - ne - sw + se) * (x * y)
+        return height
 
 
 def _range(heights: npt.NDArray[np.floating]) -> tuple[float, float]:
@@ -120,3 +123,46 @@ def graticule(
         return turned / step_lon, rows - 1 - (np.degrees(latitude_rad) - south) / step_lat
 
     return grid_of
+
+
+class Slopes:
+    """Measure the terrain's slope around one place, given by latitude and longitude (rad).
+
+    ``axes_n`` (3, 3) has north, east and down at that place as columns. ``cell_m`` is about the
+    longer side of a cell there.
+    """
+
+    def __init__(
+        self, terrain: Terrain, latitude_rad: float, longitude_rad: float, axes_n: Array
+    ) -> None:
+        self._terrain, self._axes_n = terrain, axes_n
+        _, cosine, meridian_m, transverse_m, _ = earth_at(latitude_rad, 0.0)
+        north_rad = _PROBE_M / meridian_m
+        east_rad = _PROBE_M / max(transverse_m * cosine, _PROBE_M)
+        latitudes = np.array([latitude_rad, latitude_rad + north_rad, latitude_rad])
+        longitudes = np.array([longitude_rad, longitude_rad, longitude_rad + east_rad])
+        columns, rows = (x.tolist() for x in terrain.grid_of(latitudes, longitudes))
+        by_m = [[x[k] - x[0] for k in (1, 2)] for x in (columns, rows)]
+        self._place = np.array([columns[0], rows[0]])
+        self._by_m = np.array(by_m) / _PROBE_M  # (2, 2) columns and rows per metre north and east
+        least = min(math.hypot(by_m[0][k], by_m[1][k]) for k in (0, 1)) / _PROBE_M
+        self.cell_m = 1.0 / max(least, 1e-9)
+
+    def normal_n(self, step_m: float) -> Array:
+        """Return the surface's normal (3,), with 1 along up, from differences over a step (m).
+
+        The differences are to both sides. Where one side has no height (edge or gap), the other
+        side is used alone. Where neither has one, the surface counts as level in that direction.
+        """
+        steps = step_m * np.array([0.0, -1.0, 1.0])
+        column, row = self._place[:, None, None] + self._by_m[:, :, None] * steps
+        heights = self._terrain.at(column, row).tolist()
+        slopes = [_rise(before, here, after) / step_m for here, before, after in heights]
+        normal: Array = -self._axes_n[:, 2] - self._axes_n[:, :2] @ slopes
+        return normal
+
+
+def _rise(before: float, here: float, after: float) -> float:
+    """Return the mean of the known rises before and after a place; 0 if none is known."""
+    rises = [x for x in (here - before, after - here) if math.isfinite(x)]
+    return sum(rises) / max(len(rises), 1)

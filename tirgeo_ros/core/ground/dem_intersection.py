@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
-import numpy.typing as npt
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.dem import Terrain
@@ -94,39 +93,24 @@ def _piece(
     It reaches about to the model's lowest height, but not beyond ``_PIECE_M`` and about
     ``_PIECE_CELLS`` cells.
     """
-    length_m = _guessed_m(terrain, plane, position_n, ray_n)
+    # A first guess of the length: 1 % and 1 m more than to the lowest height on a flat earth.
+    drop = plane.height_m - float(position_n[2]) - terrain.lowest_m
+    down = float(ray_n[2])
+    length_m = min(_PIECE_M, 1.01 * max(drop, 0.0) / down + 1.0) if down > _LEVEL else _PIECE_M
     while True:
         ways = start_m + length_m * _KNOTS
         places = plane.geodetic_from_ned(position_n + ways[:, None] * ray_n)
         column, row = terrain.grid_of(places[0], places[1])
         piece = _Piece(start_m, length_m, *(_PARABOLA @ x for x in (column, row, places[2])))
-        to_lowest_m = _to_lowest_m(terrain, piece)
+        # To where the piece's tangent reaches the lowest height, plus 1 m.
+        drop, down = float(piece.height[0]) - terrain.lowest_m, -float(piece.height[1]) / length_m
+        to_lowest_m = max(drop, 0.0) / down + 1.0 if down > _LEVEL else math.inf
         cells = abs(column[2] - column[0]) + abs(row[2] - row[0])
         fits = length_m <= 1.5 * to_lowest_m and not cells > _PIECE_CELLS
         if fits or length_m <= _LEAST_PIECE_M:
             return piece
         shorter = min(to_lowest_m, 0.9 * length_m * _PIECE_CELLS / max(cells, _PIECE_CELLS))
         length_m = max(shorter, _LEAST_PIECE_M)
-
-
-def _guessed_m(terrain: Terrain, plane: TangentPlane, position_n: Array, ray_n: Array) -> float:
-    """Return a first guess of a piece's length (m): to the lowest height on a flat earth.
-
-    It is 1 % and 1 m more, and at most ``_PIECE_M``.
-    """
-    drop = plane.height_m - float(position_n[2]) - terrain.lowest_m
-    down = float(ray_n[2])
-    return min(_PIECE_M, 1.01 * max(drop, 0.0) / down + 1.0) if down > _LEVEL else _PIECE_M
-
-
-def _to_lowest_m(terrain: Terrain, piece: _Piece) -> float:
-    """Return the length (m) at which the piece's tangent reaches the lowest height, plus 1 m.
-
-    Infinite if the ray is level or climbs.
-    """
-    drop = float(piece.height[0]) - terrain.lowest_m
-    down = -float(piece.height[1]) / piece.length_m
-    return max(drop, 0.0) / down + 1.0 if down > _LEVEL else math.inf
 
 
 def _within(terrain: Terrain, piece: _Piece) -> float | Stop | None:
@@ -136,7 +120,7 @@ def _within(terrain: Terrain, piece: _Piece) -> float | Stop | None:
     middle = 0.5 * (begin + end)
     columns, rows, heights = piece.at(np.stack([begin, middle, end]))
     i, j, inside = terrain.cells(columns[1], rows[1])
-    above = heights - _surface(terrain, i, j, columns, rows)
+    above = heights - terrain.surface(i, j, columns - i, rows - j)
     blind = ~inside | np.isnan(above[1])
     if piece.start_m == 0.0 and not blind[0] and not above[0, 0] > 0:
         return Stop.UNDER
@@ -147,29 +131,12 @@ def _within(terrain: Terrain, piece: _Piece) -> float | Stop | None:
     first = stops[0]
     if not blind[first]:
         return float(begin[first] + share[first] * (end[first] - begin[first]))
-    return _why_blind(terrain, piece, float(begin[first]), on_grid=bool(inside[first]))
-
-
-def _why_blind(terrain: Terrain, piece: _Piece, s: float, *, on_grid: bool) -> Stop:
+    s = float(begin[first])
     if piece.is_over(s, terrain.highest_m):
         return Stop.OVER
-    if on_grid:
+    if inside[first]:
         return Stop.GAP
     return Stop.STARTS_BESIDE if piece.start_m == s == 0.0 else Stop.BESIDE
-
-
-def _surface(
-    terrain: Terrain,
-    i: npt.NDArray[np.intp],
-    j: npt.NDArray[np.intp],
-    columns: Array,
-    rows: Array,
-) -> Array:
-    """Return the surface heights of cells (K,) at three places of each, (3, K)."""
-    nw, ne, sw, se = terrain.corners(i, j)
-    x, y = columns - i, rows - j
-    surface: Array = nw + (ne - nw) * x + (sw - nw) * y + (nw - ne - sw + se) * (x * y)
-    return surface
 
 
 def _crossings(parabola: Array) -> Array:

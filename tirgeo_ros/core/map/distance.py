@@ -20,16 +20,7 @@ _RUN = 64  # points in a box
 _CANDIDATES = 16  # boxes to search: the nearest box may not have the nearest feature
 _HINT_M = 50_000.0  # a guessed mistake is likely if undoing it brings the map this near
 _ZONE_DEG = 6.0  # width of a UTM zone
-_WORDS = (
-    "north",
-    "north-east",
-    "east",
-    "south-east",
-    "south",
-    "south-west",
-    "west",
-    "north-west",
-)
+_WORDS = ["north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west"]
 
 
 class Nearest(NamedTuple):
@@ -53,7 +44,14 @@ class NearestFeature:
 
     def nearest(self, position_n: Array) -> Nearest | None:
         """Return the point nearest to a position (3,), NED, m; None if the map has no place."""
-        points = [*self._of_lines(position_n), *self._of_marks(position_n)] or self._first
+        details, points = self._details, []
+        for piece in _nearest_of(details.boxes, position_n):
+            first = details.first[0, piece]
+            vertices = details.points[:, first : first + details.count[0, piece]]
+            points.append(_on_segments(vertices, position_n))
+        runs = _nearest_of(self._mark_boxes, position_n)
+        points += [self._marks[:, _RUN * run : _RUN * (run + 1)] for run in runs]
+        points = points or self._first
         if not points:
             return None
         found = np.concatenate(points, axis=1)
@@ -61,19 +59,6 @@ class NearestFeature:
         point = found[:, np.argmin((away[:2] ** 2).sum(axis=0))]
         north, east, _ = (point - position_n).tolist()
         return Nearest(_over_ground(point - position_n), math.atan2(east, north), point)
-
-    def _of_lines(self, position_n: Array) -> list[Array]:
-        details = self._details
-        points = []
-        for piece in _nearest_of(details.boxes, position_n):
-            first = details.first[0, piece]
-            vertices = details.points[:, first : first + details.count[0, piece]]
-            points.append(_on_segments(vertices, position_n))
-        return points
-
-    def _of_marks(self, position_n: Array) -> list[Array]:
-        runs = _nearest_of(self._mark_boxes, position_n)
-        return [self._marks[:, _RUN * run : _RUN * (run + 1)] for run in runs]
 
 
 def _nearest_of(boxes: Boxes, position_n: Array) -> list[int]:
@@ -138,15 +123,11 @@ def likely_mistake(plane: TangentPlane, place_n: Array) -> str:
     zones = round(math.degrees(origin[1] - longitude) / _ZONE_DEG)
     moved = latitude, longitude + math.radians(zones * _ZONE_DEG)
     if zones and _apart_m(origin, moved) < _HINT_M:
-        zone = _zone(longitude)
+        zone = int(math.floor(math.degrees(longitude) / _ZONE_DEG) + 30) % 60 + 1
         return f"is it UTM zone {(zone + zones - 1) % 60 + 1} instead of {zone}?"
     if _apart_m((0.0, 0.0), (latitude, longitude)) < _HINT_M:
         return "are its coordinates metres of a local system?"
     return ""
-
-
-def _zone(longitude_rad: float) -> int:
-    return int(math.floor(math.degrees(longitude_rad) / _ZONE_DEG) + 30) % 60 + 1
 
 
 def _apart_m(one: tuple[float, float], other: tuple[float, float]) -> float:

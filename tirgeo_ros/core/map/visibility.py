@@ -17,10 +17,15 @@ import numpy as np
 from tirgeo_ros.core.camera.camera_model import NEAR_M, Camera
 from tirgeo_ros.core.camera.lens_limits import field_of_view, largest_bend, largest_scale
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
-from tirgeo_ros.core.map.area_clipping import closed, cut_rings_to_disc, cut_rings_to_planes, disc
-from tirgeo_ros.core.map.level_of_detail import Boxes, Details, levels_at
-from tirgeo_ros.core.map.line_clipping import clip_to_disc, clip_to_planes
-from tirgeo_ros.core.map.line_thinning import ends, merged
+from tirgeo_ros.core.map.clipping import (
+    clip_to_disc,
+    clip_to_planes,
+    closed,
+    cut_rings_to_disc,
+    cut_rings_to_planes,
+    disc,
+)
+from tirgeo_ros.core.map.level_of_detail import Boxes, Details, ends, levels_at, merged
 from tirgeo_ros.core.map.polylines import Polylines, joined, runs
 from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray, Pixels
@@ -40,8 +45,7 @@ _FEW_VERTICES = 4096
 #: used, else the last. Where half a pixel leaves more, the lines cover the whole picture anyway.
 _DETAILS_PX = (0.5, 1.0, 2.0)
 _MANY_VERTICES = 40_000
-#: Erosion by two pixels: OpenCV draws the edge of a filled area one pixel wide, and may round it
-#: to either side.
+#: Erosion by two pixels: OpenCV draws an area's edge one pixel wide and may round it either way.
 _RIM = np.ones((5, 5), np.uint8)
 
 
@@ -53,16 +57,6 @@ class VisibleLines(Polylines):
     """
 
     rays: Array
-
-    def points_c(self) -> Array:
-        """Return the points' positions (3, V) in the optical frame, m."""
-        x, y, inverse_depth = self.rays
-        return np.asarray(np.stack([x, y, np.ones_like(x)]) / inverse_depth)
-
-    def points_n(self, pose: CameraPose) -> Array:
-        """Return the positions (3, V) of the points in the map's plane, NED, m."""
-        turned = matrix_from_quat(pose.q_nc) @ self.points_c()
-        return np.asarray(turned + pose.position_n[:, None])
 
 
 _NOTHING = VisibleLines(
@@ -86,18 +80,12 @@ class View:
         # A chord of length L leaves its curve by at most L^2 / 8 times the second derivative.
         self._pieces_per_length = math.sqrt(largest_bend(camera, radius) / (8 * CHORD_PX))
         self._px_per_rad = largest_scale(camera, radius)
-        self._reached = self._lens_mask() if self._reaches_past_lens else None
-
-    @property
-    def reached(self) -> Pixels | None:
-        """Return a mask (h, w), 255 where areas may be filled; None for the whole image.
-
-        Where the lens model ends within the image, rings are clipped to its rim and may run back
-        and forth along it. The rim is masked out, because OpenCV draws the edges of filled areas.
-        """
-        return self._reached
+        #: Mask (h, w), 255 where areas may be filled; None for the whole image.
+        self.reached = self._lens_mask() if self._reaches_past_lens else None
 
     def _lens_mask(self) -> Pixels:
+        """Return the mask of a lens model that ends within the image, without its rim."""
+        # Rings may run back and forth along the rim, and OpenCV draws the edges of areas.
         rim = self._bent(closed(disc(self.camera.max_radius)))
         uv = self.camera.pixels(*rim.points).T
         mask = np.zeros((self.camera.height, self.camera.width), np.uint8)
@@ -108,7 +96,7 @@ class View:
     def farthest_m(self, height_m: float) -> float:
         """Return up to what distance (m) ground is drawn, from the camera's height (m) above it.
 
-        An unknown height is nan; then, as for a height that is not positive, it is ``FAR_M``.
+        It is ``FAR_M`` where the height is unknown, nan, or not positive.
         """
         rows_m = height_m * self.camera.fy / HORIZON_ROWS
         return min(rows_m, FAR_M) if rows_m > 0 else FAR_M
@@ -139,7 +127,11 @@ class View:
         if self._reaches_past_lens:
             flat = clip_to_disc(flat, self.camera.max_radius)
         if row.any():
-            flat = joined(flat, self._spans(vector_map, piece[row], level[row], eye))
+            # Pieces that each lie in one row become merged spans.
+            in_row = _flat(eye.sees(details.lines(piece[row], level[row])))
+            spans = ends(in_row, in_row.points[0])
+            uv = self.camera.pixels(*spans.points[:2])
+            flat = joined(flat, merged(spans, uv, _sheet(vector_map, spans.owner)))
         return self._seen(flat)
 
     def _in_a_row(self, boxes: Boxes, whole: BoolArray, eye: _Eye, row_px: float) -> BoolArray:
@@ -157,15 +149,6 @@ class View:
         turned = np.abs(down[:, None] - (y / depth) * ahead[:, None])
         half = np.einsum("ij,ij->j", turned, boxes.halves)
         return np.asarray(whole & (half * (2 * self._px_per_rad) < row_px * depth))
-
-    def _spans(
-        self, vector_map: VectorMap, piece: IntArray, level: IntArray, eye: _Eye
-    ) -> Polylines:
-        """Return pieces that each lie in one row as merged spans on the plane z = 1."""
-        lines = _flat(eye.sees(vector_map.details.lines(piece, level)))
-        spans = ends(lines, lines.points[0])
-        uv = self.camera.pixels(*spans.points[:2])
-        return merged(spans, uv, _sheet(vector_map, spans.owner))
 
     def areas(self, vector_map: VectorMap, pose: CameraPose) -> VisibleLines:
         """Return the filled areas of layers with a fill, as closed rings (2, V) in pixels.
@@ -186,8 +169,7 @@ class View:
         piece = rings.pieces[number]
         boxes = details.boxes.take(piece)
         level, _ = self._levels(details, piece, boxes.distance(eye.position_n))
-        # The path of a piece wholly out of view does not change the visible fill: use the
-        # coarsest level.
+        # Pieces wholly out of view do not change the visible fill: use the coarsest level.
         out = np.ones(len(piece), bool)
         out[boxes.within(eye.normals, eye.offsets)] = False
         level[out] = len(details.count) - 1
@@ -258,10 +240,7 @@ class View:
     def marks(self, vector_map: VectorMap, pose: CameraPose, far_m: float = FAR_M) -> VisibleLines:
         """Return the map's points in the image, up to ``far_m`` ahead: lines of one point, px."""
         marks = vector_map.marks
-        if not len(marks):
-            return _NOTHING
-        offset_n = marks.points.T - pose.position_n
-        points_c = offset_n @ matrix_from_quat(pose.q_nc)
+        points_c = (marks.points.T - pose.position_n) @ matrix_from_quat(pose.q_nc)
         uv, valid = self.camera.project(points_c)
         valid[valid] = self.inside(uv[valid].T) & (points_c[valid, 2] <= far_m)
         owner = marks.owner[valid]
@@ -277,15 +256,11 @@ class View:
 
     def _bent(self, flat: Polylines) -> Polylines:
         """Return lines on the plane z = 1 subdivided so that drawn chords follow the lens."""
-        x, y = flat.points[:2]
-        dx, dy = x[1:] - x[:-1], y[1:] - y[:-1]
-        squared = dx * dx
-        squared += dy * dy
+        dx, dy = flat.points[:2, 1:] - flat.points[:2, :-1]
+        squared = dx * dx + dy * dy
         squared[flat.starts[1:-1] - 1] = 0.0  # not a segment: the gap between two lines
         squared *= self._pieces_per_length**2
         long = np.flatnonzero(squared > 1)
-        if not len(long):
-            return flat
         pieces = np.ones(len(squared), np.int64)
         pieces[long] = np.ceil(np.sqrt(squared[long]))
         return flat.subdivided(pieces)
@@ -309,10 +284,9 @@ class _Eye:
 
 
 def _sheet(vector_map: VectorMap, owner: IntArray) -> IntArray:
-    """Return a number for each line; lines with equal numbers are drawn alike.
+    """Return a number for each line; one of two with equal numbers may replace the other.
 
-    They are of one layer, and all or none of their features have a label. One such line may
-    replace another.
+    They are of one layer, and all or none of their features have a label.
     """
     return 2 * vector_map.layer[owner] + vector_map.labelled[owner]
 

@@ -1,16 +1,5 @@
 """Locate clicks on the picture with the camera, pose and image that the person saw.
 
-    clicks = Clicks(config.confidence)                      # of an OverlayConfig
-    encoder = Messages(message_class)                       # from io.messages
-    clicks.set_plane(plane)
-    clicks.set_ground(terrain)                              # or an ellipsoidal height
-    clicks.show(stamp_ns, camera, pose, rates)              # for each published picture
-    answer = clicks.locate((u, v), stamp_ns)                # stamp 0: the newest picture
-    if isinstance(answer, Located):
-        fix.publish(encoder.located_fix(answer))
-        point.publish(encoder.located_point(answer))
-    for mark in clicks.markers(): ...                       # mark.point_n, mark.label
-
 ``camera`` is the camera of the picture as shown: the rectified camera if the picture is rectified.
 ``pose`` is None if the picture was shown without a trusted pose.
 """
@@ -20,22 +9,36 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections import Counter, deque
+from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from tirgeo_ros.core.camera.camera_model import Camera
-from tirgeo_ros.core.camera.projection_covariance import CameraRates
+from tirgeo_ros.core.camera.projection_covariance import CameraRates, ellipse_95, pixel_jacobian
 from tirgeo_ros.core.config.overlay import ConfidenceConfig
+from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedBuffer
 from tirgeo_ros.core.ground.backprojection import Ground, Reason
 from tirgeo_ros.core.ground.ground_point import Located, Refusal, place
-from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.map.layers import LayerStyle
+from tirgeo_ros.core.map.polylines import Polylines
+from tirgeo_ros.core.overlay.label_placement import FreeSpace, wish_beside
+from tirgeo_ros.core.overlay.line_renderer import LineRenderer, mark_radius_px, marks_as_lines
+from tirgeo_ros.core.overlay.text_rendering import Box, Colour, TextBitmap, stamp, text_px
+from tirgeo_ros.core.overlay.uncertainty_rendering import ELLIPSE_BGR, MARK_TIMES, ellipse_dashes
+from tirgeo_ros.core.types.arrays import Array, Pixels
 from tirgeo_ros.core.types.poses import CameraPose
 
 #: Time for which pictures are kept: a person looks, thinks and clicks on a paused picture.
 REMEMBERED_S = 60.0
 #: Time for which a marker is shown after its picture, and the largest number of markers.
 MARKER_S, MARKERS = 300.0, 20
+
+_MARKER_BGR: Colour = (255, 80, 255)
+_STYLE = LayerStyle(line_bgr=_MARKER_BGR, width_px=2)
+_LARGEST_PX = 2000.0  # semi-axis of an ellipse larger than any picture
 
 
 class Marker(NamedTuple):
@@ -73,8 +76,11 @@ class Clicks:
         if plane == self._plane:
             return
         self._shown.clear()
-        moved = [dataclasses.replace(one, point_n=_point_n(plane, one)) for one in self._located]
-        self._plane, self._located = plane, deque(moved, maxlen=MARKERS)
+        self._plane = plane
+        for number, one in enumerate(self._located):
+            place_rad = one.latitude_rad, one.longitude_rad
+            point_n = plane.ned_from_geodetic(*place_rad, one.height_m)
+            self._located[number] = dataclasses.replace(one, point_n=point_n)
 
     def set_ground(self, ground: Ground | None) -> None:
         """Set an ellipsoidal height (m) or an elevation model; None or nan if it is not known."""
@@ -120,9 +126,7 @@ class Clicks:
             return Refusal(stamp_ns, uv, Reason.TOO_OLD)
         if isinstance(found, Miss) or found[2]:  # found[2] > 0: between two pictures
             return Refusal(stamp_ns, uv, Reason.UNKNOWN_PICTURE)
-        return self._on(stamp_ns, uv, found[0])
-
-    def _on(self, stamp_ns: int, uv: tuple[float, float], shown: ShownFrame) -> Located | Refusal:
+        shown = found[0]
         if shown.pose is None or self._plane is None:
             return Refusal(stamp_ns, uv, Reason.NO_POSE)
         if self._ground is None:
@@ -133,5 +137,56 @@ class Clicks:
         return dataclasses.replace(answer, stamp_ns=stamp_ns)
 
 
-def _point_n(plane: TangentPlane, one: Located) -> Array:
-    return plane.ned_from_geodetic(one.latitude_rad, one.longitude_rad, one.height_m)
+class PlacedMarkers:
+    """Hold the markers that are in a picture (h, w, 3), with the boxes of their labels, ``boxes``.
+
+    Each marker has the 95 % confidence ellipse of the located ground point, drawn where it is
+    clearly larger than the mark. Labels do not overlap the boxes in ``taken`` or each other. The
+    newest marker's label is placed first; a label without room is left out.
+    """
+
+    def __init__(
+        self,
+        image: Pixels,
+        camera: Camera,
+        pose: CameraPose,
+        markers: Sequence[Marker],
+        taken: Sequence[Box] = (),
+    ) -> None:
+        points_n = np.array([marker.point_n for marker in markers]).reshape(-1, 3)
+        points_c = (points_n - pose.position_n) @ matrix_from_quat(pose.q_nc)
+        uv, seen = camera.project(points_c)
+        with np.errstate(invalid="ignore"):
+            inside = (uv >= -0.5) & (uv < [camera.width - 0.5, camera.height - 0.5])
+        seen &= inside.all(axis=1)
+        self._uv = uv[seen]
+        shown = [markers[i] for i in np.flatnonzero(seen).tolist()]
+        _, by_point = pixel_jacobian(camera, pose, points_n[seen])
+        covariance_n = np.array([marker.covariance_n for marker in shown]).reshape(-1, 3, 3)
+        self._covariance = by_point @ covariance_n @ by_point.transpose(0, 2, 1)
+        room, mark_px = FreeSpace(image, self._uv.T, taken), 1.5 * mark_radius_px(image)
+        self._labels: list[tuple[TextBitmap, Box]] = []
+        for marker, (u, v) in zip(shown[::-1], self._uv[::-1].tolist(), strict=True):
+            text = stamp(marker.label, text_px(image), _MARKER_BGR)
+            found = room.find(wish_beside(u, v, text.size, mark_px))
+            if found is not None:
+                self._labels.append((text, found[1]))
+        self.boxes = [box for _, box in self._labels]
+
+    def paint(self, image: Pixels, painter: LineRenderer) -> None:
+        """Draw marks, ellipses and labels on the picture, in place."""
+        if not len(self._uv):
+            return
+        count = len(self._uv)
+        marks = Polylines(self._uv.T, np.arange(count + 1), np.zeros(count, np.int64))
+        diamonds = marks_as_lines(marks, mark_radius_px(image))
+        # The ellipses that are clearly larger than the mark.
+        semi_px, angle = ellipse_95(self._covariance)
+        drawn = np.flatnonzero(semi_px[:, 0] >= MARK_TIMES * mark_radius_px(image))  # not nan
+        semi_px = np.minimum(semi_px[drawn], _LARGEST_PX)
+        dotted = np.zeros(len(drawn), bool)
+        dashes = ellipse_dashes(self._uv[drawn].T, semi_px, angle[drawn], drawn, dotted)
+        painter.thin_strokes(image, dashes, ELLIPSE_BGR)
+        painter.strokes(image, diamonds, np.zeros(count, np.int64), [_STYLE])
+        for text, box in self._labels:
+            text.lay(image, box.left, box.top)

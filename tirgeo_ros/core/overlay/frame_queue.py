@@ -53,9 +53,11 @@ class FrameQueue:
 
     def put(self, frame: Frame) -> None:
         """Add a frame, or count why it is refused."""
-        if not _is_picture(frame.pixels):
+        pixels = frame.pixels
+        known = pixels.ndim in _SHAPES.get(pixels.dtype, ()) and pixels.size > 0
+        if not known or (pixels.ndim == 3 and pixels.shape[2] != 3):
             self.counts["invalid"] += 1
-        elif max(frame.pixels.shape) > _LARGEST_PX:
+        elif max(pixels.shape) > _LARGEST_PX:
             self.counts["too_large"] += 1
         elif not self._in_order(frame.stamp_ns):
             self.counts["out_of_order"] += 1
@@ -92,8 +94,3 @@ class FrameQueue:
         if len(self._stamps) < 2:
             return float("nan")
         return (len(self._stamps) - 1) * 1e9 / (self._stamps[-1] - self._stamps[0])
-
-
-def _is_picture(pixels: RawPixels) -> bool:
-    right = pixels.ndim in _SHAPES.get(pixels.dtype, ()) and pixels.size > 0
-    return right and (pixels.ndim == 2 or pixels.shape[2] == 3)

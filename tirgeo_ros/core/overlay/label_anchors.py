@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tirgeo_ros.core.map.polylines import Polylines, runs
+from tirgeo_ros.core.map.polylines import runs
 from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.map.visibility import VisibleLines
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
@@ -33,7 +33,11 @@ class AnchorFinder:
         self._layer = vector_map.layer
         with_labels = np.array([layer.style.labels for layer in vector_map.layers], bool)
         self._labelled = vector_map.labelled & with_labels[vector_map.layer]
-        self._outline = _outlines(vector_map.lines, len(vector_map.labels))
+        # Outlines are features that have lines, each of them closed.
+        lines, self._outline = vector_map.lines, np.zeros(len(vector_map.labels), bool)
+        ends = lines.points[:, lines.starts[1:] - 1] == lines.points[:, lines.starts[:-1]]
+        self._outline[lines.owner] = True
+        self._outline[lines.owner[~ends.all(axis=0)]] = False
 
     def find(
         self, lines: VisibleLines, marks: VisibleLines, shown: IntArray, most: int
@@ -86,15 +90,6 @@ def _columns(seen: VisibleLines, vertex: IntArray) -> Array:
     return np.concatenate([seen.points.take(vertex, axis=1), seen.rays.take(vertex, axis=1)])
 
 
-def _outlines(lines: Polylines, features: int) -> BoolArray:
-    """Return (features,): whether a feature has lines and each of them is closed."""
-    ends = lines.points[:, lines.starts[1:] - 1] == lines.points[:, lines.starts[:-1]]
-    outline = np.zeros(features, bool)
-    outline[lines.owner] = True
-    outline[lines.owner[~ends.all(axis=0)]] = False
-    return outline
-
-
 @dataclass(frozen=True, slots=True)
 class _Parts:
     """Hold parts of lines in the order of their features."""
@@ -124,7 +119,9 @@ class _Parts:
         The anchor of an outline is inside it, that of a line on it. Both are near the mean of the
         visible part, weighted by length, so that they move smoothly as parts come into view.
         """
-        places, half = self._middle(), self._half()
+        low = np.minimum.reduceat(self.points[:2], self.begins, axis=1)
+        high = np.maximum.reduceat(self.points[:2], self.begins, axis=1)
+        places, half = self._middle(), (high - low) / 2
         inside = outline[self.numbers]
         if inside.any():
             self._move_inside(places, np.flatnonzero(self.linked & inside[self.row]))
@@ -141,11 +138,6 @@ class _Parts:
         weight[:-1] += length
         total = np.add.reduceat(self.points * weight, self.begins, axis=1)
         return np.asarray(total / np.add.reduceat(weight, self.begins))
-
-    def _half(self) -> Array:
-        low = np.minimum.reduceat(self.points[:2], self.begins, axis=1)
-        high = np.maximum.reduceat(self.points[:2], self.begins, axis=1)
-        return np.asarray((high - low) / 2)
 
     def _move_nearest(self, places: Array, first: IntArray) -> None:
         """Move places to the nearest points of the segments that begin at these vertices."""
@@ -176,10 +168,7 @@ class _Parts:
         left = np.flatnonzero(off[row])
         if len(left):
             order = left[np.lexsort((point[0, left], row[left]))]
-            _to_widest(places, point[:, order[::2]], point[:, order[1::2]], row[order[::2]])
-
-
-def _to_widest(places: Array, left: Array, right: Array, row: IntArray) -> None:
-    """Move places (5, F) to the middle of the widest of their spans from left to right."""
-    widest = np.argsort(right[0] - left[0], kind="stable")  # the widest is written last and stays
-    places[:, row[widest]] = ((left + right) / 2)[:, widest]
+            begin, end = point[:, order[::2]], point[:, order[1::2]]
+            # To the middle of the widest span, which is written last and stays.
+            widest = np.argsort(end[0] - begin[0], kind="stable")
+            places[:, row[order[::2]][widest]] = ((begin + end) / 2)[:, widest]

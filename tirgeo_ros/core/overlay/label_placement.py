@@ -26,6 +26,7 @@ _STAYS_WITHIN = 0.8
 #: Free space that a new place needs around it, so that the label is not displaced again soon.
 _ROOM_PX = 4
 
+_Places = tuple[tuple[int, int], ...]
 #: Candidate places, the best first: offsets of the label's middle from the anchor, to the right
 #: and down, in units of ``PlacementRequest.half_u`` and ``half_v``.
 _BESIDE = ((1, 0), (-1, 0), (0, -1), (0, 1), (1, -1), (1, 1), (-1, -1), (-1, 1))
@@ -47,9 +48,8 @@ class Labels:
     def __init__(self, vector_map: VectorMap) -> None:
         self._texts = vector_map.labels
         self._anchors = AnchorFinder(vector_map)
-        self._places: dict[
-            int, LabelPlace
-        ] = {}  # by feature, of the labels shown in the last frame
+        #: By feature, of the labels shown in the last frame.
+        self._places: dict[int, LabelPlace] = {}
 
     def place(
         self, image: Pixels, lines: VisibleLines, marks: VisibleLines, taken: Sequence[Box] = ()
@@ -83,7 +83,7 @@ class Labels:
 class LabelPlace(NamedTuple):
     """Hold which of a tuple of candidate places a label had."""
 
-    places: tuple[tuple[int, int], ...]
+    places: _Places
     number: int
 
 
@@ -114,7 +114,7 @@ class PlacementRequest(NamedTuple):
     half_u: float  # horizontal unit of ``places``, px
     half_v: float
     mark: bool
-    places: tuple[tuple[int, int], ...]
+    places: _Places
 
 
 def wish_beside(u: float, v: float, size: tuple[int, int], mark_px: float) -> PlacementRequest:
@@ -126,17 +126,16 @@ def wish_beside(u: float, v: float, size: tuple[int, int], mark_px: float) -> Pl
 def _wish(
     seen: _Feature, size: tuple[int, int], mark_px: float, last: LabelPlace | None
 ) -> PlacementRequest:
-    width, height = size
-    u, v, half_u, half_v = seen.u, seen.v, width / 2, height / 2
     if seen.mark:
-        return wish_beside(u, v, size, mark_px)
-    if not seen.inside:
-        return PlacementRequest(u, v, width, height, half_u, half_v, False, _ALONG)
-    fits = _STAYS_WITHIN if last is not None and last.places is _WITHIN else 1.0
-    if seen.half_u < fits * half_u or seen.half_v < fits * half_v:
-        half_u, half_v = half_u + seen.half_u, half_v + seen.half_v
-        return PlacementRequest(u, v, width, height, half_u, half_v, False, _UNDER)
-    return PlacementRequest(u, v, width, height, half_u, half_v, False, _WITHIN)
+        return wish_beside(seen.u, seen.v, size, mark_px)
+    half_u, half_v = size[0] / 2, size[1] / 2
+    places: _Places = _ALONG
+    if seen.inside:
+        fits = _STAYS_WITHIN if last is not None and last.places is _WITHIN else 1.0
+        places = _WITHIN
+        if seen.half_u < fits * half_u or seen.half_v < fits * half_v:
+            half_u, half_v, places = half_u + seen.half_u, half_v + seen.half_v, _UNDER
+    return PlacementRequest(seen.u, seen.v, *size, half_u, half_v, False, places)
 
 
 class FreeSpace:
@@ -155,22 +154,18 @@ class FreeSpace:
         """Return a place (``last`` if free) and its box, and take the box; None without room."""
         if wish.width > self._width or wish.height > self._height:
             return None
-        found = self._same(wish, last) or next(self._free(wish), None)
+        found = None
+        if last is not None and last.places is wish.places:
+            box = self._box(wish, last.number)
+            found = (last.number, box) if self._is_free(box, wish, 0) else None
+        if found is None:
+            boxes = ((number, self._box(wish, number)) for number in range(len(wish.places)))
+            free = [each for each in boxes if self._is_free(each[1], wish, _ROOM_PX)]
+            bare = (each for each in free if not self._covers_mark(each[1]))
+            found = next(bare, free[0] if free else None)
         if found is not None:
             self._taken.append(found[1])
         return found
-
-    def _same(self, wish: PlacementRequest, last: LabelPlace | None) -> tuple[int, Box] | None:
-        if last is None or last.places is not wish.places:
-            return None
-        box = self._box(wish, last.number)
-        return (last.number, box) if self._is_free(box, wish, 0) else None
-
-    def _free(self, wish: PlacementRequest) -> Iterator[tuple[int, Box]]:
-        boxes = ((number, self._box(wish, number)) for number in range(len(wish.places)))
-        free = [(number, box) for number, box in boxes if self._is_free(box, wish, _ROOM_PX)]
-        yield from ((number, box) for number, box in free if not self._covers_mark(box))
-        yield from free
 
     def _box(self, wish: PlacementRequest, place: int) -> Box:
         """Return the box of a place, shifted into the picture."""
@@ -185,7 +180,8 @@ class FreeSpace:
         return Box(left, top, left + width, top + height)
 
     def _is_free(self, box: Box, wish: PlacementRequest, room: int) -> bool:
-        if wish.mark and box.meets(_around(wish.u, wish.v)):
+        u, v = round(wish.u), round(wish.v)
+        if wish.mark and box.meets(Box(u - 1, v - 1, u + 2, v + 2)):
             return False
         # Box.meets written out, because this runs thousands of times per frame.
         left, top, right, bottom = box
@@ -200,7 +196,3 @@ class FreeSpace:
         u, v = self._marks
         inside = (u > box.left) & (u < box.right) & (v > box.top) & (v < box.bottom)
         return bool(inside.any())
-
-
-def _around(u: float, v: float) -> Box:
-    return Box(round(u) - 1, round(v) - 1, round(u) + 2, round(v) + 2)

@@ -14,15 +14,13 @@ from tirgeo_ros.core.map.layers import LayerStyle
 from tirgeo_ros.core.map.polylines import joined
 from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.map.visibility import View, VisibleLines
-from tirgeo_ros.core.overlay.label_placement import UNCERTAIN_BGR, Label, Labels
+from tirgeo_ros.core.overlay.label_placement import UNCERTAIN_BGR, Labels
 from tirgeo_ros.core.overlay.line_renderer import LineRenderer, mark_radius_px, marks_as_lines
 from tirgeo_ros.core.overlay.line_sampling import each, picked
 from tirgeo_ros.core.overlay.text_rendering import TEXT_BGR, Box, stamp, text_px
 from tirgeo_ros.core.overlay.uncertainty_rendering import (
     ELLIPSE_BGR,
     Confidence,
-    Marked,
-    layer_sigmas,
     with_marks,
 )
 from tirgeo_ros.core.types.arrays import Pixels
@@ -53,7 +51,9 @@ class LayerPainter:
         self._styles: Sequence[LayerStyle] = [layer.style for layer in vector_map.layers]
         ranges = [style.scale_m_px for style in self._styles]
         self._scales_m_px = np.array(ranges, float).reshape(-1, 2)
-        sigmas = layer_sigmas(vector_map)
+        # Position sigma of each feature's layer, m; nan if not given.
+        given = [np.nan if one.sigma_m is None else one.sigma_m for one in vector_map.layers]
+        sigmas = np.array(given, float)[vector_map.layer]
         self._sigmas = None if np.isnan(sigmas).all() else sigmas
         self._painter = painter or LineRenderer()
         self._confidence = Confidence(config)
@@ -99,8 +99,17 @@ class LayerPainter:
         marked = self._confidence.marked(
             frame, lines, anchors, mark_radius_px(image), self._sigmas
         )
-        self._stroke(image, marked, marks)
-        self._write(image, labels, set(anchors.owner[marked.ellipses.uncertain].tolist()))
+        lines_px, opacity, ellipses = marked
+        diamonds = marks_as_lines(marks, mark_radius_px(image))
+        # Ellipses first, so that the marks, which are the true places, are drawn over them.
+        self._painter.thin_strokes(image, ellipses.outlines, ELLIPSE_BGR)
+        ink = joined(lines_px, diamonds)
+        strength = np.concatenate([opacity, np.ones(len(diamonds))])
+        self._painter.strokes(image, ink, of[ink.owner], self._styles, strength)
+        size_px, uncertain = text_px(image), set(anchors.owner[ellipses.uncertain].tolist())
+        for feature, box in labels:
+            colour = UNCERTAIN_BGR if feature in uncertain else TEXT_BGR
+            stamp(self._map.labels[feature], size_px, colour).lay(image, box.left, box.top)
         return [label.box for label in labels]
 
     def _shown(self, seen: VisibleLines, scale_m_px: float) -> VisibleLines:
@@ -112,18 +121,3 @@ class LayerPainter:
         low, high = self._scales_m_px.T
         shown = ((low <= scale_m_px) & (scale_m_px <= high))[self._map.layer[seen.owner]]
         return seen if shown.all() else picked(seen, np.flatnonzero(shown))
-
-    def _stroke(self, image: Pixels, marked: Marked, marks: VisibleLines) -> None:
-        lines, opacity, ellipses = marked
-        diamonds = marks_as_lines(marks, mark_radius_px(image))
-        # Ellipses first, so that the marks, which are the true places, are drawn over them.
-        self._painter.thin_strokes(image, ellipses.outlines, ELLIPSE_BGR)
-        ink = joined(lines, diamonds)
-        strength = np.concatenate([opacity, np.ones(len(diamonds))])
-        self._painter.strokes(image, ink, self._map.layer[ink.owner], self._styles, strength)
-
-    def _write(self, image: Pixels, labels: list[Label], uncertain: set[int]) -> None:
-        size_px = text_px(image)
-        for feature, box in labels:
-            colour = UNCERTAIN_BGR if feature in uncertain else TEXT_BGR
-            stamp(self._map.labels[feature], size_px, colour).lay(image, box.left, box.top)

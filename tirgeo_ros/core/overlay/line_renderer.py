@@ -116,7 +116,8 @@ class LineRenderer:
         drawn, to 1, rounded to quarters. Upper layers are drawn over lower ones.
         """
         scale = drawing_scale(image)
-        fade = np.full(len(lines), FADES) if opacity is None else _fades(opacity)
+        opacity = np.ones(len(lines)) if opacity is None else opacity
+        fade = np.rint(np.clip(opacity, 0, 1) * FADES).astype(np.int64)
         for (colour, width), numbers in _by_pen(layer, styles, scale).items():
             shift = 0.5 if width % 2 == 0 else 0.0  # an even kernel dilates to the right and down
             alone = len(numbers) == len(lines)
@@ -211,10 +212,6 @@ def _by_owner(owner: IntArray, numbers: IntArray) -> list[list[int]]:
     cuts = np.flatnonzero(np.diff(owner[numbers])) + 1
     ends, ordered = [0, *cuts.tolist(), len(numbers)], numbers.tolist()
     return [ordered[a:b] for a, b in pairwise(ends)]
-
-
-def _fades(opacity: Array) -> IntArray:
-    return np.asarray(np.rint(np.clip(opacity, 0, 1) * FADES), np.int64)
 
 
 def _by_pen(

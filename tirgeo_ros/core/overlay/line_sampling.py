@@ -1,6 +1,7 @@
-"""Sample lines in the picture at the points where their uncertainty is computed.
+"""Sample lines in the picture at the points where their uncertainty is computed; fade them by it.
 
-The uncertainty changes slowly along a line, so one value every few pixels is enough.
+The uncertainty changes slowly along a line, so one value every few pixels is enough. A short line
+has one opacity; a longer one is cut where its opacity changes.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tirgeo_ros.core.camera.projection_covariance import FrameConfidence
-from tirgeo_ros.core.map.polylines import Polylines, runs
+from tirgeo_ros.core.map.polylines import Polylines, joined, runs
 from tirgeo_ros.core.map.visibility import VisibleLines
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 
@@ -61,7 +62,9 @@ def sampled(lines: VisibleLines, step_px: float) -> tuple[VisibleLines, Samples]
     if len(long):
         pieces = np.ones(len(length), np.int64)
         pieces[long] = np.ceil(length[long] / STEP_PX)
-        lines = _subdivided(lines, pieces)
+        both = np.concatenate([lines.points, lines.rays])
+        finer = Polylines(both, lines.starts, lines.owner).subdivided(pieces)
+        lines = VisibleLines(finer.points[:2], finer.starts, finer.owner, finer.points[2:])
         length = _lengths(lines)
     way = (np.cumsum(length) / step_px).astype(np.int64)
     chosen = np.zeros(lines.points.shape[1], bool)
@@ -74,12 +77,6 @@ def sampled(lines: VisibleLines, step_px: float) -> tuple[VisibleLines, Samples]
 def _lengths(lines: VisibleLines) -> Array:
     step = lines.points[:, 1:] - lines.points[:, :-1]
     return np.asarray(np.maximum(*np.abs(step, out=step)))
-
-
-def _subdivided(lines: VisibleLines, pieces: IntArray) -> VisibleLines:
-    both = np.concatenate([lines.points, lines.rays])
-    finer = Polylines(both, lines.starts, lines.owner).subdivided(pieces)
-    return VisibleLines(finer.points[:2], finer.starts, finer.owner, finer.points[2:])
 
 
 def each(sigma_m: Array | None, line: IntArray | BoolArray) -> Array | None:
@@ -143,3 +140,50 @@ def _normals(uv: Array, links: BoolArray) -> tuple[Array, Array]:
     along = np.where(back, after, along) / np.where(back, 1.0, length)
     sharpness = np.where(ends, 1.0, np.clip(length / 2, _SHARPEST, 1.0))
     return np.stack([-along[1], along[0]]), sharpness
+
+
+class _Along(NamedTuple):
+    """Hold the longer lines and their intervals from sample to sample."""
+
+    lines: VisibleLines
+    samples: Samples
+    ways: IntArray  # (W,) index of the sample at which each interval begins
+
+
+class Fading(NamedTuple):
+    """Hold lines, with the points at which their opacity is needed."""
+
+    rays: Array  # (3, N) as in Seen: of the short lines, then of the longer lines' intervals
+    owner: IntArray  # (N,) features
+    few: VisibleLines  # the short lines
+    along: _Along | None
+
+    @classmethod
+    def of(cls, lines: VisibleLines) -> Fading:
+        """Choose the points: a middle vertex of a short line, else the middles of intervals."""
+        whole = short(lines)
+        if whole.all():
+            return cls(_half_way(lines), lines.owner, lines, None)
+        few, many = picked(lines, np.flatnonzero(whole)), picked(lines, np.flatnonzero(~whole))
+        many, samples = sampled(many, STEP_PX)
+        ways = np.flatnonzero(samples.links())
+        first, last = samples.vertex[ways], samples.vertex[ways + 1]
+        middle = (many.rays.take(first, axis=1) + many.rays.take(last, axis=1)) / 2
+        rays = np.concatenate([_half_way(few), middle], axis=1)
+        owner = np.concatenate([few.owner, many.owner[samples.line[ways]]])
+        return cls(rays, owner, few, _Along(many, samples, ways))
+
+    def cut(self, opacity: Array) -> tuple[Polylines, Array]:
+        """Return the lines, cut where the opacity (N,) of their points changes, and its values."""
+        if self.along is None:
+            return self.few, opacity
+        lines, samples, ways = self.along
+        of_short, of_ways = np.split(opacity, [len(self.few)])
+        along = np.ones(len(samples.line) - 1)
+        along[ways] = of_ways
+        parts, way = cut(lines, samples, along)
+        return joined(parts, self.few), np.concatenate([along[way], of_short])
+
+
+def _half_way(lines: VisibleLines) -> Array:
+    return lines.rays.take((lines.starts[:-1] + lines.starts[1:]) // 2, axis=1)

@@ -18,14 +18,11 @@ from tirgeo_ros.core.map.draping import Ground, check_heights
 from tirgeo_ros.core.map.layers import MapLayer
 from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.map.visibility import View
-from tirgeo_ros.core.overlay.click_markers import PlacedMarkers
-from tirgeo_ros.core.overlay.clicks import Marker
+from tirgeo_ros.core.overlay.clicks import Marker, PlacedMarkers
 from tirgeo_ros.core.overlay.layer_painter import LayerPainter, SeenMap
 from tirgeo_ros.core.overlay.line_renderer import LineRenderer
 from tirgeo_ros.core.overlay.map_absence import MapAbsence
 from tirgeo_ros.core.overlay.scale_bar_compass import (
-    PlacedBar,
-    PlacedRose,
     camera_heading_rad,
     ground_sample_m,
     height_above_m,
@@ -33,7 +30,7 @@ from tirgeo_ros.core.overlay.scale_bar_compass import (
     place_scale_bar,
 )
 from tirgeo_ros.core.overlay.status_text import VERDICT_BGR
-from tirgeo_ros.core.overlay.text_boxes import PlacedNotice, place_notice, status_box
+from tirgeo_ros.core.overlay.text_boxes import PlacedText, place_notice, status_box
 from tirgeo_ros.core.overlay.text_rendering import Box
 from tirgeo_ros.core.types.arrays import Array, Pixels
 from tirgeo_ros.core.types.finding import Severity
@@ -62,14 +59,11 @@ class Drawn(NamedTuple):
     """Hold what a picture shows."""
 
     absence: str  # why none of the map is in view, else empty
-    above_m: (
-        float  # the camera's height over the given ground; nan if none is given or none is below
-    )
+    above_m: float  # the camera's height over the given ground; nan without one below
     boxes: tuple[Box, ...]  # of everything that is written; they do not overlap
 
 
 _GO = DrawingVerdict()
-_Written = PlacedBar | PlacedRose | PlacedNotice
 
 
 def lay_layers(layers: Sequence[MapLayer], plane: TangentPlane, ground: Ground) -> DrapedMap:
@@ -77,8 +71,15 @@ def lay_layers(layers: Sequence[MapLayer], plane: TangentPlane, ground: Ground) 
     check_heights(layers, ground)
     features = sum(len(layer.features) for layer in layers)
     laid = VectorMap.from_layers(layers, plane, ground)
-    level_m = math.nan if _is_given(ground) else _middle_m(layers)
-    return DrapedMap(plane, laid, features, level_m, _first_n(layers, plane))
+    places = [feature.points for layer in layers for feature in layer.features]
+    level_m = math.nan
+    if places and not _is_given(ground):
+        level_m = float(np.median(np.concatenate(places)[:, 2]))
+    first_n = None
+    if places:
+        latitude, longitude, _ = places[0][0]
+        first_n = plane.ned_from_geodetic(latitude, longitude, 0.0)
+    return DrapedMap(plane, laid, features, level_m, first_n)
 
 
 class MapRenderer:
@@ -92,30 +93,21 @@ class MapRenderer:
         self, config: OverlayConfig, layers: Sequence[MapLayer], terrain: Terrain | None
     ) -> None:
         self.view: View | None = None
-        self.ground = _ground(config.ground_height_m, terrain)
+        height_m = config.ground_height_m
+        self.ground: Ground = height_m if terrain is None or math.isfinite(height_m) else terrain
         check_heights(layers, self.ground)
         self._layers = layers
-        self._laid: DrapedMap | None = None
+        self.laid: DrapedMap | None = None  # the map with its plane; None without a plane
         self._confidence = config.confidence
         self._painter = LineRenderer()
         self._map_painting: LayerPainter | None = None  # made when the map is first drawn
         self._absence: MapAbsence | None = None  # made when the map is first out of view
 
     @property
-    def map(self) -> VectorMap | None:
-        """Return the map that is drawn; None while no plane is known."""
-        return self._laid.map if self._laid else None
-
-    @property
-    def laid(self) -> DrapedMap | None:
-        """Return the map with its plane and counts; None while no plane is known."""
-        return self._laid
-
-    @property
     def empty(self) -> bool:
         """Return whether there is nothing that could be drawn."""
-        if self._laid:
-            return not self._laid.features
+        if self.laid:
+            return not self.laid.features
         return not any(layer.features for layer in self._layers)
 
     @property
@@ -138,7 +130,7 @@ class MapRenderer:
             self.view = View(camera)
 
     def _set(self, laid: DrapedMap) -> None:
-        self._laid, self._map_painting, self._absence = laid, None, None
+        self.laid, self._map_painting, self._absence = laid, None, None
 
     def draw(
         self,
@@ -154,18 +146,23 @@ class MapRenderer:
         reason why none of the map is in view, are written at the top.
         """
         assert self.view is not None
-        assert self._laid is not None
-        camera = self.view.camera
-        level = self.ground if _is_given(self.ground) else self._laid.level_m
-        seen = camera, pose, self._laid.plane, level
-        painter = self._map_painter()
+        assert self.laid is not None
+        camera, ground = self.view.camera, self.ground
+        level = ground if _is_given(ground) else self.laid.level_m
+        seen = camera, pose, self.laid.plane, level
+        if self._map_painting is None:
+            self._map_painting = LayerPainter(self._confidence, self.laid.map, self._painter)
+        painter = self._map_painting
         scale_m_px = ground_sample_m(*seen) if painter.minds_scale else math.nan
         above_m = height_above_m(*seen[1:])
         far_m = self.view.farthest_m(above_m)
         in_view = painter.see(self.view, pose, scale_m_px, far_m)
         absence = self._absent(in_view, pose, scale_m_px, far_m)
-        written = [*self._decorations(image, seen)]
-        written += _notices(image, verdict, absence, self._rose_box(written))
+        bar = place_scale_bar(image, *seen) if self._confidence.scale_bar else None
+        wants_rose = self._confidence.heading_rose
+        rose = place_rose(image, camera_heading_rad(pose)) if wants_rose else None
+        notices = _notices(image, verdict, absence, rose.box if rose else None)
+        written = [each for each in (bar, rose, *notices) if each]
         taken = [status_box(image), *(each.box for each in written)]
         placed = PlacedMarkers(image, camera, pose, markers, taken) if markers else None
         if placed:
@@ -175,44 +172,27 @@ class MapRenderer:
             placed.paint(image, self._painter)
         for each in written:
             each.paint(image)
-        above_m = above_m if _is_given(self.ground) else math.nan
-        return Drawn(absence, above_m, (*taken, *labels))
+        return Drawn(absence, above_m if _is_given(ground) else math.nan, (*taken, *labels))
 
     def _absent(self, seen: SeenMap, pose: CameraPose, scale_m_px: float, far_m: float) -> str:
         """Return why there is nothing to draw, else an empty string."""
         if not seen.empty:
             return ""
         if seen.hidden:
-            return f"no layer is shown at this scale ({_sample_words(scale_m_px)})"
+            words = f"{100 * scale_m_px:.2g} cm" if scale_m_px < 1 else f"{scale_m_px:.3g} m"
+            sees_ground = not math.isnan(scale_m_px)
+            sample = f"{words} a pixel" if sees_ground else "the picture's middle sees no ground"
+            return f"no layer is shown at this scale ({sample})"
         assert self.view is not None
-        assert self._laid is not None
+        assert self.laid is not None
         if self._absence is None:
-            self._absence = MapAbsence(self._laid.map, self._laid.plane, self._laid.first_n)
+            self._absence = MapAbsence(self.laid.map, self.laid.plane, self.laid.first_n)
         return self._absence.why(self.view.camera, pose, far_m)
-
-    def _decorations(
-        self, image: Pixels, seen: tuple[Camera, CameraPose, TangentPlane, Ground]
-    ) -> list[_Written]:
-        bar = place_scale_bar(image, *seen) if self._confidence.scale_bar else None
-        rose = None
-        if self._confidence.heading_rose:
-            rose = place_rose(image, camera_heading_rad(seen[1]))
-        return [decoration for decoration in (bar, rose) if decoration]
-
-    @staticmethod
-    def _rose_box(written: Sequence[_Written]) -> Box | None:
-        return next((each.box for each in written if isinstance(each, PlacedRose)), None)
-
-    def _map_painter(self) -> LayerPainter:
-        assert self.map is not None
-        if self._map_painting is None:
-            self._map_painting = LayerPainter(self._confidence, self.map, self._painter)
-        return self._map_painting
 
 
 def _notices(
     image: Pixels, verdict: DrawingVerdict, absence: str, beside: Box | None
-) -> list[PlacedNotice]:
+) -> list[PlacedText]:
     """Place the notices one below the other, at the top of the picture, left of the rose."""
     notices = []
     if verdict.severity:
@@ -225,31 +205,5 @@ def _notices(
     return notices
 
 
-def _sample_words(scale_m_px: float) -> str:
-    if math.isnan(scale_m_px):
-        return "the picture's middle sees no ground"
-    words = f"{100 * scale_m_px:.2g} cm" if scale_m_px < 1 else f"{scale_m_px:.3g} m"
-    return f"{words} a pixel"
-
-
-def _ground(height_m: float, terrain: Terrain | None) -> Ground:
-    if math.isfinite(height_m) or terrain is None:
-        return height_m
-    return terrain
-
-
-def _first_n(layers: Sequence[MapLayer], plane: TangentPlane) -> Array | None:
-    for layer in layers:
-        for feature in layer.features:
-            latitude, longitude, _ = feature.points[0]
-            return plane.ned_from_geodetic(latitude, longitude, 0.0)
-    return None
-
-
 def _is_given(ground: Ground) -> bool:
     return isinstance(ground, Terrain) or math.isfinite(ground)
-
-
-def _middle_m(layers: Sequence[MapLayer]) -> float:
-    heights = [feature.points[:, 2] for layer in layers for feature in layer.features]
-    return float(np.median(np.concatenate(heights))) if heights else math.nan

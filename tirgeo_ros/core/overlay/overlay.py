@@ -52,7 +52,8 @@ class Overlay:
 
     ``layers`` are draped here as soon as the plane is known, which takes a second or two for a
     large map. With None the map is draped elsewhere, again for each plane, and given to
-    ``set_map``. ``clicks`` locates clicks on the pictures that were returned.
+    ``set_map``. ``clicks`` locates clicks on the pictures that were returned. ``frames`` wait for
+    a pose or to be taken; ``poses`` are the camera's; ``plane`` is the map's, once it is known.
     """
 
     def __init__(
@@ -73,10 +74,10 @@ class Overlay:
         self.clicks = Clicks(config.confidence)
         self.clicks.set_ground(self._drawing.ground)
         self._toner = ToneMapper(config.picture, config.palette)
-        self._frames = FrameQueue()
+        self.frames = FrameQueue()
         kept_s = max(config.video_latency_s, 0.0) + config.max_pose_wait_s + _MARGIN_S
-        self._poses: PoseBuffer[CameraPose] = PoseBuffer(span_s=kept_s)
-        self._plane: TangentPlane | None = None
+        self.poses: PoseBuffer[CameraPose] = PoseBuffer(span_s=kept_s)
+        self.plane: TangentPlane | None = None
         self._camera: Camera | None = None
         self._rectify = config.rectify
         self._rectifier: Rectifier | None = None
@@ -93,46 +94,31 @@ class Overlay:
         the longest wait for a pose or later. Poses: ``poses_invalid`` and ``poses_went_back``.
         """
         poses = {
-            "poses_invalid": self._poses.invalid,
-            "poses_went_back": self._poses.went_back,
+            "poses_invalid": self.poses.invalid,
+            "poses_went_back": self.poses.went_back,
         }
-        return self._results | self._frames.counts | poses
-
-    @property
-    def pose_fault(self) -> str:
-        """Return the fault of the newest refused pose; empty if none was refused."""
-        return self._poses.fault
-
-    @property
-    def waiting(self) -> int:
-        """Return how many frames wait for a pose, or to be taken."""
-        return len(self._frames)
+        return self._results | self.frames.counts | poses
 
     @property
     def deadlines_ns(self) -> list[int]:
         """Return when each waiting frame must be drawn, on the caller's clock, oldest first."""
-        return [frame.arrival_ns + self._wait_ns for frame in self._frames][::-1]
+        return [frame.arrival_ns + self._wait_ns for frame in self.frames][::-1]
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Return notes for the operator about the map as draped on the ground."""
-        return self._drawing.map.notes if self._drawing.map else ()
+        return self._drawing.laid.map.notes if self._drawing.laid else ()
 
     @property
     def no_map_yet(self) -> str:
         """Return why a map draped elsewhere is not drawn; empty if it is, or without a plane."""
-        return self._map_not_ready if self._plane else ""
-
-    @property
-    def rate_hz(self) -> float:
-        """Return the frame rate, Hz, by the stamps; nan with fewer than two."""
-        return self._frames.rate_hz
+        return self._map_not_ready if self.plane else ""
 
     def set_plane(self, plane: TangentPlane) -> None:
         """Set the map's plane; forget poses in another plane."""
-        if plane != self._plane:
-            self._plane = plane
-            self._poses.clear()
+        if plane != self.plane:
+            self.plane = plane
+            self.poses.clear()
             self._drawing.set_plane(plane)
             self._map_not_ready = _READING if self._laid_elsewhere else ""
             self.clicks.set_plane(plane)
@@ -145,18 +131,13 @@ class Overlay:
             self._drawing.set_camera(self._rectifier.camera if self._rectifier else camera)
 
     @property
-    def plane(self) -> TangentPlane | None:
-        """Return the map's plane, once it is known."""
-        return self._plane
-
-    @property
     def laid(self) -> DrapedMap | None:
         """Return the map as draped in the plane, once both are known."""
         return self._drawing.laid
 
     def set_map(self, new: DrapedMap) -> None:
         """Draw a map that was draped elsewhere from now on; ignore one in another plane."""
-        if new.plane == self._plane:
+        if new.plane == self.plane:
             self._laid_elsewhere, self._map_not_ready = True, ""
             self._drawing.set_map(new)
 
@@ -174,11 +155,11 @@ class Overlay:
 
     def add_pose(self, pose: CameraPose) -> None:
         """Add a camera pose, in order of time; an invalid one is counted."""
-        self._poses.add(pose)
+        self.poses.add(pose)
 
     def add_frame(self, stamp_ns: int, pixels: RawPixels, now_ns: int) -> None:
         """Add a frame (h, w) uint8 or uint16, or (h, w, 3) BGR uint8; ``now_ns`` is as in take."""
-        self._frames.put(Frame(stamp_ns, pixels, now_ns))
+        self.frames.put(Frame(stamp_ns, pixels, now_ns))
 
     def take(self, now_ns: int) -> OverlayResult | None:
         """Return the newest picture that need not wait any longer, or None.
@@ -186,22 +167,16 @@ class Overlay:
         Older frames are dropped and counted as replaced. ``now_ns`` is the caller's clock, which
         is the clock of the stamps.
         """
-        for frame in self._frames:
-            pose = self._poses.at(frame.stamp_ns - self._latency_ns)
+        for frame in self.frames:
+            pose = self.poses.at(frame.stamp_ns - self._latency_ns)
             obstacle = self._obstacle(frame.pixels)
-            if obstacle or not self._waits(frame, pose, now_ns):
-                self._frames.take(frame)
+            # Negative if the clock went back: without the lower limit it would wait for ever.
+            has_time = 0 <= now_ns - frame.arrival_ns < self._wait_ns
+            if obstacle or not (has_time and pose in (Miss.EMPTY, Miss.TOO_NEW)):
+                self.frames.take(frame)
                 self._results["late"] += now_ns - frame.arrival_ns >= self._wait_ns
                 return self._finished(frame, now_ns, pose, obstacle)
         return None
-
-    def _waits(self, frame: Frame, pose: CameraPose | Miss, now_ns: int) -> bool:
-        may_come = pose is Miss.EMPTY or pose is Miss.TOO_NEW
-        return may_come and self._may_wait(frame, now_ns)
-
-    def _may_wait(self, frame: Frame, now_ns: int) -> bool:
-        # Negative if the clock went back; without the lower limit the frame would wait for ever.
-        return 0 <= now_ns - frame.arrival_ns < self._wait_ns
 
     def _obstacle(self, pixels: RawPixels) -> str:
         """Return why the map cannot be drawn whatever the pose, else an empty string."""
@@ -213,17 +188,16 @@ class Overlay:
         height, width = pixels.shape[:2]
         if (width, height) != (camera.width, camera.height):
             return f"image is {width}x{height}, camera info {camera.width}x{camera.height}"
-        if self._plane is None:
+        if self.plane is None:
             return self._not_navigating() or "no origin"
         return self._map_not_ready
 
     def _why_no_pose(self, miss: Miss, exposure_ns: int) -> str:
-        newest_ns = self._poses.newest_ns
+        newest_ns = self.poses.newest_ns
+        why = "camera poses are missing" if miss is Miss.GAP else "no pose at this frame"
         if miss is Miss.TOO_NEW and newest_ns is not None:
-            return self._not_navigating() or f"pose {(exposure_ns - newest_ns) / 1e9:.1f} s old"
-        if miss is Miss.GAP:
-            return self._not_navigating() or "camera poses are missing"
-        return self._not_navigating() or "no pose at this frame"
+            why = f"pose {(exposure_ns - newest_ns) / 1e9:.1f} s old"
+        return self._not_navigating() or why
 
     def _not_navigating(self) -> str:
         """Return the estimator's state and reason if it does not navigate, else an empty text."""
@@ -250,11 +224,11 @@ class Overlay:
 
         Nothing is predicted while the estimator reports that it does not navigate.
         """
-        ahead_ns = exposure_ns - (self._poses.newest_ns or 0)
+        ahead_ns = exposure_ns - (self.poses.newest_ns or 0)
         if ahead_ns > self._prediction_ns or self._not_navigating():
             return Miss.TOO_NEW, 0.0
-        latest = self._poses.latest(FIT_S + TRIAL_S)
-        pose = predicted(latest, exposure_ns, self._poses.max_gap_s)
+        latest = self.poses.latest(FIT_S + TRIAL_S)
+        pose = predicted(latest, exposure_ns, self.poses.max_gap_s)
         return (pose, ahead_ns * 1e-9) if pose is not None else (Miss.TOO_NEW, 0.0)
 
     def _picture(self, frame: Frame) -> Pixels:
@@ -268,7 +242,13 @@ class Overlay:
     ) -> OverlayResult:
         self._results["notices"] += 1
         notice = f"NO MAP YET: {obstacle}" if obstacle == _READING else f"NO MAP: {obstacle}"
-        paint_notice(image, notice, self._paint_verdict(image))
+        severity, words = self._verdict
+        below = 0
+        if severity:
+            verdict = place_notice(image, words, VERDICT_BGR[severity])
+            verdict.paint(image)
+            below = verdict.box.bottom
+        paint_notice(image, notice, below)
         self._paint_status(image, frame, now_ns)
         camera = self._drawing.camera
         if camera is not None:
@@ -290,18 +270,9 @@ class Overlay:
         notice = f"NO MAP IN VIEW: {drawn.absence}" if drawn.absence else ""
         return OverlayResult(frame.stamp_ns, image, pose, notice, camera, predicted_s)
 
-    def _paint_verdict(self, image: Pixels) -> int:
-        """Paint the verdict and return the first row below it."""
-        severity, words = self._verdict
-        if not severity:
-            return 0
-        notice = place_notice(image, words, VERDICT_BGR[severity])
-        notice.paint(image)
-        return notice.box.bottom
-
     def _rates(self, pose: CameraPose) -> CameraRates | None:
         """Return the camera's rates up to a pose; None if they are not known."""
-        before = self._poses.at(pose.stamp_ns - _RATES_NS)
+        before = self.poses.at(pose.stamp_ns - _RATES_NS)
         return None if isinstance(before, Miss) else CameraRates.between(before, pose)
 
     def _paint_status(
@@ -313,8 +284,8 @@ class Overlay:
         above_m: float = math.nan,
     ) -> None:
         age_s = (now_ns - frame.stamp_ns) * 1e-9
-        dropped = self._frames.counts["replaced"]
-        rate_hz = self._frames.rate_hz
+        dropped = self.frames.counts["replaced"]
+        rate_hz = self.frames.rate_hz
         fields = status_line(
             self._status, age_s, rate_hz, predicted_s, dropped, above_m, self._verdict.severity
         )

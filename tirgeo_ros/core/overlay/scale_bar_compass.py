@@ -15,7 +15,7 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.frames.wgs84 import SEMI_MAJOR_AXIS_M
 from tirgeo_ros.core.ground.backprojection import Ground, locate
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.overlay.text_boxes import status_box
+from tirgeo_ros.core.overlay.text_boxes import PlacedText, status_box
 from tirgeo_ros.core.overlay.text_rendering import (
     TEXT_BGR,
     Box,
@@ -79,9 +79,11 @@ def scale_bar(
     away_m = _away_m(part, _height_m(camera, pose, plane, ground, part.middle), pose)
     if not (away_m[1:] > away_m[:-1]).all():  # nan compares false
         return None
-    length_m = _round_length(float(away_m[-1]))
+    power = 10.0 ** math.floor(math.log10(away_m[-1]))
+    length_m = max(step * power for step in (1, 2, 5) if step * power <= away_m[-1])
     right = float(np.interp(length_m, away_m, part.u))
-    return ScaleBar(left, right, row, length_m) if right - left >= _shortest(camera) else None
+    is_long = right - left >= _SHORTEST_PART * camera.width
+    return ScaleBar(left, right, row, length_m) if is_long else None
 
 
 @dataclass(frozen=True)
@@ -98,15 +100,6 @@ class _Row:
         """Return the pixels, cached: each frame needs the same, and undistortion is slow."""
         uv = np.column_stack([np.linspace(left, right, count), np.full(count, row)])
         return _Row(uv[:, 0], camera.rays(uv), uv[count // 2])
-
-
-def _shortest(camera: Camera) -> float:
-    return _SHORTEST_PART * camera.width
-
-
-def _round_length(most_m: float) -> float:
-    power = 10.0 ** math.floor(math.log10(most_m))
-    return max(step * power for step in (1, 2, 5) if step * power <= most_m)
 
 
 def _away_m(row: _Row, height_m: float, pose: CameraPose) -> Array:
@@ -169,7 +162,7 @@ class PlacedBar:
     def paint(self, image: Pixels) -> None:
         """Draw it, in whole pixels, on the picture (h, w, 3) for which it was placed."""
         bar, size_px = self.bar, text_px(image)
-        wide = _pen_px(size_px)
+        wide = 1 + round(size_px / 8)
         left, right = round(bar.left), round(bar.right) + 1
         tick, row = round(bar.row - _TICK_TIMES * size_px), round(bar.row) + 1
         parts = [
@@ -201,19 +194,7 @@ def place_scale_bar(
     return PlacedBar(bar, Box(0, top, math.ceil(right + size_px / 2), bottom))
 
 
-@dataclass(frozen=True, slots=True)
-class PlacedRose:
-    """Hold a north needle with the camera's heading, in the upper right corner."""
-
-    rose: TextBitmap
-    box: Box
-
-    def paint(self, image: Pixels) -> None:
-        """Draw it on the picture (h, w, 3) for which it was placed."""
-        self.rose.lay(image, self.box.left, self.box.top)
-
-
-def place_rose(image: Pixels, heading_rad: float) -> PlacedRose | None:
+def place_rose(image: Pixels, heading_rad: float) -> PlacedText | None:
     """Return the rose of a picture (h, w, ...), up being the camera's heading; None without room.
 
     It is drawn to the degree, as the heading is written.
@@ -223,7 +204,7 @@ def place_rose(image: Pixels, heading_rad: float) -> PlacedRose | None:
     box = Box(width - rose.size[0], 0, width, rose.size[1])
     if box.left < width // 2 or box.bottom > height // 2:
         return None
-    return PlacedRose(rose, box)
+    return PlacedText((rose,), box)
 
 
 @lru_cache(maxsize=16)  # 40 kB each: 360 of them would take 15 MB
@@ -255,7 +236,3 @@ def _filled(uv: Array, side_px: int, size_px: int) -> TextBitmap:
 
 def _halo_px(size_px: int) -> int:
     return max(round(size_px / 10), 1)
-
-
-def _pen_px(size_px: int) -> int:
-    return 1 + round(size_px / 8)

@@ -51,7 +51,8 @@ def status_line(
     """
     found = [Field(_VERDICTS[verdict], VERDICT_BGR[verdict])] if verdict else []
     mark = [Field(f"predicted {predicted_s * 1e3:.0f} ms", _ORANGE_BGR)] if predicted_s else []
-    video = [Field(_age(age_s), spare=True), Field(_rate(rate_hz), spare=True)]
+    rate = "video starts" if math.isnan(rate_hz) else f"video {rate_hz:.1f} Hz"
+    video = [Field(_age(age_s), spare=True), Field(rate, spare=True)]
     if dropped:
         video.append(Field(f"dropped {dropped}", spare=True))
     return [*found, *mark, *_filter_fields(status, _height_fields(above_m)), *video]
@@ -60,19 +61,22 @@ def status_line(
 def _filter_fields(status: NavigationStatus | None, height: list[Field]) -> list[Field]:
     if status is None:
         return [Field("no filter status"), *height]
+    sigma_deg = math.degrees(status.heading_sigma_rad)
     return [
         *_state_fields(status),  # first, because the first fields stay on a small picture
         Field(status.method),
         Field(f"RTK {_RTK_NAMES[status.rtk_status]}"),
         *height,
-        *_heading_fields(math.degrees(status.heading_sigma_rad)),
+        *([] if math.isnan(sigma_deg) else [Field(f"heading sigma {sigma_deg:.2f} deg")]),
     ]
 
 
 def _state_fields(status: NavigationStatus) -> list[Field]:
     if status.state is FilterState.RUNNING:
         return []
-    text = f"{words_of(status.state)} {_span(status.state_s)}"
+    seconds = status.state_s
+    span = f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
+    text = f"{words_of(status.state)} {span}"
     detail = f": {status.reason}" if status.reason else ""
     return [Field(text, _COLOURS.get(status.state, NOTICE_BGR), detail=detail)]
 
@@ -85,19 +89,7 @@ def _height_fields(above_m: float) -> list[Field]:
     return [Field(f"{above_m:.0f} m above ground")]
 
 
-def _heading_fields(sigma_deg: float) -> list[Field]:
-    return [] if math.isnan(sigma_deg) else [Field(f"heading sigma {sigma_deg:.2f} deg")]
-
-
-def _span(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
-
-
 def _age(age_s: float) -> str:
     if -_CLOCK_STEP_S < age_s < 0:  # a bag's clock moves in steps and may be behind the frame
         age_s = 0.0
     return f"age {age_s * 1e3:.0f} ms" if abs(age_s) < 10 else f"age {age_s:.0f} s"
-
-
-def _rate(rate_hz: float) -> str:
-    return "video starts" if math.isnan(rate_hz) else f"video {rate_hz:.1f} Hz"

@@ -107,20 +107,20 @@ def _written(field: Field, size_px: int) -> TextBitmap:
 
 
 @dataclass(frozen=True, slots=True)
-class PlacedNotice:
-    """Hold a notice and its place."""
+class PlacedText:
+    """Hold bitmaps, one below the other, and their place."""
 
     lines: tuple[TextBitmap, ...]
     box: Box
-    strip: bool  # whether the picture is darkened behind it
+    strip: bool = False  # whether the picture is darkened behind them
 
     def paint(self, image: Pixels) -> None:
-        """Write it on the picture (h, w, 3) for which it was placed, each line centred."""
-        top = self.box.top
+        """Draw them on the picture (h, w, 3) for which they were placed, each centred."""
+        left, top, right, bottom = self.box
         if self.strip:
-            _darken(image[top : self.box.bottom, self.box.left : self.box.right])
+            _darken(image[top:bottom, left:right])
         for text in self.lines:
-            text.lay(image, (self.box.left + self.box.right - text.size[0]) // 2, top)
+            text.lay(image, (left + right - text.size[0]) // 2, top)
             top += text.size[1]
 
 
@@ -133,7 +133,7 @@ def place_notice(
     beside: Box | None = None,
     most_lines: int = 3,
     large: bool = False,
-) -> PlacedNotice:
+) -> PlacedText:
     """Place a notice across a picture (h, w, ...), from row ``top`` down, left of ``beside``.
 
     Text beyond ``most_lines`` is cut. A ``large`` notice is for a place where nothing else is
@@ -143,7 +143,7 @@ def place_notice(
     size_px = round(_NOTICE_TIMES * text_px(image)) if large else text_px(image)
     lines = _notice_lines(cut(notice, LONGEST_NOTICE), size_px, colour, width, most_lines)
     bottom = min(top + sum(line.size[1] for line in lines), image.shape[0])
-    return PlacedNotice(lines, Box(0, top, width, bottom), strip=not large)
+    return PlacedText(lines, Box(0, top, width, bottom), strip=not large)
 
 
 def paint_notice(image: Pixels, notice: str, least_top: int = 0) -> None:
@@ -156,33 +156,21 @@ def paint_notice(image: Pixels, notice: str, least_top: int = 0) -> None:
 def _notice_lines(
     text: str, size_px: int, colour: Colour, width_px: int, most: int
 ) -> tuple[TextBitmap, ...]:
-    lines = _wrapped(text, size_px, width_px)
-    if len(lines) > most:
-        rest = " ".join(lines[most - 1 :])
-        lines = [*lines[: most - 1], _cut_to(rest, size_px, width_px)]
-    return tuple(passing_stamp(line, size_px, colour) for line in lines)
+    """Return the text in lines of whole words, the last of ``most`` cut with an ellipsis."""
 
+    def width_of(line: str) -> int:
+        return passing_stamp(line, size_px, NOTICE_BGR).size[0]
 
-def _cut_to(text: str, size_px: int, width_px: int) -> str:
-    """Return as much of a text as fits into a line, with an ellipsis."""
-    lengths = range(1, min(len(text), LONGEST))
-    fits = bisect_right(
-        lengths, width_px, key=lambda n: passing_stamp(cut(text, n), size_px, NOTICE_BGR).size[0]
-    )
-    return cut(text, lengths[max(fits - 1, 0)])
-
-
-def _wrapped(text: str, size_px: int, width_px: int) -> list[str]:
-    """Return the text in lines of whole words."""
     lines = [""]
     for word in text.split():
         longer = f"{lines[-1]} {word}".strip()
-        fits = (
-            len(longer) <= LONGEST
-            and passing_stamp(longer, size_px, NOTICE_BGR).size[0] <= width_px
-        )
-        if lines[-1] and not fits:
+        if lines[-1] and (len(longer) > LONGEST or width_of(longer) > width_px):
             lines.append(word)
         else:
             lines[-1] = longer
-    return lines
+    if len(lines) > most:
+        rest = " ".join(lines[most - 1 :])
+        lengths = range(1, min(len(rest), LONGEST))
+        fits = bisect_right(lengths, width_px, key=lambda n: width_of(cut(rest, n)))
+        lines = [*lines[: most - 1], cut(rest, lengths[max(fits - 1, 0)])]
+    return tuple(passing_stamp(line, size_px, colour) for line in lines)

@@ -1,10 +1,5 @@
 """Draw the overlay's own uncertainty: lines that fade or have a band, and ellipses.
 
-    confidence = Confidence(config.confidence)
-    frame = confidence.frame(camera, pose, rates)                      # once a picture
-    confidence.paint_bands(image, frame, lines, layer, styles, sigma)  # under the lines
-    marked = confidence.marked(frame, lines, anchors, radius_px, sigma)   # for Painter.strokes
-
 A faded line shows that a feature exists, but no longer where. Ellipses are drawn only at points,
 dashed, in a colour of their own, and left out where the mark is about as large. Where an ellipse
 would be wrong (the projection is too nonlinear), or is as large as the picture, it is dotted and
@@ -31,10 +26,8 @@ from tirgeo_ros.core.camera.projection_covariance import (
 from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.map.layers import LayerStyle
 from tirgeo_ros.core.map.polylines import Polylines, runs
-from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.map.visibility import VisibleLines
-from tirgeo_ros.core.overlay.line_fading import Fading
-from tirgeo_ros.core.overlay.line_sampling import each, ribbons, sampled
+from tirgeo_ros.core.overlay.line_sampling import Fading, each, ribbons, sampled
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray, Pixels
 from tirgeo_ros.core.types.poses import CameraPose
 
@@ -120,12 +113,10 @@ class Confidence:
         ellipses = self._ellipses(frame.camera, anchors, spread[:, :count], linear, mark_radius_px)
         if not fading:
             return Marked(lines, np.ones(len(lines)), ellipses)
-        return Marked(*fading.cut(self._opacity(radius_95(spread[:, count:]))), ellipses)
-
-    def _opacity(self, radius_px: Array) -> Array:
-        """Return the opacity for 95 % radii, px; an unknown radius (nan) gives the faintest."""
+        radius_px = radius_95(spread[:, count:])
+        # fmin turns nan, an unknown radius, into the faintest step.
         step = np.fmin(np.floor(radius_px * (FADE_STEPS / self._config.fade_px)), FADE_STEPS)
-        return np.asarray(1 - step * ((1 - FAINTEST) / FADE_STEPS))
+        return Marked(*fading.cut(1 - step * ((1 - FAINTEST) / FADE_STEPS)), ellipses)
 
     def paint_bands(
         self,
@@ -149,7 +140,12 @@ class Confidence:
         of_quad = layer[some.line[:-1]]
         wide = np.isfinite(quads).all(axis=(1, 2))
         for number in np.unique(of_quad[wide]).tolist():
-            _tint(image, quads[wide & (of_quad == number)], styles[number])
+            mask = np.zeros(image.shape[:2], np.uint8)  # blend once where quads overlap
+            for quad in np.rint(quads[wide & (of_quad == number)]).astype(np.int32):
+                cv2.fillConvexPoly(mask, quad, (255,))
+            cv2.copyTo(cv2.convertScaleAbs(image, alpha=1 - _BAND_OPACITY), mask, image)
+            light = np.array([*styles[number].line_bgr, 0.0]) * _BAND_OPACITY
+            cv2.add(image, light, dst=image, mask=mask)
 
     def _ellipses(
         self,
@@ -170,12 +166,6 @@ class Confidence:
         return Ellipses(dashes, uncertain)
 
 
-def layer_sigmas(vector_map: VectorMap) -> Array:
-    """Return (features,) position sigma of each feature's layer, m; nan if not given."""
-    sigmas = [np.nan if layer.sigma_m is None else layer.sigma_m for layer in vector_map.layers]
-    return np.array(sigmas, float)[vector_map.layer]
-
-
 def with_marks(labelled: Anchors, marks: VisibleLines, camera: Camera) -> Anchors:
     """Return the anchors of labels and those of other marks: all marks, if they are not too many.
 
@@ -191,16 +181,6 @@ def with_marks(labelled: Anchors, marks: VisibleLines, camera: Camera) -> Anchor
     uv = np.concatenate([labelled.uv, marks.points[:, others]], axis=1)
     owner = np.concatenate([labelled.owner, marks.owner[others]])
     return Anchors(uv, rays, owner, np.concatenate([labelled.mark, np.ones(len(others), bool)]))
-
-
-def _tint(image: Pixels, quads: Array, style: LayerStyle) -> None:
-    """Blend a layer's colour thinly over the picture, once where quads overlap."""
-    mask = np.zeros(image.shape[:2], np.uint8)
-    for quad in np.rint(quads).astype(np.int32):
-        cv2.fillConvexPoly(mask, quad, (255,))
-    tinted = cv2.convertScaleAbs(image, alpha=1 - _BAND_OPACITY)
-    cv2.copyTo(tinted, mask, image)
-    cv2.add(image, np.array([*style.line_bgr, 0.0]) * _BAND_OPACITY, dst=image, mask=mask)
 
 
 def _spread_out(uv: Array, camera: Camera) -> IntArray:
@@ -222,7 +202,11 @@ def ellipse_dashes(
     ``semi_px`` (N, 2) are the semi-axes and ``angle`` (N,) those of the larger ones, as returned
     by ``ellipse_95``. ``owner`` (N,) are the features; ``dotted`` (N,) ones have shorter dashes.
     """
-    corners = _corners(uv, semi_px, angle)
+    c, s = np.cos(angle), np.sin(angle)
+    along, across = semi_px.T
+    axes = np.array([[along * c, -across * s], [along * s, across * c]])
+    # (2, N, corners + 1); the last corner of an ellipse equals the first.
+    corners = axes.transpose(0, 2, 1) @ _CIRCLE + uv[:, :, None]
     dashes = _CORNERS // _PERIOD
     begins = _PERIOD * np.arange(dashes)
     which = np.repeat(np.arange(len(owner)), dashes)
@@ -230,11 +214,3 @@ def ellipse_dashes(
     begin = np.tile(begins, len(owner)) + which * (_CORNERS + 1)
     number, starts = runs(begin, lengths)
     return Polylines(corners.reshape(2, -1).take(number, axis=1), starts, owner[which])
-
-
-def _corners(uv: Array, semi_px: Array, angle: Array) -> Array:
-    """Return (2, N, corners + 1) points of the ellipses; the last equals the first."""
-    c, s = np.cos(angle), np.sin(angle)
-    along, across = semi_px.T
-    axes = np.array([[along * c, -across * s], [along * s, across * c]])
-    return np.asarray(axes.transpose(0, 2, 1) @ _CIRCLE + uv[:, :, None])

@@ -13,31 +13,27 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from std_msgs.msg import Header
 
+from tirgeo_ros.nodes.frame_statistics import SentNumbers
 from tirgeo_ros.nodes.monitor import Monitor
 from tirgeo_ros.nodes.qos import output, sensor_input
 from tirgeo_ros.nodes.runner import make_executor
-from tirgeo_ros.nodes.sent_numbers import SentNumbers
 from tirgeo_ros.nodes.topics import subscribe
 
 
-def heard(*numbers):
+@pytest.mark.parametrize(
+    ("numbers", "sent", "missed"),
+    [
+        ((1, 2, 3), 3, 0),
+        ((1, 4, 5, 9), 9, 5),
+        ((500, 501, 503), 4, 1),  # what was sent before the first is not of this life
+        ((500, 501, 1, 2, 4), 6, 1),  # a number that goes back is a new sender's
+    ],
+)
+def test_gaps_are_missed(numbers, sent, missed):
     found = SentNumbers()
     for number in numbers:
         found.heard(number)
-    return found.sent, found.missed
-
-
-def test_gaps_are_missed():
-    assert heard(1, 2, 3) == (3, 0)
-    assert heard(1, 4, 5, 9) == (9, 5)
-
-
-def test_what_was_sent_before_the_first_is_not_of_this_life():
-    assert heard(500, 501, 503) == (4, 1)
-
-
-def test_a_number_that_goes_back_is_a_new_senders():
-    assert heard(500, 501, 1, 2, 4) == (6, 1)
+    assert (found.sent, found.missed) == (sent, missed)
 
 
 def test_a_message_without_a_number_is_passed_on_all_the_same():
