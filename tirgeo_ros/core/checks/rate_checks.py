@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 from tirgeo_ros.core.checks.streams import Stream
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.navigation.alignment.observations import topic_of
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.measurements import Source
 
@@ -44,7 +43,7 @@ class RateChecks:
 
 def _absent(streams: Mapping[str, Stream], method: str, waited_s: float) -> list[Finding]:
     rtk, velocity, heading, gps = (
-        topic_of(source)
+        source.topic
         for source in (
             Source.RTK_POSITION,
             Source.RTK_VELOCITY,

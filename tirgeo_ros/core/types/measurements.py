@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum, IntEnum
+from typing import ClassVar
 
 from tirgeo_ros.core.types.arrays import Array
 
@@ -22,15 +23,28 @@ class FixStatus(IntEnum):
 
 
 class Source(Enum):
-    """Name the source of a sample; the value is its name in diagnostics and verdicts."""
+    """Name the source of a sample, and the topic on which it comes.
 
-    IMU = "imu"
-    RTK_POSITION = "rtk_position"
-    RTK_VELOCITY = "rtk_velocity"
-    RTK_HEADING = "rtk_heading"
-    GPS_POSITION = "gps_position"
-    GPS_VELOCITY = "gps_velocity"
-    AUTOPILOT_HEADING = "autopilot_heading"
+    The value is its name in diagnostics and verdicts. The order is that in which the filter uses
+    samples of one instant.
+    """
+
+    IMU = "imu", "imu/data"
+    RTK_POSITION = "rtk_position", "rtk/fix"
+    RTK_VELOCITY = "rtk_velocity", "rtk/vel"
+    RTK_HEADING = "rtk_heading", "rtk/heading"
+    GPS_POSITION = "gps_position", "gps/fix"
+    GPS_VELOCITY = "gps_velocity", "gps/vel"
+    AUTOPILOT_HEADING = "autopilot_heading", "imu/data"
+
+    topic: str
+
+    def __new__(cls, value: str, topic: str) -> Source:  # noqa: PYI034 Self is of Python 3.11
+        """Return a member whose value is its name alone."""
+        member = object.__new__(cls)
+        member._value_ = value
+        member.topic = topic
+        return member
 
     # Each member exists once, so its identity can be its hash. Enum's own hash, which hashes the
     # name, takes ten times as long.
@@ -74,6 +88,7 @@ class VelocitySample:
 class HeadingSample:
     """Hold the heading that a receiver with two antennas measures."""
 
+    source: ClassVar[Source] = Source.RTK_HEADING
     stamp_ns: int
     heading_rad: float  # 0 = true north, clockwise
     variance_rad2: float  # zero or negative: unknown
@@ -83,6 +98,7 @@ class HeadingSample:
 class AutopilotHeading:
     """Hold the heading from the autopilot's attitude, which the filter uses as a last resort."""
 
+    source: ClassVar[Source] = Source.AUTOPILOT_HEADING
     stamp_ns: int
     heading_rad: float  # 0 = true north, clockwise
     variance_rad2: float

@@ -16,13 +16,7 @@ from tirgeo_ros.core.navigation.strapdown import Vector
 from tirgeo_ros.core.types.measurements import FixStatus, Source
 
 #: The sources of measurements, in the order in which those of one instant are used.
-AIDS = (
-    Source.RTK_POSITION,
-    Source.RTK_VELOCITY,
-    Source.RTK_HEADING,
-    Source.GPS_POSITION,
-    Source.GPS_VELOCITY,
-)
+AIDS = tuple(s for s in Source if s not in {Source.IMU, Source.AUTOPILOT_HEADING})
 #: Order within an instant. The autopilot's heading comes last; it has no record in ``tracks``.
 PLACE = {source: place for place, source in enumerate((*AIDS, Source.AUTOPILOT_HEADING))}
 NEVER_NS = -(1 << 62)

@@ -64,9 +64,7 @@ def not_fixed(source: Source, status: FixStatus) -> Verdict:
 
 def source_of(sample: AidSample) -> Source:
     """Return the source of an aiding sample."""
-    if isinstance(sample, AutopilotHeading):
-        return Source.AUTOPILOT_HEADING
-    return Source.RTK_HEADING if isinstance(sample, HeadingSample) else sample.source
+    return sample.source
 
 
 def added(a: Vector, b: Vector) -> Vector:
