@@ -6,11 +6,15 @@ All stamps are integer nanoseconds, the time of the measurement. The frames are 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 from typing import ClassVar
 
 from tirgeo_ros.core.types.arrays import Array
+
+#: Range of air pressures: those of the standard atmosphere from 11 km down to 1 km below the sea.
+PRESSURES_PA = (22_632.0, 113_930.0)
 
 
 class FixStatus(IntEnum):
@@ -35,6 +39,7 @@ class Source(Enum):
     RTK_HEADING = "rtk_heading", "rtk/heading"
     GPS_POSITION = "gps_position", "gps/fix"
     GPS_VELOCITY = "gps_velocity", "gps/vel"
+    BAROMETER = "barometer", "baro/pressure"
     AUTOPILOT_HEADING = "autopilot_heading", "imu/data"
 
     topic: str
@@ -55,6 +60,7 @@ class Source(Enum):
 class ImuSample:
     """Hold the body's specific force and angular rate, and the autopilot's attitude if known."""
 
+    source: ClassVar[Source] = Source.IMU
     stamp_ns: int
     specific_force_b: Array  # (3,) FRD, m/s2; (0, 0, -9.8) at rest
     angular_rate_b: Array  # (3,) FRD, rad/s
@@ -104,7 +110,27 @@ class AutopilotHeading:
     variance_rad2: float
 
 
-NavigationInput = ImuSample | PositionSample | VelocitySample | HeadingSample
+@dataclass(frozen=True, slots=True)
+class PressureSample:
+    """Hold the air pressure that a barometer measures."""
+
+    source: ClassVar[Source] = Source.BAROMETER
+    stamp_ns: int
+    pressure_pa: float
+    variance_pa2: float  # zero: unknown
+
+    @property
+    def fault(self) -> str:
+        """Return why it cannot be a pressure at which an aircraft flies, or an empty string."""
+        if not 0 <= self.variance_pa2 < math.inf:
+            return "variance is not finite or negative"
+        least, most = PRESSURES_PA
+        if least <= self.pressure_pa <= most:
+            return ""
+        return f"pressure is {self.pressure_pa:g}, not {least:g} to {most:g} Pa"
+
+
+NavigationInput = ImuSample | PositionSample | VelocitySample | HeadingSample | PressureSample
 
 
 @dataclass(frozen=True, slots=True)

@@ -85,6 +85,10 @@ class Messages:
         nothing = (np.zeros(3), absent)
         return self._parts.imu(sample.stamp_ns, frame_id, (turned, covariance), nothing, nothing)
 
+    def stamped(self, typename: str, header: tuple[int, str], **fields: Any) -> Any:
+        """Return a message of a type with a header of stamp (ns) and frame, and these fields."""
+        return self._parts.new(typename, header=self._parts.header(*header), **fields)
+
     def nav_sat_fix(self, sample: PositionSample, frame_id: str) -> Any:
         """Return ``sensor_msgs/NavSatFix`` of an antenna."""
         place = (sample.latitude_rad, sample.longitude_rad, sample.height_m)

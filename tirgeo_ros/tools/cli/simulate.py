@@ -9,6 +9,8 @@ from tirgeo_ros.core.types.joint_orders import JOINT_ORDERS
 from tirgeo_ros.tools.cli._verb import Subparsers, UsageError
 from tirgeo_ros.tools.presentation.progress import Progress
 
+_MOST_HZ = 50  # as in the scenario
+
 
 def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
     """Declare the verb's arguments."""
@@ -33,6 +35,12 @@ def add_parser(subparsers: Subparsers) -> argparse.ArgumentParser:
         "joint_order in params.yaml are those of that gimbal; the camera moves as before",
     )
     parser.add_argument(
+        "--barometer",
+        type=float,
+        metavar="HZ",
+        help="fly with a barometer: write baro/pressure at this rate, instead of the scenario's",
+    )
+    parser.add_argument(
         "--start", type=float, default=0.0, metavar="S", help="write from this second on"
     )
     parser.add_argument(
@@ -48,12 +56,15 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
     if args.seed is not None and args.seed < 0:
         raise UsageError("--seed must not be negative")
+    if args.barometer is not None and not 0 <= args.barometer <= _MOST_HZ:
+        raise UsageError(f"--barometer must be 0 to {_MOST_HZ} Hz")
     with Progress("simulating", unit="s") as bar:
         return simulate(
             args.scenario,
             args.output,
             seed=args.seed,
             joint_order=args.joint_order,
+            barometer_hz=args.barometer,
             start_s=args.start,
             duration_s=args.duration,
             images=not args.no_images,

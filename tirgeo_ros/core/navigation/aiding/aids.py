@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from tirgeo_ros.core.navigation.aiding.aid import Aid
 from tirgeo_ros.core.navigation.aiding.autopilot_heading import AutopilotHeadingAid
+from tirgeo_ros.core.navigation.aiding.barometer import BarometerAid
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import HeadingAid
 from tirgeo_ros.core.navigation.aiding.gnss_fallback import GpsPositionAid
 from tirgeo_ros.core.navigation.aiding.gnss_velocity import GpsVelocityAid, RtkVelocityAid
@@ -20,6 +21,7 @@ AIDS: Mapping[Source, type[Aid]] = {
         HeadingAid,
         GpsPositionAid,
         GpsVelocityAid,
+        BarometerAid,
         AutopilotHeadingAid,
     )
 }

@@ -15,12 +15,13 @@ from tirgeo_ros.core.types.measurements import (
     FixStatus,
     HeadingSample,
     PositionSample,
+    PressureSample,
     Source,
     VelocitySample,
 )
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
-Aiding = PositionSample | VelocitySample | HeadingSample
+Aiding = PositionSample | VelocitySample | HeadingSample | PressureSample
 #: The same, and what the filter takes from the IMU's own messages.
 AidSample = Aiding | AutopilotHeading
 
