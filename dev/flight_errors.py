@@ -25,12 +25,13 @@ from tirgeo_ros.core.types.measurements import (
     ImuSample,
     NavigationInput,
     PositionSample,
+    PressureSample,
     VelocitySample,
 )
 from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.tools.simulate.flight import SimulatedFlight, Truth
 
-NAVIGATION_SAMPLES = (ImuSample, PositionSample, VelocitySample, HeadingSample)
+NAVIGATION_SAMPLES = (ImuSample, PositionSample, VelocitySample, HeadingSample, PressureSample)
 #: The nine states of a solution, in the order of its covariance.
 STATE_NAMES = (
     *(f"position {axis}" for axis in ("north", "east", "down")),

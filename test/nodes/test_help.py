@@ -12,7 +12,7 @@ from project import PROJECT
 
 from tirgeo_ros.core.config import NODE_CONFIGS
 from tirgeo_ros.core.config.schema import parameters_of
-from tirgeo_ros.io.messages import NAVIGATION_INPUTS, SENSED_TOPICS, TOPIC_TYPES
+from tirgeo_ros.io.messages import DJI_TOPICS, NAVIGATION_INPUTS, TOPIC_TYPES
 from tirgeo_ros.nodes.__main__ import NAMES
 from tirgeo_ros.nodes.help import TOPICS, help_text
 
@@ -24,7 +24,7 @@ sys.exit(start(sys.argv.pop(1), sys.argv.pop(1)))
 """
 #: Modules in which a node's topics stand, and those that stand there by another name.
 WRITTEN = {
-    "dji_node": (("dji_node", "diagnostics"), set(SENSED_TOPICS)),
+    "dji_node": (("dji_node", "diagnostics"), set(DJI_TOPICS)),
     "ekf_node": (("ekf_node", "diagnostics"), {one for one, _ in NAVIGATION_INPUTS.values()}),
     "gimbal_node": (("gimbal_node", "diagnostics"), set()),
     "overlay_node": (("overlay_node", "diagnostics"), set()),

@@ -10,7 +10,7 @@ from rclpy.node import Node
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.dji.interpret import Interpreter
 from tirgeo_ros.dji.sources.readings import Reading
-from tirgeo_ros.io.messages import SENSED_TOPICS, DiagnosticItem, Messages, SensedSample, sensed
+from tirgeo_ros.io.messages import DJI_TOPICS, DiagnosticItem, Messages, SensedSample, sensed
 from tirgeo_ros.nodes.diagnostics import Diagnostics, item_name
 from tirgeo_ros.nodes.monitor import OK, WARN, Monitor
 from tirgeo_ros.nodes.parameters import declare
@@ -30,7 +30,7 @@ class DjiNode(Node):
         self._interpreter = Interpreter(config)
         self._messages = Messages(message_class)
         self._monitor = Monitor()
-        self._topics = {t: advertise(self, t, output(STREAM_DEPTH)) for t in SENSED_TOPICS}
+        self._topics = {t: advertise(self, t, output(STREAM_DEPTH)) for t in DJI_TOPICS}
         self._lock = threading.Lock()  # the port is read in a thread beside the executor
         self._warned: set[str] = set()
         if config.source == "serial":

@@ -10,7 +10,7 @@ from importlib.resources import files
 
 from tirgeo_ros.core.config import NODE_CONFIGS
 from tirgeo_ros.core.config.schema import Value, parameters_of
-from tirgeo_ros.io.messages import NAVIGATION_INPUTS, SENSED_TOPICS, TOPIC_TYPES
+from tirgeo_ros.io.messages import DJI_TOPICS, NAVIGATION_INPUTS, SENSED_TOPICS, TOPIC_TYPES
 
 HELP_ALL = "--help-all"
 _WIDTH = 99
@@ -19,7 +19,7 @@ _PICTURES = ("thermal/image_raw", "thermal/image_raw/compressed", "thermal/camer
 
 #: Topics of the contract by node: inputs, then outputs.
 TOPICS: Mapping[str, tuple[Sequence[str], Sequence[str]]] = {
-    "dji_node": ((), (*SENSED_TOPICS, "/diagnostics")),
+    "dji_node": ((), (*DJI_TOPICS, "/diagnostics")),
     "ekf_node": (
         [topic for topic, _ in NAVIGATION_INPUTS.values()],
         ("tirgeo/odometry", "tirgeo/fix", "tirgeo/origin", "/diagnostics"),

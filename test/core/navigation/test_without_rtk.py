@@ -212,6 +212,10 @@ def test_what_lasts_is_not_averaged_away_without_rtk(rtk_s, gps_s, times):
     gps = EkfConfig().gps
     known = np.square(gps.position_sigma_m) + gps.position_noise_m**2
     belief = belief_of(1.0)._replace(control=control)
-    found = GpsPositionAid(EkfConfig()).aid(fix(known + 9.0), belief).measurement.noise
+    found = (
+        GpsPositionAid(EkfConfig())
+        .measured(fix(known + 9.0), belief, (0.0,) * 3)[0]
+        .measurement.noise
+    )
     expected = np.eye(3) * (gps.position_noise_m**2 + 9.0 * times)
     np.testing.assert_allclose(found, expected, rtol=1e-9)

@@ -18,7 +18,7 @@ from tirgeo_ros.dji.protocol.broadcast import decode_broadcast, encode_broadcast
 from tirgeo_ros.dji.simulator import Aircraft, frames_of
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
-from tirgeo_ros.io.messages import SENSED_SAMPLES, SENSED_TOPICS
+from tirgeo_ros.io.messages import DJI_TOPICS, SENSED_SAMPLES
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.convert.import_capture import CaptureOptions
@@ -44,7 +44,7 @@ def flight(sample):
     until_ns = reader.span_ns[0] + CUT_S * 1e9
     return [
         (m.log_time_ns, SENSED_SAMPLES[m.topic[1:]](CDR.deserialize(m.data, m.typename)))
-        for m in reader.messages([f"/{topic}" for topic in SENSED_TOPICS])
+        for m in reader.messages([f"/{topic}" for topic in DJI_TOPICS])
         if m.log_time_ns < until_ns
     ]
 
@@ -84,7 +84,7 @@ def nearest(times_ns, at_ns):
 def test_every_topic_with_its_type(imported):
     path, summary = imported
     found = BagReader(path).topics()
-    assert found == {f"/{name}": convert.TOPIC_TYPES[name] for name in SENSED_TOPICS}
+    assert found == {f"/{name}": convert.TOPIC_TYPES[name] for name in DJI_TOPICS}
     assert summary["error"] is None
     assert summary["frames"]["skipped_bytes"] == 0
     assert "GMT+8" in summary["time"]

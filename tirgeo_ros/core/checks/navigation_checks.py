@@ -84,7 +84,8 @@ class NavigationChecks:
             return
         if _IMU in self._streams:
             self._stamps.take(topic, stream, self._streams[_IMU])
-        self._aid(topic, sample)
+        if isinstance(sample, PositionSample | VelocitySample | HeadingSample):
+            self._aid(topic, sample)
 
     def solution(self, solution: NavSolution) -> None:
         """Take a solution that the filter publishes."""

@@ -12,18 +12,12 @@ from collections.abc import Collection, Mapping, Sequence
 
 from tirgeo_ros.core.checks.rate_checks import Stream
 from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.navigation.aiding.aids import AIDS
 from tirgeo_ros.core.navigation.delays import Delays
 from tirgeo_ros.core.types.finding import Finding, Severity
-from tirgeo_ros.core.types.measurements import Source
 
 IMU = "imu/data"
-_DELAYED = {
-    "rtk/fix": (Source.RTK_POSITION, "rtk.delay_s"),
-    "rtk/vel": (Source.RTK_VELOCITY, "rtk.delay_s"),
-    "rtk/heading": (Source.RTK_HEADING, "heading.delay_s"),
-    "gps/fix": (Source.GPS_POSITION, "gps.delay_s"),
-    "gps/vel": (Source.GPS_VELOCITY, "gps.delay_s"),
-}
+_DELAYED = {s.topic: (s, aid.delay) for s, aid in AIDS.items() if aid.delay}
 #: Number of one-second medians that must agree.
 _WINDOWS = 3
 #: Transport times differ by some hundredths of a second; at 3 m/s a tenth is 30 cm.

@@ -8,7 +8,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tirgeo_ros.core.config.aircraft import AircraftConfig
-from tirgeo_ros.core.config.filter_aiding import GpsConfig, HeadingConfig, RtkConfig
+from tirgeo_ros.core.config.filter_aiding import (
+    BarometerConfig,
+    GpsConfig,
+    HeadingConfig,
+    RtkConfig,
+)
 from tirgeo_ros.core.config.renamed import NodeParameters
 from tirgeo_ros.core.config.schema import group, param
 
@@ -209,6 +214,7 @@ class EkfConfig(NodeParameters):
     rtk: RtkConfig = group(RtkConfig)
     heading: HeadingConfig = group(HeadingConfig)
     gps: GpsConfig = group(GpsConfig)
+    barometer: BarometerConfig = group(BarometerConfig)
     autopilot: AutopilotConfig = group(AutopilotConfig)
     alignment: AlignmentConfig = group(AlignmentConfig)
     trust: TrustConfig = group(TrustConfig)

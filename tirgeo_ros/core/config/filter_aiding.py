@@ -183,3 +183,64 @@ class GpsConfig:
         low=1,
         high=1e6,
     )
+
+
+@dataclass(frozen=True, slots=True)
+class BarometerConfig:
+    """The barometer, which holds the height while satellites are missing.
+
+    It is used where baro/pressure is published.
+    """
+
+    delay_s: float = param(
+        0.0,
+        "delay of the pressure's stamps: stamp minus time of measurement",
+        unit="s",
+        low=-_LONGEST_DELAY_S,
+        high=_LONGEST_DELAY_S,
+    )
+    noise_m: float = param(
+        0.2,
+        "smallest standard deviation of the white noise of one reading, as a height; smaller "
+        "reported ones are raised to it",
+        unit="m",
+        low=1e-3,
+        high=100,
+    )
+    sigma_m: float = param(
+        0.5,
+        "standard deviation of the slow error by airspeed, rotor wash and gusts",
+        unit="m",
+        low=1e-2,
+        high=100,
+    )
+    time_s: float = param(20.0, "correlation time of the slow error", unit="s", low=0.1, high=1e5)
+    drift_m_sqrt_s: float = param(
+        0.05,
+        "random walk of the pressure of the day, as a height",
+        unit="m/sqrt(s)",
+        low=0,
+        high=10,
+    )
+    scale_sigma: float = param(
+        0.05,
+        "standard deviation of the relative error of a change of height; 0.035 for each 10 K "
+        "by which the air differs from the standard atmosphere",
+        low=0,
+        high=1,
+    )
+    gate_sigma: float = param(
+        5.0,
+        "innovation gate: reject heights further than this many standard deviations from the "
+        "prediction",
+        low=1,
+        high=1e6,
+    )
+    reset_after_s: float = param(
+        2.0,
+        "take a new reference after heights that have been rejected for this long while "
+        "agreeing with each other",
+        unit="s",
+        low=0.1,
+        high=3600,
+    )

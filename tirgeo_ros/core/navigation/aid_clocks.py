@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.aid_status import PLACE
-from tirgeo_ros.core.navigation.alignment.observations import topic_of
 from tirgeo_ros.core.types.measurements import Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
@@ -88,7 +87,7 @@ class AidClocks:
         while left:
             offset_ns = recent[left[0]]
             alike = [s for s in left if abs(recent[s] - offset_ns) <= _SAME_NS]
-            phrases.append(self._phrase([topic_of(s) for s in alike], offset_ns))
+            phrases.append(self._phrase([s.topic for s in alike], offset_ns))
             left = [s for s in left if s not in alike]
         return "; ".join(phrases)
 

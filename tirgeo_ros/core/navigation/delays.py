@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
 from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.navigation.aiding.aids import AIDS
 from tirgeo_ros.core.types.measurements import Source
 
 #: Measurements may be ahead of the IMU by at least this, however small ``max_delay_s`` is.
@@ -21,16 +21,10 @@ class Delays(NamedTuple):
 
     @classmethod
     def from_config(cls, config: EkfConfig) -> Delays:
-        """Return the configured delays; a heading without a delay of its own takes that of RTK."""
-        rtk_s, heading_s, gps_s = config.rtk.delay_s, config.heading.delay_s, config.gps.delay_s
-        seconds = {
-            Source.RTK_POSITION: rtk_s,
-            Source.RTK_VELOCITY: rtk_s + config.rtk.velocity_delay_s,
-            Source.RTK_HEADING: rtk_s if math.isnan(heading_s) else heading_s,
-            Source.GPS_POSITION: gps_s,
-            Source.GPS_VELOCITY: gps_s,
+        """Return the configured delays."""
+        aid_ns = {
+            source: round(aid.delay_s(config) * 1e9) for source, aid in AIDS.items() if aid.delay
         }
-        aid_ns = {source: round(delay_s * 1e9) for source, delay_s in seconds.items()}
         return cls(round(config.imu.delay_s * 1e9), aid_ns)
 
     @property

@@ -46,6 +46,8 @@ class DuplicateDetector:
 
     def compared(self, sample: Aiding) -> Same:
         """Return what a sample has in common with the one before of its source."""
+        if not isinstance(sample, PositionSample | VelocitySample | HeadingSample):
+            return Same.NOTHING  # rounded readings of other sensors do repeat
         source, value = source_of(sample), _value(sample)
         known = self._newest.get(source)
         same = Same.NOTHING
@@ -76,7 +78,7 @@ class DuplicateDetector:
         return min(_INTERVAL_SHARE * usual_ns, _LONGEST_NS)
 
 
-def _value(sample: Aiding) -> tuple[float, ...]:
+def _value(sample: PositionSample | VelocitySample | HeadingSample) -> tuple[float, ...]:
     if isinstance(sample, HeadingSample):
         return (sample.heading_rad,)
     if isinstance(sample, VelocitySample):

@@ -51,8 +51,8 @@ _RTK = (Source.IMU, Source.RTK_POSITION, Source.RTK_VELOCITY)
 METHOD_SOURCES: Mapping[str, tuple[Source, ...]] = {
     "raw": (Source.IMU, *_GPS),
     "rtk": _RTK,
-    "ekf": (*_RTK, *_GPS),
-    "ekf_heading": (*_RTK, Source.RTK_HEADING, *_GPS),
+    "ekf": (Source.IMU, *(source for source in AIDS if source is not Source.RTK_HEADING)),
+    "ekf_heading": (Source.IMU, *AIDS),
 }
 
 

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.aid_status import NEVER_NS, AidStatus
-from tirgeo_ros.core.navigation.alignment.observations import topic_of
 from tirgeo_ros.core.navigation.ins_error_model import POSITION
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
@@ -130,9 +129,9 @@ class FilterHealth:
         for source in missing:
             stamp_ns, why = unused.get(source, (NEVER_NS, ""))
             if now_ns - stamp_ns <= self._timeout_ns:
-                told.append(f"{topic_of(source)} {why}")
+                told.append(f"{source.topic} {why}")
             else:
-                absent.append(topic_of(source))
+                absent.append(source.topic)
         return ", ".join([*told, *(["no " + ", ".join(absent)] if absent else [])])
 
     def lost(self, control: AidStatus, covariance: Array) -> str:

@@ -11,7 +11,7 @@ import math
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
 
-from tirgeo_ros.core.navigation.alignment.observations import topic_of
+from tirgeo_ros.core.navigation.aiding.aids import AIDS
 from tirgeo_ros.core.navigation.filter_status import Unused, disuse
 from tirgeo_ros.core.types.measurements import Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
@@ -23,13 +23,6 @@ _NIS_CAP = 25.0
 _LEAST_VALUES = 20
 #: A mean NIS above this gives a warning: innovations of twice their sigma.
 _NIS_WARNING = 4.0
-_LOOK_AT = {
-    Source.RTK_POSITION: "aircraft.rtk_antenna_m, rtk.delay_s",
-    Source.RTK_VELOCITY: "rtk.velocity_delay_s, aircraft.rtk_antenna_m",
-    Source.RTK_HEADING: "heading.delay_s, aircraft.second_antenna_m",
-    Source.GPS_POSITION: "aircraft.gps_antenna_m, gps.delay_s",
-    Source.GPS_VELOCITY: "gps.delay_s",
-}
 
 
 class VerdictLog:
@@ -77,11 +70,11 @@ class VerdictLog:
     def warnings(self, now_ns: int) -> Iterator[str]:
         """Yield a warning for each source whose NIS is too high, with the parameters to check."""
         means = self.nis(now_ns)
-        for source, parameters in _LOOK_AT.items():
+        for source, aid in AIDS.items():
             mean = means.get(source.value, 0.0)
             if mean > _NIS_WARNING:
                 times = f"{math.sqrt(mean):.1f} times their sigma over 30 s"
                 yield (
-                    f"{topic_of(source)}: innovations are {times}: "
-                    f"look at {parameters} and at its covariances (tirgeo calibrate aircraft)"
+                    f"{source.topic}: innovations are {times}: "
+                    f"look at {aid.look_at} and at its covariances (tirgeo calibrate aircraft)"
                 )

@@ -14,6 +14,7 @@ from tirgeo_ros.core.types.measurements import (
     ImuSample,
     NavigationInput,
     PositionSample,
+    VelocitySample,
 )
 
 #: Far above any height at which an aircraft can fly.
@@ -38,6 +39,8 @@ def fault_of(sample: NavigationInput) -> str:
         return "" if known else "heading is not finite"
     if isinstance(sample, PositionSample):
         return _position_fault(sample) or _covariance_fault(sample.covariance_n)
+    if not isinstance(sample, VelocitySample):
+        return sample.fault
     velocity_n = sample.velocity_n.tolist()
     if not _within(velocity_n, _LARGEST_SPEED_M_S):
         finite = all(map(math.isfinite, velocity_n))

@@ -6,10 +6,15 @@ All stamps are integer nanoseconds, the time of the measurement. The frames are 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import Enum, IntEnum
+from typing import ClassVar
 
 from tirgeo_ros.core.types.arrays import Array
+
+#: Range of air pressures: those of the standard atmosphere from 11 km down to 1 km below the sea.
+PRESSURES_PA = (22_632.0, 113_930.0)
 
 
 class FixStatus(IntEnum):
@@ -22,15 +27,29 @@ class FixStatus(IntEnum):
 
 
 class Source(Enum):
-    """Name the source of a sample; the value is its name in diagnostics and verdicts."""
+    """Name the source of a sample, and the topic on which it comes.
 
-    IMU = "imu"
-    RTK_POSITION = "rtk_position"
-    RTK_VELOCITY = "rtk_velocity"
-    RTK_HEADING = "rtk_heading"
-    GPS_POSITION = "gps_position"
-    GPS_VELOCITY = "gps_velocity"
-    AUTOPILOT_HEADING = "autopilot_heading"
+    The value is its name in diagnostics and verdicts. The order is that in which the filter uses
+    samples of one instant.
+    """
+
+    IMU = "imu", "imu/data"
+    RTK_POSITION = "rtk_position", "rtk/fix"
+    RTK_VELOCITY = "rtk_velocity", "rtk/vel"
+    RTK_HEADING = "rtk_heading", "rtk/heading"
+    GPS_POSITION = "gps_position", "gps/fix"
+    GPS_VELOCITY = "gps_velocity", "gps/vel"
+    BAROMETER = "barometer", "baro/pressure"
+    AUTOPILOT_HEADING = "autopilot_heading", "imu/data"
+
+    topic: str
+
+    def __new__(cls, value: str, topic: str) -> Source:  # noqa: PYI034 Self is of Python 3.11
+        """Return a member whose value is its name alone."""
+        member = object.__new__(cls)
+        member._value_ = value
+        member.topic = topic
+        return member
 
     # Each member exists once, so its identity can be its hash. Enum's own hash, which hashes the
     # name, takes ten times as long.
@@ -41,6 +60,7 @@ class Source(Enum):
 class ImuSample:
     """Hold the body's specific force and angular rate, and the autopilot's attitude if known."""
 
+    source: ClassVar[Source] = Source.IMU
     stamp_ns: int
     specific_force_b: Array  # (3,) FRD, m/s2; (0, 0, -9.8) at rest
     angular_rate_b: Array  # (3,) FRD, rad/s
@@ -74,6 +94,7 @@ class VelocitySample:
 class HeadingSample:
     """Hold the heading that a receiver with two antennas measures."""
 
+    source: ClassVar[Source] = Source.RTK_HEADING
     stamp_ns: int
     heading_rad: float  # 0 = true north, clockwise
     variance_rad2: float  # zero or negative: unknown
@@ -83,12 +104,33 @@ class HeadingSample:
 class AutopilotHeading:
     """Hold the heading from the autopilot's attitude, which the filter uses as a last resort."""
 
+    source: ClassVar[Source] = Source.AUTOPILOT_HEADING
     stamp_ns: int
     heading_rad: float  # 0 = true north, clockwise
     variance_rad2: float
 
 
-NavigationInput = ImuSample | PositionSample | VelocitySample | HeadingSample
+@dataclass(frozen=True, slots=True)
+class PressureSample:
+    """Hold the air pressure that a barometer measures."""
+
+    source: ClassVar[Source] = Source.BAROMETER
+    stamp_ns: int
+    pressure_pa: float
+    variance_pa2: float  # zero: unknown
+
+    @property
+    def fault(self) -> str:
+        """Return why it cannot be a pressure at which an aircraft flies, or an empty string."""
+        if not 0 <= self.variance_pa2 < math.inf:
+            return "variance is not finite or negative"
+        least, most = PRESSURES_PA
+        if least <= self.pressure_pa <= most:
+            return ""
+        return f"pressure is {self.pressure_pa:g}, not {least:g} to {most:g} Pa"
+
+
+NavigationInput = ImuSample | PositionSample | VelocitySample | HeadingSample | PressureSample
 
 
 @dataclass(frozen=True, slots=True)

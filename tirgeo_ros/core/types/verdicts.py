@@ -26,7 +26,7 @@ class Outcome(Enum):
     REPEATED = "repeated"  # the same measurement as before
     INVALID = "invalid"  # not finite, zero quaternion, impossible covariance
     NOT_FIXED = "not_fixed"  # the quality of the fix is too low for this use
-    STANDBY = "standby"  # ordinary GPS, not needed while RTK is available
+    STANDBY = "standby"  # not needed: another source or the state is better
     UNUSED = "unused"  # the selected method does not use this source
 
     __hash__ = object.__hash__  # for speed, as in Source

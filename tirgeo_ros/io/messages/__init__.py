@@ -5,7 +5,6 @@ bags are read with: attributes and keyword arguments have the same names.
 """
 
 from tirgeo_ros.io.messages.decode import (
-    NAVIGATION_INPUTS,
     body_pose,
     camera_attitude,
     camera_pose,
@@ -23,14 +22,17 @@ from tirgeo_ros.io.messages.diagnostics import DiagnosticItem, diagnostic_level,
 from tirgeo_ros.io.messages.encode import Messages
 from tirgeo_ros.io.messages.pictures import camera, compressed_pixels, image_pixels, pixels
 from tirgeo_ros.io.messages.sensed import (
+    DJI_TOPICS,
+    NAVIGATION_INPUTS,
     SENSED_SAMPLES,
     SENSED_TOPICS,
+    TOPIC_TYPES,
     SensedSample,
     sensed,
 )
-from tirgeo_ros.io.messages.topics import TOPIC_TYPES
 
 __all__ = [
+    "DJI_TOPICS",
     "NAVIGATION_INPUTS",
     "SENSED_SAMPLES",
     "SENSED_TOPICS",

@@ -7,8 +7,6 @@ quaternion or an impossible covariance is passed on, and the core gives a verdic
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -23,7 +21,6 @@ from tirgeo_ros.core.types.measurements import (
     HeadingSample,
     ImuSample,
     JointSample,
-    NavigationInput,
     PositionSample,
     Source,
     VelocitySample,
@@ -97,17 +94,6 @@ def heading_sample(msg: Any) -> HeadingSample:
     yaw = _enu_yaw(msg.orientation) if present else math.nan
     heading = (0.5 * math.pi - yaw) % math.tau
     return HeadingSample(stamp_ns(msg), heading, float(msg.orientation_covariance[8]))
-
-
-#: Each source of the filter: its topic, and the decoder of its messages.
-NAVIGATION_INPUTS: Mapping[Source, tuple[str, Callable[[Any], NavigationInput]]] = {
-    Source.IMU: ("imu/data", imu_sample),
-    Source.RTK_POSITION: ("rtk/fix", partial(position_sample, source=Source.RTK_POSITION)),
-    Source.RTK_VELOCITY: ("rtk/vel", partial(velocity_sample, source=Source.RTK_VELOCITY)),
-    Source.RTK_HEADING: ("rtk/heading", heading_sample),
-    Source.GPS_POSITION: ("gps/fix", partial(position_sample, source=Source.GPS_POSITION)),
-    Source.GPS_VELOCITY: ("gps/vel", partial(velocity_sample, source=Source.GPS_VELOCITY)),
-}
 
 
 def joint_sample(msg: Any) -> JointSample:

@@ -76,6 +76,10 @@ class Messages(MessageParts):
         nothing = (np.zeros(3), _absent())
         return self._imu(sample.stamp_ns, (turned, covariance), nothing, nothing)
 
+    def stamped(self, typename: str, header: tuple[int, str], **fields: Any) -> Any:
+        """Return a message of a type with a header of stamp (ns) and frame, and these fields."""
+        return self._parts.new(typename, header=self._parts.header(*header), **fields)
+
     def nav_sat_fix(self, sample: PositionSample, frame_id: str) -> Any:
         """Return ``sensor_msgs/NavSatFix`` of an antenna."""
         return self._fix(sample, sample.covariance_n, frame_id, sample.status)

@@ -1,60 +1,115 @@
-"""Map each of the aircraft's samples to its topic and message, and back."""
+"""Map each of the sensors' samples to its topic and message, and back: one row a sensor."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
-    HeadingSample,
-    ImuSample,
     JointSample,
-    PositionSample,
+    NavigationInput,
+    PressureSample,
     Source,
-    VelocitySample,
 )
-from tirgeo_ros.io.messages.decode import NAVIGATION_INPUTS, camera_attitude, joint_sample
+from tirgeo_ros.io.messages.decode import (
+    camera_attitude,
+    heading_sample,
+    imu_sample,
+    joint_sample,
+    position_sample,
+    stamp_ns,
+    velocity_sample,
+)
 from tirgeo_ros.io.messages.encode import Messages
+from tirgeo_ros.io.messages.topics import BODY_FRAME, OTHER_TYPES
 
-SensedSample = (
-    ImuSample
-    | PositionSample
-    | VelocitySample
-    | HeadingSample
-    | JointSample
-    | CameraAttitudeSample
-)
+SensedSample = NavigationInput | JointSample | CameraAttitudeSample
 
-_SENSED: dict[Source | type, tuple[str, Callable[[Messages, Any], Any]]] = {
-    ImuSample: ("imu/data", Messages.imu),
-    HeadingSample: ("rtk/heading", Messages.heading),
-    JointSample: ("gimbal/joint_states", Messages.joints),
-    CameraAttitudeSample: ("gimbal/attitude", Messages.camera_attitude),
-    Source.RTK_POSITION: ("rtk/fix", lambda m, s: m.nav_sat_fix(s, "rtk_antenna")),
-    Source.RTK_VELOCITY: ("rtk/vel", lambda m, s: m.velocity(s, "rtk_antenna")),
-    Source.GPS_POSITION: ("gps/fix", lambda m, s: m.nav_sat_fix(s, "gps_antenna")),
-    Source.GPS_VELOCITY: ("gps/vel", lambda m, s: m.velocity(s, "gps_antenna")),
+
+def pressure_sample(msg: Any) -> PressureSample:
+    """Convert ``sensor_msgs/FluidPressure``, Pa and Pa2."""
+    return PressureSample(stamp_ns(msg), float(msg.fluid_pressure), float(msg.variance))
+
+
+def _pressure(messages: Messages, sample: PressureSample) -> Any:
+    """Return ``sensor_msgs/FluidPressure``."""
+    return messages.stamped(
+        _PRESSURE,
+        (sample.stamp_ns, BODY_FRAME),
+        fluid_pressure=sample.pressure_pa,
+        variance=sample.variance_pa2,
+    )
+
+
+class _Row(NamedTuple):
+    """Hold a topic's message type, and the functions that convert its messages."""
+
+    typename: str
+    decode: Callable[[Any], Any]
+    encode: Callable[[Messages, Any], Any]
+    topic: str = ""  # of a sample that is no source of the filter
+    by_dji: bool = True  # whether dji_node publishes it
+
+
+_FIX, _TWIST = "sensor_msgs/msg/NavSatFix", "geometry_msgs/msg/TwistWithCovarianceStamped"
+_IMU, _PRESSURE = "sensor_msgs/msg/Imu", "sensor_msgs/msg/FluidPressure"
+
+
+def _fix(source: Source, frame_id: str) -> _Row:
+    decode = partial(position_sample, source=source)
+    return _Row(_FIX, decode, lambda m, s: m.nav_sat_fix(s, frame_id))
+
+
+def _velocity(source: Source, frame_id: str) -> _Row:
+    decode = partial(velocity_sample, source=source)
+    return _Row(_TWIST, decode, lambda m, s: m.velocity(s, frame_id))
+
+
+_ROWS: dict[Source | type, _Row] = {
+    Source.IMU: _Row(_IMU, imu_sample, Messages.imu),
+    Source.RTK_POSITION: _fix(Source.RTK_POSITION, "rtk_antenna"),
+    Source.RTK_VELOCITY: _velocity(Source.RTK_VELOCITY, "rtk_antenna"),
+    Source.RTK_HEADING: _Row(_IMU, heading_sample, Messages.heading),
+    Source.GPS_POSITION: _fix(Source.GPS_POSITION, "gps_antenna"),
+    Source.GPS_VELOCITY: _velocity(Source.GPS_VELOCITY, "gps_antenna"),
+    Source.BAROMETER: _Row(_PRESSURE, pressure_sample, _pressure, by_dji=False),
+    JointSample: _Row(
+        "sensor_msgs/msg/JointState", joint_sample, Messages.joints, "gimbal/joint_states"
+    ),
+    CameraAttitudeSample: _Row(
+        "geometry_msgs/msg/QuaternionStamped",
+        camera_attitude,
+        Messages.camera_attitude,
+        "gimbal/attitude",
+    ),
+}
+_BY_TOPIC = {
+    (key.topic if isinstance(key, Source) else row.topic): row for key, row in _ROWS.items()
 }
 
-#: The topics that the aircraft's samples are published on.
-SENSED_TOPICS = tuple(topic for topic, _ in _SENSED.values())
+#: Topic to type. A leading slash marks a topic that no namespace applies to.
+TOPIC_TYPES: dict[str, str] = {t: row.typename for t, row in _BY_TOPIC.items()} | OTHER_TYPES
+
+#: Each source of the filter: its topic, and the decoder of its messages.
+NAVIGATION_INPUTS: Mapping[Source, tuple[str, Callable[[Any], NavigationInput]]] = {
+    source: (source.topic, row.decode)
+    for source, row in _ROWS.items()
+    if isinstance(source, Source)
+}
+
+#: The topics that sensors' samples are published on, and those of them that dji_node publishes.
+SENSED_TOPICS = tuple(_BY_TOPIC)
+DJI_TOPICS = tuple(topic for topic, row in _BY_TOPIC.items() if row.by_dji)
 
 #: The decoder of each of these topics' messages.
 SENSED_SAMPLES: Mapping[str, Callable[[Any], SensedSample]] = {
-    **dict(NAVIGATION_INPUTS.values()),
-    "gimbal/joint_states": joint_sample,
-    "gimbal/attitude": camera_attitude,
+    topic: row.decode for topic, row in _BY_TOPIC.items()
 }
 
 
 def sensed(messages: Messages, sample: SensedSample) -> tuple[str, Any]:
-    """Return the topic of the contract and the message of a sample of the aircraft."""
-    topic, encode = _SENSED[_kind(sample)]
-    return topic, encode(messages, sample)
-
-
-def _kind(sample: SensedSample) -> Source | type:
-    if isinstance(sample, PositionSample | VelocitySample):
-        return sample.source
-    return type(sample)
+    """Return the topic of the contract and the message of a sensor's sample."""
+    row = _ROWS[getattr(sample, "source", type(sample))]
+    return row.topic or sample.source.topic, row.encode(messages, sample)

@@ -1,17 +1,9 @@
-"""Define the topics of the contract with their types, and the names used inside messages."""
+"""Name the topics that are not of sensors with their types, and what messages name inside."""
 
 from __future__ import annotations
 
-#: Topic to type. A leading slash marks a topic that no namespace applies to.
-TOPIC_TYPES: dict[str, str] = {
-    "imu/data": "sensor_msgs/msg/Imu",
-    "gps/fix": "sensor_msgs/msg/NavSatFix",
-    "gps/vel": "geometry_msgs/msg/TwistWithCovarianceStamped",
-    "rtk/fix": "sensor_msgs/msg/NavSatFix",
-    "rtk/vel": "geometry_msgs/msg/TwistWithCovarianceStamped",
-    "rtk/heading": "sensor_msgs/msg/Imu",
-    "gimbal/joint_states": "sensor_msgs/msg/JointState",
-    "gimbal/attitude": "geometry_msgs/msg/QuaternionStamped",
+#: Topic to type; those of the sensors are in ``sensed``.
+OTHER_TYPES: dict[str, str] = {
     "thermal/image_raw": "sensor_msgs/msg/Image",
     "thermal/image_raw/compressed": "sensor_msgs/msg/CompressedImage",
     "thermal/camera_info": "sensor_msgs/msg/CameraInfo",

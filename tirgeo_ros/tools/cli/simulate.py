@@ -20,11 +20,14 @@ _ORDER_HELP = (
     f"instead of the scenario's: {', '.join(JOINT_ORDERS)}. The angles in the bag and joint_order "
     "in params.yaml are those of that gimbal; the camera moves as before"
 )
+_BAROMETER_HELP = "fly with a barometer: baro/pressure at this rate, instead of the scenario's"
+_MOST_HZ = 50  # as in the scenario
 OPTIONS = (
     ("scenario", "SCENARIO", "YAML file"),
     ("-o --output", "DIR", "for the files", NEEDED),
     ("--seed", "N", "instead of the scenario's", {"type": int}),
     ("--joint-order", "ORDER", _ORDER_HELP, {"choices": JOINT_ORDERS}),
+    ("--barometer", "HZ", _BAROMETER_HELP, NUMBER),
     ("--start", "S", "write from this second on", NUMBER | {"default": 0.0}),
     ("--duration", "S", "write so many seconds (default: to the end)", NUMBER),
     ("--no-images", None, "no video: quick"),
@@ -37,5 +40,12 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
     if args.seed is not None and args.seed < 0:
         raise UsageError("--seed must not be negative")
-    part = {"start_s": args.start, "duration_s": args.duration, "images": not args.no_images}
+    if args.barometer is not None and not 0 <= args.barometer <= _MOST_HZ:
+        raise UsageError(f"--barometer must be 0 to {_MOST_HZ} Hz")
+    part = {
+        "barometer_hz": args.barometer,
+        "start_s": args.start,
+        "duration_s": args.duration,
+        "images": not args.no_images,
+    }
     return call(simulate, args, "simulating, s", "scenario output", "seed joint_order", **part)

@@ -88,12 +88,13 @@ def fitting_method(reader: BagReader, namespace: str) -> tuple[str, str]:
 def done_without(found: Collection[str], method: str) -> list[str]:
     """Return the topics (contract names) that a method uses but that are not found.
 
-    Ordinary GPS is a filter's fallback and not reported, except for the method ``raw``.
+    Ordinary GPS is a filter's fallback, and a barometer is extra: neither is reported, except for
+    the method ``raw``.
     """
     return [
         name
         for name in METHOD_TOPICS[method]
-        if name not in found and (method == "raw" or not name.startswith("gps/"))
+        if name not in found and (method == "raw" or name in _OF_HEADINGS)
     ]
 
 

@@ -36,6 +36,7 @@ def simulate(
     *,
     seed: int | None = None,
     joint_order: str | None = None,
+    barometer_hz: float | None = None,
     start_s: float = 0.0,
     duration_s: float | None = None,
     images: bool = True,
@@ -43,16 +44,19 @@ def simulate(
 ) -> dict[str, object]:
     """Fly a scenario and write NAMES into ``out_dir``; the same seed gives the same bytes.
 
-    ``joint_order`` overrides the scenario's gimbal, and is written to params.yaml. ``start_s`` and
-    ``duration_s`` cut a window out of the flight: the bags hold what arrived in it, the
-    observations are those of its pictures, all other files are for the whole flight. Return what
-    was written. Raise ScenarioError, and BagError or SurveyError if files cannot be written.
+    ``joint_order`` overrides the scenario's gimbal, and is written to params.yaml;
+    ``barometer_hz`` overrides the rate of its barometer. ``start_s`` and ``duration_s`` cut a
+    window out of the flight: the bags hold what arrived in it, the observations are those of its
+    pictures, all other files are for the whole flight. Return what was written. Raise
+    ScenarioError, and BagError or SurveyError if files cannot be written.
     """
     outputs = [Path(out_dir) / name for name in (*NAMES, *ELEVATION)]
     check_outputs([scenario_path], outputs, ScenarioError)
     scenario = load_scenario(scenario_path)
     if joint_order is not None:
         scenario = replace(scenario, gimbal=replace(scenario.gimbal, joint_order=joint_order))
+    if barometer_hz is not None:
+        scenario = replace(scenario, barometer=replace(scenario.barometer, rate_hz=barometer_hz))
     if duration_s is None:
         duration_s = scenario.duration_s - start_s
     end_s = start_s + duration_s

@@ -13,6 +13,7 @@ from tirgeo_ros.tools.simulate.sensors import (
     Autopilot,
     Epochs,
     ImuBias,
+    barometer_samples,
     gps_samples,
     imu_bias,
     imu_samples,
@@ -68,6 +69,7 @@ def fly(scenario: Scenario, seed: int | None = None) -> SimulatedFlight:
         *imu_samples(scenario, seed, trajectory, pilot, bias),
         *rtk_samples(scenario, seed, trajectory),
         *gps_samples(scenario, seed, trajectory),
+        *barometer_samples(scenario, seed, trajectory),
         *gimbal_samples(scenario, seed, trajectory, pilot, gimbal),
     ]
     samples.sort(key=lambda arrival: arrival[0])  # stable: the IMU first among equals

@@ -19,6 +19,7 @@ from tirgeo_ros.core.types.errors import CameraError, ConfigError, ScenarioError
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
 from tirgeo_ros.tools.simulate.scenario_aircraft import (
     AutopilotScenario,
+    BarometerScenario,
     GimbalScenario,
     GpsScenario,
     HeadingScenario,
@@ -53,6 +54,7 @@ class Scenario:
     rtk: RtkScenario = group(RtkScenario)
     heading: HeadingScenario = group(HeadingScenario)
     gps: GpsScenario = group(GpsScenario)
+    barometer: BarometerScenario = group(BarometerScenario)
     autopilot: AutopilotScenario = group(AutopilotScenario)
     gimbal: GimbalScenario = group(GimbalScenario)
     video: VideoScenario = group(VideoScenario)

@@ -17,6 +17,7 @@ from tirgeo_ros.core.frames.rotations import (
     quat_from_euler,
 )
 from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
+from tirgeo_ros.core.navigation.aiding.barometer import standard_pressure_pa
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
@@ -26,6 +27,7 @@ from tirgeo_ros.core.types.measurements import (
     JointSample,
     NavigationInput,
     PositionSample,
+    PressureSample,
     Source,
     VelocitySample,
 )
@@ -244,6 +246,28 @@ def gps_samples(scenario: Scenario, seed: int, trajectory: Trajectory) -> list[A
     delay_ns = round(gps.arrival_delay_s * 1e9)
     pairs = zip(positions, velocities, strict=True)
     return [(sample.stamp_ns + delay_ns, sample) for pair in pairs for sample in pair]
+
+
+def barometer_samples(scenario: Scenario, seed: int, trajectory: Trajectory) -> list[Arrival]:
+    """Return ``baro/pressure``: the standard atmosphere's at a height with errors; or nothing."""
+    barometer = scenario.barometer
+    if not barometer.rate_hz:
+        return []
+    epochs = Epochs.at_rate(scenario, barometer.rate_hz)
+    position_p = trajectory.motion(epochs.t_s).position_p
+    height_m = trajectory.plane.geodetic_from_ned(position_p)[2]
+    count, step_s = len(epochs.t_s), 1 / barometer.rate_hz
+    rng = generator(seed, "barometer")
+    white, steps = rng.standard_normal((2, count))
+    wander = gauss_markov(
+        rng, count, step_s, np.array([barometer.wander_time_s]), np.array([barometer.wander_rms_m])
+    )
+    drift_m = barometer.drift_m_sqrt_s * math.sqrt(step_s) * np.cumsum(steps)
+    errors_m = barometer.offset_m + barometer.noise_m * white + wander[:, 0] + drift_m
+    return [
+        (stamp, PressureSample(stamp, standard_pressure_pa(height), 0.0))
+        for stamp, height in zip(epochs.stamp_ns, (height_m + errors_m).tolist(), strict=True)
+    ]
 
 
 def _fixes(

@@ -13,6 +13,7 @@ from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.frames.rotations import quat_from_euler
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.aiding.aid_status import (
+    AIDS,
     EASE_STEPS,
     AidStatus,
     AidTrack,
@@ -138,16 +139,16 @@ def test_fixed_since():
 
 def test_fixed_again_is_eased_and_only_the_position():
     control = AidStatus(Receivers(0)).heard(FixStatus.FIXED, ns(0), TIMEOUT_NS)
-    assert [t.ease for t in control.tracks] == [0] * 5
+    assert [t.ease for t in control.tracks] == [0] * len(AIDS)
     control = control.heard(FixStatus.FLOAT, ns(1), TIMEOUT_NS)
-    assert [t.ease for t in control.tracks] == [0] * 5
+    assert [t.ease for t in control.tracks] == [0] * len(AIDS)
     control = control.heard(FixStatus.FIXED, ns(2), TIMEOUT_NS)
-    assert [t.ease for t in control.tracks] == [EASE_STEPS, 0, 0, 0, 0]
+    assert [t.ease for t in control.tracks] == [EASE_STEPS] + [0] * (len(AIDS) - 1)
 
 
 def test_resets_are_counted_and_told():
     control = AidStatus(Receivers(0)).with_reset(Source.RTK_HEADING, ns(0), math.radians(-20.0))
-    assert control.resets == (0, 0, 1, 0, 0)
+    assert control.resets == (0, 0, 1, 0, 0, 0)
     assert str(control.last_reset) == "heading turned by -20.0 deg"
     assert control.track(Source.RTK_HEADING) == AidTrack(ns(0))
     texts = {

@@ -15,6 +15,7 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack, Receivers
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.aiding.gnss_fallback import GpsPositionAid
+from tirgeo_ros.core.navigation.aiding.gnss_velocity import GpsVelocityAid
 from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate
 from tirgeo_ros.core.navigation.estimator import Navigation
 from tirgeo_ros.core.navigation.ins_error_model import GPS_ERROR, POSITION
@@ -78,7 +79,7 @@ def test_positions_are_spare_while_rtk_is_fixed_but_for_one_a_second(control, sp
 
 @pytest.mark.parametrize(("rtk_s", "spare"), [(9.0, True), (8.999, False), (None, False)])
 def test_velocities_are_spare_while_rtk_s_are_used(rtk_s, spare):
-    assert GpsPositionAid(CONFIG).spare(gps_velocity(10.0), control_of(rtk_s)) is spare
+    assert GpsVelocityAid(CONFIG).spare(gps_velocity(10.0), control_of(rtk_s)) is spare
 
 
 def test_a_fix_that_is_none_is_not_used():
@@ -96,7 +97,9 @@ def test_what_the_receiver_admits_beyond_its_slow_error_is_noise():
     known = np.square(gps.position_sigma_m) + gps.position_noise_m**2
     belief = StateEstimate(LEVEL, np.eye(18), control_of())
     for variances, beyond in ((known, 0.0), (0.1 * known, 0.0), (known + 9.0, 9.0)):
-        found = GpsPositionAid(CONFIG).aid(fix(10.0, variances=variances), belief)
+        found = GpsPositionAid(CONFIG).measured(
+            fix(10.0, variances=variances), belief, (0.0,) * 3
+        )[0]
         expected = np.eye(3) * (gps.position_noise_m**2 + beyond)
         np.testing.assert_allclose(found.measurement.noise, expected, rtol=1e-12)
 

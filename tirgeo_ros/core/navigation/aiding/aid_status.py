@@ -16,13 +16,7 @@ from tirgeo_ros.core.navigation.strapdown import Vector
 from tirgeo_ros.core.types.measurements import FixStatus, Source
 
 #: The sources of measurements, in the order in which those of one instant are used.
-AIDS = (
-    Source.RTK_POSITION,
-    Source.RTK_VELOCITY,
-    Source.RTK_HEADING,
-    Source.GPS_POSITION,
-    Source.GPS_VELOCITY,
-)
+AIDS = tuple(s for s in Source if s not in {Source.IMU, Source.AUTOPILOT_HEADING})
 #: Order within an instant. The autopilot's heading comes last; it has no record in ``tracks``.
 PLACE = {source: place for place, source in enumerate((*AIDS, Source.AUTOPILOT_HEADING))}
 NEVER_NS = -(1 << 62)
@@ -65,6 +59,7 @@ class AidTrack(NamedTuple):
     denied_ns: int = 0  # of the first
     denied_to_ns: int = 0  # of the newest
     denied: int = 0  # their number
+    own: tuple[float, ...] = ()  # what the aid itself keeps from one sample to the next
 
     def recent(self, now_ns: int, timeout_ns: int) -> bool:
         """Return whether it was used within the time-out."""
@@ -76,7 +71,14 @@ class AidTrack(NamedTuple):
         if self.run is None and self.recent(now_ns, timeout_ns):
             agreed_ns += now_ns - self.used_ns
         ease = max(self.ease - 1, 0)
-        return AidTrack(now_ns, agreed_ns, ease, mean_rad=self.mean_rad, newest=innovation)
+        return AidTrack(
+            now_ns,
+            agreed_ns,
+            ease,
+            mean_rad=self.mean_rad,
+            newest=innovation,
+            own=self.own,
+        )
 
     def followed(self, innovation: tuple[float, ...], expected: tuple[float, ...]) -> AidTrack:
         """Return the record updated with a step of a new innovation, before that is gated.
@@ -181,8 +183,9 @@ class Reset(NamedTuple):
             return f"heading turned by {math.degrees(self.size):+.1f} deg"
         if self.source in {Source.RTK_VELOCITY, Source.GPS_VELOCITY}:
             return f"velocity changed by {self.size:.2f} m/s"
-        what = "position moved" if self.source is Source.RTK_POSITION else "GPS error changed"
-        return f"{what} by {self.size:.2f} m"
+        what = {Source.RTK_POSITION: "position moved", Source.GPS_POSITION: "GPS error changed"}
+        changed = what.get(self.source, f"offset of {self.source.topic} changed")
+        return f"{changed} by {self.size:.2f} m"
 
 
 class AidStatus(NamedTuple):

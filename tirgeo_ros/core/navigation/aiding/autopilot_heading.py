@@ -15,11 +15,14 @@ import numpy as np
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.heading import azimuth, heading_of, wrapped
 from tirgeo_ros.core.frames.rotations import rotation_of
+from tirgeo_ros.core.navigation.aiding.aid import Aid
 from tirgeo_ros.core.navigation.aiding.state_estimate import AidMeasurement, StateEstimate
 from tirgeo_ros.core.navigation.kalman import Measurement
+from tirgeo_ros.core.navigation.strapdown import Vector
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import AutopilotHeading, ImuSample, Source
+from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 #: It is used where the state's heading sigma exceeds this multiple of its own.
 _SIGMAS = 3.0
@@ -27,15 +30,18 @@ _GATE_SIGMA = 5.0
 _AGAIN_NS = 1_000_000_000
 
 
-class AutopilotHeadingAid:
-    """Make the samples and measurements of the autopilot's heading."""
+class AutopilotHeadingAid(Aid):
+    """Make the samples and measurements of the autopilot's heading; it never resets anything."""
+
+    source = Source.AUTOPILOT_HEADING
+    recorded = False
 
     def __init__(self, config: EkfConfig) -> None:
         self._variance_rad2 = math.radians(config.autopilot.attitude_sigma_deg[2]) ** 2
         self._worth_rad2 = _SIGMAS**2 * self._variance_rad2
         self._newest_ns: int | None = None
 
-    def is_worth(self, covariance: Array) -> bool:
+    def _is_worth(self, covariance: Array) -> bool:
         """Return whether the state's heading is uncertain enough for the autopilot's to help."""
         return bool(covariance[2, 2] > self._worth_rad2)
 
@@ -45,15 +51,23 @@ class AutopilotHeadingAid:
         There is one a second at most. ``covariance`` (n, n) is that of the error states.
         """
         newest_ns, q_nb = self._newest_ns, imu.autopilot_q_nb
-        if not self.is_worth(covariance) or not usable_attitude(q_nb) or q_nb is None:
+        if not self._is_worth(covariance) or not usable_attitude(q_nb) or q_nb is None:
             return None
         if newest_ns is not None and 0 <= imu.stamp_ns - newest_ns < _AGAIN_NS:
             return None
         self._newest_ns = imu.stamp_ns
         return AutopilotHeading(imu.stamp_ns, heading_of(q_nb), self._variance_rad2)
 
-    def aid(self, sample: AutopilotHeading, belief: StateEstimate) -> AidMeasurement:
+    def measured(
+        self,
+        sample: AutopilotHeading,
+        belief: StateEstimate,
+        angular_rate_b: Vector,  # noqa: ARG002
+    ) -> tuple[AidMeasurement | Verdict, StateEstimate]:
         """Return the measurement: a turn about the vertical alone, for tilt is known better."""
+        if not self._is_worth(belief.covariance):
+            reason = "the heading is known better"
+            return Verdict(self.source, Outcome.STANDBY, reason), belief
         nose_n = rotation_of(belief.state.q_nb)[0::3]
         off = wrapped(sample.heading_rad - azimuth(nose_n))
         design = np.zeros((1, len(belief.covariance)))
@@ -62,4 +76,4 @@ class AutopilotHeadingAid:
         measurement = Measurement(np.array((off,)), design, noise, _GATE_SIGMA)
         return AidMeasurement(
             Source.AUTOPILOT_HEADING, sample.stamp_ns, measurement, (off,), (0.0,), 0.0
-        )
+        ), belief

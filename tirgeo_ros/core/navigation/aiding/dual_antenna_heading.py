@@ -13,6 +13,7 @@ import numpy as np
 from tirgeo_ros.core.config import AircraftConfig, EkfConfig
 from tirgeo_ros.core.frames.heading import azimuth, azimuth_row, wrapped
 from tirgeo_ros.core.frames.rotations import rotation_of
+from tirgeo_ros.core.navigation.aiding.aid import Aid
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack
 from tirgeo_ros.core.navigation.aiding.state_estimate import AidMeasurement, StateEstimate
 from tirgeo_ros.core.navigation.ins_error_model import heading_error, states_of
@@ -20,6 +21,7 @@ from tirgeo_ros.core.navigation.kalman import Measurement
 from tirgeo_ros.core.navigation.strapdown import Rotation, Vector, rotate
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample, Source
+from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 #: Rounding of the error function: a less probable interval cannot be computed from two tails.
 _LEAST_LIKELY = 1e-12
@@ -97,8 +99,13 @@ def interval_measurement(
     return math.copysign(spread * mean / told, innovation), spread * spread / told - predicted
 
 
-class HeadingAid:
-    """Make measurements of the antennas' headings."""
+class HeadingAid(Aid):
+    """Use the antennas' headings while RTK is fixed."""
+
+    source = Source.RTK_HEADING
+    delay = "heading.delay_s"
+    look_at = "heading.delay_s, aircraft.second_antenna_m"
+    steps = True
 
     def __init__(self, config: EkfConfig) -> None:
         self._heading = config.heading
@@ -108,7 +115,13 @@ class HeadingAid:
         self._floor_rad2 = math.radians(config.heading.sigma_floor_deg) ** 2
         self._resolution_rad = math.radians(config.heading.resolution_deg)
 
-    def obstacle(self, sample: HeadingSample, control: AidStatus) -> str:
+    @classmethod
+    def delay_s(cls, config: EkfConfig) -> float:
+        """Return the delay, s; a heading without a delay of its own takes that of RTK."""
+        own_s = config.heading.delay_s
+        return config.rtk.delay_s if math.isnan(own_s) else own_s
+
+    def _obstacle(self, sample: HeadingSample, control: AidStatus) -> str:
         """Return why a heading is not to be used now, or an empty string.
 
         RTK must be fixed; before the first use, and after a time-out, for ``start_after_s``.
@@ -124,14 +137,23 @@ class HeadingAid:
             return f"rtk/fix is fixed for {fixed_s:.1f} s only"
         return ""
 
-    def aid(self, sample: HeadingSample, belief: StateEstimate) -> AidMeasurement | None:
-        """Return the measurement, or None where the baseline is near the vertical."""
+    def measured(
+        self,
+        sample: HeadingSample,
+        belief: StateEstimate,
+        angular_rate_b: Vector,  # noqa: ARG002
+    ) -> tuple[AidMeasurement | Verdict, StateEstimate]:
+        """Return the measurement; INVALID where the baseline is near the vertical."""
+        obstacle = self._obstacle(sample, belief.control)
+        if obstacle:
+            return Verdict(self.source, Outcome.NOT_FIXED, obstacle), belief
         reported = sample.heading_rad - belief.control.receivers.heading_error_rad
         rotation = rotation_of(belief.state.q_nb)
         innovation, u = heading_innovation(rotation, reported, self._baseline)
         design = heading_design(self._states, u)
         if design is None:
-            return None
+            reason = "the antenna baseline stands upright"
+            return Verdict(self.source, Outcome.INVALID, reason), belief
         rounding = self._resolution_rad**2 / 12
         variance = max(sample.variance_rad2 - rounding, self._floor_rad2) + rounding
         gate_sigma = self._heading.gate_sigma
@@ -143,7 +165,15 @@ class HeadingAid:
         slack = 1.5 * gate_sigma * math.sqrt(variance)
         return AidMeasurement(
             Source.RTK_HEADING, sample.stamp_ns, measurement, invariant, (1.0, 0.0), slack
-        )
+        ), belief
+
+    def off(self, aid: AidMeasurement, track: AidTrack) -> str:
+        """Return in words how far a heading is off; of a step, a chord of the unit circle."""
+        turn = abs(float(aid.measurement.innovation[0]))
+        if track.step:
+            turn = 2 * math.asin(min(math.hypot(*track.step) / 2, 1.0))
+        swapped = "; antennas swapped?" if turn > LARGE_TURN_RAD else ""
+        return f"{math.degrees(turn):.0f} deg off{swapped}"
 
     def _interval(self, plain: Measurement, covariance: Array) -> Measurement:
         """Return the measurement of a quantised reading; ``plain`` if either is beyond the gate.

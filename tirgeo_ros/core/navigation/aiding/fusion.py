@@ -6,25 +6,19 @@ ordinary GPS replaces RTK where that is missing.
 
 from __future__ import annotations
 
-import math
 import operator
 
 import numpy as np
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.aid_status import EASE_STEPS, AidStatus, AidTrack, Receivers
-from tirgeo_ros.core.navigation.aiding.autopilot_heading import AutopilotHeadingAid
-from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import LARGE_TURN_RAD, HeadingAid
-from tirgeo_ros.core.navigation.aiding.gnss_fallback import GpsPositionAid
-from tirgeo_ros.core.navigation.aiding.gnss_velocity import VelocityAid
-from tirgeo_ros.core.navigation.aiding.rtk_position import RtkPositionAid
+from tirgeo_ros.core.navigation.aiding.aids import AIDS
 from tirgeo_ros.core.navigation.aiding.state_estimate import (
     AidMeasurement,
     AidSample,
     Fused,
     StateEstimate,
     added,
-    not_fixed,
     refused,
 )
 from tirgeo_ros.core.navigation.aiding.state_reset import Resets
@@ -35,15 +29,11 @@ from tirgeo_ros.core.navigation.ins_error_model import (
     feedback,
     has_antenna,
     heading_error,
-    states_of,
 )
 from tirgeo_ros.core.navigation.kalman import Measurement, chi_square_limit, update
 from tirgeo_ros.core.navigation.strapdown import Vector
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import (
-    AutopilotHeading,
-    FixStatus,
-    HeadingSample,
     PositionSample,
     Source,
     VelocitySample,
@@ -53,32 +43,22 @@ from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 #: Gate of a heading or velocity that has stepped: it passes only if the state may be off by as
 #: much.
 _STEPPED_GATE_SIGMA = 2.0
-#: Sources whose steps are told from a drift. A step of ordinary GPS belongs to its error state.
-_STEPPING = (Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING)
-#: Sources that are eased in after a silence, since they would move the map in one step.
-_EASED = (Source.RTK_POSITION, Source.RTK_VELOCITY)
 
 
 class Fusion:
     """Convert samples to measurements and fuse them."""
 
     def __init__(self, config: EkfConfig) -> None:
-        states = states_of(config)
+        self._aids = {source: aid(config) for source, aid in AIDS.items()}
         self._timeout_ns = round(config.trust.aid_timeout_s * 1e9)
         self._direct = config.position_update == "rtk_direct"
-        self._rtk_position = RtkPositionAid(config)
-        self._rtk_velocity = VelocityAid(states, config.rtk, config.aircraft.rtk_lever_b)
-        self._gps_velocity = VelocityAid(states, config.gps, config.aircraft.gps_lever_b)
-        self._gps_position = GpsPositionAid(config)
-        self._headings = HeadingAid(config)
-        self._autopilot = AutopilotHeadingAid(config)
         self._resets = Resets(config)
         self._gps_time_s = config.gps.position_time_s
         self._heading_time_s = config.heading.bias_time_s
 
     def spare(self, sample: AidSample, control: AidStatus) -> bool:
-        """Return whether a sample of the ordinary GPS is not needed, since RTK is there."""
-        return self._gps_position.spare(sample, control)
+        """Return whether a sample would change nothing."""
+        return self._aids[sample.source].spare(sample, control)
 
     def fuse(
         self,
@@ -101,14 +81,7 @@ class Fusion:
         belief = StateEstimate(
             state, covariance, self._with_decayed_errors(control, sample.stamp_ns)
         )
-        if isinstance(sample, AutopilotHeading):
-            return self._with_autopilot_heading(sample, belief)
-        if isinstance(sample, HeadingSample):
-            aid, belief = self._heading(sample, belief)
-        elif isinstance(sample, VelocitySample):
-            aid, belief = self._velocity(sample, belief, angular_rate_b)
-        else:
-            aid, belief = self._position(sample, belief)
+        aid, belief = self._aids[sample.source].measured(sample, belief, angular_rate_b)
         if isinstance(aid, Verdict):
             return Fused(aid, belief)
         if stale:
@@ -118,48 +91,13 @@ class Fusion:
             return refused(sample, belief, Outcome.GATED, reason)
         return self._judged(aid, belief, autopilot_q_nb)
 
-    def _position(
-        self, sample: PositionSample, belief: StateEstimate
-    ) -> tuple[AidMeasurement | Verdict, StateEstimate]:
-        if sample.source is Source.GPS_POSITION:
-            if sample.status < FixStatus.SINGLE:
-                return not_fixed(sample.source, sample.status), belief
-            return self._gps_position.aid(sample, belief), belief
-        state, covariance, control = belief
-        belief = StateEstimate(state, covariance, self._heard(sample, control))
-        if sample.status < FixStatus.FLOAT:
-            return not_fixed(sample.source, sample.status), belief
-        return self._rtk_position.aid(sample, belief)
-
-    def _heard(self, sample: PositionSample, control: AidStatus) -> AidStatus:
-        return control.heard(sample.status, sample.stamp_ns, self._timeout_ns)
-
-    def _velocity(
-        self, sample: VelocitySample, belief: StateEstimate, angular_rate_b: Vector
-    ) -> tuple[AidMeasurement | Verdict, StateEstimate]:
-        if sample.source is Source.GPS_VELOCITY:
-            return self._gps_velocity.aid(sample, belief, angular_rate_b), belief
-        status = belief.control.status_at(sample.stamp_ns, self._timeout_ns)
-        if status is not None and status < FixStatus.FLOAT:
-            return not_fixed(sample.source, status), belief
-        return self._rtk_velocity.aid(sample, belief, angular_rate_b), belief
-
-    def _heading(
-        self, sample: HeadingSample, belief: StateEstimate
-    ) -> tuple[AidMeasurement | Verdict, StateEstimate]:
-        reason = self._headings.obstacle(sample, belief.control)
-        if reason:
-            return Verdict(Source.RTK_HEADING, Outcome.NOT_FIXED, reason), belief
-        aid = self._headings.aid(sample, belief)
-        if aid is None:
-            reason = "the antenna baseline stands upright"
-            return Verdict(Source.RTK_HEADING, Outcome.INVALID, reason), belief
-        return aid, belief
-
     def _judged(
         self, aid: AidMeasurement, belief: StateEstimate, autopilot_q_nb: Array | None
     ) -> Fused:
         """Return the belief with a measurement in it, or without it where the gates refuse."""
+        model = self._aids[aid.source]
+        if not model.recorded:
+            return self._unrecorded(aid, belief)
         state, covariance, control = belief
         track = control.track(aid.source).followed(aid.invariant, aid.expected)
         track = self._eased(aid, track)
@@ -174,11 +112,10 @@ class Fusion:
             aid = aid._replace(measurement=measurement)
         ratio, error, updated, predicted = update(covariance, measurement)
         reason = "refused" if error is None else ""
-        if aid.source is Source.RTK_HEADING:
-            track, reason = self._headings.averaged(track, measurement, predicted, reason)
+        track, reason = model.averaged(track, measurement, predicted, reason)
         if reason or error is None or updated is None:
             track = self._refused(aid, track)
-            reason = off(aid, track) if error is None else reason
+            reason = model.off(aid, track) if error is None else reason
             belief = belief._replace(control=control.with_track(aid.source, track))
             return self._after_refusal(aid, belief, ratio, reason, autopilot_q_nb)
         if self._direct and aid.source is Source.RTK_POSITION:
@@ -188,19 +125,14 @@ class Fusion:
         belief = StateEstimate(feedback(state, error), updated, control)
         return Fused(_verdict(aid, Outcome.USED, "", ratio), belief)
 
-    def _with_autopilot_heading(self, sample: AutopilotHeading, belief: StateEstimate) -> Fused:
-        """Return the belief with the autopilot's heading, if it is worth it; it never resets."""
-        if not self._autopilot.is_worth(belief.covariance):
-            return refused(sample, belief, Outcome.STANDBY, "the heading is known better")
-        aid = self._autopilot.aid(sample, belief)
+    def _unrecorded(self, aid: AidMeasurement, belief: StateEstimate) -> Fused:
+        """Return the belief with a measurement of an aid that has no record."""
         ratio, error, updated, _ = update(belief.covariance, aid.measurement)
         if error is None or updated is None:
             return Fused(_verdict(aid, Outcome.GATED, "innovation", ratio), belief)
         control = belief.control._replace(receivers=_receivers(belief.control, error))
-        state = feedback(belief.state, error)
-        return Fused(
-            _verdict(aid, Outcome.USED, "", ratio), StateEstimate(state, updated, control)
-        )
+        belief = StateEstimate(feedback(belief.state, error), updated, control)
+        return Fused(_verdict(aid, Outcome.USED, "", ratio), belief)
 
     def _refused(self, aid: AidMeasurement, track: AidTrack) -> AidTrack:
         """Return the record after a refusal.
@@ -211,7 +143,7 @@ class Fusion:
         """
         step: tuple[float, ...] = ()
         seen = track.step or track.denied or track.recent(aid.stamp_ns, self._timeout_ns)
-        if seen and aid.source in _STEPPING:
+        if seen and self._aids[aid.source].steps:
             step = track.stepped(aid.invariant, aid.expected)
         elif not seen and aid.source is Source.RTK_HEADING and track.newest:
             step = tuple(map(operator.sub, aid.invariant, aid.expected))
@@ -227,6 +159,7 @@ class Fusion:
         position decides; a large step resets the position instead.
         """
         plain = aid.measurement
+        off = self._aids[aid.source].off
         ratio = update(belief.covariance, plain).test_ratio
         track = self._refused(aid, track)
         control = belief.control.with_track(aid.source, track)
@@ -253,14 +186,18 @@ class Fusion:
         reason: str,
         autopilot_q_nb: Array | None,
     ) -> Fused:
-        reset = self._resets.after_refusal(aid, belief, autopilot_q_nb)
+        model = self._aids[aid.source]
+        reset = model.after_refusal(aid, belief)
+        if reset is None:
+            reset = self._resets.after_refusal(aid, belief, model.resets, autopilot_q_nb)
         if reset is None:
             return Fused(_verdict(aid, Outcome.GATED, reason, ratio), belief)
         return Fused(_verdict(aid, Outcome.RESET, str(reset.control.last_reset), ratio), reset)
 
     def _eased(self, aid: AidMeasurement, track: AidTrack) -> AidTrack:
         """Return a record that eases an aid in, where it was silent beyond the time-out."""
-        if aid.source not in _EASED or track.recent(aid.stamp_ns, self._timeout_ns):
+        silent = not track.recent(aid.stamp_ns, self._timeout_ns)
+        if not silent or not self._aids[aid.source].eased:
             return track
         return track._replace(ease=EASE_STEPS)
 
@@ -292,18 +229,6 @@ def _receivers(control: AidStatus, error: Array) -> Receivers:
     turned = 0.0 if at is None else float(error[at])
     moved = error[ANTENNA].tolist() if has_antenna(len(error)) else ()
     return control.receivers.changed(error[GPS_ERROR].tolist(), turned, moved)
-
-
-def off(aid: AidMeasurement, track: AidTrack) -> str:
-    """Return in words how far a measurement is off; of a step, how large it was."""
-    size = math.hypot(*track.step) or float(np.linalg.norm(aid.measurement.innovation))
-    if aid.source is Source.RTK_HEADING:
-        if track.step:  # a chord of the unit circle
-            size = 2 * math.asin(min(size / 2, 1.0))
-        swapped = "; antennas swapped?" if size > LARGE_TURN_RAD else ""
-        return f"{math.degrees(size):.0f} deg off{swapped}"
-    speed = aid.source in {Source.RTK_VELOCITY, Source.GPS_VELOCITY}
-    return f"{size:.1f} {'m/s' if speed else 'm'} off"
 
 
 def _verdict(aid: AidMeasurement, outcome: Outcome, reason: str, ratio: float) -> Verdict:

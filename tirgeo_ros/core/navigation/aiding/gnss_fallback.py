@@ -11,19 +11,20 @@ import numpy as np
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import rotation_of
+from tirgeo_ros.core.navigation.aiding.aid import Aid
 from tirgeo_ros.core.navigation.aiding.aid_status import NEVER_NS, AidStatus
 from tirgeo_ros.core.navigation.aiding.rtk_position import innovation_n, position_design
 from tirgeo_ros.core.navigation.aiding.state_estimate import (
     AidMeasurement,
-    AidSample,
     StateEstimate,
     added,
-    source_of,
+    not_fixed,
 )
-from tirgeo_ros.core.navigation.ins_error_model import states_of
+from tirgeo_ros.core.navigation.ins_error_model import GPS_ERROR, states_of
 from tirgeo_ros.core.navigation.kalman import Measurement
 from tirgeo_ros.core.navigation.strapdown import Vector, rotate
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
+from tirgeo_ros.core.types.verdicts import Verdict
 
 #: While RTK is there the error is learned at this interval (a second less the jitter of stamps).
 _LEARNING_NS = 950_000_000
@@ -31,8 +32,13 @@ _LEARNING_NS = 950_000_000
 _SLACK_M = 2.0
 
 
-class GpsPositionAid:
-    """Make measurements of GPS positions."""
+class GpsPositionAid(Aid):
+    """Use positions of the ordinary GPS, with their slow error as a state."""
+
+    source = Source.GPS_POSITION
+    delay = "gps.delay_s"
+    look_at = "aircraft.gps_antenna_m, gps.delay_s"
+    resets = GPS_ERROR  # a jump of it leaves the state unchanged
 
     def __init__(self, config: EkfConfig) -> None:
         self._gps = config.gps
@@ -43,21 +49,24 @@ class GpsPositionAid:
         self._noise = np.eye(3) * noise_m2
         self._known_m2 = np.square(config.gps.position_sigma_m) + noise_m2
 
-    def spare(self, sample: AidSample, control: AidStatus) -> bool:
-        """Return whether a sample of the ordinary GPS is not needed, since RTK is there."""
-        source, now_ns = source_of(sample), sample.stamp_ns
-        if source is Source.GPS_VELOCITY:
-            return control.track(Source.RTK_VELOCITY).recent(now_ns, self._timeout_ns)
-        if source is not Source.GPS_POSITION:
-            return False
+    def spare(self, sample: PositionSample, control: AidStatus) -> bool:
+        """Return whether RTK is fixed and used, and the error was learned within a second."""
+        now_ns = sample.stamp_ns
         return (
             control.status is FixStatus.FIXED
             and control.track(Source.RTK_POSITION).recent(now_ns, self._timeout_ns)
-            and control.track(source).recent(now_ns, _LEARNING_NS)
+            and control.track(self.source).recent(now_ns, _LEARNING_NS)
         )
 
-    def aid(self, sample: PositionSample, belief: StateEstimate) -> AidMeasurement:
-        """Return the measurement of a position with its slow error in it."""
+    def measured(
+        self,
+        sample: PositionSample,
+        belief: StateEstimate,
+        angular_rate_b: Vector,  # noqa: ARG002
+    ) -> tuple[AidMeasurement | Verdict, StateEstimate]:
+        """Return the measurement of a position with its slow error in it, and the belief."""
+        if sample.status < FixStatus.SINGLE:
+            return not_fixed(self.source, sample.status), belief
         state = belief.state
         error = belief.control.receivers.gps_error_n
         lever_n = rotate(rotation_of(state.q_nb), self._lever_b)
@@ -71,7 +80,7 @@ class GpsPositionAid:
         invariant = added(innovation, state.correction_n)
         return AidMeasurement(
             sample.source, sample.stamp_ns, measurement, invariant, state.correction_n, _SLACK_M
-        )
+        ), belief
 
     def _white_factor(self, control: AidStatus, now_ns: int) -> float:
         """Return the factor that makes the variance of a lasting error one of white noise.

@@ -6,19 +6,29 @@ import math
 
 import numpy as np
 
-from tirgeo_ros.core.config import GpsConfig, RtkConfig
+from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import rotation_of, skew
+from tirgeo_ros.core.navigation.aiding.aid import Aid
+from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus
 from tirgeo_ros.core.navigation.aiding.state_estimate import (
     AidMeasurement,
     StateEstimate,
     added,
     floored,
+    not_fixed,
 )
-from tirgeo_ros.core.navigation.ins_error_model import ANTENNA, flat_memory, has_antenna
+from tirgeo_ros.core.navigation.ins_error_model import (
+    ANTENNA,
+    VELOCITY,
+    flat_memory,
+    has_antenna,
+    states_of,
+)
 from tirgeo_ros.core.navigation.kalman import Measurement
 from tirgeo_ros.core.navigation.strapdown import Rotation, Vector, cross, matrix, rotate
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.core.types.measurements import VelocitySample
+from tirgeo_ros.core.types.measurements import FixStatus, Source, VelocitySample
+from tirgeo_ros.core.types.verdicts import Verdict
 
 
 def swing_n(rotation_nb: Rotation, angular_rate_b: Vector, lever_arm_b: Vector) -> Vector:
@@ -52,21 +62,27 @@ def velocity_design(
 _ZERO = (0.0, 0.0, 0.0)
 
 
-class VelocityAid:
+class _VelocityAid(Aid):
     """Make measurements of the velocities of one receiver."""
 
-    def __init__(self, states: int, receiver: RtkConfig | GpsConfig, lever_arm_b: Array) -> None:
-        """Take the receiver's antenna ``lever_arm_b`` (3,) from the IMU, FRD, m."""
-        self._states = states
-        self._lever_b: Vector = tuple(lever_arm_b.tolist())
-        self._estimates_antenna = isinstance(receiver, RtkConfig) and has_antenna(states)
+    unit = "m/s"
+    resets = VELOCITY
+
+    def __init__(self, config: EkfConfig) -> None:
+        """Take the parameters of the receiver, and its antenna's place."""
+        rtk = self.source is Source.RTK_VELOCITY
+        receiver = config.rtk if rtk else config.gps
+        self._states = states_of(config)
+        self._lever_b: Vector = tuple(config.aircraft.antenna_b(self.source).tolist())
+        self._estimates_antenna = rtk and has_antenna(self._states)
         self._floor_m_s = receiver.velocity_sigma_floor_m_s
         self._gate_sigma = receiver.gate_sigma
+        self._timeout_ns = round(config.trust.aid_timeout_s * 1e9)
 
-    def aid(
+    def measured(
         self, sample: VelocitySample, belief: StateEstimate, angular_rate_b: Vector
-    ) -> AidMeasurement:
-        """Return the measurement; ``angular_rate_b`` (rad/s) has its bias removed."""
+    ) -> tuple[AidMeasurement | Verdict, StateEstimate]:
+        """Return the measurement and the belief."""
         state = belief.state
         rotation = rotation_of(state.q_nb)
         lever_b = self._lever_b
@@ -88,4 +104,39 @@ class VelocityAid:
         slack = 1.5 * self._gate_sigma * scatter
         return AidMeasurement(
             sample.source, sample.stamp_ns, measurement, innovation, _ZERO, slack
-        )
+        ), belief
+
+
+class RtkVelocityAid(_VelocityAid):
+    """Use velocities of RTK from float on."""
+
+    source = Source.RTK_VELOCITY
+    delay = "rtk.delay_s"
+    look_at = "rtk.velocity_delay_s, aircraft.rtk_antenna_m"
+    steps = True
+    eased = True
+
+    @classmethod
+    def delay_s(cls, config: EkfConfig) -> float:
+        """Return the delay of positions plus that of velocities, s."""
+        return config.rtk.delay_s + config.rtk.velocity_delay_s
+
+    def measured(
+        self, sample: VelocitySample, belief: StateEstimate, angular_rate_b: Vector
+    ) -> tuple[AidMeasurement | Verdict, StateEstimate]:
+        """Return the measurement, or NOT_FIXED by the newest status of ``rtk/fix``."""
+        status = belief.control.status_at(sample.stamp_ns, self._timeout_ns)
+        if status is not None and status < FixStatus.FLOAT:
+            return not_fixed(self.source, status), belief
+        return super().measured(sample, belief, angular_rate_b)
+
+
+class GpsVelocityAid(_VelocityAid):
+    """Use velocities of the ordinary GPS where those of RTK are missing."""
+
+    source = Source.GPS_VELOCITY
+    delay = look_at = "gps.delay_s"
+
+    def spare(self, sample: VelocitySample, control: AidStatus) -> bool:
+        """Return whether RTK's velocity was used within the time-out."""
+        return control.track(Source.RTK_VELOCITY).recent(sample.stamp_ns, self._timeout_ns)

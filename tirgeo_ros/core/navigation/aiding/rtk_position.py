@@ -12,16 +12,19 @@ import numpy as np
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import rotation_of
 from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
+from tirgeo_ros.core.navigation.aiding.aid import Aid
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus
 from tirgeo_ros.core.navigation.aiding.state_estimate import (
     AidMeasurement,
     StateEstimate,
     added,
     floored,
+    not_fixed,
 )
 from tirgeo_ros.core.navigation.ins_error_model import (
     ANTENNA,
     GPS_ERROR,
+    POSITION,
     flat_memory,
     has_antenna,
     states_of,
@@ -29,7 +32,8 @@ from tirgeo_ros.core.navigation.ins_error_model import (
 from tirgeo_ros.core.navigation.kalman import Measurement
 from tirgeo_ros.core.navigation.strapdown import NavState, Rotation, Vector, matrix, rotate
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.core.types.measurements import FixStatus, PositionSample
+from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
+from tirgeo_ros.core.types.verdicts import Verdict
 
 
 def separation_n(state: NavState, sample: PositionSample) -> Vector:
@@ -74,19 +78,34 @@ def position_design(
     return design
 
 
-class RtkPositionAid:
-    """Make measurements of RTK positions."""
+class RtkPositionAid(Aid):
+    """Use positions of RTK from float on."""
+
+    source = Source.RTK_POSITION
+    delay = "rtk.delay_s"
+    look_at = "aircraft.rtk_antenna_m, rtk.delay_s"
+    steps = True
+    eased = True
+    resets = POSITION
 
     def __init__(self, config: EkfConfig) -> None:
         self._rtk = config.rtk
         self._states = states_of(config)
         self._lever_b: Vector = tuple(config.aircraft.rtk_lever_b.tolist())
+        self._timeout_ns = round(config.trust.aid_timeout_s * 1e9)
 
-    def aid(
-        self, sample: PositionSample, belief: StateEstimate
-    ) -> tuple[AidMeasurement, StateEstimate]:
-        """Return the measurement, and the belief with its offset in the median's window."""
-        state = belief.state
+    def measured(
+        self,
+        sample: PositionSample,
+        belief: StateEstimate,
+        angular_rate_b: Vector,  # noqa: ARG002
+    ) -> tuple[AidMeasurement | Verdict, StateEstimate]:
+        """Return the measurement; the belief knows its status, and its offset for the median."""
+        state, covariance, control = belief
+        control = control.heard(sample.status, sample.stamp_ns, self._timeout_ns)
+        belief = StateEstimate(state, covariance, control)
+        if sample.status < FixStatus.FLOAT:
+            return not_fixed(self.source, sample.status), belief
         rotation = rotation_of(state.q_nb)
         lever_n = rotate(rotation, added(self._lever_b, belief.control.receivers.antenna_b))
         innovation = innovation_n(state, sample, lever_n)

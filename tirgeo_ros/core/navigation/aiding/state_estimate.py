@@ -15,12 +15,13 @@ from tirgeo_ros.core.types.measurements import (
     FixStatus,
     HeadingSample,
     PositionSample,
+    PressureSample,
     Source,
     VelocitySample,
 )
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
-Aiding = PositionSample | VelocitySample | HeadingSample
+Aiding = PositionSample | VelocitySample | HeadingSample | PressureSample
 #: The same, and what the filter takes from the IMU's own messages.
 AidSample = Aiding | AutopilotHeading
 
@@ -64,9 +65,7 @@ def not_fixed(source: Source, status: FixStatus) -> Verdict:
 
 def source_of(sample: AidSample) -> Source:
     """Return the source of an aiding sample."""
-    if isinstance(sample, AutopilotHeading):
-        return Source.AUTOPILOT_HEADING
-    return Source.RTK_HEADING if isinstance(sample, HeadingSample) else sample.source
+    return sample.source
 
 
 def added(a: Vector, b: Vector) -> Vector:

@@ -21,7 +21,6 @@ from tirgeo_ros.core.navigation.ins_error_model import (
     GPS_ERROR,
     GYRO_BIAS,
     POSITION,
-    VELOCITY,
     feedback,
     heading_error,
 )
@@ -51,22 +50,23 @@ class Resets:
         self._timeout_ns = round(config.trust.aid_timeout_s * 1e9)
 
     def after_refusal(
-        self, aid: AidMeasurement, belief: StateEstimate, autopilot_q_nb: Array | None
+        self,
+        aid: AidMeasurement,
+        belief: StateEstimate,
+        block: slice | None,
+        autopilot_q_nb: Array | None,
     ) -> StateEstimate | None:
-        """Return the belief reset to the measurement, or None if its refusals are too short."""
+        """Return the belief reset to the measurement, or None if its refusals are too short.
+
+        ``block`` are the states to set; a heading needs none.
+        """
         track = belief.control.track(aid.source)
         run = track.run
         if run is None or not run.lasts(self._patience_s(aid, belief, autopilot_q_nb)):
             return None
         if aid.source is Source.RTK_HEADING:
             return self._with_heading(aid, belief)
-        block = {
-            Source.RTK_POSITION: POSITION,
-            Source.RTK_VELOCITY: VELOCITY,
-            Source.GPS_POSITION: GPS_ERROR,  # a jump of it leaves the state unchanged
-            Source.GPS_VELOCITY: VELOCITY,
-        }[aid.source]
-        return self._with_block(aid, belief, block)
+        return None if block is None else self._with_block(aid, belief, block)
 
     def _patience_s(
         self, aid: AidMeasurement, belief: StateEstimate, autopilot_q_nb: Array | None

@@ -24,7 +24,6 @@ from tirgeo_ros.core.navigation.alignment.consistency_checks import (
     furthest,
 )
 from tirgeo_ros.core.navigation.alignment.imu_preintegration import Biases
-from tirgeo_ros.core.navigation.alignment.observations import topic_of
 from tirgeo_ros.core.navigation.alignment.sample_buffer import AlignmentSamples, span
 from tirgeo_ros.core.navigation.alignment.window_estimate import Fitted, Measured
 from tirgeo_ros.core.navigation.strapdown import NavState
@@ -233,7 +232,7 @@ class Aligner:
         return positions, [s for s in velocities if first <= s.stamp_ns <= last]
 
     def _needs_velocity(self, source: Source | None) -> str:
-        topic = topic_of(source) if source else "rtk/fix or gps/fix"
+        topic = source.topic if source else "rtk/fix or gps/fix"
         return f"needs {topic} over {self._config.alignment.duration_s:g} s"
 
     def _antenna_headings(self, first_ns: int, last_ns: int) -> list[HeadingSample]:

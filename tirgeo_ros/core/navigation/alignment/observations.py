@@ -38,24 +38,12 @@ from tirgeo_ros.core.types.measurements import (
     VelocitySample,
 )
 
-_TOPICS = {
-    Source.RTK_HEADING: "rtk/heading",
-    Source.RTK_POSITION: "rtk/fix",
-    Source.RTK_VELOCITY: "rtk/vel",
-    Source.GPS_POSITION: "gps/fix",
-    Source.GPS_VELOCITY: "gps/vel",
-}
 _PICKED = 9
 #: Error of the autopilot's azimuth: white part, and correlation time of the rest (as simulated).
 _AZIMUTH_NOISE_RAD = np.radians(0.3)
 _AZIMUTH_TIME_S = 30.0
 _AUTOPILOT_APART_RAD = np.radians(5.0)
 _WHOLE_DEG = 1e-3  # whole degrees that went through a message in single precision
-
-
-def topic_of(source: Source) -> str:
-    """Return the topic of an aid."""
-    return _TOPICS[source]
 
 
 def position_observation(
@@ -66,7 +54,7 @@ def position_observation(
     white, slow, time_s = _position_error(sample, config)
     return AlignmentObservation(
         sample.stamp_ns,
-        topic_of(sample.source),
+        sample.source.topic,
         ObservationKind.POSITION,
         plane.ned_from_geodetic(*place),
         config.aircraft.antenna_b(sample.source),
@@ -97,7 +85,7 @@ def velocity_observation(sample: VelocitySample, config: EkfConfig) -> Alignment
     source = config.gps if sample.source is Source.GPS_VELOCITY else config.rtk
     return AlignmentObservation(
         sample.stamp_ns,
-        topic_of(sample.source),
+        sample.source.topic,
         ObservationKind.VELOCITY,
         sample.velocity_n,
         config.aircraft.antenna_b(sample.source),

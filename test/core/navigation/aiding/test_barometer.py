@@ -1,0 +1,286 @@
+"""The barometer: its height, when it is used, what its errors do, and what refuses it."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from flights import config_for, errors, navigation_samples, rms
+
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack, Receivers
+from tirgeo_ros.core.navigation.aiding.barometer import (
+    Reference,
+    metres_per_pa,
+    standard_height_m,
+    standard_pressure_pa,
+)
+from tirgeo_ros.core.navigation.aiding.fusion import Fusion
+from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate
+from tirgeo_ros.core.navigation.estimator import Navigation
+from tirgeo_ros.core.navigation.ins_error_model import states_of
+from tirgeo_ros.core.navigation.strapdown import NavState
+from tirgeo_ros.core.types.measurements import ImuSample, PressureSample, Source
+from tirgeo_ros.core.types.verdicts import Outcome
+from tirgeo_ros.io.bags.cdr import Cdr
+from tirgeo_ros.io.messages import SENSED_SAMPLES, TOPIC_TYPES, Messages, sensed
+from tirgeo_ros.tools.simulate.flight import fly
+from tirgeo_ros.tools.simulate.scenario import scenario_from
+
+ZERO = (0.0, 0.0, 0.0)
+CONFIG = EkfConfig()
+BAROMETER = CONFIG.barometer
+HEIGHT_M, OFFSET_M = 120.0, 35.0
+LEVEL = NavState((1.0, 0.0, 0.0, 0.0), ZERO, 0.8, 0.2, HEIGHT_M, ZERO, ZERO, ZERO, ZERO)
+DOWN = 8
+
+
+def ns(t_s: float) -> int:
+    return round(t_s * 1e9)
+
+
+def pressure(t_s: float, off_m: float = 0.0, variance_pa2: float = 0.0) -> PressureSample:
+    """A reading whose height is off by so much from what the filter expects."""
+    height_m = HEIGHT_M + OFFSET_M + off_m
+    return PressureSample(ns(t_s), standard_pressure_pa(height_m), variance_pa2)
+
+
+def belief_of(sigma_m, *, position_s=None, reference=True) -> StateEstimate:
+    """A level state with this sigma of height, RTK used at a time, the offset known at 0 s."""
+    control = AidStatus(Receivers(0))
+    if position_s is not None:
+        control = control.with_track(Source.RTK_POSITION, AidTrack(ns(position_s)))
+    if reference:
+        own = Reference(0, HEIGHT_M + OFFSET_M, OFFSET_M, 0.01, 0)
+        control = control.with_track(Source.BAROMETER, AidTrack(own=own))
+    covariance = np.eye(states_of(CONFIG)) * 1e-4
+    covariance[DOWN, DOWN] = sigma_m**2
+    return StateEstimate(LEVEL, covariance, control)
+
+
+def reference_of(belief: StateEstimate) -> Reference:
+    return Reference(*belief.control.track(Source.BAROMETER).own)
+
+
+def lasting_m2(t_s: float, climb_m: float = 0.0) -> float:
+    """The variance of the offset after a while and a change of height, by the parameters."""
+    slow = 2 * BAROMETER.sigma_m**2 * (1 - math.exp(-t_s / BAROMETER.time_s))
+    weather = BAROMETER.drift_m_sqrt_s**2 * t_s
+    return 0.01 + weather + slow + (BAROMETER.scale_sigma * climb_m) ** 2
+
+
+@pytest.mark.parametrize(
+    ("height_m", "pressure_pa"),
+    # ISO 2533:1975, table 5: pressures at geopotential heights.
+    [(-1000, 113_929), (0, 101_325), (500, 95_460.8), (1000, 89_874.6), (5000, 54_019.9)],
+)
+def test_height_is_that_of_the_standard_atmosphere(height_m, pressure_pa):
+    # The table's digits: half of the last is 0.5 Pa at most, or 5 cm.
+    assert standard_height_m(pressure_pa) == pytest.approx(height_m, abs=0.06)
+    assert standard_pressure_pa(height_m) == pytest.approx(pressure_pa, abs=0.6)
+    slope = standard_height_m(pressure_pa - 0.5) - standard_height_m(pressure_pa + 0.5)
+    assert metres_per_pa(pressure_pa) == pytest.approx(slope, rel=1e-6)
+
+
+def test_first_reading_gives_the_reference_only_beside_a_position():
+    fusion, sample = Fusion(CONFIG), pressure(10.0)
+    alone = fusion.fuse(sample, belief_of(0.02, reference=False), ZERO)
+    assert alone.verdict.outcome is Outcome.STANDBY
+    assert not alone.belief.control.track(Source.BAROMETER).own
+    beside = fusion.fuse(sample, belief_of(0.02, position_s=9.9, reference=False), ZERO)
+    assert beside.verdict.outcome is Outcome.STANDBY
+    assert reference_of(beside.belief).offset_m == pytest.approx(OFFSET_M, abs=1e-6)
+
+
+def test_reference_follows_the_state_beside_a_position_and_stays_without():
+    fusion, belief = Fusion(CONFIG), belief_of(0.02, position_s=9.9)
+    for t_s in np.arange(0.1, 10.0, 0.1):
+        control = belief.control.with_track(Source.RTK_POSITION, AidTrack(ns(t_s)))
+        fused = fusion.fuse(pressure(t_s, 0.5), belief._replace(control=control), ZERO)
+        assert fused.verdict.outcome is Outcome.STANDBY
+        assert fused.belief.covariance is belief.covariance
+        belief = fused.belief
+    found = reference_of(belief)
+    assert found.offset_m == pytest.approx(OFFSET_M + 0.5, abs=0.01)
+    # White noise of 0.2 m that a walk of 0.05 m in 0.1 s limits: sqrt(0.05 x 0.2) m.
+    assert math.sqrt(found.variance_m2) == pytest.approx(0.1, abs=0.02)
+    for t_s in np.arange(20.0, 30.0, 0.1):  # RTK is gone
+        belief = fusion.fuse(pressure(t_s, 1.0), belief, ZERO).belief
+    assert reference_of(belief)[:4] == found[:4]
+
+
+@pytest.mark.parametrize("sigma_m", [2.0, 5.0, 30.0])
+@pytest.mark.parametrize("t_s", [5.0, 60.0])
+def test_a_reading_leaves_twice_the_variance_of_what_lasts(sigma_m, t_s):
+    fused = Fusion(CONFIG).fuse(pressure(t_s, 1.0), belief_of(sigma_m), ZERO)
+    assert fused.verdict.outcome is Outcome.USED
+    left = fused.belief.covariance[DOWN, DOWN]
+    assert left == pytest.approx(2 * lasting_m2(t_s, 1.0), rel=1e-9)
+    share = 1 - left / sigma_m**2
+    assert fused.belief.state.height_m == pytest.approx(HEIGHT_M + share, abs=1e-6)
+    again = Fusion(CONFIG).fuse(pressure(t_s + 0.1, 1.0), fused.belief, ZERO)
+    assert again.belief.state.height_m == pytest.approx(fused.belief.state.height_m, abs=0.01)
+
+
+def test_innovations_scatter_as_the_filter_says():
+    """NIS of 400 draws of the state's error and of each of the barometer's, 10 s after RTK."""
+    rng, fusion, t_s, sigma_m = np.random.default_rng(33), Fusion(CONFIG), 10.0, 1.5
+    kept = math.exp(-t_s / BAROMETER.time_s)
+    found = []
+    for state, known, walk, white, slow, fresh in rng.standard_normal((400, 6)):
+        changed = BAROMETER.sigma_m * ((kept - 1) * slow + math.sqrt(1 - kept**2) * fresh)
+        weather = BAROMETER.drift_m_sqrt_s * math.sqrt(t_s) * walk
+        off_m = sigma_m * state + 0.1 * known + weather + changed + BAROMETER.noise_m * white
+        found.append(fusion.fuse(pressure(t_s, off_m), belief_of(sigma_m), ZERO).verdict)
+    # Chi-square with 400 degrees of freedom: 95 % of the means are in 1 +- 1.96 sqrt(2 / 400).
+    assert np.mean([verdict.nis for verdict in found]) == pytest.approx(1.0, abs=0.139)
+    assert {verdict.outcome for verdict in found} == {Outcome.USED}
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, 0.0, -1.0, 1013.25, 1e9])
+def test_bad_pressures_are_invalid(value):
+    navigation = Navigation(CONFIG)
+    verdict = navigation.process(PressureSample(ns(1), value, 0.0)).verdict
+    assert (verdict.source, verdict.outcome) == (Source.BAROMETER, Outcome.INVALID)
+    assert "not 22632 to 113930 Pa" in verdict.reason
+    assert navigation.status().counts == {("barometer", "invalid"): 1}
+
+
+@pytest.mark.parametrize("variance", [math.nan, math.inf, -1.0])
+def test_bad_variances_are_invalid(variance):
+    verdict = Navigation(CONFIG).process(PressureSample(ns(1), 1e5, variance)).verdict
+    assert verdict.outcome is Outcome.INVALID
+
+
+@pytest.mark.parametrize(("sigma_m", "position"), [(0.02, True), (0.02, False), (2.0, False)])
+def test_a_step_is_refused_and_then_becomes_the_reference(sigma_m, position):
+    """A door opens: 40 m at once. The height stays in all cases."""
+    fusion, belief, outcomes = Fusion(CONFIG), belief_of(sigma_m), []
+    for t_s in np.arange(5.0, 8.0, 0.1):
+        if position:
+            control = belief.control.with_track(Source.RTK_POSITION, AidTrack(ns(t_s)))
+            belief = belief._replace(control=control)
+        fused = fusion.fuse(pressure(t_s, 40.0), belief, ZERO)
+        belief = fused.belief
+        outcomes.append(fused.verdict.outcome)
+        assert belief.state.height_m == pytest.approx(HEIGHT_M, abs=1e-6)
+    assert outcomes[:20] == [Outcome.GATED] * 20  # reset_after_s at 10 Hz
+    assert outcomes[20] is Outcome.RESET
+    assert set(outcomes[21:]) == {Outcome.STANDBY}
+    assert str(belief.control.last_reset) == "offset of baro/pressure changed by 40.00 m"
+    assert reference_of(belief).offset_m == pytest.approx(OFFSET_M + 40.0, abs=0.1)
+
+
+def test_one_reading_that_is_off_changes_nothing():
+    fusion, belief = Fusion(CONFIG), belief_of(2.0)
+    before = reference_of(belief)
+    off = fusion.fuse(pressure(5.0, -60.0), belief, ZERO)
+    assert off.verdict.outcome is Outcome.GATED
+    assert off.verdict.reason == "60.0 m off"
+    assert reference_of(off.belief)[:4] == before[:4]
+    assert fusion.fuse(pressure(5.1), off.belief, ZERO).verdict.outcome is Outcome.USED
+
+
+def test_readings_of_less_than_a_tenth_of_a_second_are_skipped():
+    fusion, belief = Fusion(CONFIG), belief_of(2.0)
+    belief = fusion.fuse(pressure(5.0), belief, ZERO).belief
+    skipped = fusion.fuse(pressure(5.05), belief, ZERO)
+    assert skipped.verdict.outcome is Outcome.STANDBY
+    assert skipped.belief is belief
+
+
+def test_message_is_the_sample_both_ways():
+    cdr = Cdr()
+    sample = PressureSample(1_700_000_000_123_456_789, 101_325.25, 9.0)
+    topic, message = sensed(Messages(cdr.types), sample)
+    data = cdr.serialize(message, TOPIC_TYPES[topic])
+    read = cdr.deserialize(data, "sensor_msgs/msg/FluidPressure")
+    assert topic == "baro/pressure"
+    assert SENSED_SAMPLES[topic](read) == sample
+
+
+# Whole flights
+
+
+def flown(seed: int, *, rate_hz: float = 10.0, duration_s: float = 107.0):
+    values = {"barometer.rate_hz": rate_hz, "duration_s": duration_s}
+    return fly(scenario_from(values, "test"), seed)
+
+
+def filtered(flight, samples, **values):
+    """Errors of the filter, and its last status; it may drift as far as it does."""
+    navigation = Navigation(config_for(flight, trust__lost_position_sigma_m=1e4, **values))
+    steps = [navigation.process(sample) for sample in samples]
+    found = [step.solution for step in steps if step.solution is not None]
+    return errors(flight, found), navigation.status()
+
+
+def without_satellites(flight, begin_s, end_s):
+    """The samples without any receiver's from one time to another."""
+    first_ns = flight.truth.stamp_ns[0]
+    return [
+        sample
+        for sample in navigation_samples(flight)
+        if isinstance(sample, ImuSample | PressureSample)
+        or not begin_s < (sample.stamp_ns - first_ns) * 1e-9 < end_s
+    ]
+
+
+def without_barometer(samples):
+    return [sample for sample in samples if not isinstance(sample, PressureSample)]
+
+
+@pytest.mark.slow
+def test_height_after_sixty_seconds_without_satellites():
+    """The table of docs/filter.md: six flights, all receivers silent from 40 to 100 s."""
+    off, sigmas = {True: [], False: []}, {True: [], False: []}
+    for seed in range(1, 7):
+        flight = flown(seed)
+        samples = without_satellites(flight, 40.0, 100.0)
+        for barometer in (True, False):
+            found, _ = filtered(flight, samples if barometer else without_barometer(samples))
+            row = int(np.searchsorted(found.t_s, 99.9)) - 1
+            off[barometer].append(found.state[row, 2])
+            sigmas[barometer].append(found.sigma[row, 2])
+    assert rms(np.array(off[False])) == pytest.approx(5.1, abs=0.1)
+    assert rms(np.array(off[True])) == pytest.approx(1.1, abs=0.1)
+    # Both are honest: the mean of six squares of errors over sigma, 99 % of chi-square / 6.
+    for barometer in (True, False):
+        assert np.mean(np.square(off[barometer]) / np.square(sigmas[barometer])) < 2.8
+
+
+def test_a_barometer_changes_nothing_on_a_clean_flight():
+    flight = flown(7, duration_s=40.0)
+    samples = navigation_samples(flight)
+    (found, status), (plain, _) = (
+        filtered(flight, chosen) for chosen in (samples, without_barometer(samples))
+    )
+    # The readings have stamps of the IMU, so only the sums' rounding differs.
+    assert np.abs(found.state - plain.state).max() < 1e-12
+    counted = Counter({o: n for (s, o), n in status.counts.items() if s == "barometer"})
+    assert set(counted) == {"standby", "waiting"}
+    # A slow error that is exactly as configured: 300 readings, correlated over a second or two.
+    assert 0.6 < status.nis["barometer"] < 1.4
+
+
+def test_a_barometer_that_walks_away_beside_rtk_does_no_harm():
+    """Five metres within a minute, and a step of 20 m: the height stays RTK's."""
+    flight = flown(8, duration_s=40.0)
+    begin_ns = flight.truth.stamp_ns[0]
+
+    def spoiled(sample):
+        t_s = (sample.stamp_ns - begin_ns) * 1e-9
+        height_m = standard_height_m(sample.pressure_pa) + t_s / 12 + 20.0 * (t_s > 25)
+        return replace(sample, pressure_pa=standard_pressure_pa(height_m))
+
+    samples = [
+        spoiled(s) if isinstance(s, PressureSample) else s for s in navigation_samples(flight)
+    ]
+    found, status = filtered(flight, samples)
+    plain, _ = filtered(flight, without_barometer(samples))
+    assert np.abs(found.state[:, 2] - plain.state[:, 2]).max() < 1e-3
+    assert status.counts["barometer", "gated"] >= 18
+    assert status.resets["barometer"] == 1

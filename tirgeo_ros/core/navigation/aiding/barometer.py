@@ -1,0 +1,197 @@
+"""Aid the filter with the height of a barometer, where it is known better than the state's own.
+
+Pressure gives a height in the standard atmosphere; weather, temperature and the air's flow around
+the aircraft make that differ from the true height by metres. The difference is measured while a
+satellite position holds the state's height. When that is gone, pressure continues the height from
+there. The error of a barometer lasts: many readings do not average it away. So a reading never
+makes the height's variance smaller than twice that of the barometer's own lasting error.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.navigation.aiding.aid import Aid
+from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack
+from tirgeo_ros.core.navigation.aiding.state_estimate import AidMeasurement, StateEstimate
+from tirgeo_ros.core.navigation.ins_error_model import POSITION, states_of
+from tirgeo_ros.core.navigation.kalman import Measurement, chi_square_limit
+from tirgeo_ros.core.navigation.strapdown import Vector
+from tirgeo_ros.core.types.measurements import PressureSample, Source
+from tirgeo_ros.core.types.verdicts import Outcome, Verdict
+
+#: The standard atmosphere at sea level, and up to 11 km (ISO 2533:1975; ICAO Doc 7488, 3rd ed.).
+_PRESSURE_PA, _TEMPERATURE_K, _LAPSE_K_M = 101_325.0, 288.15, 0.0065
+_GAS_J_KG_K, _GRAVITY_M_S2 = 287.05287, 9.80665
+_EXPONENT = _GAS_J_KG_K * _LAPSE_K_M / _GRAVITY_M_S2
+_DOWN = POSITION.stop - 1
+_POSITIONS = (Source.RTK_POSITION, Source.GPS_POSITION)
+#: Readings nearer to the last one used are skipped: they have the same error.
+_LEAST_STEP_NS = 90_000_000
+
+
+def standard_height_m(pressure_pa: float) -> float:
+    """Return the geopotential height in the standard atmosphere's lowest layer, m.
+
+    ``h = T0 / L (1 - (p / p0)^(R L / g0))``: the barometric equation of ISO 2533, solved for h.
+    """
+    ratio = (pressure_pa / _PRESSURE_PA) ** _EXPONENT
+    return _TEMPERATURE_K / _LAPSE_K_M * (1.0 - ratio)
+
+
+def standard_pressure_pa(height_m: float) -> float:
+    """Return the pressure at a height in that layer, the inverse."""
+    ratio = 1.0 - _LAPSE_K_M / _TEMPERATURE_K * height_m
+    return float(_PRESSURE_PA * ratio ** (1 / _EXPONENT))
+
+
+def metres_per_pa(pressure_pa: float) -> float:
+    """Return the height that one pascal less makes up: ``R T / (g0 p)``."""
+    temperature_k = _TEMPERATURE_K * (pressure_pa / _PRESSURE_PA) ** _EXPONENT
+    return _GAS_J_KG_K * temperature_k / (_GRAVITY_M_S2 * pressure_pa)
+
+
+class Reference(NamedTuple):
+    """Hold the offset of the standard height from the state's, as last measured."""
+
+    stamp_ns: int
+    height_m: float  # standard height at that time
+    offset_m: float  # standard height less the state's
+    variance_m2: float  # of the offset
+    taken_ns: int  # stamp of the newest reading that was looked at
+
+
+class BarometerAid(Aid):
+    """Use the height by pressure where the state's own has become less sure."""
+
+    source = Source.BAROMETER
+    delay = "barometer.delay_s"
+    look_at = "barometer.sigma_m, barometer.noise_m"
+
+    def __init__(self, config: EkfConfig) -> None:
+        self._config = config.barometer
+        self._states = states_of(config)
+        self._timeout_ns = round(config.trust.aid_timeout_s * 1e9)
+
+    def spare(self, sample: PressureSample, control: AidStatus) -> bool:
+        """Return whether a reading was looked at less than a tenth of a second before."""
+        own = control.track(self.source).own
+        return bool(own) and 0 <= sample.stamp_ns - own[-1] < _LEAST_STEP_NS
+
+    def measured(
+        self,
+        sample: PressureSample,
+        belief: StateEstimate,
+        angular_rate_b: Vector,  # noqa: ARG002
+    ) -> tuple[AidMeasurement | Verdict, StateEstimate]:
+        """Return the measurement; STANDBY while the state's height is the better one.
+
+        Meanwhile the reference follows the state, as long as a satellite position is in use.
+        """
+        control, stamp_ns = belief.control, sample.stamp_ns
+        held = any(control.track(s).recent(stamp_ns, self._timeout_ns) for s in _POSITIONS)
+        height_m, noise_m2 = standard_height_m(sample.pressure_pa), self._noise_m2(sample)
+        own_m2 = float(belief.covariance[_DOWN, _DOWN])
+        before = control.track(self.source)
+        if not before.own:
+            if not held:
+                reason = "no satellite position to take the height from"
+                return Verdict(self.source, Outcome.STANDBY, reason), belief
+            offset_m = height_m - belief.state.height_m
+            first = Reference(stamp_ns, height_m, offset_m, noise_m2 + own_m2, stamp_ns)
+            reason = "takes its reference"
+            return Verdict(self.source, Outcome.STANDBY, reason), _noted(belief, first)
+        reference = Reference(*before.own)._replace(taken_ns=stamp_ns)
+        lasting_m2 = self._offset_m2(reference, stamp_ns, height_m)
+        off_m = belief.state.height_m - (height_m - reference.offset_m)
+        aid = self._measurement(sample, belief, off_m, (lasting_m2, noise_m2))
+        nis = off_m * off_m / (own_m2 + lasting_m2 + noise_m2)
+        ratio = nis / chi_square_limit(self._config.gate_sigma, 1)
+        if own_m2 > 2 * lasting_m2 or ratio > 1:
+            return aid, _noted(belief, reference, before)
+        if held and own_m2 < lasting_m2:
+            gain = lasting_m2 / (lasting_m2 + noise_m2 + own_m2)
+            offset_m = reference.offset_m - gain * off_m
+            left_m2 = max((1 - gain) * lasting_m2, own_m2)
+            reference = Reference(stamp_ns, height_m, offset_m, left_m2, stamp_ns)
+        reason = "the height is known better"
+        verdict = Verdict(self.source, Outcome.STANDBY, reason, ratio, (off_m,), nis)
+        return verdict, _noted(belief, reference)
+
+    def after_refusal(self, aid: AidMeasurement, belief: StateEstimate) -> StateEstimate | None:
+        """Return the belief with a new reference where the pressure has stepped, else None.
+
+        A door, a gust or the canopy has changed the pressure: the state stays, and from here the
+        height is continued as before.
+        """
+        control = belief.control
+        track = control.track(self.source)
+        if track.run is None or not track.run.lasts(self._config.reset_after_s):
+            return None
+        off_m = float(aid.measurement.innovation[0])
+        offset_m = Reference(*track.own).offset_m - off_m
+        variance_m2 = float(belief.covariance[_DOWN, _DOWN]) + self._config.noise_m**2
+        height_m = belief.state.height_m + offset_m
+        reference = Reference(aid.stamp_ns, height_m, offset_m, variance_m2, aid.stamp_ns)
+        control = control.with_reset(self.source, aid.stamp_ns, abs(off_m))
+        return _noted(belief._replace(control=control), reference)
+
+    def _measurement(
+        self,
+        sample: PressureSample,
+        belief: StateEstimate,
+        off_m: float,
+        variances_m2: tuple[float, float],
+    ) -> AidMeasurement:
+        """Return the measurement of the position down, with lasting and white variances (m2).
+
+        Its correction leaves the height with twice the lasting variance. Then the weight of many
+        readings is that of one, and the error of an inertial height that they hold is in it too.
+        """
+        lasting_m2, noise_m2 = variances_m2
+        own_m2, plain_m2 = float(belief.covariance[_DOWN, _DOWN]), lasting_m2 + noise_m2
+        design = np.zeros((1, self._states))
+        design[0, _DOWN] = 1.0
+        ease = 0.0
+        if own_m2 > 2 * lasting_m2:
+            weak_m2 = own_m2 * 2 * lasting_m2 / (own_m2 - 2 * lasting_m2)
+            ease = max(weak_m2 - plain_m2, 0.0) / own_m2
+        measurement = Measurement(
+            np.array((off_m,)), design, np.array(((plain_m2,),)), self._config.gate_sigma, ease
+        )
+        moved_m = belief.state.correction_n[2]
+        slack_m = 1.5 * self._config.gate_sigma * math.sqrt(noise_m2 + self._config.sigma_m**2)
+        return AidMeasurement(
+            self.source, sample.stamp_ns, measurement, (off_m + moved_m,), (moved_m,), slack_m
+        )
+
+    def _noise_m2(self, sample: PressureSample) -> float:
+        """Return the variance of the white noise of a reading, as a height."""
+        reported_m2 = sample.variance_pa2 * metres_per_pa(sample.pressure_pa) ** 2
+        return max(reported_m2, self._config.noise_m**2)
+
+    def _offset_m2(self, reference: Reference, stamp_ns: int, height_m: float) -> float:
+        """Return the variance of the offset by now.
+
+        It grows by the weather's random walk, by the slow error's change (a Gauss-Markov process)
+        and with the change of height in air that is warmer or colder than the standard.
+        """
+        config, passed_s = self._config, abs(stamp_ns - reference.stamp_ns) * 1e-9
+        walked_m2 = config.drift_m_sqrt_s**2 * passed_s
+        slow_m2 = 2 * config.sigma_m**2 * -math.expm1(-passed_s / config.time_s)
+        scaled_m = config.scale_sigma * (height_m - reference.height_m)
+        return reference.variance_m2 + walked_m2 + slow_m2 + scaled_m * scaled_m
+
+
+def _noted(
+    belief: StateEstimate, reference: Reference, refused: AidTrack | None = None
+) -> StateEstimate:
+    """Return the belief with a reference; the record of refusals ends unless it is given."""
+    control = belief.control
+    track = refused or AidTrack(control.track(Source.BAROMETER).used_ns)
+    control = control.with_track(Source.BAROMETER, track._replace(own=reference))
+    return belief._replace(control=control)
