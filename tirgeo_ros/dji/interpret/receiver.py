@@ -167,7 +167,7 @@ class Receiver(ABC, Generic[R]):
         self._status = quality.status
         return PositionSample(
             self._positions.after(stamp_ns),
-            Source(f"{self._name}_position"),
+            Source[f"{self._name.upper()}_POSITION"],
             quality.status,
             place.latitude_rad,
             place.longitude_rad,
@@ -182,7 +182,10 @@ class Receiver(ABC, Generic[R]):
             self._count("velocity_without_fix")
             return []
         covariance = np.diag((quality.velocity_variance,) * 3)
-        stamp_ns, source = self._velocities.after(stamp_ns), Source(f"{self._name}_velocity")
+        stamp_ns, source = (
+            self._velocities.after(stamp_ns),
+            Source[f"{self._name.upper()}_VELOCITY"],
+        )
         return [VelocitySample(stamp_ns, source, np.array(velocity_n), covariance)]
 
 

@@ -14,7 +14,7 @@ from tirgeo_ros.core.frames.rotations import rotation_of
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.navigation.strapdown import cross
-from tirgeo_ros.core.types.arrays import Array, Vector
+from tirgeo_ros.core.types.arrays import Array, Quaternion, Vector
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
     HeadingSample,
@@ -27,7 +27,6 @@ from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
 from tirgeo_ros.core.types.verdicts import NavigationStatus
 from tirgeo_ros.io.messages.diagnostics import DiagnosticItem, navigation_item
 from tirgeo_ros.io.messages.message_axes import (
-    Quaternion,
     covariance_turned_world,
     positive,
     quat_turned_both,
@@ -78,7 +77,7 @@ class Messages(MessageParts):
 
     def stamped(self, typename: str, header: tuple[int, str], **fields: Any) -> Any:
         """Return a message of a type with a header of stamp (ns) and frame, and these fields."""
-        return self._parts.new(typename, header=self._parts.header(*header), **fields)
+        return self._stamped(typename, *header, **fields)
 
     def nav_sat_fix(self, sample: PositionSample, frame_id: str) -> Any:
         """Return ``sensor_msgs/NavSatFix`` of an antenna."""
