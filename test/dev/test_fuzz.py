@@ -13,7 +13,7 @@ from dev import fuzz
 from dev.dji_damage import KEY, damaged_stream
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, ImuSample, PositionSample
 from tirgeo_ros.dji.interpret.interpreter import Interpreter
-from tirgeo_ros.dji.link.framing import FrameReader, ProtocolFrame, encode_frame
+from tirgeo_ros.dji.link.framing import HEADER_BYTES, FrameReader, ProtocolFrame, encode_frame
 from tirgeo_ros.tools.presentation.progress import silent
 
 FRAME = encode_frame(b"\x02\x00\x00\x00")
@@ -78,8 +78,11 @@ class ThrowsAway(FrameReader):
 class Forgets(FrameReader):
     """Keeps nothing of a header that is not there in full."""
 
-    def _tail(self, _at):
-        return len(self._held)
+    def feed(self, data):
+        frames = super().feed(data)
+        if len(self._held) < HEADER_BYTES:
+            self._offset, self._held = self._offset + len(self._held), b""
+        return frames
 
 
 class Hoards(FrameReader):
