@@ -45,7 +45,7 @@ class Aircraft:
         self.key = None
 
     def switch_off_and_on(self):
-        self.activated, self.matched, self.rates, self.packages = False, False, None, {}
+        self.activated, self.rates, self.packages = False, None, {}
         self.answered = {}
 
     def take(self, data):
@@ -86,7 +86,7 @@ class Aircraft:
             case _ if not self.activated:
                 return 0x23
             case MatchVersion():
-                self.matched = True
+                pass
             case ResetPackages():
                 self.packages.clear()
             case RemovePackage(number):

@@ -143,9 +143,7 @@ class FrameReader:
             at += length if frame else 1
             if frame:
                 frames.append(frame)
-        # an incomplete header may begin within the last bytes
-        found = -1 if at_end else held.find(_SOF, max(at, len(held) - HEADER_BYTES + 1))
-        self._keep(len(held) if found < 0 else found, HEADER_BYTES)
+        self._keep(len(held) if at_end else self._tail(at), HEADER_BYTES)
         return frames
 
     def _length(self, header: bytes) -> int:
@@ -192,6 +190,11 @@ class FrameReader:
             return frame._replace(data=data)
         self._counts["undecryptable"] += known and self._aes is not None
         return frame._replace(is_encrypted=True)
+
+    def _tail(self, at: int) -> int:
+        """Return where an incomplete header may begin."""
+        found = self._held.find(_SOF, max(at, len(self._held) - HEADER_BYTES + 1))
+        return len(self._held) if found < 0 else found
 
     def _keep(self, start: int, needed: int) -> None:
         self._held = self._held[start:]

@@ -72,10 +72,11 @@ class CommandDesk:
             return b""
         asked = (frame.session, frame.sequence, frame.data)
         if self._answered is None or self._answered[0] != asked:
-            value, number = self._done(frame.data), (frame.session, frame.sequence)
-            wanted = value and frame.session
-            ack = encode_frame(value, session=number[0], sequence=number[1], is_ack=True)
-            self._answered = (asked, ack if wanted else b"")
+            value, ack = self._done(frame.data), b""
+            if value and frame.session:
+                session, sequence = frame.session, frame.sequence
+                ack = encode_frame(value, session=session, sequence=sequence, is_ack=True)
+            self._answered = (asked, ack)
         return self._answered[1]  # a repeated request, whose ack was lost, gets the same ack
 
     def _done(self, data: bytes) -> bytes:

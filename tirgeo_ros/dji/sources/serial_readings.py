@@ -129,7 +129,12 @@ class Telemetry:
         if implausible := doubtful(push):  # many of them where the package table is wrong
             self.counts["implausible"] += 1
             values = {name: value for name, value in values.items() if name not in implausible}
-        readings = self._hard_sync(values.get("HARD_SYNC"), arrival_ns)
+        readings: list[Reading] = []
+        tick: HardSync | None = values.get("HARD_SYNC")
+        if tick is not None:  # not by the push's own time, which is truncated to milliseconds
+            tick_ns = self._clocks.hard_sync.stamp_ns(tick.time2p5ms, arrival_ns, tick.time1ns)
+            given = (tick.accel_g, tick.gyro_radps, tick.q_wxyz)
+            readings += _inertial(tick_ns, ImuOrigin.HARD_SYNC, AccelerationUnit.G, given)
         readings += _inertial(
             stamp_ns,
             ImuOrigin.SUBSCRIPTION,
@@ -140,14 +145,6 @@ class Telemetry:
             self._known = GeodeticPlace(fused.lat_rad, fused.lon_rad, 0.0)
         readings += self._satellites(stamp_ns, values)
         return readings + _gimbal(stamp_ns, values.get("GIMBAL_ANGLES"))
-
-    def _hard_sync(self, tick: HardSync | None, arrival_ns: int) -> list[Reading]:
-        if tick is None:
-            return []
-        # Not by the push's own time, which is truncated to milliseconds.
-        stamp_ns = self._clocks.hard_sync.stamp_ns(tick.time2p5ms, arrival_ns, tick.time1ns)
-        given = (tick.accel_g, tick.gyro_radps, tick.q_wxyz)
-        return _inertial(stamp_ns, ImuOrigin.HARD_SYNC, AccelerationUnit.G, given)
 
     def _satellites(self, stamp_ns: int, values: dict[str, Any]) -> list[Reading]:
         readings: list[Reading] = []
