@@ -11,7 +11,8 @@ from typing import TypeVar
 from tirgeo_ros.io.files.child_python import safe_workers
 from tirgeo_ros.tools.presentation.progress import Report, silent
 
-_Job, _Result = TypeVar("_Job"), TypeVar("_Result")
+_Job = TypeVar("_Job")
+_Result = TypeVar("_Result")
 
 
 def in_processes(
