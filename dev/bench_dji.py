@@ -33,10 +33,11 @@ def dji_speeds(seconds: int = _SECONDS) -> list[Figure]:
     def speed(work: Callable[[], int]) -> float:
         return max(_speed(work, len(whole), len(frames)) for _ in range(_RUNS))
 
+    def frames_in(read: int) -> int:
+        return sum(map(len, _framed(whole, read)))
+
     decoded = {read: speed(partial(decode, whole, read)) for read in (FILE_READ, PORT_READ)}
-    framed = {
-        read: speed(lambda read=read: sum(map(len, _framed(whole, read)))) for read in decoded
-    }
+    framed = {read: speed(partial(frames_in, read)) for read in decoded}
     return [
         *(Figure(f"DJI: decoded, reads of {k} B", v, "MB/s", ">= 2") for k, v in decoded.items()),
         *(Figure(f"DJI: frames alone, reads of {k} B", v, "MB/s") for k, v in framed.items()),
