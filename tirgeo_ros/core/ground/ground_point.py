@@ -119,4 +119,5 @@ def _timed(pose: CameraPose, rates: CameraRates | None, config: ConfidenceConfig
 def ellipse_of(covariance_n: Array) -> Ellipse:
     """Return the horizontal 95 % ellipse of a covariance (3, 3), NED, m2."""
     semi_axes, azimuth = ellipse_95(covariance_n[:2, :2])
-    return Ellipse(*semi_axes[0].tolist(), float(azimuth[0]) % math.pi)
+    major, minor = semi_axes[0].tolist()
+    return Ellipse(major, minor, float(azimuth[0]) % math.pi)
