@@ -21,7 +21,7 @@ from dev.bench_dji import dji_speeds
 from dev.bench_filter import filter_times, long_times
 from dev.bench_overlay import overlay_times
 from dev.bench_pyins import pyins_is_installed
-from dev.figure import Figure, line
+from dev.judging import Figure, line
 from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.parameters.parameter_file import load_yaml

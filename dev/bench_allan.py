@@ -7,7 +7,7 @@ import subprocess
 import time
 from pathlib import Path
 
-from dev.figure import Figure
+from dev.judging import Figure
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.child_python import python_command
 from tirgeo_ros.tools.simulate.scenario import Scenario

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from struct import Struct
 
-from dev.figure import Figure
+from dev.judging import Figure
 from tirgeo_ros.dji.link.framing import FrameReader, ProtocolFrame, encode_frame
 from tirgeo_ros.dji.protocol.broadcast import Layout, broadcast_length, decode_broadcast
 from tirgeo_ros.dji.protocol.subscription import USUAL_PACKAGES, Package, PackageTable, decode_push

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from dev.bench_town import town
-from dev.figure import Figure
+from dev.judging import Figure
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.axes import BODY_OPTICAL
