@@ -11,17 +11,17 @@ import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import yaml
 
 from dev.bench_allan import allan_cost
 from dev.bench_clicks import click_speeds
 from dev.bench_dds import DdsTimes, dds_times
-from dev.bench_dji import FILE_READ, LINE_MB_S, PORT_READ, dji_speeds
+from dev.bench_dji import dji_speeds
 from dev.bench_filter import filter_times, long_times
 from dev.bench_overlay import overlay_times
 from dev.bench_pyins import pyins_is_installed
+from dev.judging import Figure, line
 from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
@@ -34,25 +34,16 @@ from tirgeo_ros.tools.replay.process import process
 _RUNS = 3
 
 
-class Figure(NamedTuple):
-    """One line of the table."""
-
-    what: str
-    value: float
-    unit: str
-    wanted: str = ""
-
-
 def figures(folder: Path, work: Path, *, graph: bool) -> Iterator[Figure]:
     """Every figure of the flight in ``folder``, one after another; ``work`` takes files."""
     yield _process_speed(folder, work, images=False)
     yield _process_speed(folder, work, images=True)
     yield from _filter_cost()
     yield from _filter_hour()
-    yield from _overlay_cost()
-    yield from _click_speed()
-    yield from _dji_speed()
-    yield from _allan_cost(work)
+    yield from overlay_times()
+    yield from click_speeds()
+    yield from dji_speeds()
+    yield from allan_cost(work)
     if graph:
         yield from _graph_cost(folder, work)
         yield from _serial_cost(folder, work)
@@ -96,49 +87,6 @@ def _filter_hour() -> Iterator[Figure]:
     yield Figure("an hour of flight: filter, first 5 min", times.first_s * 1e6, "us")
     yield Figure("an hour of flight: last 5 min over first", times.last_s / times.first_s, "ratio")
     yield Figure("an hour of flight: memory grown since", times.grown_bytes * 2**-20, "MiB")
-
-
-def _overlay_cost() -> Iterator[Figure]:
-    for times, wanted in zip(overlay_times(), ("<= 3.2", "<= 10"), strict=True):
-        name = f"overlay of {times.what}"
-        yield Figure(
-            f"{name}, {times.vertices} vertices in view", times.whole_s * 1e3, "ms", wanted
-        )
-        yield Figure(f"{name}: bare NumPy and OpenCV calls", times.bare_s * 1e3, "ms")
-        yield Figure(f"{name}: frame over bare calls", times.whole_s / times.bare_s, "ratio")
-        yield Figure(f"{name}: laying the map", times.load_s, "s")
-
-
-def _click_speed() -> Iterator[Figure]:
-    for found in click_speeds():
-        rate, rays = found.clicks_a_second, found.rays_a_second
-        yield Figure(f"clicks on {found.what}", rate, "a second", ">= 1000")
-        yield Figure(f"clicks on {found.what}: rays alone", rays, "a second")
-        yield Figure(f"clicks on {found.what}: click over ray", rays / rate, "ratio")
-
-
-def _dji_speed() -> list[Figure]:
-    """Of a clean capture that fills a line of 921600 baud to four fifths."""
-    found = dji_speeds()
-    return [
-        Figure(f"DJI: decoded, reads of {FILE_READ} B", found.decoded, "MB/s", ">= 2"),
-        Figure(f"DJI: decoded, reads of {PORT_READ} B", found.decoded_port, "MB/s", ">= 2"),
-        Figure(f"DJI: frames alone, reads of {FILE_READ} B", found.framed, "MB/s"),
-        Figure(f"DJI: frames alone, reads of {PORT_READ} B", found.framed_port, "MB/s"),
-        Figure("DJI: bare zlib.crc32 and struct", found.bare, "MB/s"),
-        Figure("DJI: decoded over the line of 1 Mbaud", found.decoded / LINE_MB_S, "x", ">= 20"),
-    ]
-
-
-def _allan_cost(work: Path) -> list[Figure]:
-    """Of five hours at 100 Hz, beside reading that bag and no more."""
-    found = allan_cost(work)
-    return [
-        Figure("calibrate allan, 5 h at 100 Hz", found.duration_s, "s", "<= 90"),
-        Figure("calibrate allan: reading alone", found.reading_s, "s"),
-        Figure("calibrate allan: whole over reading", found.duration_s / found.reading_s, "ratio"),
-        Figure("calibrate allan: memory", found.peak_mib, "MiB", "<= 1000"),
-    ]
 
 
 def _graph_cost(folder: Path, work: Path) -> list[Figure]:
@@ -192,12 +140,6 @@ def _dds_figures(name: str, found: DdsTimes, wanted: str) -> Iterator[Figure]:
     yield Figure(f"{name}: node, CPU a frame", found.cpu_s * 1e3, "ms")
     yield Figure(f"{name}: frames lost", 100 * found.lost / found.sent, "%")
     yield Figure(f"{name}: age grown in 6 s", found.grown_s * 1e3, "ms", "0")
-
-
-def line(figure: Figure) -> str:
-    """One line of the table."""
-    digits = 2 if figure.value >= 1 else 3
-    return f"{figure.what:<44}{figure.value:>9.{digits}f}  {figure.unit:<12}{figure.wanted}"
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 import time
 from pathlib import Path
-from typing import NamedTuple
 
+from dev.judging import Figure
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.child_python import python_command
 from tirgeo_ros.tools.simulate.scenario import Scenario
@@ -18,25 +17,16 @@ _HOURS = 5.0
 _SCRIPT = """\
 import json, resource
 from tirgeo_ros.tools.calibrate.allan import calibrate_allan
-found = calibrate_allan(sys.argv[1], sys.argv[2])
+calibrate_allan(sys.argv[1], sys.argv[2])
 peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-print(json.dumps({"samples": found["samples"], "peak": peak}))
+print(json.dumps({"peak": peak}))
 """
 
 
-class AllanCost(NamedTuple):
-    """Of one run."""
-
-    samples: int
-    duration_s: float  # start of the process to its end
-    reading_s: float  # bytes of the file alone, unpacked message by message
-    peak_mib: float
-
-
-def allan_cost(work: Path, hours: float = _HOURS) -> AllanCost:
-    """Write a bag of so many hours into ``work`` and calibrate from it."""
+def allan_cost(work: Path) -> list[Figure]:
+    """Write a bag into ``work`` and calibrate from it, beside reading that bag and no more."""
     bag = work / "still.mcap"
-    write_static(bag, hours, Scenario(), seed=1)
+    write_static(bag, _HOURS, Scenario(), seed=1)
     begun = time.perf_counter()
     run = subprocess.run(  # noqa: S603 this very Python
         python_command(_SCRIPT, str(bag), str(work / "imu.yaml")),
@@ -45,19 +35,14 @@ def allan_cost(work: Path, hours: float = _HOURS) -> AllanCost:
         check=True,
     )
     duration_s = time.perf_counter() - begun
-    found = json.loads(run.stdout)
-    return AllanCost(found["samples"], duration_s, _reading(bag), found["peak"] / 1024)
-
-
-def _reading(path: Path) -> float:
+    peak_mib = json.loads(run.stdout)["peak"] / 1024
     begun = time.perf_counter()
-    for _ in BagReader(path).messages():
+    for _ in BagReader(bag).messages():
         pass
-    return time.perf_counter() - begun
-
-
-if __name__ == "__main__":
-    import tempfile
-
-    with tempfile.TemporaryDirectory() as folder:
-        sys.stdout.write(f"{allan_cost(Path(folder))}\n")
+    reading_s = time.perf_counter() - begun
+    return [
+        Figure("calibrate allan, 5 h at 100 Hz", duration_s, "s", "<= 90"),
+        Figure("calibrate allan: reading alone", reading_s, "s"),
+        Figure("calibrate allan: whole over reading", duration_s / reading_s, "ratio"),
+        Figure("calibrate allan: memory", peak_mib, "MiB", "<= 1000"),
+    ]

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from dev.bench_overlay import ABOVE_M, PITCH_DEG, PLANE, beds
-from dev.nodes.names import package_of
+from dev.nodes import package_of
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import GraphError
 from tirgeo_ros.io.files.child_python import python_command

@@ -1,4 +1,4 @@
-"""Judge many flights: in several processes, in a table that marks what is missed."""
+"""Measure in several processes, and lay figures out in tables that mark what is missed."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ import math
 import multiprocessing
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 from tirgeo_ros.io.files.child_python import safe_workers
 from tirgeo_ros.tools.presentation.progress import Report, silent
 
-_Job, _Result = TypeVar("_Job"), TypeVar("_Result")
+_Job = TypeVar("_Job")
+_Result = TypeVar("_Result")
 
 
 def in_processes(
@@ -53,3 +54,18 @@ class MarkedTable:
         self.missed += not good
         text = "-" if math.isnan(value) else "none" if math.isinf(value) else f"{value:.{digits}f}"
         return text + (" " if good else "!")
+
+
+class Figure(NamedTuple):
+    """Hold one line of the table."""
+
+    what: str
+    value: float
+    unit: str
+    wanted: str = ""
+
+
+def line(figure: Figure) -> str:
+    """Return one line of the table."""
+    digits = 2 if figure.value >= 1 else 3
+    return f"{figure.what:<44}{figure.value:>9.{digits}f}  {figure.unit:<12}{figure.wanted}"

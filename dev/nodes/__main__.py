@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dev.nodes.names import NAMES
+from dev.nodes import NAMES
 from tirgeo_ros.nodes.__main__ import main as run_named
 
 

@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from dev.planted_faults.faults import FAULTS, Fault
-from dev.planted_faults.live import CLEAN, Live, outcomes
-from dev.planted_faults.live_table import live_table
+from dev.planted_faults.live import CLEAN, Live, live_table, outcomes
 from dev.planted_faults.planting import FlightFiles
 from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.tools.presentation.progress import Progress

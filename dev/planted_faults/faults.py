@@ -8,22 +8,20 @@ from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 
-from dev.planted_faults.map_changes import (
+from dev.planted_faults.changes import (
     changed_map,
-    level_dem,
-    next_zone,
-    swapped,
-)
-from dev.planted_faults.message_changes import (
     half_size,
     joints,
     late,
+    level_dem,
     longer_lens,
     lowered,
     ned_velocity,
+    next_zone,
     no_covariance,
     points,
     scaled,
+    swapped,
     swapped_tilt,
 )
 from dev.planted_faults.planting import (
@@ -61,7 +59,6 @@ class Fault:
     """One fault; ``names``: one of these must be in the parameter that a finding names."""
 
     name: str
-    planted: str  # what a person would have done
     names: tuple[str, ...]
     plant: Planter
     shown: ShownFrom = ShownFrom.AT_ONCE  # from when on, at the earliest
@@ -81,134 +78,80 @@ _PIVOT = ("gimbal/joint_states",)
 FAULTS: tuple[Fault, ...] = (
     Fault(
         "boresight",
-        "boresight_rpy_deg 5 deg of pitch that is not there",
         ("boresight_rpy_deg",),
         parameters("gimbal_node", boresight_rpy_deg=[0.0, 5.0, 0.0]),
         ShownFrom.MOVING_PICTURES,
     ),
     Fault(
         "latency",
-        "video_latency_s 0.35, and it is 0.05",
         ("video_latency_s",),
         parameters("overlay_node", video_latency_s=0.35),
         ShownFrom.MOVING_PICTURES,
     ),
     Fault(
         "ground above sea level",
-        f"ground_height_m less by {GEOID_M:g} m",
         ("ground_height_m",),
         parameters("overlay_node", ground_height_m=_GROUND_M - GEOID_M),
         ShownFrom.MOVING_PICTURES,
     ),
     Fault(
-        "DEM above sea level",
-        f"a DEM less by {GEOID_M:g} m",
-        ("dem",),
-        level_dem(_GROUND_M - GEOID_M),
-        ShownFrom.MOVING_PICTURES,
+        "DEM above sea level", ("dem",), level_dem(_GROUND_M - GEOID_M), ShownFrom.MOVING_PICTURES
     ),
     Fault(
         "fixes above sea level",
-        f"rtk/fix lower by {GEOID_M:g} m",
         ("rtk/fix", "geoid_undulation_m"),
         altered(lowered(GEOID_M), "rtk/fix"),
     ),
     Fault(
-        "wrong K",
-        "focal lengths of camera_info times 1.5",
-        (_CAMERA_INFO,),
-        altered(longer_lens, _CAMERA_INFO),
-        ShownFrom.MOVING_PICTURES,
+        "wrong K", (_CAMERA_INFO,), altered(longer_lens, _CAMERA_INFO), ShownFrom.MOVING_PICTURES
     ),
-    Fault(
-        "wrong size",
-        "camera_info of half the size",
-        (_CAMERA_INFO,),
-        altered(half_size, _CAMERA_INFO),
-    ),
-    Fault(
-        "roll and pitch swapped",
-        "joints of roll and pitch swapped",
-        _PIVOT,
-        altered(joints(swapped_tilt), _JOINTS),
-    ),
+    Fault("wrong size", (_CAMERA_INFO,), altered(half_size, _CAMERA_INFO)),
+    Fault("roll and pitch swapped", _PIVOT, altered(joints(swapped_tilt), _JOINTS)),
     Fault(
         "joints in degrees",
-        "joint angles in degrees",
         _PIVOT,
         altered(joints(lambda all_: {k: _DEG * v for k, v in all_.items()}), _JOINTS),
     ),
     Fault(
         "pitch sign",
-        "pitch joint with the other sign",
         _PIVOT,
         altered(joints(lambda all_: all_ | {"pitch": -all_["pitch"]}), _JOINTS),
     ),
     Fault(
         "heading 90 deg",
-        "rtk/heading turned by 90 deg",
         ("rtk/heading", "second_antenna_m"),
         altered(lambda m: turned_yaw(m.orientation, lambda yaw: yaw + math.pi / 2), "rtk/heading"),
     ),
+    Fault("lever arm sign", ("rtk_antenna_m",), parameters("", **_ANTENNAS), ShownFrom.TURNS),
     Fault(
-        "lever arm sign",
-        "both antennas with the other sign",
-        ("rtk_antenna_m",),
-        parameters("", **_ANTENNAS),
-        ShownFrom.TURNS,
-    ),
-    Fault(
-        "gyroscopes in deg/s",
-        "angular_velocity in deg/s",
-        ("imu/data",),
-        altered(scaled("angular_velocity", _DEG), "imu/data"),
+        "gyroscopes in deg/s", ("imu/data",), altered(scaled("angular_velocity", _DEG), "imu/data")
     ),
     Fault(
         "acceleration in g",
-        "linear_acceleration in g",
         ("imu/data",),
         altered(scaled("linear_acceleration", 1 / _G), "imu/data"),
     ),
-    Fault("UTM zone", "the map in UTM 50, named 51", ("map",), with_map(next_zone)),
-    Fault("no params", "no parameter file", ("--params",), _no_params),
+    Fault("UTM zone", ("map",), with_map(next_zone)),
+    Fault("no params", ("--params",), _no_params),
     # Own ones.
-    Fault(
-        "latitude and longitude swapped",
-        "the map's coordinates swapped",
-        ("map",),
-        with_map(changed_map(swapped)),
-    ),
+    Fault("latitude and longitude swapped", ("map",), with_map(changed_map(swapped))),
     Fault(
         "heading sign",
-        "rtk/heading counted clockwise",
         ("rtk/heading",),
         altered(lambda m: turned_yaw(m.orientation, lambda yaw: -yaw), "rtk/heading"),
         ShownFrom.TURNS,
     ),
-    Fault("NED velocity", "rtk/vel in NED", ("rtk/vel",), altered(ned_velocity, "rtk/vel")),
-    Fault(
-        "covariance 0",
-        "position_covariance of rtk/fix all 0",
-        ("rtk/fix",),
-        altered(no_covariance, "rtk/fix"),
-    ),
+    Fault("NED velocity", ("rtk/vel",), altered(ned_velocity, "rtk/vel")),
+    Fault("covariance 0", ("rtk/fix",), altered(no_covariance, "rtk/fix")),
     Fault(
         "image stamps 0",
-        "stamps of the pictures all 0",
         ("thermal/image_raw",),
         altered(lambda m: restamped(m.header, None), _PICTURES),
     ),
-    Fault(
-        "RTK 0.6 s late",
-        "RTK arrives 0.6 s later and is stamped so",
-        ("rtk", "delay_s"),
-        rewritten(late, *_RTK),
-        ShownFrom.TURNS,
-    ),
-    Fault("no camera_info", "camera_info not recorded", (_CAMERA_INFO,), left_out(_CAMERA_INFO)),
+    Fault("RTK 0.6 s late", ("rtk", "delay_s"), rewritten(late, *_RTK), ShownFrom.TURNS),
+    Fault("no camera_info", (_CAMERA_INFO,), left_out(_CAMERA_INFO)),
     Fault(
         "gimbal of another type",
-        "joint angles as Vector3Stamped, no reported attitude",
         ("gimbal/joint_states",),
         both(rewritten(points, _JOINTS), left_out("gimbal/attitude")),
     ),

@@ -121,18 +121,11 @@ def _silence(came_s: Array) -> float:
     return float(np.diff(came_s).max()) if len(came_s) > 1 else math.inf
 
 
-def overlay_lives(lives: Sequence[Life]) -> list[tuple[float, float, bool]]:
-    """Begin, end and whether it was killed, of each life of overlay_node."""
-    return [
-        (life.began_s, life.ended_s or math.inf, life.killed)
-        for life in lives
-        if life.node == "overlay_node"
-    ]
-
-
 def frame_balance(ledger: Ledger, record: Record, lives: Sequence[Life]) -> Balance:
     """What became of the frames."""
-    return balance(ledger, record.reports, overlay_lives(lives))
+    overlays = [life for life in lives if life.node == "overlay_node"]
+    spans = [(life.began_s, life.ended_s or math.inf, life.killed) for life in overlays]
+    return balance(ledger, record.reports, spans)
 
 
 def table(figures: Sequence[Figure]) -> list[str]:

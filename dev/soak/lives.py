@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from dev.nodes.names import package_of
+from dev.nodes import package_of
 from dev.soak.schedule import GUEST
 from tirgeo_ros.tools.graph.node_process import NodeProcess
 

@@ -50,15 +50,6 @@ def test_every_column_is_compared(fresh, column):
     assert f"most by -{3 * step:.{column.decimals}f} at {stamp} (4.0 s after" in line
 
 
-def test_a_heading_may_round_over_north():
-    row = ["1", *["0"] * len(COLUMNS), "running"]
-    text = "\n".join([",".join(HEADER), ",".join(row), ""])
-    west = with_cell(text, 0, "heading_deg", "359.9999")
-    assert changes(text, west) == changes(west, text) == []
-    (line,) = changes(text, with_cell(text, 0, "heading_deg", "359.9000"))
-    assert "most by -0.1000" in line
-
-
 def test_states_and_rows_are_compared(fresh):
     (line,) = changes(fresh, with_cell(fresh, 200, "state", "lost"))
     assert line.startswith("state: 1 rows, first at ")

@@ -23,7 +23,7 @@ from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.core.types.poses import CameraPose
 
 STAMP_NS = 1_700_000_000 * 10**9
-FAULT = Fault("late", "RTK late", ("rtk.delay_s",), lambda good, _: good)
+FAULT = Fault("late", ("rtk.delay_s",), lambda good, _: good)
 NAMED = Report(8.0, "ekf_node", "late", "rtk/fix is late: ekf_node rtk.delay_s: set it")
 
 

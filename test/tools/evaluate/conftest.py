@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from evaluations import RTK, cut, files
 
 from tirgeo_ros.tools.evaluate.evaluate import evaluate
 
@@ -15,9 +16,18 @@ def found(sample, tmp_path_factory):
     boresight = tmp_path_factory.mktemp("boresight") / "boresight.yaml"
     boresight.write_text(BORESIGHT)
     return evaluate(
-        *[sample / name for name in ("flight.mcap", "survey.geojson", "observations.csv")],
+        *files(sample),
         params=sample / "params.yaml",
         boresight=boresight,
         truth=sample / "truth.mcap",
         map_path=sample / "map.geojson",
     )
+
+
+@pytest.fixture(scope="session")
+def raw_flight(sample, tmp_path_factory):
+    """The sample's files, of the bag as much as the method raw needs: quickly evaluated."""
+    bag = tmp_path_factory.mktemp("raw") / "raw.mcap"
+    pictures = {"/thermal/image_raw/compressed"}
+    cut(sample / "flight.mcap", bag, without=RTK | pictures, seconds=16)
+    return [bag, *files(sample)[1:]]

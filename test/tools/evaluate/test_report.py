@@ -86,7 +86,7 @@ def test_the_tables_hold_the_numbers(found, page):
         told = [method.errors.mean_point_rmse_m, method.errors.ce90_m]
         told += method.errors.point_rmse_m.values()
         assert {f"{error:.3f}" for error in told} <= set(page.text)
-    assert set(found.control) <= set(page.text)
+    assert {one.id for one in found.methods[0].located} <= set(page.text)
 
 
 def test_stills_are_pictures_with_the_map_and_the_clicks(found, page):
@@ -112,10 +112,16 @@ def test_the_same_evaluation_makes_the_same_bytes(found, text):
 
 
 def test_names_are_text_and_no_tags(found):
-    point = next(iter(found.control.values()))
-    odd = dataclasses.replace(point, id="<b>&'\"")
+    first = found.methods[0]
+    clicked = dataclasses.replace(first.located[0], id="<b>&'\"")
+    odd = found.control[first.located[0].id]._replace(id=clicked.id)
     changed = dataclasses.replace(
-        found, control={odd.id: odd}, notes=["<i>"], faults={"ekf": "<script>"}, error="<u>"
+        found,
+        control={odd.id: odd},
+        methods=[dataclasses.replace(first, located=[clicked], refused=[])],
+        notes=["<i>"],
+        faults={"ekf": "<script>"},
+        error="<u>",
     )
     text = report_html(changed)
     assert not re.findall(r"<[biu]>|<script", text)

@@ -54,20 +54,6 @@ def test_the_bag_says_the_camera_of_its_pictures(other):
     assert np.max(pictures) < 26_000
 
 
-def test_clicks_are_on_people_in_its_pictures(other):
-    folder, _ = other
-    clicks = read(folder / "flight.mcap", "/tirgeo/locate/pixel", convert.pixel)
-    assert clicks
-    cdr = Cdr()
-    pictures = {
-        m.log_time_ns: convert.image_pixels(cdr.deserialize(m.data, m.typename))
-        for m in BagReader(folder / "flight.mcap").messages(["/thermal/image_raw"])
-    }
-    for stamp_ns, u, v in clicks:
-        # 10 K and more, 10 grey levels each, of 16 counts, less what blur takes of few pixels.
-        assert pictures[stamp_ns][round(v), round(u)] > 20_000 + 16 * 170
-
-
 def test_sixteen_bits_hold_what_eight_do_and_the_fire_beyond():
     ground = Ground([np.full((64, 64), 100, np.uint8)] * 4, 320.0, -320.0, 10.0)
     bare = {"noise_grey": 0.0, "vignetting": 0.0}

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import yaml
 
-from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.config import (
     BagPlayerConfig,
     DjiConfig,
@@ -16,14 +15,12 @@ from tirgeo_ros.core.config import (
     GimbalConfig,
     OverlayConfig,
 )
-from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.types.errors import ScenarioError
 from tirgeo_ros.core.types.measurements import ImuSample
-from tirgeo_ros.io import messages as convert
-from tirgeo_ros.io.bags.bag import BagReader, Cdr
+from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.io.parameters.parameter_file import load_config
-from tirgeo_ros.io.surveys.survey import load_observations, load_survey
+from tirgeo_ros.io.surveys.survey import load_observations
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.simulate import fly, scenario_from, simulate
 from tirgeo_ros.tools.simulate.parameters_file import parameters_text
@@ -97,36 +94,6 @@ def test_topics_and_types_are_the_contracts(whole):
     }
     for topic, typename in (flight | truth).items():
         assert TOPIC_TYPES[topic.lstrip("/")] == typename
-
-
-def test_observations_are_the_true_pixels_of_surveyed_points(whole):
-    folder, _ = whole
-    cdr = Cdr()
-    poses = {
-        pose.stamp_ns: pose
-        for pose in (
-            convert.camera_pose(cdr.deserialize(m.data, m.typename))
-            for m in BagReader(folder / "truth.mcap").messages(["/tirgeo/camera_pose"])
-        )
-    }
-    origin = next(BagReader(folder / "truth.mcap").messages(["/tirgeo/origin"]))
-    plane = convert.tangent_plane(cdr.deserialize(origin.data, origin.typename))
-    points = {point.id: point for point in load_survey(folder / "survey.geojson")}
-    clicks = load_observations(folder / "observations.csv")
-    assert sorted(click.id for click in clicks) == sorted(3 * list(points))
-    for click in clicks:
-        point = points[click.id]
-        place = plane.ned_from_geodetic(point.latitude_rad, point.longitude_rad, point.height_m)
-        exposed_ns = click.stamp_ns - 50_000_000
-        pose = poses[min(poses, key=lambda stamp: abs(stamp - exposed_ns))]
-        camera_place = (place - pose.position_n) @ matrix_from_quat(pose.q_nc)
-        uv, valid = XT2.project(camera_place[None, :])
-        # Click 0.5 px, survey 2 cm at 800 px / 27 m (0.6 px), pose up to 10 ms off: 30 mm and
-        # 0.05 deg (1 px each). Four sigma of the first two, and the last.
-        assert valid.all()
-        assert np.abs(uv[0] - [click.u, click.v]).max() < 4 * np.hypot(0.5, 0.6) + 2
-        assert 178 < click.v < 492  # the operator's rows, four clicks' sigma wider
-        assert 38 < click.u < 602
 
 
 @pytest.mark.slow

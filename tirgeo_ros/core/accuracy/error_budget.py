@@ -100,8 +100,8 @@ class GroundView:
         points_n = rays_n * (height_m / rays_n[:, _DOWN:])
         pose = CameraPose(0, np.zeros(3), quat_from_matrix(rotation_nc), np.zeros((6, 6)))
         of_pose, of_point = pixel_jacobian(camera, pose, points_n)
-        by_pixel = np.linalg.inv(of_point[:, :, :2])
-        return cls(uv, points_n, -by_pixel @ of_pose, by_pixel)
+        by_pixel = np.asarray(np.linalg.inv(of_point[:, :, :2]), float)
+        return cls(uv, points_n, np.asarray(-by_pixel @ of_pose), by_pixel)
 
     def covariance(
         self,

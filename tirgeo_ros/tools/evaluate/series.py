@@ -182,15 +182,21 @@ class SensorSeries:
 
     def sensors(self, projection: Projection) -> Sensors:
         """Return the series in the projected plane."""
-        fixes = []
-        for source in (Source.RTK_POSITION, Source.GPS_POSITION):
+
+        def fixes(source: Source) -> FixTrack:
             stamps, places = self._series(source, 3)
-            fixes.append(FixTrack(stamps, projection.project(places[:, 0], places[:, 1])))
-        attitudes = []
-        for kind in (ImuSample, CameraAttitudeSample):
+            return FixTrack(stamps, projection.project(places[:, 0], places[:, 1]))
+
+        def attitudes(kind: type) -> AttitudeSeries:
             stamps, q_n = self._series(kind, 4)
-            attitudes.append(AttitudeSeries(stamps, euler_from_quat(q_n)))
-        return Sensors(*fixes, *attitudes)
+            return AttitudeSeries(stamps, euler_from_quat(q_n))
+
+        return Sensors(
+            fixes(Source.RTK_POSITION),
+            fixes(Source.GPS_POSITION),
+            attitudes(ImuSample),
+            attitudes(CameraAttitudeSample),
+        )
 
     def _series(self, kind: object, width: int) -> tuple[IntArray, Array]:
         found = self._kept[kind]

@@ -175,12 +175,12 @@ def _points_csv(found: Evaluation) -> str:
 def _observations_csv(found: Evaluation) -> str:
     rows: list[list[object]] = [list(_OBSERVATION_COLUMNS)]
     for one in found.methods:
-        for point in (*one.located, *one.refused):
-            measured = (
-                [*[""] * 11, point.reason]
-                if isinstance(point, RefusedPoint)
-                else [*_measured(point), ""]
-            )
+        points: list[LocatedPoint | RefusedPoint] = [*one.located, *one.refused]
+        for point in points:
+            if isinstance(point, RefusedPoint):
+                measured = [*[""] * 11, point.reason]
+            else:
+                measured = [*_measured(point), ""]
             pixel = [f"{pixels:.3f}" for pixels in point.uv]
             rows.append([point.id, point.stamp_ns, *pixel, one.method, *measured])
     return csv_text(rows)
