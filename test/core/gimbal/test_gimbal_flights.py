@@ -167,6 +167,13 @@ def test_a_calibrated_bias_is_taken_out_at_once():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("centred", [False, True])
+def test_where_there_is_no_bias_none_is_made(centred):
+    _, found = counts_and_headings(flown(), centred=centred)
+    assert np.abs(found.error_deg).max() < SAMPLE_DEG + (READING_DEG if centred else 0.0)
+
+
+@pytest.mark.slow
 def test_a_step_in_flight_is_followed():
     """As when RTK is switched on: 4 deg at 30 s, on a leg on which the nose keeps still."""
     counts, found = counts_and_headings(flown(step_deg=4.0, step_s=30.0), centred=True)

@@ -128,7 +128,7 @@ def _nodes(setup: GraphSetup, recording: Path) -> dict[str, list[str]]:
     # The serial link is stamped by the host's clock, so all nodes use that clock.
     clock = {} if setup.serial else {"use_sim_time": "true"}
     record = {"output": recording, "topics": ",".join(setup.topics)}
-    common = _params(setup) + _words(clock)
+    common = _words(clock) + _params(setup)
     nodes = {
         "ekf_node": common + _words({"method": setup.method} if setup.method else {}),
         "gimbal_node": common,
