@@ -151,7 +151,7 @@ class Messages(MessageParts):
 
     def pixel(self, stamp_ns: int, u: float, v: float) -> Any:
         """Return ``geometry_msgs/PointStamped`` of a click at a column and row of a picture."""
-        point = self._new("geometry_msgs/msg/Point", x=u, y=v, z=0.0)
+        point = self._class("geometry_msgs/msg/Point")(x=u, y=v, z=0.0)
         return self._stamped(
             "geometry_msgs/msg/PointStamped", stamp_ns, OPTICAL_FRAME, point=point
         )
@@ -216,24 +216,23 @@ class Messages(MessageParts):
             p=np.pad(k, ((0, 0), (0, 1))).ravel(),
             binning_x=0,
             binning_y=0,
-            roi=self._new("sensor_msgs/msg/RegionOfInterest", **zero),
+            roi=self._class("sensor_msgs/msg/RegionOfInterest")(**zero),
         )
 
     def clock(self, stamp_ns: int) -> Any:
         """Return ``rosgraph_msgs/Clock``."""
-        return self._new("rosgraph_msgs/msg/Clock", clock=self._time(stamp_ns))
+        return self._class("rosgraph_msgs/msg/Clock")(clock=self._time(stamp_ns))
 
     def diagnostics(self, stamp_ns: int, items: Sequence[DiagnosticItem]) -> Any:
         """Return ``diagnostic_msgs/DiagnosticArray``."""
         status = [
-            self._new(
-                "diagnostic_msgs/msg/DiagnosticStatus",
+            self._class("diagnostic_msgs/msg/DiagnosticStatus")(
                 level=item.level if self._takes_ndarray else bytes([item.level]),
                 name=item.name,
                 message=item.message,
                 hardware_id="",
                 values=[
-                    self._new("diagnostic_msgs/msg/KeyValue", key=key, value=value)
+                    self._class("diagnostic_msgs/msg/KeyValue")(key=key, value=value)
                     for key, value in item.values.items()
                 ],
             )
