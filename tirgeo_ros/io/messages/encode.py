@@ -78,7 +78,7 @@ class Messages(MessageParts):
 
     def nav_sat_fix(self, sample: PositionSample, frame_id: str) -> Any:
         """Return ``sensor_msgs/NavSatFix`` of an antenna."""
-        return self._fix(sample, sample.covariance_n, frame_id, sample.status)
+        return self._fix(sample.stamp_ns, frame_id, sample, sample.covariance_n, sample.status)
 
     def velocity(self, sample: VelocitySample, frame_id: str) -> Any:
         """Return ``geometry_msgs/TwistWithCovarianceStamped``, ENU.
@@ -135,11 +135,11 @@ class Messages(MessageParts):
 
     def fix(self, solution: NavSolution) -> Any:
         """Return ``sensor_msgs/NavSatFix`` of base_link."""
-        return self._fix(solution, solution.covariance[:3, :3], BODY_FRAME)
+        return self._fix(solution.stamp_ns, BODY_FRAME, solution, solution.covariance[:3, :3])
 
     def origin(self, plane: TangentPlane, stamp_ns: int) -> Any:
         """Return ``sensor_msgs/NavSatFix`` of the map's origin. It is exact by definition."""
-        message = self._fix(plane, np.zeros((3, 3)), MAP_FRAME, stamp_ns=stamp_ns)
+        message = self._fix(stamp_ns, MAP_FRAME, plane, np.zeros((3, 3)))
         message.position_covariance = np.zeros(9)  # turned ones have minus signs
         message.position_covariance_type = COVARIANCE_KNOWN
         return message
@@ -158,7 +158,7 @@ class Messages(MessageParts):
 
     def located_fix(self, located: Located) -> Any:
         """Return ``sensor_msgs/NavSatFix`` of a ground point, with the picture's stamp."""
-        return self._fix(located, located.covariance_n, MAP_FRAME)
+        return self._fix(located.stamp_ns, MAP_FRAME, located, located.covariance_n)
 
     def located_point(self, located: Located) -> Any:
         """Return ``geometry_msgs/PoseWithCovarianceStamped`` of a ground point in ``map``.

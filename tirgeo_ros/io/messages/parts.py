@@ -76,11 +76,11 @@ class MessageParts:
 
     def _fix(
         self,
+        stamp_ns: int,
+        frame_id: str,
         place: PositionSample | NavSolution | TangentPlane | Located,
         covariance_n: Array,
-        frame_id: str,
         status: FixStatus = FixStatus.SINGLE,
-        stamp_ns: int | None = None,
     ) -> Any:
         """Return ``sensor_msgs/NavSatFix`` of a place with a covariance (3, 3).
 
@@ -88,8 +88,6 @@ class MessageParts:
         """
         covariance = covariance_turned_world(covariance_n, 3)
         known = bool(covariance.any())
-        if stamp_ns is None:
-            stamp_ns = place.stamp_ns  # type: ignore[union-attr]  a plane has none
         status_type = "sensor_msgs/msg/NavSatStatus"
         return self._stamped(
             "sensor_msgs/msg/NavSatFix",
