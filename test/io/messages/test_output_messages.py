@@ -16,6 +16,7 @@ from tirgeo_ros.core.frames.rotations import (
     matrix_from_quat,
     matrix_from_rotvec,
 )
+from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.types.errors import MessageError
 from tirgeo_ros.core.types.measurements import (
     FixStatus,
@@ -23,6 +24,7 @@ from tirgeo_ros.core.types.measurements import (
 )
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 from tirgeo_ros.io import messages
+from tirgeo_ros.io.messages.encode import UNKNOWN_VARIANCE
 
 
 def test_odometry_frames_and_pose():
@@ -175,3 +177,48 @@ def test_other_diagnostics_are_no_navigation_status(key, value):
     (message,) = made.diagnostics(0, [changed]).status
     with pytest.raises(MessageError, match="'other' is no navigation status"):
         messages.navigation_status(message)
+
+
+# tirgeo/locate
+
+
+COVARIANCE = given.covariance(3)
+LOCATED = Located(
+    given.STAMP_NS, (3.0, 4.0), np.array([1.0, 2.0, 3.0]), COVARIANCE, 0.55, -2.1, 123.4
+)
+
+
+def test_the_fix_is_the_place_with_its_covariance_in_enu():
+    fix = through_cdr(made.located_fix(LOCATED))
+    assert messages.stamp_ns(fix) == given.STAMP_NS
+    assert fix.header.frame_id == "map"
+    assert_allclose(
+        [fix.latitude, fix.longitude, fix.altitude],
+        [math.degrees(0.55), math.degrees(-2.1), 123.4],
+    )
+    covariance = fix.position_covariance.reshape(3, 3)
+    assert fix.position_covariance_type == 3
+    assert (covariance[0, 0], covariance[1, 1]) == (COVARIANCE[1, 1], COVARIANCE[0, 0])
+    assert covariance[0, 2] == -COVARIANCE[1, 2]
+    back = messages.position_sample(fix, Source.RTK_POSITION)
+    assert_array_equal(back.covariance_n, COVARIANCE)
+
+
+def test_the_point_is_in_the_map_and_has_no_attitude():
+    point = through_cdr(made.located_point(LOCATED))
+    assert point.header.frame_id == "map"
+    position = point.pose.pose.position
+    assert (position.x, position.y, position.z) == (2.0, 1.0, -3.0)
+    q = point.pose.pose.orientation
+    assert (q.w, q.x, q.y, q.z) == (1.0, 0.0, 0.0, 0.0)
+    covariance = point.pose.covariance.reshape(6, 6)
+    assert covariance.diagonal()[3:].tolist() == [UNKNOWN_VARIANCE] * 3
+    stamp_ns, point_n, covariance_n = messages.ground_point(point)
+    assert stamp_ns == given.STAMP_NS
+    assert_array_equal(point_n, LOCATED.point_n)
+    assert_array_equal(covariance_n, COVARIANCE)
+
+
+def test_a_clicked_pixel_comes_back():
+    clicked = (given.STAMP_NS, 12.5, 7.25)
+    assert messages.pixel(through_cdr(made.pixel(*clicked))) == clicked

@@ -81,7 +81,7 @@ class Messages(MessageParts):
 
     def nav_sat_fix(self, sample: PositionSample, frame_id: str) -> Any:
         """Return ``sensor_msgs/NavSatFix`` of an antenna."""
-        return self._fix(sample, sample.covariance_n, frame_id, sample.status)
+        return self._fix(sample.stamp_ns, frame_id, sample, sample.covariance_n, sample.status)
 
     def velocity(self, sample: VelocitySample, frame_id: str) -> Any:
         """Return ``geometry_msgs/TwistWithCovarianceStamped``, ENU.
@@ -138,11 +138,11 @@ class Messages(MessageParts):
 
     def fix(self, solution: NavSolution) -> Any:
         """Return ``sensor_msgs/NavSatFix`` of base_link."""
-        return self._fix(solution, solution.covariance[:3, :3], BODY_FRAME)
+        return self._fix(solution.stamp_ns, BODY_FRAME, solution, solution.covariance[:3, :3])
 
     def origin(self, plane: TangentPlane, stamp_ns: int) -> Any:
         """Return ``sensor_msgs/NavSatFix`` of the map's origin. It is exact by definition."""
-        message = self._fix(plane, np.zeros((3, 3)), MAP_FRAME, stamp_ns=stamp_ns)
+        message = self._fix(stamp_ns, MAP_FRAME, plane, np.zeros((3, 3)))
         message.position_covariance = np.zeros(9)  # turned ones have minus signs
         message.position_covariance_type = COVARIANCE_KNOWN
         return message
@@ -154,14 +154,14 @@ class Messages(MessageParts):
 
     def pixel(self, stamp_ns: int, u: float, v: float) -> Any:
         """Return ``geometry_msgs/PointStamped`` of a click at a column and row of a picture."""
-        point = self._new("geometry_msgs/msg/Point", x=u, y=v, z=0.0)
+        point = self._class("geometry_msgs/msg/Point")(x=u, y=v, z=0.0)
         return self._stamped(
             "geometry_msgs/msg/PointStamped", stamp_ns, OPTICAL_FRAME, point=point
         )
 
     def located_fix(self, located: Located) -> Any:
         """Return ``sensor_msgs/NavSatFix`` of a ground point, with the picture's stamp."""
-        return self._fix(located, located.covariance_n, MAP_FRAME)
+        return self._fix(located.stamp_ns, MAP_FRAME, located, located.covariance_n)
 
     def located_point(self, located: Located) -> Any:
         """Return ``geometry_msgs/PoseWithCovarianceStamped`` of a ground point in ``map``.
@@ -219,24 +219,23 @@ class Messages(MessageParts):
             p=np.pad(k, ((0, 0), (0, 1))).ravel(),
             binning_x=0,
             binning_y=0,
-            roi=self._new("sensor_msgs/msg/RegionOfInterest", **zero),
+            roi=self._class("sensor_msgs/msg/RegionOfInterest")(**zero),
         )
 
     def clock(self, stamp_ns: int) -> Any:
         """Return ``rosgraph_msgs/Clock``."""
-        return self._new("rosgraph_msgs/msg/Clock", clock=self._time(stamp_ns))
+        return self._class("rosgraph_msgs/msg/Clock")(clock=self._time(stamp_ns))
 
     def diagnostics(self, stamp_ns: int, items: Sequence[DiagnosticItem]) -> Any:
         """Return ``diagnostic_msgs/DiagnosticArray``."""
         status = [
-            self._new(
-                "diagnostic_msgs/msg/DiagnosticStatus",
+            self._class("diagnostic_msgs/msg/DiagnosticStatus")(
                 level=item.level if self._takes_ndarray else bytes([item.level]),
                 name=item.name,
                 message=item.message,
                 hardware_id="",
                 values=[
-                    self._new("diagnostic_msgs/msg/KeyValue", key=key, value=value)
+                    self._class("diagnostic_msgs/msg/KeyValue")(key=key, value=value)
                     for key, value in item.values.items()
                 ],
             )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import array
 import math
 from collections.abc import Callable, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -27,32 +28,27 @@ class MessageParts:
 
     def __init__(self, types: Callable[[str], type]) -> None:
         self.types = types
-        self._known: dict[str, Callable[..., Any]] = {}
+        #: A message class by its type's name; a look-up takes as long as making a message.
+        self._class: Callable[[str], Callable[..., Any]] = cache(types)
         # rclpy takes array.array at no cost and an ndarray byte by byte; rosbags only ndarray.
         self._takes_ndarray = hasattr(types("std_msgs/msg/Header"), "__msgtype__")
 
-    def _new(self, typename: str, **fields: Any) -> Any:
-        kind = self._known.get(typename)
-        if kind is None:
-            kind = self._known[typename] = self.types(typename)
-        return kind(**fields)
-
     def _stamped(self, typename: str, stamp_ns: int, frame_id: str, **fields: Any) -> Any:
         """Return a message with a header."""
-        header = self._new("std_msgs/msg/Header", stamp=self._time(stamp_ns), frame_id=frame_id)
-        return self._new(typename, header=header, **fields)
+        header = self._class("std_msgs/msg/Header")(stamp=self._time(stamp_ns), frame_id=frame_id)
+        return self._class(typename)(header=header, **fields)
 
     def _time(self, stamp_ns: int) -> Any:
         seconds, nanoseconds = divmod(int(stamp_ns), 1_000_000_000)
-        return self._new("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds)
+        return self._class("builtin_interfaces/msg/Time")(sec=seconds, nanosec=nanoseconds)
 
     def _quaternion(self, q: Quaternion) -> Any:
         w, x, y, z = q
-        return self._new("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
+        return self._class("geometry_msgs/msg/Quaternion")(x=x, y=y, z=z, w=w)
 
     def _vector(self, xyz: Sequence[float]) -> Any:
         x, y, z = xyz
-        return self._new("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
+        return self._class("geometry_msgs/msg/Vector3")(x=x, y=y, z=z)
 
     def _imu(
         self,
@@ -80,11 +76,11 @@ class MessageParts:
 
     def _fix(
         self,
+        stamp_ns: int,
+        frame_id: str,
         place: PositionSample | NavSolution | TangentPlane | Located,
         covariance_n: Array,
-        frame_id: str,
         status: FixStatus = FixStatus.SINGLE,
-        stamp_ns: int | None = None,
     ) -> Any:
         """Return ``sensor_msgs/NavSatFix`` of a place with a covariance (3, 3).
 
@@ -92,14 +88,12 @@ class MessageParts:
         """
         covariance = covariance_turned_world(covariance_n, 3)
         known = bool(covariance.any())
-        if stamp_ns is None:
-            stamp_ns = place.stamp_ns  # type: ignore[union-attr]  a plane has none
         status_type = "sensor_msgs/msg/NavSatStatus"
         return self._stamped(
             "sensor_msgs/msg/NavSatFix",
             stamp_ns,
             frame_id,
-            status=self._new(status_type, status=int(status), service=_SERVICE_GPS),
+            status=self._class(status_type)(status=int(status), service=_SERVICE_GPS),
             latitude=math.degrees(place.latitude_rad),
             longitude=math.degrees(place.longitude_rad),
             altitude=float(place.height_m),
@@ -120,21 +114,20 @@ class MessageParts:
         ``turned`` is the attitude in ENU.
         """
         north, east, down = position_n.tolist()
-        pose = self._new(
-            "geometry_msgs/msg/Pose",
-            position=self._new("geometry_msgs/msg/Point", x=east, y=north, z=-down),
+        pose = self._class("geometry_msgs/msg/Pose")(
+            position=self._class("geometry_msgs/msg/Point")(x=east, y=north, z=-down),
             orientation=self._quaternion(turned),
         )
         flat = covariance_turned_world(covariance, 6)
-        return self._new("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=flat)
+        return self._class("geometry_msgs/msg/PoseWithCovariance")(pose=pose, covariance=flat)
 
     def _twist(self, linear: Sequence[float], angular: Sequence[float], covariance: Array) -> Any:
         """Return ``geometry_msgs/TwistWithCovariance``; (36,) covariance."""
-        twist = self._new(
-            "geometry_msgs/msg/Twist", linear=self._vector(linear), angular=self._vector(angular)
+        twist = self._class("geometry_msgs/msg/Twist")(
+            linear=self._vector(linear), angular=self._vector(angular)
         )
         typename = "geometry_msgs/msg/TwistWithCovariance"
-        return self._new(typename, twist=twist, covariance=covariance)
+        return self._class(typename)(twist=twist, covariance=covariance)
 
     def _octets(self, data: npt.NDArray[Any]) -> Any:
         """Return a contiguous array's bytes in the type that a field ``uint8[]`` takes fastest."""
