@@ -60,8 +60,8 @@ class Receiver:
     def __init__(self, name: str, undulation_m: float, counts: Counter[str]) -> None:
         """Take ``name``, rtk or gps, and ``undulation_m``, which is added to heights."""
         self._name = name
-        self._position_source = Source(f"{name}_position")
-        self._velocity_source = Source(f"{name}_velocity")
+        self._position_source = Source[f"{name.upper()}_POSITION"]
+        self._velocity_source = Source[f"{name.upper()}_VELOCITY"]
         self._undulation_m = undulation_m
         self._counts = counts
         self._epochs = ReceiverEpochs()
