@@ -91,7 +91,7 @@ class VerdictLog:
         for source, aid in AIDS.items():
             window = self._windows.get(source)
             mean = math.nan if window is None else window.mean(now_ns)
-            if mean > _NIS_WARNING:
+            if mean > _NIS_WARNING and aid.look_at:
                 times = f"{math.sqrt(mean):.1f} times their sigma over 30 s"
                 yield (
                     f"{source.topic}: innovations are {times}: "

@@ -13,7 +13,7 @@ from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.frames.rotations import quat_from_euler
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.aiding.aid_status import (
-    AIDS,
+    AID_SOURCES,
     EASE_STEPS,
     AidStatus,
     AidTrack,
@@ -139,11 +139,11 @@ def test_fixed_since():
 
 def test_fixed_again_is_eased_and_only_the_position():
     control = AidStatus(Receivers(0)).heard(FixStatus.FIXED, ns(0), TIMEOUT_NS)
-    assert [t.ease for t in control.tracks] == [0] * len(AIDS)
+    assert [t.ease for t in control.tracks] == [0] * len(AID_SOURCES)
     control = control.heard(FixStatus.FLOAT, ns(1), TIMEOUT_NS)
-    assert [t.ease for t in control.tracks] == [0] * len(AIDS)
+    assert [t.ease for t in control.tracks] == [0] * len(AID_SOURCES)
     control = control.heard(FixStatus.FIXED, ns(2), TIMEOUT_NS)
-    assert [t.ease for t in control.tracks] == [EASE_STEPS] + [0] * (len(AIDS) - 1)
+    assert [t.ease for t in control.tracks] == [EASE_STEPS] + [0] * (len(AID_SOURCES) - 1)
 
 
 def test_resets_are_counted_and_told():
