@@ -22,7 +22,7 @@ from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import HeadingAid, interval_measurement
 from tirgeo_ros.core.navigation.estimator import Navigation
 from tirgeo_ros.core.navigation.kalman import update
-from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample, Source
+from tirgeo_ros.core.types.measurements import HeadingSample, Source
 from tirgeo_ros.core.types.verdicts import Outcome
 from tirgeo_ros.tools.simulate.flight import SimulatedFlight, fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from
@@ -117,8 +117,7 @@ def _aided(heading_deg: float, **values: float):
     covariance = np.eye(18) * math.radians(0.03) ** 2
     sample = HeadingSample(NOW_NS, math.radians(heading_deg), math.radians(0.05) ** 2)
     belief = belief_of(state_of(0.0, 0.0, 0.0), 18, covariance)
-    control = belief.control._replace(status=FixStatus.FIXED, status_ns=NOW_NS)
-    aid = HeadingAid(config).measured(sample, belief._replace(control=control), (0.0,) * 3)[0]
+    aid = HeadingAid(config).measured(sample, belief, (0.0,) * 3)[0]
     return covariance, aid.measurement
 
 

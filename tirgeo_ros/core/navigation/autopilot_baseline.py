@@ -12,10 +12,10 @@ import numpy as np
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import canonical, matrix_from_quat
 from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
+from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import (
-    HeadingSample,
     ImuSample,
     PositionSample,
     Source,
@@ -64,15 +64,13 @@ class AutopilotBaseline:
             return Outcome.USED, ""
         return Outcome.INVALID, "no orientation"
 
-    def add_aiding(self, sample: PositionSample | VelocitySample | HeadingSample) -> Verdict:
+    def add_aiding(self, sample: Aiding) -> Verdict:
         """Store a position or a velocity of the chosen receiver; any other sample is UNUSED."""
-        if isinstance(sample, HeadingSample):
-            return Verdict(Source.RTK_HEADING, Outcome.UNUSED)
         if sample.source not in {self._position_source, self._velocity_source}:
             return Verdict(sample.source, Outcome.UNUSED)
         if isinstance(sample, PositionSample):
             self._position = sample
-        else:
+        elif isinstance(sample, VelocitySample):
             self._velocity = sample
         return Verdict(sample.source, Outcome.USED)
 

@@ -45,7 +45,7 @@ from tirgeo_ros.core.types.measurements import ImuSample, Source
 from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
-_STANDBY = {source: Verdict(source, Outcome.STANDBY, "RTK is there") for source in Source}
+_STANDBY = {source: Verdict(source, Outcome.STANDBY, "not needed") for source in Source}
 _MOST_HZ = 500  # bound on held measurements: five sources at 100 Hz
 _RTK_POSITION = PLACE[Source.RTK_POSITION]
 _stamp_of = operator.attrgetter("stamp_ns")

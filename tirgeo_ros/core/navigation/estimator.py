@@ -7,14 +7,15 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.aid_clocks import AidClocks
-from tirgeo_ros.core.navigation.aiding.aid_status import AIDS
+from tirgeo_ros.core.navigation.aiding.aid_status import AID_SOURCES
+from tirgeo_ros.core.navigation.aiding.aids import METHOD_SOURCES
 from tirgeo_ros.core.navigation.aiding.autopilot_heading import AutopilotHeadingAid
 from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding, source_of
 from tirgeo_ros.core.navigation.alignment.aligner import Biases
@@ -45,15 +46,6 @@ from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus, Outcom
 _WATCH_NS = 100_000_000
 _IMU_USED = Verdict(Source.IMU, Outcome.USED)
 _IMU_KEY = (Source.IMU, Outcome.USED)
-_GPS = (Source.GPS_POSITION, Source.GPS_VELOCITY)
-_RTK = (Source.IMU, Source.RTK_POSITION, Source.RTK_VELOCITY)
-#: The sources that each method uses.
-METHOD_SOURCES: Mapping[str, tuple[Source, ...]] = {
-    "raw": (Source.IMU, *_GPS),
-    "rtk": _RTK,
-    "ekf": (Source.IMU, *(source for source in AIDS if source is not Source.RTK_HEADING)),
-    "ekf_heading": (Source.IMU, *AIDS),
-}
 
 
 class Step(NamedTuple):
@@ -169,7 +161,7 @@ class Navigation:
         if self._ekf is None:
             return self._resets, self._last_reset
         control = self._ekf.control
-        counts = Counter({s: n for s, n in zip(AIDS, control.resets, strict=True) if n})
+        counts = Counter({s: n for s, n in zip(AID_SOURCES, control.resets, strict=True) if n})
         last = str(control.last_reset) if control.last_reset else self._last_reset
         return self._resets + counts, last
 

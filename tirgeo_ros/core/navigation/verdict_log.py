@@ -72,7 +72,7 @@ class VerdictLog:
         means = self.nis(now_ns)
         for source, aid in AIDS.items():
             mean = means.get(source.value, 0.0)
-            if mean > _NIS_WARNING:
+            if mean > _NIS_WARNING and aid.look_at:
                 times = f"{math.sqrt(mean):.1f} times their sigma over 30 s"
                 yield (
                     f"{source.topic}: innovations are {times}: "

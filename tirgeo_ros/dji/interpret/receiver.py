@@ -64,6 +64,8 @@ class Receiver(ABC, Generic[R]):
         """Take ``name``, rtk or gps, and ``undulation_m``, which is added to heights."""
         self._name = name
         self._delay_ns = round(delay_s * 1e9)
+        self._position_source = Source[f"{name.upper()}_POSITION"]
+        self._velocity_source = Source[f"{name.upper()}_VELOCITY"]
         self._undulation_m = undulation_m
         self._counts = counts
         self._epochs = ReceiverEpochs()
@@ -167,7 +169,7 @@ class Receiver(ABC, Generic[R]):
         self._status = quality.status
         return PositionSample(
             self._positions.after(stamp_ns),
-            Source[f"{self._name.upper()}_POSITION"],
+            self._position_source,
             quality.status,
             place.latitude_rad,
             place.longitude_rad,
@@ -184,7 +186,7 @@ class Receiver(ABC, Generic[R]):
         covariance = np.diag((quality.velocity_variance,) * 3)
         stamp_ns, source = (
             self._velocities.after(stamp_ns),
-            Source[f"{self._name.upper()}_VELOCITY"],
+            self._velocity_source,
         )
         return [VelocitySample(stamp_ns, source, np.array(velocity_n), covariance)]
 

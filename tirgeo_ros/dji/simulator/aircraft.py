@@ -14,6 +14,7 @@ from tirgeo_ros.core.types.measurements import (
     ImuSample,
     JointSample,
     NavigationInput,
+    PressureSample,
 )
 from tirgeo_ros.dji.link.framing import encode_frame
 from tirgeo_ros.dji.protocol.broadcast import Layout, encode_broadcast
@@ -121,7 +122,7 @@ class Aircraft:
                 _, sample = self._waiting.popleft()
                 if isinstance(sample, ImuSample):
                     imu.append(sample)
-                else:
+                elif not isinstance(sample, PressureSample):  # DJI's messages have no pressure
                     self._satellites.take(sample)
             for sample in imu:
                 frames += self._tell(sample, together_ns)

@@ -111,5 +111,7 @@ SENSED_SAMPLES: Mapping[str, Callable[[Any], SensedSample]] = {
 
 def sensed(messages: Messages, sample: SensedSample) -> tuple[str, Any]:
     """Return the topic of the contract and the message of a sensor's sample."""
-    row = _ROWS[getattr(sample, "source", type(sample))]
-    return row.topic or sample.source.topic, row.encode(messages, sample)
+    if isinstance(sample, JointSample | CameraAttitudeSample):
+        row = _ROWS[type(sample)]
+        return row.topic, row.encode(messages, sample)
+    return sample.source.topic, _ROWS[sample.source].encode(messages, sample)

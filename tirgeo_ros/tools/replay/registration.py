@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig
 from tirgeo_ros.core.gimbal.composer import GimbalComposer
-from tirgeo_ros.core.navigation.estimator import METHOD_SOURCES, Navigation
+from tirgeo_ros.core.navigation.aiding.aids import METHOD_SOURCES
+from tirgeo_ros.core.navigation.estimator import Navigation
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
     ImuSample,

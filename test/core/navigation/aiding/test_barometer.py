@@ -205,9 +205,8 @@ def test_message_is_the_sample_both_ways():
 # Whole flights
 
 
-def flown(seed: int, *, rate_hz: float = 10.0, duration_s: float = 107.0):
-    values = {"barometer.rate_hz": rate_hz, "duration_s": duration_s}
-    return fly(scenario_from(values, "test"), seed)
+def flown(seed: int, duration_s: float = 107.0):
+    return fly(scenario_from({"barometer.rate_hz": 10.0, "duration_s": duration_s}, "test"), seed)
 
 
 def filtered(flight, samples, **values):
@@ -264,6 +263,21 @@ def test_a_barometer_changes_nothing_on_a_clean_flight():
     assert set(counted) == {"standby", "waiting"}
     # A slow error that is exactly as configured: 300 readings, correlated over a second or two.
     assert 0.6 < status.nis["barometer"] < 1.4
+
+
+def test_late_readings_give_the_same_as_those_in_time():
+    """What the aid remembers is part of the belief: the past is computed again."""
+    flight, late_ns = flown(9, duration_s=45.0), ns(0.33)
+    last_ns = flight.truth.stamp_ns[-1] - late_ns
+    samples = [
+        sample
+        for sample in without_satellites(flight, 8.0, 45.0)
+        if isinstance(sample, ImuSample) or sample.stamp_ns < last_ns
+    ]
+    late = sorted(samples, key=lambda s: s.stamp_ns + late_ns * isinstance(s, PressureSample))
+    (found, status), (expected, _) = (filtered(flight, chosen) for chosen in (late, samples))
+    assert status.counts["barometer", "used"] > 30
+    assert found.state[-1] == pytest.approx(expected.state[-1], abs=1e-9)
 
 
 def test_a_barometer_that_walks_away_beside_rtk_does_no_harm():

@@ -16,9 +16,9 @@ from tirgeo_ros.core.navigation.strapdown import Vector
 from tirgeo_ros.core.types.measurements import FixStatus, Source
 
 #: The sources of measurements, in the order in which those of one instant are used.
-AIDS = tuple(s for s in Source if s not in {Source.IMU, Source.AUTOPILOT_HEADING})
+AID_SOURCES = tuple(s for s in Source if s not in {Source.IMU, Source.AUTOPILOT_HEADING})
 #: Order within an instant. The autopilot's heading comes last; it has no record in ``tracks``.
-PLACE = {source: place for place, source in enumerate((*AIDS, Source.AUTOPILOT_HEADING))}
+PLACE = {source: place for place, source in enumerate((*AID_SOURCES, Source.AUTOPILOT_HEADING))}
 NEVER_NS = -(1 << 62)
 #: An aid that returns after a silence corrects the drift since then in this many equal steps.
 EASE_STEPS = 5
@@ -192,12 +192,12 @@ class AidStatus(NamedTuple):
     """Hold the records of all aids."""
 
     receivers: Receivers
-    tracks: tuple[AidTrack, ...] = (AidTrack(),) * len(AIDS)
+    tracks: tuple[AidTrack, ...] = (AidTrack(),) * len(AID_SOURCES)
     status: FixStatus | None = None  # of rtk/fix; None: no sample yet
     status_ns: int = NEVER_NS
     fixed_since_ns: int = NEVER_NS
     offsets_n: tuple[Vector, ...] = ()  # of the newest RTK positions, for the median
-    resets: tuple[int, ...] = (0,) * len(AIDS)
+    resets: tuple[int, ...] = (0,) * len(AID_SOURCES)
     reset_ns: tuple[int, ...] = ()  # stamps of the newest resets of position and velocity
     last_reset: Reset | None = None
     rtk: Consistency = Consistency()  # RTK positions against velocities

@@ -1,10 +1,11 @@
-"""List the aids of the filter. Everything that asks for one finds it here, by its source."""
+"""List the aids of the filter, and the sources that each method uses."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
 from tirgeo_ros.core.navigation.aiding.aid import Aid
+from tirgeo_ros.core.navigation.aiding.aid_status import AID_SOURCES
 from tirgeo_ros.core.navigation.aiding.autopilot_heading import AutopilotHeadingAid
 from tirgeo_ros.core.navigation.aiding.barometer import BarometerAid
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import HeadingAid
@@ -13,6 +14,7 @@ from tirgeo_ros.core.navigation.aiding.gnss_velocity import GpsVelocityAid, RtkV
 from tirgeo_ros.core.navigation.aiding.rtk_position import RtkPositionAid
 from tirgeo_ros.core.types.measurements import Source
 
+#: Everything that asks for an aid finds it here, by its source.
 AIDS: Mapping[Source, type[Aid]] = {
     aid.source: aid
     for aid in (
@@ -24,4 +26,12 @@ AIDS: Mapping[Source, type[Aid]] = {
         BarometerAid,
         AutopilotHeadingAid,
     )
+}
+
+_IMU = Source.IMU
+METHOD_SOURCES: Mapping[str, tuple[Source, ...]] = {
+    "raw": (_IMU, Source.GPS_POSITION, Source.GPS_VELOCITY),
+    "rtk": (_IMU, Source.RTK_POSITION, Source.RTK_VELOCITY),
+    "ekf": (_IMU, *(source for source in AID_SOURCES if source is not Source.RTK_HEADING)),
+    "ekf_heading": (_IMU, *AID_SOURCES),
 }

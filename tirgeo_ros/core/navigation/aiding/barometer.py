@@ -40,7 +40,7 @@ def standard_height_m(pressure_pa: float) -> float:
     ``h = T0 / L (1 - (p / p0)^(R L / g0))``: the barometric equation of ISO 2533, solved for h.
     """
     ratio = (pressure_pa / _PRESSURE_PA) ** _EXPONENT
-    return _TEMPERATURE_K / _LAPSE_K_M * (1.0 - ratio)
+    return float(_TEMPERATURE_K / _LAPSE_K_M * (1.0 - ratio))
 
 
 def standard_pressure_pa(height_m: float) -> float:
@@ -52,7 +52,7 @@ def standard_pressure_pa(height_m: float) -> float:
 def metres_per_pa(pressure_pa: float) -> float:
     """Return the height that one pascal less makes up: ``R T / (g0 p)``."""
     temperature_k = _TEMPERATURE_K * (pressure_pa / _PRESSURE_PA) ** _EXPONENT
-    return _GAS_J_KG_K * temperature_k / (_GRAVITY_M_S2 * pressure_pa)
+    return float(_GAS_J_KG_K * temperature_k / (_GRAVITY_M_S2 * pressure_pa))
 
 
 class Reference(NamedTuple):
@@ -105,7 +105,7 @@ class BarometerAid(Aid):
             first = Reference(stamp_ns, height_m, offset_m, noise_m2 + own_m2, stamp_ns)
             reason = "takes its reference"
             return Verdict(self.source, Outcome.STANDBY, reason), _noted(belief, first)
-        reference = Reference(*before.own)._replace(taken_ns=stamp_ns)
+        reference = Reference._make(before.own)._replace(taken_ns=stamp_ns)
         lasting_m2 = self._offset_m2(reference, stamp_ns, height_m)
         off_m = belief.state.height_m - (height_m - reference.offset_m)
         aid = self._measurement(sample, belief, off_m, (lasting_m2, noise_m2))
@@ -133,7 +133,7 @@ class BarometerAid(Aid):
         if track.run is None or not track.run.lasts(self._config.reset_after_s):
             return None
         off_m = float(aid.measurement.innovation[0])
-        offset_m = Reference(*track.own).offset_m - off_m
+        offset_m = Reference._make(track.own).offset_m - off_m
         variance_m2 = float(belief.covariance[_DOWN, _DOWN]) + self._config.noise_m**2
         height_m = belief.state.height_m + offset_m
         reference = Reference(aid.stamp_ns, height_m, offset_m, variance_m2, aid.stamp_ns)

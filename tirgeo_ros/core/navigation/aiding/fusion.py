@@ -1,7 +1,7 @@
-"""Fuse a sample into the filter's belief: choose the measurement, gate it, give the verdict.
+"""Fuse a sample into the filter's belief: measure it by its aid, gate it, give the verdict.
 
-RTK positions and velocities are used from float on, headings only while the position is fixed. The
-ordinary GPS replaces RTK where that is missing.
+What is particular to a source stands in its aid (``aids``); records, easing, steps and resets are
+the same for all.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class Fusion:
         (4,), wxyz, is consulted where the headings contradict the state.
         """
         if self.spare(sample, belief.control):
-            return refused(sample, belief, Outcome.STANDBY, "RTK is there")
+            return refused(sample, belief, Outcome.STANDBY, "not needed")
         state, covariance, control = belief
         belief = StateEstimate(
             state, covariance, self._with_decayed_errors(control, sample.stamp_ns)
