@@ -184,11 +184,9 @@ class Receiver(ABC, Generic[R]):
             self._count("velocity_without_fix")
             return []
         covariance = np.diag((quality.velocity_variance,) * 3)
-        stamp_ns, source = (
-            self._velocities.after(stamp_ns),
-            self._velocity_source,
-        )
-        return [VelocitySample(stamp_ns, source, np.array(velocity_n), covariance)]
+        stamp_ns = self._velocities.after(stamp_ns)
+        velocity = np.array(velocity_n)
+        return [VelocitySample(stamp_ns, self._velocity_source, velocity, covariance)]
 
 
 def _is_place(place: GeodeticPlace) -> bool:
