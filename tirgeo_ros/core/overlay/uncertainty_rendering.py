@@ -27,7 +27,7 @@ from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.map.layers import LayerStyle
 from tirgeo_ros.core.map.polylines import Polylines, runs
 from tirgeo_ros.core.map.visibility import VisibleLines
-from tirgeo_ros.core.overlay.line_sampling import Fading, each, ribbons, sampled
+from tirgeo_ros.core.overlay.line_sampling import each, fading, ribbons, sampled
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray, Pixels
 from tirgeo_ros.core.types.poses import CameraPose
 
@@ -103,20 +103,20 @@ class Confidence:
         are switched off, there are no outlines, but ``uncertain`` is still computed.
         """
         fades = self._config.lines != "none" and len(lines)
-        fading = Fading.of(lines) if fades else None
         rays, owner, count = anchors.rays, anchors.owner, len(anchors.owner)
-        if fading:
-            rays = np.concatenate([rays, fading.rays], axis=1)
-            owner = np.concatenate([owner, fading.owner])
+        if fades:
+            of_lines, owners, cut_by = fading(lines)
+            rays = np.concatenate([rays, of_lines], axis=1)
+            owner = np.concatenate([owner, owners])
         # One call for all points: for so few, most of the time is call overhead.
         spread, linear = frame.spread(rays, each(sigma_m, owner), closely=count)
         ellipses = self._ellipses(frame.camera, anchors, spread[:, :count], linear, mark_radius_px)
-        if not fading:
+        if not fades:
             return Marked(lines, np.ones(len(lines)), ellipses)
         radius_px = radius_95(spread[:, count:])
         # fmin turns nan, an unknown radius, into the faintest step.
         step = np.fmin(np.floor(radius_px * (FADE_STEPS / self._config.fade_px)), FADE_STEPS)
-        return Marked(*fading.cut(1 - step * ((1 - FAINTEST) / FADE_STEPS)), ellipses)
+        return Marked(*cut_by(1 - step * ((1 - FAINTEST) / FADE_STEPS)), ellipses)
 
     def paint_bands(
         self,
