@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.backprojection import locate
+from tirgeo_ros.core.ground.backprojection import Reason, locate
 from tirgeo_ros.core.ground.dem import Slopes, Terrain, graticule
-from tirgeo_ros.core.ground.dem_intersection import Stop, first_hit
+from tirgeo_ros.core.ground.dem_intersection import first_hit
 from tirgeo_ros.core.types.errors import ElevationError
 
 PLANE = TangentPlane(math.radians(39.85), math.radians(116.7), 30.0)
@@ -74,8 +74,8 @@ def test_smooth_hills_are_met_within_a_centimetre(pitch, yaw, height):
     position_n, ray_n = np.array([3.0, -7.0, 5.0 - height]), ray_of(pitch, yaw)
     found = first_hit(HILLS, PLANE, position_n, ray_n)
     truth = first_below(hills, position_n, ray_n, 500.0)
-    if isinstance(found, Stop) or math.isnan(truth):
-        assert isinstance(found, Stop) or found > 350  # beyond the model, where truth ends too
+    if isinstance(found, Reason) or math.isnan(truth):
+        assert isinstance(found, Reason) or found > 350  # beyond the model, where truth ends too
         return
     # 0.2 mm of height are 1.4 mm along the flattest ray, but for one that touches a hilltop: it
     # may pass it by, and neither is wrong. Then it must have come within that height of it.
@@ -101,7 +101,7 @@ def test_the_bilinear_surface_is_met_first_and_exactly(pitch, yaw, seed):
     ray_n = ray_of(pitch, yaw)
     found = first_hit(rough, PLANE, position_n, ray_n)
     truth = first_below(rough.height_m, position_n, ray_n, 60.0, 0.01)
-    if isinstance(found, Stop):
+    if isinstance(found, Reason):
         assert math.isnan(truth)
         return
     lat, lon, height = PLANE.geodetic_from_ned(position_n + found * ray_n)
@@ -125,13 +125,13 @@ def test_a_ridge_one_cell_wide_is_not_passed_over():
 @pytest.mark.parametrize(
     ("position_n", "ray_n", "stop"),
     [
-        ([0, 0, -40], ray_of(10, 30), Stop.OVER),
-        ([0, 0, -40], ray_of(90, 0), Stop.OVER),
-        ([0, 0, -40], ray_of(-2, 30), Stop.BESIDE),
-        ([0, 0, 20], ray_of(-30, 30), Stop.UNDER),
-        ([0, 0, 20], ray_of(30, 30), Stop.UNDER),
-        ([900, 0, -40], ray_of(-30, 180), Stop.STARTS_BESIDE),
-        ([0, 0, -40], np.full(3, np.nan), Stop.OVER),
+        ([0, 0, -40], ray_of(10, 30), Reason.ABOVE_HORIZON),
+        ([0, 0, -40], ray_of(90, 0), Reason.ABOVE_HORIZON),
+        ([0, 0, -40], ray_of(-2, 30), Reason.OFF_MODEL),
+        ([0, 0, 20], ray_of(-30, 30), Reason.UNDERGROUND),
+        ([0, 0, 20], ray_of(30, 30), Reason.UNDERGROUND),
+        ([900, 0, -40], ray_of(-30, 180), Reason.CAMERA_OFF_MODEL),
+        ([0, 0, -40], np.full(3, np.nan), Reason.ABOVE_HORIZON),
     ],
 )
 def test_why_a_ray_meets_nothing(position_n, ray_n, stop):
@@ -159,7 +159,7 @@ def test_a_gap_under_the_ray_is_told_and_one_behind_the_point_is_not():
     steep, flat = ray_of(-60, 0), ray_of(-20, 0)
     position_n = np.array([0.0, 0.0, -30.0])
     assert first_hit(gap, PLANE, position_n, steep) == pytest.approx(40 / np.sin(np.pi / 3), 1e-3)
-    assert first_hit(gap, PLANE, position_n, flat) is Stop.GAP
+    assert first_hit(gap, PLANE, position_n, flat) is Reason.GAP
     assert isinstance(first_hit(gap, PLANE, position_n, ray_of(-20, 30)), float)
 
 

@@ -191,7 +191,7 @@ def test_a_line_that_turns_back_keeps_its_band_finite():
 
 def ellipses_of(one, pose, anchors, sigma_m=None):
     frame = one.frame(CAMERA, pose)
-    return one.marked(frame, seen_from(pose), anchors, MARK_PX, sigma_m).ellipses
+    return one.marked(frame, seen_from(pose), anchors, MARK_PX, sigma_m)
 
 
 def anchors_at(pose, uv):

@@ -172,7 +172,18 @@ class FrameConfidence:
 
     def _spread(self, rays: Array, sigma_m: Array | None, closely: int) -> Array:
         """Return (4, N): the covariances as in ``spread``, then 1 where first order is enough."""
-        moves = self._moves(rays, sigma_m)
+        # The least horizontal variance of the map, m2, is added for all points at once.
+        least, beyond = self._map_sigma_m**2, None
+        if sigma_m is not None and len(sigma_m):
+            variance = np.where(np.isnan(sigma_m), self._map_sigma_m, sigma_m) ** 2
+            least = float(variance.min())
+            beyond = variance - least
+        factors, weights = products(rays), self._moves_of.copy()
+        weights[:, -1] += least * self._level
+        # Upper triangles of the covariances of the displacements in c over the depth, (6, N).
+        moves = weights @ factors
+        if beyond is not None and beyond.any():
+            moves += self._level[:, None] * (beyond * factors[-1])
         plane = on_plane(rays, moves)
         slopes = self.camera.slopes(rays[0], rays[1])
         uu, uv, vv = on_lens(plane, slopes)
@@ -209,31 +220,6 @@ class FrameConfidence:
         u, v = normals
         across = u * u * uu + 2 * u * v * uv + v * v * vv
         return np.asarray(SIGMAS_95 * np.sqrt(np.maximum(across, 0.0)))
-
-    def _moves(self, rays: Array, sigma_m: Array | None) -> Array:
-        """Return the covariances of the points' displacements in c over their depth.
-
-        Each is an upper triangle: (6, N).
-        """
-        factors = products(rays)
-        least, beyond = self._map_variance(sigma_m)
-        weights = self._moves_of.copy()
-        weights[:, -1] += least * self._level
-        moves = weights @ factors
-        if beyond is not None:
-            moves += self._level[:, None] * (beyond * factors[-1])
-        return np.asarray(moves, float)
-
-    def _map_variance(self, sigma_m: Array | None) -> tuple[float, Array | None]:
-        """Return the least variance of the points' horizontal positions, m2, and the excess (N,).
-
-        The excess over the least variance is None if it is zero for all points.
-        """
-        if sigma_m is None or not len(sigma_m):
-            return self._map_sigma_m**2, None
-        variance = np.where(np.isnan(sigma_m), self._map_sigma_m, sigma_m) ** 2
-        least = float(variance.min())
-        return least, variance - least if (variance > least).any() else None
 
 
 def _outermost(rays: Array, spread: Spread, max_radius: float) -> tuple[BoolArray, Array]:

@@ -27,14 +27,23 @@ _KNOTS = np.array([0.0, 0.5, 1.0])
 _PARABOLA = np.array([[1.0, 0.0, 0.0], [-3.0, 4.0, -1.0], [2.0, -4.0, 2.0]])
 
 
-class Stop(Enum):
-    """Name why a ray meets no ground."""
+class Reason(Enum):
+    """Name why a pixel has no ground point; the value is the text shown to the user."""
 
-    OVER = "over"  # it passes above all of the ground
-    UNDER = "under"  # it starts at or below the surface
-    STARTS_BESIDE = "starts beside"  # it starts outside the grid
-    BESIDE = "beside"  # it leaves the grid before it meets the surface
-    GAP = "gap"  # it passes over a cell without heights before it meets the surface
+    OUTSIDE_LENS = "the pixel is outside the lens model"
+    OUTSIDE_PICTURE = "the pixel is outside the picture"
+    ABOVE_HORIZON = "the pixel looks over the horizon"
+    UNDERGROUND = "the camera is below the ground: are both heights ellipsoidal?"
+    CAMERA_OFF_MODEL = "the camera is beside the elevation model"
+    OFF_MODEL = "the line of sight leaves the elevation model"
+    GAP = "the elevation model has a gap along the line of sight"
+    GRAZING = "the line of sight is too flat for a point to be told"
+    NO_POSE = "no trusted pose at that picture"
+    UNCERTAIN_POSE = "the pose's covariance is not known"
+    UNKNOWN_PICTURE = "no picture of that stamp was shown"
+    TOO_OLD = "the picture of that stamp is too long ago"
+    NO_PICTURE = "no picture was shown yet"
+    NO_GROUND = "the height of the ground is not known: set ground_height_m or dem"
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,19 +73,19 @@ class _Piece:
 
 def first_hit(
     terrain: Terrain, plane: TangentPlane, position_n: Array, ray_n: Array
-) -> float | Stop:
-    """Return the distance (m) along a unit ray (3,) to its first point on the surface, or a Stop.
+) -> float | Reason:
+    """Return the distance (m) along a unit ray (3,) to the surface, or why it meets none.
 
     The ray starts at ``position_n`` (3,), m; both are NED in the map's plane. A ray with nan gives
-    Stop.OVER.
+    Reason.ABOVE_HORIZON.
     """
     if not math.isfinite(float(ray_n.sum())):
-        return Stop.OVER
+        return Reason.ABOVE_HORIZON
     start_m = 0.0
     while True:
         piece = _piece(terrain, plane, position_n, ray_n, start_m)
         if piece.is_over(0.0, terrain.highest_m):
-            return Stop.OVER
+            return Reason.ABOVE_HORIZON
         found = _within(terrain, piece)
         if isinstance(found, float):
             return start_m + found * piece.length_m
@@ -113,8 +122,8 @@ def _piece(
         length_m = max(shorter, _LEAST_PIECE_M)
 
 
-def _within(terrain: Terrain, piece: _Piece) -> float | Stop | None:
-    """Return s, 0 to 1, of the first intersection in a piece, or a Stop; None if there is none."""
+def _within(terrain: Terrain, piece: _Piece) -> float | Reason | None:
+    """Return s, 0 to 1, of a piece's first intersection, or a Reason to stop; None to go on."""
     cuts = np.sort(np.concatenate([[0.0], _crossings(piece.column), _crossings(piece.row), [1.0]]))
     begin, end = cuts[:-1], cuts[1:]
     middle = 0.5 * (begin + end)
@@ -123,7 +132,7 @@ def _within(terrain: Terrain, piece: _Piece) -> float | Stop | None:
     above = heights - terrain.surface(i, j, columns - i, rows - j)
     blind = ~inside | np.isnan(above[1])
     if piece.start_m == 0.0 and not blind[0] and not above[0, 0] > 0:
-        return Stop.UNDER
+        return Reason.UNDERGROUND
     share = _first_zero(above)
     stops = np.flatnonzero(blind | ~np.isnan(share))
     if not stops.size:
@@ -133,10 +142,10 @@ def _within(terrain: Terrain, piece: _Piece) -> float | Stop | None:
         return float(begin[first] + share[first] * (end[first] - begin[first]))
     s = float(begin[first])
     if piece.is_over(s, terrain.highest_m):
-        return Stop.OVER
+        return Reason.ABOVE_HORIZON
     if inside[first]:
-        return Stop.GAP
-    return Stop.STARTS_BESIDE if piece.start_m == s == 0.0 else Stop.BESIDE
+        return Reason.GAP
+    return Reason.CAMERA_OFF_MODEL if piece.start_m == s == 0.0 else Reason.OFF_MODEL
 
 
 def _crossings(parabola: Array) -> Array:

@@ -99,14 +99,14 @@ class LayerPainter:
         marked = self._confidence.marked(
             frame, lines, anchors, mark_radius_px(image), self._sigmas
         )
-        lines_px, opacity, ellipses = marked
+        lines_px, opacity, outlines, unknown = marked
         diamonds = marks_as_lines(marks, mark_radius_px(image))
         # Ellipses first, so that the marks, which are the true places, are drawn over them.
-        self._painter.thin_strokes(image, ellipses.outlines, ELLIPSE_BGR)
+        self._painter.thin_strokes(image, outlines, ELLIPSE_BGR)
         ink = joined(lines_px, diamonds)
         strength = np.concatenate([opacity, np.ones(len(diamonds))])
         self._painter.strokes(image, ink, of[ink.owner], self._styles, strength)
-        size_px, uncertain = text_px(image), set(anchors.owner[ellipses.uncertain].tolist())
+        size_px, uncertain = text_px(image), set(anchors.owner[unknown].tolist())
         for feature, box in labels:
             colour = UNCERTAIN_BGR if feature in uncertain else TEXT_BGR
             stamp(self._map.labels[feature], size_px, colour).lay(image, box.left, box.top)

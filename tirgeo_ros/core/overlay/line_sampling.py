@@ -6,6 +6,7 @@ has one opacity; a longer one is cut where its opacity changes.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -142,48 +143,32 @@ def _normals(uv: Array, links: BoolArray) -> tuple[Array, Array]:
     return np.stack([-along[1], along[0]]), sharpness
 
 
-class _Along(NamedTuple):
-    """Hold the longer lines and their intervals from sample to sample."""
+def fading(
+    lines: VisibleLines,
+) -> tuple[Array, IntArray, Callable[[Array], tuple[Polylines, Array]]]:
+    """Choose the points of lines at which their opacity is needed: rays (3, N), features (N,).
 
-    lines: VisibleLines
-    samples: Samples
-    ways: IntArray  # (W,) index of the sample at which each interval begins
+    They are a middle vertex of each short line, then the middles of the longer lines' intervals.
+    The third result returns, for the opacity (N,) of the points, the lines cut where it changes,
+    and their opacities.
+    """
+    whole = short(lines)
+    few = lines if whole.all() else picked(lines, np.flatnonzero(whole))
+    half_way = few.rays.take((few.starts[:-1] + few.starts[1:]) // 2, axis=1)
+    if whole.all():
+        return half_way, few.owner, lambda opacity: (few, opacity)
+    many, samples = sampled(picked(lines, np.flatnonzero(~whole)), STEP_PX)
+    ways = np.flatnonzero(samples.links())  # the sample at which each interval begins
+    first, last = samples.vertex[ways], samples.vertex[ways + 1]
+    middle = (many.rays.take(first, axis=1) + many.rays.take(last, axis=1)) / 2
+    rays = np.concatenate([half_way, middle], axis=1)
+    owner = np.concatenate([few.owner, many.owner[samples.line[ways]]])
 
-
-class Fading(NamedTuple):
-    """Hold lines, with the points at which their opacity is needed."""
-
-    rays: Array  # (3, N) as in Seen: of the short lines, then of the longer lines' intervals
-    owner: IntArray  # (N,) features
-    few: VisibleLines  # the short lines
-    along: _Along | None
-
-    @classmethod
-    def of(cls, lines: VisibleLines) -> Fading:
-        """Choose the points: a middle vertex of a short line, else the middles of intervals."""
-        whole = short(lines)
-        if whole.all():
-            return cls(_half_way(lines), lines.owner, lines, None)
-        few, many = picked(lines, np.flatnonzero(whole)), picked(lines, np.flatnonzero(~whole))
-        many, samples = sampled(many, STEP_PX)
-        ways = np.flatnonzero(samples.links())
-        first, last = samples.vertex[ways], samples.vertex[ways + 1]
-        middle = (many.rays.take(first, axis=1) + many.rays.take(last, axis=1)) / 2
-        rays = np.concatenate([_half_way(few), middle], axis=1)
-        owner = np.concatenate([few.owner, many.owner[samples.line[ways]]])
-        return cls(rays, owner, few, _Along(many, samples, ways))
-
-    def cut(self, opacity: Array) -> tuple[Polylines, Array]:
-        """Return the lines, cut where the opacity (N,) of their points changes, and its values."""
-        if self.along is None:
-            return self.few, opacity
-        lines, samples, ways = self.along
-        of_short, of_ways = np.split(opacity, [len(self.few)])
+    def cut_by(opacity: Array) -> tuple[Polylines, Array]:
+        of_short, of_ways = np.split(opacity, [len(few)])
         along = np.ones(len(samples.line) - 1)
         along[ways] = of_ways
-        parts, way = cut(lines, samples, along)
-        return joined(parts, self.few), np.concatenate([along[way], of_short])
+        parts, way = cut(many, samples, along)
+        return joined(parts, few), np.concatenate([along[way], of_short])
 
-
-def _half_way(lines: VisibleLines) -> Array:
-    return lines.rays.take((lines.starts[:-1] + lines.starts[1:]) // 2, axis=1)
+    return rays, owner, cut_by

@@ -9,7 +9,6 @@ its feature is ``uncertain``: its label is grey.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import cv2
@@ -27,7 +26,7 @@ from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.map.layers import LayerStyle
 from tirgeo_ros.core.map.polylines import Polylines, runs
 from tirgeo_ros.core.map.visibility import VisibleLines
-from tirgeo_ros.core.overlay.line_sampling import Fading, each, ribbons, sampled
+from tirgeo_ros.core.overlay.line_sampling import each, fading, ribbons, sampled
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray, Pixels
 from tirgeo_ros.core.types.poses import CameraPose
 
@@ -59,20 +58,13 @@ class Anchors(NamedTuple):
     mark: BoolArray  # (N,) whether each is a point feature, which may have an ellipse
 
 
-@dataclass(frozen=True, slots=True)
-class Ellipses:
-    """Hold the 95 % confidence ellipses of N anchors."""
-
-    outlines: Polylines  # (2, V) pixels, owned by features: dashes, or dots if uncertain
-    uncertain: BoolArray  # (N,) the ellipse is longer than half the picture, or is not known
-
-
 class Marked(NamedTuple):
     """Hold what is drawn of some lines and points."""
 
     lines: Polylines  # cut where their opacity changes
     opacity: Array  # (lines,) 1/4 to 1
-    ellipses: Ellipses
+    outlines: Polylines  # (2, V) pixels, owned by features: dashes, or dots if uncertain
+    uncertain: BoolArray  # (anchors,) the ellipse is over half the picture long, or not known
 
 
 class Confidence:
@@ -103,20 +95,20 @@ class Confidence:
         are switched off, there are no outlines, but ``uncertain`` is still computed.
         """
         fades = self._config.lines != "none" and len(lines)
-        fading = Fading.of(lines) if fades else None
         rays, owner, count = anchors.rays, anchors.owner, len(anchors.owner)
-        if fading:
-            rays = np.concatenate([rays, fading.rays], axis=1)
-            owner = np.concatenate([owner, fading.owner])
+        if fades:
+            of_lines, owners, cut_by = fading(lines)
+            rays = np.concatenate([rays, of_lines], axis=1)
+            owner = np.concatenate([owner, owners])
         # One call for all points: for so few, most of the time is call overhead.
         spread, linear = frame.spread(rays, each(sigma_m, owner), closely=count)
         ellipses = self._ellipses(frame.camera, anchors, spread[:, :count], linear, mark_radius_px)
-        if not fading:
-            return Marked(lines, np.ones(len(lines)), ellipses)
+        if not fades:
+            return Marked(lines, np.ones(len(lines)), *ellipses)
         radius_px = radius_95(spread[:, count:])
         # fmin turns nan, an unknown radius, into the faintest step.
         step = np.fmin(np.floor(radius_px * (FADE_STEPS / self._config.fade_px)), FADE_STEPS)
-        return Marked(*fading.cut(1 - step * ((1 - FAINTEST) / FADE_STEPS)), ellipses)
+        return Marked(*cut_by(1 - step * ((1 - FAINTEST) / FADE_STEPS)), *ellipses)
 
     def paint_bands(
         self,
@@ -154,7 +146,7 @@ class Confidence:
         spread: Array,
         linear: BoolArray,
         mark_radius_px: float,
-    ) -> Ellipses:
+    ) -> tuple[Polylines, BoolArray]:
         semi_px, angle = ellipse_95(matrices(spread))
         most_px = min(camera.width, camera.height) / 4
         uncertain = ~(linear & (semi_px[:, 0] <= most_px))
@@ -163,7 +155,7 @@ class Confidence:
         semi_px, owner = semi_px[chosen], anchors.owner[chosen]
         uv, within_px = anchors.uv[:, chosen], np.minimum(semi_px, most_px)
         dashes = ellipse_dashes(uv, within_px, angle[chosen], owner, uncertain[chosen])
-        return Ellipses(dashes, uncertain)
+        return dashes, uncertain
 
 
 def with_marks(labelled: Anchors, marks: VisibleLines, camera: Camera) -> Anchors:
