@@ -111,16 +111,6 @@ def test_an_outlier_hardly_moves_it(flight, found):
 
 
 @pytest.mark.slow
-def test_a_hover_tells_nothing():
-    still = recorded(aircraft_samples(2, 30.0, **{"route.hover_s": 600.0}))
-    result = fit(FlightRuns(still, EkfConfig()), ())
-    assert result.told == ()
-    assert "velocity varied by 0." in result.untold["position_delay"]
-    assert "turns of the nose" in result.untold["antenna_left"]
-    assert (result.values == result.first).all()
-
-
-@pytest.mark.slow
 @pytest.mark.long
 def test_turns_on_the_spot_tell_the_antenna_though_the_baseline_is_unknown():
     """Held at 25 deg off, the baseline would turn the antenna's place by as much: 13 cm."""

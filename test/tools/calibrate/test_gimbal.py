@@ -168,8 +168,5 @@ def test_videos_are_thinned_evenly(fps, rate, expected):
     kept = list(thinned((Taken(str(s), s, None) for s in stamps), rate))
     assert abs(len(kept) - expected) <= 1
 
-
-def test_a_stamp_that_goes_back_does_not_stop_a_video():
-    stamps = [0, 100, 200, 0, 100, 200]
-    kept = list(thinned((Taken(str(s), s * 1_000_000, None) for s in stamps), 10))
-    assert len(kept) >= 5
+    back = [stamp * 1_000_000 for stamp in (0, 100, 200, 0, 100, 200)]  # it does not stop there
+    assert len(list(thinned((Taken(str(s), s, None) for s in back), 10))) >= 5

@@ -7,7 +7,6 @@ import json
 import cv2
 import numpy as np
 import pytest
-from bad_boards import bad_boards
 
 from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard
 from tirgeo_ros.core.camera.camera_model import XT2
@@ -171,21 +170,6 @@ def test_wrong_use_is_2(folder, capsys, extra, message):
         main([*argv, *extra])
     assert left.value.code == 2
     assert message in capsys.readouterr().err
-
-
-@pytest.mark.slow
-def test_bad_pictures_do_no_harm(tmp_path):
-    """Five kinds of the twenty, each of which is refused by itself."""
-    good = board_views(XT2, BOARD, 25, 11)
-    images = {f"good_{number}": view.image for number, view in enumerate(good)}
-    bad = dict(list(bad_boards(XT2, BOARD).items())[::4])
-    images |= {f"bad_{name.replace(' ', '_')}": image for name, image in bad.items()}
-    result = calibrate_lens([write(tmp_path / "all", images)], BOARD, tmp_path / "camera.yaml")
-    assert len(bad) == 5
-    assert [name for name in result["view_rms_px"] if name.startswith("bad")] == []
-    assert result["views"] >= 23
-    assert np.abs(off_sigmas(result)).max() < 3
-    assert result["reprojection_rms_px"] < 0.6
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -43,14 +43,14 @@ class PixelFeatures:
         pairs: list[tuple[float, float]] = []
         self._owners: list[int] = []
         for number, feature in enumerate(features, 1):
+            before = len(pairs)
             try:
-                found = list(_pairs(feature.get("geometry")))
+                _mapped(feature.get("geometry"), lambda place: pairs.append(_position(place)))
             except _NO_POSITIONS:
                 raise MapError(
                     f"{self._path}: feature {number} has coordinates that are no column and row"
                 ) from None
-            pairs += found
-            self._owners += [number - 1] * len(found)
+            self._owners += [number - 1] * (len(pairs) - before)
         self.pixels: Array = downward(np.array(pairs, float).reshape(-1, 2))  # (n, 2)
 
     @property
@@ -68,7 +68,7 @@ class PixelFeatures:
         features = [
             {
                 **{key: value for key, value in feature.items() if key not in _LEFT_OUT},
-                "geometry": _placed(feature.get("geometry"), rest),
+                "geometry": _mapped(feature.get("geometry"), lambda _: next(rest)),
             }
             for feature in self._features
         ]
@@ -88,37 +88,24 @@ class PixelFeatures:
         return features
 
 
-def _pairs(geometry: Any) -> Iterator[tuple[float, float]]:
-    if geometry is None:
-        return
-    if geometry["type"] == "GeometryCollection":
-        for part in geometry["geometries"]:
-            yield from _pairs(part)
-    else:
-        yield from _flat(geometry["coordinates"])
+def _position(coordinates: Any) -> tuple[float, float]:
+    column, row = float(coordinates[0]), float(coordinates[1])
+    if not (np.isfinite(column) and np.isfinite(row)):
+        raise ValueError
+    return column, row
 
 
-def _flat(coordinates: Any) -> Iterator[tuple[float, float]]:
-    if coordinates and not isinstance(coordinates[0], list):
-        column, row = float(coordinates[0]), float(coordinates[1])
-        if not (np.isfinite(column) and np.isfinite(row)):
-            raise ValueError
-        yield column, row
-        return
-    for part in coordinates:
-        yield from _flat(part)
-
-
-def _placed(geometry: Any, rest: Iterator[list[float]]) -> Any:
+def _mapped(geometry: Any, change: Callable[[Any], Any]) -> Any:
+    """Return a geometry with each position replaced by what ``change`` returns for it."""
     if geometry is None:
         return None
     if geometry["type"] == "GeometryCollection":
-        parts = [_placed(part, rest) for part in geometry["geometries"]]
+        parts = [_mapped(part, change) for part in geometry["geometries"]]
         return {"type": "GeometryCollection", "geometries": parts}
-    return {"type": geometry["type"], "coordinates": _refilled(geometry["coordinates"], rest)}
+    return {"type": geometry["type"], "coordinates": _each(geometry["coordinates"], change)}
 
 
-def _refilled(coordinates: Any, rest: Iterator[list[float]]) -> Any:
+def _each(coordinates: Any, change: Callable[[Any], Any]) -> Any:
     if coordinates and not isinstance(coordinates[0], list):
-        return next(rest)
-    return [_refilled(part, rest) for part in coordinates]
+        return change(coordinates)
+    return [_each(part, change) for part in coordinates]

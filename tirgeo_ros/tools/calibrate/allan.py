@@ -113,7 +113,7 @@ def parameters_of(fits: Sequence[NoiseFit]) -> dict[str, Value]:
 
 def _analysis(read: ReadImu) -> AllanAnalysis:
     curve = allan_curve(read.record.runs)
-    check_alive(read.where, ~curve.variances.any(axis=0))
+    check_alive(read.where, curve.variances)
     analysis = AllanAnalysis(curve, read.record.step_s)
     if analysis.span_s < LEAST_REST_S:
         raise CalibrationError(

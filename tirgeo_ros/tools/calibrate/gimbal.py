@@ -12,10 +12,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard
+from tirgeo_ros.core.calibration.checkerboard.board import (
+    BoardSighting,
+    Checkerboard,
+    RefusalReason,
+    Refused,
+)
 from tirgeo_ros.core.calibration.checkerboard.board_pose import BoardTracker, camera_angles
 from tirgeo_ros.core.calibration.checkerboard.detection import find_board
-from tirgeo_ros.core.calibration.checkerboard.sighting import BoardSighting, RefusalReason, Refused
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError

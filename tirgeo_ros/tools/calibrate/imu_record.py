@@ -102,9 +102,9 @@ def read_imu(
     return ReadImu(where, topic, record, stamps_ns, values, number, unreadable)
 
 
-def check_alive(where: str, still: Array) -> None:
-    """Raise CalibrationError for axes (6,) whose samples never change."""
-    dead = [name for name, dead in zip(CHANNELS, still, strict=True) if dead]
+def check_alive(where: str, sizes: Array) -> None:
+    """Raise CalibrationError for axes whose sizes of change (n, 6) are all zero."""
+    dead = [name for name, size in zip(CHANNELS, sizes.T, strict=True) if not size.any()]
     if dead:
         raise CalibrationError(
             f"{where}: {', '.join(dead)}: never changes; record what the IMU itself measures"

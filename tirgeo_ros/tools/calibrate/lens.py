@@ -10,10 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
-from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard
+from tirgeo_ros.core.calibration.checkerboard.board import (
+    BoardSighting,
+    Checkerboard,
+    RefusalReason,
+    Refused,
+)
 from tirgeo_ros.core.calibration.checkerboard.detection import find_board
 from tirgeo_ros.core.calibration.checkerboard.lens_fit import LensFit, LensModel, fit_lens
-from tirgeo_ros.core.calibration.checkerboard.sighting import BoardSighting, RefusalReason, Refused
 from tirgeo_ros.core.calibration.checkerboard.view_selection import doubtful_views, most_distinct
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files

@@ -9,8 +9,8 @@ import numpy as np
 
 from tirgeo_ros.core.calibration.boresight.fit import BoresightFit
 from tirgeo_ros.core.calibration.boresight.model import PointSighting
+from tirgeo_ros.core.calibration.checkerboard.board import BoardSighting
 from tirgeo_ros.core.calibration.checkerboard.lens_fit import LensFit
-from tirgeo_ros.core.calibration.checkerboard.sighting import BoardSighting
 from tirgeo_ros.core.calibration.orthophoto.polynomial_transform import (
     PolynomialTransform,
     Residuals,

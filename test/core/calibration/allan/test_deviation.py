@@ -152,14 +152,6 @@ def test_a_term_that_is_not_there_is_none_and_bounded():
     assert np.isfinite([fit.bias.sigma, fit.bias.time_s]).all()
 
 
-def test_a_random_walk_alone_is_no_flicker():
-    rng = np.random.default_rng(8)
-    record = white(rng, 400_000, 1.3e-2, STEP_S) + walk(rng, 400_000, 3e-3, STEP_S)
-    fit = AllanAnalysis(curve_of(record), STEP_S).fit(0)
-    assert fit.walk.value == pytest.approx(3e-3, rel=0.2)
-    assert fit.flicker.value is None or fit.flicker.value < fit.walk.value * 3
-
-
 def test_a_gauss_markov_bias_is_found_as_the_filter_models_it():
     rng = np.random.default_rng(9)
     size, sigma, time_s = 400_000, 5e-4, 30.0

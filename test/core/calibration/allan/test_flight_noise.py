@@ -113,16 +113,6 @@ def test_idling_rotors_and_slow_turns_are_no_rest():
     assert not told(turning).at_rest.any()
 
 
-def test_vibration_is_what_a_moving_mean_leaves():
-    values = noise(12, 1e-3 * DENSITY) + motion()
-    values[:, 4] += 3.0 * np.sin(2 * np.pi * 40.0 * T_S)
-    found = told(values)
-    # The moving mean of 25 samples passes 1/25 at most of 40 Hz.
-    np.testing.assert_allclose(found.rms[:, 4], 3 / math.sqrt(2), rtol=0.05)
-    np.testing.assert_allclose(found.peaks[:, 4], 3.0, rtol=0.06)
-    assert found.rms[:, 0].max() < 0.05 * 0.8
-
-
 def test_a_few_lost_samples_are_bridged_and_gaps_passed_by():
     values = noise(13)
     lost = np.random.default_rng(2).random(len(values)) < 0.005

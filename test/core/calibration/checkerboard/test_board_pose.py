@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard
+from tirgeo_ros.core.calibration.checkerboard.board import BoardSighting, Checkerboard
 from tirgeo_ros.core.calibration.checkerboard.board_pose import (
     BoardTracker,
     board_poses,
     camera_angles,
 )
-from tirgeo_ros.core.calibration.checkerboard.sighting import BoardSighting
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.tools.simulate.board import gimbal_pose
 

@@ -9,9 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard
+from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard, steps_of
 from tirgeo_ros.core.calibration.checkerboard.corner_fit import fit_corners
-from tirgeo_ros.core.calibration.checkerboard.sighting import steps_of
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.tools.simulate.board import BoardLook, BoardRenderer, calibration_poses
 

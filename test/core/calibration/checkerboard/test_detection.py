@@ -9,9 +9,14 @@ import numpy as np
 import pytest
 from bad_boards import bad_boards
 
-from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard, board_of
+from tirgeo_ros.core.calibration.checkerboard.board import (
+    BoardSighting,
+    Checkerboard,
+    RefusalReason,
+    Refused,
+    board_of,
+)
 from tirgeo_ros.core.calibration.checkerboard.detection import find_board
-from tirgeo_ros.core.calibration.checkerboard.sighting import BoardSighting, RefusalReason, Refused
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.frames.rotations import rotation_z
 from tirgeo_ros.core.types.errors import CalibrationError

@@ -7,9 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard
+from tirgeo_ros.core.calibration.checkerboard.board import (
+    BoardSighting,
+    Checkerboard,
+    RefusalReason,
+)
 from tirgeo_ros.core.calibration.checkerboard.lens_fit import LensModel, fit_lens
-from tirgeo_ros.core.calibration.checkerboard.sighting import BoardSighting, RefusalReason
 from tirgeo_ros.core.calibration.checkerboard.view_selection import doubtful_views, most_distinct
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.types.errors import CalibrationError

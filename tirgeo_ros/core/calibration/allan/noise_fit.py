@@ -85,22 +85,25 @@ class AllanAnalysis:
         sigmas, misfit = _sigmas(variances, columns, model, spread, start)
         without = self._without(variances, columns, powers, start)
         sigmas *= max(misfit, 1.0)
-        terms = [
+        random_walk, flicker, walk, quantisation = (
             _term(*one)
             for one in zip(*(part.tolist() for part in (powers, sigmas, without)), strict=True)
-        ]
+        )
         white = powers[0] * columns[:, 0]
         # The lowest point among those with enough degrees of freedom.
         at = int(np.argmin(np.where(degrees >= _LEAST_DEGREES, variances, np.inf)))
         lowest = math.sqrt(variances[at])
         part = slice(start, None)
-        bias = fit_bias(self.tau_s, variances - white, model, spread, part, terms[1])
+        bias = fit_bias(self.tau_s, variances - white, model, spread, part, flicker)
         return NoiseFit(
-            *terms,
+            white=random_walk,
+            flicker=flicker,
+            walk=walk,
+            quantisation=quantisation,
             minimum=lowest,
             minimum_sigma=lowest / math.sqrt(2 * degrees[at]),
             minimum_at_s=float(self.tau_s[at]),
-            minimum_reached=any(term.value is not None for term in terms[1:3]),
+            minimum_reached=flicker.value is not None or walk.value is not None,
             bias=bias,
             shortest_s=float(self.tau_s[start]),
             misfit=misfit,

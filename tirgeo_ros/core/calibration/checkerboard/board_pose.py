@@ -14,8 +14,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard, rotation_of
-from tirgeo_ros.core.calibration.checkerboard.sighting import BoardSighting
+from tirgeo_ros.core.calibration.checkerboard.board import BoardSighting, Checkerboard, rotation_of
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.frames.axes import BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import euler_from_matrix

@@ -10,9 +10,13 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard
+from tirgeo_ros.core.calibration.checkerboard.board import (
+    Checkerboard,
+    RefusalReason,
+    Refused,
+    steps_of,
+)
 from tirgeo_ros.core.calibration.checkerboard.corner_fit import CornerFit, fit_corners
-from tirgeo_ros.core.calibration.checkerboard.sighting import RefusalReason, Refused, steps_of
 from tirgeo_ros.core.types.arrays import Array
 
 _MOST_BLUR = 0.22  # of a square's side

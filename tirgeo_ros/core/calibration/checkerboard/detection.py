@@ -13,15 +13,15 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard
-from tirgeo_ros.core.calibration.checkerboard.corner_checks import alternating, doubt, sigma_px
-from tirgeo_ros.core.calibration.checkerboard.corner_fit import fit_corners
-from tirgeo_ros.core.calibration.checkerboard.sighting import (
+from tirgeo_ros.core.calibration.checkerboard.board import (
     BoardSighting,
+    Checkerboard,
     RefusalReason,
     Refused,
     steps_of,
 )
+from tirgeo_ros.core.calibration.checkerboard.corner_checks import alternating, doubt, sigma_px
+from tirgeo_ros.core.calibration.checkerboard.corner_fit import fit_corners
 from tirgeo_ros.core.types.arrays import Array, Pixels, RawPixels
 
 _LEAST_SIDE_PX = 8.0  # of a square; in a smaller one the blurs of two edges overlap

@@ -12,8 +12,13 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard, rotation_of
-from tirgeo_ros.core.calibration.checkerboard.sighting import BoardSighting, RefusalReason, Refused
+from tirgeo_ros.core.calibration.checkerboard.board import (
+    BoardSighting,
+    Checkerboard,
+    RefusalReason,
+    Refused,
+    rotation_of,
+)
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError, CameraError

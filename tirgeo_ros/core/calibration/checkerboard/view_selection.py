@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from tirgeo_ros.core.calibration.checkerboard.sighting import BoardSighting, RefusalReason, Refused
+from tirgeo_ros.core.calibration.checkerboard.board import BoardSighting, RefusalReason, Refused
 
 #: Views with a smaller rms distance of corners, relative to the picture's width, are duplicates.
 #: At 640 px this is three pixels, about what a hand-held board still moves.
