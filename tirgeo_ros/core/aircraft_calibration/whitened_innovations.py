@@ -27,9 +27,9 @@ from tirgeo_ros.core.aircraft_calibration.parameters import (
 )
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.axes import FLU_FRD
+from tirgeo_ros.core.frames.heading import azimuth, wrapped
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, skew
 from tirgeo_ros.core.frames.wgs84 import gravity_down
-from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import azimuth, wrapped
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.aiding.state_estimate import AidMeasurement, Fused, StateEstimate
 from tirgeo_ros.core.navigation.delayed_measurements import Carried
@@ -179,7 +179,7 @@ class WhiteningFusion(Fusion):
         def turned(azimuth_rad: float, elevation_rad: float, after_s: float) -> float:
             u_b = np.array(direction_b(azimuth_rad, elevation_rad))
             u_b = u_b + after_s * np.cross(rate_b, u_b)
-            return azimuth(tuple((rotation @ u_b).tolist()))
+            return azimuth(rotation @ u_b)
 
         here = turned(*angles, 0.0)
         found = np.zeros((1, len(PARAMETERS)))
