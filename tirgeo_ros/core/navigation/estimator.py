@@ -190,7 +190,9 @@ class Navigation:
             control, newest_ns = self._ekf.control, self._ekf.newest_ns
             state, reason = self._health.state(control, newest_ns, self._log.unused)
             return state, "; ".join(filter(None, (reason, offsets if reason else "")))
-        reason = "; ".join(filter(None, (self._why_again, offsets or self._start_up.reason)))
+        reason = "; ".join(
+            filter(None, (self._why_again, offsets or self._start_up.aligner.reason))
+        )
         if self._lost:
             return FilterState.LOST, reason
         begun = clocks.imu_ns is not None and clocks.aid_ns
@@ -248,7 +250,7 @@ class Navigation:
             verdict = self._passthrough.add_aiding(sample)
         elif self._ekf is not None:
             verdict = self._ekf.add_aiding(sample, stale=same is Same.VALUE)
-        elif far := self._start_up.out_of_reach(sample.stamp_ns):
+        elif far := self._start_up.order.out_of_reach(sample.stamp_ns):
             verdict = Verdict(source, *far)
         else:
             self._align(sample)

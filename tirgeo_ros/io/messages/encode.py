@@ -13,7 +13,7 @@ from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.frames.rotations import rotation_of
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.strapdown import cross
-from tirgeo_ros.core.types.arrays import Array, Vector
+from tirgeo_ros.core.types.arrays import Array, Quaternion, Vector
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
     FixStatus,
@@ -27,7 +27,6 @@ from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
 from tirgeo_ros.core.types.verdicts import NavigationStatus
 from tirgeo_ros.io.messages.diagnostics import DiagnosticItem, navigation_item
 from tirgeo_ros.io.messages.message_axes import (
-    Quaternion,
     covariance_turned_world,
     positive,
     quat_turned_both,
