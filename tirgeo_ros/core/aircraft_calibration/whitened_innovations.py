@@ -179,7 +179,7 @@ class WhiteningFusion(Fusion):
         def turned(azimuth_rad: float, elevation_rad: float, after_s: float) -> float:
             u_b = np.array(direction_b(azimuth_rad, elevation_rad))
             u_b = u_b + after_s * np.cross(rate_b, u_b)
-            return azimuth(tuple((rotation @ u_b).tolist()))
+            return azimuth(rotation @ u_b)
 
         here = turned(*angles, 0.0)
         found = np.zeros((1, len(PARAMETERS)))

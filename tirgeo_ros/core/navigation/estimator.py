@@ -171,18 +171,18 @@ class Navigation:
             self._entered = (state, now_ns)
 
     def _state(self) -> tuple[FilterState, str]:
-        clocks = self._clocks
+        clocks, offsets = self._clocks, self._clocks.offsets
         if clocks.imu_ns is not None and clocks.silence_ns:
             return FilterState.WAITING, f"no imu/data for {clocks.silence_ns * 1e-9:.1f} s"
         if not self._filtering:
             reason = self._passthrough.reason
             return (FilterState.WAITING if reason else FilterState.RUNNING), reason
-        offsets = clocks.offsets
         if self._ekf is not None:
             control, newest_ns = self._ekf.control, self._ekf.newest_ns
             state, reason = self._health.state(control, newest_ns, self._log.unused)
             return state, "; ".join(filter(None, (reason, offsets if reason else "")))
-        reason = "; ".join(filter(None, (self._why_again, offsets or self._start_up.reason)))
+        lacks = offsets or self._start_up.aligner.reason
+        reason = "; ".join(filter(None, (self._why_again, lacks)))
         if self._lost:
             return FilterState.LOST, reason
         begun = clocks.imu_ns is not None and clocks.aid_ns
@@ -240,7 +240,7 @@ class Navigation:
             verdict = self._passthrough.add_aiding(sample)
         elif self._ekf is not None:
             verdict = self._ekf.add_aiding(sample, stale=same is Same.VALUE)
-        elif far := self._start_up.out_of_reach(sample.stamp_ns):
+        elif far := self._start_up.order.out_of_reach(sample.stamp_ns):
             verdict = Verdict(source, *far)
         else:
             self._align(sample)

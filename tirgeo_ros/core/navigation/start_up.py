@@ -11,7 +11,7 @@ from tirgeo_ros.core.navigation.ekf import Ekf
 from tirgeo_ros.core.navigation.measurement_order import StampOrder
 from tirgeo_ros.core.navigation.strapdown import NavState
 from tirgeo_ros.core.types.measurements import ImuSample, NavigationInput
-from tirgeo_ros.core.types.verdicts import Outcome, Verdict
+from tirgeo_ros.core.types.verdicts import Verdict
 
 
 class StartUp:
@@ -20,29 +20,20 @@ class StartUp:
     def __init__(self, config: EkfConfig, prior: Biases | None) -> None:
         self._config = config
         use_heading = config.method == "ekf_heading"
-        self._aligner = Aligner(config, use_heading=use_heading, prior=prior)
-        keep_s = self._aligner.keep_s
-        self._order = StampOrder(config.max_delay_s, longest_hold_s(config), keep_s)
+        self.aligner = Aligner(config, use_heading=use_heading, prior=prior)
+        keep_s = self.aligner.keep_s
+        self.order = StampOrder(config.max_delay_s, longest_hold_s(config), keep_s)
         self.ekf: Ekf | None = None
         self.first_state: NavState | None = None
 
-    @property
-    def reason(self) -> str:
-        """Return what the alignment waits for."""
-        return self._aligner.reason
-
-    def out_of_reach(self, stamp_ns: int) -> tuple[Outcome, str] | None:
-        """Return why a measurement of that time cannot be used, and its offset; None if it can."""
-        return self._order.out_of_reach(stamp_ns)
-
     def add(self, sample: NavigationInput) -> list[Verdict]:
         """Take a sample; return the verdicts on samples dropped, and on those of a start."""
-        due = iter(self._order.add(sample))
-        verdicts = self._order.given_up()
+        due = iter(self.order.add(sample))
+        verdicts = self.order.given_up()
         for earlier in due:
-            alignment = self._aligner.add(earlier)
+            alignment = self.aligner.add(earlier)
             if alignment is not None:
-                return verdicts + self._started(alignment, [*due, *self._order.rest()])
+                return verdicts + self._started(alignment, [*due, *self.order.rest()])
         return verdicts
 
     def _started(self, alignment: Alignment, rest: Sequence[NavigationInput]) -> list[Verdict]:

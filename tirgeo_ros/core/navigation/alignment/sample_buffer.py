@@ -84,20 +84,20 @@ class AlignmentSamples:
     def positions(self, source: Source) -> list[PositionSample]:
         """Return a source's positions with a good fix, by stamp; none if its newest has none."""
         least = FixStatus.FLOAT if source is Source.RTK_POSITION else FixStatus.SINGLE
-        found = [s for s in self._reached(PositionSample) if s.source is source]
+        found = self._reached(PositionSample, source)
         if not found or found[-1].status < least:
             return []
         return [s for s in found if s.status >= least]
 
     def rtk_status(self, stamp_ns: int) -> FixStatus | None:
         """Return the fix status of the newest RTK position up to a stamp."""
-        found = [s for s in self._reached(PositionSample) if s.source is Source.RTK_POSITION]
+        found = self._reached(PositionSample, Source.RTK_POSITION)
         told = [s.status for s in found if s.stamp_ns <= stamp_ns]
         return told[-1] if told else None
 
     def velocities(self, source: Source) -> list[VelocitySample]:
         """Return the velocities of a source, by stamp."""
-        return [s for s in self._reached(VelocitySample) if s.source is source]
+        return self._reached(VelocitySample, source)
 
     def headings(self, first_ns: int, last_ns: int, settled_s: float) -> list[HeadingSample]:
         """Return the headings between two stamps that were measured while RTK was fixed, by stamp.
@@ -106,7 +106,7 @@ class AlignmentSamples:
         must be fixed: the samples of one instant arrive in any order.
         """
         found = [s for s in self._reached(HeadingSample) if first_ns <= s.stamp_ns <= last_ns]
-        fixes = [s for s in self._reached(PositionSample) if s.source is Source.RTK_POSITION]
+        fixes = self._reached(PositionSample, Source.RTK_POSITION)
         return [s for s in found if _fixed_around(fixes, s.stamp_ns, round(settled_s * 1e9))]
 
     def imu_over(self, first_ns: int, last_ns: int) -> list[ImuSample]:
@@ -122,16 +122,16 @@ class AlignmentSamples:
         after = [s for s in self._imu if s.stamp_ns > stamp_ns]
         return (*before, *after), tuple(s for s in self._aiding if s.stamp_ns > stamp_ns)
 
-    def _reached(self, kind: type[_T]) -> list[_T]:
-        """Return the measurements within the IMU record, by stamp, one per source and stamp."""
+    def _reached(self, kind: type[_T], source: Source | None = None) -> list[_T]:
+        """Return the measurements of a source (headings: None) within the IMU record, by stamp."""
         oldest, newest = self._imu[0].stamp_ns, self._imu[-1].stamp_ns
         found = (s for s in self._aiding if isinstance(s, kind))
         single = {
-            (s.stamp_ns, getattr(s, "source", None)): s
+            s.stamp_ns: s
             for s in found
-            if oldest <= s.stamp_ns <= newest
+            if oldest <= s.stamp_ns <= newest and getattr(s, "source", None) is source
         }
-        return sorted(single.values(), key=lambda s: s.stamp_ns)
+        return [single[stamp_ns] for stamp_ns in sorted(single)]
 
 
 def span(

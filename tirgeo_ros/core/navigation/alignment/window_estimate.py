@@ -71,12 +71,6 @@ class Measured(NamedTuple):
         newest = self.positions[-1]
         return TangentPlane(newest.latitude_rad, newest.longitude_rad, newest.height_m)
 
-    @property
-    def gravity_m_s2(self) -> float:
-        """Return gravity at the newest position."""
-        newest = self.positions[-1]
-        return gravity_down(newest.latitude_rad, newest.height_m)
-
 
 class Fitted(NamedTuple):
     """Hold a window with its fit."""
@@ -105,6 +99,7 @@ def fitted(
     vibration = mean_powers(measured.imu)
     powers = NoisePowers(config.imu).under((0.0, 0.0, 0.0, *vibration[3:]))
     plane = measured.plane
+    gravity_m_s2 = gravity_down(plane.latitude_rad, plane.height_m)
     motion = [position_observation(s, plane, config) for s in measured.positions]
     motion += [velocity_observation(s, config) for s in measured.velocities]
     stamps = [s.stamp_ns for s in motion] + [s.stamp_ns for s in measured.readings]
@@ -114,7 +109,7 @@ def fitted(
         headings = _headings(measured, config, hint_nb, gyros_unknown=gyros_unknown)
         headings, start_nb = agreeing(window, headings)
         seen = motion + headings
-        found = fit(window, seen, start_nb, measured.gravity_m_s2, biases, powers)
+        found = fit(window, seen, start_nb, gravity_m_s2, biases, powers)
         turned = np.abs(found.biases - taken)[:3].max() * window.before_s[0]
         if turned < _TURN_RAD:
             break
