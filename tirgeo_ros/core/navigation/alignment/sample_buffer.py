@@ -105,7 +105,8 @@ class AlignmentSamples:
         The RTK positions within ``settled_s`` before a heading and the first one not before it
         must be fixed: the samples of one instant arrive in any order.
         """
-        found = [s for s in self._reached(HeadingSample) if first_ns <= s.stamp_ns <= last_ns]
+        headings = self._reached(HeadingSample, Source.RTK_HEADING)
+        found = [s for s in headings if first_ns <= s.stamp_ns <= last_ns]
         fixes = self._reached(PositionSample, Source.RTK_POSITION)
         return [s for s in found if _fixed_around(fixes, s.stamp_ns, round(settled_s * 1e9))]
 
@@ -122,14 +123,12 @@ class AlignmentSamples:
         after = [s for s in self._imu if s.stamp_ns > stamp_ns]
         return (*before, *after), tuple(s for s in self._aiding if s.stamp_ns > stamp_ns)
 
-    def _reached(self, kind: type[_T], source: Source | None = None) -> list[_T]:
-        """Return the measurements of a source (headings: None) within the IMU record, by stamp."""
+    def _reached(self, kind: type[_T], source: Source) -> list[_T]:
+        """Return the measurements of a source within the IMU record, by stamp."""
         oldest, newest = self._imu[0].stamp_ns, self._imu[-1].stamp_ns
         found = (s for s in self._aiding if isinstance(s, kind))
         single = {
-            s.stamp_ns: s
-            for s in found
-            if oldest <= s.stamp_ns <= newest and getattr(s, "source", None) is source
+            s.stamp_ns: s for s in found if oldest <= s.stamp_ns <= newest and s.source is source
         }
         return [single[stamp_ns] for stamp_ns in sorted(single)]
 
