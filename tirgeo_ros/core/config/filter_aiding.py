@@ -215,7 +215,7 @@ class BarometerConfig:
         high=100,
     )
     time_s: float = param(20.0, "correlation time of the slow error", unit="s", low=0.1, high=1e5)
-    drift_m_sqrt_s: float = param(
+    drift: float = param(
         0.05,
         "random walk of the pressure of the day, as a height",
         unit="m/sqrt(s)",

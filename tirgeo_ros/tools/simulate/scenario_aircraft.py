@@ -139,9 +139,7 @@ class BarometerScenario:
     noise_m: float = param(0.2, "white noise", unit="m", low=0, high=100)
     wander_rms_m: float = param(0.5, "error by wind and rotor wash", unit="m", low=0, high=100)
     wander_time_s: float = param(20.0, "correlation time of it", unit="s", low=0.5, high=1e5)
-    drift_m_sqrt_s: float = param(
-        0.05, "random walk of the weather", unit="m/sqrt(s)", low=0, high=10
-    )
+    drift: float = param(0.05, "random walk of the weather", unit="m/sqrt(s)", low=0, high=10)
     offset_m: float = param(60.0, "at the start, by the weather", unit="m", low=-1000, high=1000)
 
 

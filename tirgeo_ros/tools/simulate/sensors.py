@@ -262,7 +262,7 @@ def barometer_samples(scenario: Scenario, seed: int, trajectory: Trajectory) -> 
     wander = gauss_markov(
         rng, count, step_s, np.array([barometer.wander_time_s]), np.array([barometer.wander_rms_m])
     )
-    drift_m = barometer.drift_m_sqrt_s * math.sqrt(step_s) * np.cumsum(steps)
+    drift_m = barometer.drift * math.sqrt(step_s) * np.cumsum(steps)
     errors_m = barometer.offset_m + barometer.noise_m * white + wander[:, 0] + drift_m
     return [
         (stamp, PressureSample(stamp, standard_pressure_pa(height), 0.0))

@@ -68,7 +68,7 @@ def reference_of(belief: StateEstimate) -> Reference:
 def lasting_m2(t_s: float, climb_m: float = 0.0) -> float:
     """The variance of the offset after a while and a change of height, by the parameters."""
     slow = 2 * BAROMETER.sigma_m**2 * (1 - math.exp(-t_s / BAROMETER.time_s))
-    weather = BAROMETER.drift_m_sqrt_s**2 * t_s
+    weather = BAROMETER.drift**2 * t_s
     return 0.01 + weather + slow + (BAROMETER.scale_sigma * climb_m) ** 2
 
 
@@ -132,7 +132,7 @@ def test_innovations_scatter_as_the_filter_says():
     found = []
     for state, known, walk, white, slow, fresh in rng.standard_normal((400, 6)):
         changed = BAROMETER.sigma_m * ((kept - 1) * slow + math.sqrt(1 - kept**2) * fresh)
-        weather = BAROMETER.drift_m_sqrt_s * math.sqrt(t_s) * walk
+        weather = BAROMETER.drift * math.sqrt(t_s) * walk
         off_m = sigma_m * state + 0.1 * known + weather + changed + BAROMETER.noise_m * white
         found.append(fusion.fuse(pressure(t_s, off_m), belief_of(sigma_m), ZERO).verdict)
     # Chi-square with 400 degrees of freedom: 95 % of the means are in 1 +- 1.96 sqrt(2 / 400).

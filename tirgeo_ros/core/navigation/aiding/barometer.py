@@ -181,7 +181,7 @@ class BarometerAid(Aid):
         and with the change of height in air that is warmer or colder than the standard.
         """
         config, passed_s = self._config, abs(stamp_ns - reference.stamp_ns) * 1e-9
-        walked_m2 = config.drift_m_sqrt_s**2 * passed_s
+        walked_m2 = config.drift**2 * passed_s
         slow_m2 = 2 * config.sigma_m**2 * -math.expm1(-passed_s / config.time_s)
         scaled_m = config.scale_sigma * (height_m - reference.height_m)
         return reference.variance_m2 + walked_m2 + slow_m2 + scaled_m * scaled_m
