@@ -88,7 +88,7 @@ real-flights: $(READY)  ## the filter over recorded flights, FLIGHTS=folder of b
 	else echo "skipped: there is no folder $(FLIGHTS); FLIGHTS=folder names one of bags"; fi
 
 states: $(READY)  ## make the tracked states of the sample flight anew, after a meant change
-	$(BIN)/python -m dev.states bags/sample test/data/sample_states.csv
+	$(BIN)/python -m dev.state_table bags/sample test/data/sample_states.csv
 
 parameters: $(READY)  ## docs/parameters.md, made of the parameters in tirgeo_ros/core/config
 	$(BIN)/python -m tirgeo_ros.nodes.parameters_page docs/parameters.md

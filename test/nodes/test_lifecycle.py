@@ -23,7 +23,7 @@ pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 from diagnostic_msgs.msg import DiagnosticArray
 from graph_helpers import await_words
 
-from tirgeo_ros.nodes.dead_memory import FOLDER as SHARED
+from tirgeo_ros.nodes.stale_shared_memory import FOLDER as SHARED
 
 pytestmark = pytest.mark.graph
 

@@ -22,8 +22,8 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from tirgeo_ros.core.types.errors import TirgeoError
-from tirgeo_ros.nodes.dead_memory import remove_dead
 from tirgeo_ros.nodes.parameters import check_arguments, explained
+from tirgeo_ros.nodes.stale_shared_memory import remove_dead
 from tirgeo_ros.nodes.start import STOP_SIGNALS
 
 _POLL_S, _START_POLL_S = 0.1, 0.05

@@ -13,8 +13,9 @@ from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.navigation.delays import Delays, longest_hold_s
 from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, Source, VelocitySample
 from tirgeo_ros.tools.simulate.flight import fly, truth_at
+from tirgeo_ros.tools.simulate.imu_errors import imu_bias
 from tirgeo_ros.tools.simulate.scenario import scenario_from
-from tirgeo_ros.tools.simulate.sensors import Epochs, imu_bias
+from tirgeo_ros.tools.simulate.sensors import Epochs
 
 DURATION_S = 12.0
 RTK = (Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING)

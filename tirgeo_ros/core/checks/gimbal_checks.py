@@ -8,7 +8,7 @@ from collections.abc import Collection
 
 import numpy as np
 
-from tirgeo_ros.core.checks.joint_findings import joint_findings
+from tirgeo_ros.core.checks.gimbal_joint_findings import joint_findings
 from tirgeo_ros.core.config import GimbalConfig
 from tirgeo_ros.core.frames.rotations import (
     matrix_from_quat,

@@ -19,7 +19,6 @@ from tirgeo_ros.core.navigation.aiding.aids import METHOD_SOURCES
 from tirgeo_ros.core.navigation.aiding.autopilot_heading import AutopilotHeadingAid
 from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding, source_of
 from tirgeo_ros.core.navigation.alignment.aligner import Biases
-from tirgeo_ros.core.navigation.autopilot_baseline import AutopilotBaseline
 from tirgeo_ros.core.navigation.delays import Delays
 from tirgeo_ros.core.navigation.duplicates import DuplicateDetector, Same
 from tirgeo_ros.core.navigation.ekf import Ekf
@@ -28,6 +27,7 @@ from tirgeo_ros.core.navigation.imu_checks import ImuClock, in_body_axes
 from tirgeo_ros.core.navigation.imu_clipping import Clipping
 from tirgeo_ros.core.navigation.map_origin import MapOrigin
 from tirgeo_ros.core.navigation.start_up import StartUp
+from tirgeo_ros.core.navigation.unfiltered_solution import UnfilteredSolution
 from tirgeo_ros.core.navigation.verdict_log import VerdictLog
 from tirgeo_ros.core.navigation.vibration_noise import densities
 from tirgeo_ros.core.streams.rates import RateLimit
@@ -91,7 +91,7 @@ class Navigation:
         self._ekf = None
         self._why_again, self._lost = why, lost
         self._start_up = StartUp(self._config, prior)
-        self._passthrough = AutopilotBaseline(self._config, self._position_source)
+        self._passthrough = UnfilteredSolution(self._config, self._position_source)
         self._repeats = DuplicateDetector()
         self._rate = RateLimit(self._config.publish_rate_hz)
         self._log.begin()

@@ -23,7 +23,7 @@ from tirgeo_ros.core.navigation.strapdown import matrix
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
 from tirgeo_ros.dji.interpret.autopilot_attitude import AutopilotAttitudes
-from tirgeo_ros.dji.interpret.driving_stream import Sequence
+from tirgeo_ros.dji.interpret.imu_stream_selection import Sequence
 from tirgeo_ros.dji.sources.readings import GimbalReading, Quaternion
 
 #: A reading waits this long for the attitude after it: the longest gap between two attitudes.

@@ -11,7 +11,7 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.dji.interpret.accelerometer_unit import ForceCheck, UnitBySize, factor_of
 from tirgeo_ros.dji.interpret.autopilot_attitude import AutopilotAttitudes, unit_quaternion
-from tirgeo_ros.dji.interpret.driving_stream import DrivingStream
+from tirgeo_ros.dji.interpret.imu_stream_selection import DrivingStream
 from tirgeo_ros.dji.sources.readings import (
     AccelerationUnit,
     AttitudeReading,

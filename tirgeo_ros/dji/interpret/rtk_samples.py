@@ -9,7 +9,7 @@ from typing import Any
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.measurements import HeadingSample
 from tirgeo_ros.dji.interpret.antenna_baseline import BaselineCheck, baseline_deg
-from tirgeo_ros.dji.interpret.driving_stream import Sequence
+from tirgeo_ros.dji.interpret.imu_stream_selection import Sequence
 from tirgeo_ros.dji.interpret.receiver import Held, Receiver
 from tirgeo_ros.dji.interpret.receiver_epochs import Value
 from tirgeo_ros.dji.interpret.rtk_status import FIXED_FLAG, NO_FIX, Quality, flag_text, qualities

@@ -12,10 +12,10 @@ from pathlib import Path
 
 from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.io.maps import archive, geopackage, shapefile
-from tirgeo_ros.io.maps.condition import Wanted
 from tirgeo_ros.io.maps.gdal_formats import read_other
 from tirgeo_ros.io.maps.geojson import read_geojson
 from tirgeo_ros.io.maps.kml import read_kml, read_kmz
+from tirgeo_ros.io.maps.style_condition import Wanted
 from tirgeo_ros.io.maps.table import Table
 
 Reader = Callable[[Path, str, Wanted], list[Table]]

@@ -8,7 +8,7 @@ from typing import Any
 
 from tirgeo_ros.core.types.errors import ConfigError, MapError
 from tirgeo_ros.io.files.offline_reading import check_closed, elsewhere
-from tirgeo_ros.io.maps.condition import Wanted
+from tirgeo_ros.io.maps.style_condition import Wanted
 from tirgeo_ros.io.maps.table import ShapeBuilder, Table, check_count, check_layer, empty_map
 from tirgeo_ros.io.maps.wkb import wkb_parts
 

@@ -18,8 +18,8 @@ import numpy as np
 
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import MapError
-from tirgeo_ros.io.maps.condition import Wanted
 from tirgeo_ros.io.maps.feature_faults import Faults, FeatureError
+from tirgeo_ros.io.maps.style_condition import Wanted
 from tirgeo_ros.io.maps.table import (
     FEWEST,
     Part,

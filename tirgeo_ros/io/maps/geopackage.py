@@ -15,8 +15,8 @@ from urllib.parse import quote
 
 from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.io.coordinates.crs import known
-from tirgeo_ros.io.maps.condition import Wanted
 from tirgeo_ros.io.maps.feature_faults import FeatureError
+from tirgeo_ros.io.maps.style_condition import Wanted
 from tirgeo_ros.io.maps.table import Part, ShapeBuilder, Table, check_count, check_layer
 from tirgeo_ros.io.maps.wkb import wkb_parts
 

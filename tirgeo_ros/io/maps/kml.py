@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.io.maps.archive import Archive
-from tirgeo_ros.io.maps.condition import Wanted
 from tirgeo_ros.io.maps.feature_faults import FeatureError
+from tirgeo_ros.io.maps.style_condition import Wanted
 from tirgeo_ros.io.maps.table import Part, ShapeBuilder, Table, check_count, check_layer, empty_map
 
 _COMMA = re.compile(r"\s*,\s*")

@@ -11,10 +11,10 @@ from tirgeo_ros.core.types.errors import ConfigError, MapError
 from tirgeo_ros.io.files.memory_bound import MOST_BYTES, bounded_memory
 from tirgeo_ros.io.files.offline_reading import read_map
 from tirgeo_ros.io.files.text_file import named_files
-from tirgeo_ros.io.maps.condition import Wanted
 from tirgeo_ros.io.maps.features import MapFeatures, laid
 from tirgeo_ros.io.maps.formats import companions, read_tables
 from tirgeo_ros.io.maps.label_rule import LabelRule
+from tirgeo_ros.io.maps.style_condition import Wanted
 from tirgeo_ros.io.maps.style_sheet import SheetLayer, load_style_sheet
 from tirgeo_ros.io.maps.table import empty_map
 

@@ -21,7 +21,7 @@ from tirgeo_ros.io.messages.decode import (
 from tirgeo_ros.io.messages.diagnostics import DiagnosticItem, diagnostic_level, navigation_status
 from tirgeo_ros.io.messages.encode import Messages
 from tirgeo_ros.io.messages.pictures import camera, compressed_pixels, image_pixels, pixels
-from tirgeo_ros.io.messages.sensed import (
+from tirgeo_ros.io.messages.sensor_messages import (
     DJI_TOPICS,
     NAVIGATION_INPUTS,
     SENSED_SAMPLES,

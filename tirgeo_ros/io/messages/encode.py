@@ -32,7 +32,7 @@ from tirgeo_ros.io.messages.message_axes import (
     quat_turned_both,
     quat_turned_world,
 )
-from tirgeo_ros.io.messages.parts import COVARIANCE_KNOWN, MessageParts
+from tirgeo_ros.io.messages.message_parts import COVARIANCE_KNOWN, MessageParts
 from tirgeo_ros.io.messages.topics import (
     BODY_FRAME,
     COMPUTED_FROM,

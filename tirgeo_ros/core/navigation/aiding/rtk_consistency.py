@@ -13,7 +13,7 @@ import math
 from itertools import pairwise
 from typing import NamedTuple
 
-from tirgeo_ros.core.navigation.aiding.fix_pairs import (
+from tirgeo_ros.core.navigation.aiding.path_comparison import (
     Fix,
     FixPair,
     Lag,

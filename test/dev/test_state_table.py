@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from project import PROJECT
 
-from dev.states import COLUMNS, HEADER, changes, main, states_text
+from dev.state_table import COLUMNS, HEADER, changes, main, states_text
 
 TABLE = PROJECT / "test" / "data" / "sample_states.csv"
 RENEW = "If the change is meant: 'make states' writes the table anew, and git diff shows it."

@@ -29,7 +29,7 @@ _LARGEST_AGE_S = 1.0
 _NOMINAL_RATE_HZ = 100.0
 
 
-class AutopilotBaseline:
+class UnfilteredSolution:
     """Estimate the pose from the autopilot's attitude and ``source`` (RTK or GPS position)."""
 
     def __init__(self, config: EkfConfig, source: Source) -> None:

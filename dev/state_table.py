@@ -142,7 +142,7 @@ def _span(rows: list[list[str]]) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Write the table and tell what is new in it."""
-    parser = argparse.ArgumentParser(prog="python -m dev.states")
+    parser = argparse.ArgumentParser(prog="python -m dev.state_table")
     parser.add_argument("folder", type=Path, help="with flight.mcap and params.yaml")
     parser.add_argument("table", type=Path, help="the CSV file to write")
     args = parser.parse_args(argv)

@@ -13,7 +13,7 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.frames.rotations import canonical, matrix_from_quat, quat_from_euler
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.navigation.autopilot_baseline import AutopilotBaseline
+from tirgeo_ros.core.navigation.unfiltered_solution import UnfilteredSolution
 from tirgeo_ros.core.types.measurements import (
     FixStatus,
     HeadingSample,
@@ -55,7 +55,7 @@ def velocity(stamp_ns=NOW_NS, source=Source.RTK_VELOCITY, covariance=None, v=(3.
 
 
 def fed(*samples, source=Source.RTK_POSITION, config=CONFIG):
-    made = AutopilotBaseline(config, source)
+    made = UnfilteredSolution(config, source)
     for sample in samples:
         if isinstance(sample, ImuSample):
             made.add_imu(sample)
@@ -173,7 +173,7 @@ def test_only_the_chosen_receiver_is_used():
         (Source.RTK_POSITION, {Source.RTK_POSITION, Source.RTK_VELOCITY}),
         (Source.GPS_POSITION, {Source.GPS_POSITION, Source.GPS_VELOCITY}),
     ):
-        made = AutopilotBaseline(CONFIG, chosen)
+        made = UnfilteredSolution(CONFIG, chosen)
         for source, sample in samples.items():
             verdict = made.add_aiding(sample)
             assert verdict.source is source
