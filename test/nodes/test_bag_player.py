@@ -215,7 +215,8 @@ def test_outputs_of_the_graph_are_not_played_unless_asked():
 
 def test_the_aircrafts_topics_are_told_apart():
     topics = {"/imu/data": "sensor_msgs/msg/Imu", "/thermal/image_raw": "sensor_msgs/msg/Image"}
-    assert aircraft_topics(topics, "") == {"/imu/data": "sensor_msgs/msg/Imu"}
+    pressure = {"/baro/pressure": "sensor_msgs/msg/FluidPressure"}  # DJI sends none
+    assert aircraft_topics(topics | pressure, "") == {"/imu/data": "sensor_msgs/msg/Imu"}
     made = publishers_for(_Publishing(), topics, "", ["/imu/data"])
     assert list(made) == ["/thermal/image_raw"]
     assert publishers_for(_Publishing(), {"/imu/data": "x"}, "", ["/imu/data"]) == {}

@@ -10,7 +10,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 
 from tirgeo_ros.core.types.errors import BagError, ConfigError, shown
-from tirgeo_ros.io.messages import SENSED_TOPICS
+from tirgeo_ros.io.messages import DJI_TOPICS, SENSED_TOPICS
 from tirgeo_ros.nodes.qos import STREAM_DEPTH, latched, output
 from tirgeo_ros.nodes.topics import message_class
 
@@ -52,14 +52,14 @@ def publishers_for(
 
 
 def aircraft_topics(topics: Mapping[str, str], wanted: str) -> dict[str, str]:
-    """Return the aircraft's topics among those of a bag that are to be played: name -> type.
+    """Return what a DJI aircraft sends of a bag's topics that are to be played: name -> type.
 
     Raise BagError if there is none.
     """
     chosen = _chosen(topics, names(wanted))
-    found = {topic: topics[topic] for topic in chosen if topic.lstrip("/") in SENSED_TOPICS}
+    found = {topic: topics[topic] for topic in chosen if topic.lstrip("/") in DJI_TOPICS}
     if not found:
-        raise BagError(f"the bag has none of the aircraft's topics: {', '.join(SENSED_TOPICS)}")
+        raise BagError(f"the bag has none of the aircraft's topics: {', '.join(DJI_TOPICS)}")
     return found
 
 

@@ -34,7 +34,11 @@ _FAULTS = {
         f"{_CLOCK}, and stamp at the exposure",
     ),
     "apart": (
-        *("picture_clock", STOP, "pictures are stamped {mean} s off the camera's poses"),
+        *(
+            "picture_clock",
+            STOP,
+            "pictures are stamped {mean} s ahead of the camera's poses (negative: behind)",
+        ),
         f"{_CLOCK}; no map is drawn on such pictures",
     ),
     "back": (
@@ -99,6 +103,8 @@ class FrameStamps:
         if self._frames < _FEWEST:
             return found
         often = [name for name in _FAULTS if self._counts[name] > _SHARE * self._frames]
+        if "ahead" in often and "late" in often:  # a clock that was set: one finding tells it
+            often.remove("late")
         for name in often:
             check, severity, text, mend = _FAULTS[name]
             mean = f"{self._sums[name] * 1e-9 / self._counts[name]:.2f}"

@@ -46,7 +46,7 @@ from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 _STANDBY = {source: Verdict(source, Outcome.STANDBY, "not needed") for source in Source}
-_MOST_HZ = 500  # bound on held measurements: five sources at 100 Hz
+_MOST_HZ = 500  # bound on the measurements held for each second
 _RTK_POSITION = PLACE[Source.RTK_POSITION]
 _stamp_of = operator.attrgetter("stamp_ns")
 _SOLUTION_ROWS = np.r_[POSITION, ATTITUDE, VELOCITY]

@@ -94,7 +94,11 @@ class FilterHealth:
     def rtk_status(self, now_ns: int) -> FixStatus:
         """Return the RTK receiver's newest fix status; NONE once it is silent."""
         status, stamp_ns = self._rtk
-        return status if abs(now_ns - stamp_ns) <= _STATUS_AGE_NS else FixStatus.NONE
+        return status if now_ns - stamp_ns <= _STATUS_AGE_NS else FixStatus.NONE
+
+    def forget_rtk(self) -> None:
+        """Have no fix status until the next position."""
+        self._rtk = FixStatus.NONE, 0
 
     def state(
         self, control: AidStatus, now_ns: int, unused: Mapping[Source, Unused] | None = None

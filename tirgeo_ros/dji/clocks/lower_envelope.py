@@ -26,8 +26,8 @@ _DRIFT_NS = 30e9, 300e9
 _USUAL_DRIFT, _MINIMUM_NS = 0.3, 0.2e6
 #: After a gap of the window's length the old line holds until new points cover this time.
 _HOLD_NS = 2e9
-#: So many of the newest heights above the line make the distribution.
-_HEIGHTS = 2048
+#: Largest number of heights above the line that make the distribution: 500 a second for 20 s.
+_HEIGHTS = 10_000
 
 _INFINITY = float("inf")
 
@@ -51,7 +51,7 @@ class LowerEnvelope:
         self.drift = self._drift_before = 0.0  # slope of the line
         self.base = 0.0  # the line is ``base + drift * x``
         self._bins: deque[Point] = deque()  # the lowest point of each closed bin
-        self._heights: deque[float] = deque(maxlen=_HEIGHTS)
+        self._heights: deque[Point] = deque(maxlen=_HEIGHTS)  # x, and height above the line
         self._bin_end = 0.0
         self._lowest_key, self._lowest = _INFINITY, (0.0, 0.0)  # of the open bin
 
@@ -73,14 +73,15 @@ class LowerEnvelope:
             self._lowest_key, self._lowest = key, (x, y)
             if height < 0.0:
                 self.base = key
-        self._heights.append(height)
+        self._heights.append((x, height))
 
     @property
     def spread(self) -> tuple[float, float, float] | None:
-        """Return median, 95 % quantile and maximum of the newest points' heights (ns), if any."""
-        heights = sorted(max(height, 0.0) for height in self._heights)
-        if not heights:
+        """Return median, 95 % quantile and maximum of the window's heights (ns), if any."""
+        if not self._heights:
             return None
+        oldest = self._heights[-1][0] - self._window_ns
+        heights = sorted(max(height, 0.0) for x, height in self._heights if x >= oldest)
         last = len(heights) - 1
         return heights[last // 2], heights[round(0.95 * last)], heights[last]
 
@@ -107,6 +108,7 @@ class LowerEnvelope:
         """Keep the old line after a long gap until new points suffice to show another."""
         held_x = x - self._window_ns + self._hold_ns
         self._bins.clear()
+        self._heights.clear()
         self._drift_before = self.drift
         self._bins.append((held_x, self.base + self.drift * held_x))
 

@@ -68,7 +68,7 @@ class HostSession:
         self._exchange = Exchange()
         self._activates = bool(config.app_id or config.subscribe)
         self._activation = Activation(config.app_id)
-        wanted = [*packages.values()] if config.subscribe else []
+        wanted = [packages[number] for number in sorted(packages)] if config.subscribe else []
         self._subscriber = Subscriber(wanted, packages, self._exchange)
         self._busy = HostState.ACTIVATING if self._activates else HostState.SETTING_RATES
         self._problems: dict[str, str] = {}

@@ -11,7 +11,6 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
-import shapefile
 from numpy.typing import NDArray
 
 from tirgeo_ros.core.types.errors import MapError
@@ -42,9 +41,8 @@ _LANGUAGES = {
     )
 }
 
-#: What pyshp raises, or lets through, for a damaged file.
+#: What pyshp raises beside its own exception, or lets through, for a damaged file.
 _DAMAGE = (
-    shapefile.ShapefileException,
     struct.error,
     ArithmeticError,
     AttributeError,
@@ -123,14 +121,15 @@ def _table(where: str, name: str, fetch: Fetch, wanted: Wanted) -> Table:
 def _shapes(content: bytes, where: str) -> Iterator[Any]:
     """Yield the shapes as pyshp returns them."""
     content = _whole(content, where)
+    pyshp = _pyshp()
     room = len(content) // 12  # a record takes at least this many bytes; more records mean a loop
     try:
-        with shapefile.Reader(shp=io.BytesIO(content)) as reader:
+        with pyshp.Reader(shp=io.BytesIO(content)) as reader:
             for number, shape in enumerate(reader.iterShapes()):
                 if number > room:
                     raise ValueError("a record leads back to another")
                 yield shape
-    except _DAMAGE as error:
+    except (pyshp.ShapefileException, *_DAMAGE) as error:
         raise MapError(f"{where}: a damaged shapefile: {_line(error)}") from None
 
 
@@ -183,8 +182,9 @@ def _records(
     content = fetch(".dbf")
     if content is None:
         return (), [], (f"{where}: has no .dbf: no labels",)
+    pyshp = _pyshp()
     try:
-        with shapefile.Reader(
+        with pyshp.Reader(
             dbf=io.BytesIO(content),
             encoding=_encoding(fetch(".cpg"), content),
             encodingErrors="replace",
@@ -196,7 +196,7 @@ def _records(
                 None if row is None else dict(zip(names, row, strict=True)) for row in found
             ]
             return fields, rows, ()
-    except _DAMAGE as error:
+    except (pyshp.ShapefileException, *_DAMAGE) as error:
         raise MapError(f"{where}: a damaged .dbf: {_line(error)}") from None
 
 
@@ -237,3 +237,11 @@ def _known(name: str) -> bool:
 
 def _line(error: Exception) -> str:
     return " ".join(str(error).split())[:100] or type(error).__name__
+
+
+def _pyshp() -> Any:
+    try:
+        import shapefile  # noqa: PLC0415  the other formats work without it
+    except ModuleNotFoundError:
+        raise MapError("a Shapefile needs the library pyshp: pip install pyshp") from None
+    return shapefile

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-#: Topic to type; those of the sensors are in ``sensed``.
+#: Topic to type; those of the sensors are in ``sensor_messages``.
 OTHER_TYPES: dict[str, str] = {
     "thermal/image_raw": "sensor_msgs/msg/Image",
     "thermal/image_raw/compressed": "sensor_msgs/msg/CompressedImage",

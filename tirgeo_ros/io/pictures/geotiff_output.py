@@ -133,6 +133,7 @@ def _warp(rasterio: Any, source: Any, target: Any, found: PolynomialTransform) -
     try:
         with rasterio.open(placed, "r+") as picture:
             picture.gcps = points, target.crs
+            picture.nodata = None  # within the hull every pixel is shown
         with rasterio.open(placed) as picture:
             warp.reproject(
                 rasterio.band(picture, bands),

@@ -114,16 +114,12 @@ def _fitted(
     notes = []
     if not strict:  # an estimated north could only increase the uncertainty of these
         usual = [name for name in wanted if name != IF_TOLD]
-        _refuse(
-            doubt(read.flight, read.sightings, usual, foreseen(read.flight, read.sightings, usual))
-        )
+        _refuse(_doubt_foreseen(read, usual))
     why = _against_north(read, wanted, strict=strict) if IF_TOLD in wanted else None
     if why is not None:
         wanted = [name for name in wanted if name != IF_TOLD]
         notes.append(f"{IF_TOLD} held at its present value: {why}")
-    _refuse(
-        doubt(read.flight, read.sightings, wanted, foreseen(read.flight, read.sightings, wanted))
-    )
+    _refuse(_doubt_foreseen(read, wanted))
     found = fit(read.flight, read.sightings, wanted)
     left = doubt(read.flight, read.sightings, wanted, found.covariance)
     if left is not None and found.noise_factor > 1:

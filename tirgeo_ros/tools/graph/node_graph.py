@@ -15,7 +15,7 @@ from pathlib import Path
 from tirgeo_ros.core.types.errors import GraphError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.child_python import stop_signals
-from tirgeo_ros.io.messages import SENSED_TOPICS
+from tirgeo_ros.io.messages import DJI_TOPICS
 from tirgeo_ros.tools.graph.localhost import localhost_environment
 from tirgeo_ros.tools.graph.node_process import NodeProcess
 from tirgeo_ros.tools.graph.resources import find_resource
@@ -147,7 +147,7 @@ def _player(setup: GraphSetup) -> list[str]:
     values: dict[str, object] = {"bag": setup.bag, "rate": float(setup.rate)}
     if setup.serial:
         values |= {"live": "true", "serial_port": _port(setup)}
-        awaited = [name for name in awaited if name not in SENSED_TOPICS]
+        awaited = [name for name in awaited if name not in DJI_TOPICS]
     return _params(setup) + _words(values | {"wait_for": ",".join(awaited)})
 
 

@@ -104,6 +104,15 @@ def test_shaking_stamps_keep_every_sample_and_its_time(jitter, rate_hz, unit_ns,
     assert len(there(record)) == pytest.approx(5000, abs=2 + 2 * unit_ns / step_ns)
 
 
+def test_late_samples_do_not_change_the_rate():
+    """One in ten is late by 0.8 of a step: a step of 1.8, then one of 0.2."""
+    stamps = even(5000)
+    stamps[5::10] += int(0.8 * (stamps[1] - stamps[0]))
+    record = laid(stamps)
+    assert len(there(record)) == pytest.approx(5000, abs=2)  # as above: the ends' jitter
+    assert record.step_s == pytest.approx((stamps[1] - stamps[0]) * 1e-9, rel=1e-6)
+
+
 def test_samples_keep_their_order_and_time_in_bursts_and_by_a_coarse_clock():
     """Ten at a time, microseconds apart; 6, 6, 8, 6, 9 ms in turns, in whole milliseconds."""
     bursts = np.repeat(even(3000)[9::10], 10) + np.tile(np.arange(10) * 1000, 300)

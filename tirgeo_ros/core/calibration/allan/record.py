@@ -141,7 +141,8 @@ def _places(times_ns: IntArray) -> tuple[float, Array]:
     for _ in range(2):
         within = within & (steps <= _LONG_GAP * steps[within].mean())
     if usual >= _BURSTS * steps[within].mean():
-        within = steps <= _ALONE * usual
+        # A late sample makes a long step and then a short one: both count, or neither.
+        within = np.abs(steps - usual) <= (_ALONE - 1) * usual
     step_ns = float(steps[within].mean())
     around = min(_AROUND, len(steps))
     total, number = (
