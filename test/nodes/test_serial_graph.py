@@ -28,7 +28,7 @@ from tirgeo_ros.tools.replay.graph_outputs import Outputs, read_outputs
 from tirgeo_ros.tools.replay.process import process
 from tirgeo_ros.tools.replay.recorded_flight import body_errors, load_recording, load_truth
 
-pytestmark = [pytest.mark.graph, pytest.mark.slow]
+pytestmark = [pytest.mark.graph, pytest.mark.slow, pytest.mark.long]  # wants a quiet machine
 
 #: The project's figure: heading and ground error of the serial run against those of the bag run.
 AS_GOOD = 1.25
