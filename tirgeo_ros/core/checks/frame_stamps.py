@@ -18,31 +18,33 @@ _CLOCK = "let camera and aircraft keep one clock"
 #: For each fault: check, severity, evidence and mend.
 _FAULTS = {
     "zero": (
-        *("picture_stamps_zero", CAUTION, "{count} of {frames} pictures have no stamp"),
+        "picture_stamps_zero",
+        CAUTION,
+        "{count} of {frames} pictures have no stamp",
         "let the driver stamp them; as it is, video_latency_s counts to their arrival",
     ),
     "ahead": (
-        *(
-            "picture_stamps_ahead",
-            CAUTION,
-            "stamps of pictures are {mean} s ahead of their arrival",
-        ),
+        "picture_stamps_ahead",
+        CAUTION,
+        "stamps of pictures are {mean} s ahead of their arrival",
         f"{_CLOCK}, and stamp at the exposure",
     ),
     "late": (
-        *("picture_stamps_late", CAUTION, "stamps of pictures are {mean} s behind their arrival"),
+        "picture_stamps_late",
+        CAUTION,
+        "stamps of pictures are {mean} s behind their arrival",
         f"{_CLOCK}, and stamp at the exposure",
     ),
     "apart": (
-        *(
-            "picture_clock",
-            STOP,
-            "pictures are stamped {mean} s ahead of the camera's poses (negative: behind)",
-        ),
+        "picture_clock",
+        STOP,
+        "pictures are stamped {mean} s ahead of the camera's poses (negative: behind)",
         f"{_CLOCK}; no map is drawn on such pictures",
     ),
     "back": (
-        *("picture_stamps_back", CAUTION, "{count} of {frames} stamps of pictures do not grow"),
+        "picture_stamps_back",
+        CAUTION,
+        "{count} of {frames} stamps of pictures do not grow",
         "see that one driver alone sends pictures, each once and in order",
     ),
 }

@@ -6,28 +6,14 @@ import math
 
 import numpy as np
 import pytest
+from aid_records import HOME, LEVEL, TIMEOUT_NS, ns
 from filter_states import MEASURED
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack, Receivers
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate
-from tirgeo_ros.core.navigation.strapdown import NavState
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
-
-SECOND_NS = 1_000_000_000
-TIMEOUT_NS = SECOND_NS
-HOME = (0.695, 2.04, 31.5)
-LEVEL = NavState((1.0, 0.0, 0.0, 0.0), (0.0,) * 3, *HOME, *[(0.0,) * 3] * 3)
-
-
-def ns(seconds: float) -> int:
-    return 1000 * SECOND_NS + round(seconds * SECOND_NS)
-
-
-def heard(control: AidStatus, t_s: float, status=FixStatus.FIXED) -> AidStatus:
-    return control.heard(status, ns(t_s), TIMEOUT_NS)
-
 
 # Easing: an aid that comes back after a silence
 

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from aid_records import LEVEL, TIMEOUT_NS, heard, ns
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.schema import config_from
@@ -16,23 +17,8 @@ from tirgeo_ros.core.navigation.aiding.aid_status import (
 )
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate
-from tirgeo_ros.core.navigation.strapdown import NavState
 from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample, Source
 from tirgeo_ros.core.types.verdicts import Outcome
-
-SECOND_NS = 1_000_000_000
-TIMEOUT_NS = SECOND_NS
-HOME = (0.695, 2.04, 31.5)
-LEVEL = NavState((1.0, 0.0, 0.0, 0.0), (0.0,) * 3, *HOME, *[(0.0,) * 3] * 3)
-
-
-def ns(seconds: float) -> int:
-    return 1000 * SECOND_NS + round(seconds * SECOND_NS)
-
-
-def heard(control: AidStatus, t_s: float, status=FixStatus.FIXED) -> AidStatus:
-    return control.heard(status, ns(t_s), TIMEOUT_NS)
-
 
 # Headings: conditions to start and to continue
 
