@@ -7,9 +7,11 @@ two signals come within a tenth of a second. Here they are off: the signals stay
 
 from __future__ import annotations
 
+import ctypes
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, nullcontext, suppress
@@ -27,6 +29,7 @@ from tirgeo_ros.nodes.stale_shared_memory import remove_dead
 from tirgeo_ros.nodes.start import STOP_SIGNALS
 
 _POLL_S, _START_POLL_S = 0.1, 0.05
+_RELEASE_PERIOD_S = 10.0
 T = TypeVar("T")
 Work = Callable[[Any, threading.Event], int]
 
@@ -113,10 +116,24 @@ def _wait(jobs: list[Future[int]]) -> signal.struct_siginfo | None:
     ``sigtimedwait`` is not used: if the process is stopped meanwhile and continued (Ctrl-Z and fg,
     a computer that slept), Python's version returns a signal that never came.
     """
+    released_s = time.monotonic()
     while not wait(jobs, _POLL_S, FIRST_COMPLETED).done:
+        if time.monotonic() - released_s > _RELEASE_PERIOD_S:
+            _release_free_memory()
+            released_s = time.monotonic()
         if not signal.sigpending().isdisjoint(STOP_SIGNALS):
             return signal.sigwaitinfo(STOP_SIGNALS)
     return None
+
+
+def _release_free_memory() -> None:
+    """Give back to the system the free memory that glibc's malloc keeps.
+
+    It is left by the longest queues and by dead DDS peers. Takes 0.1 to 1.4 ms. Other C libraries
+    have no ``malloc_trim``.
+    """
+    with suppress(AttributeError):
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def _spin(executor: Any, stop: threading.Event) -> int:
