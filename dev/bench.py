@@ -1,4 +1,4 @@
-"""Speed: ``make bench`` runs ``python -m dev.bench`` and prints one table."""
+"""Measure speed: ``make bench`` runs ``python -m dev.bench`` and prints one table."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ from tirgeo_ros.tools.graph.resources import find_resource
 from tirgeo_ros.tools.presentation.progress import Progress
 from tirgeo_ros.tools.replay.process import process
 
-#: Of several runs the fastest says most about the program and least about its neighbours.
+#: The fastest of several runs is the one least slowed by other processes.
 _RUNS = 3
 
 
 def figures(folder: Path, work: Path, *, graph: bool) -> Iterator[Figure]:
-    """Every figure of the flight in ``folder``, one after another; ``work`` takes files."""
+    """Yield every figure of the flight in ``folder``; files are written to ``work``."""
     yield _process_speed(folder, work, images=False)
     yield _process_speed(folder, work, images=True)
     yield from _filter_cost()
@@ -90,7 +90,7 @@ def _filter_hour() -> Iterator[Figure]:
 
 
 def _graph_cost(folder: Path, work: Path) -> list[Figure]:
-    """CPU cores of each process of the graph while the bag plays at rate 1, and their sum."""
+    """Return the CPU cores of each process while the bag plays at rate 1, and their sum."""
     setup = GraphSetup(
         folder / "flight.mcap",
         work / "graph",
@@ -104,7 +104,7 @@ def _graph_cost(folder: Path, work: Path) -> list[Figure]:
 
 
 def _serial_cost(folder: Path, work: Path) -> list[Figure]:
-    """CPU cores of dji_node with hard sync at 400 Hz, broadcasts at 100 Hz and all else on it."""
+    """Return the CPU cores of dji_node with hard sync at 400 Hz and all broadcasts at 100 Hz."""
     params = work / "serial.yaml"
     given = load_yaml(folder / "params.yaml")
     player = given.setdefault("/**/bag_player", {"ros__parameters": {}})["ros__parameters"]
@@ -118,9 +118,9 @@ def _serial_cost(folder: Path, work: Path) -> list[Figure]:
 
 
 def _dds_latency(work: Path) -> Iterator[Figure]:
-    """Of the overlay at 30 Hz: image in to overlay out, alone and beside two busy processes.
+    """Yield the times from image in to overlay out at 30 Hz, alone and beside two busy processes.
 
-    Beside each what a node takes that passes the picture on and no more.
+    The reference is a node that only passes the picture on.
     """
     for load, spinning in (("", 0), (", busy", 2)):
         runs = {f"picture passed on{load}": ("bench_relay", False)}

@@ -1,7 +1,7 @@
-"""Clicks a second, on level ground and on an elevation model, beside their rays alone.
+"""Measure clicks per second, on level ground and on an elevation model, beside bare rays.
 
-A click is the whole way of one: pixel and stamp in, place, covariance and ellipse out. A ray is
-the same pixel's way to the same ground without any of these.
+A click is all of it: pixel and stamp in, place, covariance and ellipse out. A ray is the
+intersection of the same pixel with the same ground, and nothing else.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ _RATES = CameraRates(np.array([4.0, 3.0, -0.5]), np.array([0.05, -0.02, 0.2]))
 
 
 def click_speeds() -> Iterator[Figure]:
-    """On level ground, then on rolling hills of 1 m a cell in UTM."""
+    """Yield figures on level ground, then on rolling hills with 1 m cells in UTM."""
     yield from _speeds("level ground", GROUND_M)
     yield from _speeds("a DEM of 1 m", hills())
 
 
 def hills() -> Terrain:
-    """8 m high, as a GeoTIFF in UTM would give them: PROJ is asked for each place."""
+    """Return hills 8 m high as a GeoTIFF in UTM gives them: PROJ converts each place."""
     to_utm = pyproj.Transformer.from_crs("EPSG:4326", "EPSG:32650", always_xy=True)
     x, y = to_utm.transform(math.degrees(PLANE.longitude_rad), math.degrees(PLANE.latitude_rad))
     west, north = x - _NODES / 2, y + _NODES / 2
@@ -58,7 +58,7 @@ def hills() -> Terrain:
 
 
 def _speeds(what: str, ground: Ground) -> list[Figure]:
-    """Rounds of both by turns, so that a busy machine slows both alike."""
+    """Measure both in turn, so that a busy machine slows both alike."""
     pose = _pose()
     pixels = np.random.default_rng(5).uniform([0, 0], [639, 511], (_CLICKS, 2))
     clicks = Clicks(ConfidenceConfig())
@@ -68,7 +68,7 @@ def _speeds(what: str, ground: Ground) -> list[Figure]:
 
     def click(uv: Array) -> None:
         answer = clicks.locate((float(uv[0]), float(uv[1])), _STAMP_NS)
-        assert isinstance(answer, Located)  # of a refusal the time would say nothing
+        assert isinstance(answer, Located)  # a refusal takes less time
 
     def ray(uv: Array) -> None:
         assert locate(XT2, pose, uv[None], PLANE, ground)[1] == [None]
@@ -84,13 +84,13 @@ def _speeds(what: str, ground: Ground) -> list[Figure]:
 
 
 def _pose() -> CameraPose:
-    """40 m above the plane's origin, 30 deg down."""
+    """Return a pose 40 m above the plane's origin, looking 30 deg down."""
     q_nc = quat_multiply(quat_from_euler(*np.radians([3.0, -30.0, 120.0])), Q_BODY_OPTICAL)
     return CameraPose(_STAMP_NS, np.array([0.0, 0.0, -40.0]), q_nc, np.diag(_SIGMAS**2))
 
 
 def _time_s(work: Callable[[Array], None], pixels: Array) -> float:
-    """Of one pixel, of the processor: what else it has to do takes none of it."""
+    """Return the CPU time for one pixel, s; other processes don't count."""
     begun = time.process_time()
     for uv in pixels:
         work(uv)

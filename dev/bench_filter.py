@@ -1,4 +1,4 @@
-"""The filter's CPU time per IMU sample: beside pyins on the same flight, and over a long one."""
+"""Measure the filter's CPU time per IMU sample: beside pyins, and over an hour."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _COMPARED_MINUTES = 5
 
 @dataclass(frozen=True)
 class FilterTimes:
-    """One filter on the flight: its cost, and its rms errors later than 20 s."""
+    """Hold one filter's cost on the flight, and its rms errors later than 20 s."""
 
     cost_s: float  # CPU per IMU sample
     tilt_deg: float  # the worse of roll and pitch
@@ -46,17 +46,17 @@ class FilterTimes:
 
 
 def filter_times() -> tuple[FilterTimes, FilterTimes | None]:
-    """The own filter and pyins on the same flight in turn; None where pyins is not installed.
+    """Measure our filter and pyins in turn on the same flight; None if pyins is not installed.
 
-    The own cost has everything in it: ``process()`` of every sample with checks and verdicts,
-    ordinary GPS among them, a solution with its covariance at every IMU sample. That of pyins is
-    its filter's call alone.
+    Our cost includes everything: ``process()`` of every sample, ordinary GPS too, with checks and
+    verdicts, and a solution with covariance at every IMU sample. The cost of pyins is the call of
+    its filter alone.
     """
     flight = fly(scenario_from({"duration_s": _FLIGHT_S}), _SEED)
     samples, config = navigation_samples(flight), fitting_config(flight)
     rival = pyins_run(flight) if pyins_is_installed() else None
     own_s, rival_s = [], []
-    for _ in range(_RUNS):  # in turn: a machine that is slow for a while is so for both
+    for _ in range(_RUNS):  # in turn: if the machine is slow for a while, both are
         cost_s, found = _timed(lambda: flown(Navigation(config), samples))
         own_s.append(cost_s)
         if rival is not None:
@@ -70,7 +70,7 @@ def filter_times() -> tuple[FilterTimes, FilterTimes | None]:
 
 
 def flown(navigation: Navigation, samples: Sequence[NavigationInput]) -> list[NavSolution]:
-    """What is published on samples."""
+    """Return the solutions that the filter publishes on samples."""
     steps = [navigation.process(sample) for sample in samples]
     return [step.solution for step in steps if step.solution is not None]
 
@@ -89,7 +89,7 @@ def _times(cost_s: float, found: Errors) -> FilterTimes:
 
 @dataclass(frozen=True)
 class LongTimes:
-    """The last five minutes of an hour beside the first five."""
+    """Hold costs of the last five minutes of an hour beside the first five."""
 
     first_s: float  # CPU per IMU sample, of the fastest of the five minutes
     last_s: float
@@ -97,7 +97,7 @@ class LongTimes:
 
 
 def long_times(progress: Report = silent) -> LongTimes:
-    """An hour of flight through one filter."""
+    """Measure one filter over an hour of flight."""
     flight = LoopedFlight()
     navigation = Navigation(flight.config)
     costs, sizes = [], []

@@ -1,9 +1,9 @@
-"""pyins, a filter of the same kind, on a simulated flight: to measure the own one beside it.
+"""Run pyins, a filter of the same kind, on a simulated flight as a reference for ours.
 
-pyins (PyPI: python-ins) is no dependency; ``make bench`` installs it. Its feedback filter takes
-the whole flight at once, in degrees and pandas tables, and knows positions and velocities; the
-heading is added in the way that its documentation gives for new measurements. The antenna's
-offset and the sensors' noises are those of the flight's scenario, the rest is as pyins has it.
+pyins (PyPI: python-ins) is not a dependency; ``make bench`` installs it. Its feedback filter takes
+the whole flight at once, in degrees and pandas tables. It knows positions and velocities; the
+heading is added as its documentation describes for new measurements. The antenna's lever arm and
+the sensors' noise are those of the scenario; the rest are pyins' defaults.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from tirgeo_ros.core.types.measurements import (
 )
 from tirgeo_ros.tools.simulate.flight import SimulatedFlight
 
-#: pyins states the uncertainty of its start as these: m, m/s, degrees of tilt and of heading.
+#: Sigmas of the initial state, as pyins takes them: m, m/s, degrees of tilt and of heading.
 _START_SIGMA = (0.1, 0.1, 0.5, 1.0)
 _LLA = ("lat", "lon", "alt")
 _VELOCITY = ("VN", "VE", "VD")
@@ -39,20 +39,20 @@ _IMU = ("gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z")
 
 
 def pyins_is_installed() -> bool:
-    """Whether the comparison can be made."""
+    """Return whether the comparison can be made."""
     return importlib.util.find_spec("pyins") is not None
 
 
 @dataclass(frozen=True)
 class PyinsRun:
-    """A flight laid out for pyins; ``run`` is the filter alone and gives its result."""
+    """Hold a flight in the form that pyins takes; ``run`` calls its filter and nothing else."""
 
     flight: SimulatedFlight
     stamp_ns: list[int]
     run: Callable[[], Any]
 
     def errors(self, result: Any) -> Errors:
-        """Errors of a result at every IMU sample."""
+        """Return the errors of a result at every IMU sample."""
         table = result.trajectory
         euler = np.radians(table[list(_RPH)].to_numpy())
         place = table[list(_LLA)].to_numpy()
@@ -66,7 +66,7 @@ class PyinsRun:
 
 
 def pyins_run(flight: SimulatedFlight) -> PyinsRun:
-    """Lay out a flight's IMU and RTK samples, so that ``run`` has nothing but filtering to do."""
+    """Convert a flight's IMU and RTK samples, so that ``run`` only filters."""
     pyins = importlib.import_module("pyins")
     samples = navigation_samples(flight)
     imu = [s for s in samples if isinstance(s, ImuSample)]
@@ -96,7 +96,7 @@ def _table(columns: Sequence[str], times_s: Sequence[float], rows: Any) -> Any:
 
 
 def _sensor_models(flight: SimulatedFlight) -> tuple[Any, Any]:
-    """White noise, turn-on bias and its walk; pyins knows no Gauss-Markov bias."""
+    """Return models of white noise, turn-on bias and its walk; pyins has no Gauss-Markov bias."""
     model = importlib.import_module("pyins").inertial_sensor.EstimationModel
     imu = flight.scenario.imu
     walks = [
@@ -113,7 +113,7 @@ def _sensor_models(flight: SimulatedFlight) -> tuple[Any, Any]:
 
 
 def _start(flight: SimulatedFlight) -> Any:
-    """The truth at the first IMU sample: pyins leaves the alignment to its user."""
+    """Return the truth at the first IMU sample: pyins has no alignment."""
     truth = flight.truth
     place = [*np.degrees([truth.latitude_rad[0], truth.longitude_rad[0]]), truth.height_m[0]]
     rph = np.degrees(euler_from_quat(truth.q_nb[0]))
@@ -126,7 +126,7 @@ def _start(flight: SimulatedFlight) -> Any:
 
 
 def _measurements(flight: SimulatedFlight, zero_ns: int) -> list[Any]:
-    """Those of the RTK receiver from its second epoch on; the first is the start itself."""
+    """Return the RTK receiver's measurements after its first epoch, which is the initial state."""
     pyins = importlib.import_module("pyins")
     samples = [s for s in navigation_samples(flight) if s.stamp_ns > zero_ns]
     fixes = [
@@ -153,12 +153,12 @@ def _measurements(flight: SimulatedFlight, zero_ns: int) -> list[Any]:
 
 
 def _heading_measurement(headings: Sequence[HeadingSample], zero_ns: int) -> Any:
-    """A new kind of measurement, made as pyins asks for it: a class with ``compute_matrices``."""
+    """Return headings as a new kind of pyins measurement: a class with ``compute_matrices``."""
     pyins = importlib.import_module("pyins")
     noise = np.array([[headings[0].variance_rad2]])
 
     class Heading(pyins.measurements.Measurement):  # type: ignore[misc, name-defined]
-        """Heading in degrees; ``z`` is predicted minus measured, in radians."""
+        """Measure the heading in degrees; ``z`` is predicted minus measured, in radians."""
 
         def compute_matrices(
             self, time: float, pva: Any, error_model: Any

@@ -1,8 +1,8 @@
-"""``make consistency``: the filter over 60 simulated flights, its errors and its own word on them.
+"""Compare the filter's errors with its own sigmas over 60 simulated flights: ``make consistency``.
 
-Prints, for each shape of flight and IMU rate, the rms errors beside the figures that are asked,
-then error over sigma, NEES and NIS (see ``monte_carlo``). A figure that is missed is marked, and
-the exit code is 1.
+Prints the rms errors for each shape of flight and IMU rate beside the required figures, then
+error over sigma, NEES and NIS (see ``monte_carlo``). If a figure is missed, it is marked and the
+exit code is 1.
 """
 
 from __future__ import annotations
@@ -29,15 +29,15 @@ from dev.monte_carlo import (
 from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.tools.presentation.progress import Progress
 
-#: What is asked of the rms over ten flights: roll, pitch, heading in deg, position in m an axis.
+#: Largest rms over ten flights: roll, pitch, heading in deg; position in m, by axis.
 ASKED_RPY_DEG = (0.10, 0.10, 0.08)
 ASKED_POSITION_M = 0.012
-#: What is asked of error over sigma, rms per state.
+#: Lowest and highest rms of error over sigma, by state.
 ASKED_RATIO = (0.7, 1.3)
 
 
 def groups(found: Sequence[Flown]) -> dict[str, list[Flown]]:
-    """Flights by shape and IMU rate, in the order in which they come."""
+    """Return flights by shape and IMU rate, in their order."""
     named: dict[str, list[Flown]] = {}
     for each in found:
         name = f"{each.case.shape}, {each.case.imu_rate_hz:g} Hz"
@@ -46,7 +46,7 @@ def groups(found: Sequence[Flown]) -> dict[str, list[Flown]]:
 
 
 def report(found: Sequence[Flown]) -> tuple[list[str], int]:
-    """The lines of the report, and the number of figures missed."""
+    """Return the lines of the report and the number of missed figures."""
     table = MarkedTable(26, 9)
     lines = [*_accuracy(table, found), "", *_ratios(table, found), "", *_distances(table, found)]
     return lines, table.missed
@@ -70,7 +70,7 @@ def _ratios(table: MarkedTable, found: Sequence[Flown]) -> Iterator[str]:
     yield f"error over sigma, rms (asked: {low:g} to {high:g} over all flights)"
     yield table.row("", _short(STATE_NAMES))
     for name, flights in groups(found).items():
-        # Ten flights give it to 15 % or so, where errors last for tens of seconds: not judged.
+        # Not judged: errors last tens of seconds, so ten flights give this to some 15 %.
         values = pooled(flights, "ratio_ms")
         yield table.row(name, [table.cell(v, 0.0, math.inf, 2) for v in values])
     values = pooled(found, "ratio_ms")
@@ -78,7 +78,7 @@ def _ratios(table: MarkedTable, found: Sequence[Flown]) -> Iterator[str]:
 
 
 def _short(names: Sequence[str]) -> list[str]:
-    """The first three letters of the quantity and the first of the axis."""
+    """Return the first three letters of each quantity and the first of its axis."""
     return [f"{quantity[:3]} {axis[0].upper()} " for quantity, axis in map(str.split, names)]
 
 
@@ -99,7 +99,7 @@ def _distance_row(table: MarkedTable, name: str, value: float, degrees: int) -> 
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Fly and print."""
+    """Fly all cases and print the report."""
     parser = argparse.ArgumentParser(prog="python -m dev.consistency")
     parser.add_argument("--seeds", type=int, default=10, help="flights of each shape and rate")
     parser.add_argument("--duration", type=float, default=107.0, metavar="S", help="of a flight")

@@ -1,4 +1,4 @@
-"""A simulated flight through the filter, and the filter's errors against the flight's truth."""
+"""Run the filter over a simulated flight and find its errors against the truth."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ STATE_NAMES = (
 
 
 def navigation_samples(flight: SimulatedFlight) -> list[NavigationInput]:
-    """Every sample for the filter, in order of arrival."""
+    """Return every sample for the filter, in order of arrival."""
     return [sample for _, sample in flight.samples if isinstance(sample, NAVIGATION_SAMPLES)]
 
 
 def fitting_config(flight: SimulatedFlight, **values: object) -> EkfConfig:
-    """The filter's defaults with the flight's antennas, and values (``rtk__delay_s=0.1``)."""
+    """Return the filter's defaults with the flight's antennas and values (``rtk__delay_s=0.1``)."""
     fitting: dict[str, object] = dict(values_of(flight.scenario.aircraft, "aircraft."))
     given = {key.replace("__", "."): value for key, value in values.items()}
     return config_from(EkfConfig, fitting | given)
@@ -55,7 +55,7 @@ def fitting_config(flight: SimulatedFlight, **values: object) -> EkfConfig:
 def solutions(
     flight: SimulatedFlight, config: EkfConfig, samples: Iterable[NavigationInput] | None = None
 ) -> list[NavSolution]:
-    """What the filter publishes over a flight, or over ``samples`` in its place."""
+    """Return what the filter publishes over a flight, or over ``samples`` if given."""
     return published(config, navigation_samples(flight) if samples is None else samples)
 
 
@@ -68,7 +68,7 @@ def published(config: EkfConfig, samples: Iterable[NavigationInput]) -> list[Nav
 
 @dataclass(frozen=True)
 class States:
-    """Navigation states at N instants."""
+    """Hold navigation states at N instants."""
 
     stamp_ns: list[int]
     latitude_rad: Array  # (N,)
@@ -80,7 +80,7 @@ class States:
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors at N instants: truth minus estimate."""
+    """Hold errors at N instants: truth minus estimate."""
 
     t_s: Array  # (N,) from the start of the flight
     state: Array  # (N, 9) position NED m, attitude phi_n rad, velocity NED m/s
@@ -88,13 +88,13 @@ class Errors:
     rpy: Array  # (N, 3) roll, pitch, heading, rad
 
     def after(self, t_s: float) -> Errors:
-        """Those later than ``t_s``."""
+        """Return the errors later than ``t_s``."""
         keep = self.t_s > t_s
         return Errors(self.t_s[keep], self.state[keep], self.sigma[keep], self.rpy[keep])
 
 
 def errors(flight: SimulatedFlight, found: Sequence[NavSolution]) -> Errors:
-    """Errors of what the filter published; every stamp must be one of the flight's IMU."""
+    """Return the errors of solutions; each stamp must be one of the flight's IMU samples."""
     states = States(
         [s.stamp_ns for s in found],
         np.array([s.latitude_rad for s in found]),
@@ -108,7 +108,7 @@ def errors(flight: SimulatedFlight, found: Sequence[NavSolution]) -> Errors:
 
 
 def errors_of_states(truth: Truth, states: States, sigma: Array | None = None) -> Errors:
-    """Errors of any estimator's states at stamps of the truth; ``sigma`` (N, 9) is its own."""
+    """Return the errors of any estimator's states at stamps of the truth; ``sigma`` is (N, 9)."""
     index = {stamp: row for row, stamp in enumerate(truth.stamp_ns)}
     rows = np.array([index[stamp] for stamp in states.stamp_ns], np.intp)
     turned = quat_multiply(truth.q_nb[rows], quat_conjugate(states.q_nb))
@@ -129,7 +129,7 @@ def errors_of_states(truth: Truth, states: States, sigma: Array | None = None) -
 
 
 def _apart_n(truth: Truth, rows: npt.NDArray[np.intp], states: States) -> Array:
-    """(N, 3) truth minus estimate, NED metres: by earth-fixed places, so good anywhere."""
+    """Return truth minus estimate, (N, 3), NED, m; by ECEF positions, so valid anywhere."""
     true_e = ecef_from_geodetic(
         truth.latitude_rad[rows], truth.longitude_rad[rows], truth.height_m[rows]
     )

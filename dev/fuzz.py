@@ -1,9 +1,9 @@
-"""``make fuzz``: 1e8 bytes of damage and frames through the frame reader and on to samples.
+"""Feed 1e8 bytes of frames and damage to the frame reader and the interpreter: ``make fuzz``.
 
-The frames must be those that the rules give when they are read one byte at a time, for whatever
-pieces the bytes come in, with the same counts and little held between the pieces; the samples
-that are made of what they say must be finite. No bytes may raise. The exit code is 1 if a stretch
-differs; it is told how to repeat that one alone.
+In whatever pieces the bytes come, the frames must be those that the bare rules give byte by byte,
+the counts must be the same, and little may be held between the pieces. The samples made of the
+frames must be finite. No bytes may raise an exception. If a stretch differs, the exit code is 1
+and the message says how to repeat that stretch alone.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from tirgeo_ros.tools.presentation.progress import Progress, Report
 STRETCH_BYTES = 250_000
 #: Most bytes of a piece: as single bytes, as read from a serial port, as read from a file.
 PIECES = (1, 3, 64, 512, 4096, STRETCH_BYTES)
-#: A host that asks for all it can, so that answers are looked at as well.
+#: The host requests all that it can, so that answers are tested as well.
 _CONFIG = DjiConfig(
     key=KEY.hex(), host=DjiHostConfig(app_id=1, broadcast_rates=(4,) * 16, subscribe=True)
 )
@@ -45,7 +45,7 @@ _START_NS, _STEP_NS = 1_700_000_000_000_000_000, 70_000_000  # two pauses of sev
 
 @dataclass
 class Found:
-    """What a stretch or many of them gave."""
+    """Hold the results of one stretch or of many."""
 
     bytes: int = 0
     frames: int = 0
@@ -54,7 +54,7 @@ class Found:
 
 
 def literal_length(data: bytes, at: int) -> int:
-    """The length of the intact frame that begins at ``at``, 0 if there is none: the bare rules."""
+    """Return the length of the intact frame at ``at``, 0 if there is none, by the bare rules."""
     header = data[at : at + HEADER_BYTES]
     if len(header) < HEADER_BYTES or header[0] != 0xAA:
         return 0
@@ -68,7 +68,7 @@ def literal_length(data: bytes, at: int) -> int:
 
 
 def literal_frames(data: bytes) -> list[tuple[int, int]]:
-    """Offset and length of each frame: where none begins, a single byte is dropped."""
+    """Return offset and length of each frame; where none begins, skip one byte."""
     found, at = [], 0
     while (at := data.find(0xAA, at)) >= 0:
         length = literal_length(data, at)
@@ -79,12 +79,12 @@ def literal_frames(data: bytes) -> list[tuple[int, int]]:
 
 
 def places(frames: Iterable[ProtocolFrame]) -> list[tuple[int, int]]:
-    """Offset and length of each."""
+    """Return offset and length of each frame."""
     return [(frame.offset, frame.length) for frame in frames]
 
 
 def pieces(data: bytes, rng: random.Random, most: int) -> Iterable[bytes]:
-    """The same bytes in pieces of 1 to ``most``."""
+    """Yield the bytes in pieces of 1 to ``most``."""
     sizes, at = cycle([rng.randint(1, most) for _ in range(997)]), 0
     while at < len(data):
         size = next(sizes)
@@ -93,7 +93,7 @@ def pieces(data: bytes, rng: random.Random, most: int) -> Iterable[bytes]:
 
 
 def stretch(data: bytes, rng: random.Random) -> Found:
-    """Read ``data`` in every way; the first difference is told."""
+    """Read ``data`` in every way; the result names the first difference."""
     reader = FrameReader(KEY)
     begun = time.process_time()
     frames = reader.feed(data) + reader.rescan()
@@ -128,7 +128,7 @@ def _in_pieces(
 
 
 def _with_pauses(data: bytes, rng: random.Random) -> str:
-    """Where the line is silent now and then, cut frames are lost, but none is made up."""
+    """Check that pauses lose cut frames but never invent one."""
     reader = FrameReader(KEY)
     frames: list[ProtocolFrame] = []
     for piece in pieces(data, rng, 20_000):
@@ -138,19 +138,19 @@ def _with_pauses(data: bytes, rng: random.Random) -> str:
 
 
 def _to_samples(data: bytes, rng: random.Random) -> str:
-    """All the way that dji_node goes, with pauses; no sample may hold what is not finite."""
-    road, meaning = SerialDecoder(_CONFIG, PackageTable()), Interpreter(_CONFIG)
+    """Decode as dji_node does, with pauses; every value of a sample must be finite."""
+    decoder, interpreter = SerialDecoder(_CONFIG, PackageTable()), Interpreter(_CONFIG)
     samples: list[Sample] = []
     now_ns = _START_NS
     for piece in pieces(data, rng, 2000):
         for part in (piece, b""):
             now_ns += rng.randrange(_STEP_NS)
-            for reading in road.take(part, now_ns, now_ns * 1e-9):
-                samples += meaning.take(reading)
-        road.host.due(now_ns * 1e-9)
-    samples += meaning.flush()
-    assert road.diagnostics
-    assert meaning.diagnostics
+            for reading in decoder.take(part, now_ns, now_ns * 1e-9):
+                samples += interpreter.take(reading)
+        decoder.host.due(now_ns * 1e-9)
+    samples += interpreter.flush()
+    assert decoder.diagnostics
+    assert interpreter.diagnostics
     wrong = next((sample for sample in samples if not _is_finite(sample)), None)
     return f"not finite: {wrong}" if wrong else ""
 
@@ -161,7 +161,7 @@ def _is_finite(sample: Sample) -> bool:
 
 
 def fuzz(size: int, seed: int, progress: Report) -> Found:
-    """Stretches of damage, seeded one after another, until ``size`` bytes or a difference."""
+    """Test stretches with successive seeds, until ``size`` bytes or a difference."""
     total = Found()
     while total.bytes < size and not total.difference:
         rng = random.Random(seed)  # noqa: S311 a test, no secret
@@ -181,7 +181,7 @@ def fuzz(size: int, seed: int, progress: Report) -> Found:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run and report."""
+    """Run and print the result."""
     parser = argparse.ArgumentParser(prog="python -m dev.fuzz")
     parser.add_argument("--bytes", type=float, default=1e8, metavar="N", help="how many")
     parser.add_argument("--seed", type=int, default=0, help="of the first stretch")

@@ -1,8 +1,8 @@
-"""A flight without end, made from a minute of hover: for cost and memory over hours.
+"""Make an endless flight from one minute of hover, to measure cost and memory over hours.
 
 The aircraft turns a quarter right and a quarter left every 12 seconds, in still air, with an IMU
-of constant bias and GPS without slow errors. Its state after a minute is the one before, so the
-minute's samples follow on themselves: nothing jumps but the stamps, and those are shifted.
+of constant bias and GPS without slow errors. Its state after a minute is that at the start, so the
+same samples can follow again with shifted stamps.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import Scenario, scenario_from
 
 PERIOD_S = 60.0
-#: A whole number of turns to and fro, after the spline has forgotten the start.
+#: A whole number of turns; later the spline no longer depends on the start.
 _FIRST_S = 12.0
 _NO_ERROR = (0.0, 0.0, 0.0)
 
 
 class LoopedFlight:
-    """Samples for the filter, minute after minute, all alike but for their stamps."""
+    """Yield the same samples for the filter each minute, with new stamps."""
 
     def __init__(self, imu_rate_hz: float = 100.0) -> None:
-        """Fly the minute once."""
+        """Simulate the minute."""
         flight = fly(_scenario(imu_rate_hz))
         first_ns = flight.scenario.start_ns + round(_FIRST_S * 1e9)
         end_ns = first_ns + round(PERIOD_S * 1e9)
@@ -39,7 +39,7 @@ class LoopedFlight:
         ]
 
     def minutes(self) -> Iterator[list[NavigationInput]]:
-        """One minute after another, without end; in order of arrival."""
+        """Yield one minute of samples after another, without end, in order of arrival."""
         shift_ns = 0
         while True:
             yield [

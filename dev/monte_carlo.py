@@ -1,18 +1,18 @@
-"""Many seeded flights through the filter: its errors, and whether its covariance is honest.
+"""Fly many seeded flights through the filter; find its errors and whether its covariance fits.
 
-Three measures of honesty, as in Bar-Shalom, Li and Kirubarajan, Estimation with Applications to
-Tracking and Navigation, section 5.4:
+Three measures of consistency, as in Bar-Shalom, Li and Kirubarajan, Estimation with Applications
+to Tracking and Navigation, section 5.4:
 
 error over sigma
-    Per state; its rms over time and flights is 1 for an honest filter.
+    By state; its rms over time and flights is 1 for a consistent filter.
 NEES
     The normalised estimation error squared, ``e^T P^-1 e`` of the nine states together. Errors of
-    one flight hang together over tens of seconds (biases are learned once), so each flight gives
-    one value, at its end; flights have no random number in common, so N flights give N times 9
+    one flight are correlated over tens of seconds (biases are learned once), so each flight gives
+    one value, at its end. Flights have no random number in common, so N flights give N times 9
     degrees of freedom.
 NIS
-    The normalised innovation squared, of every measurement that a gate has seen. Innovations of
-    an honest filter are independent of each other, so each counts.
+    The normalised innovation squared of every measurement that reached a gate. The innovations
+    of a consistent filter are independent of each other, so each counts.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from
 from tirgeo_ros.tools.simulate.scenario_aircraft import SHAPES
 
-#: Errors count from here on: the filter has learned its biases.
+#: Errors count from here on, when the filter has learned its biases.
 SETTLED_S = 20.0
 _FIRST_HEADING_DEG = 20.0
-#: Headings are reported in whole degrees. Their noise depends on where between two of them the
-#: heading stands, so flights begin at places that cover a degree evenly.
+#: Headings are reported in whole degrees, and their error depends on the fraction of a degree of
+#: the true one. The first headings of the flights therefore cover a degree evenly.
 _GOLDEN = 0.5 * (math.sqrt(5) - 1)
 _END_NS = 100_000_000
 _JUDGED = (Outcome.USED, Outcome.GATED)
@@ -52,7 +52,7 @@ _SOURCES = (Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING)
 
 @dataclass(frozen=True)
 class Case:
-    """One flight to fly."""
+    """Hold the settings of one flight."""
 
     shape: str
     imu_rate_hz: float
@@ -62,7 +62,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Nis:
-    """Normalised innovations of one source."""
+    """Sum the normalised innovations of one source."""
 
     squares: float = 0.0  # their sum
     expected: float = 0.0  # of the sum, for the measurements' true noise
@@ -77,13 +77,13 @@ class Nis:
 
     @property
     def ratio(self) -> float:
-        """1 for an honest filter."""
+        """Return the sum over its expectation: 1 for a consistent filter."""
         return self.squares / self.expected
 
 
 @dataclass(frozen=True)
 class Flown:
-    """What one flight gave, later than SETTLED_S."""
+    """Hold the results of one flight, later than SETTLED_S."""
 
     case: Case
     rpy_ms: Array  # (3,) mean squares of roll, pitch, heading, rad2
@@ -94,7 +94,7 @@ class Flown:
 
 
 def cases(seeds: int, rates_hz: Sequence[float], duration_s: float) -> list[Case]:
-    """``seeds`` flights of each shape and IMU rate, no two with the same random numbers."""
+    """Return ``seeds`` flights of each shape and IMU rate, no two with the same random numbers."""
     kinds = [(shape, rate_hz) for rate_hz in rates_hz for shape in SHAPES]
     return [
         Case(*kind, 1 + seeds * number + k, duration_s)
@@ -106,7 +106,7 @@ def cases(seeds: int, rates_hz: Sequence[float], duration_s: float) -> list[Case
 def fly_case(case: Case, **values: object) -> Flown:
     """Fly one case, with the filter's defaults but for ``values`` (``rtk__delay_s=0.1``).
 
-    Raises TirgeoError where the filter gives nothing at the end.
+    Raises TirgeoError if the filter has no solution at the end.
     """
     flight = fly(
         scenario_from(
@@ -123,8 +123,8 @@ def fly_case(case: Case, **values: object) -> Flown:
     found, nis = _filtered(config, navigation_samples(flight), flight.scenario.start_ns)
     if not found or found[-1].stamp_ns < flight.truth.stamp_ns[-1] - _END_NS:
         raise TirgeoError(
-            f"{case.shape}, {case.imu_rate_hz:g} Hz, seed {case.seed}: the filter gives nothing "
-            "at the end of the flight"
+            f"{case.shape}, {case.imu_rate_hz:g} Hz, seed {case.seed}: the filter has no "
+            "solution at the end of the flight"
         )
     late = errors(flight, found).after(SETTLED_S)
     last = late.state[-1]
@@ -139,7 +139,7 @@ def fly_case(case: Case, **values: object) -> Flown:
 
 
 def fly_all(wanted: Sequence[Case], workers: int, progress: Report = silent) -> list[Flown]:
-    """Fly cases, in ``workers`` processes; in the order of the cases."""
+    """Fly cases in ``workers`` processes; return the results in the order of the cases."""
     return in_processes(fly_case, wanted, workers, progress)
 
 
@@ -161,25 +161,25 @@ def _filtered(
 
 
 def _nis(config: EkfConfig, sample: NavigationInput, verdict: Verdict, newest: NavSolution) -> Nis:
-    """One measurement's; its test ratio is its squared distance over the gate's limit."""
+    """Return one measurement's NIS; its test ratio is the NIS over the gate's limit."""
     degrees = len(verdict.innovation)
     if not isinstance(sample, HeadingSample):
         squares = verdict.test_ratio * chi_square_limit(config.rtk.gate_sigma, degrees)
         return Nis(squares, degrees, degrees)
     squares = verdict.test_ratio * chi_square_limit(config.heading.gate_sigma, degrees)
-    # The floor makes more of the noise than there is, so less than 1 is to be expected.
+    # The floor is above the true noise, so less than 1 is expected.
     predicted = newest.covariance[5, 5]
     believed = max(sample.variance_rad2, math.radians(config.heading.sigma_floor_deg) ** 2)
     return Nis(squares, (predicted + sample.variance_rad2) / (predicted + believed), degrees)
 
 
 def pooled(found: Iterable[Flown], name: str) -> Array:
-    """Root of the mean over flights of one of their mean squares."""
+    """Return the root of the mean over flights of one of their mean squares."""
     return np.asarray(np.sqrt(np.mean([getattr(each, name) for each in found], axis=0)))
 
 
 def pooled_nis(found: Iterable[Flown]) -> dict[Source, Nis]:
-    """Sums over flights, by source."""
+    """Return sums over flights, by source."""
     total: dict[Source, Nis] = {}
     for each in found:
         for source, nis in each.nis.items():
@@ -188,9 +188,9 @@ def pooled_nis(found: Iterable[Flown]) -> dict[Source, Nis]:
 
 
 def chi_square_bounds(degrees: int, sigma: float = 3.29) -> tuple[float, float]:
-    """Between these a chi-square variable over its degrees lies, but for 0.1 % (of 3.29 sigma).
+    """Return the bounds of 99.9 % (3.29 sigma) of a chi-square variable over its degrees.
 
-    Wilson and Hilferty's cube root, good to 1 % of the interval from 30 degrees on.
+    By Wilson and Hilferty's cube root, good to 1 % of the interval from 30 degrees on.
     """
     spread = 2 / (9 * degrees)
     low, high = (1 - spread + side * sigma * math.sqrt(spread) for side in (-1, 1))

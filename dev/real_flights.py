@@ -1,7 +1,7 @@
-"""The filter over recorded flights without a truth, judged by what they hold.
+"""Judge the filter on recorded flights, which have no truth.
 
-What judges are fixes before they are used, fixes that are held back for some seconds, positions
-that are moved on purpose, and the autopilot's own tilt; all later than 8 s after the first sample.
+The references are fixes before they are used, fixes that are held back for some seconds, positions
+moved on purpose, and the autopilot's own tilt; all later than 8 s after the first sample.
 """
 
 from __future__ import annotations
@@ -34,32 +34,32 @@ from tirgeo_ros.core.types.verdicts import FilterState, Verdict
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import NAVIGATION_INPUTS
 
-#: Judged from here on.
+#: The filter is judged from here on.
 SETTLED_S = 8.0
 #: RTK is hidden for CUT_S, first FIRST_CUT_S after the start, then every CUT_EVERY_S; at three
 #: phases, each a run of its own.
 CUT_S, FIRST_CUT_S, CUT_EVERY_S = 5.0, 14.0, 13.0
 PHASES_S = (0.0, CUT_EVERY_S / 3, 2 * CUT_EVERY_S / 3)
-#: A pose that is older is none.
+#: An older pose does not count.
 _FRESH_NS = 100_000_000
 _RTK = (Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING)
 
 
 @dataclass(frozen=True)
 class Miss:
-    """How far a pose, carried on to a fix, is off it: horizontal, m; nan where there is none."""
+    """Hold the horizontal distance from a fix to the pose extrapolated to it; nan if no pose."""
 
     error_m: float
     sigma_m: float  # the filter's own
 
     def within(self, sigmas: float) -> bool:
-        """Whether the error is within so many of the filter's own sigmas."""
+        """Return whether the error is within so many of the filter's own sigmas."""
         return self.error_m <= sigmas * self.sigma_m
 
 
 @dataclass(frozen=True)
 class Flown:
-    """What one flight gave, later than SETTLED_S."""
+    """Hold the results of one flight, later than SETTLED_S."""
 
     fixes: int  # RTK positions, float or fixed, up to the last IMU sample
     used: int  # of them
@@ -83,7 +83,7 @@ def samples_of(path: str | Path) -> list[NavigationInput]:
 
 
 class _Run:
-    """The filter with its samples, and notes of what comes of them."""
+    """Run the filter over samples and collect the results."""
 
     def __init__(self, config: EkfConfig, samples: Sequence[NavigationInput]) -> None:
         self._lever_b = config.aircraft.rtk_lever_b
@@ -135,7 +135,7 @@ class _Run:
             self._tilt.append(found[:2] - told[:2])
 
     def flown(self) -> Flown:
-        """Return what came of it."""
+        """Return the results."""
         return Flown(
             sum(stamp_ns <= self._now_ns for stamp_ns in self._fixes),
             self._used,
@@ -150,7 +150,7 @@ class _Run:
 
 
 def _is_fix(sample: NavigationInput) -> TypeGuard[PositionSample]:
-    """Whether a sample is a position of RTK that is worth something."""
+    """Return whether a sample is an RTK position, float or fixed."""
     return (
         isinstance(sample, PositionSample)
         and sample.source is Source.RTK_POSITION
@@ -179,9 +179,9 @@ def _missed(fix: PositionSample, pose: NavSolution, lever_b: Array) -> Miss:
 
 
 def cuts_of(config: EkfConfig, samples: Sequence[NavigationInput]) -> list[Miss]:
-    """Return what the pose is worth at the last of the fixes that were held back, of every cut.
+    """Return, for every cut, the pose's error at the last fix that was held back.
 
-    All of RTK is held back; ordinary GPS goes on where there is some.
+    All RTK data are held back; ordinary GPS, where there is some, goes on.
     """
     return [cut for phase_s in PHASES_S for cut in _cuts_at(config, samples, phase_s)]
 
@@ -214,7 +214,7 @@ _NO_POSE = Miss(math.nan, math.nan)
 def moved_east(
     samples: Sequence[NavigationInput], begin_s: float, seconds: float, metres: float
 ) -> list[NavigationInput]:
-    """Return the samples with the RTK positions of some seconds so many metres to the east."""
+    """Return the samples with the RTK positions of some seconds moved east by ``metres``."""
     begin_ns = samples[0].stamp_ns + round(begin_s * 1e9)
     end_ns = begin_ns + round(seconds * 1e9)
     return [

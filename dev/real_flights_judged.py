@@ -1,7 +1,7 @@
-"""What the filter makes of a recorded flight, flown in every way that ``real_flights`` has.
+"""Judge recorded flights in every way that ``real_flights`` has.
 
-As it is, with RTK hidden for some seconds again and again, and with positions that are wrong for a
-second; then the same of several bags together.
+Each is flown as it is, with RTK hidden for some seconds again and again, and with positions that
+are wrong for a second. Figures are also pooled over several bags.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ from tirgeo_ros.core.types.measurements import (
 )
 from tirgeo_ros.tools.presentation.progress import Report, silent
 
-#: Positions are wrong by so much for so long, from there on: a time, and shares of the flight.
+#: Positions are wrong by this much, this long, from one time and from shares of the flight.
 MOVED_M, MOVED_FOR_S = 0.5, 1.0
 MOVED_AT_S, MOVED_AT_SHARES = 16.0, (0.4, 0.75)
 
 
 @dataclass(frozen=True)
 class Judged:
-    """What came of one bag."""
+    """Hold the results of one bag."""
 
     name: str
     aids: str
@@ -56,35 +56,35 @@ class Judged:
 
     @property
     def group(self) -> str:
-        """Carrier and aids."""
+        """Return carrier and aids."""
         return f"{self.name.partition('_')[0]}, {self.aids}"
 
     @property
     def used(self) -> float:
-        """Share of the fixes."""
+        """Return the share of the fixes that was used."""
         return self.flown.used / self.flown.fixes if self.flown.fixes else math.nan
 
     @property
     def tilt_deg(self) -> Array:
-        """(2,) rms of roll and pitch less the autopilot's; nan without one."""
+        """Return the rms of roll and pitch less the autopilot's, (2,); nan without one."""
         tilt = self.flown.tilt
         return np.degrees(rms(tilt)) if len(tilt) else np.full(2, math.nan)
 
     def nis(self, source: Source) -> float:
-        """Over its degrees of freedom; nan where there is none."""
+        """Return the NIS over its degrees of freedom; nan if there is none."""
         square, degrees = self.flown.nis.get(source, (math.nan, 1))
         return square / degrees
 
 
 def config_of(samples: Sequence[NavigationInput], values: Mapping[str, object]) -> EkfConfig:
-    """The defaults with ``values``, and the method that fits the aids, unless they say one."""
+    """Return the defaults with ``values`` and, unless they set it, the method for the aids."""
     headings = any(isinstance(sample, HeadingSample) for sample in samples)
     method = "ekf_heading" if headings else "ekf"
     return config_from(EkfConfig, {"method": method} | dict(values))
 
 
 def judge(path: Path, values: Mapping[str, object]) -> Judged:
-    """Fly a bag in every way. Raises TirgeoError where it cannot be read or is too short."""
+    """Fly a bag in every way. Raises TirgeoError if it cannot be read or is too short."""
     samples = samples_of(path)
     length_s = (samples[-1].stamp_ns - samples[0].stamp_ns) * 1e-9 if samples else 0.0
     if length_s <= SETTLED_S + MOVED_FOR_S:
@@ -117,12 +117,12 @@ def judge_all(
     workers: int = 1,
     progress: Report = silent,
 ) -> list[Judged]:
-    """Judge bags, in ``workers`` processes; in the order of the bags."""
+    """Judge bags in ``workers`` processes; return the results in the order of the bags."""
     return in_processes(partial(judge, values=values), bags, workers, progress)
 
 
 def groups(found: Sequence[Judged]) -> dict[str, list[Judged]]:
-    """Bags by carrier and aids, in the order in which they come."""
+    """Return bags by carrier and aids, in their order."""
     named: dict[str, list[Judged]] = {}
     for each in found:
         named.setdefault(each.group, []).append(each)
@@ -130,27 +130,27 @@ def groups(found: Sequence[Judged]) -> dict[str, list[Judged]]:
 
 
 def median(values: Sequence[float]) -> float:
-    """The median, in which what there is not (nan) is infinite; nan of nothing."""
+    """Return the median, with nan as infinity; nan if there are no values."""
     return float(np.median(np.nan_to_num(values, nan=math.inf))) if len(values) else math.nan
 
 
 def used_of(bags: Sequence[Judged]) -> float:
-    """Share of the fixes of some bags that were used; nan without a fix."""
+    """Return the share of the fixes of several bags that was used; nan without a fix."""
     fixes = sum(each.flown.fixes for each in bags)
     return sum(each.flown.used for each in bags) / fixes if fixes else math.nan
 
 
 def beyond(bags: Sequence[Judged]) -> float:
-    """Share of the poses of some bags that are off their fix by more than 5 of their sigmas."""
+    """Return the share of poses that are more than 5 of their sigmas off their fix."""
     misses = [miss for each in bags for miss in each.flown.misses]
     return float(np.mean([not miss.within(5) for miss in misses])) if misses else math.nan
 
 
 def mean_tilt_deg(bags: Sequence[Judged]) -> Array:
-    """(2,) mean over bags of the rms of roll and pitch."""
+    """Return the mean over bags of the rms of roll and pitch, (2,), deg."""
     return np.asarray(np.mean([each.tilt_deg for each in bags], axis=0))
 
 
 def mean_nis(bags: Sequence[Judged], source: Source) -> float:
-    """Mean over bags of NIS over its degrees of freedom."""
+    """Return the mean over bags of the NIS over its degrees of freedom."""
     return float(np.mean([each.nis(source) for each in bags]))

@@ -1,9 +1,9 @@
-"""``make real-flights``: the filter over a folder of recorded flights, beside the figures asked.
+"""Judge the filter on a folder of recorded flights: ``make real-flights``.
 
 Each bag is flown as it is, with RTK hidden for some seconds again and again, and with positions
-that are wrong for a second (see ``real_flights``). Prints what came of it by bag and by group:
-bags of one carrier (their name up to the first ``_``) with the same kinds of RTK. A figure that
-is missed is marked, and the exit code is 1.
+that are wrong for a second (see ``real_flights``). Prints the results by bag and by group: bags of
+one carrier (their name up to the first ``_``) with the same kinds of RTK data. If a figure is
+missed, it is marked and the exit code is 1.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ from tirgeo_ros.core.types.measurements import Source
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.tools.presentation.progress import Progress
 
-#: What is asked of every bag: share of fixes used, of the time with a pose; lost s; resets; how
-#: far a wrong position moves the pose, m. Of all bags together: fixes used, beyond 5 sigma.
+#: Least share of fixes used in each bag and in all; least share of the time with a pose.
+#: Largest share of poses beyond 5 sigma, in all bags; largest move by a wrong position, m.
 ASKED_USED_EACH, ASKED_USED, ASKED_POSE = 0.94, 0.97, 0.95
 ASKED_BEYOND, ASKED_MOVED_M = 0.01, 0.5
 
@@ -53,7 +53,7 @@ _TIMES = 1 + len(MOVED_AT_SHARES)
 
 @dataclass(frozen=True)
 class Asked:
-    """What is asked of a group, means and medians over its bags."""
+    """Hold the required figures of a group: means and medians over its bags."""
 
     used: float = 0.0  # share
     roll_pitch_deg: tuple[float, float] = (math.inf, math.inf)
@@ -63,7 +63,7 @@ class Asked:
     sigma_m: float = math.inf
 
 
-#: Groups of which more is asked: the recordings of ../shared/real_flights.
+#: Groups with figures of their own: the recordings of ../shared/real_flights.
 ASKED = {
     "p4rtk, positions": Asked(0.0, (1.3, 1.6), (0.5, 1.5), 2.0, 0.95, 3.2),
     "walk, positions, velocities": Asked(0.98, cut_m=0.4),
@@ -71,15 +71,15 @@ ASKED = {
 
 
 def report(found: Sequence[Judged]) -> tuple[list[str], int]:
-    """The lines of the report, and the number of figures missed."""
+    """Return the lines of the report and the number of missed figures."""
     table = MarkedTable(46, 10)
     lines = [*_fixes(table, found), "", *_tilt(table, found), "", *_cuts(table, found)]
     return lines, table.missed
 
 
 def _fixes(table: MarkedTable, found: Sequence[Judged]) -> Iterator[str]:
-    yield f"fixes and poses later than {SETTLED_S:g} s; moved: by how much at the most a position"
-    yield f"moves them that is {MOVED_M:g} m wrong for {MOVED_FOR_S:g} s ({_TIMES} times a flight)"
+    yield f"fixes and poses later than {SETTLED_S:g} s; moved: the largest change of a pose by"
+    yield f"positions that are {MOVED_M:g} m wrong for {MOVED_FOR_S:g} s ({_TIMES} times a flight)"
     yield table.row("", ["used ", "lost ", "resets ", "pose ", ">5 sigma ", "moved "])
     yield table.row("", ["% ", "s ", "", "% ", "% ", "m "])
     asked = [f">={100 * ASKED_USED_EACH:g} ", "0 ", "0 ", f">={100 * ASKED_POSE:g} ", ""]
@@ -176,7 +176,7 @@ def _of_cuts(table: MarkedTable, cuts: Sequence[Miss], asked: Asked) -> list[str
 
 
 def values_from(pairs: Sequence[Sequence[str]]) -> dict[str, object]:
-    """Parameters from pairs of name and value, as YAML writes it. Raises ConfigError."""
+    """Return parameters from pairs of name and YAML value. Raises ConfigError."""
     values = {name: _read(name, text) for name, text in pairs}
     config_from(EkfConfig, values)
     return values
@@ -199,7 +199,7 @@ def bags_in(folder: Path) -> list[Path]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Fly and print."""
+    """Fly all bags and print the report."""
     parser = argparse.ArgumentParser(prog="python -m dev.real_flights_table")
     parser.add_argument("folder", type=Path, help="bags (*.mcap) of recorded flights")
     parser.add_argument(
