@@ -46,7 +46,7 @@ def navigation_samples(flight: SimulatedFlight) -> list[NavigationInput]:
 
 
 def fitting_config(flight: SimulatedFlight, **values: object) -> EkfConfig:
-    """Return the filter's defaults with the flight's antennas and values (``rtk__delay_s=0.1``)."""
+    """Return the filter's defaults with the flight's antennas and values (``rtk__delay_s=1``)."""
     fitting: dict[str, object] = dict(values_of(flight.scenario.aircraft, "aircraft."))
     given = {key.replace("__", "."): value for key, value in values.items()}
     return config_from(EkfConfig, fitting | given)
