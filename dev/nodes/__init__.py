@@ -1,13 +1,6 @@
 """Run nodes that measure the graph or stress it."""
 
-NAMES = (
-    "bench_video",
-    "bench_viewer",
-    "bench_relay",
-    "soak_player",
-    "soak_witness",
-    "soak_mute",
-)
+NAMES = ("bench_video", "bench_viewer", "bench_relay", "soak_player", "soak_witness", "soak_mute")
 
 
 def package_of(name: str) -> str:

@@ -14,11 +14,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from tirgeo_ros.core.config import (
-    NODE_CONFIGS,
-    AircraftConfig,
-    EkfConfig,
-)
+from tirgeo_ros.core.config import NODE_CONFIGS, AircraftConfig, EkfConfig
 from tirgeo_ros.core.config.schema import parameters_of
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile

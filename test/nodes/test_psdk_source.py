@@ -126,10 +126,7 @@ def test_inertial_topics_and_the_gimbal(aircraft):
 
 
 def test_the_ordinary_gps(aircraft):
-    topics = {
-        "gps_position": place(52.0),
-        "gps_velocity": vector(TwistStamped, (1.0, 2.0, 3.0)),
-    }
+    topics = {"gps_position": place(52.0), "gps_velocity": vector(TwistStamped, (1.0, 2.0, 3.0))}
     parts = ("place", "velocity_n")
     aircraft.send(topics, lambda: all(aircraft.of(GpsReading, part) for part in parts))
     where = aircraft.of(GpsReading, "place")[0].place

@@ -7,14 +7,7 @@ from collections.abc import Sequence
 
 from tirgeo_ros.nodes.start import start
 
-NAMES = (
-    "dji_node",
-    "ekf_node",
-    "gimbal_node",
-    "overlay_node",
-    "bag_player",
-    "recorder",
-)
+NAMES = ("dji_node", "ekf_node", "gimbal_node", "overlay_node", "bag_player", "recorder")
 
 
 def main(names: Sequence[str] = NAMES, package: str = "tirgeo_ros.nodes") -> None:

@@ -61,10 +61,7 @@ _TOPICS: dict[str, tuple[str, Values]] = {
 }
 _WITHOUT_HEADER = {"rtk_position_info", "rtk_yaw_info"}
 #: What is missing without a topic whose message type may not be installed.
-_LOST = {
-    "rtk_yaw": "no rtk/heading",
-    "gps_details": "no accuracy and no kind of fix on gps/fix",
-}
+_LOST = {"rtk_yaw": "no rtk/heading", "gps_details": "no accuracy and no kind of fix on gps/fix"}
 #: Without these topics no map can be drawn on the picture.
 _NEEDED = ("imu", "rtk_position", "rtk_position_info", "gimbal_angles")
 _INSTALL = (

@@ -26,9 +26,9 @@ nodes = pytest.mark.parametrize("kind", NODE_CONFIGS.values(), ids=list(NODE_CON
 
 @dataclass(frozen=True, slots=True)
 class Leaf:
-    length_m: float = param(1.5, "a length", unit="m", low=-2, high=3)
-    unset_m: float = param(math.nan, "unset unless given", unit="m", low=0, high=10)
-    arms_m: tuple[float, ...] = param((1.0, 2.0, 3.0), "three numbers", unit="m", low=0, high=9)
+    length_m: float = param(1.5, "a length", ("m", -2, 3))
+    unset_m: float = param(math.nan, "unset unless given", ("m", 0, 10))
+    arms_m: tuple[float, ...] = param((1.0, 2.0, 3.0), "three numbers", ("m", 0, 9))
     place: tuple[float, ...] = param((), "none or three", sizes=(0, 3))
 
 
@@ -36,7 +36,7 @@ class Leaf:
 class Tree:
     mode: str = param("a", "a mode", choices=("a", "b"))
     title: str = param("", "any text")
-    count: int = param(2, "a count", low=1, high=5)
+    count: int = param(2, "a count", ("", 1, 5))
     quick: bool = param(False, "a switch")
     leaf: Leaf = group(Leaf)
 

@@ -71,9 +71,7 @@ class AircraftConfig:
         sizes=(0, 3),
     )
     gps_antenna_m: tuple[float, ...] = param(
-        _NOWHERE,
-        "position of the autopilot's ordinary GPS antenna (forward, left, up)",
-        _PLACE,
+        _NOWHERE, "position of the autopilot's ordinary GPS antenna (forward, left, up)", _PLACE
     )
     gimbal_pivot_m: tuple[float, ...] = param(
         _NOWHERE,

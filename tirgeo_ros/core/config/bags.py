@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tirgeo_ros.core.config.aircraft import AircraftConfig
-from tirgeo_ros.core.config.renamed import NodeParameters
 from tirgeo_ros.core.config.schema import group, param
 from tirgeo_ros.core.types.joint_orders import JOINT_ORDERS, USUAL_ORDER
 
@@ -48,7 +47,7 @@ class SimulatedAircraftConfig:
 
 
 @dataclass(frozen=True, slots=True)
-class BagPlayerConfig(NodeParameters):
+class BagPlayerConfig:
     """Parameters of bag_player."""
 
     bag: str = param("", "MCAP file to play")
@@ -81,7 +80,7 @@ class BagPlayerConfig(NodeParameters):
 
 
 @dataclass(frozen=True, slots=True)
-class RecorderConfig(NodeParameters):
+class RecorderConfig:
     """Parameters of recorder."""
 
     output: str = param("", "MCAP file to write")

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from tirgeo_ros.core.config.aircraft import AircraftConfig
-from tirgeo_ros.core.config.renamed import NodeParameters
 from tirgeo_ros.core.config.schema import group, param
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.types.arrays import Array
@@ -77,7 +76,7 @@ class NorthConfig:
 
 
 @dataclass(frozen=True, slots=True)
-class GimbalConfig(NodeParameters):
+class GimbalConfig:
     """Parameters of gimbal_node."""
 
     composition: str = param(

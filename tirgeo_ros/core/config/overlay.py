@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from tirgeo_ros.core.config.renamed import NodeParameters
 from tirgeo_ros.core.config.schema import group, param
 
 PALETTES = ("white_hot", "black_hot", "iron", "rainbow", "arctic", "lava")
@@ -59,7 +58,7 @@ class ConfidenceConfig:
 
 
 @dataclass(frozen=True, slots=True)
-class OverlayConfig(NodeParameters):
+class OverlayConfig:
     """Parameters of overlay_node."""
 
     map: str = param(

@@ -50,9 +50,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     inputs, more = "bag survey observations", {"map_path": args.map}
     found = call(evaluate, args, "evaluating, s", inputs, names, **more)
     page = {"report.html": report_html(found)}
-    return summary.summary(found) | {
-        "output": summary.write_evaluation(found, args.output, page),
-    }
+    return summary.summary(found) | {"output": summary.write_evaluation(found, args.output, page)}
 
 
 def describe(result: dict[str, object]) -> str:
