@@ -1,8 +1,6 @@
 """One end of the overlay for ``make bench``: a video with its poses.
 
-    python -m dev.nodes bench_video --ros-args -p output:=sent.json ...
-
-When it ends it writes the stamps of its frames as JSON.
+When it ends it writes the stamps of its frames as JSON to the file of its parameter ``output``.
 """
 
 from __future__ import annotations

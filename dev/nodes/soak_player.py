@@ -27,7 +27,7 @@ from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.bags.cdr import header_stamp_ns
 from tirgeo_ros.io.messages import Messages
 from tirgeo_ros.nodes.play_clock import PlayClock
-from tirgeo_ros.nodes.playlist import Audience, publishers_for
+from tirgeo_ros.nodes.playlist import await_readers, publishers_for
 from tirgeo_ros.nodes.qos import output
 from tirgeo_ros.nodes.runner import run
 from tirgeo_ros.nodes.topics import advertise, message_class
@@ -78,7 +78,7 @@ class SoakPlayer(Node):
 
     def play(self, stop: threading.Event) -> int:
         """Wait for subscribers, then play until stopped; the exit code."""
-        Audience(self, [*self._topics.values()], self._wait_for).wait(60.0, stop)
+        await_readers(self, self._topics.values(), self._wait_for, 60.0, stop)
         self.get_logger().info("playing")
         self._note(f"epoch {self._epoch} {self._shift_ns}")
         clock = PlayClock(self._rate, _CLOCK_HZ, self._tick)

@@ -9,7 +9,7 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.types.errors import ScenarioError
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.bags.bag import BagReader
-from tirgeo_ros.tools.graph.resources import find_resource
+from tirgeo_ros.tools.graph import find_resource
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.graph_outputs import read_outputs
 from tirgeo_ros.tools.simulate import simulate

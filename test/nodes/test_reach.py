@@ -13,8 +13,8 @@ pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
 from graph_helpers import await_words
 
+from tirgeo_ros.tools.graph import find_resource
 from tirgeo_ros.tools.graph.localhost import PROFILES
-from tirgeo_ros.tools.graph.resources import find_resource
 
 pytestmark = pytest.mark.graph
 

@@ -13,13 +13,24 @@ from rclpy.node import Node
 from rclpy.timer import Timer
 
 from tirgeo_ros.core.types.errors import TirgeoError, shown
-from tirgeo_ros.nodes.monitor import Monitor
+from tirgeo_ros.nodes.monitor import OK, WARN, Monitor
 
 _THROTTLE_S = 10.0
 #: The signature of a callback that takes a message and its MessageInfo (times and numbers).
 _WITH_INFO = inspect.Signature(
     [inspect.Parameter(name, inspect.Parameter.POSITIONAL_ONLY) for name in ("message", "info")]
 )
+
+
+def log(node: Any, level: int, text: str) -> None:
+    """Log a text with the severity of a diagnostic level."""
+    # Three separate calls: rclpy raises if one line of code logs with two severities.
+    if level == OK:
+        node.get_logger().info(shown(text))
+    elif level == WARN:
+        node.get_logger().warning(shown(text))
+    else:
+        node.get_logger().error(shown(text))
 
 
 def guarded(

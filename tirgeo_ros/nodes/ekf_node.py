@@ -18,13 +18,12 @@ from tirgeo_ros.core.streams.arrival_stamps import Arrivals
 from tirgeo_ros.core.streams.rates import RateLimit
 from tirgeo_ros.core.types.measurements import NavigationInput, Source
 from tirgeo_ros.core.types.poses import NavSolution
-from tirgeo_ros.core.types.verdicts import NavigationStatus, Outcome, Verdict
+from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus, Outcome, Verdict
 from tirgeo_ros.io.messages import NAVIGATION_INPUTS, DiagnosticItem, Messages
-from tirgeo_ros.nodes.callbacks import guarded
+from tirgeo_ros.nodes.callbacks import guarded, log
 from tirgeo_ros.nodes.diagnostics import Diagnostics, item_name
-from tirgeo_ros.nodes.filter_status_log import StateLog
 from tirgeo_ros.nodes.inbox import Inbox
-from tirgeo_ros.nodes.monitor import Monitor
+from tirgeo_ros.nodes.monitor import OK, WARN, Monitor
 from tirgeo_ros.nodes.parameters import declare, given_names
 from tirgeo_ros.nodes.qos import STREAM_DEPTH, latched, output, sensor_input
 from tirgeo_ros.nodes.runner import run
@@ -35,6 +34,42 @@ Decode = Callable[[Any], NavigationInput]
 _IMU = NAVIGATION_INPUTS[Source.IMU][0]
 _POSITIONS = (Source.RTK_POSITION, Source.GPS_POSITION)
 _RESTARTS = (Outcome.TIME_JUMP, Outcome.GAP, Outcome.RESTART)
+
+
+_BEST_FIRST = (
+    *(FilterState.RUNNING, FilterState.DEGRADED, FilterState.DEAD_RECKONING),
+    *(FilterState.ALIGNING, FilterState.WAITING, FilterState.LOST),
+)
+
+
+class StateLog:
+    """Log changes of the estimator's status on a node's log."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._logged: tuple[FilterState | None, str] = (None, "")  # state and reason
+        self._resets: dict[str, int] = {}
+
+    def note(self, status: NavigationStatus, *, reasons: bool = False) -> bool:
+        """Log a new state (a worse one as a warning) and resets; return whether there was any.
+
+        With ``reasons``, log a new reason of the same state too. That is not for each sample: a
+        reason may contain a number.
+        """
+        before, self._logged = self._logged, (status.state, status.reason)
+        moved = status.state is not before[0]
+        if moved or (reasons and self._logged != before):
+            ranks = [_BEST_FIRST.index(state) for state in (before[0], status.state) if state]
+            reason = f": {status.reason}" if status.reason else ""
+            text = f"{status.method}: {status.state.value}{reason}"
+            log(self._node, WARN if ranks[0] < ranks[-1] else OK, text)
+        elif not reasons:
+            self._logged = before
+        reset = [name for name, n in status.resets.items() if n > self._resets.get(name, 0)]
+        if reset:
+            log(self._node, WARN, f"reset by {', '.join(reset)}: {status.last_reset}")
+        self._resets = status.resets
+        return moved or bool(reset)
 
 
 class EkfNode(Node):
@@ -53,7 +88,7 @@ class EkfNode(Node):
         self._setup = SetupChecks(self, self._monitor, inputs, self._checks)
         self._arrivals = Arrivals()
         self._inbox = Inbox(self, self._monitor)
-        self._state_log = StateLog(self.get_logger())
+        self._state_log = StateLog(self)
         self._state_log.note(self._navigation.status())
         self._odometry = advertise(self, "tirgeo/odometry", output(STREAM_DEPTH))
         self._fix_rate = RateLimit(config.fix_rate_hz)
@@ -99,7 +134,7 @@ class EkfNode(Node):
 
     def _items(self) -> list[DiagnosticItem]:
         status = self._navigation.status()
-        self._state_log.note_reason(status)
+        self._state_log.note(status, reasons=True)
         return [self._item(status), self._setup.item()]
 
     def _item(self, status: NavigationStatus) -> DiagnosticItem:

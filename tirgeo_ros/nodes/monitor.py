@@ -42,13 +42,7 @@ class Monitor:
         with self._lock:
             self._expected_s[topic] = time.monotonic()
 
-    @property
-    def heard(self) -> bool:
-        """Return whether any message has come."""
-        with self._lock:
-            return bool(self._last_s)
-
-    def heard_of(self) -> frozenset[str]:
+    def heard(self) -> frozenset[str]:
         """Return the topics from which a message has come."""
         with self._lock:
             return frozenset(self._last_s)

@@ -15,11 +15,10 @@ from tirgeo_ros.core.checks.picture_checks import PictureChecks
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.ground_point import Located
-from tirgeo_ros.core.overlay.clicks import Clicks
 from tirgeo_ros.core.overlay.map_renderer import DrawingVerdict
 from tirgeo_ros.core.overlay.overlay import Overlay, OverlayResult
 from tirgeo_ros.core.streams.arrival_stamps import Arrivals
-from tirgeo_ros.core.types.errors import cut, shown
+from tirgeo_ros.core.types.errors import cut
 from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.messages import (
@@ -36,9 +35,9 @@ from tirgeo_ros.io.messages import (
     tangent_plane,
 )
 from tirgeo_ros.io.pictures.camera_file import given_camera
-from tirgeo_ros.nodes.callbacks import steady_timer
+from tirgeo_ros.nodes.callbacks import log, steady_timer
 from tirgeo_ros.nodes.diagnostics import Diagnostics, item_name
-from tirgeo_ros.nodes.frame_statistics import FrameTimes, SentNumbers
+from tirgeo_ros.nodes.frame_statistics import FrameStatistics
 from tirgeo_ros.nodes.map_watch import MapWatch
 from tirgeo_ros.nodes.monitor import OK, WARN, Monitor
 from tirgeo_ros.nodes.parameters import declare, given_names
@@ -48,42 +47,6 @@ from tirgeo_ros.nodes.setup_checks import SUBJECT, InputChecks, SetupChecks
 from tirgeo_ros.nodes.topics import advertise, message_class, subscribe
 
 _CLICKS = 10
-
-
-class LocateTopics:
-    """Connect the Clicks of an overlay with their topics; ``values`` is for the diagnostics."""
-
-    def __init__(self, node: Node, clicks: Clicks, monitor: Monitor) -> None:
-        self._clicks = clicks
-        self._node = node
-        self._messages = Messages(message_class)
-        self._fix = advertise(node, "tirgeo/locate/fix", output())
-        self._point = advertise(node, "tirgeo/locate/point", output())
-        self._refused = ""
-        # Best effort, so that any publisher is compatible.
-        subscribe(node, "tirgeo/locate/pixel", self._take, sensor_input(_CLICKS), monitor)
-
-    @property
-    def values(self) -> dict[str, str]:
-        """Return how many clicks were located and refused, and why the last one was refused."""
-        found = {f"clicks_{name}": str(n) for name, n in sorted(self._clicks.counts.items())}
-        return found | ({"last_click_refused": self._refused} if self._refused else {})
-
-    def _take(self, message: Any) -> None:
-        stamp_ns, u, v = pixel(message)
-        answer = self._clicks.locate((u, v), stamp_ns)
-        if isinstance(answer, Located):
-            self._fix.publish(self._messages.located_fix(answer))
-            self._point.publish(self._messages.located_point(answer))
-            self._refused = ""
-            return
-        self._refused = answer.reason.value
-        self._node.get_logger().warning(
-            f"tirgeo/locate/pixel: no point at ({u:.0f}, {v:.0f}): {self._refused}",
-            throttle_duration_sec=1.0,
-        )
-
-
 #: Period (s) of the timer that checks frames that wait for their poses.
 _RELEASE_PERIOD_S = 0.02
 #: Only the newest of the frames that arrive during drawing is wanted.
@@ -104,7 +67,7 @@ class OverlayNode(Node):
         layers = None if self._config.map else ()
         ground = unless_stopped(partial(ground_of, self._config))
         for note in ground.notes if isinstance(ground, Terrain) else ():
-            self.get_logger().warning(shown(f"{self._config.dem}: {note}"))
+            log(self, WARN, f"{self._config.dem}: {note}")
         terrain = ground if isinstance(ground, Terrain) else None
         self._overlay = Overlay(self._config, layers, terrain)
         self._monitor = Monitor()
@@ -112,9 +75,8 @@ class OverlayNode(Node):
         self._picture_checks = PictureChecks(
             self._config, ground, given_names(self, OverlayConfig)
         )
-        inputs = InputChecks(
-            self, self._monitor, (_RAW, _COMPRESSED), *([] if self._config.camera else [(_INFO,)])
-        )
+        info = [] if self._config.camera else [(_INFO,)]
+        inputs = InputChecks(self, self._monitor, (_RAW, _COMPRESSED), *info)
         self._setup = SetupChecks(
             self, self._monitor, inputs, self._map_checks, self._picture_checks
         )
@@ -125,17 +87,18 @@ class OverlayNode(Node):
         self._logged_notes: tuple[str, ...] = ()  # notes on the current map
         self.resources = MapWatch(self, self._config, lambda: self._overlay.plane)
         self._messages = Messages(message_class)
-        self._times = FrameTimes()
-        self._numbers: list[SentNumbers] = []  # of the frame topics
+        self._frames = FrameStatistics()
         self._arrivals = Arrivals()
         self._image = advertise(self, "tirgeo/overlay/image", output(IMAGE_DEPTH))
         self._jpeg = advertise(self, "tirgeo/overlay/image/compressed", output(IMAGE_DEPTH))
+        self._fix = advertise(self, "tirgeo/locate/fix", output())
+        self._point = advertise(self, "tirgeo/locate/point", output())
+        self._click_refused = ""  # why the last click was refused
         self._timer = steady_timer(
             self, self._monitor, "drawing", _RELEASE_PERIOD_S, self._release
         )
         self._timer.cancel()
         self._subscribe()
-        self._clicks = LocateTopics(self, self._overlay.clicks, self._monitor)
         self._diagnostics = Diagnostics(self, self._messages, self._monitor, self._items)
         gc.freeze()  # keep a large map out of garbage collection while the video runs
 
@@ -143,24 +106,25 @@ class OverlayNode(Node):
         frames, info = sensor_input(_FRAME_DEPTH), sensor_input(1)
         for topic, pixels_of in ((_RAW, image_pixels), (_COMPRESSED, compressed_pixels)):
             take_frame = partial(self._take_frame, topic, pixels_of)
-            self._numbers.append(SentNumbers())
-            counted = self._numbers[-1].listening
+            counted = partial(self._frames.listening, topic)
             subscribe(self, topic, take_frame, frames, self._monitor, wrapped=counted)
         for topic, take, qos in (
             ("tirgeo/camera_pose", self._take_pose, output()),
             ("tirgeo/origin", self._take_origin, latched()),
             ("/diagnostics", self._take_diagnostics, output()),
+            # Best effort, so that any publisher is compatible.
+            ("tirgeo/locate/pixel", self._take_click, sensor_input(_CLICKS)),
         ):
             subscribe(self, topic, take, qos, self._monitor)
         self._monitor.expects("tirgeo/camera_pose")
         if self._camera is None:
-            subscribe(self, _INFO, self._take_camera_info, info, self._monitor)
+            subscribe(self, _INFO, lambda m: self._set_camera(camera(m)), info, self._monitor)
             self._monitor.expects(_INFO)
 
     def _take_frame(self, topic: str, pixels_of: Any, message: Any) -> None:
         now_ns = self._now_ns()
         stamp = self._arrivals.stamp_ns(topic, stamp_ns(message), now_ns)
-        self._times.arrived(stamp)
+        self._frames.arrived(stamp)
         pixels = pixels_of(message)
         self._overlay.add_frame(stamp, pixels, now_ns)
         self._timer.reset()
@@ -172,9 +136,6 @@ class OverlayNode(Node):
         self._overlay.add_pose(pose)
         self._release()
         self._setup.take(self._picture_checks.pose, pose)
-
-    def _take_camera_info(self, message: Any) -> None:
-        self._set_camera(camera(message))
 
     def _set_camera(self, found: Camera) -> None:
         self._setup.take(self._picture_checks.camera, found)
@@ -189,11 +150,17 @@ class OverlayNode(Node):
             self._setup.take(self._map_checks.plane, plane)
             self._setup.take(self._picture_checks.plane, plane)
 
-    def _log_notes(self) -> None:
-        if self._overlay.notes != self._logged_notes:
-            self._logged_notes = self._overlay.notes
-            for note in self._logged_notes:
-                self.get_logger().warning(shown(note))
+    def _take_click(self, message: Any) -> None:
+        clicked_ns, u, v = pixel(message)
+        answer = self._overlay.clicks.locate((u, v), clicked_ns)
+        if isinstance(answer, Located):
+            self._fix.publish(self._messages.located_fix(answer))
+            self._point.publish(self._messages.located_point(answer))
+            self._click_refused = ""
+            return
+        self._click_refused = answer.reason.value
+        text = f"tirgeo/locate/pixel: no point at ({u:.0f}, {v:.0f}): {self._click_refused}"
+        self.get_logger().warning(text, throttle_duration_sec=1.0)
 
     def _take_diagnostics(self, message: Any) -> None:
         for status in message.status:
@@ -219,7 +186,7 @@ class OverlayNode(Node):
         result = self._overlay.take(self._now_ns())
         if result is not None:
             self._publish(result)
-            self._monitor.took("tirgeo/overlay/image", self._times.left(result.stamp_ns))
+            self._monitor.took("tirgeo/overlay/image", self._frames.left(result.stamp_ns))
         if not self._overlay.frames:
             self._timer.cancel()
 
@@ -229,7 +196,10 @@ class OverlayNode(Node):
             self._overlay.set_map(changed)
             self._setup.take(self._map_checks.map, changed)
             gc.freeze()
-            self._log_notes()
+            if self._overlay.notes != self._logged_notes:
+                self._logged_notes = self._overlay.notes
+                for note in self._logged_notes:
+                    log(self, WARN, note)
         elif self.resources.error:
             self._overlay.map_failed()
             self._setup.take(self._map_checks.failed, self.resources.error)
@@ -248,19 +218,19 @@ class OverlayNode(Node):
     def _items(self) -> list[DiagnosticItem]:
         self._renew_map()
         watch = self.resources
-        numbers = self._overlay.counts | {"waiting": len(self._overlay.frames)} | watch.counts
-        numbers |= {
-            "frames_sent": sum(each.sent for each in self._numbers),
-            "frames_missed": sum(each.missed for each in self._numbers),
-        }
+        overlay, clicks = self._overlay, self._overlay.clicks.counts
+        numbers = overlay.counts | {"waiting": len(overlay.frames)} | watch.counts
+        numbers |= {f"clicks_{name}": number for name, number in sorted(clicks.items())}
         values = {name: str(number) for name, number in numbers.items()}
-        if self._overlay.poses.fault:
-            values["poses_invalid_because"] = self._overlay.poses.fault
-        values |= {"frame rate [Hz]": f"{self._overlay.frames.rate_hz:.1f}"}
-        values |= self._times.values | self._clicks.values | self._arrivals.diagnostics
-        waits = self._overlay.no_map_yet
-        message = watch.error or (f"no map yet: {waits}" if waits else "ok")
-        level = WARN if watch.error else OK
+        texts = {
+            "poses_invalid_because": overlay.poses.fault,
+            "last_click_refused": self._click_refused,
+        }
+        values |= {name: text for name, text in texts.items() if text}
+        values["frame rate [Hz]"] = f"{overlay.frames.rate_hz:.1f}"
+        values |= self._frames.values | self._arrivals.diagnostics
+        waits = f"no map yet: {overlay.no_map_yet}" if overlay.no_map_yet else ""
+        level, message = (WARN, watch.error) if watch.error else (OK, waits or "ok")
         item = DiagnosticItem(item_name(self, "overlay"), level, message, values)
         return [item, self._setup.item()]
 

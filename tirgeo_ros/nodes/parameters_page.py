@@ -42,7 +42,7 @@ wrong type or a value out of range is refused at start. Parameters are read once
 - *unset* is `.nan`, *empty* is `""` for a string and `[]` for a list.
 - Standard deviations are one sigma. Angles are in degrees where the name ends in `_deg`.
 - Three numbers along the aircraft's or the camera's axes are forward, left, up.
-- `NODE --help-all` prints the same for one node.
+- `NODE --help` prints the same for one node.
 """
 _COLUMNS = """\
 | parameter | type | unit | range | default | meaning |

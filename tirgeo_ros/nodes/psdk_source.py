@@ -9,6 +9,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from operator import attrgetter
 from typing import Any
 
@@ -21,7 +22,7 @@ from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.dji.sources.psdk import PsdkDecoder
 from tirgeo_ros.dji.sources.readings import Quaternion, Reading, Vector
 from tirgeo_ros.io.messages import DiagnosticItem, stamp_ns
-from tirgeo_ros.nodes.callbacks import steady_timer
+from tirgeo_ros.nodes.callbacks import log, steady_timer
 from tirgeo_ros.nodes.diagnostics import item_name
 from tirgeo_ros.nodes.monitor import OK, SILENT_S, WARN, Monitor
 from tirgeo_ros.nodes.qos import sensor_input
@@ -30,7 +31,6 @@ from tirgeo_ros.nodes.topics import message_class, subscribe
 #: Period (s) of the check for RTK values that wait for their flags.
 _DUE_S = 0.01
 Values = Callable[[Any], Any]
-
 
 _vector: Values = attrgetter("x", "y", "z")
 _quaternion: Values = attrgetter("w", "x", "y", "z")
@@ -85,8 +85,8 @@ class PsdkSource:
         monitor: Monitor,
     ) -> None:
         """Raise ConfigError for a prefix that is no valid topic name."""
-        self._node, self._take, self._monitor = node, take, monitor
-        self._road = PsdkDecoder()
+        self._node, self._take = node, take
+        self._decoder = PsdkDecoder()
         self._prefix = _checked(config.psdk_prefix)
         self._heard_s = time.monotonic()
         self._logged: list[str] = []
@@ -94,7 +94,9 @@ class PsdkSource:
         self._lost = _INSTALL.format(lost=", ".join(_LOST[t] for t in missing)) if missing else ""
         for topic in _TOPICS:
             if topic not in missing:
-                self._listen(topic)
+                name, typename = self._prefix + topic, _TOPICS[topic][0]
+                take = partial(self.handle, topic)
+                subscribe(node, name, take, sensor_input(), monitor, typename)
         for topic in _NEEDED:
             monitor.expects(self._prefix + topic)
         self._timer = steady_timer(node, monitor, "waiting for flags", _DUE_S, self._due)
@@ -108,7 +110,7 @@ class PsdkSource:
     def items(self) -> list[DiagnosticItem]:
         """Return the source's diagnostic item; log any change of its warnings."""
         warnings = self._log_changes()
-        values = {name: str(number) for name, number in self._road.counts.items()}
+        values = {name: str(number) for name, number in self._decoder.counts.items()}
         name, message = item_name(self._node, "psdk"), "; ".join(warnings) or "ok"
         return [DiagnosticItem(name, WARN if warnings else OK, message, values)]
 
@@ -118,20 +120,10 @@ class PsdkSource:
         values = _TOPICS[topic][1](message)
         arrival_ns = self._node.get_clock().now().nanoseconds
         sent_ns = 0 if topic in _WITHOUT_HEADER else stamp_ns(message)
-        self._give(self._road.take(topic, values, sent_ns, arrival_ns))
-
-    def _listen(self, topic: str) -> None:
-        subscribe(
-            self._node,
-            self._prefix + topic,
-            lambda message: self.handle(topic, message),
-            sensor_input(),
-            self._monitor,
-            _TOPICS[topic][0],
-        )
+        self._give(self._decoder.take(topic, values, sent_ns, arrival_ns))
 
     def _due(self) -> None:
-        self._give(self._road.due(self._node.get_clock().now().nanoseconds))
+        self._give(self._decoder.due(self._node.get_clock().now().nanoseconds))
 
     def _give(self, readings: list[Reading]) -> None:
         if readings:
@@ -140,14 +132,14 @@ class PsdkSource:
     def _log_changes(self) -> list[str]:
         """Return the current warnings; log each when it begins and when it is over."""
         silent = time.monotonic() - self._heard_s > SILENT_S
-        warnings = [_SILENT.format(prefix=self._prefix)] if silent else self._road.warnings
+        warnings = [_SILENT.format(prefix=self._prefix)] if silent else self._decoder.warnings
         warnings += [self._lost] if self._lost else []
-        logger = self._node.get_logger()
         for text in warnings:
             if text not in self._logged:
-                logger.warning(text)
-        for over in (f"over: {text}" for text in self._logged if text not in warnings):
-            logger.info(over)
+                log(self._node, WARN, text)
+        for text in self._logged:
+            if text not in warnings:
+                log(self._node, OK, f"over: {text}")
         self._logged = warnings
         return warnings
 

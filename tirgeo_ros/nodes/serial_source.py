@@ -9,7 +9,6 @@ from collections.abc import Callable
 from rclpy.node import Node
 
 from tirgeo_ros.core.config import DjiConfig
-from tirgeo_ros.core.types.errors import shown
 from tirgeo_ros.dji.link.link_watch import LinkLevel, LinkReport, LinkWatch
 from tirgeo_ros.dji.link.serial_link import LinkState, SerialLink
 from tirgeo_ros.dji.protocol.package_table import package_table
@@ -18,9 +17,9 @@ from tirgeo_ros.dji.sources.readings import Reading
 from tirgeo_ros.dji.sources.serial import SerialDecoder
 from tirgeo_ros.io.messages import DiagnosticItem
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
-from tirgeo_ros.nodes.callbacks import guarded
+from tirgeo_ros.nodes.callbacks import guarded, log
 from tirgeo_ros.nodes.diagnostics import item_name
-from tirgeo_ros.nodes.monitor import Monitor
+from tirgeo_ros.nodes.monitor import OK, WARN, Monitor
 
 #: Longest wait for bytes (s), so the period at which a silent link is checked.
 _WAIT_S = 0.02
@@ -43,7 +42,7 @@ class SerialSource:
         packages = PackageTable()
         if config.packages:
             packages = package_table(load_yaml(config.packages), config.packages)
-        self._road = SerialDecoder(config, packages)
+        self._decoder = SerialDecoder(config, packages)
         self._link = SerialLink(config.port, config.baud)
         self._watch = LinkWatch(config.port, config.baud, has_key=bool(config.key.strip()))
         self._openings = 0
@@ -64,18 +63,16 @@ class SerialSource:
         arrival_ns = self._node.get_clock().now().nanoseconds
         now_s = time.monotonic()
         readings: list[Reading] = []
+        decoder = self._decoder
         with self._lock:
             if self._link.openings != self._openings:
                 self._openings = self._link.openings
-                readings += self._road.reopened(arrival_ns, now_s)
-            readings += self._road.take(
-                data, arrival_ns, now_s, round(self._link.gathered_s * 1e9)
-            )
+                readings += decoder.reopened(arrival_ns, now_s)
+            readings += decoder.take(data, arrival_ns, now_s, round(self._link.gathered_s * 1e9))
             # On a closed port a request would only count as unanswered.
             is_open = self._link.state is LinkState.OPEN
-            to_send = self._road.host.due(now_s) if is_open else b""
-            road = self._road
-            counts = road.counts["bytes"], road.counts["frames"], road.locked
+            to_send = decoder.host.due(now_s) if is_open else b""
+            counts = decoder.counts["bytes"], decoder.counts["frames"], decoder.locked
             report = self._watch.look(now_s, self._link.state, self._link.message, *counts)
         if to_send:
             self._link.write(to_send)
@@ -85,20 +82,16 @@ class SerialSource:
     def _log_changes(self, report: LinkReport | None) -> None:
         """Log each change of the link's state and of the host's message once."""
         if report is not None:
-            # Two separate calls: rclpy allows only one severity per line of code.
-            if report.level is LinkLevel.OK:
-                self._node.get_logger().info(shown(report.message))
-            else:
-                self._node.get_logger().warning(shown(report.message))
-        if self._road.host.message != self._host_message:
-            self._host_message = self._road.host.message
-            self._node.get_logger().info(shown(self._host_message))
+            log(self._node, min(report.level, WARN), report.message)
+        if self._decoder.host.message != self._host_message:
+            self._host_message = self._decoder.host.message
+            log(self._node, OK, self._host_message)
 
     def items(self) -> list[DiagnosticItem]:
         """Return the diagnostic item of the link: its state and counts of its traffic."""
         with self._lock:
             report = self._watch.report
-            values = self._road.diagnostics
+            values = self._decoder.diagnostics
         name = item_name(self._node, "link")
         if report is None:
             return [DiagnosticItem(name, int(LinkLevel.WARN), "not opened yet", values)]

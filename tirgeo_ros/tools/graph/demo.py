@@ -16,8 +16,8 @@ from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import check_outputs, write_files
 from tirgeo_ros.io.maps import map_files
 from tirgeo_ros.io.surveys.survey import load_survey
+from tirgeo_ros.tools.graph import find_resource
 from tirgeo_ros.tools.graph.node_graph import AWAITED, GraphSetup, run_graph
-from tirgeo_ros.tools.graph.resources import find_resource
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.presentation.video import VideoFile
 from tirgeo_ros.tools.replay.flight_topics import PICTURES

@@ -16,9 +16,9 @@ from tirgeo_ros.core.types.errors import GraphError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.child_python import stop_signals
 from tirgeo_ros.io.messages import DJI_TOPICS
+from tirgeo_ros.tools.graph import find_resource
 from tirgeo_ros.tools.graph.localhost import localhost_environment
 from tirgeo_ros.tools.graph.node_process import NodeProcess
-from tirgeo_ros.tools.graph.resources import find_resource
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.flight_topics import PICTURES
 
