@@ -42,10 +42,6 @@ class Aircraft:
         config = DjiConfig(source="psdk", psdk_prefix=prefix)
         self.source = PsdkSource(self.node, config, self.readings.extend, Monitor())
 
-    def item(self):
-        (item,) = self.source.items()
-        return item
-
 
 @pytest.fixture
 def stranger(meet):
@@ -150,25 +146,25 @@ def test_an_rtk_position_without_its_flag_goes_on_by_the_timer(aircraft, strange
     stranger.spin_until(lambda: aircraft.readings, timeout_s=10.0)
     (reading,) = aircraft.readings
     assert (reading.stamp_ns, reading.position_flag) == (STAMP_NS, None)
-    assert aircraft.item().values["rtk_position_alone"] == "1"
+    assert aircraft.source.item().values["rtk_position_alone"] == "1"
 
 
 def test_with_psdk_interfaces_nothing_is_missing(stranger, monkeypatch):
     """Any type does for being there: its topics are not sent."""
     types = {topic: ("std_msgs/msg/UInt8", lambda m: m.data) for topic in psdk_source._LOST}
     monkeypatch.setattr(psdk_source, "_TOPICS", psdk_source._TOPICS | types)
-    item = Aircraft(stranger).item()
+    item = Aircraft(stranger).source.item()
     assert (item.level, item.message) == (OK, "ok")
 
 
 def test_silence_is_said_and_taken_back(aircraft, monkeypatch):
     monkeypatch.setattr(psdk_source, "SILENT_S", 0.0)
-    said = aircraft.item()
+    said = aircraft.source.item()
     assert said.level == WARN
     assert "nothing comes from psdk_ros2 on psdk_ros2/*" in said.message
     monkeypatch.setattr(psdk_source, "SILENT_S", 60.0)
     aircraft.source.handle("rtk_yaw_info", UInt8(data=50))
-    assert "nothing comes" not in aircraft.item().message
+    assert "nothing comes" not in aircraft.source.item().message
 
 
 def test_a_prefix_that_names_no_topic_is_refused(stranger):

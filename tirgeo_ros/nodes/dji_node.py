@@ -33,12 +33,8 @@ class DjiNode(Node):
         self._topics = {t: advertise(self, t, output(STREAM_DEPTH)) for t in DJI_TOPICS}
         self._lock = threading.Lock()  # the port is read in a thread beside the executor
         self._warned: set[str] = set()
-        if config.source == "serial":
-            self._source: SerialSource | PsdkSource = SerialSource(
-                self, config, self._take, self._monitor
-            )
-        else:
-            self._source = PsdkSource(self, config, self._take, self._monitor)
+        source = SerialSource if config.source == "serial" else PsdkSource
+        self._source = source(self, config, self._take, self._monitor)
         self._diagnostics = Diagnostics(self, self._messages, self._monitor, self._items)
 
     def serve(self, stop: threading.Event) -> int:
@@ -66,10 +62,9 @@ class DjiNode(Node):
             if warning not in self._warned:
                 self._warned.add(warning)
                 self.get_logger().warning(warning)
-        name = item_name(self, "aircraft")
-        message = "; ".join(warnings) or "ok"
-        own = DiagnosticItem(name, WARN if warnings else OK, message, values)
-        return [*self._source.items(), own]
+        level, message = (WARN, "; ".join(warnings)) if warnings else (OK, "ok")
+        own = DiagnosticItem(item_name(self, "aircraft"), level, message, values)
+        return [self._source.item(), own]
 
 
 main = partial(run, "dji_node", DjiNode, DjiNode.serve)

@@ -42,13 +42,8 @@ class GimbalNode(Node):
         given = given_names(self, GimbalConfig)
         self._checks = GimbalChecks(config, given)
         known = parameter_findings(given, (), "", pictures=True, option="--params-file")
-        self._setup = SetupChecks(
-            self,
-            self._monitor,
-            InputChecks(self, self._monitor, ("gimbal/joint_states", "gimbal/attitude")),
-            self._checks,
-            known=known,
-        )
+        inputs = InputChecks(self, self._monitor, ("gimbal/joint_states", "gimbal/attitude"))
+        self._setup = SetupChecks(self, self._monitor, inputs, self._checks, known=known)
         self._arrivals = Arrivals()
         stream = output(STREAM_DEPTH)
         self._camera_pose = advertise(self, "tirgeo/camera_pose", stream)
@@ -107,10 +102,7 @@ class GimbalNode(Node):
         return [item, self._setup.item()]
 
     def _listen_for_paper(self) -> None:
-        """Subscribe to the IMU, which the composition "paper" needs.
-
-        Unsubscribe while encoders are used.
-        """
+        """Listen to the IMU, which the composition "paper" needs, except while encoders are used."""
         if self._composer.composition != "encoders":
             self._imu = self._imu or self._listen("imu/data", self._take_autopilot)
         elif self._imu is not None:

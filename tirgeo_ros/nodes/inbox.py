@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -24,16 +24,10 @@ from tirgeo_ros.nodes.topics import subscribe
 _AT_ONCE = 4
 
 
-class _Waiting(NamedTuple):
-    """Hold a message as its bytes, and the node's time (ns) at which it was taken.
-
-    An IMU message takes 1.8 kB as an object and 0.6 kB as bytes. The process keeps the memory of
-    its longest queue.
-    """
-
-    receive: Callable[[Any], None]
-    data: bytes
-    taken_ns: int
+#: A function that takes a message, the message, and the node's time (ns) at which it came. It
+#: waits as bytes: an IMU message takes 1.8 kB as an object and 0.6 kB as bytes, and the process
+#: keeps the memory of its longest queue.
+_Waiting = tuple[Callable[[Any], None], bytes, int]
 
 
 class Inbox:
@@ -58,10 +52,7 @@ class Inbox:
         return {f"given_up.{topic}": str(n) for topic, n in self._order.given_up.items()}
 
     def subscribe(self, topic: str, handle: Callable[[Any], None], qos: QoSProfile) -> None:
-        """Have ``handle`` called with each message in its turn.
-
-        ``taken_ns`` is then its arrival (ns).
-        """
+        """Have ``handle`` called with each message in its turn; ``taken_ns`` is its arrival."""
         deferred = partial(self._deferred, topic)
         made = subscribe(self._node, topic, handle, qos, self._monitor, wrapped=deferred, raw=True)
         depth = made.qos_profile.depth
@@ -75,8 +66,7 @@ class Inbox:
         def put(data: bytes, info: Any) -> None:
             # Not every middleware gives the time of reception.
             arrived_ns = info["received_timestamp"] or info["source_timestamp"]
-            waiting = _Waiting(receive, data, clock.now().nanoseconds)
-            self._order.put(topic, arrived_ns, waiting)
+            self._order.put(topic, arrived_ns, (receive, data, clock.now().nanoseconds))
             if not (self._taking or self._resumes):
                 self._work()
 
@@ -90,8 +80,8 @@ class Inbox:
             waiting = self._order.pop()
             if waiting is None:
                 return
-            self.taken_ns = waiting.taken_ns
-            waiting.receive(waiting.data)
+            receive, data, self.taken_ns = waiting
+            receive(data)
         if self._order and self._node.executor is not None:
             self._resumes = True
             self._node.executor.create_task(self._work)

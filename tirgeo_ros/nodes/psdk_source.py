@@ -107,12 +107,12 @@ class PsdkSource:
         """Wait until ``stop`` is set: the node's executor does the work."""
         stop.wait()
 
-    def items(self) -> list[DiagnosticItem]:
+    def item(self) -> DiagnosticItem:
         """Return the source's diagnostic item; log any change of its warnings."""
         warnings = self._log_changes()
         values = {name: str(number) for name, number in self._decoder.counts.items()}
-        name, message = item_name(self._node, "psdk"), "; ".join(warnings) or "ok"
-        return [DiagnosticItem(name, WARN if warnings else OK, message, values)]
+        level, message = (WARN, "; ".join(warnings)) if warnings else (OK, "ok")
+        return DiagnosticItem(item_name(self._node, "psdk"), level, message, values)
 
     def handle(self, topic: str, message: Any) -> None:
         """Handle a message of psdk_ros2; ``topic`` is its name without the prefix."""

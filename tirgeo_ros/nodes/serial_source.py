@@ -9,7 +9,7 @@ from collections.abc import Callable
 from rclpy.node import Node
 
 from tirgeo_ros.core.config import DjiConfig
-from tirgeo_ros.dji.link.link_watch import LinkLevel, LinkReport, LinkWatch
+from tirgeo_ros.dji.link.link_watch import LinkWatch
 from tirgeo_ros.dji.link.serial_link import LinkState, SerialLink
 from tirgeo_ros.dji.protocol.package_table import package_table
 from tirgeo_ros.dji.protocol.subscription import PackageTable
@@ -77,24 +77,20 @@ class SerialSource:
         if to_send:
             self._link.write(to_send)
         self._take(readings)
-        self._log_changes(report)
-
-    def _log_changes(self, report: LinkReport | None) -> None:
-        """Log each change of the link's state and of the host's message once."""
         if report is not None:
             log(self._node, min(report.level, WARN), report.message)
-        if self._decoder.host.message != self._host_message:
-            self._host_message = self._decoder.host.message
+        if decoder.host.message != self._host_message:
+            self._host_message = decoder.host.message
             log(self._node, OK, self._host_message)
 
-    def items(self) -> list[DiagnosticItem]:
+    def item(self) -> DiagnosticItem:
         """Return the diagnostic item of the link: its state and counts of its traffic."""
         with self._lock:
             report = self._watch.report
             values = self._decoder.diagnostics
         name = item_name(self._node, "link")
         if report is None:
-            return [DiagnosticItem(name, int(LinkLevel.WARN), "not opened yet", values)]
+            return DiagnosticItem(name, WARN, "not opened yet", values)
         state = {
             "state": report.condition.value,
             "state_time_s": f"{time.monotonic() - report.since_s:.1f}",
@@ -102,4 +98,4 @@ class SerialSource:
             "frames_per_s": f"{report.frames_per_s:.1f}",
             "openings": str(self._openings),
         }
-        return [DiagnosticItem(name, int(report.level), report.message, state | values)]
+        return DiagnosticItem(name, int(report.level), report.message, state | values)

@@ -24,34 +24,28 @@ class ImuNoiseConfig:
     """Noise of the IMU: white noise and a first-order Gauss-Markov bias on each axis (x, y, z)."""
 
     angle_random_walk: tuple[float, ...] = param(
-        (1.6828e-4, 1.9601e-4, 1.6542e-4), "white noise of the gyroscope", ("rad/sqrt(s)", 0, 1)
+        (1.6828e-4, 1.9601e-4, 1.6542e-4), "gyroscope white noise", ("rad/sqrt(s)", 0, 1)
     )
     velocity_random_walk: tuple[float, ...] = param(
-        (1.2917e-2, 1.2996e-2, 1.2921e-2),
-        "white noise of the accelerometer",
-        ("m/s/sqrt(s)", 0, 10),
+        (1.2917e-2, 1.2996e-2, 1.2921e-2), "accelerometer white noise", ("m/s/sqrt(s)", 0, 10)
     )
     gyro_bias_instability: tuple[float, ...] = param(
-        (1.5289e-6, 3.7010e-5, 2.2793e-6),
-        "standard deviation of the gyroscope bias",
-        ("rad/s", 0, 1),
+        (1.5289e-6, 3.7010e-5, 2.2793e-6), "sigma of the gyroscope bias", ("rad/s", 0, 1)
     )
     gyro_bias_time_s: tuple[float, ...] = param(
-        (7000.0, 100.0, 9000.0), "correlation time of the gyroscope bias", ("s", 1e-3, 1e9)
+        (7000.0, 100.0, 9000.0), "correlation time of that bias", ("s", 1e-3, 1e9)
     )
     accel_bias_instability: tuple[float, ...] = param(
-        (6.0546e-3, 2.8561e-3, 7.9284e-3),
-        "standard deviation of the accelerometer bias",
-        ("m/s2", 0, 10),
+        (6.0546e-3, 2.8561e-3, 7.9284e-3), "sigma of the accelerometer bias", ("m/s2", 0, 10)
     )
     accel_bias_time_s: tuple[float, ...] = param(
-        (20.0, 600.0, 10000.0), "correlation time of the accelerometer bias", ("s", 1e-3, 1e9)
+        (20.0, 600.0, 10000.0), "correlation time of that bias", ("s", 1e-3, 1e9)
     )
     gyro_turn_on_bias: float = param(
-        7e-3, "standard deviation of the gyroscope bias at start, every axis", ("rad/s", 0, 1)
+        7e-3, "sigma of the gyroscope bias at start, every axis", ("rad/s", 0, 1)
     )
     accel_turn_on_bias: float = param(
-        2e-2, "standard deviation of the accelerometer bias at start, every axis", ("m/s2", 0, 10)
+        2e-2, "sigma of the accelerometer bias at start, every axis", ("m/s2", 0, 10)
     )
 
 
@@ -85,7 +79,7 @@ class AutopilotConfig:
     """The autopilot's own attitude, which the methods ``raw`` and ``rtk`` take as it is."""
 
     attitude_sigma_deg: tuple[float, ...] = param(
-        (0.5, 0.5, 1.7972), "standard deviation of roll, pitch, heading", ("deg", 1e-3, 180)
+        (0.5, 0.5, 1.7972), "sigma of roll, pitch, heading", ("deg", 1e-3, 180)
     )
 
 
@@ -94,7 +88,7 @@ class AlignmentConfig:
     """Finding the first attitude."""
 
     duration_s: float = param(
-        1.0, "time over which the accelerometer and the velocity are compared", ("s", 0.2, 30)
+        1.0, "time over which accelerometer and velocity are compared", ("s", 0.2, 30)
     )
     wait_s: float = param(
         5.0,
@@ -109,7 +103,7 @@ class TrustConfig:
     """When an aid counts as missing, and when the state counts as lost."""
 
     aid_timeout_s: float = param(
-        1.5, "time without a used measurement after which an aid counts as missing", ("s", 0.1, 60)
+        1.5, "time without a used measurement until an aid counts as missing", ("s", 0.1, 60)
     )
     lost_position_sigma_m: float = param(
         10.0,
@@ -118,7 +112,7 @@ class TrustConfig:
         ("m", 0.1, 1e4),
     )
     lost_heading_sigma_deg: float = param(
-        10.0, "standard deviation of the heading beyond which it counts as lost", ("deg", 0.1, 180)
+        10.0, "sigma of the heading beyond which it counts as lost", ("deg", 0.1, 180)
     )
 
 

@@ -37,9 +37,7 @@ class RtkConfig:
         _DELAY,
     )
     velocity_delay_s: float = param(
-        0.0,
-        "additional delay of the velocities, on top of delay_s, in receivers that smooth them",
-        _DELAY,
+        0.0, "delay of velocities beyond delay_s, in receivers that smooth them", _DELAY
     )
     position_sigma_floor_m: float = _floor(0.01, "a position, per axis", ("m", 1e-4, 100))
     velocity_sigma_floor_m_s: float = _floor(0.02, "a velocity, per axis", ("m/s", 1e-4, 100))
@@ -61,9 +59,7 @@ class HeadingConfig:
     """The heading of the two RTK antennas."""
 
     delay_s: float = param(
-        math.nan,
-        "delay of the heading stamps: stamp minus time of measurement; unset = rtk.delay_s",
-        _DELAY,
+        math.nan, "delay of the stamps, as rtk.delay_s; unset = rtk.delay_s", _DELAY
     )
     sigma_floor_deg: float = param(
         0.6,
@@ -81,7 +77,7 @@ class HeadingConfig:
     )
     gate_sigma: float = _gate(4.0, "headings")
     start_after_s: float = param(
-        1.0, "time for which rtk/fix must have been fixed before headings are used", ("s", 0, 60)
+        1.0, "time of fixed rtk/fix before headings are used", ("s", 0, 60)
     )
     reset_after_s: float = param(
         5.0,
@@ -90,14 +86,9 @@ class HeadingConfig:
         _PATIENCE,
     )
     bias_sigma_deg: float = param(
-        0.0,
-        "standard deviation of a slowly varying heading error, which the filter then estimates; "
-        "0 = none",
-        ("deg", 0, 30),
+        0.0, "sigma of a slowly varying error that the filter estimates; 0 = none", ("deg", 0, 30)
     )
-    bias_time_s: float = param(
-        600.0, "correlation time of the slowly varying heading error", ("s", 1, 1e9)
-    )
+    bias_time_s: float = param(600.0, "correlation time of that error", ("s", 1, 1e9))
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,18 +96,14 @@ class GpsConfig:
     """The autopilot's ordinary GPS."""
 
     position_sigma_m: tuple[float, ...] = param(
-        (0.9342, 1.2846, 2.8017),
-        "standard deviation north, east, down of a position without covariance",
-        ("m", 1e-3, 1e4),
+        (0.9342, 1.2846, 2.8017), "sigma N, E, D without covariance", ("m", 1e-3, 1e4)
     )
     position_time_s: float = param(45.0, "correlation time of the position error", ("s", 0.1, 1e6))
     position_noise_m: float = param(
-        0.05,
-        "standard deviation of the part of the position error that is new in each fix",
-        ("m", 1e-3, 100),
+        0.05, "sigma of the position error that is new in each fix", ("m", 1e-3, 100)
     )
     velocity_sigma_floor_m_s: float = _floor(0.1, "a velocity, per axis", ("m/s", 1e-3, 100))
-    delay_s: float = param(0.0, "delay of the GPS stamps: stamp minus time of measurement", _DELAY)
+    delay_s: float = param(0.0, "delay of the stamps, as rtk.delay_s", _DELAY)
     gate_sigma: float = _gate(5.0, "measurements")
 
 
@@ -127,9 +114,7 @@ class BarometerConfig:
     It is used where baro/pressure is published.
     """
 
-    delay_s: float = param(
-        0.0, "delay of the pressure's stamps: stamp minus time of measurement", _DELAY
-    )
+    delay_s: float = param(0.0, "delay of the stamps, as rtk.delay_s", _DELAY)
     noise_m: float = param(
         0.2,
         "smallest standard deviation of the white noise of one reading, as a height; smaller "
@@ -137,9 +122,7 @@ class BarometerConfig:
         ("m", 1e-3, 100),
     )
     sigma_m: float = param(
-        0.5,
-        "standard deviation of the slow error by airspeed, rotor wash and gusts",
-        ("m", 1e-2, 100),
+        0.5, "sigma of the slow error by airspeed, rotor wash and gusts", ("m", 1e-2, 100)
     )
     time_s: float = param(20.0, "correlation time of the slow error", ("s", 0.1, 1e5))
     drift: float = param(
