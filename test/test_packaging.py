@@ -101,19 +101,6 @@ def dependencies(package_xml, *tags):
     return {item.text for tag in tags for item in package_xml.findall(tag)}
 
 
-def test_package_xml_is_of_format_3_for_ament_python(package_xml):
-    assert package_xml.tag == "package"
-    assert package_xml.get("format") == "3"
-    assert package_xml.findtext("export/build_type") == "ament_python"
-    for tag in ("name", "version", "description", "maintainer", "license"):
-        assert package_xml.findtext(tag).strip(), tag
-    assert (PROJECT / package_xml.find("license").get("file")).is_file()
-    # The schema's order: these come before all dependencies, and export is last.
-    tags = [item.tag for item in package_xml]
-    assert tags[:3] == ["name", "version", "description"]
-    assert tags[-1] == "export"
-
-
 def test_names_agree(package_xml, arguments):
     config = configparser.ConfigParser()
     config.read(PROJECT / "setup.cfg")

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 
 import pytest
-from kept_log import KeptLog
 
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
+
+from graph_helpers import KeptLog
 
 from tirgeo_ros.core.types.measurements import FixStatus
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus

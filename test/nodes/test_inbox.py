@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-import tracemalloc
 
 import pytest
 
@@ -102,26 +101,6 @@ def test_what_is_left_of_a_queue_that_ran_over_keeps_its_place(listen):
     assert listener.handled == sorted(kept, key=lambda item: item[1])
 
 
-def test_no_more_waits_than_a_queue_holds(listen):
-    """While it works, more comes: the oldest that waits is given up, and counted."""
-    listener = listen(depth=20)
-    coming = iter(range(20, 60))
-
-    def work(topic: str, stamp_s: int) -> None:
-        listener.handled.append(stamp_s)
-        for number in [next(coming, None), next(coming, None)]:
-            if number is not None:
-                listener.send(IMU, number)
-
-    listener.work = work
-    for number in range(20):
-        listener.send(IMU, number)
-    listener.spin_until(lambda: 59 in listener.handled)
-    given_up = int(listener.inbox.diagnostics[f"given_up.{IMU}"])
-    assert listener.handled == sorted(listener.handled)
-    assert len(listener.handled) == 60 - given_up
-
-
 def test_timers_have_their_turn_while_much_waits(listen):
     listener, ticks = listen(), []
     steady_timer(
@@ -154,23 +133,6 @@ def test_what_fails_is_counted_for_its_own_topic(listen):
     assert item.values[f"{FIX} failed"] == "3"
     assert item.values[f"{FIX} unreadable"] == "1"
     assert not {f"{IMU} failed", f"{IMU} unreadable"} & item.values.keys()
-
-
-def test_what_waits_takes_little_more_than_its_bytes(listen):
-    """A message of 316 bytes with its place in the queue; as an object 1600."""
-    number = 400
-    listener = listen(depth=number)
-    for stamp_s in range(number):
-        listener.send(IMU, stamp_s)
-    time.sleep(0.2)  # most of them are here then
-    tracemalloc.start()
-    listener.inbox._take()
-    waiting, (taken, _) = len(listener.inbox._order), tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert waiting > number / 2  # the rest may be on its way
-    assert taken / waiting < 800
-    listener.send(FIX, number)
-    listener.spin_until(lambda: listener.handled[-1:] == [(FIX, number)])
 
 
 def test_bytes_that_are_no_message_are_counted(listen):

@@ -1,4 +1,4 @@
-"""A node that knows nothing of this package, and waiting for processes."""
+"""A node that knows nothing of this package, one that has only a log, waiting for processes."""
 
 from __future__ import annotations
 
@@ -115,3 +115,29 @@ def await_words(process: NodeProcess, words: str, timeout_s: float = 60.0) -> No
         process.check_running()
         assert time.monotonic() < end_s, f"{process.name} never said {words!r}"
         time.sleep(0.02)
+
+
+class KeptLog:
+    """A node that has nothing but a logger, which keeps its ``lines``: (severity, text)."""
+
+    def __init__(self) -> None:
+        self.lines: list[tuple[str, str]] = []
+
+    def get_logger(self) -> KeptLog:
+        return self
+
+    def get_fully_qualified_name(self) -> str:
+        return "/uav1/ekf_node"
+
+    def info(self, text: str) -> None:
+        self.lines.append(("info", text))
+
+    def warning(self, text: str) -> None:
+        self.lines.append(("warning", text))
+
+    def error(self, text: str) -> None:
+        self.lines.append(("error", text))
+
+    def texts(self, severity: str = "") -> list[str]:
+        """Return the texts of one severity, or all."""
+        return [text for kind, text in self.lines if severity in ("", kind)]

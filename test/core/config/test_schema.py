@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from tirgeo_ros.core.config import NODE_CONFIGS, EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.config.schema import (
-    Parameter,
     config_from,
     group,
     param,
@@ -39,18 +38,6 @@ class Tree:
     count: int = param(2, "a count", ("", 1, 5))
     quick: bool = param(False, "a switch")
     leaf: Leaf = group(Leaf)
-
-
-def test_names_defaults_and_ranges_of_a_tree():
-    found = {p.name: p for p in parameters_of(Tree)}
-    assert list(found) == [
-        "mode", "title", "count", "quick",
-        "leaf.length_m", "leaf.unset_m", "leaf.arms_m", "leaf.place",
-    ]  # fmt: skip
-    assert found["leaf.length_m"] == Parameter("leaf.length_m", 1.5, "a length", "m", -2, 3)
-    assert found["leaf.arms_m"].sizes == (3,)
-    assert found["leaf.place"].sizes == (0, 3)
-    assert found["mode"].choices == ("a", "b")
 
 
 def test_values_are_put_where_they_belong():

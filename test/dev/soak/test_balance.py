@@ -93,12 +93,6 @@ def test_a_frame_without_a_fate_shows():
     assert "1 of 100" in found.contradictions[0]
 
 
-def test_the_last_frames_of_a_life_that_was_not_killed_must_be_told():
-    book = ledger()
-    found = balance(book, [report(book, 4.0, 79, 80, drawn=80)], [(-3.0, 10.0, False)])
-    assert found.unaccounted == 20
-
-
 @pytest.mark.parametrize(("drawn", "blind"), [(0, 1), (3, 0)])
 def test_a_life_that_never_draws_shows(drawn, blind):
     book = ledger()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -93,18 +92,6 @@ def test_frames_without_account_are_missed():
     odd = Balance(10, contradictions=["1 of 100"])
     odd.fates["drawn"] = 10
     assert missed(frame_figures(odd)) == ["reports that contradict themselves"]
-
-
-def test_a_schedule_is_the_same_for_a_seed_and_touches_everything():
-    events = schedule(1, 600.0)
-    assert events == schedule(1, 600.0)
-    assert events != schedule(2, 600.0)
-    happened = {(event.kind, event.node) for event in events}
-    assert happened >= {(kind, node) for kind in (Kind.KILL, Kind.STOP) for node in NODES}
-    assert {Kind.JUMP, Kind.BUSY} <= {event.kind for event in events}
-    for before, after in pairwise(events):
-        assert after.at_s >= before.at_s + before.lasts_s + 4.0
-    assert events[-1].at_s + events[-1].lasts_s <= 592.0
 
 
 def test_each_life_is_run_in_within_its_first_minute():

@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 
 import pytest
-from verb_parsers import verb_parsers
+from project import verb_parsers
 
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.files.whole_files import check_outputs
