@@ -39,36 +39,3 @@ def test_silence_of_what_is_needed_is_a_warning(clock):
     assert (item.level, item.message) == (WARN, "silent: imu/data")
     monitor.received("imu/data")
     assert monitor.item("x").level == OK
-    clock[0] += 3.0
-    monitor.forget("imu/data")
-    assert monitor.item("x").level == OK
-
-
-def test_what_the_transport_lost_is_counted_on_until_it_is_forgotten(clock):
-    monitor = Monitor()
-    for number in (1, 5, 5):
-        monitor.lost("thermal/image_raw", number)
-        clock[0] += 1.0
-    assert monitor.item("x").values["thermal/image_raw lost"] == "5"
-    assert monitor.item("x").values["thermal/image_raw lost"] == "5"
-    monitor.forget("thermal/image_raw")
-    monitor.lost("thermal/image_raw", 1)
-    assert "thermal/image_raw lost" not in monitor.item("x").values
-
-
-def test_a_forgotten_topic_stays_forgotten(clock):
-    """An executor hands over what it had queued after the subscription was destroyed."""
-    monitor = Monitor()
-    monitor.listens("imu/data")
-    monitor.received("imu/data")
-    monitor.refused("imu/data")
-    monitor.forget("imu/data")
-    monitor.received("imu/data")
-    monitor.refused("imu/data")
-    for _ in range(2):
-        clock[0] += 1.0
-        assert monitor.item("x").values == {}
-    monitor.listens("imu/data")
-    monitor.received("imu/data")
-    clock[0] += 1.0
-    assert monitor.item("x").values["imu/data rate [Hz]"] == "1.0"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -52,13 +53,16 @@ class GimbalNode(Node):
         if config.composition != "paper":
             self._listen("gimbal/joint_states", self._take_joints)
         self._listen("gimbal/attitude", self._take_attitude)
-        self._imu: Any = None  # the subscription, or None while there is none
-        self._listen_for_paper()
+        self._listen("imu/data", self._take_autopilot, wrapped=self._unless_encoders, raw=True)
         self._logged_composition = ""
         self._diagnostics = Diagnostics(self, self._messages, self._monitor, self._items)
 
-    def _listen(self, topic: str, take: Any) -> Any:
-        return subscribe(self, topic, take, sensor_input(), self._monitor)
+    def _listen(self, topic: str, take: Any, **options: Any) -> None:
+        subscribe(self, topic, take, sensor_input(), self._monitor, **options)
+
+    def _unless_encoders(self, receive: Callable[[bytes], None]) -> Callable[[bytes], None]:
+        """Return ``receive`` that skips the IMU's many messages while joint angles drive."""
+        return lambda data: receive(data) if self._composer.composition != "encoders" else None
 
     def _take_body(self, message: Any) -> None:
         pose = body_pose(message)
@@ -72,7 +76,9 @@ class GimbalNode(Node):
 
     def _take_attitude(self, message: Any) -> None:
         sample = self._stamped("gimbal/attitude", camera_attitude(message))
-        if self._imu is not None:  # the checks below compare it with the joint angles in any case
+        if (
+            self._composer.composition != "encoders"
+        ):  # the checks below compare it with the joint angles in any case
             self._publish(self._composer.add_attitude(sample))
         self._setup.take(self._checks.reported, sample)
 
@@ -95,20 +101,10 @@ class GimbalNode(Node):
         if composition != self._logged_composition:
             self.get_logger().info(f"composition: {composition}")
             self._logged_composition = composition
-        self._listen_for_paper()
         name = item_name(self, "camera pose")
         values = self._composer.diagnostics | self._arrivals.diagnostics
         item = DiagnosticItem(name, OK, f"composition: {composition}", values)
         return [item, self._setup.item()]
-
-    def _listen_for_paper(self) -> None:
-        """Listen to the IMU, which the composition "paper" needs, except while encoders are used."""
-        if self._composer.composition != "encoders":
-            self._imu = self._imu or self._listen("imu/data", self._take_autopilot)
-        elif self._imu is not None:
-            self.destroy_subscription(self._imu)
-            self._monitor.forget("imu/data")
-            self._imu = None
 
 
 main = partial(run, "gimbal_node", GimbalNode)

@@ -60,7 +60,6 @@ def subscribe(
     message is decoded just before ``handle``.
     """
     kind = message_class(typename or TOPIC_TYPES[topic])
-    monitor.listens(topic)
     work = (lambda data: handle(_message(kind, data))) if raw else handle
     take = guarded(node, monitor, topic, work)
 
