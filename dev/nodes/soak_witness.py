@@ -16,14 +16,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rclpy.node import Node
 
 from tirgeo_ros.core.overlay.text_boxes import status_box
 from tirgeo_ros.io.messages import camera_pose, image_pixels, stamp_ns
-from tirgeo_ros.nodes.monitor import Monitor
+from tirgeo_ros.nodes.graph_node import GraphNode
 from tirgeo_ros.nodes.qos import output
 from tirgeo_ros.nodes.runner import run
-from tirgeo_ros.nodes.topics import subscribe
 
 #: A busy machine must lose nothing on this side.
 _DEPTH = 1000
@@ -43,17 +41,16 @@ def line_pixels(image: Any) -> int:
     return int(lines[: status_box(image).top].sum())
 
 
-class Witness(Node):
+class Witness(GraphNode):
     """Poses, pictures and diagnostics into a file."""
 
     def __init__(self) -> None:
         super().__init__("soak_witness")
         path = Path(self.declare_parameter("output", "").value)
         self.resources = path.open("w", buffering=1)
-        self._monitor = Monitor()
-        subscribe(self, "tirgeo/camera_pose", self._pose, output(_DEPTH), self._monitor)
-        subscribe(self, "tirgeo/overlay/image", self._picture, output(_PICTURES), self._monitor)
-        subscribe(self, "/diagnostics", self._diagnostics, output(_DEPTH), self._monitor)
+        self.listen("tirgeo/camera_pose", self._pose, output(_DEPTH))
+        self.listen("tirgeo/overlay/image", self._picture, output(_PICTURES))
+        self.listen("/diagnostics", self._diagnostics, output(_DEPTH))
 
     def _pose(self, message: Any) -> None:
         pose = camera_pose(message)

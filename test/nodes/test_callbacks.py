@@ -13,40 +13,36 @@ rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402 as above
 from graph_helpers import KeptLog  # noqa: E402
 from rclpy.exceptions import InvalidHandle  # noqa: E402
-from rclpy.node import Node  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
 from tirgeo_ros.core.types.errors import MessageError  # noqa: E402
-from tirgeo_ros.io.messages import Messages  # noqa: E402
-from tirgeo_ros.nodes.callbacks import guarded, steady_timer  # noqa: E402
-from tirgeo_ros.nodes.diagnostics import Diagnostics  # noqa: E402
+from tirgeo_ros.nodes.graph_node import GraphNode  # noqa: E402
 from tirgeo_ros.nodes.monitor import ERROR, OK, Monitor  # noqa: E402
 from tirgeo_ros.nodes.qos import output  # noqa: E402
 from tirgeo_ros.nodes.runner import _spin, make_executor  # noqa: E402
-from tirgeo_ros.nodes.topics import message_class, subscribe  # noqa: E402
 
 
 @pytest.fixture
 def node(environment):
     """In the default context, where the executor of the nodes is."""
     rclpy.init(args=[], domain_id=int(environment["ROS_DOMAIN_ID"]))
-    node = Node("listener")
+    node = GraphNode("listener")
     yield node
     node.destroy_node()
     rclpy.try_shutdown()
 
 
 def test_bad_data_is_counted_with_its_reason_and_warned_of_once():
-    log, monitor = KeptLog(), Monitor()
+    log = KeptLog()
 
     def work(message):
         raise MessageError(f"rtk/fix: {message}")
 
-    call = guarded(log, monitor, "rtk/fix", work)
+    call = log.guarded("rtk/fix", work)
     assert not any(call(number) for number in range(3))
     assert not call("\x1b[2J\n" * 10_000)
     assert log.texts("warning") == ["rtk/fix: rtk/fix: 0"]
-    item = monitor.item("x")
+    item = log.monitor.item("x")
     assert item.level == OK
     assert item.values["rtk/fix unreadable"] == "4"
     because = item.values["rtk/fix unreadable because"]
@@ -55,8 +51,8 @@ def test_bad_data_is_counted_with_its_reason_and_warned_of_once():
 
 
 def test_a_fault_of_the_program_shows_once_with_its_place_and_stays_an_error():
-    log, monitor = KeptLog(), Monitor()
-    call = guarded(log, monitor, "tirgeo/origin", lambda n: [1 / n if n < 2 else [][n]])
+    log = KeptLog()
+    call = log.guarded("tirgeo/origin", lambda n: [1 / n if n < 2 else [][n]])
     assert call(1)
     for number in (0, 0, 5, 0):
         assert not call(number)
@@ -65,7 +61,7 @@ def test_a_fault_of_the_program_shows_once_with_its_place_and_stays_an_error():
     assert "test_callbacks.py" in first
     assert call(1)
     for _ in range(2):
-        item = monitor.item("x")
+        item = log.monitor.item("x")
         assert item.level == ERROR
         assert "tirgeo/origin: ZeroDivisionError at test_callbacks.py:" in item.message
         assert item.values["tirgeo/origin failed"] == "4"
@@ -73,15 +69,15 @@ def test_a_fault_of_the_program_shows_once_with_its_place_and_stays_an_error():
 
 def test_a_node_outlives_what_its_callbacks_and_timers_raise(node):
     """Over the executor of the nodes: a subscription, a timer, and its own diagnostics."""
-    monitor, ticks, heard = Monitor(), [], []
+    ticks, heard = [], []
 
     def work(*message):
         ticks.append(message)
         raise ValueError("math domain error")
 
-    subscribe(node, "words", work, output(), monitor, "std_msgs/msg/String")
-    steady_timer(node, monitor, "drawing", 0.01, work)
-    Diagnostics(node, Messages(message_class), monitor, work)
+    node.listen("words", work, output(), "std_msgs/msg/String")
+    node.steady_timer("drawing", 0.01, work)
+    node.report_each_second(work)
     node.create_subscription(DiagnosticArray, "/diagnostics", heard.append, 10)
     words = node.create_publisher(String, "words", 10)
     executor = make_executor()
@@ -123,7 +119,7 @@ def test_one_thread_reads_what_another_writes():
         number = 0
         while not stop.is_set():
             number += 1
-            monitor.took(f"topic {number}", 0.001)
+            monitor.published(f"topic {number}", 0.001)
 
     usual_s = sys.getswitchinterval()
     sys.setswitchinterval(1e-6)

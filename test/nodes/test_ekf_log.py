@@ -67,7 +67,7 @@ def test_ros_takes_both_severities():
     """Its logger raises where one line of code logs with two of them."""
     logging = pytest.importorskip("rclpy.logging", reason="needs ROS 2 or its wheels")
 
-    class Node:
+    class Node(KeptLog):
         def get_logger(self):
             return logging.get_logger("test_state_log")
 

@@ -20,7 +20,7 @@ from std_srvs.srv import Trigger
 
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import Messages, navigation_status
-from tirgeo_ros.nodes.topics import message_class
+from tirgeo_ros.nodes.graph_node import message_class
 
 pytestmark = pytest.mark.graph
 

@@ -23,15 +23,13 @@ from overlays import PLANE, SQUARE_N, distances, ink_on, pose_at, true_outline
 from rclpy import event_handler
 from rclpy.context import Context
 from rclpy.event_handler import EventHandler, QoSSubscriptionEventType
-from rclpy.node import Node
 from sensor_msgs.msg import Image, NavSatFix
 
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.io.messages import ground_point, image_pixels, stamp_ns
-from tirgeo_ros.nodes.monitor import Monitor
+from tirgeo_ros.nodes.graph_node import GraphNode
 from tirgeo_ros.nodes.qos import sensor_input
-from tirgeo_ros.nodes.topics import subscribe
 
 pytestmark = pytest.mark.graph
 
@@ -251,9 +249,9 @@ def test_where_the_middleware_tells_of_no_losses_all_else_works(monkeypatch):
 
     context = Context()
     rclpy.init(context=context, args=[])
-    node = Node("listener", context=context)
+    node = GraphNode("listener", context=context)
     monkeypatch.setattr(event_handler, "EventHandler", unable)
-    subscription = subscribe(node, "imu/data", print, sensor_input(), Monitor())
+    subscription = node.listen("imu/data", print, sensor_input())
     assert subscription.topic_name == "/imu/data"
     node.destroy_node()
     context.try_shutdown()

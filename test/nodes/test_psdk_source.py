@@ -17,14 +17,14 @@ from geometry_msgs.msg import (
     Vector3Stamped,
 )
 from graph_helpers import await_words
-from rclpy.node import Node
 from sensor_msgs.msg import Imu, JointState, NavSatFix
 from std_msgs.msg import UInt8
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.nodes import psdk_source
-from tirgeo_ros.nodes.monitor import OK, WARN, Monitor
+from tirgeo_ros.nodes.graph_node import GraphNode
+from tirgeo_ros.nodes.monitor import OK, WARN
 from tirgeo_ros.nodes.psdk_source import PsdkSource
 
 pytestmark = pytest.mark.graph
@@ -36,11 +36,11 @@ class Aircraft:
     """A node with a PsdkSource, as dji_node is one, that keeps what it is given."""
 
     def __init__(self, stranger, prefix: str = "psdk_ros2") -> None:
-        self.node = Node("aircraft", context=stranger.context)
+        self.node = GraphNode("aircraft", context=stranger.context)
         stranger.executor.add_node(self.node)
         self.readings = []
         config = DjiConfig(source="psdk", psdk_prefix=prefix)
-        self.source = PsdkSource(self.node, config, self.readings.extend, Monitor())
+        self.source = PsdkSource(self.node, config, self.readings.extend)
 
 
 @pytest.fixture

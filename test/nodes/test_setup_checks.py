@@ -44,8 +44,8 @@ class FakeChecks:
 
 
 def setup_of(*checks: FakeChecks) -> tuple[SetupChecks, KeptLog, Monitor]:
-    node, monitor = KeptLog(), Monitor()
-    return SetupChecks(node, monitor, *checks), node, monitor
+    node = KeptLog()
+    return SetupChecks(node, *checks), node, node.monitor
 
 
 def test_the_item_has_the_worst_level_and_every_finding():
@@ -173,6 +173,7 @@ class FakeNode:
     """A node of a namespace in a graph whose publishers are given: names with types."""
 
     def __init__(self, **published: str) -> None:
+        self.monitor = Monitor()
         self.published = {f"/{name.replace('__', '/')}": kind for name, kind in published.items()}
 
     def get_namespace(self) -> str:
@@ -191,10 +192,9 @@ class FakeNode:
 
 
 def checks_of(node: FakeNode, heard: str = "") -> InputChecks:
-    monitor = Monitor()
     if heard:
-        monitor.received(heard)
-    return InputChecks(node, monitor, (JOINTS, ATTITUDE))
+        node.monitor.received(heard)
+    return InputChecks(node, (JOINTS, ATTITUDE))
 
 
 def test_another_type_is_told_at_once():

@@ -13,6 +13,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from tirgeo_ros.io.messages import diagnostic_level
+from tirgeo_ros.nodes.graph_node import GraphNode
+from tirgeo_ros.nodes.monitor import Monitor
 from tirgeo_ros.tools.graph.node_process import NodeProcess
 
 #: By default a reader that halts, as on a machine with other work, finds the samples of the last
@@ -120,8 +122,12 @@ def await_words(process: NodeProcess, words: str, timeout_s: float = 60.0) -> No
 class KeptLog:
     """A node that has nothing but a logger, which keeps its ``lines``: (severity, text)."""
 
+    log, guarded, item = GraphNode.log, GraphNode.guarded, GraphNode.item
+    item_name = GraphNode.item_name
+
     def __init__(self) -> None:
         self.lines: list[tuple[str, str]] = []
+        self.monitor = Monitor()
 
     def get_logger(self) -> KeptLog:
         return self

@@ -16,15 +16,14 @@ from pathlib import Path
 from typing import Any
 
 from rclpy.duration import Duration
-from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import Header
 
 from tirgeo_ros.core.config import BagPlayerConfig
 from tirgeo_ros.core.types.errors import BagError, ConfigError, shown
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader
-from tirgeo_ros.io.messages import Messages, stamp_ns
-from tirgeo_ros.nodes.callbacks import log
+from tirgeo_ros.io.messages import stamp_ns
+from tirgeo_ros.nodes.graph_node import GraphNode, message_class
 from tirgeo_ros.nodes.monitor import OK, WARN
 from tirgeo_ros.nodes.parameters import declare
 from tirgeo_ros.nodes.play_clock import PlayClock
@@ -32,7 +31,6 @@ from tirgeo_ros.nodes.playlist import aircraft_topics, await_readers, publishers
 from tirgeo_ros.nodes.qos import output
 from tirgeo_ros.nodes.runner import run
 from tirgeo_ros.nodes.simulated_serial_aircraft import SerialAircraft
-from tirgeo_ros.nodes.topics import advertise, message_class
 
 #: Time limit in total. A reader that lost nothing may acknowledge only at the next heartbeat,
 #: every 3 s.
@@ -45,7 +43,7 @@ SHIFTED = "live: stamps are later than the bag's by"
 Due = tuple[int, Callable[[], None]]  # bag time in ns, and the call to make at that time
 
 
-class BagPlayer(Node):
+class BagPlayer(GraphNode):
     """Play one bag: its publishers, its clock and, if live, the simulated aircraft on a port."""
 
     def __init__(self) -> None:
@@ -65,8 +63,7 @@ class BagPlayer(Node):
         port = self._config.serial_port
         spoken = aircraft_topics(topics, wanted) if port else {}
         self._topics = publishers_for(self, topics, wanted, spoken)
-        self._clock_publisher = None if self._config.live else advertise(self, "/clock", output())
-        self._messages = Messages(message_class)
+        self._clock_publisher = None if self._config.live else self.advertise("/clock", output())
         config = self._config.simulated_aircraft, self._config.aircraft
         self._aircraft = SerialAircraft(port, *config, spoken) if port else None
         self.resources = self._aircraft.terminal if self._aircraft else None
@@ -78,14 +75,14 @@ class BagPlayer(Node):
             self, topics, config.wait_for, config.wait_timeout_s, stop, self._attend
         )
         if missing:
-            log(self, WARN, f"playing without {missing}")
-        log(self, OK, f"playing {config.bag}")
+            self.log(WARN, f"playing without {missing}")
+        self.log(OK, f"playing {config.bag}")
         self._play_once(stop)
         while self._config.loop and not stop.is_set():
             self._play_once(stop)
         self._await_acknowledgement(stop)
         if self._aircraft is not None and self._aircraft.losses:
-            self.get_logger().warning(f"not played: {self._aircraft.losses}")
+            self.log(WARN, f"not played: {self._aircraft.losses}")
         if self._reader.damage:
             raise BagError(f"{self._config.bag}: {self._reader.damage}")
         return 0
@@ -114,7 +111,7 @@ class BagPlayer(Node):
                 break
             give()
             count += 1
-        log(self, OK, f"played {count} messages of {self._config.bag}")
+        self.log(OK, f"played {count} messages of {self._config.bag}")
 
     def _schedule(self, start_ns: int, shift_ns: int) -> Iterator[Due]:
         """Yield the calls to make, in order of bag time (ns)."""
@@ -153,7 +150,7 @@ class BagPlayer(Node):
 
     def _tick(self, bag_ns: int) -> None:
         if self._clock_publisher is not None:
-            self._clock_publisher.publish(self._messages.clock(bag_ns))
+            self._clock_publisher.publish(self.messages.clock(bag_ns))
 
 
 def move_stamps(part: Any, shift_ns: int) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from tirgeo_ros.nodes.callbacks import told
+from tirgeo_ros.nodes.graph_node import told
 
 _FRAMES = 100
 

@@ -12,13 +12,10 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from tirgeo_ros.core.streams.arrival_order import ArrivalOrder
-from tirgeo_ros.nodes.callbacks import told
-from tirgeo_ros.nodes.monitor import Monitor
-from tirgeo_ros.nodes.topics import subscribe
+from tirgeo_ros.nodes.graph_node import GraphNode, told
 
 #: Number of messages handled before the executor runs again: timers, services, more messages.
 _AT_ONCE = 4
@@ -37,8 +34,8 @@ class Inbox:
     counted.
     """
 
-    def __init__(self, node: Node, monitor: Monitor) -> None:
-        self._node, self._monitor = node, monitor
+    def __init__(self, node: GraphNode) -> None:
+        self._node = node
         self._order: ArrivalOrder[_Waiting] = ArrivalOrder()
         # For each topic: its depth, the function that takes a message with its info, and the
         # callback that puts it into the order.
@@ -54,19 +51,17 @@ class Inbox:
     def subscribe(self, topic: str, handle: Callable[[Any], None], qos: QoSProfile) -> None:
         """Have ``handle`` called with each message in its turn; ``taken_ns`` is its arrival."""
         deferred = partial(self._deferred, topic)
-        made = subscribe(self._node, topic, handle, qos, self._monitor, wrapped=deferred, raw=True)
+        made = self._node.listen(topic, handle, qos, wrapped=deferred, raw=True)
         depth = made.qos_profile.depth
         self._order.open(topic, depth)
         take = partial(made.handle.take_message, made.msg_type, made.raw)
         self._sources.append((depth, take, made.callback))
 
     def _deferred(self, topic: str, receive: Callable[[Any], None]) -> Callable[..., None]:
-        clock = self._node.get_clock()
-
         def put(data: bytes, info: Any) -> None:
             # Not every middleware gives the time of reception.
             arrived_ns = info["received_timestamp"] or info["source_timestamp"]
-            self._order.put(topic, arrived_ns, (receive, data, clock.now().nanoseconds))
+            self._order.put(topic, arrived_ns, (receive, data, self._node.now_ns))
             if not (self._taking or self._resumes):
                 self._work()
 

@@ -9,15 +9,13 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import final
 
-from rclpy.node import Node
-
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.overlay.map_renderer import DrapedMap
 from tirgeo_ros.core.types.errors import MapError, TirgeoError
 from tirgeo_ros.io.maps import map_files
 from tirgeo_ros.io.maps.map_process import MapContents, MapProcess
-from tirgeo_ros.nodes.callbacks import log
+from tirgeo_ros.nodes.graph_node import GraphNode
 from tirgeo_ros.nodes.monitor import OK, WARN
 from tirgeo_ros.nodes.runner import done_or_stopped
 
@@ -38,7 +36,7 @@ class MapWatch:
     """
 
     def __init__(
-        self, node: Node, config: OverlayConfig, plane: Callable[[], TangentPlane | None]
+        self, node: GraphNode, config: OverlayConfig, plane: Callable[[], TangentPlane | None]
     ) -> None:
         self.counts = {"reloads": 0, "reload_errors": 0}
         self.error = ""  # of the newest change; empty if the map is up to date
@@ -87,7 +85,7 @@ class MapWatch:
         if isinstance(result, TirgeoError):
             self.counts["reload_errors"] += 1
             if str(result) != self.error:
-                log(self._node, WARN, f"the map stays as it was: {result}")
+                self._node.log(WARN, f"the map stays as it was: {result}")
             self.error = str(result)
             return None
         self.error = ""
@@ -97,9 +95,9 @@ class MapWatch:
         return result
 
     def _log_contents(self, words: str, contents: MapContents) -> None:
-        log(self._node, OK, f"{words}: {contents.features} features")
+        self._node.log(OK, f"{words}: {contents.features} features")
         for note in contents.left_out:
-            log(self._node, WARN, note)
+            self._node.log(WARN, note)
 
     def _run(self) -> None:
         # One thread for all: the child process ends with the thread that started it.

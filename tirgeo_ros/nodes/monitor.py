@@ -6,8 +6,6 @@ import threading
 import time
 from collections import Counter
 
-from rclpy.clock import Clock
-
 from tirgeo_ros.io.messages import DiagnosticItem
 
 OK, WARN, ERROR = 0, 1, 2
@@ -63,12 +61,8 @@ class Monitor:
         with self._lock:
             self._lost[topic] = number
 
-    def published(self, topic: str, clock: Clock, stamp_ns: int) -> None:
-        """Count a published message; its latency is the clock's time minus ``stamp_ns``."""
-        self.took(topic, 1e-9 * (clock.now().nanoseconds - stamp_ns))
-
-    def took(self, topic: str, latency_s: float) -> None:
-        """Count a published message and its latency (s)."""
+    def published(self, topic: str, latency_s: float) -> None:
+        """Count a published message, and its age or the time that it took."""
         with self._lock:
             self._window[topic] += 1
             self._latency_s.setdefault(topic, []).append(latency_s)

@@ -7,7 +7,6 @@ from functools import partial
 from typing import Any
 
 import cv2
-from rclpy.node import Node
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.checks.map_checks import MapChecks
@@ -23,7 +22,6 @@ from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.messages import (
     DiagnosticItem,
-    Messages,
     camera,
     camera_pose,
     compressed_pixels,
@@ -35,16 +33,14 @@ from tirgeo_ros.io.messages import (
     tangent_plane,
 )
 from tirgeo_ros.io.pictures.camera_file import given_camera
-from tirgeo_ros.nodes.callbacks import log, steady_timer
-from tirgeo_ros.nodes.diagnostics import Diagnostics, item_name
 from tirgeo_ros.nodes.frame_statistics import FrameStatistics
+from tirgeo_ros.nodes.graph_node import GraphNode
 from tirgeo_ros.nodes.map_watch import MapWatch
-from tirgeo_ros.nodes.monitor import OK, WARN, Monitor
+from tirgeo_ros.nodes.monitor import OK, WARN
 from tirgeo_ros.nodes.parameters import declare, given_names
 from tirgeo_ros.nodes.qos import IMAGE_DEPTH, latched, output, sensor_input
 from tirgeo_ros.nodes.runner import run, unless_stopped
 from tirgeo_ros.nodes.setup_checks import SUBJECT, InputChecks, SetupChecks
-from tirgeo_ros.nodes.topics import advertise, message_class, subscribe
 
 _CLICKS = 10
 #: Period (s) of the timer that checks frames that wait for their poses.
@@ -55,7 +51,7 @@ _RAW, _COMPRESSED = "thermal/image_raw", "thermal/image_raw/compressed"
 _INFO = "thermal/camera_info"
 
 
-class OverlayNode(Node):
+class OverlayNode(GraphNode):
     """Connect one Overlay with its topics."""
 
     def __init__(self) -> None:
@@ -63,43 +59,37 @@ class OverlayNode(Node):
         cv2.setNumThreads(1)  # a frame is too little work for several threads
         self._config = declare(self, OverlayConfig)
         if not self._config.map:
-            self.get_logger().warning("no map: set the parameter map to its file")
+            self.log(WARN, "no map: set the parameter map to its file")
         layers = None if self._config.map else ()
         ground = unless_stopped(partial(ground_of, self._config))
         for note in ground.notes if isinstance(ground, Terrain) else ():
-            log(self, WARN, f"{self._config.dem}: {note}")
+            self.log(WARN, f"{self._config.dem}: {note}")
         terrain = ground if isinstance(ground, Terrain) else None
         self._overlay = Overlay(self._config, layers, terrain)
-        self._monitor = Monitor()
         self._map_checks = MapChecks(ground)
         self._picture_checks = PictureChecks(
             self._config, ground, given_names(self, OverlayConfig)
         )
         info = [] if self._config.camera else [(_INFO,)]
-        inputs = InputChecks(self, self._monitor, (_RAW, _COMPRESSED), *info)
-        self._setup = SetupChecks(
-            self, self._monitor, inputs, self._map_checks, self._picture_checks
-        )
+        inputs = InputChecks(self, (_RAW, _COMPRESSED), *info)
+        self._setup = SetupChecks(self, inputs, self._map_checks, self._picture_checks)
         self._verdicts: dict[str, DrawingVerdict] = {}  # of the nodes, by the names of their items
         self._camera = given_camera(self._config)
         if self._camera is not None:
             self._set_camera(self._camera)
         self._logged_notes: tuple[str, ...] = ()  # notes on the current map
         self.resources = MapWatch(self, self._config, lambda: self._overlay.plane)
-        self._messages = Messages(message_class)
         self._frames = FrameStatistics()
         self._arrivals = Arrivals()
-        self._image = advertise(self, "tirgeo/overlay/image", output(IMAGE_DEPTH))
-        self._jpeg = advertise(self, "tirgeo/overlay/image/compressed", output(IMAGE_DEPTH))
-        self._fix = advertise(self, "tirgeo/locate/fix", output())
-        self._point = advertise(self, "tirgeo/locate/point", output())
+        self._image = self.advertise("tirgeo/overlay/image", output(IMAGE_DEPTH))
+        self._jpeg = self.advertise("tirgeo/overlay/image/compressed", output(IMAGE_DEPTH))
+        self._fix = self.advertise("tirgeo/locate/fix", output())
+        self._point = self.advertise("tirgeo/locate/point", output())
         self._click_refused = ""  # why the last click was refused
-        self._timer = steady_timer(
-            self, self._monitor, "drawing", _RELEASE_PERIOD_S, self._release
-        )
+        self._timer = self.steady_timer("drawing", _RELEASE_PERIOD_S, self._release)
         self._timer.cancel()
         self._subscribe()
-        self._diagnostics = Diagnostics(self, self._messages, self._monitor, self._items)
+        self.report_each_second(self._items)
         gc.freeze()  # keep a large map out of garbage collection while the video runs
 
     def _subscribe(self) -> None:
@@ -107,7 +97,7 @@ class OverlayNode(Node):
         for topic, pixels_of in ((_RAW, image_pixels), (_COMPRESSED, compressed_pixels)):
             take_frame = partial(self._take_frame, topic, pixels_of)
             counted = partial(self._frames.listening, topic)
-            subscribe(self, topic, take_frame, frames, self._monitor, wrapped=counted)
+            self.listen(topic, take_frame, frames, wrapped=counted)
         for topic, take, qos in (
             ("tirgeo/camera_pose", self._take_pose, output()),
             ("tirgeo/origin", self._take_origin, latched()),
@@ -115,14 +105,14 @@ class OverlayNode(Node):
             # Best effort, so that any publisher is compatible.
             ("tirgeo/locate/pixel", self._take_click, sensor_input(_CLICKS)),
         ):
-            subscribe(self, topic, take, qos, self._monitor)
-        self._monitor.expects("tirgeo/camera_pose")
+            self.listen(topic, take, qos)
+        self.monitor.expects("tirgeo/camera_pose")
         if self._camera is None:
-            subscribe(self, _INFO, lambda m: self._set_camera(camera(m)), info, self._monitor)
-            self._monitor.expects(_INFO)
+            self.listen(_INFO, lambda m: self._set_camera(camera(m)), info)
+            self.monitor.expects(_INFO)
 
     def _take_frame(self, topic: str, pixels_of: Any, message: Any) -> None:
-        now_ns = self._now_ns()
+        now_ns = self.now_ns
         stamp = self._arrivals.stamp_ns(topic, stamp_ns(message), now_ns)
         self._frames.arrived(stamp)
         pixels = pixels_of(message)
@@ -154,8 +144,8 @@ class OverlayNode(Node):
         clicked_ns, u, v = pixel(message)
         answer = self._overlay.clicks.locate((u, v), clicked_ns)
         if isinstance(answer, Located):
-            self._fix.publish(self._messages.located_fix(answer))
-            self._point.publish(self._messages.located_point(answer))
+            self._fix.publish(self.messages.located_fix(answer))
+            self._point.publish(self.messages.located_point(answer))
             self._click_refused = ""
             return
         self._click_refused = answer.reason.value
@@ -183,10 +173,10 @@ class OverlayNode(Node):
         if not self._overlay.frames:
             return
         self._renew_map()
-        result = self._overlay.take(self._now_ns())
+        result = self._overlay.take(self.now_ns)
         if result is not None:
             self._publish(result)
-            self._monitor.took("tirgeo/overlay/image", self._frames.left(result.stamp_ns))
+            self.monitor.published("tirgeo/overlay/image", self._frames.left(result.stamp_ns))
         if not self._overlay.frames:
             self._timer.cancel()
 
@@ -199,21 +189,18 @@ class OverlayNode(Node):
             if self._overlay.notes != self._logged_notes:
                 self._logged_notes = self._overlay.notes
                 for note in self._logged_notes:
-                    log(self, WARN, note)
+                    self.log(WARN, note)
         elif self.resources.error:
             self._overlay.map_failed()
             self._setup.take(self._map_checks.failed, self.resources.error)
 
     def _publish(self, result: OverlayResult) -> None:
         if self._image.get_subscription_count():
-            self._image.publish(self._messages.image(result.stamp_ns, result.image))
+            self._image.publish(self.messages.image(result.stamp_ns, result.image))
         if self._jpeg.get_subscription_count():
             quality = [cv2.IMWRITE_JPEG_QUALITY, self._config.jpeg_quality]
             jpeg = cv2.imencode(".jpg", result.image, quality)[1].tobytes()
-            self._jpeg.publish(self._messages.compressed(result.stamp_ns, jpeg))
-
-    def _now_ns(self) -> int:
-        return int(self.get_clock().now().nanoseconds)
+            self._jpeg.publish(self.messages.compressed(result.stamp_ns, jpeg))
 
     def _items(self) -> list[DiagnosticItem]:
         self._renew_map()
@@ -231,8 +218,7 @@ class OverlayNode(Node):
         values |= self._frames.values | self._arrivals.diagnostics
         waits = f"no map yet: {overlay.no_map_yet}" if overlay.no_map_yet else ""
         level, message = (WARN, watch.error) if watch.error else (OK, waits or "ok")
-        item = DiagnosticItem(item_name(self, "overlay"), level, message, values)
-        return [item, self._setup.item()]
+        return [self.item("overlay", values, message, level), self._setup.item()]
 
 
 main = partial(run, "overlay_node", OverlayNode)

@@ -11,8 +11,8 @@ from rclpy.publisher import Publisher
 
 from tirgeo_ros.core.types.errors import BagError, ConfigError, shown
 from tirgeo_ros.io.messages import DJI_TOPICS, SENSED_TOPICS
+from tirgeo_ros.nodes.graph_node import message_class
 from tirgeo_ros.nodes.qos import STREAM_DEPTH, latched, output
-from tirgeo_ros.nodes.topics import message_class
 
 _DEPTH = 100
 _STEADY_S = 1.0

@@ -14,7 +14,6 @@ from operator import attrgetter
 from typing import Any
 
 from rclpy.exceptions import InvalidTopicNameException
-from rclpy.node import Node
 from rclpy.validate_topic_name import validate_topic_name
 
 from tirgeo_ros.core.config import DjiConfig
@@ -22,11 +21,9 @@ from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.dji.sources.psdk import PsdkDecoder
 from tirgeo_ros.dji.sources.readings import Quaternion, Reading, Vector
 from tirgeo_ros.io.messages import DiagnosticItem, stamp_ns
-from tirgeo_ros.nodes.callbacks import log, steady_timer
-from tirgeo_ros.nodes.diagnostics import item_name
-from tirgeo_ros.nodes.monitor import OK, SILENT_S, WARN, Monitor
+from tirgeo_ros.nodes.graph_node import GraphNode, message_class
+from tirgeo_ros.nodes.monitor import OK, SILENT_S, WARN
 from tirgeo_ros.nodes.qos import sensor_input
-from tirgeo_ros.nodes.topics import message_class, subscribe
 
 #: Period (s) of the check for RTK values that wait for their flags.
 _DUE_S = 0.01
@@ -78,11 +75,7 @@ class PsdkSource:
     """Subscribe to psdk_ros2 and pass the readings of its messages to ``take``."""
 
     def __init__(
-        self,
-        node: Node,
-        config: DjiConfig,
-        take: Callable[[list[Reading]], None],
-        monitor: Monitor,
+        self, node: GraphNode, config: DjiConfig, take: Callable[[list[Reading]], None]
     ) -> None:
         """Raise ConfigError for a prefix that is no valid topic name."""
         self._node, self._take = node, take
@@ -96,10 +89,10 @@ class PsdkSource:
             if topic not in missing:
                 name, typename = self._prefix + topic, _TOPICS[topic][0]
                 take = partial(self.handle, topic)
-                subscribe(node, name, take, sensor_input(), monitor, typename)
+                node.listen(name, take, sensor_input(), typename)
         for topic in _NEEDED:
-            monitor.expects(self._prefix + topic)
-        self._timer = steady_timer(node, monitor, "waiting for flags", _DUE_S, self._due)
+            node.monitor.expects(self._prefix + topic)
+        self._timer = node.steady_timer("waiting for flags", _DUE_S, self._due)
         self._log_changes()
 
     @staticmethod
@@ -112,18 +105,18 @@ class PsdkSource:
         warnings = self._log_changes()
         values = {name: str(number) for name, number in self._decoder.counts.items()}
         level, message = (WARN, "; ".join(warnings)) if warnings else (OK, "ok")
-        return DiagnosticItem(item_name(self._node, "psdk"), level, message, values)
+        return self._node.item("psdk", values, message, level)
 
     def handle(self, topic: str, message: Any) -> None:
         """Handle a message of psdk_ros2; ``topic`` is its name without the prefix."""
         self._heard_s = time.monotonic()
         values = _TOPICS[topic][1](message)
-        arrival_ns = self._node.get_clock().now().nanoseconds
+        arrival_ns = self._node.now_ns
         sent_ns = 0 if topic in _WITHOUT_HEADER else stamp_ns(message)
         self._give(self._decoder.take(topic, values, sent_ns, arrival_ns))
 
     def _due(self) -> None:
-        self._give(self._decoder.due(self._node.get_clock().now().nanoseconds))
+        self._give(self._decoder.due(self._node.now_ns))
 
     def _give(self, readings: list[Reading]) -> None:
         if readings:
@@ -136,10 +129,10 @@ class PsdkSource:
         warnings += [self._lost] if self._lost else []
         for text in warnings:
             if text not in self._logged:
-                log(self._node, WARN, text)
+                self._node.log(WARN, text)
         for text in self._logged:
             if text not in warnings:
-                log(self._node, OK, f"over: {text}")
+                self._node.log(OK, f"over: {text}")
         self._logged = warnings
         return warnings
 

@@ -6,8 +6,6 @@ import threading
 import time
 from collections.abc import Callable
 
-from rclpy.node import Node
-
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.dji.link.link_watch import LinkWatch
 from tirgeo_ros.dji.link.serial_link import LinkState, SerialLink
@@ -17,9 +15,8 @@ from tirgeo_ros.dji.sources.readings import Reading
 from tirgeo_ros.dji.sources.serial import SerialDecoder
 from tirgeo_ros.io.messages import DiagnosticItem
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
-from tirgeo_ros.nodes.callbacks import guarded, log
-from tirgeo_ros.nodes.diagnostics import item_name
-from tirgeo_ros.nodes.monitor import OK, WARN, Monitor
+from tirgeo_ros.nodes.graph_node import GraphNode
+from tirgeo_ros.nodes.monitor import OK, WARN
 
 #: Longest wait for bytes (s), so the period at which a silent link is checked.
 _WAIT_S = 0.02
@@ -29,15 +26,11 @@ class SerialSource:
     """Read one port, decode its bytes, and send the host's requests."""
 
     def __init__(
-        self,
-        node: Node,
-        config: DjiConfig,
-        take: Callable[[list[Reading]], None],
-        monitor: Monitor,
+        self, node: GraphNode, config: DjiConfig, take: Callable[[list[Reading]], None]
     ) -> None:
         """Raise DjiError for a key or a table of packages that cannot be used."""
         self._node = node
-        self._turn = guarded(node, monitor, "serial link", self._read)
+        self._turn = node.guarded("serial link", self._read)
         self._take = take
         packages = PackageTable()
         if config.packages:
@@ -60,7 +53,7 @@ class SerialSource:
 
     def _read(self) -> None:
         data = self._link.read(_WAIT_S)
-        arrival_ns = self._node.get_clock().now().nanoseconds
+        arrival_ns = self._node.now_ns
         now_s = time.monotonic()
         readings: list[Reading] = []
         decoder = self._decoder
@@ -78,19 +71,18 @@ class SerialSource:
             self._link.write(to_send)
         self._take(readings)
         if report is not None:
-            log(self._node, min(report.level, WARN), report.message)
+            self._node.log(min(report.level, WARN), report.message)
         if decoder.host.message != self._host_message:
             self._host_message = decoder.host.message
-            log(self._node, OK, self._host_message)
+            self._node.log(OK, self._host_message)
 
     def item(self) -> DiagnosticItem:
         """Return the diagnostic item of the link: its state and counts of its traffic."""
         with self._lock:
             report = self._watch.report
             values = self._decoder.diagnostics
-        name = item_name(self._node, "link")
         if report is None:
-            return DiagnosticItem(name, WARN, "not opened yet", values)
+            return self._node.item("link", values, "not opened yet", WARN)
         state = {
             "state": report.condition.value,
             "state_time_s": f"{time.monotonic() - report.since_s:.1f}",
@@ -98,4 +90,4 @@ class SerialSource:
             "frames_per_s": f"{report.frames_per_s:.1f}",
             "openings": str(self._openings),
         }
-        return DiagnosticItem(name, int(report.level), report.message, state | values)
+        return self._node.item("link", state | values, report.message, int(report.level))

@@ -5,18 +5,14 @@ The topics that a node needs must be published and have the right type.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
-
-from rclpy.node import Node
 
 from tirgeo_ros.core.checks.recording_checks import RecordedTopics, needed_findings
 from tirgeo_ros.core.types.errors import shown
 from tirgeo_ros.core.types.finding import Finding, Severity, sorted_findings, verdict_line
 from tirgeo_ros.io.messages import TOPIC_TYPES, DiagnosticItem
-from tirgeo_ros.nodes.callbacks import guarded, log
-from tirgeo_ros.nodes.diagnostics import item_name
-from tirgeo_ros.nodes.monitor import Monitor
+from tirgeo_ros.nodes.graph_node import GraphNode
 
 SUBJECT = "set-up"
 #: Reports (one per second) for which a finding that is gone stays, so that a person can read it.
@@ -37,20 +33,16 @@ class SetupChecks:
     message. Its values are all findings: the check's name -> severity and line.
     """
 
-    def __init__(
-        self, node: Node, monitor: Monitor, *checks: Any, known: Sequence[Finding] = ()
-    ) -> None:
-        self._node, self._monitor = node, monitor
+    def __init__(self, node: GraphNode, *checks: Any, known: Sequence[Finding] = ()) -> None:
+        self._node = node
         self._checks, self._known = checks, known
         # With the number of reports since it was last found.
         self._recent: dict[str, tuple[Finding, int]] = {}
         self._logged: Severity | None = None
         self._quiet = 0  # reports with data and without a finding
         #: ``take(checks.pose, pose)`` passes new data to a check.
-        self.take: Callable[..., bool] = guarded(
-            node, monitor, SUBJECT, lambda check, *data: check(*data)
-        )
-        self._renew = guarded(node, monitor, SUBJECT, self._ask)
+        self.take = node.guarded(SUBJECT, lambda check, *data: check(*data))
+        self._renew = node.guarded(SUBJECT, self._ask)
 
     def item(self) -> DiagnosticItem:
         """Return the item for diagnostics; log a change of the verdict."""
@@ -58,16 +50,16 @@ class SetupChecks:
         found = sorted_findings(finding for finding, _ in self._recent.values())
         worst = found[0].severity if found else Severity.NOTE
         verdict = shown(verdict_line(found))
-        self._quiet += bool(self._monitor.heard() and worst is Severity.NOTE)
+        self._quiet += bool(self._node.monitor.heard() and worst is Severity.NOTE)
         known = worst is not Severity.NOTE or self._logged is not None or self._quiet >= _SETTLED
         if known and worst is not self._logged:
             self._logged = worst
-            log(self._node, worst, f"{SUBJECT}: {verdict}")
+            self._node.log(worst, f"{SUBJECT}: {verdict}")
         values = {one.check: shown(f"{one.severity.name}: {one.line}") for one in found}
-        return DiagnosticItem(item_name(self._node, SUBJECT), int(worst), verdict, values)
+        return self._node.item(SUBJECT, values, verdict, int(worst))
 
     def _ask(self) -> None:
-        found = {one.check: one for one in (self._known if self._monitor.heard() else ())}
+        found = {one.check: one for one in (self._known if self._node.monitor.heard() else ())}
         found |= {one.check: one for check in self._checks for one in check.findings()}
         absent = {
             name: (finding, reports + 1)
@@ -83,14 +75,13 @@ class InputChecks:
     ``needed``: groups of topics of the contract; one topic of a group is enough.
     """
 
-    def __init__(self, node: Node, monitor: Monitor, *needed: Sequence[str]) -> None:
-        self._node, self._monitor = node, monitor
-        self._needed = needed
+    def __init__(self, node: GraphNode, *needed: Sequence[str]) -> None:
+        self._node, self._needed = node, needed
         self._waited = 0  # calls of findings() since anything came
 
     def findings(self) -> list[Finding]:
         """Return findings: for a wrong type at once, for topics nobody publishes after a while."""
-        heard = self._monitor.heard()
+        heard = self._node.monitor.heard()
         missed = [topics for topics in self._needed if not heard.intersection(topics)]
         if not missed:
             return []

@@ -15,7 +15,7 @@ from tirgeo_ros.dji.simulator import Aircraft, frames_of
 from tirgeo_ros.dji.simulator.pseudo_terminal import PseudoTerminal
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.messages import SENSED_SAMPLES, SensedSample
-from tirgeo_ros.nodes.topics import message_class
+from tirgeo_ros.nodes.graph_node import message_class
 
 
 class SerialAircraft:
