@@ -1,4 +1,4 @@
-"""Make a bag of a ROS 1 bag or a serial capture.
+"""Make a bag from a ROS 1 bag or a serial capture.
 
 Makes a bag with the topics of tirgeo (imu/data, gps, rtk, gimbal, thermal) from a ROS 1 bag with
 the topics of DJI's wrapper (dji_sdk/ or dji_osdk_ros/), or from the bytes of an aircraft's serial
