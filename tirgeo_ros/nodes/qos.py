@@ -24,5 +24,8 @@ def output(depth: int = OUTPUT_DEPTH) -> QoSProfile:
 
 def latched() -> QoSProfile:
     """Return the profile for a topic whose last message a late subscriber still gets."""
-    durability = DurabilityPolicy.TRANSIENT_LOCAL
-    return QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=durability)
+    return QoSProfile(
+        depth=1,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    )
