@@ -1,4 +1,4 @@
-"""A node that does nothing but pass pictures on: what a picture costs on this machine at least."""
+"""Pass pictures on and do no more: the least that a picture costs on this machine."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tirgeo_ros.nodes.runner import run
 
 
 class Relay(GraphNode):
-    """Stands in overlay_node's place: a grey picture in, the same one in colour out."""
+    """Take overlay_node's place: a grey picture in, the same one in colour out."""
 
     def __init__(self) -> None:
         super().__init__("bench_relay")

@@ -1,4 +1,4 @@
-"""One end of the overlay for ``make bench``: a video with its poses.
+"""Send a video with its poses to the overlay, for ``make bench``.
 
 When it ends it writes the stamps of its frames as JSON to the file of its parameter ``output``.
 """

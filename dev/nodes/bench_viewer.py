@@ -1,4 +1,4 @@
-"""The other end of the overlay for ``make bench``: one who watches the pictures.
+"""Watch the overlay's pictures, for ``make bench``.
 
 When it ends it writes as JSON stamp and age (ns) of each picture that reached it, whether the last
 one had lines, and what overlay_node says of its own share of the time.

@@ -1,4 +1,4 @@
-"""One who subscribes to everything and never reads, for ``make soak``."""
+"""Subscribe to everything and never read, for ``make soak``."""
 
 from __future__ import annotations
 

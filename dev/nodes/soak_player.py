@@ -1,4 +1,4 @@
-"""Plays a flight whose end meets its start, round after round, for ``make soak``.
+"""Play a flight whose end meets its start, round after round, for ``make soak``.
 
 Stamps and /clock go on from one round to the next. SIGUSR1 makes the clock jump: all stamps are
 then later or earlier by one of ``JUMPS_S``. Each stretch between two jumps is an epoch; stamps of

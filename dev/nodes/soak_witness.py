@@ -1,4 +1,4 @@
-"""Writes down what the graph gives, one JSON list a line, for ``make soak``.
+"""Write down what the graph gives, one JSON list a line, for ``make soak``.
 
     ["pose", TIME_S, STAMP_NS, north, east, down, w, x, y, z, six variances]
     ["picture", TIME_S, STAMP_NS, PIXELS_OF_LINES]

@@ -79,4 +79,3 @@ def test_a_short_soak_misses_nothing(tmp_path):
     assert value["pictures with lines"] > 20
     assert value["camera poses"] > 200
     assert (tmp_path / "soak" / "soak.json").is_file()
-    assert (tmp_path / "soak" / "memory.png").is_file()

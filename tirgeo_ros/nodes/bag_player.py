@@ -1,7 +1,7 @@
-"""Plays a bag onto topics in real time, for subscribers that are already there.
+"""Play a bag onto topics in real time, once its subscribers are there.
 
-With /clock, or live: stamped anew as if it were flown now. Live, what the aircraft said can go out
-as its bytes on a pseudo-terminal, in step with the pictures.
+It publishes /clock; or, live, it shifts all stamps as if the flight were now. Live, the aircraft's
+data can be sent as bytes on a pseudo-terminal, in step with the pictures.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The aircraft: its serial link or psdk_ros2's topics in; the graph's input topics out."""
+"""Read the aircraft: its serial link or psdk_ros2's topics in; the graph's input topics out."""
 
 from __future__ import annotations
 

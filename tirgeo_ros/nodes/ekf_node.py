@@ -1,4 +1,4 @@
-"""The navigation filter: IMU, RTK and GPS in; the body's pose in ``map`` out."""
+"""Run the navigation filter: IMU, RTK and GPS in; the body's pose in ``map`` out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The gimbal: the body's pose and the gimbal's angles in, the camera's pose out."""
+"""Compose the camera's pose: the body's pose and the gimbal's angles in; the camera's pose out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The map on the video: frames, camera poses and the map's origin in; the drawn picture out."""
+"""Draw the map on the video: frames, camera poses and the map's origin in; pictures out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Records topics of the running graph into a bag, byte for byte, until it is stopped."""
+"""Record topics of the running graph into a bag, byte for byte, until it is stopped."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The parameters of what plays and records bags."""
+"""Define the parameters of what plays and records bags."""
 
 from __future__ import annotations
 

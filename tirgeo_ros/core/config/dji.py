@@ -1,4 +1,4 @@
-"""The parameters of dji_node and of ``tirgeo import``."""
+"""Define the parameters of dji_node and of ``tirgeo import``."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class DjiRtkConfig:
 
 @dataclass(frozen=True, slots=True)
 class DjiDelayConfig:
-    """The age of other values when the aircraft sends them, as ``rtk.delay_s``."""
+    """The age of other values when they are sent, as ``rtk.delay_s``."""
 
     imu_s: float = param(0.0, "age of acceleration, angular rate and attitude", _DELAY)
     gps_s: float = param(0.0, "age of a position or velocity of the ordinary GPS", _DELAY)

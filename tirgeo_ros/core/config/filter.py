@@ -1,4 +1,4 @@
-"""The parameters of ekf_node and of the filter in ``tirgeo process``, each default once.
+"""Define the parameters of ekf_node and of the filter in ``tirgeo process``, each default once.
 
 Defaults for the IMU are Table 5 of Ren et al. 2022.
 """

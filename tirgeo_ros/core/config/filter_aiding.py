@@ -1,4 +1,4 @@
-"""The parameters of what aids the filter: RTK, its heading, the ordinary GPS."""
+"""Define the parameters of what aids the filter: RTK, its heading, the ordinary GPS."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The parameters of gimbal_node."""
+"""Define the parameters of gimbal_node."""
 
 from __future__ import annotations
 

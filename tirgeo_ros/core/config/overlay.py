@@ -1,4 +1,4 @@
-"""The parameters of overlay_node."""
+"""Define the parameters of overlay_node."""
 
 from __future__ import annotations
 
