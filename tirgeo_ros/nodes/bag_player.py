@@ -118,9 +118,7 @@ class BagPlayer(GraphNode):
         published = self._published(start_ns, shift_ns)
         if self._aircraft is None:
             return published
-        frames = self._aircraft.frames(self._reader, start_ns, shift_ns)
-        send = self._aircraft.send
-        spoken = ((due_ns, partial(send, data)) for due_ns, data in frames)
+        spoken = self._aircraft.frames(self._reader, start_ns, shift_ns)
         return heapq.merge(spoken, published, key=itemgetter(0))
 
     def _published(self, start_ns: int, shift_ns: int) -> Iterator[Due]:
@@ -162,12 +160,9 @@ def move_stamps(part: Any, shift_ns: int) -> None:
             if stamp:
                 sec, nanosec = divmod(stamp + shift_ns, 1_000_000_000)
                 part.header.stamp.sec, part.header.stamp.nanosec = sec, nanosec
-        elif isinstance(value, list):
-            if value and hasattr(value[0], "get_fields_and_field_types"):
-                for item in value:
-                    move_stamps(item, shift_ns)
-        elif hasattr(value, "get_fields_and_field_types"):
-            move_stamps(value, shift_ns)
+        for item in value if isinstance(value, list) else [value]:
+            if hasattr(item, "get_fields_and_field_types"):
+                move_stamps(item, shift_ns)
 
 
 main = partial(run, "bag_player", BagPlayer, BagPlayer.play)
