@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import sys
 import tempfile
@@ -11,12 +12,11 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
+from dev.soak.balance import balance
 from dev.soak.flight import SoakFlight, make_flight
 from dev.soak.judge import (
     Figure,
-    Truth,
     as_json,
-    frame_balance,
     frame_figures,
     leftover_figures,
     memory_figures,
@@ -49,30 +49,27 @@ def soak(
     folder.mkdir(parents=True, exist_ok=True)
     run = run_soak(flight, events, folder, duration_s, progress)
     figures = judged(run, flight, short=duration_s < _SHORT_S)
-    _save(folder, run, events, figures)
+    _save(folder, run, figures)
     return figures
 
 
 def judged(run: SoakRun, flight: SoakFlight, *, short: bool) -> list[Figure]:
     """All figures of a soak."""
     ledger, record, lives = read_ledger(run.ledger), read_record(run.record), run.lives.all
-    truth = Truth(flight.cameras, flight.start_ns, flight.period_ns)
+    overlays = [life for life in lives if life.node == "overlay_node"]
+    spans = [(life.began_s, life.ended_s or math.inf, life.killed) for life in overlays]
     return [
         *memory_figures(lives, short=short),
         *leftover_figures(run.left_files, run.left_processes, run.lives.by_themselves),
-        *frame_figures(frame_balance(ledger, record, lives)),
-        *pose_figures(record, ledger, truth),
+        *frame_figures(balance(ledger, record.reports, spans)),
+        *pose_figures(record, ledger, flight),
         *picture_figures(record, lives),
     ]
 
 
-def _save(folder: Path, run: SoakRun, events: Sequence[Event], figures: Sequence[Figure]) -> None:
+def _save(folder: Path, run: SoakRun, figures: Sequence[Figure]) -> None:
     result = {
         "figures": as_json(figures),
-        "events": [
-            {"at_s": e.at_s, "what": e.kind.value, "node": e.node, "lasts_s": e.lasts_s}
-            for e in events
-        ],
         "ended_by_themselves": run.lives.by_themselves,
         "left_files": run.left_files,
         "left_processes": run.left_processes,
