@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import cv2
@@ -31,6 +32,4 @@ class Relay(GraphNode):
             self._jpeg.publish(self.messages.compressed(stamp_ns(message), jpeg))
 
 
-def main() -> int:
-    """Run the node; the exit code."""
-    return run("bench_relay", Relay)
+main = partial(run, "bench_relay", Relay)

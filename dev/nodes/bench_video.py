@@ -9,6 +9,7 @@ import json
 import math
 import threading
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -77,6 +78,4 @@ def until_over(node: Any, stop: threading.Event) -> int:
     return 0
 
 
-def main() -> int:
-    """Run the source; the exit code."""
-    return run("bench_video", VideoSource, until_over)
+main = partial(run, "bench_video", VideoSource, until_over)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import time
+from functools import partial
 from typing import Any
 
 from dev.nodes.bench_video import until_over
@@ -55,6 +56,4 @@ class VideoViewer(GraphNode):
         return int((image[..., 2] - image[..., 0] > 50).sum()) > _LEAST_INK
 
 
-def main() -> int:
-    """Run the viewer; the exit code."""
-    return run("bench_viewer", VideoViewer, until_over)
+main = partial(run, "bench_viewer", VideoViewer, until_over)

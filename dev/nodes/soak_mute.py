@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import rclpy
 from rclpy.node import Node
 
@@ -38,6 +40,4 @@ class Mute(Node):
         super().destroy_node()
 
 
-def main() -> int:
-    """Run the node; the exit code."""
-    return run("soak_mute", Mute)
+main = partial(run, "soak_mute", Mute)

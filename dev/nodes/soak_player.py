@@ -16,6 +16,7 @@ import signal
 import struct
 import threading
 import time
+from functools import partial
 from itertools import count, cycle
 from pathlib import Path
 from typing import Any
@@ -115,6 +116,4 @@ def _stamped(data: bytearray, stamp_ns: int) -> Any:
     return bytes(given)
 
 
-def main() -> int:
-    """Run the player; the exit code."""
-    return run("soak_player", SoakPlayer, SoakPlayer.play)
+main = partial(run, "soak_player", SoakPlayer, SoakPlayer.play)

@@ -57,10 +57,10 @@ class BagPlayerConfig:
         30.0, "longest wait for subscribers before the start", ("s", 0, 3600)
     )
     wait_for: str = param(
-        "", "topics (with commas) that need a subscriber before the start; empty = any"
+        "", "topics, separated by commas, that must have a subscriber; empty = any"
     )
     topics: str = param(
-        "", "topics to play (with commas); empty = all that the graph does not publish"
+        "", "topics to play, separated by commas; empty = all not made by the graph"
     )
     live: bool = param(False, "shift all stamps so that the bag begins now, and publish no /clock")
     serial_port: str = param(

@@ -18,7 +18,7 @@ class DjiHeadingConfig:
     """The accuracy given to the heading of the two RTK antennas."""
 
     sigma_deg: float = param(
-        0.6, "standard deviation of a heading, in whole degrees", ("deg", 1e-3, 180)
+        0.6, "sigma given to a heading, which comes in whole degrees", ("deg", 1e-3, 180)
     )
 
 
@@ -27,7 +27,7 @@ class DjiRtkConfig:
     """The accuracy given to an RTK fix, which DJI sends without one, and its age."""
 
     fixed_sigma_m: tuple[float, ...] = param(
-        (0.01, 0.02), "sigma of a fixed position: horizontal, vertical", ("m", 1e-4, 100)
+        (0.01, 0.02), "sigma given to a fixed position: horizontal, vertical", ("m", 1e-4, 100)
     )
     velocity_sigma_m_s: float = param(
         0.03, "standard deviation given to a velocity, per axis", ("m/s", 1e-4, 100)

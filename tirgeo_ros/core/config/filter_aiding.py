@@ -37,7 +37,7 @@ class RtkConfig:
         _DELAY,
     )
     velocity_delay_s: float = param(
-        0.0, "delay of velocities beyond delay_s, in receivers that smooth them", _DELAY
+        0.0, "extra delay of the velocities, for receivers that smooth them", _DELAY
     )
     position_sigma_floor_m: float = _floor(0.01, "a position, per axis", ("m", 1e-4, 100))
     velocity_sigma_floor_m_s: float = _floor(0.02, "a velocity, per axis", ("m/s", 1e-4, 100))
@@ -77,7 +77,7 @@ class HeadingConfig:
     )
     gate_sigma: float = _gate(4.0, "headings")
     start_after_s: float = param(
-        1.0, "time of fixed rtk/fix before headings are used", ("s", 0, 60)
+        1.0, "time for which rtk/fix must be fixed before headings are used", ("s", 0, 60)
     )
     reset_after_s: float = param(
         5.0,
@@ -96,7 +96,9 @@ class GpsConfig:
     """The autopilot's ordinary GPS."""
 
     position_sigma_m: tuple[float, ...] = param(
-        (0.9342, 1.2846, 2.8017), "sigma N, E, D without covariance", ("m", 1e-3, 1e4)
+        (0.9342, 1.2846, 2.8017),
+        "standard deviation north, east, down of a position without covariance",
+        ("m", 1e-3, 1e4),
     )
     position_time_s: float = param(45.0, "correlation time of the position error", ("s", 0.1, 1e6))
     position_noise_m: float = param(

@@ -58,7 +58,7 @@ class OverlayConfig:
     )
     style: str = param("", "style sheet (YAML) of the map's layers; empty = one style for all")
     network: bool = param(
-        False, "allow map and dem to fetch what they name elsewhere (a VRT, a WFS)"
+        False, "allow map and dem to read from the network (a VRT or WFS may name places)"
     )
     label_field: str = param("name", "property of a map feature that is drawn as its label")
     reload_s: float = param(
