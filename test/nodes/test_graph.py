@@ -179,6 +179,12 @@ def test_the_diagnostics_tell_of_the_flight(outputs):
     assert int(outputs.last("overlay_node: overlay")["drawn"]) >= 50
 
 
+def test_what_only_the_paper_needs_is_given_up_when_joints_drive(outputs):
+    rates_hz = outputs.numbers("gimbal_node: topics", "imu/data rate [Hz]")
+    assert max(rates_hz) > 0  # until the first joints
+    assert rates_hz[-1] == 0
+
+
 def processes_of(parent: int) -> list[int]:
     found = []
     for path in Path("/proc").glob("[0-9]*/stat"):

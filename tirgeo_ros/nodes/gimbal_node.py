@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -47,14 +46,10 @@ class GimbalNode(GraphNode):
         if config.composition != "paper":
             self.listen("gimbal/joint_states", self._take_joints, sensor_input())
         self.listen("gimbal/attitude", self._take_attitude, sensor_input())
-        wrapped = self._unless_encoders
-        self.listen("imu/data", self._take_autopilot, sensor_input(), wrapped=wrapped, raw=True)
+        self._imu: Any = None  # the subscription, or None while there is none
+        self._listen_for_paper()
         self._logged_composition = ""
         self.report_each_second(self._items)
-
-    def _unless_encoders(self, receive: Callable[[bytes], None]) -> Callable[[bytes], None]:
-        """Return ``receive`` that skips the IMU's many messages while joint angles drive."""
-        return lambda data: receive(data) if self._composer.composition != "encoders" else None
 
     def _take_body(self, message: Any) -> None:
         pose = body_pose(message)
@@ -68,9 +63,7 @@ class GimbalNode(GraphNode):
 
     def _take_attitude(self, message: Any) -> None:
         sample = self._stamped("gimbal/attitude", camera_attitude(message))
-        if (
-            self._composer.composition != "encoders"
-        ):  # the checks below compare it with the joint angles in any case
+        if self._imu is not None:  # the checks below compare it with the joint angles in any case
             self._publish(self._composer.add_attitude(sample))
         self._setup.take(self._checks.reported, sample)
 
@@ -93,9 +86,19 @@ class GimbalNode(GraphNode):
         if composition != self._logged_composition:
             self.log(OK, f"composition: {composition}")
             self._logged_composition = composition
+        self._listen_for_paper()
         values = self._composer.diagnostics | self._arrivals.diagnostics
         item = self.item("camera pose", values, f"composition: {composition}")
         return [item, self._setup.item()]
+
+    def _listen_for_paper(self) -> None:
+        """Listen to the IMU, which the composition "paper" needs, unless encoders are used."""
+        needed = self._composer.composition != "encoders"
+        if needed and self._imu is None:
+            self._imu = self.listen("imu/data", self._take_autopilot, sensor_input())
+        elif not needed and self._imu is not None:
+            self.destroy_subscription(self._imu)
+            self._imu = None
 
 
 main = partial(run, "gimbal_node", GimbalNode)
