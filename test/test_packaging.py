@@ -139,17 +139,6 @@ def test_what_the_code_imports_is_in_setup_py_and_no_more(arguments):
     assert needed == {WHEELS.get(name, name) for name in code}
 
 
-def test_what_the_tests_import_is_told(package_xml, arguments):
-    tests = imported_modules(PROJECT / "test") - imported_modules(PROJECT / "tirgeo_ros") - LAUNCH
-    tests -= message_packages(PROJECT / "tirgeo_ros") | OPTIONAL.keys()
-    for path in (PROJECT / "test").rglob("*.py"):
-        tests -= {path.stem, path.parent.name}
-    assert tests == {"pytest", "hypothesis", "setuptools"}
-    assert dependencies(package_xml, "test_depend") == {f"python3-{name}" for name in tests}
-    told = {re.split(r"[<>=]", item)[0] for item in arguments["extras_require"]["test"]}
-    assert told == tests | {"pytest-xdist"}  # of the Makefile alone; colcon test needs it not
-
-
 def test_every_executable_is_there_and_resolves(arguments):
     commands = dict(item.split(" = ") for item in arguments["entry_points"]["console_scripts"])
     assert set(commands) == {NAME, *NODES}
