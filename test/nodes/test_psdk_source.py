@@ -168,7 +168,9 @@ def test_silence_is_said_and_taken_back(aircraft, monkeypatch):
 
 
 def test_a_prefix_that_names_no_topic_is_refused(stranger):
-    with pytest.raises(ConfigError, match="psdk_prefix: '1 2' cannot stand in front of topics"):
+    with pytest.raises(
+        ConfigError, match="psdk_prefix: '1 2' is not a valid prefix of topic names"
+    ):
         Aircraft(stranger, prefix="1 2")
 
 

@@ -78,9 +78,9 @@ def _usage(name: str) -> str:
     some = next((one for one in own if as_yaml(one.default) not in _NONE), own[0])
     value = as_yaml(some.default)
     return (
-        "How to set them, and to lead the topics' names with a namespace:\n"
+        "How to set them, and to put the topics into a namespace:\n"
         f"  {name} --ros-args -p {some.name}:={value} -r __ns:=/uav1\n"
         f"  {name} --ros-args --params-file aircraft.yaml\n"
-        "where aircraft.yaml has\n"
+        "where aircraft.yaml contains\n"
         f"  /**/{name}:\n    ros__parameters: {{{some.name}: {value}}}"
     )

@@ -151,5 +151,7 @@ def _checked(prefix: str) -> str:
     try:
         validate_topic_name(f"{topics}imu")
     except InvalidTopicNameException:
-        raise ConfigError(f"psdk_prefix: {prefix!r} cannot stand in front of topics") from None
+        raise ConfigError(
+            f"psdk_prefix: {prefix!r} is not a valid prefix of topic names"
+        ) from None
     return topics
