@@ -25,8 +25,8 @@ from dev.judging import Figure, line
 from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
+from tirgeo_ros.tools.graph import find_resource
 from tirgeo_ros.tools.graph.node_graph import GraphSetup, run_graph
-from tirgeo_ros.tools.graph.resources import find_resource
 from tirgeo_ros.tools.presentation.progress import Progress
 from tirgeo_ros.tools.replay.process import process
 

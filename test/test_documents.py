@@ -80,12 +80,6 @@ def test_verbs_exist(page):
     assert {what for verb, what in named if verb == "calibrate" and what} <= calibrations
 
 
-def test_headings_become_anchors(tmp_path):
-    page = tmp_path / "page.md"
-    page.write_text("# SROS 2: names, keys\n\n```\n# no heading\n```\n## The IMU's `level`\n")
-    assert anchors(page) == {"sros-2-names-keys", "the-imus-level"}
-
-
 def test_every_input_is_there_with_its_type():
     rows = dict(re.findall(r"^\| `([a-z_/]+)` \| ([a-z_]+/[A-Za-z]+) \|", INPUTS, re.MULTILINE))
     inputs = {topic for topic, _ in NAVIGATION_INPUTS.values()} | OTHER_INPUTS

@@ -101,19 +101,6 @@ def dependencies(package_xml, *tags):
     return {item.text for tag in tags for item in package_xml.findall(tag)}
 
 
-def test_package_xml_is_of_format_3_for_ament_python(package_xml):
-    assert package_xml.tag == "package"
-    assert package_xml.get("format") == "3"
-    assert package_xml.findtext("export/build_type") == "ament_python"
-    for tag in ("name", "version", "description", "maintainer", "license"):
-        assert package_xml.findtext(tag).strip(), tag
-    assert (PROJECT / package_xml.find("license").get("file")).is_file()
-    # The schema's order: these come before all dependencies, and export is last.
-    tags = [item.tag for item in package_xml]
-    assert tags[:3] == ["name", "version", "description"]
-    assert tags[-1] == "export"
-
-
 def test_names_agree(package_xml, arguments):
     config = configparser.ConfigParser()
     config.read(PROJECT / "setup.cfg")
@@ -150,17 +137,6 @@ def test_what_the_code_imports_is_in_setup_py_and_no_more(arguments):
     code = imported_modules(PROJECT / "tirgeo_ros") & {*KEYS, *BY_PIP_ALONE}
     needed = {re.split(r"[<>=]", item)[0] for item in arguments["install_requires"]}
     assert needed == {WHEELS.get(name, name) for name in code}
-
-
-def test_what_the_tests_import_is_told(package_xml, arguments):
-    tests = imported_modules(PROJECT / "test") - imported_modules(PROJECT / "tirgeo_ros") - LAUNCH
-    tests -= message_packages(PROJECT / "tirgeo_ros") | OPTIONAL.keys()
-    for path in (PROJECT / "test").rglob("*.py"):
-        tests -= {path.stem, path.parent.name}
-    assert tests == {"pytest", "hypothesis", "setuptools"}
-    assert dependencies(package_xml, "test_depend") == {f"python3-{name}" for name in tests}
-    told = {re.split(r"[<>=]", item)[0] for item in arguments["extras_require"]["test"]}
-    assert told == tests | {"pytest-xdist"}  # of the Makefile alone; colcon test needs it not
 
 
 def test_every_executable_is_there_and_resolves(arguments):

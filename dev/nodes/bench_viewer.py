@@ -1,4 +1,4 @@
-"""The other end of the overlay for ``make bench``: one who watches the pictures.
+"""Watch the overlay's pictures, for ``make bench``.
 
 When it ends it writes as JSON stamp and age (ns) of each picture that reached it, whether the last
 one had lines, and what overlay_node says of its own share of the time.
@@ -8,22 +8,20 @@ from __future__ import annotations
 
 import math
 import time
+from functools import partial
 from typing import Any
-
-from rclpy.node import Node
 
 from dev.nodes.bench_video import until_over
 from tirgeo_ros.io.messages import compressed_pixels, image_pixels, stamp_ns
-from tirgeo_ros.nodes.monitor import Monitor
+from tirgeo_ros.nodes.graph_node import GraphNode
 from tirgeo_ros.nodes.qos import output
 from tirgeo_ros.nodes.runner import run
-from tirgeo_ros.nodes.topics import subscribe
 
 _LEAST_INK = 1000  # coloured pixels of a picture with lines
 _INSIDE = "latency p95 [ms]"
 
 
-class VideoViewer(Node):
+class VideoViewer(GraphNode):
     """Takes the overlay's pictures and notes how old they are."""
 
     def __init__(self) -> None:
@@ -35,8 +33,8 @@ class VideoViewer(Node):
         self._last: Any = None
         self._inside_ms = math.nan
         topic = "tirgeo/overlay/image" + ("/compressed" if self._jpeg else "")
-        subscribe(self, topic, self._take, output(), Monitor())
-        subscribe(self, "/diagnostics", self._take_diagnostics, output(), Monitor())
+        self.listen(topic, self._take, output())
+        self.listen("/diagnostics", self._take_diagnostics, output())
 
     def _take(self, message: Any) -> None:
         stamp = stamp_ns(message)
@@ -58,6 +56,4 @@ class VideoViewer(Node):
         return int((image[..., 2] - image[..., 0] > 50).sum()) > _LEAST_INK
 
 
-def main() -> int:
-    """Run the viewer; the exit code."""
-    return run("bench_viewer", VideoViewer, until_over)
+main = partial(run, "bench_viewer", VideoViewer, until_over)

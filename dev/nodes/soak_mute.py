@@ -1,14 +1,16 @@
-"""One who subscribes to everything and never reads, for ``make soak``."""
+"""Subscribe to everything and never read, for ``make soak``."""
 
 from __future__ import annotations
+
+from functools import partial
 
 import rclpy
 from rclpy.node import Node
 
 from tirgeo_ros.io.messages import TOPIC_TYPES
+from tirgeo_ros.nodes.graph_node import message_class
 from tirgeo_ros.nodes.qos import output
 from tirgeo_ros.nodes.runner import run
-from tirgeo_ros.nodes.topics import message_class
 
 TOPICS = (
     "tirgeo/odometry",
@@ -38,6 +40,4 @@ class Mute(Node):
         super().destroy_node()
 
 
-def main() -> int:
-    """Run the node; the exit code."""
-    return run("soak_mute", Mute)
+main = partial(run, "soak_mute", Mute)

@@ -1,4 +1,4 @@
-"""Plays a flight whose end meets its start, round after round, for ``make soak``.
+"""Play a flight whose end meets its start, round after round, for ``make soak``.
 
 Stamps and /clock go on from one round to the next. SIGUSR1 makes the clock jump: all stamps are
 then later or earlier by one of ``JUMPS_S``. Each stretch between two jumps is an epoch; stamps of
@@ -16,21 +16,19 @@ import signal
 import struct
 import threading
 import time
+from functools import partial
 from itertools import count, cycle
 from pathlib import Path
 from typing import Any
 
-from rclpy.node import Node
-
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.bags.cdr import header_stamp_ns
-from tirgeo_ros.io.messages import Messages
+from tirgeo_ros.nodes.graph_node import GraphNode
 from tirgeo_ros.nodes.play_clock import PlayClock
-from tirgeo_ros.nodes.playlist import Audience, publishers_for
+from tirgeo_ros.nodes.playlist import await_readers, publishers_for
 from tirgeo_ros.nodes.qos import output
 from tirgeo_ros.nodes.runner import run
-from tirgeo_ros.nodes.topics import advertise, message_class
 
 #: What the clock jumps by, in turn.
 JUMPS_S = (-20, 300, -400, 40)
@@ -39,7 +37,7 @@ _MS = 1_000_000
 _CLOCK_HZ = 100.0
 
 
-class SoakPlayer(Node):
+class SoakPlayer(GraphNode):
     """One flight in memory, its publishers, its clock and its ledger."""
 
     def __init__(self) -> None:
@@ -60,8 +58,7 @@ class SoakPlayer(Node):
         ]
         self._check()
         self._topics = publishers_for(self, reader.topics(), "")
-        self._ticks = advertise(self, "/clock", output())
-        self._messages = Messages(message_class)
+        self._ticks = self.advertise("/clock", output())
         self._base_ms = parameter("shift_ms", 0).value
         self._jumps = cycle(JUMPS_S)
         self._jump_asked = threading.Event()
@@ -78,7 +75,7 @@ class SoakPlayer(Node):
 
     def play(self, stop: threading.Event) -> int:
         """Wait for subscribers, then play until stopped; the exit code."""
-        Audience(self, [*self._topics.values()], self._wait_for).wait(60.0, stop)
+        await_readers(self, self._topics.values(), self._wait_for, 60.0, stop)
         self.get_logger().info("playing")
         self._note(f"epoch {self._epoch} {self._shift_ns}")
         clock = PlayClock(self._rate, _CLOCK_HZ, self._tick)
@@ -106,7 +103,7 @@ class SoakPlayer(Node):
         self._note(f"epoch {self._epoch} {self._shift_ns}")
 
     def _tick(self, flown_ns: int) -> None:
-        self._ticks.publish(self._messages.clock(flown_ns + self._shift_ns))
+        self._ticks.publish(self.messages.clock(flown_ns + self._shift_ns))
 
     def _note(self, line: str) -> None:
         os.write(self._ledger, f"{line}\n".encode())
@@ -119,6 +116,4 @@ def _stamped(data: bytearray, stamp_ns: int) -> Any:
     return bytes(given)
 
 
-def main() -> int:
-    """Run the player; the exit code."""
-    return run("soak_player", SoakPlayer, SoakPlayer.play)
+main = partial(run, "soak_player", SoakPlayer, SoakPlayer.play)

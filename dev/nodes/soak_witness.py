@@ -1,4 +1,4 @@
-"""Writes down what the graph gives, one JSON list a line, for ``make soak``.
+"""Write down what the graph gives, one JSON list a line, for ``make soak``.
 
     ["pose", TIME_S, STAMP_NS, north, east, down, w, x, y, z, six variances]
     ["picture", TIME_S, STAMP_NS, PIXELS_OF_LINES]
@@ -12,18 +12,17 @@ from __future__ import annotations
 
 import json
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rclpy.node import Node
 
 from tirgeo_ros.core.overlay.text_boxes import status_box
 from tirgeo_ros.io.messages import camera_pose, image_pixels, stamp_ns
-from tirgeo_ros.nodes.monitor import Monitor
+from tirgeo_ros.nodes.graph_node import GraphNode
 from tirgeo_ros.nodes.qos import output
 from tirgeo_ros.nodes.runner import run
-from tirgeo_ros.nodes.topics import subscribe
 
 #: A busy machine must lose nothing on this side.
 _DEPTH = 1000
@@ -43,17 +42,16 @@ def line_pixels(image: Any) -> int:
     return int(lines[: status_box(image).top].sum())
 
 
-class Witness(Node):
+class Witness(GraphNode):
     """Poses, pictures and diagnostics into a file."""
 
     def __init__(self) -> None:
         super().__init__("soak_witness")
         path = Path(self.declare_parameter("output", "").value)
         self.resources = path.open("w", buffering=1)
-        self._monitor = Monitor()
-        subscribe(self, "tirgeo/camera_pose", self._pose, output(_DEPTH), self._monitor)
-        subscribe(self, "tirgeo/overlay/image", self._picture, output(_PICTURES), self._monitor)
-        subscribe(self, "/diagnostics", self._diagnostics, output(_DEPTH), self._monitor)
+        self.listen("tirgeo/camera_pose", self._pose, output(_DEPTH))
+        self.listen("tirgeo/overlay/image", self._picture, output(_PICTURES))
+        self.listen("/diagnostics", self._diagnostics, output(_DEPTH))
 
     def _pose(self, message: Any) -> None:
         pose = camera_pose(message)
@@ -72,6 +70,4 @@ class Witness(Node):
         self.resources.write(f"{line}\n")
 
 
-def main() -> int:
-    """Run the witness; the exit code."""
-    return run("soak_witness", Witness)
+main = partial(run, "soak_witness", Witness)

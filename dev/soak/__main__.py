@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import sys
 import tempfile
@@ -11,12 +12,11 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
+from dev.soak.balance import balance
 from dev.soak.flight import SoakFlight, make_flight
 from dev.soak.judge import (
     Figure,
-    Truth,
     as_json,
-    frame_balance,
     frame_figures,
     leftover_figures,
     memory_figures,
@@ -24,10 +24,9 @@ from dev.soak.judge import (
     pose_figures,
     table,
 )
-from dev.soak.memory import plot_memory
 from dev.soak.records import read_ledger, read_record
 from dev.soak.run import SoakRun, run_soak
-from dev.soak.schedule import NODES, Event, Kind, repeated, schedule
+from dev.soak.schedule import Event, schedule
 from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.tools.cli.main import INTERRUPTED, unwind_on_signals
 from tirgeo_ros.tools.presentation.progress import Progress, Report, silent
@@ -43,37 +42,34 @@ def soak(
     events: list[Event],
     progress: Report = silent,
 ) -> list[Figure]:
-    """Run a soak and judge it; ``soak.json`` and ``memory.png`` are left in the folder.
+    """Run a soak and judge it; ``soak.json`` is left in the folder.
 
     Raises GraphError for a node that does not start.
     """
     folder.mkdir(parents=True, exist_ok=True)
     run = run_soak(flight, events, folder, duration_s, progress)
     figures = judged(run, flight, short=duration_s < _SHORT_S)
-    _save(folder, run, events, figures)
+    _save(folder, run, figures)
     return figures
 
 
 def judged(run: SoakRun, flight: SoakFlight, *, short: bool) -> list[Figure]:
     """All figures of a soak."""
     ledger, record, lives = read_ledger(run.ledger), read_record(run.record), run.lives.all
-    truth = Truth(flight.cameras, flight.start_ns, flight.period_ns)
+    overlays = [life for life in lives if life.node == "overlay_node"]
+    spans = [(life.began_s, life.ended_s or math.inf, life.killed) for life in overlays]
     return [
         *memory_figures(lives, short=short),
         *leftover_figures(run.left_files, run.left_processes, run.lives.by_themselves),
-        *frame_figures(frame_balance(ledger, record, lives)),
-        *pose_figures(record, ledger, truth),
+        *frame_figures(balance(ledger, record.reports, spans)),
+        *pose_figures(record, ledger, flight),
         *picture_figures(record, lives),
     ]
 
 
-def _save(folder: Path, run: SoakRun, events: Sequence[Event], figures: Sequence[Figure]) -> None:
+def _save(folder: Path, run: SoakRun, figures: Sequence[Figure]) -> None:
     result = {
         "figures": as_json(figures),
-        "events": [
-            {"at_s": e.at_s, "what": e.kind.value, "node": e.node, "lasts_s": e.lasts_s}
-            for e in events
-        ],
         "ended_by_themselves": run.lives.by_themselves,
         "left_files": run.left_files,
         "left_processes": run.left_processes,
@@ -83,14 +79,6 @@ def _save(folder: Path, run: SoakRun, events: Sequence[Event], figures: Sequence
         ],
     }
     (folder / "soak.json").write_text(json.dumps(result, indent=2) + "\n")
-    plot_memory(run.lives.all, folder / "memory.png")
-
-
-def _one_event(words: str) -> tuple[Kind, str]:
-    kind, _, node = words.partition(":")
-    if kind not in {"kill", "stop"} or node not in NODES:
-        raise argparse.ArgumentTypeError(f"kill or stop, a colon, and one of {', '.join(NODES)}")
-    return Kind[kind.upper()], node
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -98,9 +86,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m dev.soak", description=__doc__)
     parser.add_argument("--minutes", type=float, default=10.0, help="of the clock on the wall")
     parser.add_argument("--seed", type=int, default=1, help="of what happens when")
-    parser.add_argument(
-        "--only", type=_one_event, metavar="KIND:NODE", help="this alone: kill:NODE or stop:NODE"
-    )
     parser.add_argument("-o", "--out", type=Path, default=Path("soak"), metavar="DIR")
     args = parser.parse_args(argv)
     if not args.minutes > 0:
@@ -108,7 +93,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     write = sys.stdout.write
     duration_s = 60 * args.minutes
-    events = repeated(args.only, duration_s) if args.only else schedule(args.seed, duration_s)
+    events = schedule(args.seed, duration_s)
     try:
         with tempfile.TemporaryDirectory() as made:
             with Progress("simulating the flight", "s") as bar:

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.types.errors import ScenarioError
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.bags.bag import BagReader
-from tirgeo_ros.tools.graph.resources import find_resource
+from tirgeo_ros.tools.graph import find_resource
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.graph_outputs import read_outputs
 from tirgeo_ros.tools.simulate import simulate
@@ -25,7 +24,6 @@ class SoakFlight:
 
     folder: Path
     start_ns: int
-    plane: TangentPlane
     cameras: dict[int, CameraPose]  # by time (ns) since the start of the round
 
     @property
@@ -50,13 +48,8 @@ def make_flight(
     if scenario is None:
         raise ScenarioError(f"{SCENARIO} is not installed")
     simulate(scenario, folder, start_s=START_S, duration_s=PERIOD_S, progress=progress)
-    return read_flight(folder)
-
-
-def read_flight(folder: Path) -> SoakFlight:
-    """The flight in a folder. Raises BagError."""
     truth = read_outputs(folder / "truth.mcap")
     start_ns = BagReader(folder / "flight.mcap").span_ns[0]
     assert truth.plane is not None
     cameras = {pose.stamp_ns - start_ns: pose for pose in truth.cameras}
-    return SoakFlight(folder, start_ns, truth.plane, cameras)
+    return SoakFlight(folder, start_ns, cameras)

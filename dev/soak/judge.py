@@ -8,7 +8,8 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from dev.soak.balance import FATES, Balance, balance
+from dev.soak.balance import FATES, Balance
+from dev.soak.flight import SoakFlight
 from dev.soak.lives import Life
 from dev.soak.memory import worst_growth
 from dev.soak.records import Ledger, Record
@@ -17,7 +18,6 @@ from dev.soak.schedule import GUEST
 from dev.soak.truth import deviations, has_lines, lines_without_pose, witnessed
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.core.types.poses import CameraPose
 
 #: What is asked, at the most.
 GROWTH, SIGMAS = 0.02, 4.0
@@ -39,15 +39,6 @@ class Figure:
     def missed(self) -> bool:
         """Whether it is not what is asked; what is no number is not."""
         return self.asked is not None and not self.value <= self.asked
-
-
-@dataclass(frozen=True)
-class Truth:
-    """The true camera poses of a round, by time since its start."""
-
-    cameras: dict[int, CameraPose]
-    start_ns: int
-    period_ns: int
 
 
 def memory_figures(lives: Sequence[Life], *, short: bool = False) -> Iterator[Figure]:
@@ -88,10 +79,10 @@ def frame_figures(found: Balance) -> Iterator[Figure]:
     yield Figure("lives of overlay_node of 20 s and more without a line", found.blind, "", 0)
 
 
-def pose_figures(record: Record, ledger: Ledger, truth: Truth) -> Iterator[Figure]:
+def pose_figures(record: Record, ledger: Ledger, flight: SoakFlight) -> Iterator[Figure]:
     """The poses against the truth, in sigmas, axis by axis."""
     found = deviations(
-        record.poses, truth.cameras, ledger.shift_ns, truth.period_ns, truth.start_ns
+        record.poses, flight.cameras, ledger.shift_ns, flight.period_ns, flight.start_ns
     )
     sigmas = found.sigmas if len(found.sigmas) else np.full((1, 6), math.nan)
     yield Figure("camera poses", len(found.stamps_ns))
@@ -119,13 +110,6 @@ def picture_figures(record: Record, lives: Sequence[Life]) -> Iterator[Figure]:
 def _silence(came_s: Array) -> float:
     """The longest time between two that came; infinite where none or one did."""
     return float(np.diff(came_s).max()) if len(came_s) > 1 else math.inf
-
-
-def frame_balance(ledger: Ledger, record: Record, lives: Sequence[Life]) -> Balance:
-    """What became of the frames."""
-    overlays = [life for life in lives if life.node == "overlay_node"]
-    spans = [(life.began_s, life.ended_s or math.inf, life.killed) for life in overlays]
-    return balance(ledger, record.reports, spans)
 
 
 def table(figures: Sequence[Figure]) -> list[str]:

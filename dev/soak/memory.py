@@ -11,13 +11,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import count
-from pathlib import Path
 
 import numpy as np
 
 from dev.soak.lives import Life
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.tools.presentation.plots import COLOURS, figure, png
 
 SETTLED_S = 60.0
 #: Means over so long are compared: single samples show what a frame borrows.
@@ -56,25 +54,3 @@ def worst_growth(lives: Sequence[Life]) -> dict[str, Growth | None]:
         node: Growth(max(g.own for g in grown), max(g.resident for g in grown)) if grown else None
         for node, grown in by_node.items()
     }
-
-
-def plot_memory(lives: Sequence[Life], path: Path) -> None:
-    """A picture (PNG) of the memory of all lives over the time of the soak.
-
-    Their own in full colour; what is resident in all, with shared memory, pale.
-    """
-    begin_s = min(life.began_s for life in lives)
-    nodes = list(dict.fromkeys(life.node for life in lives))
-    made, axes = figure(9.0, 5.0)
-    for life in lives:
-        times = [(life.began_s - begin_s + t_s) / 60 for t_s, _, _ in life.memory]
-        number = nodes.index(life.node)
-        first = next(other for other in lives if other.node == life.node) is life
-        resident, shared = np.array(life.memory, float).reshape(-1, 3)[:, 1:].T * 2**-20
-        label = life.node if first else None
-        axes.plot(times, resident - shared, color=COLOURS[number], label=label)
-        axes.plot(times, resident, color=COLOURS[number], alpha=0.3)
-    axes.set(xlabel="time of the soak [min]", ylabel="memory, pale: with shared [MiB]")
-    axes.set_ylim(0, None)
-    axes.legend(loc="lower right", ncols=2)
-    path.write_bytes(png(made))

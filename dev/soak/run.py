@@ -162,9 +162,6 @@ class _Soak:
         more: list[str] = []
         if node == "soak_player":
             self._players += 1
-            values = {
-                "first_epoch": self._players * EPOCHS,
-                "shift_ms": self._players * _BACK_MS,
-            }
+            values = {"first_epoch": self._players * EPOCHS, "shift_ms": self._players * _BACK_MS}
             more = [word for key, value in values.items() for word in ("-p", f"{key}:={value}")]
         self._lives.start(node, *more)

@@ -7,8 +7,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
 
-import numpy as np
-
 #: What every soak starts; the witness is not touched.
 NODES = ("ekf_node", "gimbal_node", "overlay_node", "soak_mute", "soak_player")
 #: A second soak_mute, which lives to be killed in the minute in which others settle.
@@ -53,12 +51,6 @@ def schedule(seed: int, duration_s: float) -> list[Event]:
         events.append(Event(at_s, kind, node, closer * lasts_s))
         at_s = end_s + closer * apart_s
     raise AssertionError("the rounds have no end")
-
-
-def repeated(what: tuple[Kind, str], duration_s: float) -> list[Event]:
-    """One event again and again, of two seconds: to see what it alone does to memory."""
-    starts_s = np.arange(_QUIET_S, duration_s - _END_S - 2.0, 6.0)
-    return [Event(float(at_s), *what, 2.0) for at_s in starts_s]
 
 
 _LASTS_S = {

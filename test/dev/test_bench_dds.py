@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import json
-import os
-import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from dev.bench_dds import busy, times_of
+from dev.bench_dds import times_of
 from tirgeo_ros.core.types.errors import GraphError
 
 START, FRAME, MS = 1_700_000_000_000_000_000, 33_333_333, 1_000_000
@@ -58,18 +55,3 @@ def test_frames_without_a_picture_are_lost_and_strange_pictures_do_not_count():
 def test_a_run_that_measured_nothing_is_an_error(shown, lines, message):
     with pytest.raises(GraphError, match=message):
         run(shown, lines=lines)
-
-
-def cpu_s(pid):
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
-def test_busy_processes_are_busy_and_end_with_the_block():
-    with busy(2) as spinning:
-        end_s = time.monotonic() + 20
-        while min(cpu_s(process.pid) for process in spinning) < 0.2:
-            assert [process.poll() for process in spinning] == [None, None]
-            assert time.monotonic() < end_s
-            time.sleep(0.05)
-    assert all(process.poll() is not None for process in spinning)

@@ -19,7 +19,7 @@ from dev.soak.run import RATE
 from dev.soak.schedule import Event, Kind, schedule
 from tirgeo_ros.core.types.verdicts import FilterState
 from tirgeo_ros.nodes.qos import STREAM_DEPTH
-from tirgeo_ros.tools.graph.resources import find_resource
+from tirgeo_ros.tools.graph import find_resource
 from tirgeo_ros.tools.simulate.scenario import Scenario
 
 
@@ -79,4 +79,3 @@ def test_a_short_soak_misses_nothing(tmp_path):
     assert value["pictures with lines"] > 20
     assert value["camera poses"] > 200
     assert (tmp_path / "soak" / "soak.json").is_file()
-    assert (tmp_path / "soak" / "memory.png").is_file()

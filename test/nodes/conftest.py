@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from domain_ports import taken_port
+from project import taken_port
 
 from tirgeo_ros.io.bags.bag import BagWriter, Cdr
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, sensed

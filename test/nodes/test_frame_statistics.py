@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 
 import pytest
 
@@ -13,11 +14,10 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from std_msgs.msg import Header
 
-from tirgeo_ros.nodes.frame_statistics import SentNumbers
-from tirgeo_ros.nodes.monitor import Monitor
+from tirgeo_ros.nodes.frame_statistics import FrameStatistics
+from tirgeo_ros.nodes.graph_node import GraphNode
 from tirgeo_ros.nodes.qos import output, sensor_input
 from tirgeo_ros.nodes.runner import make_executor
-from tirgeo_ros.nodes.topics import subscribe
 
 
 @pytest.mark.parametrize(
@@ -30,15 +30,15 @@ from tirgeo_ros.nodes.topics import subscribe
     ],
 )
 def test_gaps_are_missed(numbers, sent, missed):
-    found = SentNumbers()
+    found = FrameStatistics()
     for number in numbers:
-        found.heard(number)
+        found.heard("x", number)
     assert (found.sent, found.missed) == (sent, missed)
 
 
 def test_a_message_without_a_number_is_passed_on_all_the_same():
-    taken, numbers = [], SentNumbers()
-    take = numbers.listening(taken.append)
+    taken, numbers = [], FrameStatistics()
+    take = numbers.listening("x", taken.append)
     take("one", {"publication_sequence_number": None})
     take(("two", None))
     assert taken == ["one", "two"]
@@ -50,12 +50,12 @@ def test_a_message_without_a_number_is_passed_on_all_the_same():
 def test_what_gives_way_in_a_shallow_queue_is_counted(environment, executor_of):
     context = Context()
     rclpy.init(context=context, args=[], domain_id=int(environment["ROS_DOMAIN_ID"]))
-    node = rclpy.create_node("numbered", context=context)
+    node = GraphNode("numbered", context=context)
     executor = None
     try:
-        numbers, taken = SentNumbers(), []
-        counted, kind = numbers.listening, "std_msgs/msg/Header"
-        subscribe(node, "x", taken.append, sensor_input(1), Monitor(), kind, counted)
+        numbers, taken = FrameStatistics(), []
+        counted, kind = partial(numbers.listening, "x"), "std_msgs/msg/Header"
+        node.listen("x", taken.append, sensor_input(1), kind, counted)
         sender = node.create_publisher(Header, "x", output(100))
         executor = executor_of(context=context)
         executor.add_node(node)

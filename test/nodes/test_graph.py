@@ -180,15 +180,9 @@ def test_the_diagnostics_tell_of_the_flight(outputs):
 
 
 def test_what_only_the_paper_needs_is_given_up_when_joints_drive(outputs):
-    """The reported attitude is not: the checks compare the joints with it."""
-    reports = outputs.diagnostics["gimbal_node: topics"]
-    for topic in ("gimbal/joint_states", "gimbal/attitude"):
-        assert len(reports[f"{topic} rate [Hz]"]) >= 25
     rates_hz = outputs.numbers("gimbal_node: topics", "imu/data rate [Hz]")
-    # Heard of at first, however soon after it the second of the first report ended.
-    assert max(rates_hz) > 0
-    # Until the first joints, then to the end of the running second.
-    assert len(rates_hz) <= 10
+    assert max(rates_hz) > 0  # until the first joints
+    assert rates_hz[-1] == 0
 
 
 def processes_of(parent: int) -> list[int]:

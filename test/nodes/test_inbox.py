@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-import tracemalloc
 
 import pytest
 
@@ -16,9 +15,9 @@ from sensor_msgs.msg import Imu, NavSatFix
 
 from tirgeo_ros.core.types.errors import MessageError
 from tirgeo_ros.io.messages import stamp_ns
-from tirgeo_ros.nodes.callbacks import steady_timer
+from tirgeo_ros.nodes.graph_node import GraphNode
 from tirgeo_ros.nodes.inbox import Inbox
-from tirgeo_ros.nodes.monitor import ERROR, Monitor
+from tirgeo_ros.nodes.monitor import ERROR
 from tirgeo_ros.nodes.qos import output, sensor_input
 from tirgeo_ros.nodes.runner import make_executor
 
@@ -35,9 +34,9 @@ class Listener:
     def __init__(self, domain: int, executor_of, depth: int = 100) -> None:
         self.context = Context()
         rclpy.init(context=self.context, args=[], domain_id=domain)
-        self.node = rclpy.create_node("listener", context=self.context)
-        self.monitor, self.handled = Monitor(), []
-        self.inbox = Inbox(self.node, self.monitor)
+        self.node = GraphNode("listener", context=self.context)
+        self.handled = []
+        self.inbox = Inbox(self.node)
         self.work = lambda topic, stamp_s: self.handled.append((topic, stamp_s))
         for topic in KINDS:
             self.inbox.subscribe(topic, self._taker(topic), sensor_input(depth))
@@ -102,31 +101,9 @@ def test_what_is_left_of_a_queue_that_ran_over_keeps_its_place(listen):
     assert listener.handled == sorted(kept, key=lambda item: item[1])
 
 
-def test_no_more_waits_than_a_queue_holds(listen):
-    """While it works, more comes: the oldest that waits is given up, and counted."""
-    listener = listen(depth=20)
-    coming = iter(range(20, 60))
-
-    def work(topic: str, stamp_s: int) -> None:
-        listener.handled.append(stamp_s)
-        for number in [next(coming, None), next(coming, None)]:
-            if number is not None:
-                listener.send(IMU, number)
-
-    listener.work = work
-    for number in range(20):
-        listener.send(IMU, number)
-    listener.spin_until(lambda: 59 in listener.handled)
-    given_up = int(listener.inbox.diagnostics[f"given_up.{IMU}"])
-    assert listener.handled == sorted(listener.handled)
-    assert len(listener.handled) == 60 - given_up
-
-
 def test_timers_have_their_turn_while_much_waits(listen):
     listener, ticks = listen(), []
-    steady_timer(
-        listener.node, listener.monitor, "tick", 0.001, lambda: ticks.append(len(listener.handled))
-    )
+    listener.node.steady_timer("tick", 0.001, lambda: ticks.append(len(listener.handled)))
     listener.work = lambda *item: (listener.handled.append(item), time.sleep(0.002))
     for number in range(100):
         listener.send(IMU, number)
@@ -148,7 +125,7 @@ def test_what_fails_is_counted_for_its_own_topic(listen):
         listener.send(IMU, number)
         listener.send(FIX, number)
     listener.spin_until(lambda: len(listener.handled) == 8)
-    item = listener.monitor.item("x")
+    item = listener.node.monitor.item("x")
     assert item.level == ERROR
     assert f"failed: {FIX}: ValueError at test_inbox.py" in item.message
     assert item.values[f"{FIX} failed"] == "3"
@@ -156,28 +133,11 @@ def test_what_fails_is_counted_for_its_own_topic(listen):
     assert not {f"{IMU} failed", f"{IMU} unreadable"} & item.values.keys()
 
 
-def test_what_waits_takes_little_more_than_its_bytes(listen):
-    """A message of 316 bytes with its place in the queue; as an object 1600."""
-    number = 400
-    listener = listen(depth=number)
-    for stamp_s in range(number):
-        listener.send(IMU, stamp_s)
-    time.sleep(0.2)  # most of them are here then
-    tracemalloc.start()
-    listener.inbox._take()
-    waiting, (taken, _) = len(listener.inbox._order), tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert waiting > number / 2  # the rest may be on its way
-    assert taken / waiting < 800
-    listener.send(FIX, number)
-    listener.spin_until(lambda: listener.handled[-1:] == [(FIX, number)])
-
-
 def test_bytes_that_are_no_message_are_counted(listen):
     listener = listen()
     listener._publishers[IMU].publish(b"\0\1\0\0" + b"\xff" * 20)
     listener.send(IMU, 1)
     listener.spin_until(lambda: listener.handled)
-    values = listener.monitor.item("x").values
+    values = listener.node.monitor.item("x").values
     assert values[f"{IMU} unreadable"] == "1"
     assert values[f"{IMU} unreadable because"] == "24 bytes are no Imu"

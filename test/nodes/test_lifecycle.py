@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import fcntl
 import os
 import random
 import re
@@ -11,7 +9,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -20,10 +17,7 @@ from tirgeo_ros.io.bags.bag import BagReader
 
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
-from diagnostic_msgs.msg import DiagnosticArray
 from graph_helpers import await_words
-
-from tirgeo_ros.nodes.stale_shared_memory import FOLDER as SHARED
 
 pytestmark = pytest.mark.graph
 
@@ -96,29 +90,6 @@ def test_a_node_that_was_stopped_lives_on(spawn, tmp_path, flight_bag):
         process.signal(signal.SIGTERM)
     for process in processes:
         ended_cleanly(process)
-
-
-@contextlib.contextmanager
-def held_locks(domain: int) -> Iterator[None]:
-    """Hold the locks of the first ports of shared memory that a domain's participants make."""
-    first = 7400 + 250 * domain + 11  # RTPS 2.2, section 9.6.1.1
-    with contextlib.ExitStack() as held:
-        for port in range(first, first + 12, 2):
-            path = SHARED / f"fastrtps_port{port}_el"
-            held.callback(path.unlink, missing_ok=True)
-            fcntl.flock(held.enter_context(path.open("w")), fcntl.LOCK_EX | fcntl.LOCK_NB)
-        yield
-
-
-def test_a_port_whose_lock_another_holds_is_passed_over(spawn, meet, environment):
-    with held_locks(int(environment["ROS_DOMAIN_ID"])):
-        process = spawn("gimbal_node")
-        await_words(process, "ready")
-    assert PORT_TAKEN.search(process.text())
-    stranger = meet(diagnostics=DiagnosticArray)
-    stranger.spin_until(lambda: stranger.received["diagnostics"])
-    process.signal(signal.SIGINT)
-    ended_cleanly(process)
 
 
 def test_signals_at_any_moment_also_twice(spawn, tmp_path, flight_bag):

@@ -15,8 +15,7 @@ from map_readers import reader_of
 
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
-from graph_helpers import await_words
-from kept_log import KeptLog
+from graph_helpers import KeptLog, await_words
 
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane

@@ -18,9 +18,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CompressedImage, Image, Imu, JointState, NavSatFix
 from std_srvs.srv import Trigger
 
-from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
+from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import Messages, navigation_status
-from tirgeo_ros.nodes.topics import message_class
+from tirgeo_ros.nodes.graph_node import message_class
 
 pytestmark = pytest.mark.graph
 
@@ -130,31 +130,6 @@ def test_each_state_is_told_once_in_the_log_and_at_once_in_diagnostics(spawn, me
 
 def is_state_alone(array: DiagnosticArray) -> bool:
     return [status.name for status in array.status] == ["/ekf_node: navigation"]
-
-
-@pytest.mark.slow
-def test_what_has_no_stamp_counts_as_measured_at_arrival(spawn, meet, flight_bag, tmp_path):
-    cdr, bag = Cdr(), tmp_path / "unstamped.mcap"
-    topics = ("/rtk/fix", "/rtk/vel", "/rtk/heading")
-    with BagWriter(bag) as writer:
-        for item in BagReader(flight_bag).messages():
-            message = cdr.deserialize(item.data, item.typename)
-            if item.topic in topics:
-                message.header.stamp.sec = message.header.stamp.nanosec = 0
-            writer.write(item.topic, item.typename, message, item.log_time_ns)
-    stranger = meet(**{"/diagnostics": DiagnosticArray})
-    # The simulated receiver's messages arrive 80 ms after the measurement.
-    ekf = spawn("ekf_node", "-p", "use_sim_time:=true", "-p", "rtk.delay_s:=0.08")
-    await_words(ekf, "ready")
-    player = spawn(*player_of(bag))
-    stranger.spin_until(lambda: player.poll() is not None)
-    stranger.spin_until(lambda: "running" in states_of(stranger))  # late RTK may end it again
-    item = "/ekf_node: navigation"
-    for topic, source in (("fix", "position"), ("vel", "velocity"), ("heading", "heading")):
-        key = f"stamped_at_arrival.rtk/{topic}"
-        # Of 20 in 4 s; best effort may lose one or two where the machine is busy.
-        assert int(stranger.diagnostic(item)[key]) >= 15
-        assert int(stranger.diagnostic(item)[f"count.rtk_{source}.used"]) >= 5
 
 
 def states_of(stranger) -> list[str]:

@@ -14,24 +14,16 @@ from map_readers import reader_of
 
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from graph_helpers import await_words
 from overlay_flight import MESSAGES, Flight, has_lines, write_map
 from overlays import PLANE, SQUARE_N, distances, ink_on, pose_at, true_outline
-from rclpy import event_handler
-from rclpy.context import Context
-from rclpy.event_handler import EventHandler, QoSSubscriptionEventType
-from rclpy.node import Node
 from sensor_msgs.msg import Image, NavSatFix
 
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.io.messages import ground_point, image_pixels, stamp_ns
-from tirgeo_ros.nodes.monitor import Monitor
-from tirgeo_ros.nodes.qos import sensor_input
-from tirgeo_ros.nodes.topics import subscribe
 
 pytestmark = pytest.mark.graph
 
@@ -241,19 +233,3 @@ def test_frames_that_the_transport_loses_are_counted(overlay, meet):
         return any(p.key == "thermal/image_raw lost" and int(p.value) > 0 for p in values)
 
     stranger.spin_until(lost)
-
-
-def test_where_the_middleware_tells_of_no_losses_all_else_works(monkeypatch):
-    def unable(**words):
-        if words["event_type"] == QoSSubscriptionEventType.RCL_SUBSCRIPTION_MESSAGE_LOST:
-            raise event_handler.UnsupportedEventTypeError("not in this one")
-        return EventHandler(**words)
-
-    context = Context()
-    rclpy.init(context=context, args=[])
-    node = Node("listener", context=context)
-    monkeypatch.setattr(event_handler, "EventHandler", unable)
-    subscription = subscribe(node, "imu/data", print, sensor_input(), Monitor())
-    assert subscription.topic_name == "/imu/data"
-    node.destroy_node()
-    context.try_shutdown()

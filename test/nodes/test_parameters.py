@@ -6,7 +6,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from project import PROJECT
 
 rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
@@ -14,11 +13,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from tirgeo_ros.core.config import (
-    NODE_CONFIGS,
-    AircraftConfig,
-    EkfConfig,
-)
+from tirgeo_ros.core.config import NODE_CONFIGS, AircraftConfig, EkfConfig
 from tirgeo_ros.core.config.schema import parameters_of
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile
@@ -141,15 +136,6 @@ def test_the_aircraft_is_said_once_for_all_nodes(make_node, tmp_path, name):
     places = AircraftConfig(imu_m=(0.5, 0, 0), rtk_antenna_m=(0, 0.55, 0.35))
     needed = name in {"dji_node", "ekf_node", "gimbal_node", "bag_player"}
     assert getattr(config, "aircraft", None) == (places if needed else None)
-
-
-@pytest.mark.parametrize("file", ["m600_xt2.yaml", "m300_h20t.yaml"])
-@pytest.mark.parametrize("name", NODE_CONFIGS)
-def test_every_node_reads_the_shipped_files_as_the_commands_do(make_node, name, file):
-    path = PROJECT / "config" / file
-    check_arguments(name, ["--ros-args", "--params-file", str(path)])
-    config = declare(make_node(name, [path]), NODE_CONFIGS[name])
-    assert repr(config) == repr(ParameterFile(path).config(name, NODE_CONFIGS[name]))
 
 
 def test_a_node_by_another_name_is_left_to_rcl(tmp_path):

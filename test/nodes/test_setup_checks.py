@@ -14,9 +14,7 @@ import pytest
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import Vector3Stamped
-from graph_helpers import await_words
-from kept_log import KeptLog
+from graph_helpers import KeptLog, await_words
 from overlay_flight import MESSAGES, Flight, write_map
 from overlays import PLANE, SQUARE_N
 from sensor_msgs.msg import Image
@@ -46,8 +44,8 @@ class FakeChecks:
 
 
 def setup_of(*checks: FakeChecks) -> tuple[SetupChecks, KeptLog, Monitor]:
-    node, monitor = KeptLog(), Monitor()
-    return SetupChecks(node, monitor, *checks), node, monitor
+    node = KeptLog()
+    return SetupChecks(node, *checks), node, node.monitor
 
 
 def test_the_item_has_the_worst_level_and_every_finding():
@@ -175,6 +173,7 @@ class FakeNode:
     """A node of a namespace in a graph whose publishers are given: names with types."""
 
     def __init__(self, **published: str) -> None:
+        self.monitor = Monitor()
         self.published = {f"/{name.replace('__', '/')}": kind for name, kind in published.items()}
 
     def get_namespace(self) -> str:
@@ -193,10 +192,9 @@ class FakeNode:
 
 
 def checks_of(node: FakeNode, heard: str = "") -> InputChecks:
-    monitor = Monitor()
     if heard:
-        monitor.received(heard)
-    return InputChecks(node, monitor, (JOINTS, ATTITUDE))
+        node.monitor.received(heard)
+    return InputChecks(node, (JOINTS, ATTITUDE))
 
 
 def test_another_type_is_told_at_once():
@@ -220,32 +218,3 @@ def test_what_nobody_publishes_is_waited_for_from_the_first_message_on():
 def test_what_other_nodes_say_of_themselves_is_no_message_of_a_flight():
     checks = checks_of(FakeNode(), "/diagnostics")
     assert not any(checks.findings() for _ in range(20))
-
-
-def test_a_topic_under_another_namespace_is_named():
-    checks = checks_of(
-        FakeNode(gimbal__attitude="geometry_msgs/msg/QuaternionStamped"), "imu/data"
-    )
-    (found,) = [found for _ in range(6) for found in checks.findings()]
-    assert "there is /gimbal/attitude" in found.evidence
-    assert "remap" in found.mend
-
-
-@pytest.mark.parametrize("heard", [JOINTS, ATTITUDE])
-def test_one_of_several_will_do(heard):
-    checks = checks_of(FakeNode(), heard)
-    assert not any(checks.findings() for _ in range(20))
-
-
-@pytest.mark.graph
-def test_joints_of_another_type_are_an_error_of_the_gimbals_set_up(spawn, meet):
-    node, observer = spawn("gimbal_node"), meet(**{"/diagnostics": DiagnosticArray})
-    await_words(node, "ready")
-    observer.node.create_publisher(Vector3Stamped, JOINTS, 10)
-
-    def told() -> bool:
-        found = observer.diagnostic("/gimbal_node: set-up")
-        is_type = "geometry_msgs/msg/Vector3Stamped" in found.get("", "")
-        return is_type and found["level"] == str(ERROR)
-
-    observer.spin_until(told)

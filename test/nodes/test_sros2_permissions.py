@@ -15,9 +15,9 @@ from sros2_policy import Permissions, allowed
 
 from tirgeo_ros.io.bags.bag import BagWriter
 from tirgeo_ros.io.messages import SENSED_TOPICS, TOPIC_TYPES
+from tirgeo_ros.nodes.graph_node import message_class
 from tirgeo_ros.nodes.psdk_source import _LOST, _TOPICS, _is_installed
-from tirgeo_ros.nodes.topics import message_class
-from tirgeo_ros.tools.graph.resources import find_resource
+from tirgeo_ros.tools.graph import find_resource
 
 pytestmark = pytest.mark.graph
 

@@ -1,4 +1,4 @@
-"""A node that knows nothing of this package, and waiting for processes."""
+"""A node that knows nothing of this package, one that has only a log, waiting for processes."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from tirgeo_ros.io.messages import diagnostic_level
+from tirgeo_ros.nodes.graph_node import GraphNode
+from tirgeo_ros.nodes.monitor import Monitor
 from tirgeo_ros.tools.graph.node_process import NodeProcess
 
 #: By default a reader that halts, as on a machine with other work, finds the samples of the last
@@ -115,3 +117,33 @@ def await_words(process: NodeProcess, words: str, timeout_s: float = 60.0) -> No
         process.check_running()
         assert time.monotonic() < end_s, f"{process.name} never said {words!r}"
         time.sleep(0.02)
+
+
+class KeptLog:
+    """A node that has nothing but a logger, which keeps its ``lines``: (severity, text)."""
+
+    log, guarded, item = GraphNode.log, GraphNode.guarded, GraphNode.item
+    item_name = GraphNode.item_name
+
+    def __init__(self) -> None:
+        self.lines: list[tuple[str, str]] = []
+        self.monitor = Monitor()
+
+    def get_logger(self) -> KeptLog:
+        return self
+
+    def get_fully_qualified_name(self) -> str:
+        return "/uav1/ekf_node"
+
+    def info(self, text: str) -> None:
+        self.lines.append(("info", text))
+
+    def warning(self, text: str) -> None:
+        self.lines.append(("warning", text))
+
+    def error(self, text: str) -> None:
+        self.lines.append(("error", text))
+
+    def texts(self, severity: str = "") -> list[str]:
+        """Return the texts of one severity, or all."""
+        return [text for kind, text in self.lines if severity in ("", kind)]

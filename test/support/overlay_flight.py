@@ -13,7 +13,7 @@ from sensor_msgs.msg import CameraInfo, Image, NavSatFix
 
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.io.messages import Messages, image_pixels
-from tirgeo_ros.nodes.topics import message_class
+from tirgeo_ros.nodes.graph_node import message_class
 
 MESSAGES = Messages(message_class)
 ITEM = "/overlay_node: overlay"

@@ -1,10 +1,42 @@
-"""Where the project's own files are, and what its nodes are called."""
+"""Where the project's files are, what its nodes and verbs are called, whose a DDS port is."""
 
 from __future__ import annotations
 
+import argparse
+import socket
 from pathlib import Path
 
 PROJECT = Path(__file__).resolve().parents[2]
 
 #: The executables that a launch file starts.
 NODES = frozenset({"dji_node", "ekf_node", "gimbal_node", "overlay_node", "bag_player"})
+
+
+def verb_parsers(
+    parser: argparse.ArgumentParser | None = None, words: str = ""
+) -> dict[str, argparse.ArgumentParser]:
+    """Return the parser of every verb by its words, those within a verb too."""
+    from tirgeo_ros.tools.cli.main import parser_of, verbs  # noqa: PLC0415 for few tests
+
+    parser = parser or parser_of(verbs())
+    inner = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
+    if not inner:
+        return {words: parser}
+    found: dict[str, argparse.ArgumentParser] = {}
+    for name, one in inner[0].choices.items():
+        found |= verb_parsers(one, f"{words} {name}".strip())
+    return found
+
+
+def taken_port(domain: int) -> socket.socket:
+    """Hold the port of a domain's first participant (RTPS 2.2, section 9.6.1.1) until closed.
+
+    Raises OSError where somebody has it.
+    """
+    taken = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        taken.bind(("", 7410 + 250 * domain))
+    except OSError:
+        taken.close()
+        raise
+    return taken

@@ -1,7 +1,7 @@
-"""Plays a bag onto topics in real time, for subscribers that are already there.
+"""Play a bag onto topics in real time, once its subscribers are there.
 
-With /clock, or live: stamped anew as if it were flown now. Live, what the aircraft said can go out
-as its bytes on a pseudo-terminal, in step with the pictures.
+It publishes /clock; or, live, it shifts all stamps as if the flight were now. Live, the aircraft's
+data can be sent as bytes on a pseudo-terminal, in step with the pictures.
 """
 
 from __future__ import annotations
@@ -16,21 +16,21 @@ from pathlib import Path
 from typing import Any
 
 from rclpy.duration import Duration
-from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import Header
 
 from tirgeo_ros.core.config import BagPlayerConfig
 from tirgeo_ros.core.types.errors import BagError, ConfigError, shown
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader
-from tirgeo_ros.io.messages import Messages, stamp_ns
+from tirgeo_ros.io.messages import stamp_ns
+from tirgeo_ros.nodes.graph_node import GraphNode, message_class
+from tirgeo_ros.nodes.monitor import OK, WARN
 from tirgeo_ros.nodes.parameters import declare
 from tirgeo_ros.nodes.play_clock import PlayClock
-from tirgeo_ros.nodes.playlist import Audience, aircraft_topics, publishers_for
+from tirgeo_ros.nodes.playlist import aircraft_topics, await_readers, publishers_for
 from tirgeo_ros.nodes.qos import output
 from tirgeo_ros.nodes.runner import run
 from tirgeo_ros.nodes.simulated_serial_aircraft import SerialAircraft
-from tirgeo_ros.nodes.topics import advertise, message_class
 
 #: Time limit in total. A reader that lost nothing may acknowledge only at the next heartbeat,
 #: every 3 s.
@@ -43,47 +43,64 @@ SHIFTED = "live: stamps are later than the bag's by"
 Due = tuple[int, Callable[[], None]]  # bag time in ns, and the call to make at that time
 
 
-class BagPlayer(Node):
+class BagPlayer(GraphNode):
     """Play one bag: its publishers, its clock and, if live, the simulated aircraft on a port."""
 
     def __init__(self) -> None:
         super().__init__("bag_player")
         self._config = declare(self, BagPlayerConfig)
-        _check(self._config)
+        if not self._config.bag:
+            raise ConfigError("parameter bag: no bag given: set it to an MCAP file")
+        if self._config.live and self._config.rate != 1:
+            rate = self._config.rate
+            raise ConfigError(f"parameter rate: a live bag plays at 1, not at {rate:g}")
+        if self._config.serial_port and not self._config.live:
+            raise ConfigError(
+                "parameter serial_port: bytes are stamped as they come, so it needs live: true"
+            )
         self._reader = BagReader(Path(self._config.bag))
         topics, wanted = self._reader.topics(), self._config.topics
         port = self._config.serial_port
         spoken = aircraft_topics(topics, wanted) if port else {}
         self._topics = publishers_for(self, topics, wanted, spoken)
-        self._clock_publisher = None if self._config.live else advertise(self, "/clock", output())
-        self._audience = Audience(self, [*self._topics.values()], self._config.wait_for)
-        self._messages = Messages(message_class)
+        self._clock_publisher = None if self._config.live else self.advertise("/clock", output())
         config = self._config.simulated_aircraft, self._config.aircraft
         self._aircraft = SerialAircraft(port, *config, spoken) if port else None
         self.resources = self._aircraft.terminal if self._aircraft else None
 
     def play(self, stop: threading.Event) -> int:
         """Wait for subscribers, play, wait for acknowledgement; return the exit code."""
-        attend = self._aircraft.attend if self._aircraft else lambda: True
-        if not self._audience.wait(self._config.wait_timeout_s, stop, attend):
-            no_reader = self._aircraft is not None and not self._aircraft.attend()
-            missing = f"a reader of {self._config.serial_port}"
-            missing = missing if no_reader else self._audience.missing()
-            self.get_logger().warning(shown(f"playing without {missing}"))
-        self.get_logger().info(shown(f"playing {self._config.bag}"))
+        config, topics = self._config, self._topics.values()
+        missing = await_readers(
+            self, topics, config.wait_for, config.wait_timeout_s, stop, self._attend
+        )
+        if missing:
+            self.log(WARN, f"playing without {missing}")
+        self.log(OK, f"playing {config.bag}")
         self._play_once(stop)
         while self._config.loop and not stop.is_set():
             self._play_once(stop)
         self._await_acknowledgement(stop)
         if self._aircraft is not None and self._aircraft.losses:
-            self.get_logger().warning(f"not played: {self._aircraft.losses}")
+            self.log(WARN, f"not played: {self._aircraft.losses}")
         if self._reader.damage:
             raise BagError(f"{self._config.bag}: {self._reader.damage}")
         return 0
 
+    def _attend(self) -> str:
+        """Serve the simulated aircraft's host; return which reader is missing."""
+        heard = self._aircraft is None or self._aircraft.attend()
+        return "" if heard else f"a reader of {self._config.serial_port}"
+
     def _play_once(self, stop: threading.Event) -> None:
         clock = PlayClock(self._config.rate, self._config.clock_rate_hz, self._tick)
-        start_ns, shift_ns = self._start_ns(), 0
+        first_ns, last_ns = self._reader.span_ns
+        start_ns, shift_ns = first_ns + round(self._config.start_offset_s * 1e9), 0
+        if start_ns > last_ns:
+            raise BagError(
+                f"{self._config.bag}: start_offset_s {self._config.start_offset_s:g} is beyond "
+                f"the bag's {(last_ns - first_ns) * 1e-9:.1f} s"
+            )
         if self._config.live:
             clock.begin(start_ns, _LEAD_S)
             shift_ns = time.time_ns() + round(_LEAD_S * 1e9) - start_ns
@@ -94,16 +111,14 @@ class BagPlayer(Node):
                 break
             give()
             count += 1
-        self.get_logger().info(shown(f"played {count} messages of {self._config.bag}"))
+        self.log(OK, f"played {count} messages of {self._config.bag}")
 
     def _schedule(self, start_ns: int, shift_ns: int) -> Iterator[Due]:
         """Yield the calls to make, in order of bag time (ns)."""
         published = self._published(start_ns, shift_ns)
         if self._aircraft is None:
             return published
-        frames = self._aircraft.frames(self._reader, start_ns, shift_ns)
-        send = self._aircraft.send
-        spoken = ((due_ns, partial(send, data)) for due_ns, data in frames)
+        spoken = self._aircraft.frames(self._reader, start_ns, shift_ns)
         return heapq.merge(spoken, published, key=itemgetter(0))
 
     def _published(self, start_ns: int, shift_ns: int) -> Iterator[Due]:
@@ -131,19 +146,9 @@ class BagPlayer(Node):
             if left_s > 0 and not stop.is_set():
                 publisher.wait_for_all_acked(Duration(seconds=left_s))
 
-    def _start_ns(self) -> int:
-        first_ns, last_ns = self._reader.span_ns
-        start_ns = first_ns + round(self._config.start_offset_s * 1e9)
-        if start_ns > last_ns:
-            raise BagError(
-                f"{self._config.bag}: start_offset_s {self._config.start_offset_s:g} is beyond "
-                f"the bag's {(last_ns - first_ns) * 1e-9:.1f} s"
-            )
-        return start_ns
-
     def _tick(self, bag_ns: int) -> None:
         if self._clock_publisher is not None:
-            self._clock_publisher.publish(self._messages.clock(bag_ns))
+            self._clock_publisher.publish(self.messages.clock(bag_ns))
 
 
 def move_stamps(part: Any, shift_ns: int) -> None:
@@ -155,23 +160,9 @@ def move_stamps(part: Any, shift_ns: int) -> None:
             if stamp:
                 sec, nanosec = divmod(stamp + shift_ns, 1_000_000_000)
                 part.header.stamp.sec, part.header.stamp.nanosec = sec, nanosec
-        elif isinstance(value, list):
-            if value and hasattr(value[0], "get_fields_and_field_types"):
-                for item in value:
-                    move_stamps(item, shift_ns)
-        elif hasattr(value, "get_fields_and_field_types"):
-            move_stamps(value, shift_ns)
-
-
-def _check(config: BagPlayerConfig) -> None:
-    if not config.bag:
-        raise ConfigError("parameter bag: no bag given: set it to an MCAP file")
-    if config.live and config.rate != 1:
-        raise ConfigError(f"parameter rate: a live bag plays at 1, not at {config.rate:g}")
-    if config.serial_port and not config.live:
-        raise ConfigError(
-            "parameter serial_port: bytes are stamped as they come, so it needs live: true"
-        )
+        for item in value if isinstance(value, list) else [value]:
+            if hasattr(item, "get_fields_and_field_types"):
+                move_stamps(item, shift_ns)
 
 
 main = partial(run, "bag_player", BagPlayer, BagPlayer.play)

@@ -1,45 +1,36 @@
-"""The aircraft: its serial link or psdk_ros2's topics in; the graph's input topics out."""
+"""Read the aircraft: its serial link or psdk_ros2's topics in; the graph's input topics out."""
 
 from __future__ import annotations
 
 import threading
 from functools import partial
 
-from rclpy.node import Node
-
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.dji.interpret import Interpreter
 from tirgeo_ros.dji.sources.readings import Reading
-from tirgeo_ros.io.messages import DJI_TOPICS, DiagnosticItem, Messages, SensedSample, sensed
-from tirgeo_ros.nodes.diagnostics import Diagnostics, item_name
-from tirgeo_ros.nodes.monitor import OK, WARN, Monitor
+from tirgeo_ros.io.messages import DJI_TOPICS, DiagnosticItem, SensedSample, sensed
+from tirgeo_ros.nodes.graph_node import GraphNode
+from tirgeo_ros.nodes.monitor import OK, WARN
 from tirgeo_ros.nodes.parameters import declare
 from tirgeo_ros.nodes.psdk_source import PsdkSource
 from tirgeo_ros.nodes.qos import STREAM_DEPTH, output
 from tirgeo_ros.nodes.runner import run
 from tirgeo_ros.nodes.serial_source import SerialSource
-from tirgeo_ros.nodes.topics import advertise, message_class
 
 
-class DjiNode(Node):
+class DjiNode(GraphNode):
     """Connect one source of readings, one Interpreter and the aircraft's topics."""
 
     def __init__(self) -> None:
         super().__init__("dji_node")
         config = declare(self, DjiConfig)
         self._interpreter = Interpreter(config)
-        self._messages = Messages(message_class)
-        self._monitor = Monitor()
-        self._topics = {t: advertise(self, t, output(STREAM_DEPTH)) for t in DJI_TOPICS}
+        self._topics = {t: self.advertise(t, output(STREAM_DEPTH)) for t in DJI_TOPICS}
         self._lock = threading.Lock()  # the port is read in a thread beside the executor
         self._warned: set[str] = set()
-        if config.source == "serial":
-            self._source: SerialSource | PsdkSource = SerialSource(
-                self, config, self._take, self._monitor
-            )
-        else:
-            self._source = PsdkSource(self, config, self._take, self._monitor)
-        self._diagnostics = Diagnostics(self, self._messages, self._monitor, self._items)
+        source = SerialSource if config.source == "serial" else PsdkSource
+        self._source = source(self, config, self._take)
+        self.report_each_second(self._items)
 
     def serve(self, stop: threading.Event) -> int:
         """Read the source until ``stop`` is set; return the exit code."""
@@ -53,9 +44,9 @@ class DjiNode(Node):
                     self._publish(sample)
 
     def _publish(self, sample: SensedSample) -> None:
-        topic, message = sensed(self._messages, sample)
+        topic, message = sensed(self.messages, sample)
         self._topics[topic].publish(message)
-        self._monitor.published(topic, self.get_clock(), sample.stamp_ns)
+        self.monitor.published(topic, 1e-9 * (self.now_ns - sample.stamp_ns))
 
     def _items(self) -> list[DiagnosticItem]:
         with self._lock:
@@ -65,11 +56,9 @@ class DjiNode(Node):
         for warning in warnings:
             if warning not in self._warned:
                 self._warned.add(warning)
-                self.get_logger().warning(warning)
-        name = item_name(self, "aircraft")
-        message = "; ".join(warnings) or "ok"
-        own = DiagnosticItem(name, WARN if warnings else OK, message, values)
-        return [*self._source.items(), own]
+                self.log(WARN, warning)
+        level, message = (WARN, "; ".join(warnings)) if warnings else (OK, "ok")
+        return [self._source.item(), self.item("aircraft", values, message, level)]
 
 
 main = partial(run, "dji_node", DjiNode, DjiNode.serve)

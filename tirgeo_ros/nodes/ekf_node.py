@@ -1,4 +1,4 @@
-"""The navigation filter: IMU, RTK and GPS in; the body's pose in ``map`` out."""
+"""Run the navigation filter: IMU, RTK and GPS in; the body's pose in ``map`` out."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from tirgeo_ros.core.checks.navigation_checks import NavigationChecks
@@ -18,18 +17,15 @@ from tirgeo_ros.core.streams.arrival_stamps import Arrivals
 from tirgeo_ros.core.streams.rates import RateLimit
 from tirgeo_ros.core.types.measurements import NavigationInput, Source
 from tirgeo_ros.core.types.poses import NavSolution
-from tirgeo_ros.core.types.verdicts import NavigationStatus, Outcome, Verdict
-from tirgeo_ros.io.messages import NAVIGATION_INPUTS, DiagnosticItem, Messages
-from tirgeo_ros.nodes.callbacks import guarded
-from tirgeo_ros.nodes.diagnostics import Diagnostics, item_name
-from tirgeo_ros.nodes.filter_status_log import StateLog
+from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus, Outcome, Verdict
+from tirgeo_ros.io.messages import NAVIGATION_INPUTS, DiagnosticItem
+from tirgeo_ros.nodes.graph_node import GraphNode
 from tirgeo_ros.nodes.inbox import Inbox
-from tirgeo_ros.nodes.monitor import Monitor
+from tirgeo_ros.nodes.monitor import OK, WARN
 from tirgeo_ros.nodes.parameters import declare, given_names
 from tirgeo_ros.nodes.qos import STREAM_DEPTH, latched, output, sensor_input
 from tirgeo_ros.nodes.runner import run
 from tirgeo_ros.nodes.setup_checks import InputChecks, SetupChecks
-from tirgeo_ros.nodes.topics import advertise, message_class
 
 Decode = Callable[[Any], NavigationInput]
 _IMU = NAVIGATION_INPUTS[Source.IMU][0]
@@ -37,28 +33,62 @@ _POSITIONS = (Source.RTK_POSITION, Source.GPS_POSITION)
 _RESTARTS = (Outcome.TIME_JUMP, Outcome.GAP, Outcome.RESTART)
 
 
-class EkfNode(Node):
+_BEST_FIRST = (
+    *(FilterState.RUNNING, FilterState.DEGRADED, FilterState.DEAD_RECKONING),
+    *(FilterState.ALIGNING, FilterState.WAITING, FilterState.LOST),
+)
+
+
+class StateLog:
+    """Log changes of the estimator's status on a node's log."""
+
+    def __init__(self, node: GraphNode) -> None:
+        self._node = node
+        self._logged: tuple[FilterState | None, str] = (None, "")  # state and reason
+        self._resets: dict[str, int] = {}
+
+    def note(self, status: NavigationStatus, *, reasons: bool = False) -> bool:
+        """Log a new state (a worse one as a warning) and resets; return whether there was any.
+
+        With ``reasons``, log a new reason of the same state too. That is not for each sample: a
+        reason may contain a number.
+        """
+        before, self._logged = self._logged, (status.state, status.reason)
+        moved = status.state is not before[0]
+        if moved or (reasons and self._logged != before):
+            ranks = [_BEST_FIRST.index(state) for state in (before[0], status.state) if state]
+            reason = f": {status.reason}" if status.reason else ""
+            text = f"{status.method}: {status.state.value}{reason}"
+            self._node.log(WARN if ranks[0] < ranks[-1] else OK, text)
+        elif not reasons:
+            self._logged = before
+        reset = [name for name, n in status.resets.items() if n > self._resets.get(name, 0)]
+        if reset:
+            self._node.log(WARN, f"reset by {', '.join(reset)}: {status.last_reset}")
+        self._resets = status.resets
+        return moved or bool(reset)
+
+
+class EkfNode(GraphNode):
     """Connect one Navigation with its topics."""
 
     def __init__(self) -> None:
         super().__init__("ekf_node")
         config = declare(self, EkfConfig)
         self._navigation = Navigation(config)
-        self._messages = Messages(message_class)
-        self._monitor = Monitor()
         self._checks = NavigationChecks(config, given_names(self, EkfConfig))
         sources = METHOD_SOURCES[config.method]
         positions = [NAVIGATION_INPUTS[one][0] for one in sources if one in _POSITIONS]
-        inputs = InputChecks(self, self._monitor, (_IMU,), positions)
-        self._setup = SetupChecks(self, self._monitor, inputs, self._checks)
+        inputs = InputChecks(self, (_IMU,), positions)
+        self._setup = SetupChecks(self, inputs, self._checks)
         self._arrivals = Arrivals()
-        self._inbox = Inbox(self, self._monitor)
-        self._state_log = StateLog(self.get_logger())
+        self._inbox = Inbox(self)
+        self._state_log = StateLog(self)
         self._state_log.note(self._navigation.status())
-        self._odometry = advertise(self, "tirgeo/odometry", output(STREAM_DEPTH))
+        self._odometry = self.advertise("tirgeo/odometry", output(STREAM_DEPTH))
         self._fix_rate = RateLimit(config.fix_rate_hz)
-        self._fix = advertise(self, "tirgeo/fix", output())
-        self._origin = advertise(self, "tirgeo/origin", latched())
+        self._fix = self.advertise("tirgeo/fix", output())
+        self._origin = self.advertise("tirgeo/origin", latched())
         self._published_plane: TangentPlane | None = None
         # Only the sources that the method uses: an unused subscription costs time at every
         # message.
@@ -66,10 +96,10 @@ class EkfNode(Node):
             topic, decode = NAVIGATION_INPUTS[source]
             self._inbox.subscribe(topic, partial(self._take, topic, decode), sensor_input())
         # Only the IMU is expected here: the filter itself reports which other inputs it misses.
-        self._monitor.expects(_IMU)
-        self._restart = guarded(self, self._monitor, "reset", self._navigation.reset)
+        self.monitor.expects(_IMU)
+        self._restart = self.guarded("reset", self._navigation.reset)
         self.create_service(Trigger, "~/reset", self._reset)
-        self._diagnostics = Diagnostics(self, self._messages, self._monitor, self._items)
+        self.report_each_second(self._items)
 
     def _take(self, topic: str, decode: Decode, message: Any) -> None:
         came, arrival_ns = decode(message), self._inbox.taken_ns
@@ -80,7 +110,7 @@ class EkfNode(Node):
             self._publish(step.solution)
         status = self._navigation.status()
         if self._state_log.note(status):
-            self._diagnostics.publish([self._item(status)])
+            self.report([self._item(status)])
         self._setup.take(self._checks.take, topic, came, arrival_ns)
         if step.solution is not None:
             self._setup.take(self._checks.solution, step.solution)
@@ -90,20 +120,20 @@ class EkfNode(Node):
         if plane is None:
             return
         if plane != self._published_plane:
-            self._origin.publish(self._messages.origin(plane, solution.stamp_ns))
+            self._origin.publish(self.messages.origin(plane, solution.stamp_ns))
             self._published_plane = plane
-        self._odometry.publish(self._messages.odometry(solution, plane.body_pose(solution)))
+        self._odometry.publish(self.messages.odometry(solution, plane.body_pose(solution)))
         if self._fix_rate.due(solution.stamp_ns) and self._fix.get_subscription_count():
-            self._fix.publish(self._messages.fix(solution))
-        self._monitor.published("tirgeo/odometry", self.get_clock(), solution.stamp_ns)
+            self._fix.publish(self.messages.fix(solution))
+        self.monitor.published("tirgeo/odometry", 1e-9 * (self.now_ns - solution.stamp_ns))
 
     def _items(self) -> list[DiagnosticItem]:
         status = self._navigation.status()
-        self._state_log.note_reason(status)
+        self._state_log.note(status, reasons=True)
         return [self._item(status), self._setup.item()]
 
     def _item(self, status: NavigationStatus) -> DiagnosticItem:
-        item = self._messages.navigation_diagnostic(item_name(self, "navigation"), status)
+        item = self.messages.navigation_diagnostic(self.item_name("navigation"), status)
         item.values.update(self._arrivals.diagnostics | self._inbox.diagnostics)
         return item
 

@@ -6,23 +6,50 @@ a shallow queue, or it was lost in transport.
 
 from __future__ import annotations
 
-import math
 import time
 from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from tirgeo_ros.nodes.callbacks import told
+import numpy as np
+
+from tirgeo_ros.nodes.graph_node import told
 
 _FRAMES = 100
 
 
-class FrameTimes:
-    """Hold the latencies of the newest hundred pictures, by this machine's steady clock."""
+class FrameStatistics:
+    """Hold the latencies of the newest hundred pictures, and count frames sent and missed.
+
+    ``sent`` counts frames since the first that came, ``missed`` those of them that did not come.
+    A number that goes back means a new publisher. With two publishers at once on one topic both
+    counts are wrong.
+    """
 
     def __init__(self) -> None:
+        self.sent = self.missed = 0
+        self._last: dict[str, int] = {}  # number of each topic's newest frame
         self._arrived_s: deque[tuple[int, float]] = deque(maxlen=_FRAMES)  # stamp (ns), time
         self._took_s: deque[float] = deque(maxlen=_FRAMES)
+
+    def heard(self, topic: str, number: int) -> None:
+        """Count the frame with this sequence number, and those missed before it."""
+        last = self._last.get(topic, 0)
+        skipped = number - last - 1 if 0 < last < number else 0
+        self.missed += skipped
+        self.sent += skipped + 1
+        self._last[topic] = number
+
+    def listening(self, topic: str, receive: Callable[[Any], None]) -> Callable[..., None]:
+        """Return ``receive`` as the callback of a subscription that also counts the numbers."""
+
+        def take(message: Any, info: Any) -> None:
+            number = info.get("publication_sequence_number") if info else None
+            if number is not None:  # not every middleware numbers messages
+                self.heard(topic, number)
+            receive(message)
+
+        return told(take)
 
     def arrived(self, stamp_ns: int) -> None:
         """Record the arrival of a frame."""
@@ -37,44 +64,11 @@ class FrameTimes:
 
     @property
     def values(self) -> dict[str, str]:
-        """Return median and 95th percentile (ms) and the newest frame's stamp (s) as texts."""
-        newest = {}
+        """Return the counts, median and 95th percentile (ms), and the newest frame's stamp (s)."""
+        found = {"frames_sent": str(self.sent), "frames_missed": str(self.missed)}
         if self._arrived_s:
             seconds = divmod(self._arrived_s[-1][0], 1_000_000_000)
-            newest = {"newest_frame": "{}.{:09d}".format(*seconds)}
-        ranked_ms = [1e3 * took_s for took_s in sorted(self._took_s)]
-        for share in (50, 95) if ranked_ms else ():
-            took_ms = ranked_ms[math.ceil(share / 100 * len(ranked_ms)) - 1]
-            newest[f"latency p{share} [ms]"] = f"{took_ms:.1f}"
-        return newest
-
-
-class SentNumbers:
-    """Track the sequence numbers of one publisher's messages, or of the publisher after it.
-
-    ``sent`` counts messages since the first that came, ``missed`` those of them that did not come.
-    A number that goes back means a new publisher. With two publishers at once both counts are
-    wrong.
-    """
-
-    def __init__(self) -> None:
-        self.sent = self.missed = 0
-        self._last = 0
-
-    def heard(self, number: int) -> None:
-        """Count the message with this sequence number, and those missed before it."""
-        skipped = number - self._last - 1 if 0 < self._last < number else 0
-        self.missed += skipped
-        self.sent += skipped + 1
-        self._last = number
-
-    def listening(self, receive: Callable[[Any], None]) -> Callable[..., None]:
-        """Return ``receive`` as the callback of a subscription that also counts the numbers."""
-
-        def take(message: Any, info: Any) -> None:
-            number = info.get("publication_sequence_number") if info else None
-            if number is not None:  # not every middleware numbers messages
-                self.heard(number)
-            receive(message)
-
-        return told(take)
+            found["newest_frame"] = "{}.{:09d}".format(*seconds)
+        for share in (50, 95) if self._took_s else ():
+            found[f"latency p{share} [ms]"] = f"{1e3 * np.percentile(self._took_s, share):.1f}"
+        return found

@@ -1,11 +1,9 @@
-"""The gimbal: the body's pose and the gimbal's angles in, the camera's pose out."""
+"""Compose the camera's pose: the body's pose and the gimbal's angles in; the camera's pose out."""
 
 from __future__ import annotations
 
 from functools import partial
 from typing import Any
-
-from rclpy.node import Node
 
 from tirgeo_ros.core.checks.gimbal_checks import GimbalChecks
 from tirgeo_ros.core.checks.parameter_checks import parameter_findings
@@ -15,55 +13,43 @@ from tirgeo_ros.core.streams.arrival_stamps import Arrivals
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.messages import (
     DiagnosticItem,
-    Messages,
     body_pose,
     camera_attitude,
     imu_sample,
     joint_sample,
 )
-from tirgeo_ros.nodes.diagnostics import Diagnostics, item_name
-from tirgeo_ros.nodes.monitor import OK, Monitor
+from tirgeo_ros.nodes.graph_node import GraphNode
+from tirgeo_ros.nodes.monitor import OK
 from tirgeo_ros.nodes.parameters import declare, given_names
 from tirgeo_ros.nodes.qos import STREAM_DEPTH, output, sensor_input
 from tirgeo_ros.nodes.runner import run
 from tirgeo_ros.nodes.setup_checks import InputChecks, SetupChecks
-from tirgeo_ros.nodes.topics import advertise, message_class, subscribe
 
 
-class GimbalNode(Node):
+class GimbalNode(GraphNode):
     """Connect one GimbalComposer with its topics."""
 
     def __init__(self) -> None:
         super().__init__("gimbal_node")
         config = declare(self, GimbalConfig)
         self._composer = GimbalComposer(config)
-        self._messages = Messages(message_class)
-        self._monitor = Monitor()
         given = given_names(self, GimbalConfig)
         self._checks = GimbalChecks(config, given)
         known = parameter_findings(given, (), "", pictures=True, option="--params-file")
-        self._setup = SetupChecks(
-            self,
-            self._monitor,
-            InputChecks(self, self._monitor, ("gimbal/joint_states", "gimbal/attitude")),
-            self._checks,
-            known=known,
-        )
+        inputs = InputChecks(self, ("gimbal/joint_states", "gimbal/attitude"))
+        self._setup = SetupChecks(self, inputs, self._checks, known=known)
         self._arrivals = Arrivals()
         stream = output(STREAM_DEPTH)
-        self._camera_pose = advertise(self, "tirgeo/camera_pose", stream)
-        subscribe(self, "tirgeo/odometry", self._take_body, stream, self._monitor)
-        self._monitor.expects("tirgeo/odometry")
+        self._camera_pose = self.advertise("tirgeo/camera_pose", stream)
+        self.listen("tirgeo/odometry", self._take_body, stream)
+        self.monitor.expects("tirgeo/odometry")
         if config.composition != "paper":
-            self._listen("gimbal/joint_states", self._take_joints)
-        self._listen("gimbal/attitude", self._take_attitude)
+            self.listen("gimbal/joint_states", self._take_joints, sensor_input())
+        self.listen("gimbal/attitude", self._take_attitude, sensor_input())
         self._imu: Any = None  # the subscription, or None while there is none
         self._listen_for_paper()
         self._logged_composition = ""
-        self._diagnostics = Diagnostics(self, self._messages, self._monitor, self._items)
-
-    def _listen(self, topic: str, take: Any) -> Any:
-        return subscribe(self, topic, take, sensor_input(), self._monitor)
+        self.report_each_second(self._items)
 
     def _take_body(self, message: Any) -> None:
         pose = body_pose(message)
@@ -88,34 +74,30 @@ class GimbalNode(Node):
             self._setup.take(self._checks.autopilot, sample.stamp_ns, sample.autopilot_q_nb)
 
     def _stamped(self, topic: str, sample: Any) -> Any:
-        return self._arrivals.stamped(topic, sample, self.get_clock().now().nanoseconds)
+        return self._arrivals.stamped(topic, sample, self.now_ns)
 
     def _publish(self, poses: list[CameraPose]) -> None:
         for pose in poses:
-            self._camera_pose.publish(self._messages.camera_pose(pose))
-            self._monitor.published("tirgeo/camera_pose", self.get_clock(), pose.stamp_ns)
+            self._camera_pose.publish(self.messages.camera_pose(pose))
+            self.monitor.published("tirgeo/camera_pose", 1e-9 * (self.now_ns - pose.stamp_ns))
 
     def _items(self) -> list[DiagnosticItem]:
         composition = self._composer.composition
         if composition != self._logged_composition:
-            self.get_logger().info(f"composition: {composition}")
+            self.log(OK, f"composition: {composition}")
             self._logged_composition = composition
         self._listen_for_paper()
-        name = item_name(self, "camera pose")
         values = self._composer.diagnostics | self._arrivals.diagnostics
-        item = DiagnosticItem(name, OK, f"composition: {composition}", values)
+        item = self.item("camera pose", values, f"composition: {composition}")
         return [item, self._setup.item()]
 
     def _listen_for_paper(self) -> None:
-        """Subscribe to the IMU, which the composition "paper" needs.
-
-        Unsubscribe while encoders are used.
-        """
-        if self._composer.composition != "encoders":
-            self._imu = self._imu or self._listen("imu/data", self._take_autopilot)
-        elif self._imu is not None:
+        """Listen to the IMU, which the composition "paper" needs, unless encoders are used."""
+        needed = self._composer.composition != "encoders"
+        if needed and self._imu is None:
+            self._imu = self.listen("imu/data", self._take_autopilot, sensor_input())
+        elif not needed and self._imu is not None:
             self.destroy_subscription(self._imu)
-            self._monitor.forget("imu/data")
             self._imu = None
 
 

@@ -9,11 +9,9 @@ from collections.abc import Mapping, Sequence
 from importlib.resources import files
 
 from tirgeo_ros.core.config import NODE_CONFIGS
-from tirgeo_ros.core.config.schema import Value, parameters_of
+from tirgeo_ros.core.config.schema import Parameter, Value, parameters_of
 from tirgeo_ros.io.messages import DJI_TOPICS, NAVIGATION_INPUTS, SENSED_TOPICS, TOPIC_TYPES
 
-HELP_ALL = "--help-all"
-_WIDTH = 99
 _NONE = _UNSET, _EMPTY = "unset", "empty"
 _PICTURES = ("thermal/image_raw", "thermal/image_raw/compressed", "thermal/camera_info")
 
@@ -39,60 +37,33 @@ TOPICS: Mapping[str, tuple[Sequence[str], Sequence[str]]] = {
 }
 
 
-def help_text(name: str, arguments: Sequence[str] = (), package: str = "tirgeo_ros.nodes") -> str:
-    """Return the help of a node in a package; ``arguments`` is its command line."""
-    whole = HELP_ALL in arguments
+def help_text(name: str, package: str = "tirgeo_ros.nodes") -> str:
+    """Return the help of a node in a package."""
     # The docstring of the node's module; reading it needs no ROS.
     source = files(package).joinpath(f"{name}.py").read_text(encoding="utf-8")
     docstring = ast.get_docstring(ast.parse(source)) or ""
     parts = [f"{name}: {docstring}".replace("``", "")]
-    if name in TOPICS:
-        parts += [
-            _topics(title, ts) for title, ts in zip(("in", "out"), TOPICS[name], strict=True)
-        ]
+    for title, topics in zip(("in", "out"), TOPICS.get(name, ()), strict=False):
+        lines = [f"  {topic:<34}{TOPIC_TYPES[topic]}" for topic in topics]
+        parts += ["\n".join([f"Topics {title}:", *lines])] if lines else []
     if name in NODE_CONFIGS:
-        parts += [_parameters(name, whole), _usage(name)]
-    return "\n\n".join(part for part in parts if part) + "\n"
+        own = parameters_of(NODE_CONFIGS[name])
+        parts += ["\n".join(["Parameters, with defaults:", *map(_parameter, own)]), _usage(name)]
+    return "\n\n".join(parts) + "\n"
 
 
-def _topics(title: str, topics: Sequence[str]) -> str:
-    lines = [f"  {topic:<34}{TOPIC_TYPES[topic]}" for topic in topics]
-    return "\n".join([f"Topics {title}:", *lines]) if lines else ""
-
-
-def _parameters(name: str, whole: bool) -> str:
-    """Return the parameters with default and description.
-
-    For groups only the names unless ``whole``.
-    """
-    lines, groups = ["Parameters, with defaults:"], dict[str, list[str]]()
-    for one in parameters_of(NODE_CONFIGS[name]):
-        group, _, rest = one.name.rpartition(".")
-        if whole or not group:
-            value = as_yaml(one.default)
-            unit = f" {one.unit}" if one.unit and value not in _NONE else ""
-            choices = f" ({', '.join(one.choices)})" if one.choices else ""
-            lines.append(f"  {one.name}  {value}{unit}")
-            lines += _wrapped(one.description + choices, 6)
-        else:
-            groups.setdefault(group, []).append(rest)
-    if groups:
-        lines.append(f"  groups, told of by {HELP_ALL}:")
-        for group, names in groups.items():
-            lines += _wrapped(f"{group}.*  {', '.join(names)}", 4, 8)
-    return "\n".join(lines)
-
-
-def _wrapped(text: str, indent: int, more: int | None = None) -> list[str]:
-    later = " " * (indent if more is None else more)
-    return textwrap.wrap(text, _WIDTH, initial_indent=" " * indent, subsequent_indent=later)
+def _parameter(one: Parameter) -> str:
+    value = as_yaml(one.default)
+    unit = f" {one.unit}" if one.unit and value not in _NONE else ""
+    choices = f" ({', '.join(one.choices)})" if one.choices else ""
+    text = textwrap.fill(
+        one.description + choices, 99, initial_indent=" " * 6, subsequent_indent=" " * 6
+    )
+    return f"  {one.name}  {value}{unit}\n{text}"
 
 
 def as_yaml(value: Value) -> str:
-    """Return a default as it is written in YAML.
-
-    ``unset`` for nan, ``empty`` for an empty value.
-    """
+    """Return a default as YAML has it; ``unset`` for nan, ``empty`` for an empty value."""
     if isinstance(value, tuple):
         return f"[{', '.join(map(as_yaml, value))}]" if value else _EMPTY
     if isinstance(value, bool):
@@ -107,9 +78,9 @@ def _usage(name: str) -> str:
     some = next((one for one in own if as_yaml(one.default) not in _NONE), own[0])
     value = as_yaml(some.default)
     return (
-        "How to set them, and to lead the topics' names with a namespace:\n"
+        "How to set them, and to put the topics into a namespace:\n"
         f"  {name} --ros-args -p {some.name}:={value} -r __ns:=/uav1\n"
         f"  {name} --ros-args --params-file aircraft.yaml\n"
-        "where aircraft.yaml has\n"
+        "where aircraft.yaml contains\n"
         f"  /**/{name}:\n    ros__parameters: {{{some.name}: {value}}}"
     )

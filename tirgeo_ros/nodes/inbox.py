@@ -10,30 +10,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
-from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from tirgeo_ros.core.streams.arrival_order import ArrivalOrder
-from tirgeo_ros.nodes.callbacks import told
-from tirgeo_ros.nodes.monitor import Monitor
-from tirgeo_ros.nodes.topics import subscribe
+from tirgeo_ros.nodes.graph_node import GraphNode, told
 
 #: Number of messages handled before the executor runs again: timers, services, more messages.
 _AT_ONCE = 4
 
 
-class _Waiting(NamedTuple):
-    """Hold a message as its bytes, and the node's time (ns) at which it was taken.
-
-    An IMU message takes 1.8 kB as an object and 0.6 kB as bytes. The process keeps the memory of
-    its longest queue.
-    """
-
-    receive: Callable[[Any], None]
-    data: bytes
-    taken_ns: int
+#: A function that takes a message, the message, and the node's time (ns) at which it came. It
+#: waits as bytes: an IMU message takes 1.8 kB as an object and 0.6 kB as bytes, and the process
+#: keeps the memory of its longest queue.
+_Waiting = tuple[Callable[[Any], None], bytes, int]
 
 
 class Inbox:
@@ -43,8 +34,8 @@ class Inbox:
     counted.
     """
 
-    def __init__(self, node: Node, monitor: Monitor) -> None:
-        self._node, self._monitor = node, monitor
+    def __init__(self, node: GraphNode) -> None:
+        self._node = node
         self._order: ArrivalOrder[_Waiting] = ArrivalOrder()
         # For each topic: its depth, the function that takes a message with its info, and the
         # callback that puts it into the order.
@@ -58,25 +49,19 @@ class Inbox:
         return {f"given_up.{topic}": str(n) for topic, n in self._order.given_up.items()}
 
     def subscribe(self, topic: str, handle: Callable[[Any], None], qos: QoSProfile) -> None:
-        """Have ``handle`` called with each message in its turn.
-
-        ``taken_ns`` is then its arrival (ns).
-        """
+        """Have ``handle`` called with each message in its turn; ``taken_ns`` is its arrival."""
         deferred = partial(self._deferred, topic)
-        made = subscribe(self._node, topic, handle, qos, self._monitor, wrapped=deferred, raw=True)
+        made = self._node.listen(topic, handle, qos, wrapped=deferred, raw=True)
         depth = made.qos_profile.depth
         self._order.open(topic, depth)
         take = partial(made.handle.take_message, made.msg_type, made.raw)
         self._sources.append((depth, take, made.callback))
 
     def _deferred(self, topic: str, receive: Callable[[Any], None]) -> Callable[..., None]:
-        clock = self._node.get_clock()
-
         def put(data: bytes, info: Any) -> None:
             # Not every middleware gives the time of reception.
             arrived_ns = info["received_timestamp"] or info["source_timestamp"]
-            waiting = _Waiting(receive, data, clock.now().nanoseconds)
-            self._order.put(topic, arrived_ns, waiting)
+            self._order.put(topic, arrived_ns, (receive, data, self._node.now_ns))
             if not (self._taking or self._resumes):
                 self._work()
 
@@ -90,8 +75,8 @@ class Inbox:
             waiting = self._order.pop()
             if waiting is None:
                 return
-            self.taken_ns = waiting.taken_ns
-            waiting.receive(waiting.data)
+            receive, data, self.taken_ns = waiting
+            receive(data)
         if self._order and self._node.executor is not None:
             self._resumes = True
             self._node.executor.create_task(self._work)

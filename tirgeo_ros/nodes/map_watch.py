@@ -5,32 +5,23 @@ from __future__ import annotations
 import threading
 import traceback
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import final
 
-from rclpy.node import Node
-
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.overlay.map_renderer import DrapedMap
-from tirgeo_ros.core.types.errors import MapError, TirgeoError, shown
+from tirgeo_ros.core.types.errors import MapError, TirgeoError
 from tirgeo_ros.io.maps import map_files
 from tirgeo_ros.io.maps.map_process import MapContents, MapProcess
+from tirgeo_ros.nodes.graph_node import GraphNode
+from tirgeo_ros.nodes.monitor import OK, WARN
 from tirgeo_ros.nodes.runner import done_or_stopped
 
 # ``stop`` kills the child; the thread can then only hang on a file that does not respond.
 _JOIN_S = 1.0
 Signature = list[tuple[str, int, int] | None]
-
-
-@dataclass(frozen=True, slots=True)
-class _Found:
-    """Hold the result of one attempt to place the map in the plane."""
-
-    result: DrapedMap | TirgeoError
-    contents: MapContents | None  # set if the files have changed, else None
 
 
 @final
@@ -45,23 +36,24 @@ class MapWatch:
     """
 
     def __init__(
-        self, node: Node, config: OverlayConfig, plane: Callable[[], TangentPlane | None]
+        self, node: GraphNode, config: OverlayConfig, plane: Callable[[], TangentPlane | None]
     ) -> None:
         self.counts = {"reloads": 0, "reload_errors": 0}
         self.error = ""  # of the newest change; empty if the map is up to date
         self._node = node
         self._config = config
         self._plane = plane
-        self._found: SimpleQueue[_Found] = SimpleQueue()
+        # A placed map or an error, and what was read if the files have changed.
+        self._found: SimpleQueue[tuple[DrapedMap | TirgeoError, MapContents | None]]
+        self._found = SimpleQueue()
         self._child = MapProcess()
         self._stop = threading.Event()
         self._wake = threading.Event()
         self._first = threading.Event()  # the first reading has ended
         self._first_error: Exception | None = None  # what the first reading raised
         self._thread = threading.Thread(target=self._run, name="map watch", daemon=True)
-        self._seen: Signature = []
-        self._tried: tuple[Signature, TangentPlane] | None = None
-        self._unplaced = True  # the child holds a map that is not placed in a plane yet
+        # The state of the files that were read last, and the plane in which they were placed.
+        self._tried: tuple[Signature, TangentPlane | None] = ([], None)
 
     def __enter__(self) -> MapWatch:
         """Read the map, if there is one, and start to watch it."""
@@ -87,30 +79,30 @@ class MapWatch:
     def changed(self) -> DrapedMap | None:
         """Return a newly placed map, once, or None; log each new error and each reload once."""
         try:
-            found = self._found.get_nowait()
+            result, contents = self._found.get_nowait()
         except Empty:
             return None
-        if isinstance(found.result, TirgeoError):
+        if isinstance(result, TirgeoError):
             self.counts["reload_errors"] += 1
-            if str(found.result) != self.error:
-                self._node.get_logger().warning(f"the map stays as it was: {found.result}")
-            self.error = str(found.result)
+            if str(result) != self.error:
+                self._node.log(WARN, f"the map stays as it was: {result}")
+            self.error = str(result)
             return None
         self.error = ""
-        if found.contents is not None:
+        if contents is not None:
             self.counts["reloads"] += 1
-            self._log_contents("the map has changed and was read again", found.contents)
-        return found.result
+            self._log_contents("the map has changed and was read again", contents)
+        return result
 
     def _log_contents(self, words: str, contents: MapContents) -> None:
-        self._node.get_logger().info(shown(f"{words}: {contents.features} features"))
+        self._node.log(OK, f"{words}: {contents.features} features")
         for note in contents.left_out:
-            self._node.get_logger().warning(shown(note))
+            self._node.log(WARN, note)
 
     def _run(self) -> None:
         # One thread for all: the child process ends with the thread that started it.
         try:
-            self._seen = self._signature()
+            self._tried = self._signature(), None
             self._log_contents(self._config.map, self._child.read(self._config))
         except Exception as error:  # noqa: BLE001  raised again where the node begins
             self._first_error = error
@@ -123,30 +115,26 @@ class MapWatch:
                 self._watch()
             except Exception as fault:  # noqa: BLE001  a fault of ours: the next change is read
                 self._node.get_logger().error(traceback.format_exc())
-                self._found.put(_Found(MapError(f"{self._config.map}: {fault!r}"), None))
+                self._found.put((MapError(f"{self._config.map}: {fault!r}"), None))
             self._wake.wait(self._config.reload_s or None)
             self._wake.clear()
 
     def _watch(self) -> None:
+        """Read the map if needed and place it in the plane, if files or plane have changed."""
+        # The files' state is taken before they are read: a file may still be growing.
         signature, plane = self._signature(), self._plane()
-        if plane is not None and (signature, plane) != self._tried:
-            self._tried = signature, plane
-            self._found.put(self._laid(signature, plane))
-
-    def _laid(self, signature: Signature, plane: TangentPlane) -> _Found:
-        """Read the map if needed and place it in the plane.
-
-        ``signature`` is the files' state before the reading. The state is taken before, because a
-        file may still be growing.
-        """
-        changed, unplaced = signature != self._seen, self._unplaced
-        self._seen, self._unplaced = signature, False
+        (before, laid_in), now = self._tried, (signature, plane)
+        if plane is None or now == self._tried:
+            return
+        self._tried, changed = now, signature != before
         try:
-            contents = self._child.read(self._config) if changed or not unplaced else None
-            return _Found(self._child.lay(plane), contents if changed else None)
+            # A map is placed once: for another plane the child reads it again.
+            reads = changed or laid_in is not None
+            contents = self._child.read(self._config) if reads else None
+            self._found.put((self._child.lay(plane), contents if changed else None))
         except TirgeoError as error:
             self._log_child_output()
-            return _Found(error, None)
+            self._found.put((error, None))
 
     def _log_child_output(self) -> None:
         """Log the error output of a child that failed: it holds the traceback of a fault."""
@@ -154,13 +142,9 @@ class MapWatch:
             self._node.get_logger().error(f"the map's reader said:\n{self._child.said}")
 
     def _signature(self) -> Signature:
-        """Return the state of the files of the map and its style.
-
-        Empty if they are never checked.
-        """
-        if not self._config.reload_s:
-            return []
-        return [_state(path) for path in map_files(self._config.map, self._config.style)]
+        """Return the state of the files of the map and its style; empty if never checked."""
+        files = map_files(self._config.map, self._config.style) if self._config.reload_s else ()
+        return [_state(path) for path in files]
 
 
 def _state(path: Path) -> tuple[str, int, int] | None:

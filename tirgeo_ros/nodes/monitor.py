@@ -6,8 +6,6 @@ import threading
 import time
 from collections import Counter
 
-from rclpy.clock import Clock
-
 from tirgeo_ros.io.messages import DiagnosticItem
 
 OK, WARN, ERROR = 0, 1, 2
@@ -25,80 +23,46 @@ class Monitor:
         self._window: Counter[str] = Counter()
         self._refused: Counter[str] = Counter()
         self._reasons: dict[str, str] = {}  # reason of the newest refusal
-        self._failed: Counter[str] = Counter()
-        self._failures: dict[tuple[str, str], None] = {}  # topic and kind, ordered
+        self._failures: Counter[tuple[str, str]] = Counter()  # by topic and kind
         self._lost: dict[str, int] = {}
         self._last_s: dict[str, float] = {}
         self._latency_s: dict[str, list[float]] = {}
-        self._forgotten: set[str] = set()
-
-    def listens(self, topic: str) -> None:
-        """Record that the node listens to an input, from now on or again."""
-        with self._lock:
-            self._forgotten.discard(topic)
 
     def expects(self, topic: str) -> None:
         """Record that the node needs this input: its silence is a warning."""
         with self._lock:
             self._expected_s[topic] = time.monotonic()
 
-    @property
-    def heard(self) -> bool:
-        """Return whether any message has come."""
-        with self._lock:
-            return bool(self._last_s)
-
-    def heard_of(self) -> frozenset[str]:
+    def heard(self) -> frozenset[str]:
         """Return the topics from which a message has come."""
         with self._lock:
             return frozenset(self._last_s)
 
-    def forget(self, topic: str) -> None:
-        """Record that the node no longer listens to an input; messages still queued do not count.
-
-        A fault of the program on this topic stays in the diagnostics.
-        """
-        with self._lock:
-            self._forgotten.add(topic)
-            self._window.pop(topic, None)
-            self._refused.pop(topic, None)
-            for table in (self._last_s, self._expected_s, self._reasons, self._lost):
-                table.pop(topic, None)  # type: ignore[attr-defined]
-
     def received(self, topic: str) -> None:
         """Count a message that came."""
         with self._lock:
-            if topic not in self._forgotten:
-                self._window[topic] += 1
-                self._last_s[topic] = time.monotonic()
+            self._window[topic] += 1
+            self._last_s[topic] = time.monotonic()
 
     def refused(self, topic: str, reason: str = "") -> None:
         """Count a message that could not be read, with the reason."""
         with self._lock:
-            if topic not in self._forgotten:
-                self._refused[topic] += 1
-                self._reasons[topic] = reason
+            self._refused[topic] += 1
+            self._reasons[topic] = reason
 
     def failed(self, topic: str, kind: str) -> bool:
         """Count a fault of the program on a topic; return whether this ``kind`` is new."""
         with self._lock:
-            self._failed[topic] += 1
-            first = (topic, kind) not in self._failures
-            self._failures[topic, kind] = None
-            return first
+            self._failures[topic, kind] += 1
+            return self._failures[topic, kind] == 1
 
     def lost(self, topic: str, number: int) -> None:
         """Set how many messages of a topic were lost in transport since the subscription began."""
         with self._lock:
-            if topic not in self._forgotten:
-                self._lost[topic] = number
+            self._lost[topic] = number
 
-    def published(self, topic: str, clock: Clock, stamp_ns: int) -> None:
-        """Count a published message; its latency is the clock's time minus ``stamp_ns``."""
-        self.took(topic, 1e-9 * (clock.now().nanoseconds - stamp_ns))
-
-    def took(self, topic: str, latency_s: float) -> None:
-        """Count a published message and its latency (s)."""
+    def published(self, topic: str, latency_s: float) -> None:
+        """Count a published message, and its age or the time that it took."""
         with self._lock:
             self._window[topic] += 1
             self._latency_s.setdefault(topic, []).append(latency_s)
@@ -133,5 +97,7 @@ class Monitor:
             values[f"{topic} latency [ms]"] = f"{1e3 * sorted(found)[len(found) // 2]:.1f}"
         values |= {f"{topic} unreadable": str(n) for topic, n in self._refused.items()}
         values |= {f"{topic} unreadable because": why for topic, why in self._reasons.items()}
-        values |= {f"{topic} failed": str(n) for topic, n in self._failed.items()}
+        for topic in {topic for topic, _ in self._failures}:
+            faults = sum(n for (failed, _), n in self._failures.items() if failed == topic)
+            values[f"{topic} failed"] = str(faults)
         return values | {f"{topic} lost": str(n) for topic, n in self._lost.items()}

@@ -24,6 +24,8 @@ from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.io.parameters.parameter_file import load_parameters
 
 T = TypeVar("T")
+#: Errors of wrong arguments. rcl's own cannot be imported from the public API.
+_RCL_ERRORS = {"RCLError", "UnknownROSArgsError", "RCLInvalidROSArgsError"}
 _ROS_OWN = {"use_sim_time", "start_type_description_service"}  # rclpy checks these itself
 
 
@@ -38,13 +40,9 @@ def check_arguments(name: str, arguments: Sequence[str]) -> None:
     Raise ConfigError naming file and key. A node that was given a name without a configuration is
     not checked here: rcl checks it.
     """
-    if any(argument.startswith("__node:=") for argument in arguments):
-        name = next(a for a in arguments if a.startswith("__node:=")).removeprefix("__node:=")
-    if name not in NODE_CONFIGS:
-        return
-    namespaces = [a.removeprefix("__ns:=") for a in arguments if a.startswith("__ns:=")]
-    namespace = namespaces[-1] if namespaces else ""
-    for path in parameter_files(arguments):
+    named = dict(a.split(":=", 1) for a in arguments if a.startswith(("__node:=", "__ns:=")))
+    name, namespace = named.get("__node", name), named.get("__ns", "")
+    for path in parameter_files(arguments) if name in NODE_CONFIGS else ():
         values = load_parameters(path, name, namespace)
         for key, value in values.items():
             if isinstance(value, list) and len({type(item) for item in value}) > 1:
@@ -59,29 +57,16 @@ def explained(arguments: Sequence[str]) -> Iterator[None]:
     """Convert what rclpy raises for wrong arguments and parameters into a ConfigError."""
     try:
         yield
-    except (ParameterException, NameValidationException) as error:
-        raise ConfigError(f"{_where(arguments)}{_one_line(error)}") from None
-    except RuntimeError as error:
-        # rcl's errors are not importable from the public API, so they are compared by name.
-        if type(error).__name__ not in {
-            "RCLError",
-            "UnknownROSArgsError",
-            "RCLInvalidROSArgsError",
-        }:
+    except Exception as error:
+        known = isinstance(error, ParameterException | NameValidationException)
+        if not known and type(error).__name__ not in _RCL_ERRORS:
             raise
-        raise ConfigError(f"{_where(arguments)}{_one_line(error)}") from None
-
-
-def _where(arguments: Sequence[str]) -> str:
-    files = ", ".join(parameter_files(arguments))
-    return f"{files}: " if files else ""
-
-
-def _one_line(error: Exception) -> str:
-    # The position in rcl's C source does not help the user.
-    text = re.sub(r", at \S+:\d+", "", " ".join(str(error).split()))
-    mixed = "Sequence should be of same type" in text
-    return f"{text}: write every number of a list with a decimal point" if mixed else text
+        files = ", ".join(parameter_files(arguments))
+        # The position in rcl's C source does not help the user.
+        text = re.sub(r", at \S+:\d+", "", " ".join(str(error).split()))
+        if "Sequence should be of same type" in text:
+            text += ": write every number of a list with a decimal point"
+        raise ConfigError(f"{files}: {text}" if files else text) from None
 
 
 def declare(node: Node, kind: type[T]) -> T:
@@ -126,26 +111,18 @@ def _descriptor(parameter: Parameter) -> ParameterDescriptor:
     made = ParameterDescriptor(name=parameter.name, read_only=True)
     unit = f" [{parameter.unit}]" if parameter.unit else ""
     made.description = parameter.description + unit
-    made.additional_constraints = _constraints(parameter)
-    low, high = parameter.low, parameter.high
-    if not (math.isfinite(low) and math.isfinite(high)):
-        return made
-    if type(parameter.default) is int:
+    low, high, default = parameter.low, parameter.high, parameter.default
+    sizes = " or ".join(map(str, parameter.sizes))
+    texts = {
+        f"one of {', '.join(parameter.choices)}": parameter.choices,
+        f"{sizes} numbers": parameter.sizes,
+        f"{low:g} to {high:g}": math.isfinite(low),
+    }
+    made.additional_constraints = ", ".join(text for text, applies in texts.items() if applies)
+    if type(default) is int and math.isfinite(low):
         made.integer_range = [IntegerRange(from_value=int(low), to_value=int(high))]
-    elif isinstance(parameter.default, float) and not math.isnan(parameter.default):
-        # A range would refuse nan, which marks an unset value.
-        made.floating_point_range = [
-            FloatingPointRange(from_value=float(low), to_value=float(high))
-        ]
+    # A range would refuse nan, which marks an unset value.
+    if isinstance(default, float) and math.isfinite(low) and not math.isnan(default):
+        span = FloatingPointRange(from_value=float(low), to_value=float(high))
+        made.floating_point_range = [span]
     return made
-
-
-def _constraints(parameter: Parameter) -> str:
-    parts = []
-    if parameter.choices:
-        parts.append("one of " + ", ".join(parameter.choices))
-    if parameter.sizes:
-        parts.append(" or ".join(map(str, parameter.sizes)) + " numbers")
-    if math.isfinite(parameter.low) or math.isfinite(parameter.high):
-        parts.append(f"{parameter.low:g} to {parameter.high:g}")
-    return ", ".join(parts)

@@ -13,7 +13,7 @@ from functools import reduce
 from itertools import groupby
 from pathlib import Path
 
-from tirgeo_ros.core.config import NODE_CONFIGS, AircraftConfig
+from tirgeo_ros.core.config import NODE_CONFIGS, AircraftConfig, EkfConfig
 from tirgeo_ros.core.config.schema import Parameter, parameters_of
 from tirgeo_ros.nodes.help import as_yaml
 
@@ -42,7 +42,7 @@ wrong type or a value out of range is refused at start. Parameters are read once
 - *unset* is `.nan`, *empty* is `""` for a string and `[]` for a list.
 - Standard deviations are one sigma. Angles are in degrees where the name ends in `_deg`.
 - Three numbers along the aircraft's or the camera's axes are forward, left, up.
-- `NODE --help-all` prints the same for one node.
+- `NODE --help` prints the same for one node.
 """
 _COLUMNS = """\
 | parameter | type | unit | range | default | meaning |
@@ -55,7 +55,8 @@ def parameters_page() -> str:
     """Return the page: the aircraft's group, then a section per node and a table per group."""
     links = ", ".join(f"[{node}](#{node})" for node in NODE_CONFIGS)
     parts = [_HEAD, f"[All nodes](#all-nodes), {links}\n", "## All nodes\n"]
-    parts += _group(_AIRCRAFT, AircraftConfig, "", _aircraft())
+    shared = (one for one in parameters_of(EkfConfig) if _group_name(one) == _AIRCRAFT)
+    parts += _group(_AIRCRAFT, AircraftConfig, "", shared)
     for node, kind in NODE_CONFIGS.items():
         parts.append(f"## {node}\n")
         for name, own in groupby(parameters_of(kind), _group_name):
@@ -63,13 +64,6 @@ def parameters_page() -> str:
                 holder = type(reduce(getattr, name.split("."), kind())) if name else None
                 parts += _group(name, holder, f" of {node}", own)
     return "\n".join(parts)
-
-
-def _aircraft() -> list[Parameter]:
-    """Return the parameters of the group ``aircraft``, collected from all nodes that have it."""
-    every = [one for kind in NODE_CONFIGS.values() for one in parameters_of(kind)]
-    found = {one.name: one for one in every if _group_name(one) == _AIRCRAFT}
-    return list(found.values())
 
 
 def _group_name(one: Parameter) -> str:

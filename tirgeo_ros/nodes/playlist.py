@@ -11,8 +11,8 @@ from rclpy.publisher import Publisher
 
 from tirgeo_ros.core.types.errors import BagError, ConfigError, shown
 from tirgeo_ros.io.messages import DJI_TOPICS, SENSED_TOPICS
+from tirgeo_ros.nodes.graph_node import message_class
 from tirgeo_ros.nodes.qos import STREAM_DEPTH, latched, output
-from tirgeo_ros.nodes.topics import message_class
 
 _DEPTH = 100
 _STEADY_S = 1.0
@@ -84,48 +84,36 @@ def _made_by_graph(name: str) -> bool:
     return own in _OUTPUTS or own.startswith(_OUTPUT_FOLDERS) or name in _INFRASTRUCTURE
 
 
-class Audience:
-    """Watch the subscribers of some publishers.
+def await_readers(
+    node: Node,
+    publishers: Collection[Publisher],
+    awaited: str,
+    timeout_s: float,
+    stop: threading.Event,
+    attend: Callable[[], str] = lambda: "",
+) -> str:
+    """Wait until the awaited subscribers are there and none came or went for a second.
 
-    ``awaited`` names topics that need one, or is empty.
+    ``awaited`` names topics that need a subscriber, separated by commas; empty = any. ``attend``
+    is called repeatedly and returns what else is missing. Return what is missing after
+    ``timeout_s``, else an empty text, also when ``stop`` is set. Raise ConfigError for an awaited
+    topic that is not played.
     """
-
-    def __init__(self, node: Node, publishers: Sequence[Publisher], awaited: str) -> None:
-        self._publishers = list(publishers)
-        self._awaited = {node.resolve_topic_name(name) for name in names(awaited)}
-        unknown = self._awaited - {publisher.topic_name for publisher in publishers}
-        if unknown:
-            raise ConfigError(f"parameter wait_for: {', '.join(sorted(unknown))} is not played")
-
-    def missing(self) -> str:
-        """Return which awaited topics lack a subscriber, as text for a person."""
-        counts = self._counts()
-        absent = sorted(name for name in self._awaited if not counts[name])
-        return f"a subscriber of {', '.join(absent)}" if absent else "any steady subscriber"
-
-    def wait(
-        self, timeout_s: float, stop: threading.Event, attend: Callable[[], bool] = lambda: True
-    ) -> bool:
-        """Wait until the awaited subscribers are there and none came or went for a second.
-
-        Return False after ``timeout_s`` without them, else True, also when ``stop`` is set.
-        ``attend`` is called repeatedly and returns whether other awaited readers are there.
-        """
-        begin = changed = time.monotonic()
-        counts = self._counts()
-        while not stop.wait(_POLL_S):
-            now = time.monotonic()
-            before, counts = counts, self._counts()
-            changed = now if counts != before else changed
-            if attend() and self._complete(counts) and now - changed >= _STEADY_S:
-                return True
-            if now - begin >= timeout_s:
-                return False
-        return True
-
-    def _complete(self, counts: Mapping[str, int]) -> bool:
+    wanted = {node.resolve_topic_name(name) for name in names(awaited)}
+    unknown = wanted - {publisher.topic_name for publisher in publishers}
+    if unknown:
+        raise ConfigError(f"parameter wait_for: {', '.join(sorted(unknown))} is not played")
+    begin = changed = time.monotonic()
+    counts: dict[str, int] = {}
+    while not stop.wait(_POLL_S):
+        now = time.monotonic()
+        before, counts = counts, {p.topic_name: p.get_subscription_count() for p in publishers}
+        changed = now if counts != before else changed
+        absent = ", ".join(sorted(name for name in wanted if not counts[name]))
+        missing = attend() or (f"a subscriber of {absent}" if absent else "")
         heard = any(counts.values()) or not counts
-        return heard and all(counts[name] for name in self._awaited)
-
-    def _counts(self) -> dict[str, int]:
-        return {p.topic_name: p.get_subscription_count() for p in self._publishers}
+        if heard and not missing and now - changed >= _STEADY_S:
+            return ""
+        if now - begin >= timeout_s:
+            return missing or "any steady subscriber"
+    return ""

@@ -9,11 +9,11 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from operator import attrgetter
 from typing import Any
 
 from rclpy.exceptions import InvalidTopicNameException
-from rclpy.node import Node
 from rclpy.validate_topic_name import validate_topic_name
 
 from tirgeo_ros.core.config import DjiConfig
@@ -21,16 +21,13 @@ from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.dji.sources.psdk import PsdkDecoder
 from tirgeo_ros.dji.sources.readings import Quaternion, Reading, Vector
 from tirgeo_ros.io.messages import DiagnosticItem, stamp_ns
-from tirgeo_ros.nodes.callbacks import steady_timer
-from tirgeo_ros.nodes.diagnostics import item_name
-from tirgeo_ros.nodes.monitor import OK, SILENT_S, WARN, Monitor
+from tirgeo_ros.nodes.graph_node import GraphNode, message_class
+from tirgeo_ros.nodes.monitor import OK, SILENT_S, WARN
 from tirgeo_ros.nodes.qos import sensor_input
-from tirgeo_ros.nodes.topics import message_class, subscribe
 
 #: Period (s) of the check for RTK values that wait for their flags.
 _DUE_S = 0.01
 Values = Callable[[Any], Any]
-
 
 _vector: Values = attrgetter("x", "y", "z")
 _quaternion: Values = attrgetter("w", "x", "y", "z")
@@ -61,10 +58,7 @@ _TOPICS: dict[str, tuple[str, Values]] = {
 }
 _WITHOUT_HEADER = {"rtk_position_info", "rtk_yaw_info"}
 #: What is missing without a topic whose message type may not be installed.
-_LOST = {
-    "rtk_yaw": "no rtk/heading",
-    "gps_details": "no accuracy and no kind of fix on gps/fix",
-}
+_LOST = {"rtk_yaw": "no rtk/heading", "gps_details": "no accuracy and no kind of fix on gps/fix"}
 #: Without these topics no map can be drawn on the picture.
 _NEEDED = ("imu", "rtk_position", "rtk_position_info", "gimbal_angles")
 _INSTALL = (
@@ -81,15 +75,11 @@ class PsdkSource:
     """Subscribe to psdk_ros2 and pass the readings of its messages to ``take``."""
 
     def __init__(
-        self,
-        node: Node,
-        config: DjiConfig,
-        take: Callable[[list[Reading]], None],
-        monitor: Monitor,
+        self, node: GraphNode, config: DjiConfig, take: Callable[[list[Reading]], None]
     ) -> None:
         """Raise ConfigError for a prefix that is no valid topic name."""
-        self._node, self._take, self._monitor = node, take, monitor
-        self._road = PsdkDecoder()
+        self._node, self._take = node, take
+        self._decoder = PsdkDecoder()
         self._prefix = _checked(config.psdk_prefix)
         self._heard_s = time.monotonic()
         self._logged: list[str] = []
@@ -97,10 +87,12 @@ class PsdkSource:
         self._lost = _INSTALL.format(lost=", ".join(_LOST[t] for t in missing)) if missing else ""
         for topic in _TOPICS:
             if topic not in missing:
-                self._listen(topic)
+                name, typename = self._prefix + topic, _TOPICS[topic][0]
+                take = partial(self.handle, topic)
+                node.listen(name, take, sensor_input(), typename)
         for topic in _NEEDED:
-            monitor.expects(self._prefix + topic)
-        self._timer = steady_timer(node, monitor, "waiting for flags", _DUE_S, self._due)
+            node.monitor.expects(self._prefix + topic)
+        self._timer = node.steady_timer("waiting for flags", _DUE_S, self._due)
         self._log_changes()
 
     @staticmethod
@@ -108,33 +100,23 @@ class PsdkSource:
         """Wait until ``stop`` is set: the node's executor does the work."""
         stop.wait()
 
-    def items(self) -> list[DiagnosticItem]:
+    def item(self) -> DiagnosticItem:
         """Return the source's diagnostic item; log any change of its warnings."""
         warnings = self._log_changes()
-        values = {name: str(number) for name, number in self._road.counts.items()}
-        name, message = item_name(self._node, "psdk"), "; ".join(warnings) or "ok"
-        return [DiagnosticItem(name, WARN if warnings else OK, message, values)]
+        values = {name: str(number) for name, number in self._decoder.counts.items()}
+        level, message = (WARN, "; ".join(warnings)) if warnings else (OK, "ok")
+        return self._node.item("psdk", values, message, level)
 
     def handle(self, topic: str, message: Any) -> None:
         """Handle a message of psdk_ros2; ``topic`` is its name without the prefix."""
         self._heard_s = time.monotonic()
         values = _TOPICS[topic][1](message)
-        arrival_ns = self._node.get_clock().now().nanoseconds
+        arrival_ns = self._node.now_ns
         sent_ns = 0 if topic in _WITHOUT_HEADER else stamp_ns(message)
-        self._give(self._road.take(topic, values, sent_ns, arrival_ns))
-
-    def _listen(self, topic: str) -> None:
-        subscribe(
-            self._node,
-            self._prefix + topic,
-            lambda message: self.handle(topic, message),
-            sensor_input(),
-            self._monitor,
-            _TOPICS[topic][0],
-        )
+        self._give(self._decoder.take(topic, values, sent_ns, arrival_ns))
 
     def _due(self) -> None:
-        self._give(self._road.due(self._node.get_clock().now().nanoseconds))
+        self._give(self._decoder.due(self._node.now_ns))
 
     def _give(self, readings: list[Reading]) -> None:
         if readings:
@@ -143,14 +125,14 @@ class PsdkSource:
     def _log_changes(self) -> list[str]:
         """Return the current warnings; log each when it begins and when it is over."""
         silent = time.monotonic() - self._heard_s > SILENT_S
-        warnings = [_SILENT.format(prefix=self._prefix)] if silent else self._road.warnings
+        warnings = [_SILENT.format(prefix=self._prefix)] if silent else self._decoder.warnings
         warnings += [self._lost] if self._lost else []
-        logger = self._node.get_logger()
         for text in warnings:
             if text not in self._logged:
-                logger.warning(text)
-        for over in (f"over: {text}" for text in self._logged if text not in warnings):
-            logger.info(over)
+                self._node.log(WARN, text)
+        for text in self._logged:
+            if text not in warnings:
+                self._node.log(OK, f"over: {text}")
         self._logged = warnings
         return warnings
 
@@ -169,5 +151,7 @@ def _checked(prefix: str) -> str:
     try:
         validate_topic_name(f"{topics}imu")
     except InvalidTopicNameException:
-        raise ConfigError(f"psdk_prefix: {prefix!r} cannot stand in front of topics") from None
+        raise ConfigError(
+            f"psdk_prefix: {prefix!r} is not a valid prefix of topic names"
+        ) from None
     return topics

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 #: For streams of which every sample counts: 2 s of an IMU at 400 Hz. A node that pauses for 2 s
 #: still gets every sample, if the transport buffers as much (``config/fastdds.xml``).
@@ -14,22 +14,17 @@ OUTPUT_DEPTH = 20
 
 def sensor_input(depth: int = STREAM_DEPTH) -> QoSProfile:
     """Return the profile for a topic from a sensor, compatible with any publisher."""
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST, depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT
-    )
+    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 def output(depth: int = OUTPUT_DEPTH) -> QoSProfile:
     """Return the profile for a topic that this package publishes, or reads without loss."""
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST, depth=depth, reliability=ReliabilityPolicy.RELIABLE
-    )
+    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE)
 
 
 def latched() -> QoSProfile:
     """Return the profile for a topic whose last message a late subscriber still gets."""
     return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
         depth=1,
         reliability=ReliabilityPolicy.RELIABLE,
         durability=DurabilityPolicy.TRANSIENT_LOCAL,

@@ -1,4 +1,4 @@
-"""Records topics of the running graph into a bag, byte for byte, until it is stopped."""
+"""Record topics of the running graph into a bag, byte for byte, until it is stopped."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from tirgeo_ros.core.config import RecorderConfig
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.io.bags.bag import BagWriter
 from tirgeo_ros.io.messages import TOPIC_TYPES
+from tirgeo_ros.nodes.graph_node import message_class
 from tirgeo_ros.nodes.parameters import declare
 from tirgeo_ros.nodes.playlist import names
 from tirgeo_ros.nodes.qos import latched, output
 from tirgeo_ros.nodes.runner import run
-from tirgeo_ros.nodes.topics import message_class
 
 #: Deep enough for a pause of the disk.
 _DEPTH = 500

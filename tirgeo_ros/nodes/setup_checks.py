@@ -5,27 +5,21 @@ The topics that a node needs must be published and have the right type.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
-
-from rclpy.node import Node
 
 from tirgeo_ros.core.checks.recording_checks import RecordedTopics, needed_findings
 from tirgeo_ros.core.types.errors import shown
 from tirgeo_ros.core.types.finding import Finding, Severity, sorted_findings, verdict_line
 from tirgeo_ros.io.messages import TOPIC_TYPES, DiagnosticItem
-from tirgeo_ros.nodes.callbacks import guarded
-from tirgeo_ros.nodes.diagnostics import item_name
-from tirgeo_ros.nodes.monitor import ERROR, OK, WARN, Monitor
+from tirgeo_ros.nodes.graph_node import GraphNode
 
 SUBJECT = "set-up"
-LEVELS = {Severity.NOTE: OK, Severity.CAUTION: WARN, Severity.STOP: ERROR}
-#: A finding that is gone stays for this many reports, one per second, so that a person can read
-#: it.
+#: Reports (one per second) for which a finding that is gone stays, so that a person can read it.
 _HELD = 10
 #: The set-up is logged as good after this many reports with data and nothing worse than a note.
 _SETTLED = 10
-#: The checks run once a second: nodes discover each other within 4 s (at the start of a graph).
+#: Reports to wait for a topic: nodes discover each other within 4 s (at the start of a graph).
 _PATIENCE = 5
 
 
@@ -35,26 +29,20 @@ class SetupChecks:
     Each of ``checks``, those of ``core.checks``, has the findings from all data so far; those
     that are ``known`` from the start count once any message has come.
 
-    The item ``NODE: set-up`` has the worst finding's level, and the verdict as its message. Its
-    values are all findings: the check's name -> severity and line.
+    The item ``NODE: set-up`` has the worst finding's severity as its level, and the verdict as its
+    message. Its values are all findings: the check's name -> severity and line.
     """
 
-    def __init__(
-        self, node: Node, monitor: Monitor, *checks: Any, known: Sequence[Finding] = ()
-    ) -> None:
-        self._name = item_name(node, SUBJECT)
-        self._logger = node.get_logger()
-        self._monitor = monitor
+    def __init__(self, node: GraphNode, *checks: Any, known: Sequence[Finding] = ()) -> None:
+        self._node = node
         self._checks, self._known = checks, known
         # With the number of reports since it was last found.
         self._recent: dict[str, tuple[Finding, int]] = {}
         self._logged: Severity | None = None
-        self._quiet = 0  # reports without a finding
+        self._quiet = 0  # reports with data and without a finding
         #: ``take(checks.pose, pose)`` passes new data to a check.
-        self.take: Callable[..., bool] = guarded(
-            node, monitor, SUBJECT, lambda check, *data: check(*data)
-        )
-        self._renew = guarded(node, monitor, SUBJECT, self._ask)
+        self.take = node.guarded(SUBJECT, lambda check, *data: check(*data))
+        self._renew = node.guarded(SUBJECT, self._ask)
 
     def item(self) -> DiagnosticItem:
         """Return the item for diagnostics; log a change of the verdict."""
@@ -62,17 +50,16 @@ class SetupChecks:
         found = sorted_findings(finding for finding, _ in self._recent.values())
         worst = found[0].severity if found else Severity.NOTE
         verdict = shown(verdict_line(found))
-        self._log_verdict(worst, verdict)
-        return DiagnosticItem(
-            self._name,
-            LEVELS[worst],
-            verdict,
-            {one.check: shown(f"{one.severity.name}: {one.line}") for one in found},
-        )
+        self._quiet += bool(self._node.monitor.heard() and worst is Severity.NOTE)
+        known = worst is not Severity.NOTE or self._logged is not None or self._quiet >= _SETTLED
+        if known and worst is not self._logged:
+            self._logged = worst
+            self._node.log(worst, f"{SUBJECT}: {verdict}")
+        values = {one.check: shown(f"{one.severity.name}: {one.line}") for one in found}
+        return self._node.item(SUBJECT, values, verdict, int(worst))
 
     def _ask(self) -> None:
-        known = self._known if self._monitor.heard else ()
-        found = {one.check: one for one in known}
+        found = {one.check: one for one in (self._known if self._node.monitor.heard() else ())}
         found |= {one.check: one for check in self._checks for one in check.findings()}
         absent = {
             name: (finding, reports + 1)
@@ -81,22 +68,6 @@ class SetupChecks:
         }
         self._recent = absent | {name: (finding, 0) for name, finding in found.items()}
 
-    def _log_verdict(self, worst: Severity, verdict: str) -> None:
-        if worst is Severity.NOTE and self._logged is None:
-            self._quiet += self._monitor.heard
-            if self._quiet < _SETTLED:
-                return
-        if worst is self._logged:
-            return
-        self._logged, line = worst, f"{SUBJECT}: {verdict}"
-        # Three separate calls: rclpy raises if one line of code logs with two severities.
-        if worst is Severity.STOP:
-            self._logger.error(line)
-        elif worst is Severity.CAUTION:
-            self._logger.warning(line)
-        else:
-            self._logger.info(line)
-
 
 class InputChecks:
     """Ask the graph who publishes the topics that a node has not heard, once other messages come.
@@ -104,14 +75,13 @@ class InputChecks:
     ``needed``: groups of topics of the contract; one topic of a group is enough.
     """
 
-    def __init__(self, node: Node, monitor: Monitor, *needed: Sequence[str]) -> None:
-        self._node, self._monitor = node, monitor
-        self._needed = needed
+    def __init__(self, node: GraphNode, *needed: Sequence[str]) -> None:
+        self._node, self._needed = node, needed
         self._waited = 0  # calls of findings() since anything came
 
     def findings(self) -> list[Finding]:
         """Return findings: for a wrong type at once, for topics nobody publishes after a while."""
-        heard = self._monitor.heard_of()
+        heard = self._node.monitor.heard()
         missed = [topics for topics in self._needed if not heard.intersection(topics)]
         if not missed:
             return []

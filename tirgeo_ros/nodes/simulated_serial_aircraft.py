@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 
 from rclpy.serialization import deserialize_message
 
@@ -15,7 +16,7 @@ from tirgeo_ros.dji.simulator import Aircraft, frames_of
 from tirgeo_ros.dji.simulator.pseudo_terminal import PseudoTerminal
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.messages import SENSED_SAMPLES, SensedSample
-from tirgeo_ros.nodes.topics import message_class
+from tirgeo_ros.nodes.graph_node import message_class
 
 
 class SerialAircraft:
@@ -40,17 +41,20 @@ class SerialAircraft:
         self.terminal.write(self._aircraft.answer(self.terminal.read()))
         return self.terminal.is_open
 
-    def send(self, data: bytes) -> None:
+    def _send(self, data: bytes) -> None:
         """Write a frame, as far as a program reads it, and answer the host."""
         self.terminal.write(data)
         self.attend()
 
     def frames(
         self, reader: BagReader, start_ns: int, shift_ns: int
-    ) -> Iterator[tuple[int, bytes]]:
-        """Yield frames with the bag times (ns) at which they are due; their stamps are shifted."""
+    ) -> Iterator[tuple[int, Callable[[], None]]]:
+        """Yield the bag times (ns) at which frames are due, and the calls that send them.
+
+        Their stamps are shifted.
+        """
         for time_ns, data in frames_of(self._aircraft, self._samples(reader, start_ns, shift_ns)):
-            yield time_ns - shift_ns, data
+            yield time_ns - shift_ns, partial(self._send, data)
 
     @property
     def losses(self) -> str:

@@ -27,7 +27,7 @@ def start(name: str, package: str = "tirgeo_ros.nodes") -> int:
     if not {"-h", "--help", "--help-all"}.isdisjoint(sys.argv[1:]):
         from tirgeo_ros.nodes.help import help_text  # noqa: PLC0415  no node has a use for it
 
-        sys.stdout.write(help_text(name, sys.argv[1:], package))
+        sys.stdout.write(help_text(name, package))
         return 0
     signal.pthread_sigmask(signal.SIG_BLOCK, STOP_SIGNALS)
     # A shell ignores SIGINT for background jobs.

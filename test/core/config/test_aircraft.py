@@ -92,11 +92,6 @@ def test_no_old_name_is_in_use_and_every_node_knows_them():
             config_from(kind, {"rtk.lever_arm_m": [0.0, 0.0, 0.0]})
 
 
-def test_imu_axes_that_are_the_bodys_cost_no_copy():
-    sample = ImuSample(0, np.zeros(3), np.zeros(3))
-    assert in_body_axes(sample, AircraftConfig().rotation_bi) is sample
-
-
 def test_an_imu_turned_by_its_angles_feels_the_bodys_axes():
     """Yawed a quarter to the left, its forward axis is the body's left (FLU), minus y in FRD."""
     left = AircraftConfig(imu_rpy_deg=(0.0, 0.0, 90.0))

@@ -3,27 +3,17 @@
 from __future__ import annotations
 
 import json
-from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from dev.soak.balance import Balance
-from dev.soak.judge import (
-    Truth,
-    frame_figures,
-    memory_figures,
-    pose_figures,
-)
+from dev.soak.flight import SoakFlight
+from dev.soak.judge import frame_figures, memory_figures, pose_figures
 from dev.soak.lives import Life
 from dev.soak.memory import growth
-from dev.soak.records import (
-    Ledger,
-    Record,
-    poses_of,
-    read_ledger,
-    read_record,
-)
+from dev.soak.records import Ledger, Record, poses_of, read_ledger, read_record
 from dev.soak.schedule import GUEST, NODES, Kind, schedule
 from tirgeo_ros.core.types.poses import CameraPose
 
@@ -95,18 +85,6 @@ def test_frames_without_account_are_missed():
     assert missed(frame_figures(odd)) == ["reports that contradict themselves"]
 
 
-def test_a_schedule_is_the_same_for_a_seed_and_touches_everything():
-    events = schedule(1, 600.0)
-    assert events == schedule(1, 600.0)
-    assert events != schedule(2, 600.0)
-    happened = {(event.kind, event.node) for event in events}
-    assert happened >= {(kind, node) for kind in (Kind.KILL, Kind.STOP) for node in NODES}
-    assert {Kind.JUMP, Kind.BUSY} <= {event.kind for event in events}
-    for before, after in pairwise(events):
-        assert after.at_s >= before.at_s + before.lasts_s + 4.0
-    assert events[-1].at_s + events[-1].lasts_s <= 592.0
-
-
 def test_each_life_is_run_in_within_its_first_minute():
     """A minute, less what a node takes to start on a busy machine (5 s)."""
     events = schedule(1, 1200.0)
@@ -141,15 +119,15 @@ def test_what_was_written_is_read_again(tmp_path):
 
 def test_a_pose_beyond_four_sigma_and_a_long_silence_are_missed():
     camera = CameraPose(0, np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros((6, 6)))
-    truth = Truth({0: camera}, start_ns=0, period_ns=1_000_000_000)
+    flight = SoakFlight(Path(), 0, {0: camera})
 
     def figures(north_m, seconds):
         numbers = [north_m, 0, 0, 1, 0, 0, 0, *[1.0] * 6]
-        rows = [(k * seconds, k * 1_000_000_000, numbers) for k in range(3)]
-        return missed(pose_figures(Record(poses_of(rows), [], []), Ledger({0: 0}), truth))
+        rows = [(k * seconds, k * flight.period_ns, numbers) for k in range(3)]
+        return missed(pose_figures(Record(poses_of(rows), [], []), Ledger({0: 0}), flight))
 
     assert figures(3.9, 1.0) == []
     assert figures(4.1, 1.0) == ["  farthest from the truth, position"]
     assert figures(0.0, 61.0) == ["longest time without a pose"]
     nothing = Record(poses_of([]), [], [])
-    assert len(missed(pose_figures(nothing, Ledger({0: 0}), truth))) == 3
+    assert len(missed(pose_figures(nothing, Ledger({0: 0}), flight))) == 3

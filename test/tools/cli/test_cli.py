@@ -13,7 +13,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from verb_parsers import verb_parsers
+from project import verb_parsers
 
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.tools.cli import main as command

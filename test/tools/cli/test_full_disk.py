@@ -35,13 +35,7 @@ def with_files_below(size: int, *words: str) -> subprocess.CompletedProcess[str]
 
     # Python does not look whether its compiled modules were written whole.
     command = [sys.executable, "-B", "-m", "tirgeo_ros.tools.cli.main", *words]
-    return subprocess.run(
-        command,
-        capture_output=True,
-        text=True,
-        check=False,
-        preexec_fn=limit,
-    )
+    return subprocess.run(command, capture_output=True, text=True, check=False, preexec_fn=limit)
 
 
 def test_a_flight_that_does_not_fit(sample, tmp_path):

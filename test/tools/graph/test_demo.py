@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import argparse
 import xml.etree.ElementTree as ET
-from dataclasses import asdict
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from domain_ports import taken_port
+from project import taken_port
 
 from tirgeo_ros.core.camera.projection_covariance import CHI2_95
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
@@ -24,6 +23,7 @@ from tirgeo_ros.io.messages import TOPIC_TYPES, DiagnosticItem, Messages
 from tirgeo_ros.io.surveys.survey import SurveyPoint, save_survey
 from tirgeo_ros.tools.cli import demo
 from tirgeo_ros.tools.cli._verb import UsageError, add_verb
+from tirgeo_ros.tools.graph import find_resource
 from tirgeo_ros.tools.graph.demo import (
     against_targets,
     against_truth,
@@ -33,8 +33,7 @@ from tirgeo_ros.tools.graph.demo import (
 )
 from tirgeo_ros.tools.graph.localhost import PROFILES
 from tirgeo_ros.tools.graph.node_graph import GraphSetup, free_domain, graph_environment
-from tirgeo_ros.tools.graph.resources import find_resource
-from tirgeo_ros.tools.replay.graph_outputs import FoundTarget, read_outputs
+from tirgeo_ros.tools.replay.graph_outputs import read_outputs
 
 MS = 1_000_000
 PLANE = TangentPlane(0.7, 2.0, 11.0)
@@ -210,30 +209,3 @@ def test_the_serial_link_runs_in_real_time(tmp_path):
     given = ["demo", "--serial", "--rate", "2", "-o", str(tmp_path)]
     with pytest.raises(UsageError, match=r"--serial runs in real time: leave --rate out"):
         demo.run(parser.parse_args(given))
-
-
-def test_the_command_tells_errors_clicks_and_where_to_look():
-    result = {
-        "video": "/tmp/demo/overlay.mp4",
-        "still": "/tmp/demo/still.png",
-        "method": "ekf_heading",
-        "state": "running",
-        "frames_in": 270,
-        "frames_out": 269,
-        "first_map_after_s": 1.57,
-        "heading_sigma_deg": 0.1244,
-        "frame_latency_ms": 13.28,
-        "overlay": {"drawn": 255, "notices": 14},
-        "cores": {"ekf_node": 0.2, "total": 0.4567},
-        "camera_against_truth": {"position_rms_m": 0.0312, "attitude_rms_deg": 0.151},
-        "found": [asdict(FoundTarget("person 1", 39.8501234, 116.7, 0.1512, 0.52))],
-    }
-    told = demo.describe(result)
-    assert "270 frames in, 269 out, 13.3 ms later; 0.46 cores" in told
-    assert "the camera is 0.03 m and 0.15 deg off (rms)" in told
-    assert "person 1: 39.850123, 116.700000, 0.2 m from where it is" in told
-    assert "look at  /tmp/demo/overlay.mp4" in told
-    unknown = {"camera_against_truth": None, "first_map_after_s": None, "overlay": {}}
-    told = demo.describe(result | unknown)
-    assert "rms" not in told
-    assert told.endswith("no frame has the map: the reason is in each of them")

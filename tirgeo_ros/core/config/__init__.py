@@ -3,25 +3,19 @@
 from __future__ import annotations
 
 from tirgeo_ros.core.config.aircraft import AircraftConfig
-from tirgeo_ros.core.config.bags import (
-    BagPlayerConfig,
-    RecorderConfig,
-    SimulatedAircraftConfig,
-)
+from tirgeo_ros.core.config.bags import BagPlayerConfig, RecorderConfig, SimulatedAircraftConfig
 from tirgeo_ros.core.config.dji import DjiConfig
 from tirgeo_ros.core.config.filter import (
     METHODS,
-    AlignmentConfig,
     AutopilotConfig,
     EkfConfig,
     ImuConfig,
     ImuNoiseConfig,
-    TrustConfig,
 )
-from tirgeo_ros.core.config.filter_aiding import GpsConfig, HeadingConfig, RtkConfig
+from tirgeo_ros.core.config.filter_aiding import RtkConfig
 from tirgeo_ros.core.config.gimbal import GimbalConfig, NorthConfig
 from tirgeo_ros.core.config.overlay import OverlayConfig
-from tirgeo_ros.core.config.renamed import RENAMED
+from tirgeo_ros.core.config.schema import RENAMED
 
 #: Every node's parameter tree, by the node's name.
 NODE_CONFIGS: dict[str, type] = {
@@ -34,24 +28,7 @@ NODE_CONFIGS: dict[str, type] = {
 }
 
 __all__ = [
-    "METHODS",
-    "NODE_CONFIGS",
-    "RENAMED",
-    "AircraftConfig",
-    "AlignmentConfig",
-    "AutopilotConfig",
-    "BagPlayerConfig",
-    "DjiConfig",
-    "EkfConfig",
-    "GimbalConfig",
-    "GpsConfig",
-    "HeadingConfig",
-    "ImuConfig",
-    "ImuNoiseConfig",
-    "NorthConfig",
-    "OverlayConfig",
-    "RecorderConfig",
-    "RtkConfig",
-    "SimulatedAircraftConfig",
-    "TrustConfig",
-]
+    "METHODS", "NODE_CONFIGS", "RENAMED", "AircraftConfig", "AutopilotConfig", "BagPlayerConfig",
+    "DjiConfig", "EkfConfig", "GimbalConfig", "ImuConfig", "ImuNoiseConfig", "NorthConfig",
+    "OverlayConfig", "RecorderConfig", "RtkConfig", "SimulatedAircraftConfig",
+]  # fmt: skip

@@ -1,8 +1,8 @@
-"""The places of antennas, gimbal and camera on the aircraft, the same for every node.
+"""Define the places of antennas, gimbal and camera on the aircraft, the same for every node.
 
-They are taken with a tape from any one point of the aircraft, in ROS's axes (``base_link``:
-forward, left, up), as the user writes them. ``base_link`` begins at the IMU: the properties are
-counted from there, in the core's axes.
+The user measures them with a tape from any one point of the aircraft, in ROS's axes
+(``base_link``: forward, left, up). The properties are relative to the IMU, the origin of
+``base_link``, in the core's axes.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from tirgeo_ros.core.types.measurements import Source
 
 _NOWHERE = (0.0, 0.0, 0.0)
 _PLACE = ("m", -1e3, 1e3)
-#: Antennas that are nearer to each other, seen from above, make no baseline: a tape's error of
-#: 1 cm turns one of 5 cm by 11 deg.
+#: Least horizontal distance of two antennas that make a baseline: a tape's error of 1 cm turns one
+#: of 5 cm by 11 deg.
 _LEAST_APART_M = 0.05
 #: Least horizontal share of a baseline's length (75 deg of tilt).
 _LEAST_HORIZONTAL = 0.25
-#: How far an antenna may be from the IMU where nobody has measured. It stands above: that is what
-#: every tilt shows; what a few turns show of the other axes a clock's error would show as well.
+#: Sigma of an antenna's place that nobody has measured: above the IMU. Every tilt shows that; on
+#: the other axes a few turns cannot tell a lever arm from an error of the clock.
 _UNMEASURED_M = (0.0, 0.0, 0.3)
 _GPS = (Source.GPS_POSITION, Source.GPS_VELOCITY)
 
@@ -71,9 +71,7 @@ class AircraftConfig:
         sizes=(0, 3),
     )
     gps_antenna_m: tuple[float, ...] = param(
-        _NOWHERE,
-        "position of the autopilot's ordinary GPS antenna (forward, left, up)",
-        _PLACE,
+        _NOWHERE, "position of the autopilot's ordinary GPS antenna (forward, left, up)", _PLACE
     )
     gimbal_pivot_m: tuple[float, ...] = param(
         _NOWHERE,

@@ -1,11 +1,10 @@
-"""The parameters of what plays and records bags."""
+"""Define the parameters of what plays and records bags."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from tirgeo_ros.core.config.aircraft import AircraftConfig
-from tirgeo_ros.core.config.renamed import NodeParameters
 from tirgeo_ros.core.config.schema import group, param
 from tirgeo_ros.core.types.joint_orders import JOINT_ORDERS, USUAL_ORDER
 
@@ -27,9 +26,7 @@ class SimulatedAircraftConfig:
         choices=("joints", "reported"),
     )
     joint_order: str = param(
-        USUAL_ORDER,
-        "order of the joints of those angles, from the aircraft to the camera",
-        choices=JOINT_ORDERS,
+        USUAL_ORDER, "order of those joints, from the aircraft to the camera", choices=JOINT_ORDERS
     )
     layout: str = param(
         "modern",
@@ -43,12 +40,12 @@ class SimulatedAircraftConfig:
         0.0, "rate error of the aircraft's clock; positive = fast", ("ppm", -1e4, 1e4)
     )
     pushes: bool = param(
-        False, "send the usual subscription packages too, as an aircraft does whose host has gone"
+        False, "send the usual subscription packages too, as if the host had gone"
     )
 
 
 @dataclass(frozen=True, slots=True)
-class BagPlayerConfig(NodeParameters):
+class BagPlayerConfig:
     """Parameters of bag_player."""
 
     bag: str = param("", "MCAP file to play")
@@ -57,20 +54,15 @@ class BagPlayerConfig(NodeParameters):
     loop: bool = param(False, "begin again at the end")
     clock_rate_hz: float = param(100.0, "rate of /clock", ("Hz", 1, 100))
     wait_timeout_s: float = param(
-        30.0, "longest wait for subscribers before the first message", ("s", 0, 3600)
+        30.0, "longest wait for subscribers before the start", ("s", 0, 3600)
     )
     wait_for: str = param(
-        "",
-        "topics, separated by commas, that must have a subscriber before playing begins; empty "
-        "= any topic",
+        "", "topics, separated by commas, that must have a subscriber; empty = any"
     )
     topics: str = param(
-        "",
-        "topics to play, separated by commas; empty = all that the graph does not publish itself",
+        "", "topics to play, separated by commas; empty = all not made by the graph"
     )
-    live: bool = param(
-        False, "shift the stamps of all headers so that the bag begins now, and publish no /clock"
-    )
+    live: bool = param(False, "shift all stamps so that the bag begins now, and publish no /clock")
     serial_port: str = param(
         "",
         "with live: play the aircraft's topics as DJI's serial protocol, on a pseudo-terminal "
@@ -81,7 +73,7 @@ class BagPlayerConfig(NodeParameters):
 
 
 @dataclass(frozen=True, slots=True)
-class RecorderConfig(NodeParameters):
+class RecorderConfig:
     """Parameters of recorder."""
 
     output: str = param("", "MCAP file to write")

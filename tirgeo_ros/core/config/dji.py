@@ -1,4 +1,4 @@
-"""The parameters of dji_node and of ``tirgeo import``."""
+"""Define the parameters of dji_node and of ``tirgeo import``."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 from tirgeo_ros.core.config.aircraft import AircraftConfig
-from tirgeo_ros.core.config.renamed import NodeParameters
 from tirgeo_ros.core.config.schema import group, param
 
 #: Codes of the broadcast rates: 0 Hz, 1, 10, 50, 100, as it is, 200, 400.
@@ -19,9 +18,7 @@ class DjiHeadingConfig:
     """The accuracy given to the heading of the two RTK antennas."""
 
     sigma_deg: float = param(
-        0.6,
-        "standard deviation given to a heading, which comes in whole degrees",
-        ("deg", 1e-3, 180),
+        0.6, "sigma given to a heading, which comes in whole degrees", ("deg", 1e-3, 180)
     )
 
 
@@ -30,25 +27,17 @@ class DjiRtkConfig:
     """The accuracy given to an RTK fix, which DJI sends without one, and its age."""
 
     fixed_sigma_m: tuple[float, ...] = param(
-        (0.01, 0.02),
-        "standard deviation given to a fixed position: horizontal, vertical",
-        ("m", 1e-4, 100),
-        sizes=(2,),
+        (0.01, 0.02), "sigma given to a fixed position: horizontal, vertical", ("m", 1e-4, 100)
     )
     velocity_sigma_m_s: float = param(
         0.03, "standard deviation given to a velocity, per axis", ("m/s", 1e-4, 100)
     )
-    delay_s: float = param(
-        0.0,
-        "age of an RTK value when the aircraft sends it, taken off its stamp; negative where "
-        "stamps are early",
-        _DELAY,
-    )
+    delay_s: float = param(0.0, "age of an RTK value when it is sent, taken off its stamp", _DELAY)
 
 
 @dataclass(frozen=True, slots=True)
 class DjiDelayConfig:
-    """The age of other values when the aircraft sends them, as ``rtk.delay_s``."""
+    """The age of other values when they are sent, as ``rtk.delay_s``."""
 
     imu_s: float = param(0.0, "age of acceleration, angular rate and attitude", _DELAY)
     gps_s: float = param(0.0, "age of a position or velocity of the ordinary GPS", _DELAY)
@@ -60,9 +49,7 @@ class DjiClockConfig:
     """The fit from the aircraft's clock to this computer's."""
 
     window_s: float = param(
-        20.0,
-        "window over which the offset between the aircraft's clock and this computer's is fitted",
-        ("s", 0.5, 3600),
+        20.0, "window of the fit of the aircraft's clock to this computer's", ("s", 0.5, 3600)
     )
     max_drift_ppm: float = param(
         100.0, "largest drift between the two clocks that the fit allows", ("ppm", 0, 1e4)
@@ -74,9 +61,7 @@ class DjiHostConfig:
     """What the node asks of the aircraft: nothing by default, it only listens."""
 
     app_id: int = param(
-        0,
-        "DJI application id to activate with; 0 = do not activate, which listening does not need",
-        ("", 0, 2**31 - 1),
+        0, "DJI application id to activate with; 0 = only listen", ("", 0, 2**31 - 1)
     )
     broadcast_rates: tuple[float, ...] = param(
         (),
@@ -91,7 +76,7 @@ class DjiHostConfig:
 
 
 @dataclass(frozen=True, slots=True)
-class DjiConfig(NodeParameters):
+class DjiConfig:
     """Parameters of dji_node."""
 
     source: str = param(
@@ -108,9 +93,7 @@ class DjiConfig(NodeParameters):
         "", "application key that decrypts the frames, 64 hexadecimal digits; empty = none"
     )
     packages: str = param(
-        "",
-        "YAML file that describes the contents of the subscription packages; empty = the usual "
-        "five",
+        "", "YAML file of the subscription packages' contents; empty = the usual five"
     )
     psdk_prefix: str = param("psdk_ros2", "prefix of the names of psdk_ros2's topics")
     geoid_undulation_m: float = param(
@@ -121,12 +104,12 @@ class DjiConfig(NodeParameters):
     )
     acceleration_unit: str = param(
         "auto",
-        "unit of the broadcast's acceleration: g, m/s2, or auto (detected from its size)",
+        "unit of the broadcast's acceleration: g, m/s2, or auto (by its size)",
         choices=("auto", "g", "m/s2"),
     )
     gimbal_reference: str = param(
         "north",
-        "direction from which the gimbal's yaw counts: north (Zenmuse) or body (Ronin-MX)",
+        "zero of the gimbal's yaw: north (Zenmuse) or body (Ronin-MX)",
         choices=("north", "body"),
     )
     heading: DjiHeadingConfig = group(DjiHeadingConfig)

@@ -1,4 +1,4 @@
-"""The parameters of gimbal_node."""
+"""Define the parameters of gimbal_node."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from tirgeo_ros.core.config.aircraft import AircraftConfig
-from tirgeo_ros.core.config.renamed import NodeParameters
 from tirgeo_ros.core.config.schema import group, param
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.types.arrays import Array
@@ -53,14 +52,10 @@ class NorthConfig:
         ("s", 0, 60),
     )
     centred_sigma_deg: float = param(
-        0.3,
-        "standard deviation of the constant angle between the nose and a centred camera",
-        _SIGMA,
+        0.3, "sigma of the constant angle between nose and centred camera", _SIGMA
     )
     noise_deg: float = param(
-        0.2,
-        "standard deviation of one reading of the bias, which is a mean over one second",
-        ("deg", 1e-3, 90),
+        0.2, "sigma of one reading of the bias, a mean over one second", ("deg", 1e-3, 90)
     )
     gate_sigma: float = param(
         5.0,
@@ -77,7 +72,7 @@ class NorthConfig:
 
 
 @dataclass(frozen=True, slots=True)
-class GimbalConfig(NodeParameters):
+class GimbalConfig:
     """Parameters of gimbal_node."""
 
     composition: str = param(
@@ -106,9 +101,7 @@ class GimbalConfig(NodeParameters):
     )
     encoder_sigma_deg: float = param(0.05, "standard deviation of a joint angle", _SIGMA)
     reported_sigma_deg: tuple[float, ...] = param(
-        (0.2704, 0.4839),
-        "standard deviation of the reported camera roll and pitch (Table 8 of Ren et al. 2022)",
-        _SIGMA,
+        (0.2704, 0.4839), "sigma of reported roll and pitch (Ren et al. 2022, Table 8)", _SIGMA
     )
     autopilot_tilt_sigma_deg: float = param(
         0.5,

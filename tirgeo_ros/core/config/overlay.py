@@ -1,11 +1,10 @@
-"""The parameters of overlay_node."""
+"""Define the parameters of overlay_node."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
-from tirgeo_ros.core.config.renamed import NodeParameters
 from tirgeo_ros.core.config.schema import group, param
 
 PALETTES = ("white_hot", "black_hot", "iron", "rainbow", "arctic", "lava")
@@ -16,18 +15,13 @@ class PictureConfig:
     """How the thermal picture itself is shown."""
 
     stretch_percent: tuple[float, ...] = param(
-        (1.0, 99.0),
-        "percentiles of a 16-bit picture that are shown as black and white",
-        ("%", 0, 100),
-        sizes=(2,),
+        (1.0, 99.0), "percentiles of a 16-bit picture shown as black and white", ("%", 0, 100)
     )
     stretch_time_s: float = param(
-        1.0,
-        "time in which that stretch follows 95 % of a change of the scene, against flicker",
-        ("s", 0, 60),
+        1.0, "time in which the stretch follows 95 % of a change of the scene", ("s", 0, 60)
     )
     local_contrast: float = param(
-        0.0, "limit of the gain of the local contrast; 0 = off, 2 is plain, 8 strong", ("", 0, 40)
+        0.0, "limit of the local contrast's gain; 0 = off, 2 plain, 8 strong", ("", 0, 40)
     )
 
 
@@ -48,10 +42,7 @@ class ConfidenceConfig:
     latency_sigma_s: float = param(0.005, "standard deviation of video_latency_s", ("s", 0, 1))
     lens_sigma_px: float = param(0.5, "standard deviation of the lens model", ("px", 0, 100))
     map_sigma_m: float = param(
-        0.1,
-        "standard deviation of the map's horizontal positions, where the layer's style does not "
-        "say",
-        ("m", 0, 1e3),
+        0.1, "sigma of horizontal map positions, unless the style says it", ("m", 0, 1e3)
     )
     ground_sigma_m: float = param(0.1, "standard deviation of the ground's height", ("m", 0, 1e3))
     scale_bar: bool = param(True, "draw a bar of known length on the ground")
@@ -59,36 +50,27 @@ class ConfidenceConfig:
 
 
 @dataclass(frozen=True, slots=True)
-class OverlayConfig(NodeParameters):
+class OverlayConfig:
     """Parameters of overlay_node."""
 
     map: str = param(
-        "",
-        "file of the map (GeoJSON, GeoPackage, Shapefile, KML, KMZ); several, separated by commas",
+        "", "map (GeoJSON, GeoPackage, Shapefile, KML, KMZ); several separated by commas"
     )
-    style: str = param(
-        "", "style sheet (YAML) with the layers of the map; empty = one style for all"
-    )
+    style: str = param("", "style sheet (YAML) of the map's layers; empty = one style for all")
     network: bool = param(
-        False,
-        "allow map and dem to be fetched over the network, where they name other places (a VRT, "
-        "a WFS)",
+        False, "allow map and dem to read from the network (a VRT or WFS may name places)"
     )
     label_field: str = param("name", "property of a map feature that is drawn as its label")
     reload_s: float = param(
-        2.0,
-        "interval at which map and style are checked for changes and read again; 0 = never",
-        ("s", 0, 3600),
+        2.0, "interval at which map and style are checked for changes; 0 = never", ("s", 0, 3600)
     )
     ground_height_m: float = param(
         math.nan,
-        "ellipsoidal height of level ground; unset = the DEM, else the heights in the map",
+        "ellipsoidal height of level ground; unset = DEM, else the map's",
         ("m", -500, 9000),
     )
     dem: str = param(
-        "",
-        "elevation model of the ground (GeoTIFF); tiles of one, separated by commas; empty = "
-        "level ground",
+        "", "elevation model (GeoTIFF), tiles separated by commas; empty = level ground"
     )
     dem_undulation_m: float = param(
         0.0,

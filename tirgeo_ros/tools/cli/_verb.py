@@ -24,32 +24,23 @@ METHODS = ("raw", "rtk", "ekf", "ekf_heading")
 NUMBER, WORD, NEEDED = {"type": float}, {"type": str}, {"required": True}
 
 FLIGHT: tuple[Option, ...] = (("bag", "IN.mcap", "the recorded flight"),)
-NAMESPACE: tuple[Option, ...] = (
-    ("--namespace", "NS", "of the bag's topics", {"type": str, "default": ""}),
-)
-PARAMS: tuple[Option, ...] = (
-    (
-        *("--params", "YAML"),
-        "ROS 2 parameter file; may be repeated: a later one stands before an earlier",
-        {"action": "append"},
-    ),
-)
+_NAMESPACE = "namespace of the aircraft's topics in the bag, as uav1; default: none"
+NAMESPACE: tuple[Option, ...] = (("--namespace", "NS", _NAMESPACE, WORD | {"default": ""}),)
+_PARAMS = "ROS 2 parameter file; may be repeated: later files override earlier ones"
+PARAMS: tuple[Option, ...] = (("--params", "YAML", _PARAMS, {"action": "append"}),)
 PARAMETERS = (
     *PARAMS,
-    ("--camera", "YAML", "its calibration, in place of the bag's thermal/camera_info"),
+    (
+        "--camera",
+        "YAML",
+        "calibration of the camera, used in place of the bag's thermal/camera_info",
+    ),
     *NAMESPACE,
 )
-_METHOD_HELP = "%(choices)s; default: as --params say, else ekf_heading where the bag has "
-METHOD: tuple[Option, ...] = (
-    (
-        "--method",
-        "M",
-        f"{_METHOD_HELP}rtk/heading and ekf where it has none",
-        {"choices": METHODS},
-    ),
-)
+_METHOD = "%(choices)s; default: that of --params, else ekf_heading, or ekf without rtk/heading"
+METHOD: tuple[Option, ...] = (("--method", "M", _METHOD, {"choices": METHODS}),)
 GROUND: tuple[Option, ...] = (
-    ("--dem", "TIF", "elevation model of the ground; tiles of one with commas", WORD),
+    ("--dem", "TIF", "elevation model of the ground; several tiles separated by commas", WORD),
     ("--ground-height", "M", "ellipsoidal height of the ground, m", NUMBER),
 )
 SURVEY: tuple[Option, ...] = (
@@ -57,11 +48,21 @@ SURVEY: tuple[Option, ...] = (
     ("--observations", "CSV", "id,stamp_ns,u,v: the picture's header stamp, column, row", NEEDED),
 )
 WINDOW: tuple[Option, ...] = (
-    ("--from", "S", "since the first", {"dest": "from_s", "type": float, "default": 0.0}),
-    ("--to", "S", "message, s", {"dest": "to_s", "type": float, "default": math.inf}),
+    (
+        "--from",
+        "S",
+        "begin, in seconds after the first message",
+        {"dest": "from_s", "type": float, "default": 0.0},
+    ),
+    (
+        "--to",
+        "S",
+        "end, in seconds after the first message; default: that of the bag",
+        {"dest": "to_s", "type": float, "default": math.inf},
+    ),
 )
 _PICTURES = "pictures of 8 or 16 bits, folders of them, or one bag (.mcap) with thermal video"
-_BOARD = "inner corners of the board, as 9x6: one less each way than squares"
+_BOARD = "inner corners of the board, as 9x6: one fewer than squares in each direction"
 BOARD: tuple[Option, ...] = (
     ("pictures", "PICTURES", _PICTURES, {"nargs": "+"}),
     *NAMESPACE,
@@ -133,10 +134,10 @@ def call(
     keywords: str,
     **more: object,
 ) -> T:
-    """Call a tool with a progress bar, by names of arguments with spaces between them.
+    """Call a tool with a progress bar; pass on arguments by their names, separated by spaces.
 
-    ``first`` go by place, ``keywords`` by name; ``doing`` is the bar's words, with a comma and a
-    unit if it has one. Raise UsageError for two grounds, and for a window that ends too soon.
+    ``first`` are positional, ``keywords`` keyword arguments; ``doing`` is the bar's text, with a
+    comma and the unit if it has one. Raise UsageError for two grounds, or an empty window.
     """
     given = vars(args)
     if given.get("dem") is not None and given.get("ground_height") is not None:

@@ -1,10 +1,10 @@
-"""Tell the errors on the ground that errors of the pose make.
+"""Compute the ground errors that errors of the pose cause.
 
-The error budget over the camera's picture: root mean square errors on level ground by factor, by
-the closed form of Ren et al. 2022 (section 3.5, a pinhole camera) and by the whole covariance of
-the pose, with the lens. Without a bag the errors, the view and the camera are those of the paper.
-With a bag they are the flight's: its ordinary GPS against RTK, its autopilot's heading against the
-filter's (Eq. 22), and a second table is made of the filter's own covariance.
+The error budget over the picture: root mean square errors on level ground for each factor, by the
+closed form of Ren et al. 2022 (section 3.5, a pinhole camera) and by the full covariance of the
+pose, with the lens. Without a bag, errors, view and camera are those of the paper. With a bag they
+are measured in the flight: ordinary GPS against RTK, the autopilot's heading against the filter's
+(Eq. 22); a second table follows from the filter's own covariance.
 
 example:
   tirgeo budget --height 60 --tilt 45 -o budget
@@ -23,7 +23,7 @@ from tirgeo_ros.tools.cli._verb import NUMBER, PARAMETERS, call
 _VALUES = (
     ("--height", "M", "of the camera above the ground", "height_m"),
     ("--tilt", "DEG", "of the optical axis below the horizon", "depression_deg"),
-    ("--speed", "M_S", "along which an error of time acts", "speed_m_s"),
+    ("--speed", "M_S", "speed over ground, for errors of time", "speed_m_s"),
     ("--east-error", "M", "of the camera's position", "east_error_m"),
     ("--north-error", "M", "of the camera's position", "north_error_m"),
     ("--height-error", "M", "of the camera's position", "height_error_m"),
@@ -82,7 +82,7 @@ def _table(rows: list[dict[str, Any]]) -> str:
 
 
 def _measured(value: float) -> str:
-    return f"{value:.4g}" if math.isfinite(value) else "not recorded; that of the paper is taken"
+    return f"{value:.4g}" if math.isfinite(value) else "not recorded: the paper's is used"
 
 
 def _number(value: float | None) -> str:

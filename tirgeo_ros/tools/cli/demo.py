@@ -32,20 +32,16 @@ OPTIONS = (
 
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Run the graph; return the summary."""
-    from tirgeo_ros.tools.graph.demo import check_place_of, demonstrate, sample_bag, with_sample  # noqa: PLC0415 heavy
-    from tirgeo_ros.tools.graph.node_graph import GraphSetup, free_domain  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.graph.demo import demo_setup, demonstrate  # noqa: PLC0415 heavy
 
     if not 0.01 <= args.rate <= 100:
         raise UsageError("--rate must be from 0.01 to 100")
     if args.serial and args.rate != 1:
         raise UsageError("--serial runs in real time: leave --rate out")
-    bag = args.bag or sample_bag()
-    given = (args.params, args.map, args.method, args.rate, args.serial)
-    domain = {"ROS_DOMAIN_ID": str(free_domain())}
-    graph = GraphSetup(bag.absolute(), args.output.absolute(), *given, environment=domain)
-    setup = with_sample(graph)
-    check_place_of(setup)
-    sys.stderr.write(f"the nodes are in ROS_DOMAIN_ID={domain['ROS_DOMAIN_ID']}, here alone\n")
+    given = (args.bag, args.output, args.params, args.map, args.method, args.rate)
+    setup = demo_setup(*given, serial=args.serial)
+    domain = setup.environment["ROS_DOMAIN_ID"]
+    sys.stderr.write(f"the nodes are in ROS_DOMAIN_ID={domain}, here alone\n")
     with Progress("playing", unit="s") as bar:
         return demonstrate(setup, bar)
 

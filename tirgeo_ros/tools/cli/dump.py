@@ -1,15 +1,15 @@
 """Print the frames of a capture of the aircraft's serial port.
 
-Prints one JSON object a frame on stdout (--json or not): offset and header, its kind, and what it
-holds: raw values and SI values beside them, what cannot be read as empty fields, NaN and
-infinities as null. One line of counts goes to stderr. Bytes in no frame are skipped and counted:
-a capture may begin and end within a frame, and a cable may lose bytes, so the exit code is 0 as
-soon as there is a frame, and 1 where there is none.
+Prints one JSON object for each frame on stdout (--json or not): offset and header, its kind, and
+its contents, raw values beside SI values; fields that cannot be read are empty, NaN and infinities
+null. One line of counts goes to stderr. Bytes outside frames are skipped and counted: a capture
+may begin and end within a frame, and a cable may lose bytes. So the exit code is 0 if there is a
+frame, else 1.
 
-What a subscription package holds is taken from the requests for packages if the capture has both
-directions, else from --packages, else it is the usual five of DJI's ROS wrapper. A push with a
-value that its package cannot have (a quaternion that is no rotation) names it under 'implausible':
-then the table of packages is wrong.
+The contents of a subscription package are taken from the requests for packages if the capture has
+both directions, else from --packages, else they are the usual five of DJI's ROS wrapper. A value
+that its package cannot have (a quaternion that is no rotation) is named under 'implausible': the
+table of packages is then wrong.
 
 example:
   tirgeo dump capture.bin | head -3
@@ -32,10 +32,10 @@ from tirgeo_ros.tools.cli._verb import WORD, Option
 
 #: Of ``import`` too.
 CAPTURE: tuple[Option, ...] = (
-    ("--packages", "YAML", "what the subscription packages hold"),
+    ("--packages", "YAML", "contents of the subscription packages"),
     ("--key", "HEX", "application key, for encrypted frames", WORD | {"default": ""}),
 )
-OPTIONS = (("capture", "CAPTURE", "bytes as they came"), *CAPTURE)
+OPTIONS = (("capture", "CAPTURE", "the recorded bytes"), *CAPTURE)
 
 
 def run(args: argparse.Namespace) -> int:

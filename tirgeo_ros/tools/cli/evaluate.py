@@ -1,10 +1,10 @@
-r"""Tell a flight's ground accuracy against surveyed points, by method.
+r"""Measure a flight's ground accuracy against surveyed points, by method.
 
 The paper's experiment: locates every observed control point under the methods raw, rtk, ekf and
 ekf_heading, and calibrated (ekf_heading with the boresight file) where one is given. Prints each
 point's error, their means and the paired t-test between the methods, and writes report.html with
 plots and stills, points.csv, observations.csv, result.json and each method's parameters. A method
-that the bag has not the topics for is told as missing. Without --dem and --ground-height the
+whose topics the bag lacks is reported as missing. Without --dem and --ground-height the
 ground is the parameters', else the median of the observed points' heights.
 
 example:
@@ -28,7 +28,11 @@ OPTIONS = (
     ("--map", "MAP", "drawn on the stills; default: the parameters'"),
     *GROUND,
     ("--projection", "P", "%(choices)s; default: %(default)s", _PROJECTIONS),
-    ("--truth", "BAG", "truth.mcap of a simulated flight: the aircraft's own errors are told too"),
+    (
+        "--truth",
+        "BAG",
+        "truth.mcap of a simulated flight: the aircraft's own errors are reported too",
+    ),
 )
 
 
@@ -50,9 +54,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     inputs, more = "bag survey observations", {"map_path": args.map}
     found = call(evaluate, args, "evaluating, s", inputs, names, **more)
     page = {"report.html": report_html(found)}
-    return summary.summary(found) | {
-        "output": summary.write_evaluation(found, args.output, page),
-    }
+    return summary.summary(found) | {"output": summary.write_evaluation(found, args.output, page)}
 
 
 def describe(result: dict[str, object]) -> str:

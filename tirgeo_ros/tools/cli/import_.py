@@ -1,10 +1,10 @@
-"""Make a bag of a ROS 1 bag or a serial capture.
+"""Make a bag from a ROS 1 bag or a serial capture.
 
-Makes a bag with the topics of tirgeo (imu/data, gps, rtk, gimbal, thermal) of a ROS 1 bag that
-DJI's wrapper was recorded in (dji_sdk/ or dji_osdk_ros/), or of the bytes that an aircraft's
-serial port sent. Topics of the wrong type and values that make no sense are told and left out. A
-damaged bag is imported as far as it can be read (exit code 1). The same input gives the same
-bytes. Topics are options of ROS 1 bags; packages, key and start time of captures.
+Makes a bag with the topics of tirgeo (imu/data, gps, rtk, gimbal, thermal) from a ROS 1 bag with
+the topics of DJI's wrapper (dji_sdk/ or dji_osdk_ros/), or from the bytes of an aircraft's serial
+port. Topics of the wrong type and implausible values are reported and left out. A damaged bag is
+imported as far as it can be read (exit code 1). The same input gives the same bytes. --namespace
+and the topics are for ROS 1 bags; --packages, --key and --start-time for captures.
 
 example:
   tirgeo import flight.bag -o flight.mcap --params params.yaml
@@ -24,18 +24,19 @@ from datetime import datetime, timezone
 from typing import Any
 
 from tirgeo_ros.tools.cli._lines import table
-from tirgeo_ros.tools.cli._verb import NAMESPACE, NEEDED, WORD, UsageError, call
+from tirgeo_ros.tools.cli._verb import NEEDED, WORD, UsageError, call
 from tirgeo_ros.tools.cli.dump import CAPTURE
 
-_TIME = "UTC of the first message, as 2024-06-11T07:44:39; default: by its receivers' date"
+_TIME = "UTC of the first message, as 2024-06-11T07:44:39; default: the receivers' date"
+_NAMESPACE = "namespace of the aircraft's topics in a ROS 1 bag, and in the new bag; default: none"
 _TOPIC = WORD | {"default": ""}
 OPTIONS = (
     ("flight", "IN", "ROS 1 bag or serial capture"),
     ("-o --output", "OUT.mcap", "the new bag", NEEDED),
     ("--params", "YAML", "parameters of dji_node"),
-    *NAMESPACE,
-    ("--image-topic", "TOPIC", "goes to thermal/image_raw[/compressed]", _TOPIC),
-    ("--camera-info-topic", "TOPIC", "goes to thermal/camera_info", _TOPIC),
+    ("--namespace", "NS", _NAMESPACE, _TOPIC),
+    ("--image-topic", "TOPIC", "topic that becomes thermal/image_raw[/compressed]", _TOPIC),
+    ("--camera-info-topic", "TOPIC", "topic that becomes thermal/camera_info", _TOPIC),
     *CAPTURE,
     ("--start-time", "TIME", _TIME, WORD),
 )

@@ -34,7 +34,7 @@ def parser_of(modules: Sequence[ModuleType]) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="tirgeo",
         description="A map on a drone's thermal video, placed by sensors alone.",
-        epilog="tirgeo VERB --help tells of a verb, with an example.",
+        epilog="tirgeo VERB --help describes a verb, with an example.",
     )
     parser.add_argument("--version", action="version", version=tirgeo_ros.__version__)
     subparsers = parser.add_subparsers(dest="verb", metavar="VERB", required=True)

@@ -16,15 +16,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from tirgeo_ros.tools.cli._lines import lines
-from tirgeo_ros.tools.cli._verb import (
-    FLIGHT,
-    GROUND,
-    METHOD,
-    NEEDED,
-    PARAMETERS,
-    UsageError,
-    call,
-)
+from tirgeo_ros.tools.cli._verb import FLIGHT, GROUND, METHOD, NEEDED, PARAMETERS, UsageError, call
 
 OPTIONS = (
     *FLIGHT,

@@ -1,7 +1,7 @@
-"""Fly a scenario, with truth.
+"""Simulate a flight, with truth.
 
 Writes flight.mcap (what the aircraft recorded, with thermal video), truth.mcap, map.geojson,
-survey.geojson, targets.geojson (what is warm in it), observations.csv and params.yaml. The same
+survey.geojson, targets.geojson (the warm things in it), observations.csv and params.yaml. The same
 seed gives the same bytes.
 
 example:
@@ -29,7 +29,7 @@ OPTIONS = (
     ("--joint-order", "ORDER", _ORDER_HELP, {"choices": JOINT_ORDERS}),
     ("--barometer", "HZ", _BAROMETER_HELP, NUMBER),
     ("--start", "S", "write from this second on", NUMBER | {"default": 0.0}),
-    ("--duration", "S", "write so many seconds (default: to the end)", NUMBER),
+    ("--duration", "S", "seconds to write; default: to the end", NUMBER),
     ("--no-images", None, "no video: quick"),
 )
 

@@ -16,8 +16,8 @@ from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import check_outputs, write_files
 from tirgeo_ros.io.maps import map_files
 from tirgeo_ros.io.surveys.survey import load_survey
-from tirgeo_ros.tools.graph.node_graph import AWAITED, GraphSetup, run_graph
-from tirgeo_ros.tools.graph.resources import find_resource
+from tirgeo_ros.tools.graph import find_resource
+from tirgeo_ros.tools.graph.node_graph import AWAITED, GraphSetup, free_domain, run_graph
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.presentation.video import VideoFile
 from tirgeo_ros.tools.replay.flight_topics import PICTURES
@@ -69,32 +69,33 @@ def demonstrate(setup: GraphSetup, progress: Report = silent) -> dict[str, objec
     return result
 
 
-def check_place_of(setup: GraphSetup) -> None:
-    """Raise GraphError if an output of the demo would overwrite one of its inputs."""
-    configs = node_configs(setup.params)
-    named = [*configs.files, *map_files(str(setup.map or ""))]
-    outputs = [setup.folder / name for name in _NAMES]
-    beside = [setup.bag.with_name(name) for name in ("truth.mcap", TARGETS)]
-    check_outputs((setup.bag, *beside, setup.params, *named), outputs, GraphError)
+def demo_setup(
+    bag: Path | None,
+    folder: Path,
+    params: Path | None,
+    map_file: Path | None,
+    method: str | None,
+    rate: float,
+    *,
+    serial: bool,
+) -> GraphSetup:
+    """Return what to run: the sample flight by default, with the files beside the bag.
 
-
-def with_sample(setup: GraphSetup) -> GraphSetup:
-    """Return ``setup`` with the files beside the bag: ``map.geojson`` and ``params.yaml``."""
-    folder = setup.bag.parent
-    params, map_file = folder / "params.yaml", folder / "map.geojson"
-    return dataclasses.replace(
-        setup,
-        params=setup.params or (params if params.is_file() else None),
-        map=setup.map or (map_file if map_file.is_file() else None),
-    )
-
-
-def sample_bag() -> Path:
-    """Return the path of the sample flight; raise BagError if it is not installed."""
-    path = find_resource(f"{SAMPLE}/flight.mcap")
-    if path is None:
+    Raise BagError if the sample is not installed, and GraphError if an output would overwrite an
+    input.
+    """
+    bag = bag or find_resource(f"{SAMPLE}/flight.mcap")
+    if bag is None:
         raise BagError(f"{SAMPLE}/flight.mcap is not installed: give a bag with --bag")
-    return path
+    names = ("params.yaml", "map.geojson", "truth.mcap", TARGETS)
+    beside = {name: path for name in names if (path := bag.with_name(name)).is_file()}
+    params, map_file = params or beside.get("params.yaml"), map_file or beside.get("map.geojson")
+    files = (*node_configs(params).files, *map_files(str(map_file or "")))
+    outputs = [folder / name for name in _NAMES]
+    check_outputs((bag, *beside.values(), params, *files), outputs, GraphError)
+    domain = {"ROS_DOMAIN_ID": str(free_domain())}
+    given = (params, map_file, method, rate, serial)
+    return GraphSetup(bag.absolute(), folder.absolute(), *given, environment=domain)
 
 
 def make_pictures(recording: Path, folder: Path, frames: int) -> dict[str, object]:

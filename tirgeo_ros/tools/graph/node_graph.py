@@ -16,9 +16,9 @@ from tirgeo_ros.core.types.errors import GraphError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.child_python import stop_signals
 from tirgeo_ros.io.messages import DJI_TOPICS
+from tirgeo_ros.tools.graph import find_resource
 from tirgeo_ros.tools.graph.localhost import localhost_environment
 from tirgeo_ros.tools.graph.node_process import NodeProcess
-from tirgeo_ros.tools.graph.resources import find_resource
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.flight_topics import PICTURES
 
@@ -28,6 +28,7 @@ _STOP_TIMEOUT_S = 15.0
 #: are sent again at the writer's heartbeat, every 3 s.
 _SETTLE_S = 3.5
 _POLL_S = 0.1
+_PORT = "aircraft"  # the pseudo-terminal that the player creates
 #: Topics that every method needs, so that they always have a subscriber.
 AWAITED = ("imu/data", "thermal/camera_info")
 
@@ -84,14 +85,17 @@ def run_graph(setup: GraphSetup, duration_s: float, progress: Report = silent) -
             log = setup.folder / f"{name}.log"
             processes.append(NodeProcess(name, arguments, environment, log))
         await_words(processes, "ready")
-        player = NodeProcess(
-            "bag_player", _player(setup), environment, setup.folder / "bag_player.log"
-        )
+        log = setup.folder / "bag_player.log"
+        player = NodeProcess("bag_player", _player(setup), environment, log)
         processes.append(player)
         await_words([player], "playing")
         play_s, cores = _watch(processes, player, duration_s / setup.rate, progress)
         time.sleep(_SETTLE_S)
-        _stop([process for process in processes if process is not player])
+    for process in processes:
+        ended = process.ended
+        if process is not player and (ended is None or ended.exit_code):
+            code = ended.exit_code if ended else "unknown"
+            raise GraphError(f"{process.name} ended (exit code {code}): {process.last_line()}")
     cpu_s = {process.name: process.cpu_s() for process in processes}
     # The player's last line tells what of a damaged bag was lost; its log, how it shifted stamps.
     whole = player.ended is not None and player.ended.exit_code == 0
@@ -137,7 +141,8 @@ def _nodes(setup: GraphSetup, recording: Path) -> dict[str, list[str]]:
     }
     if not setup.serial:
         return nodes
-    return {"dji_node": common + _words({"source": "serial", "port": _port(setup)}), **nodes}
+    link = {"source": "serial", "port": setup.folder / _PORT}
+    return {"dji_node": common + _words(link), **nodes}
 
 
 def _player(setup: GraphSetup) -> list[str]:
@@ -146,7 +151,7 @@ def _player(setup: GraphSetup) -> list[str]:
     awaited = [name for name in (*AWAITED, *PICTURES) if f"/{name}" in played]
     values: dict[str, object] = {"bag": setup.bag, "rate": float(setup.rate)}
     if setup.serial:
-        values |= {"live": "true", "serial_port": _port(setup)}
+        values |= {"live": "true", "serial_port": setup.folder / _PORT}
         awaited = [name for name in awaited if name not in DJI_TOPICS]
     return _params(setup) + _words(values | {"wait_for": ",".join(awaited)})
 
@@ -158,11 +163,6 @@ def _words(values: Mapping[str, object]) -> list[str]:
 def _params(setup: GraphSetup) -> list[str]:
     files = [path for path in (setup.params, *setup.more_params) if path is not None]
     return [word for path in files for word in ("--params-file", str(path))]
-
-
-def _port(setup: GraphSetup) -> Path:
-    """Return the path of the pseudo-terminal that the player creates."""
-    return setup.folder / "aircraft"
 
 
 @contextlib.contextmanager
@@ -217,17 +217,3 @@ def _watch(
     if ended is None or not player.said("played"):
         raise GraphError(player.last_line())
     return play_s, cores
-
-
-def _stop(processes: Sequence[NodeProcess]) -> None:
-    for process in processes:
-        process.check_running()
-        process.signal(signal.SIGINT)
-    for process in processes:
-        ended = process.wait(_STOP_TIMEOUT_S)
-        if ended is None:
-            raise GraphError(f"{process.name} did not stop within {_STOP_TIMEOUT_S:g} s")
-        if ended.exit_code != 0:
-            raise GraphError(
-                f"{process.name} stopped with exit code {ended.exit_code}: {process.last_line()}"
-            )

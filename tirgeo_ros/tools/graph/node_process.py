@@ -12,7 +12,7 @@ from tirgeo_ros.core.types.errors import GraphError
 from tirgeo_ros.io.files.child_python import python_command, stop_signals
 
 _POLL_S = 0.02
-_RUN = "from {package}.__main__ import main; main()"
+_RUN = "import sys; from tirgeo_ros.nodes.start import start; sys.exit(start({!r}, {!r}))"
 _TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 
 
@@ -38,7 +38,7 @@ class NodeProcess:
         self.name = name
         self.log = log
         self.ended: Ended | None = None
-        command = python_command(_RUN.format(package=package), name, "--ros-args", *arguments)
+        command = python_command(_RUN.format(name, package), "--ros-args", *arguments)
         flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC
         self.pid = os.posix_spawn(
             command[0],

@@ -44,9 +44,9 @@ class Scenario:
     """Hold the parameters of a whole flight."""
 
     name: str = param("paper_flight", "what the flight is called")
-    seed: int = param(2205, "of all random numbers", low=0, high=2**31)
+    seed: int = param(2205, "of all random numbers", ("", 0, 2**31))
     start_utc: str = param("2021-10-20T12:00:00Z", "first instant, ISO 8601")
-    duration_s: float = param(107.0, "length of the flight", unit="s", low=1, high=7200)
+    duration_s: float = param(107.0, "length of the flight", ("s", 1, 7200))
     site: SiteScenario = group(SiteScenario)
     route: RouteScenario = group(RouteScenario)
     wind: WindScenario = group(WindScenario)

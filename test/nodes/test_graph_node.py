@@ -1,4 +1,5 @@
-"""What a callback raises is counted, named and told, and the node goes on."""
+# ruff: noqa: E402 what follows imports ROS, which may be absent
+"""What a callback raises is counted, named and told, and the node goes on; rates and silence."""
 
 from __future__ import annotations
 
@@ -10,43 +11,42 @@ import pytest
 
 rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
-from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402 as above
-from kept_log import KeptLog  # noqa: E402
-from rclpy.exceptions import InvalidHandle  # noqa: E402
-from rclpy.node import Node  # noqa: E402
-from std_msgs.msg import String  # noqa: E402
+from diagnostic_msgs.msg import DiagnosticArray
+from graph_helpers import KeptLog
+from rclpy import event_handler
+from rclpy.event_handler import EventHandler, QoSSubscriptionEventType
+from rclpy.exceptions import InvalidHandle
+from std_msgs.msg import String
 
-from tirgeo_ros.core.types.errors import MessageError  # noqa: E402
-from tirgeo_ros.io.messages import Messages  # noqa: E402
-from tirgeo_ros.nodes.callbacks import guarded, steady_timer  # noqa: E402
-from tirgeo_ros.nodes.diagnostics import Diagnostics  # noqa: E402
-from tirgeo_ros.nodes.monitor import ERROR, OK, Monitor  # noqa: E402
-from tirgeo_ros.nodes.qos import output  # noqa: E402
-from tirgeo_ros.nodes.runner import _spin, make_executor  # noqa: E402
-from tirgeo_ros.nodes.topics import message_class, subscribe  # noqa: E402
+from tirgeo_ros.core.types.errors import MessageError
+from tirgeo_ros.nodes import monitor as monitor_module
+from tirgeo_ros.nodes.graph_node import GraphNode
+from tirgeo_ros.nodes.monitor import ERROR, OK, WARN, Monitor
+from tirgeo_ros.nodes.qos import output
+from tirgeo_ros.nodes.runner import _spin, make_executor
 
 
 @pytest.fixture
 def node(environment):
     """In the default context, where the executor of the nodes is."""
     rclpy.init(args=[], domain_id=int(environment["ROS_DOMAIN_ID"]))
-    node = Node("listener")
+    node = GraphNode("listener")
     yield node
     node.destroy_node()
     rclpy.try_shutdown()
 
 
 def test_bad_data_is_counted_with_its_reason_and_warned_of_once():
-    log, monitor = KeptLog(), Monitor()
+    log = KeptLog()
 
     def work(message):
         raise MessageError(f"rtk/fix: {message}")
 
-    call = guarded(log, monitor, "rtk/fix", work)
+    call = log.guarded("rtk/fix", work)
     assert not any(call(number) for number in range(3))
     assert not call("\x1b[2J\n" * 10_000)
     assert log.texts("warning") == ["rtk/fix: rtk/fix: 0"]
-    item = monitor.item("x")
+    item = log.monitor.item("x")
     assert item.level == OK
     assert item.values["rtk/fix unreadable"] == "4"
     because = item.values["rtk/fix unreadable because"]
@@ -55,33 +55,33 @@ def test_bad_data_is_counted_with_its_reason_and_warned_of_once():
 
 
 def test_a_fault_of_the_program_shows_once_with_its_place_and_stays_an_error():
-    log, monitor = KeptLog(), Monitor()
-    call = guarded(log, monitor, "tirgeo/origin", lambda n: [1 / n if n < 2 else [][n]])
+    log = KeptLog()
+    call = log.guarded("tirgeo/origin", lambda n: [1 / n if n < 2 else [][n]])
     assert call(1)
     for number in (0, 0, 5, 0):
         assert not call(number)
     first, _ = log.texts("error")  # of two kinds
     assert "ZeroDivisionError: division by zero" in first
-    assert "test_callbacks.py" in first
+    assert "test_graph_node.py" in first
     assert call(1)
     for _ in range(2):
-        item = monitor.item("x")
+        item = log.monitor.item("x")
         assert item.level == ERROR
-        assert "tirgeo/origin: ZeroDivisionError at test_callbacks.py:" in item.message
+        assert "tirgeo/origin: ZeroDivisionError at test_graph_node.py:" in item.message
         assert item.values["tirgeo/origin failed"] == "4"
 
 
 def test_a_node_outlives_what_its_callbacks_and_timers_raise(node):
     """Over the executor of the nodes: a subscription, a timer, and its own diagnostics."""
-    monitor, ticks, heard = Monitor(), [], []
+    ticks, heard = [], []
 
     def work(*message):
         ticks.append(message)
         raise ValueError("math domain error")
 
-    subscribe(node, "words", work, output(), monitor, "std_msgs/msg/String")
-    steady_timer(node, monitor, "drawing", 0.01, work)
-    Diagnostics(node, Messages(message_class), monitor, work)
+    node.listen("words", work, output(), "std_msgs/msg/String")
+    node.steady_timer("drawing", 0.01, work)
+    node.report_each_second(work)
     node.create_subscription(DiagnosticArray, "/diagnostics", heard.append, 10)
     words = node.create_publisher(String, "words", 10)
     executor = make_executor()
@@ -98,6 +98,16 @@ def test_a_node_outlives_what_its_callbacks_and_timers_raise(node):
         executor.spin_once(timeout_sec=0.05)
     executor.shutdown()
     assert heard[-1].status[0].level == bytes([ERROR])
+
+
+def test_where_the_middleware_tells_of_no_losses_all_else_works(node, monkeypatch):
+    def unable(**words):
+        if words["event_type"] == QoSSubscriptionEventType.RCL_SUBSCRIPTION_MESSAGE_LOST:
+            raise event_handler.UnsupportedEventTypeError("not in this one")
+        return EventHandler(**words)
+
+    monkeypatch.setattr(event_handler, "EventHandler", unable)
+    assert node.listen("imu/data", print, output()).topic_name == "/imu/data"
 
 
 def test_an_event_of_a_subscription_just_given_up_ends_no_node():
@@ -123,7 +133,7 @@ def test_one_thread_reads_what_another_writes():
         number = 0
         while not stop.is_set():
             number += 1
-            monitor.took(f"topic {number}", 0.001)
+            monitor.published(f"topic {number}", 0.001)
 
     usual_s = sys.getswitchinterval()
     sys.setswitchinterval(1e-6)
@@ -140,3 +150,34 @@ def test_one_thread_reads_what_another_writes():
         writer.join()
         sys.setswitchinterval(usual_s)
     assert not raised
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(monitor_module.time, "monotonic", lambda: now[0])
+    return now
+
+
+def test_rates_are_of_the_last_window(clock):
+    monitor = Monitor()
+    for _ in range(200):
+        monitor.received("imu/data")
+    clock[0] += 2.0
+    assert monitor.item("x").values["imu/data rate [Hz]"] == "100.0"
+    clock[0] += 1.0
+    item = monitor.item("x")
+    assert item.values["imu/data rate [Hz]"] == "0.0"
+    assert item.values["imu/data age [s]"] == "3.00"
+
+
+def test_silence_of_what_is_needed_is_a_warning(clock):
+    monitor = Monitor()
+    monitor.expects("imu/data")
+    monitor.received("tirgeo/origin")  # once, for ever: not expected again
+    assert monitor.item("x").level == OK
+    clock[0] += 3.0
+    item = monitor.item("x")
+    assert (item.level, item.message) == (WARN, "silent: imu/data")
+    monitor.received("imu/data")
+    assert monitor.item("x").level == OK

@@ -1,0 +1,223 @@
+"""Define what the nodes of the graph share: topics, guarded callbacks, a log, diagnostics."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import time
+import traceback
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import cache
+from typing import Any
+
+from rclpy.clock import Clock, ClockType
+from rclpy.event_handler import SubscriptionEventCallbacks, UnsupportedEventTypeError
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
+from rclpy.serialization import deserialize_message
+from rclpy.subscription import Subscription
+from rclpy.timer import Timer
+
+from tirgeo_ros.core.types.errors import ConfigError, MessageError, TirgeoError, shown
+from tirgeo_ros.io.messages import TOPIC_TYPES, DiagnosticItem, Messages
+from tirgeo_ros.nodes.monitor import OK, WARN, Monitor
+from tirgeo_ros.nodes.qos import output
+
+_REPORT_S = 1.0
+_THROTTLE_S = 10.0
+#: The signature of a callback that takes a message and its MessageInfo (times and numbers).
+_WITH_INFO = inspect.Signature(
+    [inspect.Parameter(name, inspect.Parameter.POSITIONAL_ONLY) for name in ("message", "info")]
+)
+
+
+@cache
+def message_class(typename: str) -> type:
+    """Return the rclpy class of ``package/msg/Name``; raise ConfigError if it is not installed."""
+    package, _, name = typename.split("/")
+    try:
+        return getattr(importlib.import_module(f"{package}.msg"), name)  # type: ignore[no-any-return]
+    except (ImportError, AttributeError):
+        raise ConfigError(f"message type {typename} is not installed") from None
+
+
+class GraphNode(Node):
+    """Serve as the base of the nodes.
+
+    ``messages`` builds ROS messages; ``monitor`` counts what comes and goes.
+    """
+
+    def __init__(self, name: str, **options: Any) -> None:
+        super().__init__(name, **options)
+        self.messages = Messages(message_class)
+        self.monitor = Monitor()
+
+    @property
+    def now_ns(self) -> int:
+        """Return the time of the node's clock (ns)."""
+        return int(self.get_clock().now().nanoseconds)
+
+    def log(self, level: int, text: str) -> None:
+        """Log a text with the severity of a diagnostic level."""
+        # Three separate calls: rclpy raises if one line of code logs with two severities.
+        if level == OK:
+            self.get_logger().info(shown(text))
+        elif level == WARN:
+            self.get_logger().warning(shown(text))
+        else:
+            self.get_logger().error(shown(text))
+
+    def guarded(self, name: str, work: Callable[..., None]) -> Callable[..., bool]:
+        """Return ``work`` as a callback that raises nothing and returns whether it succeeded.
+
+        ``name`` is the callback's topic, or what it does.
+        A TirgeoError means bad data: it is counted (``unreadable``) with its reason, and a warning
+        is logged at most every ten seconds. Any other exception is a fault of this program: it is
+        counted (``failed``), the diagnostics show an error from then on, and one traceback is
+        logged for each place in the program.
+        """
+        warned_s = float("-inf")
+
+        def call(*arguments: Any) -> bool:
+            nonlocal warned_s
+            try:
+                work(*arguments)
+            except TirgeoError as error:
+                self.monitor.refused(name, str(error))
+                if time.monotonic() - warned_s >= _THROTTLE_S:
+                    warned_s = time.monotonic()
+                    self.get_logger().warning(f"{name}: {error}")
+            except Exception as error:  # noqa: BLE001 the rest of a node in flight goes on
+                place = traceback.extract_tb(error.__traceback__)[-1]
+                file = place.filename.rpartition("/")[2]
+                # Equal strings of type and place are the same fault.
+                if self.monitor.failed(name, f"{type(error).__name__} at {file}:{place.lineno}"):
+                    frames = "".join(traceback.format_tb(error.__traceback__))
+                    self.get_logger().error(
+                        f"{name}: a fault in this program; the node goes on, and counts it from "
+                        f"here on. Please report:\n{frames}{type(error).__name__}: {shown(error)}"
+                    )
+            else:
+                return True
+            return False
+
+        return call
+
+    def steady_timer(self, name: str, period_s: float, work: Callable[[], None]) -> Timer:
+        """Return a timer that calls ``work`` by the steady clock, also under ``use_sim_time``."""
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        return self.create_timer(period_s, self.guarded(name, work), clock=clock)
+
+    def advertise(self, topic: str, qos: QoSProfile) -> Publisher:
+        """Return a publisher of a contract topic whose QoS a parameter can override."""
+        options = QoSOverridingOptions.with_default_policies()
+        kind = message_class(TOPIC_TYPES[topic])
+        with _overrides():
+            return self.create_publisher(kind, topic, qos, qos_overriding_options=options)
+
+    def listen(
+        self,
+        topic: str,
+        handle: Callable[[Any], None],
+        qos: QoSProfile,
+        typename: str = "",
+        wrapped: Callable[[Callable[[Any], None]], Callable[..., None]] | None = None,
+        *,
+        raw: bool = False,
+    ) -> Subscription:
+        """Return a subscription to a contract topic; a failing callback does not end the node.
+
+        Messages that DDS reports as lost in transport are counted, if the middleware reports them;
+        messages replaced by a newer one in a shallow queue are not among them. ``typename`` is for
+        a topic outside the contract. ``wrapped`` makes the subscription's callback from the one
+        that takes a message. With ``raw`` that one takes the bytes, and the message is decoded
+        just before ``handle``.
+        """
+        kind = message_class(typename or TOPIC_TYPES[topic])
+        work = (lambda data: handle(_message(kind, data))) if raw else handle
+        take = self.guarded(topic, work)
+
+        def receive(message: Any) -> None:
+            self.monitor.received(topic)
+            take(message)
+
+        callback = wrapped(receive) if wrapped else receive
+        options = QoSOverridingOptions.with_default_policies()
+
+        def create(**events: Callable[[Any], None]) -> Subscription:
+            counted = SubscriptionEventCallbacks(**events)
+            return self.create_subscription(
+                *(kind, topic, callback, qos),
+                raw=raw,
+                qos_overriding_options=options,
+                event_callbacks=counted,
+            )
+
+        with _overrides():
+            try:
+                lost = self.monitor.lost
+                return create(message_lost=lambda event: lost(topic, event.total_count))
+            except UnsupportedEventTypeError:
+                return create()
+
+    def item(
+        self, subject: str, values: Mapping[str, str], message: str = "ok", level: int = OK
+    ) -> DiagnosticItem:
+        """Return a diagnostic item of this node."""
+        return DiagnosticItem(self.item_name(subject), level, message, dict(values))
+
+    def item_name(self, subject: str) -> str:
+        """Return ``/namespace/node: subject``, as diagnostic aggregators expect."""
+        return f"{self.get_fully_qualified_name()}: {subject}"
+
+    def report_each_second(self, items: Callable[[], list[DiagnosticItem]]) -> None:
+        """Publish ``items()`` and the monitor's item once a second of real time.
+
+        Real time also under ``use_sim_time``: a stopped simulation clock must not stop the
+        diagnostics.
+        """
+        self._diagnostics = self.advertise("/diagnostics", output())
+
+        def report() -> None:
+            found: list[DiagnosticItem] = []
+            try:
+                found = items()
+            finally:  # if ``items()`` raises, the monitor's item reports it
+                self.report([*found, self.monitor.item(self.item_name("topics"))])
+
+        self._report_timer = self.steady_timer("diagnostics", _REPORT_S, report)
+
+    def report(self, items: list[DiagnosticItem]) -> None:
+        """Publish items at once, without the monitor's: its rates need a full period."""
+        self._diagnostics.publish(self.messages.diagnostics(self.now_ns, items))
+
+
+def told(work: Callable[[Any, Any], None]) -> Callable[..., None]:
+    """Return ``work(message, info)`` as the callback of a subscription, for any executor."""
+
+    def take(message: Any, info: Any = None) -> None:
+        # The events executor passes both as one pair, the other executors as two arguments.
+        if isinstance(message, tuple):
+            message, info = message
+        work(message, info)
+
+    take.__signature__ = _WITH_INFO  # type: ignore[attr-defined]
+    return take
+
+
+def _message(kind: type, data: bytes) -> Any:
+    try:
+        return deserialize_message(data, kind)
+    except RuntimeError:  # raised by the middleware
+        raise MessageError(f"{len(data)} bytes are no {kind.__name__}") from None
+
+
+@contextmanager
+def _overrides() -> Iterator[None]:
+    try:
+        yield
+    except (InvalidQosOverridesError, RuntimeError, ValueError) as error:
+        raise ConfigError(f"qos_overrides: {error}") from None
