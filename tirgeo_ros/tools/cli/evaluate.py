@@ -34,29 +34,17 @@ OPTIONS = (
 
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Evaluate the flight and write the results; return a summary."""
-    from tirgeo_ros.io.maps import map_files  # noqa: PLC0415 heavy
-    from tirgeo_ros.io.parameters.parameter_file import paths_of  # noqa: PLC0415
-    from tirgeo_ros.tools.evaluate import summary  # noqa: PLC0415
-    from tirgeo_ros.tools.evaluate.evaluate import evaluate  # noqa: PLC0415
-    from tirgeo_ros.tools.evaluate.report import report_html  # noqa: PLC0415
-    from tirgeo_ros.tools.replay.node_configs import node_configs  # noqa: PLC0415
+    from tirgeo_ros.tools.evaluate.evaluate import evaluate  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.evaluate.summary import summary, write_evaluation  # noqa: PLC0415
 
-    given = [*(args.params or ()), args.boresight] if args.boresight else args.params
-    configs = node_configs(given, args.namespace, dem=args.dem, camera=args.camera)
-    read = (args.bag, args.survey, args.observations, args.truth, *paths_of(given))
-    files = (*read, *configs.files, *map_files(str(args.map or "")))
-    summary.check_folder(args.output, files)
-    names = "params boresight camera dem ground_height namespace projection truth"
+    names = "output params boresight camera dem ground_height namespace projection truth"
     inputs, more = "bag survey observations", {"map_path": args.map}
     found = call(evaluate, args, "evaluating, s", inputs, names, **more)
-    page = {"report.html": report_html(found)}
-    return summary.summary(found) | {
-        "output": summary.write_evaluation(found, args.output, page),
-    }
+    return summary(found) | {"output": write_evaluation(found, args.output)}
 
 
 def describe(result: dict[str, object]) -> str:
     """Return the tables for a person."""
-    from tirgeo_ros.tools.evaluate.tables import text_tables  # noqa: PLC0415
+    from tirgeo_ros.tools.evaluate.report import text_tables  # noqa: PLC0415
 
     return text_tables(result)
