@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -31,8 +30,8 @@ _CLEAR_M = 3.0  # smallest height above all ground
 
 
 def simulate(
-    scenario_path: str | os.PathLike[str],
-    out_dir: str | os.PathLike[str],
+    scenario_path: PathLike,
+    out_dir: PathLike,
     *,
     seed: int | None = None,
     joint_order: str | None = None,
@@ -44,10 +43,9 @@ def simulate(
 ) -> dict[str, object]:
     """Fly a scenario and write NAMES into ``out_dir``; the same seed gives the same bytes.
 
-    ``joint_order`` overrides the scenario's gimbal, and is written to params.yaml;
-    ``barometer_hz`` overrides the rate of its barometer. ``start_s`` and ``duration_s`` cut a
-    window out of the flight: the bags hold what arrived in it, the observations are those of its
-    pictures, all other files are for the whole flight. Return what was written. Raise
+    ``joint_order`` and ``barometer_hz`` override the scenario's. ``start_s`` and ``duration_s``
+    cut a window out of the flight: the bags hold what arrived in it, the observations are those of
+    its pictures, all other files are for the whole flight. Return what was written. Raise
     ScenarioError, and BagError or SurveyError if files cannot be written.
     """
     outputs = [Path(out_dir) / name for name in (*NAMES, *ELEVATION)]
@@ -68,24 +66,16 @@ def simulate(
     flight = fly(scenario, seed)
     start_ns = scenario.start_ns + round(start_s * 1e9)
     window = range(start_ns, start_ns + round(duration_s * 1e9) + 1)
-    return _written(Path(out_dir), flight, window, images=images, progress=progress)
-
-
-def _written(
-    folder: Path, flight: SimulatedFlight, window: range, *, images: bool, progress: Report
-) -> dict[str, object]:
-    camera = flight.scenario.video.camera
-    park = lay_out(flight.scenario.park, flight.seed)
+    camera, park = scenario.video.camera, lay_out(scenario.park, flight.seed)
     points, clicks = surveyed(flight, camera, park)
     clicks = [click for click in clicks if click.stamp_ns in window]
-    targets = targets_of(flight.scenario, flight.seed)
-    relief = Relief(flight.scenario.park, flight.seed)
+    targets, relief = targets_of(scenario, flight.seed), Relief(scenario.park)
     _check_clear(flight, relief)
-    made_folder(folder, ScenarioError)
+    folder = made_folder(out_dir, ScenarioError)
     texts: dict[PathLike, str | bytes] = {
         folder / "map.geojson": map_text(park, flight.plane, relief),
         folder / "targets.geojson": targets_text(targets, flight.plane, relief),
-        folder / "params.yaml": parameters_text(flight.scenario),
+        folder / "params.yaml": parameters_text(scenario),
     }
     if not relief.is_level:
         texts[folder / "dem.asc"] = elevation_text(relief, flight.plane)
@@ -96,14 +86,13 @@ def _written(
     write_truth(folder / "truth.mcap", flight, window)
     renderer, seen = None, []
     if images:
-        ground = paint(park, flight.scenario.park, flight.seed)
-        patches = [patch for target in targets for patch in target.patches()]
-        renderer = Renderer(camera, ground, flight.scenario.video, patches, relief)
+        ground = paint(park, scenario.park, flight.seed)
+        renderer = Renderer(camera, ground, scenario.video, targets, relief)
         seen = sightings(flight, camera, targets)
     counts = write_flight(folder / "flight.mcap", flight, window, camera, renderer, seen, progress)
     return {
         "folder": str(folder),
-        "scenario": flight.scenario.name,
+        "scenario": scenario.name,
         "seed": flight.seed,
         "duration_s": (len(window) - 1) / 1e9,
         "control_points": len(points),
@@ -115,10 +104,10 @@ def _written(
 
 
 def _check_clear(flight: SimulatedFlight, relief: Relief) -> None:
-    """Raise ScenarioError if hills could be as high as the aircraft."""
+    """Raise ScenarioError if the ground could be as high as the aircraft."""
     lowest_m = -float(flight.truth.position_p[:, 2].max())
     if relief.highest_m > lowest_m - _CLEAR_M:
         raise ScenarioError(
-            f"park: its ground may rise to {relief.highest_m:.1f} m, and the flight is as low as "
-            f"{lowest_m:.1f} m: fly {_CLEAR_M:g} m above it, or make slope_deg or hills_m less"
+            f"park: its ground rises to {relief.highest_m:.1f} m, and the flight is as low as "
+            f"{lowest_m:.1f} m: fly {_CLEAR_M:g} m above it, or make slope_deg less"
         )

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +15,9 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.joint_orders import JOINT_ORDERS, USUAL_ORDER
 
 SHAPES = ("lawnmower", "hover", "figure_eight")
+_m: Any = partial(param, within=("m", 0, 1e3))
+_m_s: Any = partial(param, within=("m/s", 0, 1e3))
+_arm: Any = partial(param, within=("m", -100, 100))  # forward, left, up
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,56 +25,37 @@ class RouteScenario:
     """Hold the route; see ``routes.py`` for the shapes."""
 
     shape: str = param("lawnmower", "lawnmower, hover or figure_eight", choices=SHAPES)
-    height_above_ground_m: float = param(20.0, "height of the IMU", unit="m", low=2, high=500)
-    speed_m_s: float = param(3.0, "cruise", unit="m/s", low=0.1, high=25)
-    acceleration_m_s2: float = param(
-        1.5, "largest acceleration, along and across", unit="m/s2", low=0.1, high=10
-    )
-    turn_radius_m: float = param(4.2, "radius of a turn", unit="m", low=0.5, high=500)
-    yaw_rate_deg_s: float = param(
-        35.0, "yaw rate of turns on the spot (hover)", unit="deg/s", low=1, high=150
-    )
-    hover_s: float = param(4.0, "hover before the start", unit="s", low=0, high=600)
-    heading_deg: float = param(20.0, "first heading", unit="deg", low=-360, high=360)
-    legs: int = param(5, "legs of a lawnmower, or loops of a figure eight", low=1, high=1000)
-    leg_length_m: float = param(42.0, "length of a leg", unit="m", low=1, high=5000)
-    leg_spacing_m: float = param(15.0, "distance between legs", unit="m", low=1, high=1000)
-    hold_error_m: float = param(
-        0.1, "the autopilot keeps its route to this, per axis, rms", unit="m", low=0, high=10
-    )
+    height_above_ground_m: float = param(20.0, "height of the IMU", ("m", 2, 500))
+    speed_m_s: float = param(3.0, "cruise", ("m/s", 0.1, 25))
+    acceleration_m_s2: float = param(1.5, "largest", ("m/s2", 0.1, 10))
+    turn_radius_m: float = param(4.2, "radius of a turn", ("m", 0.5, 500))
+    yaw_rate_deg_s: float = param(35.0, "of turns on the spot", ("deg/s", 1, 150))
+    hover_s: float = param(4.0, "hover before the start", ("s", 0, 600))
+    heading_deg: float = param(20.0, "first heading", ("deg", -360, 360))
+    legs: int = param(5, "legs of a lawnmower, or loops of a figure eight", ("", 1, 1000))
+    leg_length_m: float = param(42.0, "length of a leg", ("m", 1, 5000))
+    leg_spacing_m: float = param(15.0, "distance between legs", ("m", 1, 1000))
+    hold_error_m: float = param(0.1, "off the route, per axis, rms", ("m", 0, 10))
 
 
 @dataclass(frozen=True, slots=True)
 class WindScenario:
     """Hold the wind; the aircraft leans against its drag."""
 
-    mean_m_s: tuple[float, ...] = param(
-        (1.5, -1.0), "north and east", unit="m/s", low=-100, high=100
-    )
-    gust_m_s: float = param(
-        1.0, "standard deviation of gusts, per axis", unit="m/s", low=0, high=20
-    )
-    gust_time_s: float = param(2.0, "correlation time of gusts", unit="s", low=0.2, high=100)
-    drag_1_s: float = param(0.15, "drag deceleration per airspeed", unit="1/s", low=0, high=5)
+    mean_m_s: tuple[float, ...] = param((1.5, -1.0), "north, east", ("m/s", -100, 100))
+    gust_m_s: float = _m_s(1.0, "standard deviation of gusts, per axis")
+    drag_1_s: float = param(0.15, "drag deceleration per airspeed", ("1/s", 0, 5))
 
 
 @dataclass(frozen=True, slots=True)
 class ImuScenario:
     """Hold the autopilot's inertial sensor."""
 
-    rate_hz: float = param(100.0, "samples per second", unit="Hz", low=50, high=400)
-    gyro_turn_on_bias_rad_s: float = param(
-        3e-4, "standard deviation of the constant part of the bias", unit="rad/s", low=0, high=1
-    )
-    accel_turn_on_bias_m_s2: float = param(
-        1e-2, "standard deviation of the constant part of the bias", unit="m/s2", low=0, high=10
-    )
-    noise_scale: float = param(
-        1.0, "all random errors of the IMU times this; 0 = a perfect IMU", low=0, high=100
-    )
-    averages: bool = param(
-        False, "each sample is the mean over the interval before its stamp, as of many real ones"
-    )
+    rate_hz: float = param(100.0, "samples per second", ("Hz", 50, 400))
+    gyro_turn_on_bias_rad_s: float = param(3e-4, "sigma", ("rad/s", 0, 1))
+    accel_turn_on_bias_m_s2: float = param(1e-2, "sigma", ("m/s2", 0, 10))
+    noise_scale: float = param(1.0, "of all random errors; 0 = a perfect IMU", ("", 0, 100))
+    averages: bool = param(False, "a sample is the mean over the interval before its stamp")
     noise: ImuNoiseConfig = group(ImuNoiseConfig)
 
 
@@ -77,151 +63,70 @@ class ImuScenario:
 class RtkScenario:
     """Hold the RTK receiver with two antennas; its status is always fixed."""
 
-    rate_hz: float = param(5.0, "fixes per second", unit="Hz", low=0.1, high=50)
-    arrival_delay_s: float = param(0.08, "arrival minus measurement", unit="s", low=0, high=2)
-    position_sigma_m: tuple[float, ...] = param(
-        (0.01, 0.01, 0.02), "north, east, down", unit="m", low=0, high=1e3
-    )
-    velocity_sigma_m_s: tuple[float, ...] = param(
-        (0.02, 0.02, 0.02), "north, east, down", unit="m/s", low=0, high=1e3
-    )
-    lever_arm_m: tuple[float, ...] = param(
-        (-0.10, 0.32, 0.38),
-        "antenna from the IMU, the first of two (forward, left, up)",
-        unit="m",
-        low=-100,
-        high=100,
-    )
-    second_antenna_m: tuple[float, ...] = param(
-        (0.90, 0.32, 0.38),
-        "second antenna from the IMU (forward, left, up)",
-        unit="m",
-        low=-100,
-        high=100,
-    )
+    rate_hz: float = param(5.0, "fixes per second", ("Hz", 0.1, 50))
+    arrival_delay_s: float = param(0.08, "arrival minus measurement", ("s", 0, 2))
+    position_sigma_m: tuple[float, ...] = _m((0.01, 0.01, 0.02), "north, east, down")
+    velocity_sigma_m_s: tuple[float, ...] = _m_s((0.02, 0.02, 0.02), "north, east, down")
+    lever_arm_m: tuple[float, ...] = _arm((-0.10, 0.32, 0.38), "first antenna from the IMU")
+    second_antenna_m: tuple[float, ...] = _arm((0.90, 0.32, 0.38), "the other from the IMU")
 
 
 @dataclass(frozen=True, slots=True)
 class HeadingScenario:
     """Hold the heading of the two antennas."""
 
-    sigma_deg: float = param(0.4, "white noise", unit="deg", low=0, high=90)
-    step_deg: float = param(
-        1.0, "reported in steps of this; 0 = not rounded", unit="deg", low=0, high=90
-    )
+    sigma_deg: float = param(0.4, "white noise", ("deg", 0, 90))
+    step_deg: float = param(1.0, "rounded to this; 0 = not rounded", ("deg", 0, 90))
 
 
 @dataclass(frozen=True, slots=True)
 class GpsScenario:
     """Hold the autopilot's ordinary GPS, with slowly varying errors."""
 
-    rate_hz: float = param(10.0, "fixes per second", unit="Hz", low=0.1, high=50)
-    arrival_delay_s: float = param(0.0, "arrival minus measurement", unit="s", low=0, high=2)
-    position_rms_m: tuple[float, ...] = param(
-        (0.9342, 1.2846, 2.8017),
-        "north, east, down error over the flight (Table 1)",
-        unit="m",
-        low=0,
-        high=1e3,
-    )
-    position_time_s: float = param(45.0, "correlation time", unit="s", low=0.5, high=1e5)
-    velocity_sigma_m_s: float = param(0.1, "per axis", unit="m/s", low=0, high=10)
-    lever_arm_m: tuple[float, ...] = param(
-        (0.0, 0.0, 0.28), "antenna from the IMU (forward, left, up)", unit="m", low=-100, high=100
-    )
+    rate_hz: float = param(10.0, "fixes per second", ("Hz", 0.1, 50))
+    arrival_delay_s: float = param(0.0, "arrival minus measurement", ("s", 0, 2))
+    position_rms_m: tuple[float, ...] = _m((0.9342, 1.2846, 2.8017), "north, east, down (Table 1)")
+    position_time_s: float = param(45.0, "correlation time", ("s", 0.5, 1e5))
+    velocity_sigma_m_s: float = _m_s(0.1, "per axis")
+    lever_arm_m: tuple[float, ...] = _arm((0.0, 0.0, 0.28), "antenna from the IMU")
 
 
 @dataclass(frozen=True, slots=True)
 class BarometerScenario:
     """Hold the barometer: the standard atmosphere, with errors as heights."""
 
-    rate_hz: float = param(0.0, "readings per second; 0 = no barometer", unit="Hz", low=0, high=50)
-    noise_m: float = param(0.2, "white noise", unit="m", low=0, high=100)
-    wander_rms_m: float = param(0.5, "error by wind and rotor wash", unit="m", low=0, high=100)
-    wander_time_s: float = param(20.0, "correlation time of it", unit="s", low=0.5, high=1e5)
-    drift: float = param(0.05, "random walk of the weather", unit="m/sqrt(s)", low=0, high=10)
-    offset_m: float = param(60.0, "at the start, by the weather", unit="m", low=-1000, high=1000)
+    rate_hz: float = param(0.0, "readings per second; 0 = no barometer", ("Hz", 0, 50))
+    noise_m: float = param(0.2, "white noise", ("m", 0, 100))
+    drift: float = param(0.05, "random walk of the weather", ("m/sqrt(s)", 0, 10))
+    offset_m: float = param(60.0, "at the start, by the weather", ("m", -1000, 1000))
 
 
 @dataclass(frozen=True, slots=True)
 class AutopilotScenario:
     """Hold the errors of the autopilot's own attitude."""
 
-    heading_rms_deg: float = param(
-        1.7972, "heading error over the flight (Table 1)", unit="deg", low=0, high=90
-    )
-    heading_time_s: float = param(30.0, "its correlation time", unit="s", low=0.5, high=1e5)
-    tilt_rms_deg: tuple[float, ...] = param(
-        (0.3, 0.3), "roll, pitch error", unit="deg", low=0, high=30
-    )
-    tilt_time_s: float = param(10.0, "their correlation time", unit="s", low=0.5, high=1e5)
+    heading_rms_deg: float = param(1.7972, "over the flight (Table 1)", ("deg", 0, 90))
+    tilt_rms_deg: tuple[float, ...] = param((0.3, 0.3), "roll, pitch", ("deg", 0, 30))
 
 
 @dataclass(frozen=True, slots=True)
 class GimbalScenario:
     """Hold the gimbal, which follows the nose and keeps the camera nearly level."""
 
-    rate_hz: float = param(50.0, "samples per second", unit="Hz", low=1, high=400)
-    joint_order: str = param(
-        USUAL_ORDER, "its joints from the aircraft to the camera", choices=JOINT_ORDERS
-    )
-    pitch_deg: float = param(-30.0, "commanded camera pitch", unit="deg", low=-90, high=30)
-    pitch_step_deg: float = param(
-        0.0,
-        "change of that pitch, within a second from pitch_step_s on",
-        unit="deg",
-        low=-90,
-        high=90,
-    )
-    pitch_step_s: float = param(
-        0.0, "when it changes, from the start of the flight", unit="s", low=0, high=7200
-    )
-    lag_s: float = param(
-        0.35, "time constant with which it follows the nose", unit="s", low=0.02, high=60
-    )
-    error_rms_deg: tuple[float, ...] = param(
-        (0.2704, 0.4839),
-        "camera roll, pitch from commanded, not reported (Table 8)",
-        unit="deg",
-        low=0,
-        high=30,
-    )
-    error_time_s: float = param(2.5, "their correlation time", unit="s", low=0.2, high=1e3)
-    encoder_sigma_deg: float = param(0.02, "noise of a joint angle", unit="deg", low=0, high=10)
-    north_bias_deg: float = param(
-        0.0,
-        "reported camera heading less the true one by the autopilot's north",
-        unit="deg",
-        low=-180,
-        high=180,
-    )
-    north_drift_deg_s: float = param(
-        0.0, "constant rate of that bias", unit="deg/s", low=-1, high=1
-    )
-    north_step_deg: float = param(
-        0.0, "jump of that bias at north_step_s", unit="deg", low=-180, high=180
-    )
-    north_step_s: float = param(
-        0.0, "when it jumps, from the start of the flight", unit="s", low=0, high=7200
-    )
-    lever_arm_m: tuple[float, ...] = param(
-        (0.08, 0.0, -0.25), "pivot from the IMU (forward, left, up)", unit="m", low=-100, high=100
-    )
-    camera_offset_m: tuple[float, ...] = param(
-        (0.05, 0.02, -0.01),
-        "camera from the pivot (camera's forward, left, up)",
-        unit="m",
-        low=-100,
-        high=100,
-    )
-
+    rate_hz: float = param(50.0, "samples per second", ("Hz", 1, 400))
+    joint_order: str = param(USUAL_ORDER, "aircraft to camera", choices=JOINT_ORDERS)
+    pitch_deg: float = param(-30.0, "commanded camera pitch", ("deg", -90, 30))
+    pitch_step_deg: float = param(0.0, "change of it, in a second", ("deg", -90, 90))
+    pitch_step_s: float = param(0.0, "when that begins", ("s", 0, 7200))
+    lag_s: float = param(0.35, "with which it follows the nose", ("s", 0.02, 60))
+    #: Camera roll and pitch from the commanded ones, not reported (Table 8).
+    error_rms_deg: tuple[float, ...] = param((0.2704, 0.4839), "roll, pitch", ("deg", 0, 30))
+    encoder_sigma_deg: float = param(0.02, "noise of a joint angle", ("deg", 0, 10))
+    lever_arm_m: tuple[float, ...] = _arm((0.08, 0.0, -0.25), "pivot from the IMU")
+    camera_offset_m: tuple[float, ...] = _arm((0.05, 0.02, -0.01), "camera from pivot, its axes")
+    #: True mounting error about the camera's forward, left, up; not in params.yaml.
     boresight_rpy_deg: tuple[float, ...] = param(
-        (0.0, 0.0, 0.0),
-        "true mounting error of the camera, not in params.yaml (roll, pitch, yaw about the "
-        "camera's forward, left, up)",
-        unit="deg",
-        low=-45,
-        high=45,
+        (0.0, 0.0, 0.0), "roll, pitch, yaw", ("deg", -45, 45)
     )
 
     @property

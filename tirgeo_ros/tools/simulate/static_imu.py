@@ -16,7 +16,9 @@ from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.frames.wgs84 import gravity_down
 from tirgeo_ros.core.types.arrays import Array, IntArray
 from tirgeo_ros.core.types.errors import TirgeoError
+from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.io.bags.bag import BagWriter, Cdr
+from tirgeo_ros.io.messages import Messages
 from tirgeo_ros.tools.presentation.progress import Progress, Report, silent
 from tirgeo_ros.tools.simulate.imu_errors import imu_bias, imu_white
 from tirgeo_ros.tools.simulate.scenario import Scenario, load_scenario
@@ -66,31 +68,16 @@ def write_imu(
 
 def _messages(stamps_ns: IntArray, values: Array, frame: str) -> list[bytes]:
     """Return messages in CDR, made from one template by replacing stamps and numbers."""
-    template = np.frombuffer(_template(Cdr(), frame), np.uint8)
-    rows = np.tile(template, (len(stamps_ns), 1))
+    cdr = Cdr()
+    template = Messages(cdr.types).imu(ImuSample(0, np.zeros(3), np.zeros(3), None))
+    template.header.frame_id = frame
+    rows = np.tile(np.frombuffer(cdr.serialize(template, _TYPE), np.uint8), (len(stamps_ns), 1))
     seconds = np.stack(np.divmod(stamps_ns, 1_000_000_000), -1)
     rows[:, 4:12] = seconds.astype("<u4").view(np.uint8)
     numbers = np.ascontiguousarray(values, "<f8").view(np.uint8)
     rows[:, _RATE_AT : _RATE_AT + 24] = numbers[:, :24]
     rows[:, _FORCE_AT : _FORCE_AT + 24] = numbers[:, 24:]
     return [row.tobytes() for row in rows]
-
-
-def _template(cdr: Cdr, frame: str) -> bytes:
-    kinds = {
-        name: cdr.types(f"{package}/msg/{name}")
-        for package, name in (
-            ("std_msgs", "Header"),
-            ("builtin_interfaces", "Time"),
-            ("geometry_msgs", "Quaternion"),
-            ("geometry_msgs", "Vector3"),
-        )
-    }
-    header = kinds["Header"](kinds["Time"](0, 0), frame)
-    zero, covariance = kinds["Vector3"](0.0, 0.0, 0.0), np.zeros(9)
-    turn = kinds["Quaternion"](0.0, 0.0, 0.0, 1.0)
-    parts = (header, turn, covariance, zero, covariance, zero, covariance)
-    return cdr.serialize(cdr.types(_TYPE)(*parts), _TYPE)
 
 
 def parser() -> argparse.ArgumentParser:
