@@ -34,7 +34,7 @@ OUTPUTS = {
 }
 IN_FOLDERS = {
     "budget": ["budget.csv", "height.png"],
-    "evaluate": ["observations.csv", "result.json", "report.html", "params_calibrated.yaml"],
+    "evaluate": ["observations.csv", "result.json", "report.html"],
     "simulate": ["flight.mcap", "map.geojson", "params.yaml"],
     "demo": ["recording.mcap", "overlay.mp4", "still.png", "summary.json"],
 }

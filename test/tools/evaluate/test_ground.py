@@ -41,13 +41,6 @@ def pose_at(t_s, shift_n=(0.0, 0.0)):
     return CameraPose(round(t_s * 1e9), position_n, Q_NC, np.diag(VARIANCES))
 
 
-def history(shift_n=(0.0, 0.0)):
-    poses: PoseBuffer[CameraPose] = PoseBuffer(1e6)
-    for k in range(101):
-        poses.add(pose_at(0.1 * k, shift_n))
-    return poses
-
-
 def flown(points_n, exposures_s):
     """Survey and observations of points (N, 3), each seen at its exposure."""
     survey, seen = [], []
@@ -71,10 +64,13 @@ def some_points(count=9):
     return PLANE.ned_from_geodetic(lat, lon, GROUND_M), exposures_s
 
 
-def located(survey, seen, poses=None):
+def located(survey, seen, shift_n=(0.0, 0.0)):
+    poses: PoseBuffer[CameraPose] = PoseBuffer(1e6)
+    for k in range(101):
+        poses.add(pose_at(0.1 * k, shift_n))
     overlay = config_from(OverlayConfig, {"video_latency_s": LATENCY_S})
     given = experiment_of(survey, seen, "gauss-krueger")
-    return locate_observations(poses or history(), PLANE, XT2, given, GROUND_M, overlay)
+    return locate_observations(poses, PLANE, XT2, given, GROUND_M, overlay)
 
 
 def test_points_come_back_where_they_are():
@@ -88,7 +84,7 @@ def test_points_come_back_where_they_are():
 
 def test_camera_shift_is_the_ground_error():
     survey, seen = flown(*some_points())
-    found, _ = located(survey, seen, history((0.7, -0.4)))
+    found, _ = located(survey, seen, (0.7, -0.4))
     given = experiment_of(survey, seen, "gauss-krueger")
     # the axes of the projected plane are turned by 0.2 deg there
     expected = given.projection.local_axes(PLANE.latitude_rad, PLANE.longitude_rad) @ [0.7, -0.4]

@@ -31,8 +31,7 @@ def frames_of(path):
     return zip(*found, strict=True)
 
 
-@pytest.mark.parametrize("name", ["out.mp4", "out.webm", "OUT.MP4"])
-@pytest.mark.parametrize("count", [3, 25])
+@pytest.mark.parametrize(("name", "count"), [("out.mp4", 25), ("out.webm", 25), ("OUT.MP4", 3)])
 def test_frames_come_back_at_their_times(tmp_path, count, name):
     levels = [10 * k for k in range(count)]
     stamps = [10**18 + k * STEP_NS for k in range(count)]
@@ -61,17 +60,12 @@ def test_stamps_that_repeat_or_jump_keep_the_step_before(tmp_path, stamps, steps
     np.testing.assert_allclose(np.diff(times), steps_s, atol=TICK_S)
 
 
-def streams(path):
-    with av.open(str(path)) as container:
-        return [(one.codec_context.name, one.codec_context.pix_fmt) for one in container.streams]
-
-
 def test_forms_are_those_that_browsers_take(tmp_path):
-    stamps = [k * STEP_NS for k in range(30)]
-    write(tmp_path / "out.mp4", stamps)
-    write(tmp_path / "out.webm", stamps)
-    assert streams(tmp_path / "out.mp4") == [("h264", "yuv420p")]
-    assert streams(tmp_path / "out.webm") == [("vp9", "yuv420p")]
+    for name, codec in (("out.mp4", "h264"), ("out.webm", "vp9")):
+        write(tmp_path / name, [k * STEP_NS for k in range(30)])
+        with av.open(str(tmp_path / name)) as container:
+            (form,) = (one.codec_context for one in container.streams)
+            assert (form.name, form.pix_fmt) == (codec, "yuv420p")
     # Boxes of ISO/IEC 14496-12: with the index before the pictures it plays while it loads.
     data = (tmp_path / "out.mp4").read_bytes()
     assert 0 < data.index(b"moov") < data.index(b"mdat")

@@ -10,18 +10,25 @@ from dataclasses import dataclass
 import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.camera.projection_covariance import CameraRates, pixel_jacobian
 from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
 from tirgeo_ros.core.ground.backprojection import Ground, Reason
 from tirgeo_ros.core.ground.ground_point import Refusal, ellipse_of, place
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import SurveyError
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.surveys.survey import Observation, SurveyPoint, load_observations, load_survey
 from tirgeo_ros.tools.evaluate.projection import Projection, projection_of
-from tirgeo_ros.tools.evaluate.result import ControlPoint, LocatedPoint, RefusedPoint
-from tirgeo_ros.tools.evaluate.systematic import pixel_moves
+from tirgeo_ros.tools.evaluate.result import (
+    ControlPoint,
+    LocatedPoint,
+    PixelMoves,
+    RefusedPoint,
+)
 from tirgeo_ros.tools.replay.flight_poses import pose_at
 
 _NAMED = 5  # most ids in a note
@@ -120,6 +127,33 @@ def locate_observations(
             )
         )
     return located, refused
+
+
+def pixel_moves(
+    camera: Camera,
+    pose: CameraPose,
+    rates: CameraRates | None,
+    uv: tuple[float, float],
+    surveyed_n: Array,
+) -> PixelMoves | None:
+    """Return one observation's moves; None if the camera cannot see the surveyed point.
+
+    ``surveyed_n`` (3,) is the surveyed point at the height of the assumed ground, NED in the
+    pose's plane. Without ``rates`` latency is not considered.
+    """
+    rotation_nc = matrix_from_quat(pose.q_nc)
+    predicted, _ = camera.project((surveyed_n - pose.position_n)[None] @ rotation_nc)
+    by_pose, by_point = (both[0] for both in pixel_jacobian(camera, pose, surveyed_n))
+    if not (np.isfinite(predicted).all() and np.isfinite(by_pose).all()):
+        return None
+    by = {
+        "boresight": by_pose[:, 3:] @ rotation_nc,
+        "datum": by_point[:, [1, 0]],
+        "height": by_point[:, 2:],
+    }
+    if rates is not None:
+        by["latency"] = -(by_pose @ np.concatenate(rates))[:, None]
+    return PixelMoves(np.array(uv) - predicted[0], by)
 
 
 def input_notes(given: Experiment, image_stamps_ns: Sequence[int]) -> list[str]:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from statistics import median
 
 from tirgeo_ros.core.config import METHODS
-from tirgeo_ros.core.config.schema import Value, values_of
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.io.elevation.elevation_model import ground_of
@@ -34,12 +33,6 @@ class MethodSetup:
     def latency_ns(self) -> int:
         """Return the time from an exposure to its picture's stamp (ns)."""
         return round(self.configs.overlay.video_latency_s * 1e9)
-
-    @property
-    def parameters(self) -> Mapping[str, Mapping[str, Value]]:
-        """Return the parameters: node -> dotted name -> value."""
-        nodes = ("ekf_node", "gimbal_node", "overlay_node")
-        return {node: values_of(config) for node, config in zip(nodes, self.configs, strict=False)}
 
 
 def method_setups(

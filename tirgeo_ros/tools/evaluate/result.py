@@ -20,7 +20,6 @@ from tirgeo_ros.core.types.finding import Finding
 from tirgeo_ros.tools.evaluate.methods import MethodSetup
 from tirgeo_ros.tools.evaluate.projection import Projection
 from tirgeo_ros.tools.evaluate.series import MethodSeries, SensorSeries
-from tirgeo_ros.tools.evaluate.systematic import PixelMoves
 from tirgeo_ros.tools.evaluate.t_test import PairedTest
 from tirgeo_ros.tools.replay.recorded_flight import BodyErrors
 
@@ -33,6 +32,18 @@ class ControlPoint(NamedTuple):
     longitude_rad: float
     height_m: float  # ellipsoidal
     place_en: Array  # (2,)
+
+
+class PixelMoves(NamedTuple):
+    """Hold one observation's pixel offset, and the effect on it of each cause of an error.
+
+    The causes are ``boresight`` (rad about the camera's right, down and forward), ``latency`` (s
+    later than assumed), ``datum`` (m east, north from the surveyed to the located points) and
+    ``height`` (m by which the assumed ground is too high).
+    """
+
+    offset_px: Array  # (2,) observed less predicted, column and row
+    by: Mapping[str, Array]  # (2, k) px per unit of the cause
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,8 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-from tirgeo_ros.core.config import METHODS
-from tirgeo_ros.core.config.schema import Value
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.files.whole_files import (
     PathLike,
@@ -21,14 +19,13 @@ from tirgeo_ros.io.files.whole_files import (
     made_folder,
     write_files,
 )
-from tirgeo_ros.io.parameters.parameter_output import parameters_yaml
-from tirgeo_ros.tools.evaluate.methods import CALIBRATED
 from tirgeo_ros.tools.evaluate.report import report_html
 from tirgeo_ros.tools.evaluate.result import Evaluation, LocatedPoint, MethodResult
 from tirgeo_ros.tools.evaluate.series import SETTLED_S
 from tirgeo_ros.tools.evaluate.verdict import verdict
 from tirgeo_ros.tools.replay.finding_lines import finding_items
 
+_NAMES = ("points.csv", "observations.csv", "result.json", "report.html")
 _OBSERVATION_COLUMNS = (
     *("id", "stamp_ns", "u", "v", "method", "east_m", "north_m", "height_m"),
     *("error_east_m", "error_north_m", "distance_m", "sigma_east_m", "sigma_north_m"),
@@ -102,44 +99,21 @@ def _points(found: Evaluation) -> dict[str, dict[str, object]]:
 
 def check_folder(folder: PathLike, inputs: Iterable[PathLike | None]) -> None:
     """Raise CalibrationError if an output in the folder would overwrite one of the inputs."""
-    names = ["points.csv", "observations.csv", "result.json", "report.html"]
-    names += [f"params_{method}.yaml" for method in (*METHODS, CALIBRATED)]
-    check_outputs(inputs, [Path(folder) / name for name in names], CalibrationError)
+    check_outputs(inputs, [Path(folder) / name for name in _NAMES], CalibrationError)
 
 
 def write_evaluation(found: Evaluation, folder: PathLike) -> list[str]:
-    """Write the report, the numbers, and for each method the parameters that it ran with.
+    """Write the errors by point and by observation, all numbers, the report; return the paths.
 
-    The folder is created; all files are written or none. Return the paths. Raise
-    CalibrationError.
+    The folder is created; all files are written or none. Raise CalibrationError.
     """
     numbers = summary(found)
-    text = json.dumps(numbers, indent=1, allow_nan=False, ensure_ascii=False)
-    contents: dict[PathLike, str | bytes] = {
-        "points.csv": _points_csv(found),
-        "observations.csv": _observations_csv(found),
-        "result.json": text + "\n",
-        "report.html": report_html(found, numbers),
-    }
-    for one in found.methods:
-        contents[f"params_{one.method}.yaml"] = _parameters(found, one)
+    text = json.dumps(numbers, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+    contents = _points_csv(found), _observations_csv(found), text, report_html(found, numbers)
     place = made_folder(folder, CalibrationError)
-    files: dict[PathLike, str | bytes] = {place / name: c for name, c in contents.items()}
-    write_files(files, CalibrationError)
+    files = {place / name: content for name, content in zip(_NAMES, contents, strict=True)}
+    write_files(files, CalibrationError)  # type: ignore[arg-type]
     return [str(path) for path in files]
-
-
-def _parameters(found: Evaluation, one: MethodResult) -> str:
-    """Return the parameters that are set: NaN and empty lists or strings are unset."""
-
-    def is_set(value: Value) -> bool:
-        return not (isinstance(value, float) and math.isnan(value)) and value not in ("", (), [])
-
-    nodes = {
-        node: {name: value for name, value in values.items() if is_set(value)}
-        for node, values in one.setup.parameters.items()
-    }
-    return parameters_yaml(nodes, f"Parameters of the method {one.method} over {found.bag}.")
 
 
 def _points_csv(found: Evaluation) -> str:
