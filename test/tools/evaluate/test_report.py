@@ -106,7 +106,7 @@ def test_stills_are_pictures_with_the_map_and_the_clicks(found, page):
 def test_names_are_text_and_no_tags(found):
     first = found.methods[0]
     clicked = dataclasses.replace(first.located[0], id="<b>&'\"")
-    odd = found.control[first.located[0].id]._replace(id=clicked.id)
+    odd = dataclasses.replace(found.control[first.located[0].id], id=clicked.id)
     changed = dataclasses.replace(
         found,
         control={odd.id: odd},

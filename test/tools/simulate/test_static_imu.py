@@ -54,11 +54,10 @@ def test_values_are_gravity_and_the_errors_of_the_flights(scenario, messages):
 
 def test_the_command(tmp_path, capsys):
     path = tmp_path / "new" / "static.mcap"
-    assert main(["-o", str(path), "--hours", "0.001"]) == 0
+    main(["-o", str(path), "--hours", "0.001"])
     assert capsys.readouterr().out == f"360 messages: {path}\n"
     first = path.read_bytes()
-    assert main(["-o", str(path), "--hours", "0.001"]) == 0
+    main(["-o", str(path), "--hours", "0.001"])
     assert path.read_bytes() == first
-    with pytest.raises(SystemExit):
+    with pytest.raises(SystemExit, match="--hours must be above 0"):
         main(["-o", str(path), "--hours", "0"])
-    assert "--hours must be above 0" in capsys.readouterr().err

@@ -29,7 +29,7 @@ from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.tools.presentation.progress import Report
 from tirgeo_ros.tools.replay.flight_poses import RecordedFlight
 from tirgeo_ros.tools.replay.recorded_flight import Recording
-from tirgeo_ros.tools.replay.registration import Registration
+from tirgeo_ros.tools.replay.registration import Registration, Sample
 
 #: The heading is compared with the filter's only from this time on, s.
 _SETTLED_S = 20.0
@@ -74,14 +74,7 @@ def measured_flight(
     flight.add(recording)
     flight.read_all(progress)
     ekf = config_from(EkfConfig, values_of(ekf) | {"method": "ekf_heading"})
-    registration = Registration(ekf, gimbal)
-    bodies: list[BodyPose] = []
-    cameras: list[CameraPose] = []
-    for sample in recording.samples:
-        found = registration.take(sample)
-        bodies += [] if found.body is None else [found.body]
-        cameras += found.cameras
-    plane = registration.navigation.plane
+    bodies, cameras, plane = _poses(recording.samples, ekf, gimbal)
     if plane is None or not bodies or len(cameras) < 2:
         raise BagError(f"{bag}: no pose could be made of this flight")
     samples = recording.samples
@@ -105,6 +98,20 @@ def measured_flight(
     lost += [str(reader.damage)] if reader.damage is not None else []
     warning = f"{bag}: {'; '.join(lost)}" if lost else None
     return MeasuredFlight(flight.camera, errors, track, warning)
+
+
+def _poses(
+    samples: Sequence[Sample], ekf: EkfConfig, gimbal: GimbalConfig
+) -> tuple[list[BodyPose], list[CameraPose], TangentPlane | None]:
+    """Return the poses of body and camera, and their plane."""
+    registration = Registration(ekf, gimbal)
+    bodies: list[BodyPose] = []
+    cameras: list[CameraPose] = []
+    for sample in samples:
+        found = registration.take(sample)
+        bodies += [] if found.body is None else [found.body]
+        cameras += found.cameras
+    return bodies, cameras, registration.navigation.plane
 
 
 def gps_less_rtk_n(

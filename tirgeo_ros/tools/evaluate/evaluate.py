@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.map.layers import MapLayer
 from tirgeo_ros.core.types.errors import BagError, CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike
@@ -84,26 +86,17 @@ def evaluate(
     given = load_experiment(survey, observations, projection)
     heights_m = given.heights_m
     setups = method_setups(params, boresight, dem, ground_height, namespace, heights_m, camera)
-    true_poses = None if truth is None else load_truth(Path(truth))
     last = setups[-1]  # whose parameters are checked and whose map is drawn
-    overlay = last.configs.overlay
-    map_text = os.fspath(map_path or overlay.map)
-    style = overlay.style, overlay.label_field
-    layers = load_layers(map_text, *style, network=overlay.network) if map_text else []
-    reader, lens = BagReader(bag), given_camera(overlay)
+    layers = _layers(last.configs.overlay, map_path)
+    reader, lens = BagReader(bag), given_camera(last.configs.overlay)
     setting = setting_of(last.configs, reader, files, namespace, ground=last.ground, camera=lens)
     checks = FlightChecks(setting)
     flight = RecordedFlight(reader, namespace, pictures=True, camera=lens, checks=checks)
+    true_poses = None if truth is None else load_truth(Path(truth))
     missing: dict[str, str] = {}
-    notes = setup_notes(setups, heights_m)
-    runs = []
-    for setup in setups:
-        run = _begun(setup, flight, given, namespace, true_poses)
-        if isinstance(run, str):
-            missing[setup.method] = run.removeprefix(f"{reader.path}: ")
-        else:
-            runs.append(run)
-    _check_any(runs, missing, reader)
+    begun = [_begun(one, flight, given, namespace, true_poses, missing) for one in setups]
+    missing = {name: why.removeprefix(f"{reader.path}: ") for name, why in missing.items()}
+    runs = _left([run for run in begun if run is not None], missing, reader)
     runs[-1].poses.checks = checks
     sensors = SensorSeries()
     flight.add(sensors)
@@ -112,16 +105,8 @@ def evaluate(
         if run.poses.plane is None or not run.series.has_poses:
             reason = run.poses.registration.navigation.status().reason
             missing[run.setup.method] = f"no camera pose could be made: {reason}"
-    runs = [run for run in runs if run.setup.method not in missing]
-    _check_any(runs, missing, reader)
+    runs = _left(runs, missing, reader)
     methods = [_result(run, flight.camera, given) for run in runs]
-    for run in runs:
-        absent = done_without(run.poses.topics, run.setup.configs.ekf.method)
-        if absent:
-            notes.append(f"{run.setup.method}: {_names(absent, namespace)} absent: done without")
-    notes += [f"{method} is left out: {why}" for method, why in missing.items()]
-    notes += input_notes(given, flight.picture_stamps_ns)
-    notes += [note for note in (place_note(methods),) if note]
     best = runs[-1]
     return Evaluation(
         os.fspath(bag),
@@ -134,10 +119,26 @@ def evaluate(
         missing,
         paired_tests({one.method: one.errors.point_rmse_m for one in methods}),
         overlay_stills(reader, namespace, flight.camera, best.poses, best.setup, layers, given),
-        notes,
+        [
+            *setup_notes(setups, heights_m),
+            *(
+                f"{run.setup.method}: {_names(absent, namespace)} absent: done without"
+                for run in runs
+                if (absent := done_without(run.poses.topics, run.setup.configs.ekf.method))
+            ),
+            *(f"{method} is left out: {why}" for method, why in missing.items()),
+            *input_notes(given, flight.picture_stamps_ns),
+            *filter(None, [place_note(methods)]),
+        ],
         _error(reader, methods),
         checks.findings(),
     )
+
+
+def _layers(overlay: OverlayConfig, map_path: PathLike | None) -> Sequence[MapLayer]:
+    """Return the map that is drawn, if there is one."""
+    text, style = os.fspath(map_path or overlay.map), (overlay.style, overlay.label_field)
+    return load_layers(text, *style, network=overlay.network) if text else []
 
 
 def _begun(
@@ -146,29 +147,32 @@ def _begun(
     given: Experiment,
     namespace: str,
     truth: TruePoses | None,
-) -> _Run | str:
-    """Let a method take part; return why it cannot if the bag lacks a topic of it."""
+    missing: dict[str, str],
+) -> _Run | None:
+    """Let a method take part; put it into ``missing`` if the bag lacks a topic of it."""
     ekf, gimbal, *_ = setup.configs
     lacking = [topic for topic in _ESSENTIAL.get(ekf.method, ()) if not flight.has(topic)]
     if lacking:
-        return f"needed topic absent: {_names(lacking, namespace)}"
+        missing[setup.method] = f"needed topic absent: {_names(lacking, namespace)}"
+        return None
     series = MethodSeries(truth)
     instants_ns = [one.stamp_ns - setup.latency_ns for one in given.observations]
     try:
-        poses = flight.registered(ekf, gimbal, instants_ns, series)
+        return _Run(setup, flight.registered(ekf, gimbal, instants_ns, series), series)
     except BagError as error:
-        return str(error)
-    return _Run(setup, poses, series)
+        missing[setup.method] = str(error)
+        return None
 
 
 def _names(topics: Sequence[str], namespace: str) -> str:
     return ", ".join(resolved(topic, namespace) for topic in topics)
 
 
-def _check_any(runs: Sequence[_Run], missing: Mapping[str, str], reader: BagReader) -> None:
-    """Raise CalibrationError with all reasons if no method is left."""
-    if runs:
-        return
+def _left(runs: Sequence[_Run], missing: Mapping[str, str], reader: BagReader) -> list[_Run]:
+    """Return the runs that are not missing. Raise CalibrationError with all reasons if none is."""
+    left = [run for run in runs if run.setup.method not in missing]
+    if left:
+        return left
     by_reason: dict[str, list[str]] = {}
     for method, reason in missing.items():
         by_reason.setdefault(reason, []).append(method)

@@ -24,7 +24,6 @@ from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.surveys.survey import Observation, SurveyPoint, load_observations, load_survey
 from tirgeo_ros.tools.evaluate.projection import Projection, projection_of
 from tirgeo_ros.tools.evaluate.result import (
-    ControlPoint,
     LocatedPoint,
     PixelMoves,
     RefusedPoint,
@@ -39,7 +38,7 @@ class Experiment:
     """Hold the surveyed points and their observations."""
 
     projection: Projection
-    control: Mapping[str, ControlPoint]  # every surveyed point by its id
+    control: Mapping[str, SurveyPoint]  # every surveyed point by its id
     observations: Sequence[Observation]  # also of points that were not surveyed
 
     @property
@@ -71,12 +70,7 @@ def experiment_of(
     """Return the experiment with the surveyed points in a plane (``projection_of``)."""
     latitude, longitude = np.array([(one.latitude_rad, one.longitude_rad) for one in points]).T
     plane = projection_of(projection, latitude, longitude)
-    places_en = plane.project(latitude, longitude)
-    control = {
-        one.id: ControlPoint(one.id, one.latitude_rad, one.longitude_rad, one.height_m, place_en)
-        for one, place_en in zip(points, places_en, strict=True)
-    }
-    return Experiment(plane, control, seen)
+    return Experiment(plane, {one.id: one for one in points}, seen)
 
 
 def locate_observations(
@@ -110,9 +104,8 @@ def locate_observations(
         here = found.latitude_rad, found.longitude_rad
         place_en, axes = given.projection.project(*here), given.projection.local_axes(*here)
         covariance_en = axes @ found.covariance_n[:2, :2] @ axes.T
-        surveyed_n = plane.ned_from_geodetic(
-            point.latitude_rad, point.longitude_rad, found.height_m
-        )
+        there = point.latitude_rad, point.longitude_rad
+        surveyed_n = plane.ned_from_geodetic(*there, found.height_m)
         located.append(
             LocatedPoint(
                 seen.id,
@@ -120,7 +113,7 @@ def locate_observations(
                 uv,
                 place_en,
                 found.height_m,
-                place_en - point.place_en,
+                place_en - given.projection.project(*there),
                 covariance_en,
                 ellipse_of(covariance_en[::-1, ::-1]),
                 pixel_moves(camera, pose, rates, uv, surveyed_n),

@@ -71,9 +71,8 @@ def plots(found: Evaluation) -> Iterator[Plot]:
 
 def _control(found: Evaluation) -> tuple[Array, Array]:
     """Return the control points (P, 2) from their mean, and that mean (2,): east, north, m."""
-    places = np.array([one.place_en for one in found.control.values()])
-    middle = np.round(places.mean(axis=0))
-    return places - middle, middle
+    middle = np.round(found.places_en.mean(axis=0))
+    return found.places_en - middle, middle
 
 
 def _vectors(found: Evaluation, method: MethodResult) -> bytes:

@@ -162,9 +162,8 @@ def _table(one: Table) -> str:
 
 def _row(cells: Sequence[str], tag: str) -> str:
     """Return a row; names in a head may break at an underscore."""
-    shown = map(escape, cells)
-    if tag == "th":
-        shown = (cell.replace("_", "_<wbr>") for cell in shown)
+    breaks = "_<wbr>" if tag == "th" else "_"
+    shown = [escape(cell).replace("_", breaks) for cell in cells]
     return "<tr>" + "".join(f"<{tag}>{cell}</{tag}>" for cell in shown) + "</tr>"
 
 

@@ -17,21 +17,12 @@ from tirgeo_ros.core.camera.projection_covariance import CHI2_95
 from tirgeo_ros.core.ground.ground_point import Ellipse
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding
+from tirgeo_ros.io.surveys.survey import SurveyPoint
 from tirgeo_ros.tools.evaluate.methods import MethodSetup
 from tirgeo_ros.tools.evaluate.projection import Projection
 from tirgeo_ros.tools.evaluate.series import MethodSeries, SensorSeries
 from tirgeo_ros.tools.evaluate.t_test import PairedTest
 from tirgeo_ros.tools.replay.recorded_flight import BodyErrors
-
-
-class ControlPoint(NamedTuple):
-    """Hold a surveyed point in the projected plane."""
-
-    id: str
-    latitude_rad: float
-    longitude_rad: float
-    height_m: float  # ellipsoidal
-    place_en: Array  # (2,)
 
 
 class PixelMoves(NamedTuple):
@@ -114,7 +105,7 @@ class Evaluation:
     survey_path: str
     observations_path: str
     projection: Projection
-    control: Mapping[str, ControlPoint]  # every surveyed point by its id
+    control: Mapping[str, SurveyPoint]  # every surveyed point by its id
     sensors: SensorSeries
     methods: Sequence[MethodResult]  # those that could be run, in the order of the paper
     missing: Mapping[str, str]  # method -> the reason why it could not be run
@@ -123,6 +114,12 @@ class Evaluation:
     notes: Sequence[str]
     error: str | None  # what makes the run a failure although there is a result
     findings: Sequence[Finding]  # problems of set-up or sensors, the worst first
+
+    @cached_property
+    def places_en(self) -> Array:
+        """Return the places (P, 2) of the surveyed points."""
+        geodetic = [(one.latitude_rad, one.longitude_rad) for one in self.control.values()]
+        return self.projection.project(*np.transpose(geodetic))
 
     def method(self, name: str) -> MethodResult | None:
         """Return a method by its name, or None if it is missing."""

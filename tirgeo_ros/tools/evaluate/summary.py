@@ -24,6 +24,7 @@ from tirgeo_ros.tools.evaluate.result import Evaluation, LocatedPoint, MethodRes
 from tirgeo_ros.tools.evaluate.series import SETTLED_S
 from tirgeo_ros.tools.evaluate.verdict import verdict
 from tirgeo_ros.tools.replay.finding_lines import finding_items
+from tirgeo_ros.tools.replay.recorded_flight import BodyErrors
 
 _NAMES = ("points.csv", "observations.csv", "result.json", "report.html")
 _OBSERVATION_COLUMNS = (
@@ -53,14 +54,8 @@ def summary(found: Evaluation) -> dict[str, object]:
 
 
 def _method(one: MethodResult) -> dict[str, object]:
-    errors, truth = one.errors, one.against_truth
-    east, north = (None, None) if errors.mean_error_en is None else errors.mean_error_en.tolist()
-    of_truth = truth and {
-        "roll_deg": math.degrees(truth.roll_rad),
-        "pitch_deg": math.degrees(truth.pitch_rad),
-        "heading_deg": math.degrees(truth.heading_rad),
-        "position_m": truth.position_m,
-    }
+    errors, mean_en = one.errors, one.errors.mean_error_en
+    east, north = (None, None) if mean_en is None else mean_en.tolist()
     return {
         "mean_point_rmse_m": errors.mean_point_rmse_m,
         "rmse_m": errors.rmse_m,
@@ -74,25 +69,34 @@ def _method(one: MethodResult) -> dict[str, object]:
         "composition": one.composition,
         "state": one.state,
         "ground": one.setup.ground_words,
-        #: NaN in a flight too short to settle.
-        "against_truth": of_truth
-        and {name: v if math.isfinite(v) else None for name, v in of_truth.items()},
+        "against_truth": None if one.against_truth is None else _truth(one.against_truth),
     }
+
+
+def _truth(errors: BodyErrors) -> dict[str, float | None]:
+    """Return rms errors; None if the flight was too short to settle."""
+    rms = {
+        "roll_deg": math.degrees(errors.roll_rad),
+        "pitch_deg": math.degrees(errors.pitch_rad),
+        "heading_deg": math.degrees(errors.heading_rad),
+        "position_m": errors.position_m,
+    }
+    return {name: value if math.isfinite(value) else None for name, value in rms.items()}
 
 
 def _points(found: Evaluation) -> dict[str, dict[str, object]]:
     """Return the observed points in the survey's order, with their error under each method."""
-    first = found.methods[0]  # all have the same observations
+    places, first = found.places_en.tolist(), found.methods[0]  # all have the same observations
     seen = Counter([one.id for one in first.located] + [one.id for one in first.refused])
     return {
         name: {
             "observations": seen[name],
-            "east_m": float(point.place_en[0]),
-            "north_m": float(point.place_en[1]),
+            "east_m": east_m,
+            "north_m": north_m,
             "height_m": point.height_m,
             "rmse_m": {one.method: one.errors.point_rmse_m.get(name) for one in found.methods},
         }
-        for name, point in found.control.items()
+        for (name, point), (east_m, north_m) in zip(found.control.items(), places, strict=True)
         if name in seen
     }
 
@@ -109,11 +113,11 @@ def write_evaluation(found: Evaluation, folder: PathLike) -> list[str]:
     """
     numbers = summary(found)
     text = json.dumps(numbers, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
-    contents = _points_csv(found), _observations_csv(found), text, report_html(found, numbers)
+    texts = _points_csv(found), _observations_csv(found), text, report_html(found, numbers)
     place = made_folder(folder, CalibrationError)
-    files = {place / name: content for name, content in zip(_NAMES, contents, strict=True)}
-    write_files(files, CalibrationError)  # type: ignore[arg-type]
-    return [str(path) for path in files]
+    contents = zip(_NAMES, texts, strict=True)
+    write_files({place / name: content for name, content in contents}, CalibrationError)
+    return [str(place / name) for name in _NAMES]
 
 
 def _points_csv(found: Evaluation) -> str:

@@ -166,14 +166,12 @@ def board_views(
     count: int,
     seed: int,
     look: BoardLook | None = None,
-    *,
-    most_tilt_deg: float = 45.0,
     parts: int = 2,
 ) -> list[BoardView]:
     """Render views as for a calibration: all over the frame, tilted, near and far."""
     renderer = BoardRenderer(camera, board, parts)
     rng = np.random.default_rng(seed)
-    poses = calibration_poses(camera, board, count, rng, most_tilt_deg)
+    poses = calibration_poses(camera, board, count, rng)
     return [renderer.view(*pose, look or BoardLook(), rng) for pose in poses]
 
 

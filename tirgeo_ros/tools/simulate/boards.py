@@ -71,21 +71,19 @@ def write_wall(path: Path, duration_s: float, seed: int, progress: Report = sile
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command's arguments."""
     made = argparse.ArgumentParser(
-        prog="python -m tirgeo_ros.tools.simulate.boards",
-        description="Writes rendered pictures and a video of a thermal checkerboard, "
-        f"{BOARD.columns}x{BOARD.rows} corners {BOARD.square_m:g} m apart, by the XT2's lens.",
+        prog="python -m tirgeo_ros.tools.simulate.boards", description=__doc__
     )
     made.add_argument("-o", "--output", type=Path, metavar="DIR", required=True)
     made.add_argument("--views", type=int, default=40, metavar="N", help="default: %(default)s")
-    made.add_argument(
-        "--seconds", type=float, default=30.0, metavar="S", help="of video (default: %(default)g)"
-    )
+    made.add_argument("--seconds", type=float, default=30.0, metavar="S", help="of video")
     made.add_argument("--seed", type=int, default=2205, metavar="N", help="default: %(default)s")
     return made
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Write all files; ``angles_std_deg`` in the result is the truth of the video."""
+    if not (args.views >= 1 and 1 <= args.seconds <= 3600 and args.seed >= 0):
+        raise CalibrationError("--views must be 1 or more, --seconds 1 to 3600, --seed 0 or more")
     lens = made_folder(args.output / "lens", CalibrationError)
     wall, angles_csv = args.output / "wall.mcap", args.output / "wall.csv"
     for number, view in enumerate(board_views(XT2, BOARD, args.views, args.seed), 1):
@@ -107,20 +105,14 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     }
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main(argv: Sequence[str] | None = None) -> None:
     """Run the command."""
-    command = parser()
-    args = command.parse_args(argv)
-    if not (args.views >= 1 and 1 <= args.seconds <= 3600 and args.seed >= 0):
-        command.error("--views must be 1 or more, --seconds 1 to 3600, --seed 0 or more")
     try:
-        found = run(args)
+        found = run(parser().parse_args(argv))
     except (TirgeoError, OSError) as error:
-        sys.stderr.write(f"boards: {error}\n")
-        return 1
+        sys.exit(f"boards: {error}")
     sys.stdout.write("\n".join([*found["output"], ""]))  # type: ignore[misc]
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -17,13 +17,14 @@ from tirgeo_ros.tools.simulate.parameters_file import parameters_text
 from tirgeo_ros.tools.simulate.park import lay_out
 from tirgeo_ros.tools.simulate.relief import WGS84_TEXT, Relief, elevation_text
 from tirgeo_ros.tools.simulate.renderer import Renderer
-from tirgeo_ros.tools.simulate.scenario import load_scenario
+from tirgeo_ros.tools.simulate.scenario import Scenario, load_scenario
 from tirgeo_ros.tools.simulate.survey import sightings, surveyed
 from tirgeo_ros.tools.simulate.targets import targets_of, targets_text
 
-NAMES = ("flight.mcap", "truth.mcap", "map.geojson", "survey.geojson", "targets.geojson",
-         "observations.csv", "params.yaml")  # fmt: skip
-
+NAMES = (
+    *("flight.mcap", "truth.mcap", "map.geojson", "survey.geojson", "targets.geojson"),
+    *("observations.csv", "params.yaml"),
+)
 #: Files written beside NAMES if the ground is not level.
 ELEVATION = ("dem.asc", "dem.prj")
 _CLEAR_M = 3.0  # smallest height above all ground
@@ -55,32 +56,22 @@ def simulate(
         scenario = replace(scenario, gimbal=replace(scenario.gimbal, joint_order=joint_order))
     if barometer_hz is not None:
         scenario = replace(scenario, barometer=replace(scenario.barometer, rate_hz=barometer_hz))
-    if duration_s is None:
-        duration_s = scenario.duration_s - start_s
-    end_s = start_s + duration_s
-    if not (start_s >= 0 and duration_s > 0 and end_s <= scenario.duration_s + 1e-9):  # nor nan
-        raise ScenarioError(
-            f"{scenario_path}: no {duration_s:g} s from {start_s:g} s on in a flight of "
-            f"{scenario.duration_s:g} s; change the start or the duration"
-        )
+    window = _window(scenario, scenario_path, start_s, duration_s)
     flight = fly(scenario, seed)
-    start_ns = scenario.start_ns + round(start_s * 1e9)
-    window = range(start_ns, start_ns + round(duration_s * 1e9) + 1)
     camera, park = scenario.video.camera, lay_out(scenario.park, flight.seed)
     points, clicks = surveyed(flight, camera, park)
     clicks = [click for click in clicks if click.stamp_ns in window]
     targets, relief = targets_of(scenario, flight.seed), Relief(scenario.park)
     _check_clear(flight, relief)
     folder = made_folder(out_dir, ScenarioError)
-    texts: dict[PathLike, str | bytes] = {
-        folder / "map.geojson": map_text(park, flight.plane, relief),
-        folder / "targets.geojson": targets_text(targets, flight.plane, relief),
-        folder / "params.yaml": parameters_text(scenario),
+    texts = {
+        "map.geojson": map_text(park, flight.plane, relief),
+        "targets.geojson": targets_text(targets, flight.plane, relief),
+        "params.yaml": parameters_text(scenario),
     }
     if not relief.is_level:
-        texts[folder / "dem.asc"] = elevation_text(relief, flight.plane)
-        texts[folder / "dem.prj"] = WGS84_TEXT
-    write_files(texts, ScenarioError)
+        texts |= {"dem.asc": elevation_text(relief, flight.plane), "dem.prj": WGS84_TEXT}
+    write_files({folder / name: text for name, text in texts.items()}, ScenarioError)
     save_survey(folder / "survey.geojson", points)
     save_observations(folder / "observations.csv", clicks)
     write_truth(folder / "truth.mcap", flight, window)
@@ -101,6 +92,20 @@ def simulate(
         "messages": counts,
         "bytes": {name: (folder / name).stat().st_size for name in NAMES},
     }
+
+
+def _window(scenario: Scenario, path: PathLike, start_s: float, duration_s: float | None) -> range:
+    """Return the log times (ns) that are written. Raise ScenarioError outside the flight."""
+    if duration_s is None:
+        duration_s = scenario.duration_s - start_s
+    end_s = start_s + duration_s
+    if not (start_s >= 0 and duration_s > 0 and end_s <= scenario.duration_s + 1e-9):  # nor nan
+        raise ScenarioError(
+            f"{path}: no {duration_s:g} s from {start_s:g} s on in a flight of "
+            f"{scenario.duration_s:g} s; change the start or the duration"
+        )
+    start_ns = scenario.start_ns + round(start_s * 1e9)
+    return range(start_ns, start_ns + round(duration_s * 1e9) + 1)
 
 
 def _check_clear(flight: SimulatedFlight, relief: Relief) -> None:

@@ -1,7 +1,8 @@
 """Simulate the true camera on its gimbal, its encoders and its reported attitude.
 
 The gimbal follows the nose with a lag and holds roll and pitch imperfectly: the camera drifts by
-Table 8's amounts. The encoders measure this drift, the flight controller does not.
+Table 8's amounts. The encoders measure this drift, the flight controller does not. The north of
+the reported attitude may differ from the autopilot's.
 """
 
 from __future__ import annotations
@@ -59,6 +60,12 @@ class SimulatedGimbal:
         changed = np.clip((t_s - self._scenario.pitch_step_s) / _TILTING_S, 0.0, 1.0)
         return np.radians(self._scenario.pitch_deg + self._scenario.pitch_step_deg * changed)
 
+    def north_bias_rad(self, t_s: Array) -> Array:
+        """Return the reported camera heading minus the one from the autopilot's north (N,)."""
+        gimbal = self._scenario
+        bias_deg = gimbal.north_bias_deg + gimbal.north_drift_deg_s * t_s
+        return np.radians(bias_deg + gimbal.north_step_deg * (t_s >= gimbal.north_step_s))
+
     def rotation_pg(self, t_s: Array) -> Array:
         """Return the true camera attitude (N, 3, 3) in the plane of the site."""
         roll, pitch = self.wander_rad(t_s).T
@@ -85,7 +92,7 @@ def gimbal_samples(
     """Return ``gimbal/joint_states`` and ``gimbal/attitude``, which arrive without delay.
 
     The reported attitude has the commanded roll and pitch; its heading is the autopilot's plus the
-    encoders' angle.
+    encoders' angle and the north bias.
     """
     epochs = Epochs.at_rate(scenario, scenario.gimbal.rate_hz)
     motion = trajectory.motion(epochs.t_s)
@@ -97,7 +104,8 @@ def gimbal_samples(
     nose = pilot.euler_rad(motion, trajectory.rotation_nb(motion))[:, 2]
     camera = euler_from_matrix(rotation_pg)[:, 2]
     aside = camera - euler_from_matrix(motion.rotation_pb)[:, 2] + noise[:, 0]
-    reported = quat_from_euler(0.0, gimbal.commanded_pitch_rad(epochs.t_s), nose + aside)
+    heading = nose + aside + gimbal.north_bias_rad(epochs.t_s)
+    reported = quat_from_euler(0.0, gimbal.commanded_pitch_rad(epochs.t_s), heading)
     samples: list[Arrival] = []
     for stamp, (yaw, roll, pitch), q_ng in zip(epochs.stamp_ns, joints, reported, strict=True):
         samples.append((stamp, JointSample(stamp, float(yaw), float(roll), float(pitch))))

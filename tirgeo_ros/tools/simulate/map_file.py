@@ -63,4 +63,5 @@ def _positions(points: Array, plane: TangentPlane, relief: Relief) -> list[list[
     """Return longitude, latitude (deg), height (m) of ground points (N, 2)."""
     lat, lon, height = plane.geodetic_from_ned(relief.places(points))
     degrees = np.round(np.degrees(np.stack([lon, lat], -1)), _DECIMALS)
-    return np.column_stack([degrees, np.round(height, 4)]).tolist()  # type: ignore[no-any-return]
+    positions: list[list[float]] = np.column_stack([degrees, np.round(height, 4)]).tolist()
+    return positions

@@ -121,6 +121,11 @@ class GimbalScenario:
     lag_s: float = param(0.35, "with which it follows the nose", ("s", 0.02, 60))
     #: Camera roll and pitch from the commanded ones, not reported (Table 8).
     error_rms_deg: tuple[float, ...] = param((0.2704, 0.4839), "roll, pitch", ("deg", 0, 30))
+    #: Reported camera heading less the true one by the autopilot's north: it drifts and jumps.
+    north_bias_deg: float = param(0.0, "at the start", ("deg", -180, 180))
+    north_drift_deg_s: float = param(0.0, "rate of that bias", ("deg/s", -1, 1))
+    north_step_deg: float = param(0.0, "jump of that bias", ("deg", -180, 180))
+    north_step_s: float = param(0.0, "when it jumps", ("s", 0, 7200))
     encoder_sigma_deg: float = param(0.02, "noise of a joint angle", ("deg", 0, 10))
     lever_arm_m: tuple[float, ...] = _arm((0.08, 0.0, -0.25), "pivot from the IMU")
     camera_offset_m: tuple[float, ...] = _arm((0.05, 0.02, -0.01), "camera from pivot, its axes")

@@ -15,9 +15,10 @@ import numpy as np
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.frames.wgs84 import gravity_down
 from tirgeo_ros.core.types.arrays import Array, IntArray
-from tirgeo_ros.core.types.errors import TirgeoError
+from tirgeo_ros.core.types.errors import ScenarioError, TirgeoError
 from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.io.bags.bag import BagWriter, Cdr
+from tirgeo_ros.io.files.whole_files import made_folder
 from tirgeo_ros.io.messages import Messages
 from tirgeo_ros.tools.presentation.progress import Progress, Report, silent
 from tirgeo_ros.tools.simulate.imu_errors import imu_bias, imu_white
@@ -83,42 +84,35 @@ def _messages(stamps_ns: IntArray, values: Array, frame: str) -> list[bytes]:
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command's arguments."""
     made = argparse.ArgumentParser(
-        prog="python -m tirgeo_ros.tools.simulate.static_imu",
-        description="Writes a bag of the simulated IMU at rest.",
+        prog="python -m tirgeo_ros.tools.simulate.static_imu", description=__doc__
     )
     made.add_argument("-o", "--output", type=Path, metavar="OUT.mcap", required=True)
     made.add_argument("--hours", type=float, default=5.0, help="default: %(default)g")
-    made.add_argument(
-        "--scenario", type=Path, metavar="YAML", help="whose IMU (default: the paper's flight)"
-    )
+    made.add_argument("--scenario", type=Path, metavar="YAML", help="default: the paper's flight")
     made.add_argument("--seed", type=int, metavar="N", help="instead of the scenario's")
     return made
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
-    """Write the record."""
+    """Write the record. Raise ScenarioError, BagError."""
     scenario = Scenario() if args.scenario is None else load_scenario(args.scenario)
     seed = scenario.seed if args.seed is None else args.seed
-    args.output.parent.mkdir(parents=True, exist_ok=True)
+    if not 0 < args.hours <= 1000 or seed < 0:
+        raise ScenarioError("--hours must be above 0 and at most 1000, --seed 0 or more")
+    made_folder(args.output.parent, ScenarioError)
     with Progress("writing", unit="s") as bar:
         count = write_static(args.output, args.hours, scenario, seed, bar)
     return {"output": str(args.output), "messages": count, "hours": args.hours, "seed": seed}
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main(argv: Sequence[str] | None = None) -> None:
     """Run the command."""
-    command = parser()
-    args = command.parse_args(argv)
-    if not 0 < args.hours <= 1000 or (args.seed is not None and args.seed < 0):
-        command.error("--hours must be above 0 and at most 1000, --seed 0 or more")
     try:
-        found = run(args)
-    except (TirgeoError, OSError) as error:
-        sys.stderr.write(f"static_imu: {error}\n")
-        return 1
+        found = run(parser().parse_args(argv))
+    except TirgeoError as error:
+        sys.exit(f"static_imu: {error}")
     sys.stdout.write(f"{found['messages']} messages: {found['output']}\n")
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -31,7 +31,8 @@ class Views:
     """Hold where points, for example corners of beds, are in every picture."""
 
     corners_p: Array  # (C, 3) m, on the plane of the site
-    exposures: Epochs  # of F pictures
+    t_s: Array  # (F,) exposures of F pictures
+    stamp_ns: list[int]  # F, of the pictures
     uv: Array  # (F, C, 2) px, by the true camera; nan if not visible
     good: npt.NDArray[np.bool_]  # (F, C) whether an operator would click
 
@@ -59,8 +60,12 @@ def surveyed(
     measured_p = views.corners_p[chosen] + noise * np.array(config.sigma_m)
     geodetic = np.transpose(flight.plane.geodetic_from_ned(measured_p)).tolist()
     points = [SurveyPoint(f"P{k:02d}", *place) for k, place in enumerate(geodetic, 1)]
-    seen = [(point.id, c, clicked[c]) for point, c in zip(points, chosen, strict=True)]
-    return points, _clicks(flight, views, seen)
+    rng, found = generator(flight.seed, "clicks"), []
+    for point, corner in zip(points, chosen, strict=True):
+        for frame in rng.choice(clicked[corner], config.views, replace=False).tolist():
+            u, v = views.uv[frame, corner] + config.click_sigma_px * rng.standard_normal(2)
+            found.append(Observation(point.id, views.stamp_ns[frame], float(u), float(v)))
+    return points, _sorted(found)
 
 
 def exposures(flight: SimulatedFlight) -> Epochs:
@@ -81,7 +86,6 @@ def sightings(
         return []
     views = _views(flight, camera, np.array([target.center for target in targets]))
     off_middle = np.hypot(*np.moveaxis(views.uv - [camera.width / 2, camera.height / 2], -1, 0))
-    latency_ns = round(flight.scenario.video.latency_s * 1e9)
     found = []
     for k, target in enumerate(targets):
         frames = np.flatnonzero(views.good[:, k])
@@ -89,9 +93,8 @@ def sightings(
         for frames in filter(len, passes):
             best = frames[int(np.argmin(off_middle[frames, k]))]
             u, v = views.uv[best, k].tolist()
-            stamp_ns = views.exposures.stamp_ns[best] + latency_ns
-            found.append(Observation(target.id, stamp_ns, u, v))
-    return sorted(found, key=lambda one: (one.stamp_ns, one.id))
+            found.append(Observation(target.id, views.stamp_ns[best], u, v))
+    return _sorted(found)
 
 
 def _views(flight: SimulatedFlight, camera: Camera, level: Array) -> Views:
@@ -108,15 +111,19 @@ def _views(flight: SimulatedFlight, camera: Camera, level: Array) -> Views:
     good = (v >= config.rows_px[0]) & (v <= config.rows_px[1])
     good &= (u >= config.side_px) & (u <= camera.width - 1 - config.side_px)
     good &= (epochs.t_s >= config.after_s)[:, None]
-    return Views(corners_p, epochs, uv, good)
+    latency_ns = round(flight.scenario.video.latency_s * 1e9)
+    return Views(corners_p, epochs.t_s, [one + latency_ns for one in epochs.stamp_ns], uv, good)
+
+
+def _sorted(clicks: list[Observation]) -> list[Observation]:
+    return sorted(clicks, key=lambda one: (one.stamp_ns, one.id))
 
 
 def _apart(views: Views, corner: int, config: SurveyScenario) -> list[int]:
     """Return pictures in which a corner is well seen, each ``apart_s`` after the one before."""
     found: list[int] = []
     for frame in np.flatnonzero(views.good[:, corner]).tolist():
-        t_s = views.exposures.t_s
-        if not found or t_s[frame] - t_s[found[-1]] >= config.apart_s:
+        if not found or views.t_s[frame] - views.t_s[found[-1]] >= config.apart_s:
             found.append(frame)
     return found
 
@@ -130,18 +137,3 @@ def _spread(corners_p: Array, candidates: list[int], count: int) -> list[int]:
         chosen.append(int(np.argmax(distance)))
         distance = np.minimum(distance, np.linalg.norm(places - places[chosen[-1]], axis=1))
     return [candidates[k] for k in chosen]
-
-
-def _clicks(
-    flight: SimulatedFlight, views: Views, seen: list[tuple[str, int, list[int]]]
-) -> list[Observation]:
-    """Return clicks with random errors in some random frames of every (id, corner, frames)."""
-    config, rng = flight.scenario.survey, generator(flight.seed, "clicks")
-    latency_ns = round(flight.scenario.video.latency_s * 1e9)
-    found = []
-    for name, corner, frames in seen:
-        for frame in rng.choice(frames, config.views, replace=False).tolist():
-            u, v = views.uv[frame, corner] + config.click_sigma_px * rng.standard_normal(2)
-            stamp_ns = views.exposures.stamp_ns[frame] + latency_ns
-            found.append(Observation(name, stamp_ns, float(u), float(v)))
-    return sorted(found, key=lambda click: (click.stamp_ns, click.id))
