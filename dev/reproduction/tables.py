@@ -27,7 +27,7 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def fixed(value: float | None, digits: int) -> str:
-    """Return a number with so many decimals, - for None; no zero has a sign."""
+    """Return a number with this many decimals, - for None; no zero has a sign."""
     return "-" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"
 
 
@@ -43,7 +43,7 @@ def p_value(value: float | None) -> str:
 
 def ground_factors(found: Results) -> dict[str, object]:
     """Return Tables 1 and 2."""
-    told = found["flight budget"]["flight"]
+    measured = found["flight budget"]["flight"]
     rows = []
     for name, unit, key in (
         ("E_Xcam (east)", "m", "east_error_m"),
@@ -53,8 +53,8 @@ def ground_factors(found: Results) -> dict[str, object]:
     ):
         paper = TABLE_1[f"{name.split()[0]}_{unit}"]
         # The simulator is given the paper's own numbers.
-        numbers = [f"{fixed(value, 4)} {unit}" for value in (paper, paper, told[key])]
-        rows.append([name, *numbers, f"{told[key] / paper:.2f}"])
+        numbers = [f"{fixed(value, 4)} {unit}" for value in (paper, paper, measured[key])]
+        rows.append([name, *numbers, f"{measured[key] / paper:.2f}"])
     first = table(["error", "paper", "put in", "here", "here / paper"], rows)
     names = ("Position", "Height", "Position3D", "Yaw")
     columns = [[TABLE_2_M[f"Cam{name}"] for name in names]]
@@ -78,8 +78,8 @@ def ground_factors(found: Results) -> dict[str, object]:
     head = ["mean over the field of view, m", *forms, "Eq. 15-21 / paper"]
     return {
         "sensor_errors": first,
-        "positions": told["positions"],
-        "headings": told["headings"],
+        "positions": measured["positions"],
+        "headings": measured["headings"],
         "ground_factors": table(head, rows),
         "height_off": f"{100 * (ratios[1] - 1):.1f} %",
         "heading_off": f"{100 * (ratios[3] - 1):.1f} %",

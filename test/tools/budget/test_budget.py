@@ -119,12 +119,3 @@ def test_a_flight_over_unknown_ground(sample):
     with pytest.raises(CalibrationError, match=r"flight\.mcap: height of the ground not known"):
         make_budget({}, bag=sample / "flight.mcap")
     assert make_budget({"height_m": 20.0}, bag=sample / "flight.mcap")["height_m"] == 20.0
-
-
-def test_the_command_takes_a_camera(tmp_path, capsys):
-    save_camera(tmp_path / "camera.yaml", Camera(320, 256, 800.0, 800.0, 159.5, 127.5))
-    assert command.main(["budget", "--json", "--camera", str(tmp_path / "camera.yaml")]) == 0
-    told = json.loads(capsys.readouterr().out)["rows"]
-    # half the frame: 30 - 9 deg below the horizon at its upper edge for 30 - 18; 0.6 by their cot
-    wide = row(make_budget({})["rows"], "height", "closed")["largest_m"]
-    assert row(told, "height", "closed")["largest_m"] < 0.75 * wide

@@ -60,10 +60,10 @@ def test_the_series_are_those_of_the_camera_and_of_the_body(found):
         i = np.searchsorted(theirs, stamps[:-2])
         apart = (np.degrees(said[i] - rpy[:-2]) + 180) % 360 - 180
         assert (np.abs(np.median(apart, axis=0)) < [1, 1, 5]).all()
-    innovations = series.innovations()
-    assert {"rtk_position", "rtk_velocity", "rtk_heading"} <= set(innovations)
-    assert innovations["rtk_heading"][1].shape == (len(innovations["rtk_heading"][0]), 1)
-    assert "rtk_heading" not in found.method("ekf").series.innovations()
+    assert {"rtk_position", "rtk_velocity", "rtk_heading"} <= series.sources
+    stamps, rows = series["rtk_heading"]
+    assert rows.shape == (len(stamps), 2)
+    assert "rtk_heading" not in found.method("ekf").series.sources
 
 
 def test_the_files(found, tmp_path):

@@ -73,7 +73,7 @@ def test_the_page_is_whole_in_itself(found, text, page):
     assert not re.findall(r"url[(]|@import|<script|<link", text)
     assert [text for text in page.text if text in FIGURES] == FIGURES
     figures = embedded(page, "image/svg+xml")
-    of_methods, of_sources = len(found.methods), len(found.methods[-1].series.innovations())
+    of_methods, of_sources = len(found.methods), len(found.methods[-1].series.sources)
     assert len(figures) == len(FIGURES) - 2 + of_methods + of_sources
     for figure in figures:
         assert ET.fromstring(figure).tag == "{http://www.w3.org/2000/svg}svg"

@@ -28,7 +28,7 @@ OPTIONS = (
     ("--map", "MAP", "drawn on the stills; default: the parameters'"),
     *GROUND,
     ("--projection", "P", "%(choices)s; default: %(default)s", _PROJECTIONS),
-    ("--truth", "BAG", "truth.mcap of a simulated flight: the aircraft's own errors are told too"),
+    ("--truth", "BAG", "truth.mcap of a simulated flight: adds the errors of the aircraft's pose"),
 )
 
 

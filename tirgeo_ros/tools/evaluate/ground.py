@@ -158,7 +158,7 @@ def input_notes(given: Experiment, image_stamps_ns: Sequence[int]) -> list[str]:
     if unknown:
         notes.append(
             f"{sum(names[name] for name in unknown)} of {total} observations are of points that "
-            f"the survey has not, and left out: {_some(unknown)}"
+            f"are not in the survey, and left out: {_some(unknown)}"
         )
     if unobserved:
         notes.append(f"{len(unobserved)} surveyed points were never observed: {_some(unobserved)}")

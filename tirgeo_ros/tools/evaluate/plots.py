@@ -58,14 +58,13 @@ def plots(found: Evaluation) -> Iterator[Plot]:
         "controller reports it and as it is used (Figures 18 to 20).",
         [_attitudes(found, best, start_ns)],
     )
-    innovations = best.series.innovations()
-    if innovations:
+    if best.series.sources:
         yield Plot(
             "Innovations and test ratios",
             f"Under {best.method}: each measurement's difference from the prediction (north, "
             "east, down in blue, orange, green), and its square over the gate; above 1 it is "
             "refused.",
-            [_innovations(source, start_ns, *some) for source, some in innovations.items()],
+            [_innovations(best, source, start_ns) for source in sorted(best.series.sources)],
         )
 
 
@@ -162,12 +161,11 @@ def _angle(
     panel.plot((stamps - start_ns) * 1e-9, angle, color=colour, label=name)
 
 
-def _innovations(
-    source: str, start_ns: int, stamps: IntArray, innovation: Array, ratio: Array
-) -> bytes:
+def _innovations(best: MethodResult, source: str, start_ns: int) -> bytes:
     """Return an SVG: the innovations of one source above their test ratios."""
     made, (above, below) = figure(_WIDTH_IN, 3.4, 2, 1, sharex=True)
-    t_s = (stamps - start_ns) * 1e-9
+    stamps, rows = best.series[source]
+    t_s, ratio, innovation = (stamps - start_ns) * 1e-9, rows[:, 0], rows[:, 1:]
     is_heading = innovation.shape[1] == 1
     for k, row in enumerate((np.degrees(innovation) if is_heading else innovation).T):
         above.plot(t_s, row, ".", markersize=2.5, color=COLOURS[k])

@@ -77,15 +77,16 @@ class MethodSeries(Series):
     """Collect a method's results over a flight; a Watcher.
 
     The kinds are ``place`` (latitude, longitude, rad), ``body`` and ``camera`` (roll, pitch, yaw,
-    rad; the camera's relative to the axes of the tangent plane). With a truth, which only
-    simulated flights have, every body pose is compared with it.
+    rad; the camera's relative to the axes of the tangent plane), and each of ``sources``: test
+    ratio, above 1 is refused, and innovation (m or m/s along north, east, down, or rad). With a
+    truth, which only simulated flights have, every body pose is compared with it.
     """
 
     def __init__(self, truth: TruePoses | None = None) -> None:
         super().__init__()
         self._truth = truth
         self._bodies: list[BodyPose] = []  # in the truth's plane
-        self._innovations: defaultdict[str, list[tuple[int, Verdict]]] = defaultdict(list)
+        self.sources: set[str] = set()
         self._now_ns: int | None = None
 
     @property
@@ -96,7 +97,9 @@ class MethodSeries(Series):
     def heard(self, verdict: Verdict) -> None:
         """Keep a verdict that has an innovation, at the stamp of the sample before."""
         if self._now_ns and verdict.innovation and math.isfinite(verdict.test_ratio):
-            self._innovations[verdict.source.value].append((self._now_ns, verdict))
+            source = verdict.source.value
+            self.sources.add(source)
+            self._rows[source].append((self._now_ns, [verdict.test_ratio, *verdict.innovation]))
 
     def took(self, sample: Sample, found: Registered) -> None:
         """Keep the poses at their rate."""
@@ -115,18 +118,3 @@ class MethodSeries(Series):
     def body_errors(self) -> BodyErrors | None:
         """Return the errors of the body's poses after settling; None without a truth."""
         return None if self._truth is None else body_errors(self._bodies, self._truth, SETTLED_S)
-
-    def innovations(self) -> dict[str, tuple[IntArray, Array, Array]]:
-        """Return stamps (N,), innovations (N, k) and test ratios (N,) by source, sorted by name.
-
-        Innovations are m or m/s along north, east, down, or rad. A ratio above 1 is refused.
-        """
-        found = {}
-        for source, kept in sorted(self._innovations.items()):
-            some = kept[:: max(len(kept) // _SHOWN, 1)]
-            found[source] = (
-                np.array([stamp for stamp, _ in some], np.int64),
-                np.array([verdict.innovation for _, verdict in some]),
-                np.array([verdict.test_ratio for _, verdict in some]),
-            )
-        return found

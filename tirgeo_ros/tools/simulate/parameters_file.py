@@ -16,15 +16,15 @@ _HEAD = """\
 # The nodes' parameters for the simulated flight {name}, written by 'tirgeo simulate'.
 # They make 'map' the plane of truth.mcap. The map itself is given by --map or map:=.
 """
-#: The filter's own beliefs of the IMU, which are not of the flight.
-_BELIEFS = {"gyro_turn_on_bias", "accel_turn_on_bias"}
+#: Priors of the filter, which are no properties of the flight.
+_PRIORS = {"gyro_turn_on_bias", "accel_turn_on_bias"}
 
 
 def parameters_text(scenario: Scenario) -> str:
     """Return a ROS 2 parameter file: the aircraft for all nodes, then each node's own part."""
     site, order = scenario.site, scenario.gimbal.joint_order
     noise = values_of(scenario.imu.noise).items()
-    imu = {name: _plain(value) for name, value in noise if name not in _BELIEFS}
+    imu = {name: _plain(value) for name, value in noise if name not in _PRIORS}
     if scenario.imu.averages:
         imu["delay_s"] = 0.5 / scenario.imu.rate_hz  # its group delay
     joints: dict[str, object] = {} if order == USUAL_ORDER else {"joint_order": order}

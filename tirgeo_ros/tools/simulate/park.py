@@ -7,8 +7,7 @@ seed give the same park.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -85,10 +84,9 @@ def lay_out(scenario: ParkScenario, seed: int) -> Park:
 
 
 def _bed(rng: np.random.Generator, scenario: ParkScenario, row: int, column: int) -> Bed:
-    shape = _SHAPES[int(rng.integers(len(_SHAPES)))]
     # The bed stays inside the paths around its cell.
     size = 0.5 * scenario.cell_m - _WIDE_M / 2 - 0.5
-    outline, holes = shape(rng)
+    outline, holes = _shape(rng)
     angle = (math.pi / 2) * rng.integers(4) + math.radians(rng.uniform(-9, 9))
     turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
     scale = size * rng.uniform(0.7, 0.88, 2)
@@ -186,56 +184,35 @@ def _spots(
     return found
 
 
-# --- shapes: in a square from -1 to 1, clockwise seen from above (first axis north) --------------
-
-Rings = tuple[Array, tuple[Array, ...]]
-
-
-def _cut_rectangle(rng: np.random.Generator) -> Rings:
-    cut = rng.uniform(0.4, 0.9)
-    return np.array([[1, -1], [1, 1 - cut], [1 - cut, 1], [-1, 1], [-1, -1]]), ()
-
-
-def _angle(rng: np.random.Generator) -> Rings:
-    a, b = rng.uniform(-0.3, 0.3, 2)
-    return np.array([[1, -1], [1, a], [b, a], [b, 1], [-1, 1], [-1, -1]]), ()
-
-
-def _tee(rng: np.random.Generator) -> Rings:
-    a, b = rng.uniform(0.25, 0.5), rng.uniform(-0.2, 0.4)
-    ring = [[1, -1], [1, 1], [b, 1], [b, a], [-1, a], [-1, -a], [b, -a], [b, -1]]
-    return np.array(ring), ()
-
-
-def _trapezoid(rng: np.random.Generator) -> Rings:
-    a, b = rng.uniform(0.35, 0.85, 2)
-    return np.array([[1, -a], [1, b], [-1, 1], [-1, -1]]), ()
-
-
-def _star(rng: np.random.Generator) -> Rings:
-    inner = rng.uniform(0.45, 0.6)
-    angles = np.arange(10) * math.pi / 5
-    radii = np.where(np.arange(10) % 2 == 0, 1.0, inner)
-    return np.stack([radii * np.cos(angles), radii * np.sin(angles)], -1), ()
+def _shape(rng: np.random.Generator) -> tuple[Array, list[Array]]:
+    """Return outline and holes in a square from -1 to 1, clockwise seen from above."""
+    square = np.array([[1.0, -1.0], [1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0]])  # north comes first
+    ring: Any
+    holes: list[Array] = []
+    match int(rng.integers(7)):
+        case 0:  # a rectangle with one corner cut off
+            cut = rng.uniform(0.4, 0.9)
+            ring = [[1, -1], [1, 1 - cut], [1 - cut, 1], [-1, 1], [-1, -1]]
+        case 1:  # an L
+            a, b = rng.uniform(-0.3, 0.3, 2)
+            ring = [[1, -1], [1, a], [b, a], [b, 1], [-1, 1], [-1, -1]]
+        case 2:  # a T
+            a, b = rng.uniform(0.25, 0.5), rng.uniform(-0.2, 0.4)
+            ring = [[1, -1], [1, 1], [b, 1], [b, a], [-1, a], [-1, -a], [b, -a], [b, -1]]
+        case 3:  # a trapezoid
+            a, b = rng.uniform(0.35, 0.85, 2)
+            ring = [[1, -a], [1, b], [-1, 1], [-1, -1]]
+        case 4:  # a star of five points
+            radii = np.where(np.arange(10) % 2 == 0, 1.0, rng.uniform(0.45, 0.6))
+            ring = radii[:, None] * _regular(10)
+        case 5:  # a hexagon around a square lawn
+            ring, holes = _regular(6), [rng.uniform(0.3, 0.45) * square]
+        case _:  # a rectangle around a rectangular basin
+            ring, holes = square, [square * rng.uniform(0.35, 0.6, 2)]
+    return np.array(ring), holes
 
 
-def _hexagon_around_lawn(rng: np.random.Generator) -> Rings:
-    angles = np.arange(6) * math.pi / 3
-    outer = np.stack([np.cos(angles), np.sin(angles)], -1)
-    return outer, (rng.uniform(0.3, 0.45) * _SQUARE,)
-
-
-def _frame_around_basin(rng: np.random.Generator) -> Rings:
-    return _SQUARE, (_SQUARE * rng.uniform(0.35, 0.6, 2),)
-
-
-_SQUARE = np.array([[1.0, -1.0], [1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0]])
-_SHAPES: tuple[Callable[[np.random.Generator], Rings], ...] = (
-    _cut_rectangle,
-    _angle,
-    _tee,
-    _trapezoid,
-    _star,
-    _hexagon_around_lawn,
-    _frame_around_basin,
-)
+def _regular(corners: int) -> Array:
+    """Return a regular polygon (corners, 2), its first corner at the north."""
+    angles = np.arange(corners) * 2 * math.pi / corners
+    return np.stack([np.cos(angles), np.sin(angles)], -1)

@@ -55,7 +55,7 @@ class Renderer:
         # Single precision is enough: 1e-5 m at some 100 m.
         place = position_p.astype(np.float32)
         height, loss = self._relief.met(place, rays_p)
-        seen = loss > self._relief.met(position_p, rays_p[:1])[0] / _FAR_M
+        seen = loss > height / _FAR_M
         depth = height / np.where(seen, loss, np.float32(1))
         north = (place[0] + depth * rays_p[:, 0]).reshape(self._shape)
         east = (place[1] + depth * rays_p[:, 1]).reshape(self._shape)
