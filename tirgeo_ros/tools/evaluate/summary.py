@@ -20,7 +20,7 @@ from tirgeo_ros.io.files.whole_files import (
     write_files,
 )
 from tirgeo_ros.tools.evaluate.report import report_html
-from tirgeo_ros.tools.evaluate.result import Evaluation, LocatedPoint, MethodResult
+from tirgeo_ros.tools.evaluate.result import Evaluation, LocatedPoint, MethodResult, RefusedPoint
 from tirgeo_ros.tools.evaluate.series import SETTLED_S
 from tirgeo_ros.tools.evaluate.verdict import verdict
 from tirgeo_ros.tools.replay.finding_lines import finding_items
@@ -133,7 +133,8 @@ def _points_csv(found: Evaluation) -> str:
 def _observations_csv(found: Evaluation) -> str:
     rows: list[list[object]] = [list(_OBSERVATION_COLUMNS)]
     for one in found.methods:
-        for point in (*one.located, *one.refused):
+        points: list[LocatedPoint | RefusedPoint] = [*one.located, *one.refused]
+        for point in points:
             lead = [point.id, point.stamp_ns, *(f"{px:.3f}" for px in point.uv), one.method]
             if isinstance(point, LocatedPoint):
                 rows.append([*lead, *_measured(point), ""])
