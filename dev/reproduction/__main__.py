@@ -13,13 +13,12 @@ import re
 import shlex
 import sys
 import tempfile
-import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from dev.reproduction.markdown import Results
-from dev.reproduction.tables import filled
+from dev.reproduction.ground import askew, located, p_values
+from dev.reproduction.tables import Results, boards, ground_factors, imu_noise
 from tirgeo_ros.core.types.errors import CalibrationError, TirgeoError
 from tirgeo_ros.io.files.whole_files import write_files
 from tirgeo_ros.tools.cli.main import parser_of, plain, verbs
@@ -38,26 +37,19 @@ _QUICK = {
 
 
 def commands(block: str, names: Sequence[str]) -> dict[str, list[str]]:
-    """Return the words of a shell block's commands by name, with its loop over seeds unrolled."""
-    block = _FILE.sub("", block).replace("\\\n", " ")
-    lines = [line for line in block.splitlines() if line.strip()]
-    named: list[tuple[str, str]] = []
-    loop: list[tuple[str, str]] | None = None
-    seeds: list[str] = []
-    unused = iter(names)
-    for line in lines:
+    """Return the words of a shell block's commands by name, each in a loop once for each seed."""
+    unused, seeds = iter(names), [""]
+    found: dict[str, list[str]] = {}
+    for line in _FILE.sub("", block).replace("\\\n", " ").splitlines():
         if line.startswith("for seed in "):
-            seeds, loop = line.removeprefix("for seed in ").removesuffix("; do").split(), []
+            seeds = line.removeprefix("for seed in ").removesuffix("; do").split()
         elif line == "done":
-            named += [
-                (name.replace("$seed", seed), words.replace("$seed", seed))
-                for seed in seeds
-                for name, words in loop or ()
-            ]
-            loop = None
-        else:
-            (named if loop is None else loop).append((next(unused), line))
-    return {name: shlex.split(line) for name, line in named}
+            seeds = [""]
+        elif line.strip():
+            name = next(unused)
+            for seed in seeds:
+                found[name.replace("$seed", seed)] = shlex.split(line.replace("$seed", seed))
+    return found
 
 
 def parsed(words: Sequence[str]) -> argparse.Namespace:
@@ -99,38 +91,13 @@ def carried_out(template: str, work: Path) -> Results:
 
 
 def page(template: str, found: Results) -> str:
-    """Return the page: the commands as they stand, the words filled in and folded."""
-    values = filled(found)
+    """Return the page: the commands as they stand, the words in braces filled in."""
+    values = ground_factors(found) | imu_noise(found["allan"]) | located(found)
+    values |= askew(found) | {"p_values": p_values(found)} | boards(found)
     parts = re.split(r"^(```sh.*?^```\n)", template, flags=re.MULTILINE | re.DOTALL)
-    parts[::2] = [_folded(part.format_map(values)) for part in parts[::2]]
+    parts[::2] = [part.format_map(values) for part in parts[::2]]
     parts[1::2] = [re.sub(r"\A```sh[^\n]*", "```sh", part) for part in parts[1::2]]
     return "".join(parts)
-
-
-def _folded(text: str) -> str:
-    """Fold paragraphs and items of lists; headings, comments and tables stay."""
-
-    def fold(paragraph: str) -> str:
-        if not paragraph.strip() or paragraph.lstrip().startswith(("#", "<", "|")):
-            return paragraph
-        items = re.split(r"\n(?=- )", paragraph.strip("\n"))
-        lines = [
-            textwrap.fill(
-                " ".join(item.split()),
-                98,
-                subsequent_indent="  " * item.startswith("- "),
-                break_long_words=False,
-                break_on_hyphens=False,
-            )
-            for item in items
-        ]
-        return (
-            paragraph[: len(paragraph) - len(paragraph.lstrip("\n"))]
-            + "\n".join(lines)
-            + ("\n" if paragraph.endswith("\n") else "")
-        )
-
-    return "\n\n".join(map(fold, text.split("\n\n")))
 
 
 def main(argv: Sequence[str] | None = None) -> int:

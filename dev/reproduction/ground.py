@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dev.paper_tables import TABLE_6_AVERAGE_M, TABLE_6_M, TABLE_7
-from dev.reproduction.markdown import Results, fixed, p_value, table
+from dev.reproduction.tables import Results, fixed, p_value, table
 from tirgeo_ros.tools.evaluate.t_test import paired_tests
 
 METHODS = {

@@ -3,38 +3,47 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeAlias
 
-from dev.paper_tables import (
-    TABLE_1,
-    TABLE_2_M,
-    TABLE_5,
-    TABLE_8_DEG,
-    TABLE_9,
-)
-from dev.reproduction.ground import askew, located, p_values
-from dev.reproduction.markdown import Results, fixed, plus_minus, table
+from dev.paper_tables import TABLE_1, TABLE_2_M, TABLE_5, TABLE_8_DEG, TABLE_9
 from tirgeo_ros.core.camera.camera_model import XT2
 
 _AXES = "xyz"
+#: Results of the commands by name.
+Results: TypeAlias = Mapping[str, Mapping[str, Any]]
 
 
-def filled(found: Results) -> dict[str, object]:
-    """Return what the template's words in braces stand for."""
-    return (
-        _budget(found)
-        | _imu(found["allan"])
-        | located(found)
-        | askew(found)
-        | {"p_values": p_values(found)}
-        | _boards(found)
-    )
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table whose source is in columns too; all but the first to the right."""
+    widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
+    rule = ["-" * widths[0], *("-" * (width - 1) + ":" for width in widths[1:])]
+    lines = []
+    for cells in (head, rule, *rows):
+        first, *others = zip(cells, widths, strict=True)
+        padded = [first[0].ljust(first[1]), *(cell.rjust(width) for cell, width in others)]
+        lines.append(f"| {' | '.join(padded)} |")
+    return "\n".join(lines)
 
 
-def _budget(found: Results) -> dict[str, object]:
+def fixed(value: float | None, digits: int) -> str:
+    """Return a number with this many decimals, - for None; no zero has a sign."""
+    return "-" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"
+
+
+def plus_minus(value: float, sigma: float) -> str:
+    """Return a value and its sigma."""
+    return f"{value:.3e} ± {sigma:.1e}"
+
+
+def p_value(value: float | None) -> str:
+    """Return a p-value as the paper prints them."""
+    return "< 0.0001" if value is not None and value < 0.0001 else fixed(value, 4)
+
+
+def ground_factors(found: Results) -> dict[str, object]:
     """Return Tables 1 and 2."""
-    told = found["flight budget"]["flight"]
+    measured = found["flight budget"]["flight"]
     rows = []
     for name, unit, key in (
         ("E_Xcam (east)", "m", "east_error_m"),
@@ -44,8 +53,8 @@ def _budget(found: Results) -> dict[str, object]:
     ):
         paper = TABLE_1[f"{name.split()[0]}_{unit}"]
         # The simulator is given the paper's own numbers.
-        numbers = [f"{fixed(value, 4)} {unit}" for value in (paper, paper, told[key])]
-        rows.append([name, *numbers, f"{told[key] / paper:.2f}"])
+        numbers = [f"{fixed(value, 4)} {unit}" for value in (paper, paper, measured[key])]
+        rows.append([name, *numbers, f"{measured[key] / paper:.2f}"])
     first = table(["error", "paper", "put in", "here", "here / paper"], rows)
     names = ("Position", "Height", "Position3D", "Yaw")
     columns = [[TABLE_2_M[f"Cam{name}"] for name in names]]
@@ -69,8 +78,8 @@ def _budget(found: Results) -> dict[str, object]:
     head = ["mean over the field of view, m", *forms, "Eq. 15-21 / paper"]
     return {
         "sensor_errors": first,
-        "positions": told["positions"],
-        "headings": told["headings"],
+        "positions": measured["positions"],
+        "headings": measured["headings"],
         "ground_factors": table(head, rows),
         "height_off": f"{100 * (ratios[1] - 1):.1f} %",
         "heading_off": f"{100 * (ratios[3] - 1):.1f} %",
@@ -93,7 +102,7 @@ _IMU_ROWS = (
 )
 
 
-def _imu(allan: Mapping[str, Any]) -> dict[str, object]:
+def imu_noise(allan: Mapping[str, Any]) -> dict[str, object]:
     """Return Table 5."""
     axes = {axis["axis"]: axis for axis in allan["axes"]}
     rows, walks = [], []
@@ -139,7 +148,7 @@ def _imu_cells(here: Mapping[str, Any], key: str, paper: float) -> list[str]:
     return [f"{here[key]:.0f}{f' (to a factor of {factor:.1f})' if factor else ''}", ratio]
 
 
-def _boards(found: Results) -> dict[str, object]:
+def boards(found: Results) -> dict[str, object]:
     """Return Tables 8 and 9."""
     wall, truth = found["gimbal"], found["boards"]["angles_std_deg"]
     rows = []

@@ -17,7 +17,7 @@ from tirgeo_ros.tools.cli import main as command
 WRITTEN = {"output", "video", "kml", "cot", "plot", "csv", "residuals", "geotiff"}
 IN_FOLDERS = {
     "budget": ["budget.csv", "height.png"],
-    "evaluate": ["observations.csv", "result.json", "report.html", "params_calibrated.yaml"],
+    "evaluate": ["observations.csv", "result.json", "report.html"],
     "simulate": ["flight.mcap", "map.geojson", "params.yaml"],
     "demo": ["recording.mcap", "overlay.mp4", "still.png", "summary.json"],
 }

@@ -18,12 +18,10 @@ from tirgeo_ros.core.types.errors import SurveyError
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.surveys.survey import Observation, SurveyPoint, save_observations, save_survey
 from tirgeo_ros.tools.evaluate.ground import (
-    Experiment,
-    control_points,
+    experiment_of,
     load_experiment,
     locate_observations,
 )
-from tirgeo_ros.tools.evaluate.projection import projection_of
 from tirgeo_ros.tools.evaluate.result import ground_errors
 
 PLANE = TangentPlane(0.6955, 2.0368, 30.0)
@@ -41,13 +39,6 @@ CURVATURE_M = 2e-3
 def pose_at(t_s, shift_n=(0.0, 0.0)):
     position_n = np.array([SPEED_M_S * t_s + shift_n[0], shift_n[1], -1.5])
     return CameraPose(round(t_s * 1e9), position_n, Q_NC, np.diag(VARIANCES))
-
-
-def history(shift_n=(0.0, 0.0)):
-    poses: PoseBuffer[CameraPose] = PoseBuffer(1e6)
-    for k in range(101):
-        poses.add(pose_at(0.1 * k, shift_n))
-    return poses
 
 
 def flown(points_n, exposures_s):
@@ -73,21 +64,13 @@ def some_points(count=9):
     return PLANE.ned_from_geodetic(lat, lon, GROUND_M), exposures_s
 
 
-PROJECTION = projection_of(
-    "gauss-krueger", np.array([PLANE.latitude_rad]), np.array([PLANE.longitude_rad])
-)
-#: From errors along north and east to those in the projected plane; turned by 0.2 deg there.
-AXES = PROJECTION.local_axes(PLANE.latitude_rad, PLANE.longitude_rad)
-
-
-def experiment(survey, seen):
-    return Experiment(PROJECTION, control_points(survey, PROJECTION), seen)
-
-
-def located(survey, seen, poses=None, ground_m=GROUND_M, latency_s=LATENCY_S):
-    overlay = config_from(OverlayConfig, {"video_latency_s": latency_s})
-    given = experiment(survey, seen)
-    return locate_observations(poses or history(), PLANE, XT2, given, ground_m, overlay)
+def located(survey, seen, shift_n=(0.0, 0.0)):
+    poses: PoseBuffer[CameraPose] = PoseBuffer(1e6)
+    for k in range(101):
+        poses.add(pose_at(0.1 * k, shift_n))
+    overlay = config_from(OverlayConfig, {"video_latency_s": LATENCY_S})
+    given = experiment_of(survey, seen, "gauss-krueger")
+    return locate_observations(poses, PLANE, XT2, given, GROUND_M, overlay)
 
 
 def test_points_come_back_where_they_are():
@@ -95,21 +78,22 @@ def test_points_come_back_where_they_are():
     found, refused = located(survey, seen)
     assert [one.id for one in found] == [one.id for one in seen]
     assert not refused
-    assert max(one.distance_m for one in found) < CURVATURE_M
+    assert ground_errors(found).distance_m.max() < CURVATURE_M
     assert all(one.is_inside for one in found)
 
 
 def test_camera_shift_is_the_ground_error():
     survey, seen = flown(*some_points())
-    found, _ = located(survey, seen, history((0.7, -0.4)))
-    expected = AXES @ [0.7, -0.4]
+    found, _ = located(survey, seen, (0.7, -0.4))
+    given = experiment_of(survey, seen, "gauss-krueger")
+    # the axes of the projected plane are turned by 0.2 deg there
+    expected = given.projection.local_axes(PLANE.latitude_rad, PLANE.longitude_rad) @ [0.7, -0.4]
     assert expected[0] == pytest.approx(-0.4, abs=0.01)  # east comes first
     for one in found:
         np.testing.assert_allclose(one.error_en, expected, atol=CURVATURE_M)
-        point = control_points(survey, PROJECTION)[one.id]
-        np.testing.assert_allclose(
-            [one.east_m - point.east_m, one.north_m - point.north_m], one.error_en, atol=1e-9
-        )
+        point = given.control[one.id]
+        surveyed_en = given.projection.project(point.latitude_rad, point.longitude_rad)
+        np.testing.assert_allclose(one.place_en - surveyed_en, one.error_en, atol=1e-9)
     assert ground_errors(found).rmse_m == pytest.approx(math.hypot(0.7, 0.4), abs=CURVATURE_M)
     assert not any(one.is_inside for one in found)  # of centimetres
 

@@ -6,8 +6,6 @@ import contextlib
 import io
 import os
 
-import pytest
-
 from tirgeo_ros.tools.presentation.progress import Progress
 
 
@@ -23,26 +21,13 @@ class Clock:
         return self.now_s
 
 
-@pytest.fixture(autouse=True)
-def wide(monkeypatch):
-    monkeypatch.setenv("COLUMNS", "120")
-
-
-def made(stream, unit="s"):
+def made(stream):
     clock = Clock()
-    return Progress("reading", unit, stream=stream, clock=clock), clock
+    return Progress("reading", "s", stream=stream, clock=clock), clock
 
 
-def test_nothing_is_drawn_where_there_is_no_terminal():
-    stream = io.StringIO()
-    bar, clock = made(stream)
-    with bar:
-        clock.now_s += 60
-        bar(5, 10)
-    assert not stream.getvalue()
-
-
-def test_part_rate_and_time_left():
+def test_part_rate_and_time_left(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "120")
     stream = Terminal()
     bar, clock = made(stream)
     clock.now_s += 4
@@ -52,25 +37,20 @@ def test_part_rate_and_time_left():
     )
 
 
-def test_the_line_is_redrawn_ten_times_a_second_at_most():
-    stream = Terminal()
-    bar, clock = made(stream)
-    clock.now_s += 3
-    for done in range(100):
-        clock.now_s += 0.01
-        bar(done, 100)
-    assert 9 <= stream.getvalue().count("\r") <= 11
-
-
-def test_the_line_fits_and_is_wiped(monkeypatch):
+def test_the_line_is_redrawn_ten_times_a_second_at_most_fits_and_is_wiped(monkeypatch):
     monkeypatch.setenv("COLUMNS", "30")
-    stream = Terminal()
-    bar, clock = made(stream)
-    with bar:
-        clock.now_s += 4
-        bar(7200, 1e9)
-        assert len(stream.getvalue().removeprefix("\r\x1b[K")) == 29
+    stream, silent = Terminal(), io.StringIO()
+    (bar, clock), (quiet, _) = made(stream), made(silent)
+    with bar, quiet:
+        for done in range(100):
+            clock.now_s += 0.01
+            bar(done, 1e9)
+            quiet(done, 1e9)
+        lines = stream.getvalue().split("\r\x1b[K")[1:]
+        assert 9 <= len(lines) <= 11
+        assert {len(line) for line in lines} == {29}
     assert stream.getvalue().endswith("\r\x1b[K")
+    assert not silent.getvalue()  # no terminal
 
 
 def test_a_terminal_that_is_gone_does_not_end_the_work():

@@ -9,10 +9,7 @@ import pytest
 
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.frames.heading import wrap_pi
-from tirgeo_ros.core.frames.rotations import (
-    euler_from_quat,
-    matrix_from_quat,
-)
+from tirgeo_ros.core.frames.rotations import euler_from_quat, matrix_from_quat
 from tirgeo_ros.core.gimbal.joint_geometry import joint_angles
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
@@ -51,15 +48,6 @@ def rms(errors):
     return np.sqrt(np.mean(np.square(errors), axis=0))
 
 
-def antenna_errors(flight, source, lever_arm_m):
-    """(N, 3) reported less true position of an antenna, in the site's plane."""
-    samples = samples_of(flight, PositionSample, source)
-    truth, rows = flight.truth, rows_at(flight, samples)
-    places = np.array([(s.latitude_rad, s.longitude_rad, s.height_m) for _, s in samples])
-    arm = matrix_from_quat(truth.q_nb[rows]) @ flu_from_frd(np.array(lever_arm_m))
-    return flight.plane.ned_from_geodetic(*places.T) - truth.position_p[rows] - arm
-
-
 def test_samples_arrive_in_order_and_at_their_rates(flight):
     arrivals = [arrival for arrival, _ in flight.samples]
     assert arrivals == sorted(arrivals)
@@ -71,24 +59,21 @@ def test_samples_arrive_in_order_and_at_their_rates(flight):
     assert delays == {80_000_000}
 
 
-def test_rtk_positions_have_their_noise(flight):
-    errors = antenna_errors(flight, Source.RTK_POSITION, flight.scenario.rtk.lever_arm_m)
-    # 536 draws: one sigma of a standard deviation is 3.1 %.
-    np.testing.assert_allclose(rms(errors), [0.01, 0.01, 0.02], rtol=4 * 0.031)
-    fixes = samples_of(flight, PositionSample, Source.RTK_POSITION)
-    assert {sample.status for _, sample in fixes} == {FixStatus.FIXED}
-    np.testing.assert_allclose(fixes[0][1].covariance_n, np.diag([1e-4, 1e-4, 4e-4]))
-
-
-def test_rtk_velocities_are_those_of_the_antenna(flight):
-    samples = samples_of(flight, VelocitySample, Source.RTK_VELOCITY)
-    truth, rows = flight.truth, rows_at(flight, samples)
-    # The difference quotient of the antenna's true position over 20 ms.
+def test_rtk_fixes_are_those_of_the_antenna_with_their_noise(flight):
+    truth = flight.truth
     arm = matrix_from_quat(truth.q_nb) @ flu_from_frd(np.array(flight.scenario.rtk.lever_arm_m))
     path = truth.position_p + arm
-    inner = [k for k, row in enumerate(rows) if 0 < row < len(path) - 1]
-    true = np.array([(path[rows[k] + 1] - path[rows[k] - 1]) / 0.02 for k in inner])
-    errors = np.array([samples[k][1].velocity_n for k in inner]) - true
+    fixes = samples_of(flight, PositionSample, Source.RTK_POSITION)
+    places = np.array([(s.latitude_rad, s.longitude_rad, s.height_m) for _, s in fixes])
+    errors = flight.plane.ned_from_geodetic(*places.T) - path[rows_at(flight, fixes)]
+    # 536 draws: one sigma of a standard deviation is 3.1 %.
+    np.testing.assert_allclose(rms(errors), [0.01, 0.01, 0.02], rtol=4 * 0.031)
+    assert {sample.status for _, sample in fixes} == {FixStatus.FIXED}
+    np.testing.assert_allclose(fixes[0][1].covariance_n, np.diag([1e-4, 1e-4, 4e-4]))
+    samples = samples_of(flight, VelocitySample, Source.RTK_VELOCITY)[1:-1]
+    rows = np.array(rows_at(flight, samples))
+    true = (path[rows + 1] - path[rows - 1]) / 0.02  # the difference quotient over 20 ms
+    errors = np.array([sample.velocity_n for _, sample in samples]) - true
     np.testing.assert_allclose(rms(errors), 0.02, rtol=4 * 0.031)
 
 

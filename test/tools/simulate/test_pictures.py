@@ -1,4 +1,4 @@
-"""The park, its painting, and that things stand in the picture where the camera sees them."""
+"""The park, and that things stand in the picture where the camera sees them; other cameras."""
 
 from __future__ import annotations
 
@@ -11,15 +11,14 @@ import pytest
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler, quat_multiply
+from tirgeo_ros.io import messages as convert
+from tirgeo_ros.io.bags.bag import BagReader, Cdr
+from tirgeo_ros.tools.simulate import simulate
 from tirgeo_ros.tools.simulate.ground import Ground
 from tirgeo_ros.tools.simulate.map_file import map_text
 from tirgeo_ros.tools.simulate.park import lay_out
-from tirgeo_ros.tools.simulate.renderer import Renderer
-from tirgeo_ros.tools.simulate.scenario_ground import (
-    ParkScenario,
-    SiteScenario,
-    VideoScenario,
-)
+from tirgeo_ros.tools.simulate.renderer import COUNTS_OF_0, COUNTS_PER_GREY, Renderer
+from tirgeo_ros.tools.simulate.scenario_ground import ParkScenario, SiteScenario, VideoScenario
 
 SMALL = ParkScenario(north_m=(0.0, 60.0), east_m=(-28.0, 28.0), margin_m=20.0, resolution_m=0.05)
 HEIGHT_M = 20.0
@@ -87,3 +86,47 @@ def test_the_map_is_the_park_in_rfc_7946():
         true = np.column_stack([bed.outline, np.zeros(len(bed.outline))])
         apart = np.linalg.norm(placed[:, None] - true[None], axis=-1).min(axis=1)
         assert apart.max() < 2e-4  # nine decimals of a degree, four of a metre
+
+
+OTHER = """\
+duration_s: 6.0
+route: {hover_s: 1.0}
+video: {width: 320, height: 256, fov_deg: 57.0, distortion: [], bits: 16, rate_hz: 5.0}
+park: {resolution_m: 0.2}
+scene: {people: 12}
+survey: {points: 4, views: 2, after_s: 0.0, apart_s: 0.5, rows_px: [90, 245], side_px: 20}
+"""
+
+
+def test_the_bag_says_the_camera_of_its_pictures(tmp_path):
+    (tmp_path / "other.yaml").write_text(OTHER)
+    summary = simulate(tmp_path / "other.yaml", tmp_path)
+    assert summary["messages"]["thermal/image_raw"] == 30
+    assert "thermal/image_raw/compressed" not in summary["messages"]
+    cdr, reader = Cdr(), BagReader(tmp_path / "flight.mcap")
+    infos, pictures = (
+        [form(cdr.deserialize(m.data, m.typename)) for m in reader.messages([f"/thermal/{name}"])]
+        for name, form in (("camera_info", convert.camera), ("image_raw", convert.image_pixels))
+    )
+    (camera,) = set(infos)
+    assert (camera.width, camera.height) == (320, 256)
+    assert camera.fx == camera.fy == pytest.approx(160 / np.tan(np.radians(28.5)))
+    assert {(one.shape, one.dtype.name) for one in pictures} == {((256, 320), "uint16")}
+    # Grass to kerbs and people, some ten kelvin: a small part of the range, which no pixel fills.
+    low, high = np.percentile(pictures, [1, 99])
+    assert 20_500 < low < high < 24_500
+    assert np.max(pictures) < 26_000
+
+
+def test_sixteen_bits_hold_what_eight_do():
+    ground = Ground([np.full((64, 64), 100, np.uint8)] * 4, 320.0, -320.0, 10.0)
+    bare = {"noise_grey": 0.0, "vignetting": 0.0}
+    eight, sixteen = (
+        Renderer(XT2, ground, VideoScenario(bits=bits, **bare)).frame(
+            *looking(), np.random.default_rng(0)
+        )
+        for bits in (8, 16)
+    )
+    assert (eight.dtype, sixteen.dtype) == (np.uint8, np.uint16)
+    # Eight bits round to whole grey levels.
+    np.testing.assert_allclose(eight, (sixteen - COUNTS_OF_0) / COUNTS_PER_GREY, atol=0.51)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from tirgeo_ros.core.camera.camera_model import XT2
-from tirgeo_ros.core.frames.rotations import canonical
 from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
@@ -47,8 +46,6 @@ def test_its_inertial_data_and_truth_are_the_scenarios(flight, sample):
         np.testing.assert_allclose(
             [getattr(s, field) for s in said], [getattr(s, field) for s in flown], atol=1e-9
         )
-    said_q, flown_q = (canonical(np.array([s.autopilot_q_nb for s in x])) for x in (said, flown))
-    np.testing.assert_allclose(np.abs(np.sum(said_q * flown_q, axis=1)), 1.0, atol=1e-12)
     true = read(sample / "truth.mcap", "/tirgeo/odometry", convert.body_pose)
     rows = np.isin(flight.truth.stamp_ns, [pose.stamp_ns for pose in true])
     # Earth-fixed coordinates are good to a nanometre.
@@ -72,7 +69,7 @@ def test_its_map_survey_and_parameters_are_the_scenarios(flight, sample):
     )
 
 
-def test_it_shows_a_person_where_its_operator_clicks(flight, sample):
+def test_its_operator_clicks_on_the_person(flight, sample):
     targets = targets_of(flight.scenario, flight.seed)
     told = (sample / "targets.geojson").read_text()
     assert told == targets_text(targets, flight.plane)
@@ -83,24 +80,3 @@ def test_it_shows_a_person_where_its_operator_clicks(flight, sample):
         if START_S * 1e9 <= one.stamp_ns - flight.scenario.start_ns <= END_S * 1e9
     )
     assert (stamp_ns, u, v) == (seen.stamp_ns, pytest.approx(seen.u), pytest.approx(seen.v))
-    cdr, reader = Cdr(), BagReader(sample / "flight.mcap")
-    (picture,) = (
-        convert.compressed_pixels(cdr.deserialize(m.data, m.typename))
-        for m in reader.messages(["/thermal/image_raw/compressed"])
-        if m.log_time_ns == stamp_ns
-    )
-    around = picture[round(v) - 10 : round(v) + 11, round(u) - 10 : round(u) + 11].astype(float)
-    rows, columns = np.nonzero(around > 170)  # half of the way from grass, 84 here, to 212
-    # 10 px by 6 px, their grey levels rough by the JPEG: half a pixel, less over sixty of them.
-    np.testing.assert_allclose(
-        [columns.mean() - 10, rows.mean() - 10], [u - round(u), v - round(v)], atol=0.3
-    )
-
-
-def test_it_is_small_and_its_pictures_can_be_read(sample):
-    assert sum(path.stat().st_size for path in sample.iterdir()) <= 12e6
-    topic = "/thermal/image_raw/compressed"
-    pictures = read(sample / "flight.mcap", topic, convert.compressed_pixels)
-    assert len(pictures) == 270
-    assert {picture.shape for picture in pictures} == {(512, 640)}
-    assert BagReader(sample / "flight.mcap").damage is None

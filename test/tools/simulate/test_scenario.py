@@ -38,9 +38,7 @@ def test_the_paper_flight_is_the_default_and_says_so_in_full():
         ("route:\n  shape: spiral", r"bad.yaml: .*route.shape: 'spiral' is not one of lawnmower"),
         ("start_utc: noon", r"bad.yaml: start_utc: 'noon' is not a time such as"),
         ("start_utc: 2040-01-01T00:00:00Z", r"bad.yaml: start_utc: 2040.* outside 1970 to 2038"),
-        ("start_utc: 1900-01-01T00:00:00Z", r"bad.yaml: start_utc: 1900.* outside 1970 to 2038"),
         ("rtk:\n  lever_arm_m: [1, 2]", r"bad.yaml: parameter rtk.lever_arm_m: needs 3 numbers"),
-        ("heading:\n  offset_deg: 90", r"bad.yaml: .*heading.offset_deg is now .* rtk.second_ant"),
         ("rtk:\n  second_antenna_m: [-0.1, 0.3, 0]", r"bad.yaml: .* too little for a heading"),
         ("park:\n  north_m: [9, -9]", r"bad.yaml: park.north_m: 9 to -9 holds no cell"),
         ("video:\n  bits: 12", r"bad.yaml: parameter video.bits: 12 is neither 8 nor 16"),
@@ -50,7 +48,6 @@ def test_the_paper_flight_is_the_default_and_says_so_in_full():
             r"bad.yaml: parameter scene.people_at: needs 0, 4, 8, ... or 400 numbers, has 3",
         ),
         ("- 1", r"bad.yaml: holds no scenario"),
-        ("a: [", r"bad.yaml: line 1: not YAML"),
         ("seed: 1\nseed: 2", r"bad.yaml: line 2: not YAML: key seed stands twice"),
     ],
 )
@@ -59,8 +56,3 @@ def test_a_bad_scenario_is_refused_with_file_and_key(tmp_path, text, message):
     path.write_text(text)
     with pytest.raises(ScenarioError, match=message):
         load_scenario(path)
-
-
-def test_an_absent_scenario_is_named(tmp_path):
-    with pytest.raises(ScenarioError, match=r"none.yaml: cannot be read: No such file"):
-        load_scenario(tmp_path / "none.yaml")

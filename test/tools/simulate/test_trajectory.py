@@ -80,14 +80,10 @@ def integrate(trajectory, duration_s, step_s):
 @pytest.mark.parametrize(
     ("shape", "site"),
     [
-        ("lawnmower", (39.85, 116.70, 11.5)),
         ("hover", (39.85, 116.70, 11.5)),
-        ("figure_eight", (39.85, 116.70, 11.5)),
         ("figure_eight", (-45.0, 170.5, 300.0)),
         ("lawnmower", (-17.0, 179.9999, 5.0)),  # over the antimeridian
-        ("lawnmower", (80.0, 20.0, 100.0)),
         ("lawnmower", (-89.0, 20.0, 2800.0)),
-        ("figure_eight", (31.5, 35.5, -400.0)),
     ],
 )
 def test_integrating_the_perfect_imu_gives_the_trajectory_back(shape, site):
@@ -124,24 +120,21 @@ def test_what_the_receiver_says_is_true_beside_the_antimeridian_and_the_pole():
         "duration_s": 20.0,
         "route.heading_deg": 90.0,
         "imu.rate_hz": 50.0,
-        "rtk.position_sigma_m": (0.0, 0.0, 0.0),
-        "rtk.lever_arm_m": (0.0, 0.0, 0.0),
+        **{f"rtk.{name}_m": (0.0, 0.0, 0.0) for name in ("position_sigma", "lever_arm")},
         "rtk.second_antenna_m": (1.0, 0.0, 0.0),
-        "heading.sigma_deg": 0.0,
-        "heading.step_deg": 0.0,
+        **{f"heading.{name}_deg": 0.0 for name in ("sigma", "step")},
     }
     flown = fly(scenario_from(values))
-    truth = {stamp: k for k, stamp in enumerate(flown.truth.stamp_ns)}
+    truth, rows = flown.truth, {stamp: k for k, stamp in enumerate(flown.truth.stamp_ns)}
     fixes = [s for _, s in flown.samples if getattr(s, "source", None) is Source.RTK_POSITION]
     assert max(s.longitude_rad for s in fixes) <= math.pi
     assert min(s.longitude_rad for s in fixes) < -3.14
     for fix in fixes:
-        k = truth[fix.stamp_ns]
-        apart = wrap_pi(fix.longitude_rad - flown.truth.longitude_rad[k])
+        k = rows[fix.stamp_ns]
+        apart = wrap_pi(fix.longitude_rad - truth.longitude_rad[k])
         assert apart == pytest.approx(0.0, abs=1e-14)
-        assert fix.latitude_rad == pytest.approx(flown.truth.latitude_rad[k], abs=1e-15)
-    headings = [s for _, s in flown.samples if isinstance(s, HeadingSample)]
-    for sample in headings:
-        true = euler_from_quat(flown.truth.q_nb[truth[sample.stamp_ns]])[2]
+        assert fix.latitude_rad == pytest.approx(truth.latitude_rad[k], abs=1e-15)
+    for sample in (s for _, s in flown.samples if isinstance(s, HeadingSample)):
+        true = euler_from_quat(truth.q_nb[rows[sample.stamp_ns]])[2]
         # 42 m east there, meridians have turned by 0.02 deg.
         assert wrap_pi(sample.heading_rad - true) == pytest.approx(0.0, abs=1e-12)

@@ -7,8 +7,8 @@ covariance.
 
 from __future__ import annotations
 
-import dataclasses
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -26,23 +26,13 @@ from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
-from tirgeo_ros.io.files.whole_files import csv_text
 
 STEP_PX = 4
-
-
-@dataclass(frozen=True)
-class Sigmas:
-    """Hold the input errors of a budget: Table 1 of the paper, and Table 8 for the gimbal."""
-
-    east_error_m: float = 1.2846
-    north_error_m: float = 0.9342
-    height_error_m: float = 2.8017
-    heading_error_deg: float = 1.7972
-    roll_error_deg: float = 0.2704
-    pitch_error_deg: float = 0.4839
-
-
+#: Input errors of a budget.
+ERRORS = (
+    *("east_error_m", "north_error_m", "height_error_m"),
+    *("heading_error_deg", "roll_error_deg", "pitch_error_deg"),
+)
 #: Factor -> indices of the pose covariance: ahead, right, down and the rotations about them.
 _PARTS = {
     "position": [0, 1],
@@ -56,46 +46,24 @@ _PARTS = {
 
 @dataclass(frozen=True)
 class Setting:
-    """Hold the input of a budget. Raise CalibrationError for a view that sees no ground."""
+    """Hold the input of a budget. Raise CalibrationError for a view that sees no ground.
+
+    The errors are Table 1 of the paper, and Table 8 for the gimbal.
+    """
 
     camera: Camera = XT2
     height_m: float = 20.0  # of the camera above the ground
     depression_deg: float = 30.0  # of the optical axis below the horizon
     speed_m_s: float = 3.0  # ahead
-    sigmas: Sigmas = field(default_factory=Sigmas)
+    east_error_m: float = 1.2846
+    north_error_m: float = 0.9342
+    height_error_m: float = 2.8017
+    heading_error_deg: float = 1.7972
+    roll_error_deg: float = 0.2704  # about the optical axis
+    pitch_error_deg: float = 0.4839
     confidence: ConfidenceConfig = field(default_factory=ConfidenceConfig)
-    #: (6, 6) covariance of a filter's poses, along ahead, right, down; None: use the sigmas.
+    #: (6, 6) covariance of a filter's poses, along ahead, right, down; None: use the errors.
     pose_covariance_a: Array | None = None
-
-    @property
-    def covariances_a(self) -> dict[str, Array]:
-        """Return the covariances (6, 6) by factor, along ahead, right, down: m2, phi rad2."""
-        if self.pose_covariance_a is not None:
-            return {name: _only(self.pose_covariance_a, k) for name, k in _PARTS.items()}
-        sigmas, depression = self.sigmas, math.radians(self.depression_deg)
-        # Roll is about the optical axis.
-        axis_a = np.array([math.cos(depression), 0.0, math.sin(depression)])
-        roll, tilt = np.zeros((6, 6)), np.zeros(6)
-        roll[3:, 3:] = math.radians(sigmas.roll_error_deg) ** 2 * np.outer(axis_a, axis_a)
-        tilt[4] = math.radians(sigmas.pitch_error_deg)
-        # North is taken as ahead: the sum of both errors does not depend on it.
-        level = np.zeros(6)
-        level[:2] = sigmas.north_error_m, sigmas.east_error_m
-        height, heading = np.zeros(6), np.zeros(6)
-        height[2], heading[5] = sigmas.height_error_m, math.radians(sigmas.heading_error_deg)
-        parts = {
-            "position": np.diag(level**2),
-            "height": np.diag(height**2),
-            "heading": np.diag(heading**2),
-            "tilt": np.diag(tilt**2) + roll,
-        }
-        parts["position 3d"] = parts["position"] + parts["height"]
-        return parts | {"pose": parts["position 3d"] + parts["heading"] + parts["tilt"]}
-
-    @property
-    def rates_a(self) -> Array:
-        """Return the camera's velocity and rotation rate (6,), m/s, rad/s: for time errors."""
-        return np.array([self.speed_m_s, 0, 0, 0, 0, 0])
 
     def __post_init__(self) -> None:
         """Check that the camera sees ground, and that the errors are valid."""
@@ -103,7 +71,7 @@ class Setting:
             raise CalibrationError(
                 f"the camera is {self.height_m:g} m above the ground: give more"
             )
-        for name, value in dataclasses.asdict(self.sigmas).items():
+        for name, value in self.errors.items():
             if not 0 <= value < math.inf:
                 raise CalibrationError(f"{name} is {value:g}: give 0 or more")
         if not 0 < self.depression_deg <= 90:
@@ -111,12 +79,30 @@ class Setting:
                 f"the camera looks down by {self.depression_deg:g} deg: give above 0 to 90"
             )
 
+    @property
+    def errors(self) -> dict[str, float]:
+        """Return the input errors by name."""
+        return {name: getattr(self, name) for name in ERRORS}
 
-def _only(covariance: Array, which: list[int]) -> Array:
-    left = np.zeros_like(covariance)
-    part = np.ix_(which, which)
-    left[part] = covariance[part]
-    return left
+    @property
+    def covariances_a(self) -> dict[str, Array]:
+        """Return the covariances (6, 6) by factor, along ahead, right, down: m2, phi rad2."""
+        if self.pose_covariance_a is not None:
+            inside = {name: np.isin(range(6), which) for name, which in _PARTS.items()}
+            return {n: self.pose_covariance_a * np.outer(k, k) for n, k in inside.items()}
+        # North is taken as ahead: the sum of both errors does not depend on it.
+        sigmas = {
+            "position": [self.north_error_m, self.east_error_m, 0, 0, 0, 0],
+            "height": [0, 0, self.height_error_m, 0, 0, 0],
+            "heading": [0, 0, 0, 0, 0, math.radians(self.heading_error_deg)],
+            "tilt": [0, 0, 0, 0, math.radians(self.pitch_error_deg), 0],
+        }
+        parts = {name: np.diag(np.square(row)) for name, row in sigmas.items()}
+        depression = math.radians(self.depression_deg)
+        axis_a = np.array([math.cos(depression), 0.0, math.sin(depression)])
+        parts["tilt"][3:, 3:] += math.radians(self.roll_error_deg) ** 2 * np.outer(axis_a, axis_a)
+        parts["position 3d"] = parts["position"] + parts["height"]
+        return parts | {"pose": parts["position 3d"] + parts["heading"] + parts["tilt"]}
 
 
 @dataclass(frozen=True)
@@ -128,8 +114,8 @@ class Budget:
     """
 
     setting: Setting
-    closed: dict[str, Array]
-    general: dict[str, Array]
+    closed: Mapping[str, Array]
+    general: Mapping[str, Array]
 
     @property
     def ground_share(self) -> float:
@@ -143,19 +129,19 @@ class Budget:
         """
         forms = {"closed": self.closed, "general": self.general}
         return [
-            {"factor": factor, "form": form} | _summary(picture)
+            {"factor": factor, "form": form} | _summary(pictures[factor])
             for factor in dict.fromkeys([*self.closed, *self.general])
             for form, pictures in forms.items()
-            if (picture := pictures.get(factor)) is not None
+            if factor in pictures
         ]
 
 
 def _summary(picture: Array) -> dict[str, object]:
     seen = picture[np.isfinite(picture)]
-    rows, columns = picture.shape
-    at_middle = float(picture[rows // 2, columns // 2])
     if not len(seen):
         raise CalibrationError("the camera sees no ground: look further down")
+    rows, columns = picture.shape
+    at_middle = float(picture[rows // 2, columns // 2])
     return {
         "middle_m": at_middle if math.isfinite(at_middle) else None,
         "mean_m": float(seen.mean()),
@@ -168,9 +154,8 @@ def _summary(picture: Array) -> dict[str, object]:
 def budget(setting: Setting) -> Budget:
     """Compute Equations 15 to 21 over the picture, and the general form."""
     uv, shape = pixel_grid(setting.camera, STEP_PX)
-    view = GroundView.of(
-        setting.camera, looking(math.radians(setting.depression_deg)), setting.height_m, uv
-    )
+    rotation_nc = looking(math.radians(setting.depression_deg))  # to the north
+    view = GroundView.of(setting.camera, rotation_nc, setting.height_m, uv)
     seen = np.isfinite(view.points_n[:, 0])
     closed = {
         name: np.where(seen, picture, np.nan).reshape(shape)
@@ -181,12 +166,13 @@ def budget(setting: Setting) -> Budget:
 
 
 def _closed(setting: Setting, uv: Array) -> dict[str, Array]:
-    camera, sigmas = setting.camera, setting.sigmas
+    camera = setting.camera
     f, alpha = (camera.fx + camera.fy) / 2, math.radians(setting.depression_deg)
     x_im, y_im = uv[:, 0] - camera.cx, uv[:, 1] - camera.cy
-    position = np.full(len(uv), paper_position_error_m(sigmas.east_error_m, sigmas.north_error_m))
-    height = paper_height_error_m(x_im, y_im, f, alpha, sigmas.height_error_m)
-    heading_rad = math.radians(sigmas.heading_error_deg)
+    level_m = paper_position_error_m(setting.east_error_m, setting.north_error_m)
+    position = np.full(len(uv), level_m)
+    height = paper_height_error_m(x_im, y_im, f, alpha, setting.height_error_m)
+    heading_rad = math.radians(setting.heading_error_deg)
     heading = paper_heading_error_m(x_im, y_im, f, alpha, setting.height_m, heading_rad)
     whole = np.hypot(position, height)
     return {
@@ -199,21 +185,14 @@ def _closed(setting: Setting, uv: Array) -> dict[str, Array]:
 
 
 def _general(setting: Setting, view: GroundView) -> dict[str, Array]:
-    """Return covariances (N, 2, 2), m2, by factor; the camera looks to the north."""
+    """Return covariances (N, 2, 2), m2, by factor."""
+    parts = {name: view.covariance(c) for name, c in setting.covariances_a.items()}
     given, none = setting.confidence, np.zeros((6, 6))
+    rates = np.array([setting.speed_m_s, 0, 0, 0, 0, 0])
+    time_s = given.latency_sigma_s
     others = {
-        "latency": view.covariance(
-            none, latency_sigma_s=given.latency_sigma_s, rates=setting.rates_a
-        ),
+        "latency": view.covariance(none, latency_sigma_s=time_s, rates=rates),
         "lens": view.covariance(none, lens_sigma_px=given.lens_sigma_px),
         "ground": view.covariance(none, ground_sigma_m=given.ground_sigma_m),
     }
-    parts = {name: view.covariance(c) for name, c in setting.covariances_a.items()}
     return parts | others | {"all": parts["pose"] + sum(others.values())}
-
-
-def budget_csv(made: Budget) -> str:
-    """Return the rows as CSV, to a tenth of a millimetre."""
-    rows = made.rows()
-    cells = [[f"{v:.4f}" if isinstance(v, float) else v for v in row.values()] for row in rows]
-    return csv_text([list(rows[0]), *cells])

@@ -3,9 +3,9 @@ r"""Measure a flight's ground accuracy against surveyed points, by method.
 The paper's experiment: locates every observed control point under the methods raw, rtk, ekf and
 ekf_heading, and calibrated (ekf_heading with the boresight file) where one is given. Prints each
 point's error, their means and the paired t-test between the methods, and writes report.html with
-plots and stills, points.csv, observations.csv, result.json and each method's parameters. A method
-whose topics the bag lacks is reported as missing. Without --dem and --ground-height the
-ground is the parameters', else the median of the observed points' heights.
+plots and stills, points.csv, observations.csv and result.json. A method is left out if the bag
+lacks its topics. Without --dem and --ground-height the ground is the parameters', else the median
+of the observed points' heights.
 
 example:
   tirgeo evaluate bags/sample/flight.mcap --survey bags/sample/survey.geojson \
@@ -28,37 +28,23 @@ OPTIONS = (
     ("--map", "MAP", "drawn on the stills; default: the parameters'"),
     *GROUND,
     ("--projection", "P", "%(choices)s; default: %(default)s", _PROJECTIONS),
-    (
-        "--truth",
-        "BAG",
-        "truth.mcap of a simulated flight: the aircraft's own errors are reported too",
-    ),
+    ("--truth", "BAG", "truth.mcap of a simulated flight: adds the errors of the aircraft's pose"),
 )
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Evaluate the flight and write the results; return a summary."""
-    from tirgeo_ros.io.maps import map_files  # noqa: PLC0415 heavy
-    from tirgeo_ros.io.parameters.parameter_file import paths_of  # noqa: PLC0415
-    from tirgeo_ros.tools.evaluate import summary  # noqa: PLC0415
-    from tirgeo_ros.tools.evaluate.evaluate import evaluate  # noqa: PLC0415
-    from tirgeo_ros.tools.evaluate.report import report_html  # noqa: PLC0415
-    from tirgeo_ros.tools.replay.node_configs import node_configs  # noqa: PLC0415
+    from tirgeo_ros.tools.evaluate.evaluate import evaluate  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.evaluate.summary import summary, write_evaluation  # noqa: PLC0415
 
-    given = [*(args.params or ()), args.boresight] if args.boresight else args.params
-    configs = node_configs(given, args.namespace, dem=args.dem, camera=args.camera)
-    read = (args.bag, args.survey, args.observations, args.truth, *paths_of(given))
-    files = (*read, *configs.files, *map_files(str(args.map or "")))
-    summary.check_folder(args.output, files)
-    names = "params boresight camera dem ground_height namespace projection truth"
+    names = "output params boresight camera dem ground_height namespace projection truth"
     inputs, more = "bag survey observations", {"map_path": args.map}
     found = call(evaluate, args, "evaluating, s", inputs, names, **more)
-    page = {"report.html": report_html(found)}
-    return summary.summary(found) | {"output": summary.write_evaluation(found, args.output, page)}
+    return summary(found) | {"output": write_evaluation(found, args.output)}
 
 
 def describe(result: dict[str, object]) -> str:
     """Return the tables for a person."""
-    from tirgeo_ros.tools.evaluate.tables import text_tables  # noqa: PLC0415
+    from tirgeo_ros.tools.evaluate.report import text_tables  # noqa: PLC0415
 
     return text_tables(result)

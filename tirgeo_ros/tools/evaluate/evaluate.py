@@ -3,39 +3,50 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.map.layers import MapLayer
 from tirgeo_ros.core.types.errors import BagError, CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike
-from tirgeo_ros.io.maps import load_layers
+from tirgeo_ros.io.maps import load_layers, map_files
 from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
 from tirgeo_ros.io.pictures.camera_file import given_camera
 from tirgeo_ros.tools.evaluate.ground import (
     Experiment,
-    check_notes,
-    checks_of,
+    input_notes,
     load_experiment,
     locate_observations,
 )
 from tirgeo_ros.tools.evaluate.methods import MethodSetup, method_setups, setup_notes
-from tirgeo_ros.tools.evaluate.result import Evaluation, MethodResult, Still
+from tirgeo_ros.tools.evaluate.result import Evaluation, MethodResult
 from tirgeo_ros.tools.evaluate.series import MethodSeries, SensorSeries
 from tirgeo_ros.tools.evaluate.stills import overlay_stills
+from tirgeo_ros.tools.evaluate.summary import check_folder
 from tirgeo_ros.tools.evaluate.t_test import paired_tests
-from tirgeo_ros.tools.evaluate.verdict import place_notes
+from tirgeo_ros.tools.evaluate.verdict import place_note
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay import FlightChecks, setting_of
 from tirgeo_ros.tools.replay.flight_poses import FlightPoses, RecordedFlight
 from tirgeo_ros.tools.replay.flight_topics import done_without, resolved
+from tirgeo_ros.tools.replay.node_configs import node_configs
 from tirgeo_ros.tools.replay.recorded_flight import TruePoses, load_truth
 
 #: Topics that define a method. Without them the filter would still run, on ordinary GPS.
 _ESSENTIAL = {"ekf": ("rtk/fix",), "ekf_heading": ("rtk/fix", "rtk/heading")}
+
+
+@dataclass(frozen=True)
+class _Run:
+    """Run one method over the flight."""
+
+    setup: MethodSetup
+    poses: FlightPoses
+    series: MethodSeries
 
 
 def evaluate(
@@ -43,6 +54,7 @@ def evaluate(
     survey: PathLike,
     observations: PathLike,
     *,
+    output: PathLike | None = None,
     params: Files = None,
     boresight: PathLike | None = None,
     dem: PathLike | None = None,
@@ -56,6 +68,7 @@ def evaluate(
 ) -> Evaluation:
     """Locate the observations of a bag under every method, in one pass through it.
 
+    ``output`` is the folder that ``write_evaluation`` will write: it is checked first.
     ``params`` are parameter files, of which later ones override earlier ones; ``boresight``, one
     more, adds the method ``calibrated``. ``dem`` or ``ground_height`` (ellipsoidal m) overrides
     them; without any ground it is level at the median of the observed points' heights.
@@ -65,175 +78,132 @@ def evaluate(
     missing. Raise BagError, CameraError, ConfigError, SurveyError, ElevationError, MapError, and
     CalibrationError if no method can be run.
     """
-    given = load_experiment(survey, observations, projection)
-    setups = method_setups(
-        params, boresight, dem, ground_height, namespace, given.heights_m, camera
-    )
-    truly = None if truth is None else load_truth(Path(truth))
-    drawn = setups[-1].configs.overlay
-    map_text = drawn.map if map_path is None else os.fspath(map_path)
-    layers: list[MapLayer] = []
-    if map_text:
-        layers = load_layers(map_text, drawn.style, drawn.label_field, network=drawn.network)
     files = [*paths_of(params), *paths_of(boresight)]
-    flight = _Flight(BagReader(bag), setups, given, namespace, truly, files)
-    flight.recorded.read_all(progress)
-    methods = flight.results()
-    checks = checks_of(given, flight.recorded.picture_stamps_ns)
+    if output is not None:
+        configs = node_configs(files, namespace, dem=dem, camera=camera)
+        read = (bag, survey, observations, truth, *files, *configs.files)
+        check_folder(output, (*read, *map_files(os.fspath(map_path or ""))))
+    given = load_experiment(survey, observations, projection)
+    heights_m = given.heights_m
+    setups = method_setups(params, boresight, dem, ground_height, namespace, heights_m, camera)
+    last = setups[-1]  # whose parameters are checked and whose map is drawn
+    layers = _layers(last.configs.overlay, map_path)
+    reader, lens = BagReader(bag), given_camera(last.configs.overlay)
+    setting = setting_of(last.configs, reader, files, namespace, ground=last.ground, camera=lens)
+    checks = FlightChecks(setting)
+    flight = RecordedFlight(reader, namespace, pictures=True, camera=lens, checks=checks)
+    true_poses = None if truth is None else load_truth(Path(truth))
+    missing: dict[str, str] = {}
+    begun = [_begun(one, flight, given, namespace, true_poses, missing) for one in setups]
+    missing = {name: why.removeprefix(f"{reader.path}: ") for name, why in missing.items()}
+    runs = _left([run for run in begun if run is not None], missing, reader)
+    runs[-1].poses.checks = checks
+    sensors = SensorSeries()
+    flight.add(sensors)
+    flight.read_all(progress)
+    for run in runs:
+        if run.poses.plane is None or not run.series.has_poses:
+            reason = run.poses.registration.navigation.status().reason
+            missing[run.setup.method] = f"no camera pose could be made: {reason}"
+    runs = _left(runs, missing, reader)
+    methods = [_result(run, flight.camera, given) for run in runs]
+    best = runs[-1]
     return Evaluation(
         os.fspath(bag),
         os.fspath(survey),
         os.fspath(observations),
         given.projection,
         given.control,
-        checks,
-        flight.series.sensors(given.projection),
+        sensors,
         methods,
-        flight.missing | flight.faults,
-        flight.faults,
+        missing,
         paired_tests({one.method: one.errors.point_rmse_m for one in methods}),
-        flight.stills(layers),
+        overlay_stills(reader, namespace, flight.camera, best.poses, best.setup, layers, given),
         [
-            *setup_notes(setups, given.heights_m),
-            *flight.notes,
-            *check_notes(checks),
-            *place_notes(methods),
+            *setup_notes(setups, heights_m),
+            *(
+                f"{run.setup.method}: {_names(absent, namespace)} absent: done without"
+                for run in runs
+                if (absent := done_without(run.poses.topics, run.setup.configs.ekf.method))
+            ),
+            *(f"{method} is left out: {why}" for method, why in missing.items()),
+            *input_notes(given, flight.picture_stamps_ns),
+            *filter(None, [place_note(methods)]),
         ],
-        flight.error(methods),
-        flight.checks.findings(),
+        _error(reader, methods),
+        checks.findings(),
     )
 
 
-@dataclass(frozen=True)
-class _Run:
-    """Run one method over the flight."""
-
-    setup: MethodSetup
-    poses: FlightPoses
-    series: MethodSeries
-
-    @property
-    def fault(self) -> str:
-        """Return why the method has no poses; empty if it has."""
-        if self.poses.plane is not None and self.series.has_poses:
-            return ""
-        reason = self.poses.registration.navigation.status().reason
-        return f"no camera pose could be made{': ' if reason else ''}{reason}"
-
-    def result(self, camera: Camera, given: Experiment) -> MethodResult:
-        """Return the method's results."""
-        plane, setup = self.poses.plane, self.setup
-        assert plane is not None
-        located, refused = locate_observations(
-            self.poses.cameras, plane, camera, given, setup.ground, setup.configs.overlay
-        )
-        status = self.poses.registration.navigation.status()
-        return MethodResult(
-            setup,
-            self.poses.registration.composer.composition,
-            status.state.value,
-            located,
-            refused,
-            self.series.body(given.projection),
-            self.series.camera(plane, given.projection),
-            self.series.innovations(),
-            {f"{source} {outcome}": number for (source, outcome), number in status.counts.items()},
-            self.series.body_errors(),
-        )
+def _layers(overlay: OverlayConfig, map_path: PathLike | None) -> Sequence[MapLayer]:
+    """Return the map that is drawn, if there is one."""
+    text, style = os.fspath(map_path or overlay.map), (overlay.style, overlay.label_field)
+    return load_layers(text, *style, network=overlay.network) if text else []
 
 
-class _Flight:
-    """Run all methods over one bag. Raise CalibrationError if none can be run."""
-
-    def __init__(
-        self,
-        reader: BagReader,
-        setups: Sequence[MethodSetup],
-        given: Experiment,
-        namespace: str,
-        truth: TruePoses | None,
-        files: Sequence[PathLike],
-    ) -> None:
-        self.missing: dict[str, str] = {}  # method -> reason, for absent topics
-        self.faults: dict[str, str] = {}
-        self.notes: list[str] = []
-        self._reader, self._given, self._namespace = reader, given, namespace
-        last = setups[-1]  # whose parameters are checked
-        camera = given_camera(last.configs.overlay)
-        setting = setting_of(
-            last.configs, reader, files, namespace, ground=last.ground, camera=camera
-        )
-        self.checks = FlightChecks(setting)
-        self.recorded = RecordedFlight(
-            reader, namespace, pictures=True, camera=camera, checks=self.checks
-        )
-        self.series = SensorSeries()
-        self._runs = [run for setup in setups if (run := self._begun(setup, truth)) is not None]
-        if self._runs:
-            self._runs[-1].poses.checks = self.checks
-        self.recorded.add(self.series)
-        self._check_any(self._runs)
-
-    def _begun(self, setup: MethodSetup, truth: TruePoses | None) -> _Run | None:
-        """Return a method that takes part, or None and its reason in ``missing``."""
-        ekf, gimbal, *_ = setup.configs
-        series = MethodSeries(truth)
-        instants_ns = [one.stamp_ns - setup.latency_ns for one in self._given.observations]
-        lacking = [t for t in _ESSENTIAL.get(ekf.method, ()) if not self.recorded.has(t)]
-        if lacking:
-            self._leave_out(setup, f"needed topic absent: {self._names(lacking)}")
-            return None
-        try:
-            poses = self.recorded.registered(ekf, gimbal, instants_ns, series)
-        except BagError as error:
-            self._leave_out(setup, str(error).removeprefix(f"{self._reader.path}: "))
-            return None
-        absent = self._names(done_without(poses.topics, ekf.method))
-        if absent:
-            self.notes.append(f"{setup.method}: {absent} absent: done without")
-        return _Run(setup, poses, series)
-
-    def _leave_out(self, setup: MethodSetup, reason: str) -> None:
-        self.missing[setup.method] = reason
-        self.notes.append(f"{setup.method} is left out: {reason}")
-
-    def _names(self, topics: Sequence[str]) -> str:
-        return ", ".join(resolved(topic, self._namespace) for topic in topics)
-
-    def results(self) -> list[MethodResult]:
-        """Return the results of the methods that have poses; put the others into ``faults``."""
-        self.faults = {run.setup.method: run.fault for run in self._runs if run.fault}
-        self._runs = [run for run in self._runs if not run.fault]
-        self._check_any(self._runs)
-        return [run.result(self.recorded.camera, self._given) for run in self._runs]
-
-    def stills(self, layers: Sequence[MapLayer]) -> list[Still]:
-        """Return pictures of the last method that has poses, with the map drawn."""
-        run = self._runs[-1]
-        return overlay_stills(
-            self._reader,
-            self._namespace,
-            self.recorded.camera,
-            run.poses,
-            run.setup,
-            layers,
-            self._given,
-        )
-
-    def _check_any(self, runs: Sequence[_Run]) -> None:
-        if runs:
-            return
-        reasons: dict[str, list[str]] = {}
-        for method, reason in (self.missing | self.faults).items():
-            reasons.setdefault(reason, []).append(method)
-        text = "; ".join(f"{', '.join(names)}: {why}" for why, names in reasons.items())
-        raise CalibrationError(f"{self._reader.path}: no method can be run: {text}")
-
-    def error(self, methods: Sequence[MethodResult]) -> str | None:
-        """Return what makes the run a failure although there is a result, or None."""
-        if self._reader.damage is not None:
-            return f"{self._reader.path}: {self._reader.damage}; the numbers are made from these"
-        if not any(one.located for one in methods):
-            reason = methods[-1].refused[0].reason
-            return f"{self._reader.path}: no observation could be located: {reason}"
+def _begun(
+    setup: MethodSetup,
+    flight: RecordedFlight,
+    given: Experiment,
+    namespace: str,
+    truth: TruePoses | None,
+    missing: dict[str, str],
+) -> _Run | None:
+    """Let a method take part; put it into ``missing`` if the bag lacks a topic of it."""
+    ekf, gimbal, *_ = setup.configs
+    lacking = [topic for topic in _ESSENTIAL.get(ekf.method, ()) if not flight.has(topic)]
+    if lacking:
+        missing[setup.method] = f"needed topic absent: {_names(lacking, namespace)}"
         return None
+    series = MethodSeries(truth)
+    instants_ns = [one.stamp_ns - setup.latency_ns for one in given.observations]
+    try:
+        return _Run(setup, flight.registered(ekf, gimbal, instants_ns, series), series)
+    except BagError as error:
+        missing[setup.method] = str(error)
+        return None
+
+
+def _names(topics: Sequence[str], namespace: str) -> str:
+    return ", ".join(resolved(topic, namespace) for topic in topics)
+
+
+def _left(runs: Sequence[_Run], missing: Mapping[str, str], reader: BagReader) -> list[_Run]:
+    """Return the runs that are not missing. Raise CalibrationError with all reasons if none is."""
+    left = [run for run in runs if run.setup.method not in missing]
+    if left:
+        return left
+    by_reason: dict[str, list[str]] = {}
+    for method, reason in missing.items():
+        by_reason.setdefault(reason, []).append(method)
+    text = "; ".join(f"{', '.join(names)}: {why}" for why, names in by_reason.items())
+    raise CalibrationError(f"{reader.path}: no method can be run: {text}")
+
+
+def _result(run: _Run, camera: Camera, given: Experiment) -> MethodResult:
+    """Return a method's results."""
+    plane, setup, registration = run.poses.plane, run.setup, run.poses.registration
+    assert plane is not None
+    located, refused = locate_observations(
+        run.poses.cameras, plane, camera, given, setup.ground, setup.configs.overlay
+    )
+    status = registration.navigation.status()
+    return MethodResult(
+        setup,
+        registration.composer.composition,
+        status.state.value,
+        located,
+        refused,
+        run.series,
+        run.series.body_errors(),
+    )
+
+
+def _error(reader: BagReader, methods: Sequence[MethodResult]) -> str | None:
+    """Return what makes the run a failure although there is a result, or None."""
+    if reader.damage is not None:
+        return f"{reader.path}: {reader.damage}; the numbers are made from these"
+    if not any(one.located for one in methods):
+        reason = methods[-1].refused[0].reason
+        return f"{reader.path}: no observation could be located: {reason}"
+    return None

@@ -4,24 +4,30 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.camera.projection_covariance import CameraRates, pixel_jacobian
 from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
 from tirgeo_ros.core.ground.backprojection import Ground, Reason
-from tirgeo_ros.core.ground.ground_point import Located, Refusal, ellipse_of, place
+from tirgeo_ros.core.ground.ground_point import Refusal, ellipse_of, place
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import SurveyError
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.surveys.survey import Observation, SurveyPoint, load_observations, load_survey
 from tirgeo_ros.tools.evaluate.projection import Projection, projection_of
-from tirgeo_ros.tools.evaluate.result import ControlPoint, InputChecks, LocatedPoint, RefusedPoint
-from tirgeo_ros.tools.evaluate.systematic import PixelMoves, pixel_moves
+from tirgeo_ros.tools.evaluate.result import (
+    LocatedPoint,
+    PixelMoves,
+    RefusedPoint,
+)
 from tirgeo_ros.tools.replay.flight_poses import pose_at
 
 _NAMED = 5  # most ids in a note
@@ -32,7 +38,7 @@ class Experiment:
     """Hold the surveyed points and their observations."""
 
     projection: Projection
-    control: Mapping[str, ControlPoint]  # every surveyed point by its id
+    control: Mapping[str, SurveyPoint]  # every surveyed point by its id
     observations: Sequence[Observation]  # also of points that were not surveyed
 
     @property
@@ -48,29 +54,23 @@ def load_experiment(survey: PathLike, observations: PathLike, projection: str) -
     Raise SurveyError, also if no surveyed point was observed.
     """
     points, seen = load_survey(survey), load_observations(observations)
-    names = {point.id for point in points}
     if not seen:
         raise SurveyError(f"{os.fspath(observations)}: has no observations")
-    if not any(one.id in names for one in seen):
+    if not {point.id for point in points} & {one.id for one in seen}:
         raise SurveyError(
             f"{os.fspath(observations)}: none of its {len(seen)} observations is of a point of "
             f"{os.fspath(survey)}: the ids must be the same"
         )
-    places = np.array([(point.latitude_rad, point.longitude_rad) for point in points])
-    plane = projection_of(projection, places[:, 0], places[:, 1])
-    return Experiment(plane, control_points(points, plane), seen)
+    return experiment_of(points, seen, projection)
 
 
-def control_points(
-    survey: Iterable[SurveyPoint], projection: Projection
-) -> dict[str, ControlPoint]:
-    """Return the surveyed points in the plane, by their ids."""
-    found = {}
-    for point in survey:
-        east_m, north_m = projection.project(point.latitude_rad, point.longitude_rad).tolist()
-        geodetic = point.latitude_rad, point.longitude_rad, point.height_m
-        found[point.id] = ControlPoint(point.id, *geodetic, east_m, north_m)
-    return found
+def experiment_of(
+    points: Sequence[SurveyPoint], seen: Sequence[Observation], projection: str
+) -> Experiment:
+    """Return the experiment with the surveyed points in a plane (``projection_of``)."""
+    latitude, longitude = np.array([(one.latitude_rad, one.longitude_rad) for one in points]).T
+    plane = projection_of(projection, latitude, longitude)
+    return Experiment(plane, {one.id: one for one in points}, seen)
 
 
 def locate_observations(
@@ -89,83 +89,87 @@ def locate_observations(
     located, refused = [], []
     latency_ns = round(overlay.video_latency_s * 1e9)
     for seen in given.observations:
-        if seen.id not in given.control:
+        point, uv = given.control.get(seen.id), (seen.u, seen.v)
+        if point is None:
             continue
-        found = pose_at(poses, seen.stamp_ns - latency_ns)
-        uv = (seen.u, seen.v)
-        answer: Located | Refusal = Refusal(seen.stamp_ns, uv, Reason.NO_POSE)
-        if found is not None:
-            pose, rates = found
-            answer = place(camera, pose, uv, plane, ground, overlay.confidence, rates)
-        if isinstance(answer, Located) and found is not None:
-            point = given.control[seen.id]
-            surveyed_n = plane.ned_from_geodetic(
-                point.latitude_rad, point.longitude_rad, answer.height_m
+        motion = pose_at(poses, seen.stamp_ns - latency_ns)
+        if motion is None:
+            refused.append(RefusedPoint(seen.id, seen.stamp_ns, uv, Reason.NO_POSE.value))
+            continue
+        pose, rates = motion
+        found = place(camera, pose, uv, plane, ground, overlay.confidence, rates)
+        if isinstance(found, Refusal):
+            refused.append(RefusedPoint(seen.id, seen.stamp_ns, uv, found.reason.value))
+            continue
+        here = found.latitude_rad, found.longitude_rad
+        place_en, axes = given.projection.project(*here), given.projection.local_axes(*here)
+        covariance_en = axes @ found.covariance_n[:2, :2] @ axes.T
+        there = point.latitude_rad, point.longitude_rad
+        surveyed_n = plane.ned_from_geodetic(*there, found.height_m)
+        located.append(
+            LocatedPoint(
+                seen.id,
+                seen.stamp_ns,
+                uv,
+                place_en,
+                found.height_m,
+                place_en - given.projection.project(*there),
+                covariance_en,
+                ellipse_of(covariance_en[::-1, ::-1]),
+                pixel_moves(camera, pose, rates, uv, surveyed_n),
             )
-            moves = pixel_moves(camera, *found, uv, surveyed_n)
-            located.append(_compared(seen, answer, given, moves))
-        else:
-            assert isinstance(answer, Refusal)
-            refused.append(RefusedPoint(seen.id, seen.stamp_ns, uv, answer.reason.value))
+        )
     return located, refused
 
 
-def _compared(
-    seen: Observation, found: Located, given: Experiment, moves: PixelMoves | None
-) -> LocatedPoint:
-    """Return a located point and its covariance in the projected plane."""
-    point, projection = given.control[seen.id], given.projection
-    place_en = projection.project(found.latitude_rad, found.longitude_rad)
-    axes = projection.local_axes(found.latitude_rad, found.longitude_rad)
-    covariance_en = axes @ found.covariance_n[:2, :2] @ axes.T
-    east_m, north_m = place_en.tolist()
-    return LocatedPoint(
-        seen.id,
-        seen.stamp_ns,
-        (seen.u, seen.v),
-        east_m,
-        north_m,
-        found.height_m,
-        place_en - np.array([point.east_m, point.north_m]),
-        covariance_en,
-        ellipse_of(covariance_en[::-1, ::-1]),
-        moves,
-    )
+def pixel_moves(
+    camera: Camera,
+    pose: CameraPose,
+    rates: CameraRates | None,
+    uv: tuple[float, float],
+    surveyed_n: Array,
+) -> PixelMoves | None:
+    """Return one observation's moves; None if the camera cannot see the surveyed point.
+
+    ``surveyed_n`` (3,) is the surveyed point at the height of the assumed ground, NED in the
+    pose's plane. Without ``rates`` latency is not considered.
+    """
+    rotation_nc = matrix_from_quat(pose.q_nc)
+    predicted, _ = camera.project((surveyed_n - pose.position_n)[None] @ rotation_nc)
+    by_pose, by_point = (both[0] for both in pixel_jacobian(camera, pose, surveyed_n))
+    if not (np.isfinite(predicted).all() and np.isfinite(by_pose).all()):
+        return None
+    by = {
+        "boresight": by_pose[:, 3:] @ rotation_nc,
+        "datum": by_point[:, [1, 0]],
+        "height": by_point[:, 2:],
+    }
+    if rates is not None:
+        by["latency"] = -(by_pose @ np.concatenate(rates))[:, None]
+    return PixelMoves(np.array(uv) - predicted[0], by)
 
 
-def checks_of(given: Experiment, image_stamps_ns: Sequence[int]) -> InputChecks:
-    """Compare observations, survey and pictures; ``image_stamps_ns`` (M,) may be empty."""
-    names = Counter(one.id for one in given.observations)
-    unknown = {name: number for name, number in names.items() if name not in given.control}
+def input_notes(given: Experiment, image_stamps_ns: Sequence[int]) -> list[str]:
+    """Compare observations, survey and pictures, whose stamps (M,) may be empty."""
+    names, total = Counter(one.id for one in given.observations), len(given.observations)
+    unknown = [name for name in names if name not in given.control]
     unobserved = [name for name in given.control if name not in names]
-    if not image_stamps_ns:
-        return InputChecks(len(given.observations), unknown, unobserved, None, None)
+    notes = []
+    if unknown:
+        notes.append(
+            f"{sum(names[name] for name in unknown)} of {total} observations are of points that "
+            f"are not in the survey, and left out: {_some(unknown)}"
+        )
+    if unobserved:
+        notes.append(f"{len(unobserved)} surveyed points were never observed: {_some(unobserved)}")
     images = np.array(sorted(image_stamps_ns), np.int64)
-    stamps = np.array([one.stamp_ns for one in given.observations], np.int64)
-    after = np.searchsorted(images, stamps)
-    near = [np.clip(after - step, 0, len(images) - 1) for step in (0, 1)]
-    apart_ns = np.min([np.abs(images[one] - stamps) for one in near], axis=0)
-    off, most_s = int(np.count_nonzero(apart_ns)), int(apart_ns.max()) * 1e-9
-    return InputChecks(len(stamps), unknown, unobserved, off, most_s)
-
-
-def check_notes(checks: InputChecks) -> list[str]:
-    """Return the checks as lines for a person."""
-    notes, total = [], checks.observations
-    if checks.unknown_ids:
+    apart_ns = [
+        int(np.abs(images - one.stamp_ns).min()) for one in given.observations if len(images)
+    ]
+    if any(apart_ns):
         notes.append(
-            f"{sum(checks.unknown_ids.values())} of {total} observations are of points that the "
-            f"survey has not, and left out: {_some(list(checks.unknown_ids))}"
-        )
-    if checks.unobserved_ids:
-        notes.append(
-            f"{len(checks.unobserved_ids)} surveyed points were never observed: "
-            f"{_some(checks.unobserved_ids)}"
-        )
-    if checks.off_pictures:
-        notes.append(
-            f"{checks.off_pictures} of {total} observations have a stamp that is no picture's: "
-            f"up to {checks.off_pictures_most_s:.3g} s from the nearest one"
+            f"{np.count_nonzero(apart_ns)} of {total} observations have a stamp that is no "
+            f"picture's: up to {max(apart_ns) * 1e-9:.3g} s from the nearest one"
         )
     return notes
 

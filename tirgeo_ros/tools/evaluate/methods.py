@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from statistics import median
 
 from tirgeo_ros.core.config import METHODS
-from tirgeo_ros.core.config.schema import Value, values_of
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.io.elevation.elevation_model import ground_of
@@ -17,9 +16,8 @@ from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs, node_configs
 
-#: Name of the paper's own method with a boresight calibration.
+#: Name of the paper's own method, ``ekf_heading``, with a boresight calibration.
 CALIBRATED = "calibrated"
-_CALIBRATED_IS = "ekf_heading"
 
 
 @dataclass(frozen=True)
@@ -35,12 +33,6 @@ class MethodSetup:
     def latency_ns(self) -> int:
         """Return the time from an exposure to its picture's stamp (ns)."""
         return round(self.configs.overlay.video_latency_s * 1e9)
-
-    @property
-    def parameters(self) -> Mapping[str, Mapping[str, Value]]:
-        """Return the parameters: node -> dotted name -> value."""
-        nodes = ("ekf_node", "gimbal_node", "overlay_node")
-        return {node: values_of(config) for node, config in zip(nodes, self.configs, strict=False)}
 
 
 def method_setups(
@@ -60,33 +52,26 @@ def method_setups(
     """
     asked = [(name, name, paths_of(params)) for name in METHODS]
     if boresight is not None:
-        asked.append((CALIBRATED, _CALIBRATED_IS, [*paths_of(params), boresight]))
-    grounds: dict[object, Ground | None] = {}
+        asked.append((CALIBRATED, "ekf_heading", [*paths_of(params), boresight]))
+    grounds: dict[str, Ground | None] = {}
     setups = []
     for name, method, files in asked:
         configs = node_configs(
             files, namespace, method=method, dem=dem, ground_height=ground_height, camera=camera
         )
-        overlay = configs.overlay
-        key = (str(overlay.ground_height_m), overlay.dem, overlay.dem_undulation_m)
+        key = repr(configs.overlay)
         if key not in grounds:  # an elevation model is large, so each is read once
-            grounds[key] = ground_of(overlay)
-        setups.append(_setup(name, configs, grounds[key], survey_heights_m))
+            grounds[key] = ground_of(configs.overlay)
+        ground, words = grounds[key], "level at {:.3f} m"
+        if ground is None:
+            ground, words = float(median(survey_heights_m)), f"{words}, the survey's median"
+            configs = configs._replace(overlay=replace(configs.overlay, ground_height_m=ground))
+        if isinstance(ground, Terrain):
+            words = f"elevation model {os.fspath(configs.overlay.dem)}"
+        else:
+            words = words.format(ground)
+        setups.append(MethodSetup(name, configs, ground, words))
     return setups
-
-
-def _setup(
-    name: str, configs: NodeConfigs, ground: Ground | None, survey_heights_m: Sequence[float]
-) -> MethodSetup:
-    if isinstance(ground, Terrain):
-        words = f"elevation model {os.fspath(configs.overlay.dem)}"
-    elif ground is None:
-        ground = float(median(survey_heights_m))
-        configs = configs._replace(overlay=replace(configs.overlay, ground_height_m=ground))
-        words = f"level at {ground:.3f} m, the median of the survey's heights"
-    else:
-        words = f"level at {ground:.3f} m"
-    return MethodSetup(name, configs, ground, words)
 
 
 def setup_notes(setups: Sequence[MethodSetup], survey_heights_m: Sequence[float]) -> list[str]:
@@ -101,6 +86,6 @@ def setup_notes(setups: Sequence[MethodSetup], survey_heights_m: Sequence[float]
                 f"ground {setup.ground_words}; the observed points' heights are "
                 f"{min(off):+.2f} to {max(off):+.2f} m from it"
             )
-    if any(setup.method == CALIBRATED for setup in setups):
+    if setups[-1].method == CALIBRATED:
         notes.append(f"{CALIBRATED}: a measure only on points that its boresight is not from")
     return list(dict.fromkeys(notes))

@@ -1,7 +1,4 @@
-"""Project to the plane in metres of the ground errors: Gauss-Krueger or UTM, by PROJ.
-
-Both are transverse Mercator on the WGS84 ellipsoid, in the zone of the survey's middle.
-"""
+"""Project to the plane of the ground errors: transverse Mercator on WGS84, by PROJ."""
 
 from __future__ import annotations
 
@@ -28,8 +25,6 @@ class Projection:
 
     name: str
     definition: str  # for PROJ
-    central_meridian_deg: float
-    scale: float  # at the central meridian
 
     @cached_property
     def _proj(self) -> Any:
@@ -54,7 +49,7 @@ class Projection:
 def projection_of(kind: str, latitude_rad: Array, longitude_rad: Array) -> Projection:
     """Return ``gauss-krueger`` (3-degree zones, scale 1) or ``utm`` for points (N,), N at least 1.
 
-    Raise SurveyError too near a pole.
+    The zone is that of the points' middle. Raise SurveyError too near a pole.
     """
     latitude_deg = math.degrees(float(np.mean(latitude_rad)))
     # The mean of directions, so that it is right for points on both sides of 180 degrees.
@@ -64,25 +59,13 @@ def projection_of(kind: str, latitude_rad: Array, longitude_rad: Array) -> Proje
         raise SurveyError(
             f"the survey lies at latitude {latitude_deg:.1f}: no transverse Mercator zone there"
         )
-    return (_utm if kind == "utm" else _gauss_krueger)(latitude_deg, longitude_deg)
-
-
-def _gauss_krueger(_latitude_deg: float, longitude_deg: float) -> Projection:
+    if kind == "utm":
+        zone, code = utm_zone(latitude_deg, longitude_deg)
+        half = "S" if latitude_deg < 0 else "N"
+        return Projection(f"UTM zone {zone}{half}, WGS84 (EPSG:{code})", f"EPSG:{code}")
     meridian = 3.0 * math.floor(longitude_deg / 3 + 0.5)
-    definition = (
-        f"+proj=tmerc +lat_0=0 +lon_0={meridian:g} +k=1 +x_0=500000 +y_0=0 +ellps=WGS84 +units=m"
+    side = "W" if meridian < 0 else "E"
+    return Projection(
+        f"Gauss-Krueger, 3-degree zone of {abs(meridian):g} deg {side}, WGS84",
+        f"+proj=tmerc +lon_0={meridian:g} +k=1 +x_0=500000 +ellps=WGS84 +units=m",
     )
-    name = f"Gauss-Krueger, 3-degree zone of {_meridian_text(meridian)}, WGS84"
-    return Projection(name, definition, meridian, 1.0)
-
-
-def _utm(latitude_deg: float, longitude_deg: float) -> Projection:
-    zone, code = utm_zone(latitude_deg, longitude_deg)
-    south = latitude_deg < 0
-    definition = f"+proj=utm +zone={zone}{' +south' if south else ''} +ellps=WGS84 +units=m"
-    name = f"UTM zone {zone}{'S' if south else 'N'}, WGS84 (EPSG:{code})"
-    return Projection(name, definition, 6.0 * zone - 183.0, 0.9996)
-
-
-def _meridian_text(meridian_deg: float) -> str:
-    return f"{abs(meridian_deg):g} deg {'W' if meridian_deg < 0 else 'E'}"

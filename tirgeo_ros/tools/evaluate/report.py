@@ -1,119 +1,169 @@
-"""Write an evaluation as one self-contained page: tables, figures and stills."""
+"""Lay out an evaluation: as tables for a terminal, and as one self-contained page."""
 
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from pathlib import Path
+from typing import Any, NamedTuple
 
 from tirgeo_ros import __version__
-from tirgeo_ros.tools.evaluate.flight_plots import flight_plots
-from tirgeo_ros.tools.evaluate.ground_plots import Plot, ground_plots
-from tirgeo_ros.tools.evaluate.result import Evaluation, MethodResult, Still
-from tirgeo_ros.tools.evaluate.summary import summary
-from tirgeo_ros.tools.evaluate.tables import Table, tables
-from tirgeo_ros.tools.evaluate.verdict import verdict
+from tirgeo_ros.tools.evaluate.plots import Plot, plots
+from tirgeo_ros.tools.evaluate.result import Evaluation
 
 _STYLE = """
 :root { color-scheme: light; }
 * { box-sizing: border-box; }
 body { font: 16px/1.5 system-ui, sans-serif; color: #1a1a1a; background: #fff;
-  max-width: 62rem; margin: 1.5rem auto; padding: 0 1rem; }
-h1 { font-size: 1.6rem; margin-bottom: .2rem; overflow-wrap: anywhere; }
+  max-width: 62rem; margin: 1.5rem auto; padding: 0 1rem; overflow-wrap: anywhere; }
+h1 { font-size: 1.6rem; }
 h2 { font-size: 1.2rem; margin-top: 2.2rem; border-bottom: 1px solid #ddd; }
-.lead { color: #555; margin-top: 0; overflow-wrap: anywhere; }
-.verdict { font-size: 1.15rem; font-weight: 600; overflow-wrap: anywhere; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; margin: .6rem 0; }
+.lead, figcaption { color: #555; }
+.verdict { font-size: 1.15rem; font-weight: 600; }
+table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
 th, td { padding: .15rem .7rem; text-align: right; border-bottom: 1px solid #eee;
   white-space: nowrap; }
 th:first-child, td:first-child { text-align: left; position: sticky; left: 0; background: #fff; }
-thead th { border-bottom: 2px solid #999; }
 .wide { overflow-x: auto; }
-figure { margin: 1.2rem 0; }
+figure { margin: 0; }
 figure img { width: 100%; height: auto; display: block; }
-figcaption { color: #555; font-size: .9rem; overflow-wrap: anywhere; }
-.note { background: #fff6df; border-left: 4px solid #e69f00; padding: .4rem .8rem; }
+figcaption { font-size: .9rem; }
 .fault { background: #fdeaea; border-left: 4px solid #c0392b; padding: .4rem .8rem; }
 .side { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 22rem), 1fr));
   gap: 1rem; }
 .side > img:only-child { max-width: 34rem; }
-.side figure { margin: 0; }
-summary { cursor: pointer; }
-pre { overflow-x: auto; font-size: .85rem; }
 @media (max-width: 30rem) {
-  body { padding: 0 .7rem; }
   th, td { padding: .15rem .2rem; font-size: .74rem; white-space: normal; }
 }
 """
+_WIDTH = 13  # of a table's column
+_Number = Mapping[str, Any]
 
 
-def report_html(found: Evaluation) -> str:
-    """Return the page."""
-    parts = [
-        f"<h1>Ground points of {escape(Path(found.bag).name)}</h1>",
-        f'<p class="verdict">{escape(verdict(found.methods))}</p>',
-        f'<p class="lead">{_lead(found)}</p>',
-        *_remarks(found),
-        *[_table(one) for one in tables(summary(found))],
-        *[_figure(plot) for plot in (*ground_plots(found), *flight_plots(found))],
-        *_stills(found.stills),
-        "<h2>Parameters as used</h2>",
-        *[_parameters(method) for method in found.methods],
+class Table(NamedTuple):
+    """Hold a table of text; its first column is left-aligned."""
+
+    title: str
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
+def tables(numbers: _Number) -> list[Table]:
+    """Return the tables of what ``summary`` returns: Tables 6 and 7, and the aircraft's errors."""
+    found = [_errors(numbers), _p_values(numbers)]
+    truths = {name: one["against_truth"] for name, one in numbers["methods"].items()}
+    if all(truths.values()):
+        keys = next(iter(truths.values()))
+        rows = [[key, *(_metres(one[key]) for one in truths.values())] for key in keys]
+        title = f"rms of the aircraft's own errors later than {numbers['settled_s']:g} s"
+        found.append(Table(f"{title}, by the truth", ["", *truths], rows))
+    return found
+
+
+def text_tables(numbers: _Number) -> str:
+    """Return the verdict, the tables and the notes of what ``summary`` returns."""
+    parts = [numbers["verdict"]]
+    for one in tables(numbers):
+        lines = [f"{row[0]:<{_WIDTH}}" + "".join(f"{cell:>{_WIDTH}}" for cell in row[1:])
+                 for row in (one.head, *one.rows)]  # fmt: skip
+        parts.append("\n".join([one.title, *lines]))
+    words = [
+        f"plane: {numbers['projection']['name']}",
+        "mean: of the points' errors; rmse, CE90 (90th percentile): of all observations;",
+        "in ellipse: the surveyed place lies in the predicted ellipse of 95 %",
     ]
-    body = "\n".join(parts)
-    title = f"tirgeo: ground points of {escape(Path(found.bag).name)}"
+    for method, one in numbers["methods"].items():
+        words += [f"{method}: {number} x {why}" for why, number in one["refused"].items()]
+    return "\n\n".join([*parts, "\n".join([*words, *numbers["notes"]])])
+
+
+def _metres(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}"
+
+
+#: Title of each row on a whole method, and its cell.
+_OF_METHOD: dict[str, Callable[[_Number], str]] = {
+    "mean": lambda one: _metres(one["mean_point_rmse_m"]),
+    "rmse": lambda one: _metres(one["rmse_m"]),
+    "CE90": lambda one: _metres(one["ce90_m"]),
+    "mean east": lambda one: _metres(one["mean_error_east_m"]),
+    "mean north": lambda one: _metres(one["mean_error_north_m"]),
+    "located": lambda one: str(one["located"]),
+    "in ellipse": lambda one: str(one["inside_95"]),
+    "gimbal": lambda one: str(one["composition"]),
+}
+
+
+def _errors(numbers: _Number) -> Table:
+    methods, points = numbers["methods"], numbers["points"]
+    rows = [
+        [name, *(_metres(one["rmse_m"][m]) for m in methods), str(one["observations"])]
+        for name, one in points.items()
+    ]
+    seen = {"located": f"of {sum(one['observations'] for one in points.values())}"}
+    rows += [
+        [title, *(cell(one) for one in methods.values()), seen.get(title, "")]
+        for title, cell in _OF_METHOD.items()
+    ]
+    title = "horizontal error of each control point (rmse over its observations, Eq. 24), m"
+    return Table(title, ["point", *methods, "seen"], rows)
+
+
+def _p_values(numbers: _Number) -> Table:
+    methods = list(numbers["methods"])
+    cells = {}
+    for test in numbers["t_tests"]:
+        p_value, pair = test["p_value"], (test["first"], test["second"])
+        text = "-" if p_value is None else "< 0.0001" if p_value < 1e-4 else f"{p_value:.4f}"
+        cells[pair] = cells[pair[::-1]] = text
+    rows = [[row, *(cells.get((row, column), "-") for column in methods)] for row in methods]
+    return Table("paired t-test on these points, two-sided p-value", ["", *methods], rows)
+
+
+def report_html(found: Evaluation, numbers: Mapping[str, Any]) -> str:
+    """Return the page of an evaluation and of what ``summary`` returns for it."""
+    lead = (
+        f"survey {found.survey_path}; observations {found.observations_path}; errors in "
+        f"{found.projection.name}; ground {found.methods[0].setup.ground_words}."
+    )
+    title = f"Ground points of {escape(Path(found.bag).name)}"
+    body = "\n".join(
+        [
+            f"<h1>{title}</h1>",
+            f'<p class="verdict">{escape(numbers["verdict"])}</p>',
+            f'<p class="lead">{escape(lead)}</p>',
+            f'<p class="fault">{escape(found.error)}</p>' if found.error else "",
+            "<ul>",
+            *(f"<li>{escape(text)}</li>" for text in found.notes),
+            "</ul>",
+            *(_table(one) for one in tables(numbers)),
+            *(_figure(plot) for plot in plots(found)),
+            "<h2>Overlay</h2>" if found.stills else "",
+            '<div class="side">',
+            *(_still(*one) for one in found.stills),
+            "</div>",
+        ]
+    )
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{title}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n{body}\n"
+        f"<title>tirgeo: {title}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n{body}\n"
         f'<p class="lead">tirgeo {__version__}</p>\n</body>\n</html>\n'
     )
-
-
-def _lead(found: Evaluation) -> str:
-    """Return what was compared with what, and where."""
-    checks = found.checks
-    seen = sum(name not in checks.unobserved_ids for name in found.control)
-    ground = found.methods[0].setup.ground_words if found.methods else ""
-    words = [
-        f"{checks.observations} observations",
-        f"{seen} of {len(found.control)} surveyed points observed",
-        f"survey {found.survey_path}",
-        f"observations {found.observations_path}",
-        f"errors in {found.projection.name}",
-        ground,
-    ]
-    return escape("; ".join(word for word in words if word)) + "."
-
-
-def _remarks(found: Evaluation) -> list[str]:
-    faults = [] if found.error is None else [found.error]
-    missing = [f"{method} could not be run: {why}" for method, why in found.faults.items()]
-    return [
-        *[f'<p class="fault">{escape(text)}</p>' for text in faults],
-        *[f'<p class="note">{escape(text)}</p>' for text in missing],
-        *(["<ul>", *(f"<li>{escape(text)}</li>" for text in found.notes), "</ul>"]),
-    ]
 
 
 def _table(one: Table) -> str:
     rows = "".join(_row(row, "td") for row in one.rows)
     body = f"<thead>{_row(one.head, 'th')}</thead><tbody>{rows}</tbody>"
-    return "\n".join(
-        [
-            f"<h2>{escape(one.title[:1].upper() + one.title[1:])}</h2>",
-            f'<div class="wide"><table>{body}</table></div>',
-            *(f"<p>{escape(note)}</p>" for note in one.notes),
-        ]
-    )
+    title = escape(one.title[:1].upper() + one.title[1:])
+    return f'<h2>{title}</h2>\n<div class="wide"><table>{body}</table></div>'
 
 
-def _row(cells: Iterable[str], tag: str) -> str:
+def _row(cells: Sequence[str], tag: str) -> str:
     """Return a row; names in a head may break at an underscore."""
-    shown = [
-        escape(cell).replace("_", "_<wbr>") if tag == "th" else escape(cell) for cell in cells
-    ]
+    breaks = "_<wbr>" if tag == "th" else "_"
+    shown = [escape(cell).replace("_", breaks) for cell in cells]
     return "<tr>" + "".join(f"<{tag}>{cell}</{tag}>" for cell in shown) + "</tr>"
 
 
@@ -124,27 +174,11 @@ def _figure(plot: Plot) -> str:
     return f"<h2>{escape(plot.title)}</h2>\n<figure>{side}{caption}</figure>"
 
 
-def _stills(stills: Sequence[Still]) -> list[str]:
-    if not stills:
-        return []
-    figures = [
-        f"<figure>{_embedded(still.jpeg, 'image/jpeg', still.caption)}"
-        f"<figcaption>{escape(still.caption)}</figcaption></figure>"
-        for still in stills
-    ]
-    return ["<h2>Overlay</h2>", '<div class="side">', *figures, "</div>"]
+def _still(caption: str, jpeg: bytes) -> str:
+    picture = _embedded(jpeg, "image/jpeg", caption)
+    return f"<figure>{picture}<figcaption>{escape(caption)}</figcaption></figure>"
 
 
 def _embedded(content: bytes, kind: str, words: str) -> str:
     data = base64.b64encode(content).decode()
     return f'<img alt="{escape(words, quote=True)}" src="data:{kind};base64,{data}">'
-
-
-def _parameters(method: MethodResult) -> str:
-    lines = [
-        f"{node}: {name}: {value}"
-        for node, values in method.setup.parameters.items()
-        for name, value in values.items()
-    ]
-    text = escape("\n".join(lines))
-    return f"<details><summary>{escape(method.method)}</summary><pre>{text}</pre></details>"

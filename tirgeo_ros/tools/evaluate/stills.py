@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from typing import Any
 
 import cv2
 import numpy as np
@@ -20,20 +19,19 @@ from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.bags.cdr import header_stamp_ns
-from tirgeo_ros.io.surveys.survey import Observation
 from tirgeo_ros.tools.evaluate.ground import Experiment
 from tirgeo_ros.tools.evaluate.methods import MethodSetup
-from tirgeo_ros.tools.evaluate.result import ControlPoint, Still
 from tirgeo_ros.tools.replay.flight_poses import FlightPoses
 from tirgeo_ros.tools.replay.flight_topics import PICTURES, resolved
 
-#: Number of stills, spread over the flight.
-STILLS = 4
+_STILLS = 4  # spread over the flight
 _QUALITY = 85
 _CLICK_BGR, _CLICK_PX = (0, 140, 255), 13
 _CONTROL = LayerStyle(line_bgr=(120, 255, 120), width_px=2)
-#: Largest time from a click's stamp to that of its picture.
-_SAME_NS = 1_000_000
+_CAPTION = (
+    "{names} at {time_s:.3f} s. Orange crosses: where it was clicked. Green diamonds: where "
+    "{method} puts the surveyed points. Yellow, or as its style says: the map by {method}"
+)
 
 
 def overlay_stills(
@@ -44,45 +42,47 @@ def overlay_stills(
     setup: MethodSetup,
     layers: Sequence[MapLayer],
     given: Experiment,
-) -> list[Still]:
-    """Return stills of a method with clicks drawn; empty if the bag has no pictures."""
+) -> list[tuple[str, bytes]]:
+    """Return captions and JPEG of a method with clicks drawn; empty without pictures."""
     overlay, plane = setup.configs.overlay, poses.plane
     assert plane is not None
+    points = [
+        GeoFeature(p.id, False, np.array([[p.latitude_rad, p.longitude_rad, p.height_m]]))
+        for p in given.control.values()
+    ]
     terrain = setup.ground if isinstance(setup.ground, Terrain) else None
-    drawing = MapRenderer(overlay, [*layers, _control_layer(given.control.values())], terrain)
+    layers = [*layers, MapLayer("control points", points, _CONTROL)]
+    drawing = MapRenderer(overlay, layers, terrain)
     drawing.set_plane(plane)
     drawing.set_camera(camera)
     toner = ToneMapper(overlay.picture, overlay.palette)
     stills = []
-    for stamp_ns, pixels in _pictures(reader, namespace, _chosen(given.observations)):
+    for stamp_ns, pixels in _pictures(reader, namespace, _chosen(given)):
         found = poses.at(stamp_ns - setup.latency_ns)
         if found is None or pixels.shape[:2] != (camera.height, camera.width):
             continue
         image = toner.tone(pixels, stamp_ns)
         drawing.draw(image, *found, ())
-        clicks = [one for one in given.observations if abs(one.stamp_ns - stamp_ns) <= _SAME_NS]
-        stills.append(_still(image, stamp_ns, clicks, setup.method))
+        clicks = [one for one in given.observations if one.stamp_ns == stamp_ns]
+        for one in clicks:
+            at = round(one.u), round(one.v)
+            cv2.drawMarker(image, at, _CLICK_BGR, cv2.MARKER_TILTED_CROSS, _CLICK_PX, 2)
+        _, jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+        names = ", ".join(one.id for one in clicks)
+        caption = _CAPTION.format(names=names, time_s=stamp_ns * 1e-9, method=setup.method)
+        stills.append((caption, jpeg.tobytes()))
     return stills
 
 
-def _control_layer(control: Iterable[ControlPoint]) -> MapLayer:
-    features = [
-        GeoFeature(p.id, False, np.array([[p.latitude_rad, p.longitude_rad, p.height_m]]))
-        for p in control
-    ]
-    return MapLayer("control points", features, _CONTROL)
-
-
-def _chosen(observations: Sequence[Observation]) -> list[int]:
+def _chosen(given: Experiment) -> set[int]:
     """Return stamps of pictures: from each part of the flight the one with most clicks."""
-    clicks = Counter(one.stamp_ns for one in observations)
-    stamps = sorted(clicks)
-    parts = np.array_split(np.array(stamps, np.int64), min(STILLS, len(stamps)))
-    return [max(part.tolist(), key=clicks.__getitem__) for part in parts]
+    clicks = Counter(one.stamp_ns for one in given.observations)
+    parts = np.array_split(np.array(sorted(clicks), np.int64), min(_STILLS, len(clicks)))
+    return {max(part.tolist(), key=clicks.__getitem__) for part in parts}
 
 
 def _pictures(
-    reader: BagReader, namespace: str, stamps_ns: list[int]
+    reader: BagReader, namespace: str, stamps_ns: set[int]
 ) -> Iterator[tuple[int, RawPixels]]:
     """Yield stamp and pixels of those pictures, as far as the bag has them."""
     names = {resolved(name, namespace): name for name in PICTURES}
@@ -91,20 +91,6 @@ def _pictures(
     for message in reader.messages(topics[:1]) if topics else ():
         with suppress(TirgeoError):  # errors are counted where the flight is read
             stamp_ns = header_stamp_ns(message.data)
-            if any(abs(stamp_ns - one) <= _SAME_NS for one in stamps_ns):
+            if stamp_ns in stamps_ns:
                 decoded = cdr.deserialize(message.data, message.typename)
                 yield stamp_ns, convert.pixels(names[message.topic], decoded)
-
-
-def _still(image: Any, stamp_ns: int, clicks: Sequence[Observation], method: str) -> Still:
-    for one in clicks:
-        place = round(one.u), round(one.v)
-        cv2.drawMarker(image, place, _CLICK_BGR, cv2.MARKER_TILTED_CROSS, _CLICK_PX, 2)
-    _, jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
-    names = ", ".join(one.id for one in clicks)
-    words = (
-        f"{names} at {stamp_ns * 1e-9:.3f} s. Orange crosses: where it was clicked. Green "
-        f"diamonds: where {method} puts the surveyed points. Yellow, or as its style says: the "
-        f"map by {method}"
-    )
-    return Still(words, jpeg.tobytes())

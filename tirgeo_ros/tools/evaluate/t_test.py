@@ -6,8 +6,8 @@ The pairs are a point's root mean square errors (Eq. 24) under both methods.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,8 +15,7 @@ import numpy as np
 _ALIKE_M = 1e-9
 
 
-@dataclass(frozen=True, slots=True)
-class PairedTest:
+class PairedTest(NamedTuple):
     """Hold the comparison of two methods over the points that both have."""
 
     first: str
@@ -28,28 +27,23 @@ class PairedTest:
     note: str  # why there is no p-value, else empty
 
 
-def paired_test(
-    first: str, second: str, errors_m: Mapping[str, Mapping[str, float]]
-) -> PairedTest:
-    """Compare two methods; ``errors_m`` is method -> point -> error."""
-    common = sorted(errors_m[first].keys() & errors_m[second].keys())
-    columns = [np.array([errors_m[name][point] for point in common]) for name in (first, second)]
-    differences = columns[0] - columns[1]
-    mean = float(differences.mean()) if common else None
-    note = ""
-    if len(common) < 2:
-        note = "fewer than 2 points"
-    elif np.ptp(differences) <= _ALIKE_M:
-        note = "all differences are alike"
-    if note:
-        return PairedTest(first, second, len(common), mean, None, None, note)
+def paired_tests(errors_m: Mapping[str, Mapping[str, float]]) -> list[PairedTest]:
+    """Compare each pair of methods once, in order; ``errors_m`` is method -> point -> error."""
     from scipy import stats  # noqa: PLC0415  slow to import
 
-    found = stats.ttest_rel(*columns)
-    t, p_value = float(found.statistic), float(found.pvalue)
-    return PairedTest(first, second, len(common), mean, t, p_value, "")
-
-
-def paired_tests(errors_m: Mapping[str, Mapping[str, float]]) -> list[PairedTest]:
-    """Compare each pair of methods once, in their order."""
-    return [paired_test(a, b, errors_m) for a, b in combinations(errors_m, 2)]
+    tests = []
+    for first, second in combinations(errors_m, 2):
+        common = sorted(errors_m[first].keys() & errors_m[second].keys())
+        columns = [np.array([errors_m[one][point] for point in common]) for one in (first, second)]
+        apart_m = columns[0] - columns[1]
+        mean_m = float(apart_m.mean()) if common else None
+        t, p_value, note = None, None, ""
+        if len(common) < 2:
+            note = "fewer than 2 points"
+        elif np.ptp(apart_m) <= _ALIKE_M:
+            note = "all differences are alike"
+        else:
+            found = stats.ttest_rel(*columns)
+            t, p_value = float(found.statistic), float(found.pvalue)
+        tests.append(PairedTest(first, second, len(common), mean_m, t, p_value, note))
+    return tests

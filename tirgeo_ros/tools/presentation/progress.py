@@ -13,8 +13,8 @@ from typing import TextIO, final
 Report = Callable[[float, float | None], None]
 
 _REDRAW_S = 0.1
-#: Shortest working time (s) that gives a rate.
-_LEAST_S = 0.05
+_LEAST_S = 0.05  # of work, for a rate
+_WIDTH = 20  # of the bar
 
 
 def silent(_done: float, _total: float | None = None) -> None:
@@ -39,7 +39,6 @@ class Progress:
     ) -> None:
         self._what = what
         self._unit = f" {unit}" if unit else ""
-        self._is_time = unit == "s"
         self._stream = sys.stderr if stream is None else stream
         self._clock = clock
         self._begun_s = clock()
@@ -52,7 +51,7 @@ class Progress:
         if now_s < self._next_s:
             return
         self._next_s = now_s + _REDRAW_S
-        self._draw(self._line(done, total, now_s - self._begun_s))
+        self._draw(self._line(done, total, max(now_s - self._begun_s, _LEAST_S)))
 
     def __enter__(self) -> Progress:
         return self
@@ -71,33 +70,24 @@ class Progress:
         self._drawn = bool(line)
 
     def _line(self, done: float, total: float | None, elapsed_s: float) -> str:
-        rate = done / elapsed_s if elapsed_s > _LEAST_S else 0.0
-        pace = f"{three(rate)}x real time" if self._is_time else f"{three(rate)}{self._unit}/s"
+        rate = done / elapsed_s
+        pace = (
+            f"{three(rate)}x real time" if self._unit == " s" else f"{three(rate)}{self._unit}/s"
+        )
         if not total:
-            parts = [f"{self._what}  {three(done)}{self._unit}"]
-        else:
-            part = min(max(done / total, 0.0), 1.0)
-            amount = f"{three(done)} of {three(total)}{self._unit}"
-            parts = [f"{self._what} {_bar(part)} {three(100 * part):>4} %", amount]
-        if rate > 0:
-            parts.append(pace)
-            if total:
-                parts.append(f"{_clock_text((total - done) / rate)} left")
-        return "  ".join(parts)
+            return f"{self._what}  {three(done)}{self._unit}  {pace}"
+        part = min(max(done / total, 0.0), 1.0)
+        full = int(part * _WIDTH)
+        bar = "#" * full + "." * (_WIDTH - full)
+        amount = f"{three(done)} of {three(total)}{self._unit}"
+        line = f"{self._what} [{bar}] {three(100 * part):>4} %  {amount}  {pace}"
+        if rate <= 0:
+            return line
+        minutes, seconds = divmod(round(max((total - done) / rate, 0.0)), 60)
+        return f"{line}  {minutes}:{seconds:02d} left"
 
 
 def three(value: float) -> str:
     """Return a number with three digits, or all of those before the point: 1.23, 12.3, 1234."""
     digits = next((n for n in (2, 1) if abs(round(value, n)) < 10 ** (3 - n)), 0)
     return f"{value:.{digits}f}"
-
-
-def _bar(part: float, width: int = 20) -> str:
-    full = int(part * width)
-    return "[" + "#" * full + "." * (width - full) + "]"
-
-
-def _clock_text(seconds: float) -> str:
-    minutes, rest = divmod(round(max(seconds, 0.0)), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"

@@ -7,33 +7,24 @@ import os
 from collections.abc import Iterator, Mapping
 from fractions import Fraction
 from pathlib import Path
-from types import ModuleType
-from typing import Any, NamedTuple, final
+from typing import Any, final
 
-import cv2
 import numpy as np
 
 from tirgeo_ros.core.types.arrays import Pixels
 from tirgeo_ros.core.types.errors import VideoError
 from tirgeo_ros.io.files.whole_files import check_place, part_of
 
-
-class _Form(NamedTuple):
-    codec: str
-    options: Mapping[str, str]
-    container: Mapping[str, str]
-
-
-#: By the ending of the file name. Every browser and player shows 4:2:0 in 8 bit. The quality is
-#: the one at which thin lines of the map still have their colours. A key frame comes every 100
-#: frames at most.
-_FORMS = {
-    ".mp4": _Form(
+#: Codec, its options and those of the container, by the ending of the file name. Every browser
+#: and player shows 4:2:0 in 8 bit. The quality is the one at which thin lines of the map still
+#: have their colours. A key frame comes every 100 frames at most.
+_FORMS: Mapping[str, tuple[str, dict[str, str], dict[str, str]]] = {
+    ".mp4": (
         "libx264",
         {"preset": "veryfast", "crf": "26", "g": "100"},
         {"movflags": "+faststart"},  # the index comes first, so that it plays while it loads
     ),
-    ".webm": _Form(
+    ".webm": (
         "libvpx-vp9",
         {"deadline": "realtime", "cpu-used": "6", "crf": "38", "b:v": "0", "g": "100"},
         {},
@@ -57,14 +48,23 @@ class VideoFile:
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
         self.frames = 0
-        self._form = _form_of(self.path)
+        if self.path.suffix.lower() not in _FORMS:
+            raise VideoError(f"{path}: the video's name must end with {' or '.join(_FORMS)}")
         if not self.path.parent.is_dir():
             raise VideoError(f"{self.path}: no such folder {self.path.parent}")
         check_place(self.path, VideoError)
         self._part = part_of(self.path).with_suffix(self.path.suffix)
-        if not _in_utf8(self._part):
-            raise VideoError(f"{self.path}: FFmpeg takes names in UTF-8 alone; give another one")
-        self._av = _pyav(self.path)
+        try:
+            str(self._part).encode()
+        except UnicodeEncodeError:
+            raise VideoError(
+                f"{self.path}: FFmpeg takes names in UTF-8 alone; give another one"
+            ) from None
+        try:
+            import av  # noqa: PLC0415  35 MB that only videos need
+        except ImportError as error:
+            raise VideoError(f"{path}: a video needs PyAV: pip install av ({error})") from error
+        self._av = av
         self._shape: tuple[int, ...] | None = None
         self._last_stamp_ns: int | None = None
         self._step_ns = _FIRST_STEP_NS
@@ -79,15 +79,22 @@ class VideoFile:
 
     def add(self, stamp_ns: int, pixels: Pixels) -> None:
         """Append a frame."""
-        if self._shape is None:
-            self._shape = pixels.shape
+        self._shape = self._shape or pixels.shape
         if pixels.shape != self._shape:
             raise VideoError(
                 f"{self.path}: a frame of {pixels.shape[1]}x{pixels.shape[0]} pixels follows "
                 f"frames of {self._shape[1]}x{self._shape[0]}"
             )
-        self._advance(stamp_ns)
-        frame = self._av.VideoFrame.from_ndarray(_even(pixels), format="bgr24")
+        if self._last_stamp_ns is not None:
+            step_ns = stamp_ns - self._last_stamp_ns
+            if 0 < step_ns < _LONGEST_STEP_NS:
+                self._step_ns = step_ns
+            self._time_ns += self._step_ns
+        self._last_stamp_ns = stamp_ns
+        height, width = pixels.shape[:2]
+        if height % 2 or width % 2:
+            pixels = np.pad(pixels, ((0, height % 2), (0, width % 2), (0, 0)), "edge")
+        frame = self._av.VideoFrame.from_ndarray(pixels, format="bgr24")
         frame.pts = round(self._time_ns * 1e-9 * _CLOCK_HZ)
         frame.time_base = Fraction(1, _CLOCK_HZ)
         with self._writing():
@@ -96,18 +103,10 @@ class VideoFile:
             self._write(frame)
         self.frames += 1
 
-    def _advance(self, stamp_ns: int) -> None:
-        if self._last_stamp_ns is not None:
-            step_ns = stamp_ns - self._last_stamp_ns
-            if 0 < step_ns < _LONGEST_STEP_NS:
-                self._step_ns = step_ns
-            self._time_ns += self._step_ns
-        self._last_stamp_ns = stamp_ns
-
     def _open(self, width: int, height: int) -> None:
-        form = self._form
-        self._container = self._av.open(str(self._part), "w", options=dict(form.container))
-        stream = self._container.add_stream(form.codec, rate=30, options=dict(form.options))
+        codec, options, of_container = _FORMS[self.path.suffix.lower()]
+        self._container = self._av.open(str(self._part), "w", options=of_container)
+        stream = self._container.add_stream(codec, rate=30, options=options)
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
         stream.codec_context.time_base = Fraction(1, _CLOCK_HZ)
         self._stream = stream
@@ -131,49 +130,11 @@ class VideoFile:
         try:
             if kind is None and self._container is not None:
                 with self._writing():
-                    self._finish()
+                    self._write(None)
+                    self._container.close()
+                    self._part.replace(self.path)
         finally:
-            self._discard()
-
-    def _finish(self) -> None:
-        self._write(None)
-        self._container.close()
-        self._part.replace(self.path)
-
-    def _discard(self) -> None:
-        if self._container is not None:
-            with contextlib.suppress(OSError):
-                self._container.close()
-        with contextlib.suppress(FileNotFoundError):
-            self._part.unlink()
-
-
-def _form_of(path: Path) -> _Form:
-    form = _FORMS.get(path.suffix.lower())
-    if form is None:
-        raise VideoError(f"{path}: the video's name must end with {' or '.join(_FORMS)}")
-    return form
-
-
-def _pyav(path: Path) -> ModuleType:
-    try:
-        import av  # noqa: PLC0415  35 MB that only videos need
-    except ImportError as error:
-        raise VideoError(f"{path}: a video needs PyAV: pip install av ({error})") from error
-    return av
-
-
-def _even(pixels: Pixels) -> Pixels:
-    height, width = pixels.shape[:2]
-    if height % 2 == width % 2 == 0:
-        return pixels
-    edge = cv2.copyMakeBorder(pixels, 0, height % 2, 0, width % 2, cv2.BORDER_REPLICATE)
-    return np.asarray(edge, np.uint8)
-
-
-def _in_utf8(path: Path) -> bool:
-    try:
-        str(path).encode()
-    except UnicodeEncodeError:
-        return False
-    return True
+            if self._container is not None:
+                with contextlib.suppress(OSError):
+                    self._container.close()
+            self._part.unlink(missing_ok=True)

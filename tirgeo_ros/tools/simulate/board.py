@@ -166,14 +166,12 @@ def board_views(
     count: int,
     seed: int,
     look: BoardLook | None = None,
-    *,
-    most_tilt_deg: float = 45.0,
     parts: int = 2,
 ) -> list[BoardView]:
     """Render views as for a calibration: all over the frame, tilted, near and far."""
     renderer = BoardRenderer(camera, board, parts)
     rng = np.random.default_rng(seed)
-    poses = calibration_poses(camera, board, count, rng, most_tilt_deg)
+    poses = calibration_poses(camera, board, count, rng)
     return [renderer.view(*pose, look or BoardLook(), rng) for pose in poses]
 
 
@@ -188,12 +186,13 @@ def calibration_poses(
 
     Raise ValueError if the board does not fit into the picture.
     """
-    found = 0
+    found, high = 0, np.array([camera.width, camera.height]) - _EDGE_PX
     for _ in range(_TRIES * count):
         if found == count:
             return
         pose = _pose(camera, board, rng, math.radians(most_tilt_deg), found % 4 == 3)
-        if _fits(camera, board, *pose):
+        corners, valid = camera.project(board.points_m @ pose[0].T + pose[1])
+        if valid.all() and ((corners > _EDGE_PX) & (corners < high)).all():
             found += 1
             yield pose
     if found < count:
@@ -217,12 +216,6 @@ def _pose(
     pixel = rng.uniform([0, 0], [camera.width, camera.height])
     middle = camera.rays(pixel[None])[0] * depth
     return rotation, middle - rotation @ board.points_m.mean(0)
-
-
-def _fits(camera: Camera, board: Checkerboard, rotation: Array, position: Array) -> bool:
-    corners, valid = camera.project(board.points_m @ rotation.T + position)
-    inside = (corners > _EDGE_PX) & (corners < [camera.width - _EDGE_PX, camera.height - _EDGE_PX])
-    return bool(valid.all() and inside.all())
 
 
 def gimbal_pose(

@@ -8,7 +8,6 @@ al. 2022, section 5.2); and ``wall.csv``, the camera's true angles in it.
 from __future__ import annotations
 
 import argparse
-import csv
 import math
 import sys
 from collections.abc import Sequence
@@ -20,11 +19,13 @@ import numpy as np
 from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.core.types.errors import TirgeoError
+from tirgeo_ros.core.types.errors import CalibrationError, TirgeoError
 from tirgeo_ros.io.bags.bag import BagWriter, Cdr
+from tirgeo_ros.io.files.whole_files import csv_text, made_folder
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages
 from tirgeo_ros.tools.presentation.progress import Progress, Report, silent
 from tirgeo_ros.tools.simulate.board import BoardLook, BoardRenderer, board_views, gimbal_pose
+from tirgeo_ros.tools.simulate.gimbal import ERROR_TIME_S
 from tirgeo_ros.tools.simulate.processes import generator, scaled_noise
 from tirgeo_ros.tools.simulate.scenario import Scenario
 
@@ -34,15 +35,6 @@ RATE_HZ = 10.0  # of the video's pictures, as the paper took from its own
 #: deviation.
 YAW_STD_DEG, YAW_PERIOD_S = 13.8857, 6.0
 _DISTANCE_M, _FOLLOWED = 2.2, 0.7  # so that the board stays in the picture
-_START_NS = Scenario().start_ns
-
-
-def write_lens(folder: Path, count: int, seed: int) -> None:
-    """Write ``count`` views of the board, all over the picture, as PNG."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for number, view in enumerate(board_views(XT2, BOARD, count, seed), 1):
-        _, data = cv2.imencode(".png", view.image)
-        (folder / f"view_{number:02d}.png").write_bytes(data.tobytes())
 
 
 def camera_angles(times_s: Array, duration_s: float, seed: int) -> Array:
@@ -50,13 +42,8 @@ def camera_angles(times_s: Array, duration_s: float, seed: int) -> Array:
 
     Roll and pitch drift as for the camera of a simulated flight (Table 8); yaw oscillates.
     """
-    gimbal = Scenario().gimbal
-    wander = scaled_noise(
-        generator(seed, "gimbal"),
-        duration_s,
-        gimbal.error_time_s,
-        np.radians(gimbal.error_rms_deg),
-    )
+    rms = np.radians(Scenario().gimbal.error_rms_deg)
+    wander = scaled_noise(generator(seed, "gimbal"), duration_s, ERROR_TIME_S, rms)
     swing = math.sqrt(2) * math.radians(YAW_STD_DEG)
     yaw = swing * np.sin(2 * np.pi * times_s / YAW_PERIOD_S)
     return np.column_stack([wander(times_s), yaw])
@@ -70,7 +57,7 @@ def write_wall(path: Path, duration_s: float, seed: int, progress: Report = sile
     with BagWriter(path) as bag:
         for number, rpy in enumerate(angles):
             progress(number / RATE_HZ, duration_s)
-            stamp_ns = _START_NS + round(number * 1e9 / RATE_HZ)
+            stamp_ns = Scenario().start_ns + round(number * 1e9 / RATE_HZ)
             pose = gimbal_pose(BOARD, rpy, _DISTANCE_M, _FOLLOWED)
             view = draw.view(*pose, BoardLook(), generator(seed, f"picture {number}"))
             for topic, message in (
@@ -81,59 +68,51 @@ def write_wall(path: Path, duration_s: float, seed: int, progress: Report = sile
     return angles
 
 
-def _write_angles(path: Path, angles: Array) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(["time_s", "roll_deg", "pitch_deg", "yaw_deg"])
-        for number, rpy in enumerate(np.degrees(angles).tolist()):
-            rows.writerow([f"{number / RATE_HZ:.3f}", *(f"{angle:.5f}" for angle in rpy)])
-
-
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command's arguments."""
     made = argparse.ArgumentParser(
-        prog="python -m tirgeo_ros.tools.simulate.boards",
-        description="Writes rendered pictures and a video of a thermal checkerboard, "
-        f"{BOARD.columns}x{BOARD.rows} corners {BOARD.square_m:g} m apart, by the XT2's lens.",
+        prog="python -m tirgeo_ros.tools.simulate.boards", description=__doc__
     )
     made.add_argument("-o", "--output", type=Path, metavar="DIR", required=True)
     made.add_argument("--views", type=int, default=40, metavar="N", help="default: %(default)s")
-    made.add_argument(
-        "--seconds", type=float, default=30.0, metavar="S", help="of video (default: %(default)g)"
-    )
+    made.add_argument("--seconds", type=float, default=30.0, metavar="S", help="of video")
     made.add_argument("--seed", type=int, default=2205, metavar="N", help="default: %(default)s")
     return made
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Write all files; ``angles_std_deg`` in the result is the truth of the video."""
-    folder: Path = args.output
-    write_lens(folder / "lens", args.views, args.seed)
+    if not (args.views >= 1 and 1 <= args.seconds <= 3600 and args.seed >= 0):
+        raise CalibrationError("--views must be 1 or more, --seconds 1 to 3600, --seed 0 or more")
+    lens = made_folder(args.output / "lens", CalibrationError)
+    wall, angles_csv = args.output / "wall.mcap", args.output / "wall.csv"
+    for number, view in enumerate(board_views(XT2, BOARD, args.views, args.seed), 1):
+        _, data = cv2.imencode(".png", view.image)
+        (lens / f"view_{number:02d}.png").write_bytes(data.tobytes())
     with Progress("rendering", unit="s") as bar:
-        angles = write_wall(folder / "wall.mcap", args.seconds, args.seed, bar)
-    _write_angles(folder / "wall.csv", angles)
+        angles = write_wall(wall, args.seconds, args.seed, bar)
+    rows = [
+        [f"{number / RATE_HZ:.3f}", *(f"{angle:.5f}" for angle in rpy)]
+        for number, rpy in enumerate(np.degrees(angles).tolist())
+    ]
+    text = csv_text([["time_s", "roll_deg", "pitch_deg", "yaw_deg"], *rows])
+    angles_csv.write_text(text, encoding="utf-8")
     std = np.degrees(angles.std(0, ddof=1)).tolist()
     return {
-        "output": [str(folder / name) for name in ("lens", "wall.mcap", "wall.csv")],
+        "output": [str(lens), str(wall), str(angles_csv)],
         "views": args.views,
         "angles_std_deg": dict(zip(("roll", "pitch", "yaw"), std, strict=True)),
     }
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main(argv: Sequence[str] | None = None) -> None:
     """Run the command."""
-    command = parser()
-    args = command.parse_args(argv)
-    if not (args.views >= 1 and 1 <= args.seconds <= 3600 and args.seed >= 0):
-        command.error("--views must be 1 or more, --seconds 1 to 3600, --seed 0 or more")
     try:
-        found = run(args)
+        found = run(parser().parse_args(argv))
     except (TirgeoError, OSError) as error:
-        sys.stderr.write(f"boards: {error}\n")
-        return 1
+        sys.exit(f"boards: {error}")
     sys.stdout.write("\n".join([*found["output"], ""]))  # type: ignore[misc]
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,21 +17,22 @@ from tirgeo_ros.tools.simulate.parameters_file import parameters_text
 from tirgeo_ros.tools.simulate.park import lay_out
 from tirgeo_ros.tools.simulate.relief import WGS84_TEXT, Relief, elevation_text
 from tirgeo_ros.tools.simulate.renderer import Renderer
-from tirgeo_ros.tools.simulate.scenario import load_scenario
+from tirgeo_ros.tools.simulate.scenario import Scenario, load_scenario
 from tirgeo_ros.tools.simulate.survey import sightings, surveyed
 from tirgeo_ros.tools.simulate.targets import targets_of, targets_text
 
-NAMES = ("flight.mcap", "truth.mcap", "map.geojson", "survey.geojson", "targets.geojson",
-         "observations.csv", "params.yaml")  # fmt: skip
-
+NAMES = (
+    *("flight.mcap", "truth.mcap", "map.geojson", "survey.geojson", "targets.geojson"),
+    *("observations.csv", "params.yaml"),
+)
 #: Files written beside NAMES if the ground is not level.
 ELEVATION = ("dem.asc", "dem.prj")
 _CLEAR_M = 3.0  # smallest height above all ground
 
 
 def simulate(
-    scenario_path: str | os.PathLike[str],
-    out_dir: str | os.PathLike[str],
+    scenario_path: PathLike,
+    out_dir: PathLike,
     *,
     seed: int | None = None,
     joint_order: str | None = None,
@@ -44,10 +44,9 @@ def simulate(
 ) -> dict[str, object]:
     """Fly a scenario and write NAMES into ``out_dir``; the same seed gives the same bytes.
 
-    ``joint_order`` overrides the scenario's gimbal, and is written to params.yaml;
-    ``barometer_hz`` overrides the rate of its barometer. ``start_s`` and ``duration_s`` cut a
-    window out of the flight: the bags hold what arrived in it, the observations are those of its
-    pictures, all other files are for the whole flight. Return what was written. Raise
+    ``joint_order`` and ``barometer_hz`` override the scenario's. ``start_s`` and ``duration_s``
+    cut a window out of the flight: the bags hold what arrived in it, the observations are those of
+    its pictures, all other files are for the whole flight. Return what was written. Raise
     ScenarioError, and BagError or SurveyError if files cannot be written.
     """
     outputs = [Path(out_dir) / name for name in (*NAMES, *ELEVATION)]
@@ -57,53 +56,34 @@ def simulate(
         scenario = replace(scenario, gimbal=replace(scenario.gimbal, joint_order=joint_order))
     if barometer_hz is not None:
         scenario = replace(scenario, barometer=replace(scenario.barometer, rate_hz=barometer_hz))
-    if duration_s is None:
-        duration_s = scenario.duration_s - start_s
-    end_s = start_s + duration_s
-    if not (start_s >= 0 and duration_s > 0 and end_s <= scenario.duration_s + 1e-9):  # nor nan
-        raise ScenarioError(
-            f"{scenario_path}: no {duration_s:g} s from {start_s:g} s on in a flight of "
-            f"{scenario.duration_s:g} s; change the start or the duration"
-        )
+    window = _window(scenario, scenario_path, start_s, duration_s)
     flight = fly(scenario, seed)
-    start_ns = scenario.start_ns + round(start_s * 1e9)
-    window = range(start_ns, start_ns + round(duration_s * 1e9) + 1)
-    return _written(Path(out_dir), flight, window, images=images, progress=progress)
-
-
-def _written(
-    folder: Path, flight: SimulatedFlight, window: range, *, images: bool, progress: Report
-) -> dict[str, object]:
-    camera = flight.scenario.video.camera
-    park = lay_out(flight.scenario.park, flight.seed)
+    camera, park = scenario.video.camera, lay_out(scenario.park, flight.seed)
     points, clicks = surveyed(flight, camera, park)
     clicks = [click for click in clicks if click.stamp_ns in window]
-    targets = targets_of(flight.scenario, flight.seed)
-    relief = Relief(flight.scenario.park, flight.seed)
+    targets, relief = targets_of(scenario, flight.seed), Relief(scenario.park)
     _check_clear(flight, relief)
-    made_folder(folder, ScenarioError)
-    texts: dict[PathLike, str | bytes] = {
-        folder / "map.geojson": map_text(park, flight.plane, relief),
-        folder / "targets.geojson": targets_text(targets, flight.plane, relief),
-        folder / "params.yaml": parameters_text(flight.scenario),
+    folder = made_folder(out_dir, ScenarioError)
+    texts = {
+        "map.geojson": map_text(park, flight.plane, relief),
+        "targets.geojson": targets_text(targets, flight.plane, relief),
+        "params.yaml": parameters_text(scenario),
     }
     if not relief.is_level:
-        texts[folder / "dem.asc"] = elevation_text(relief, flight.plane)
-        texts[folder / "dem.prj"] = WGS84_TEXT
-    write_files(texts, ScenarioError)
+        texts |= {"dem.asc": elevation_text(relief, flight.plane), "dem.prj": WGS84_TEXT}
+    write_files({folder / name: text for name, text in texts.items()}, ScenarioError)
     save_survey(folder / "survey.geojson", points)
     save_observations(folder / "observations.csv", clicks)
     write_truth(folder / "truth.mcap", flight, window)
     renderer, seen = None, []
     if images:
-        ground = paint(park, flight.scenario.park, flight.seed)
-        patches = [patch for target in targets for patch in target.patches()]
-        renderer = Renderer(camera, ground, flight.scenario.video, patches, relief)
+        ground = paint(park, scenario.park, flight.seed)
+        renderer = Renderer(camera, ground, scenario.video, targets, relief)
         seen = sightings(flight, camera, targets)
     counts = write_flight(folder / "flight.mcap", flight, window, camera, renderer, seen, progress)
     return {
         "folder": str(folder),
-        "scenario": flight.scenario.name,
+        "scenario": scenario.name,
         "seed": flight.seed,
         "duration_s": (len(window) - 1) / 1e9,
         "control_points": len(points),
@@ -114,11 +94,25 @@ def _written(
     }
 
 
+def _window(scenario: Scenario, path: PathLike, start_s: float, duration_s: float | None) -> range:
+    """Return the log times (ns) that are written. Raise ScenarioError outside the flight."""
+    if duration_s is None:
+        duration_s = scenario.duration_s - start_s
+    end_s = start_s + duration_s
+    if not (start_s >= 0 and duration_s > 0 and end_s <= scenario.duration_s + 1e-9):  # nor nan
+        raise ScenarioError(
+            f"{path}: no {duration_s:g} s from {start_s:g} s on in a flight of "
+            f"{scenario.duration_s:g} s; change the start or the duration"
+        )
+    start_ns = scenario.start_ns + round(start_s * 1e9)
+    return range(start_ns, start_ns + round(duration_s * 1e9) + 1)
+
+
 def _check_clear(flight: SimulatedFlight, relief: Relief) -> None:
-    """Raise ScenarioError if hills could be as high as the aircraft."""
+    """Raise ScenarioError if the ground could be as high as the aircraft."""
     lowest_m = -float(flight.truth.position_p[:, 2].max())
     if relief.highest_m > lowest_m - _CLEAR_M:
         raise ScenarioError(
-            f"park: its ground may rise to {relief.highest_m:.1f} m, and the flight is as low as "
-            f"{lowest_m:.1f} m: fly {_CLEAR_M:g} m above it, or make slope_deg or hills_m less"
+            f"park: its ground rises to {relief.highest_m:.1f} m, and the flight is as low as "
+            f"{lowest_m:.1f} m: fly {_CLEAR_M:g} m above it, or make slope_deg less"
         )

@@ -72,9 +72,8 @@ def fly(scenario: Scenario, seed: int | None = None) -> SimulatedFlight:
         *gimbal_samples(scenario, seed, trajectory, pilot, gimbal),
     ]
     samples.sort(key=lambda arrival: arrival[0])  # stable: the IMU first among equals
-    return SimulatedFlight(
-        scenario, seed, trajectory, gimbal, truth_at(trajectory, epochs, bias), samples
-    )
+    truth = truth_at(trajectory, epochs, bias)
+    return SimulatedFlight(scenario, seed, trajectory, gimbal, truth, samples)
 
 
 def truth_at(trajectory: Trajectory, epochs: Epochs, bias: ImuBias) -> Truth:
@@ -84,17 +83,6 @@ def truth_at(trajectory: Trajectory, epochs: Epochs, bias: ImuBias) -> Truth:
     lat, lon, height, velocity_n, q_nb = geodetic_state(
         trajectory.plane, motion.position_p, motion.velocity_p, motion.rotation_pb
     )
-    return Truth(
-        epochs.stamp_ns,
-        epochs.t_s,
-        lat,
-        lon,
-        height,
-        velocity_n,
-        q_nb,
-        force,
-        rate,
-        bias.gyro_b,
-        bias.accel_b,
-        motion.position_p,
-    )
+    biases = bias.gyro_b, bias.accel_b
+    of_motion = lat, lon, height, velocity_n, q_nb, force, rate
+    return Truth(epochs.stamp_ns, epochs.t_s, *of_motion, *biases, motion.position_p)

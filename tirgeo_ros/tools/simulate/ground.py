@@ -7,14 +7,14 @@ lower resolution serve for what is far away.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from tirgeo_ros.core.types.arrays import Array, Pixels
-from tirgeo_ros.tools.simulate.park import Bed, Park, Spot
+from tirgeo_ros.tools.simulate.park import Park, Spot
 from tirgeo_ros.tools.simulate.processes import generator
 from tirgeo_ros.tools.simulate.scenario_ground import ParkScenario
 
@@ -29,8 +29,7 @@ _SHIFT = 4  # drawing to a sixteenth of a cell
 _GRAINS = ((40.0, 5.0), (9.0, 5.0), (2.5, 4.0), (0.7, 4.0), (0.2, 4.0))
 
 
-@dataclass(frozen=True)
-class Ground:
+class Ground(NamedTuple):
     """Hold the painted ground: level k has cells of ``resolution_m`` times 2^k."""
 
     levels: list[Pixels]  # rows from north to south, columns from west to east
@@ -48,7 +47,11 @@ def paint(park: Park, scenario: ParkScenario, seed: int) -> Ground:
         canvas.line(path.line, path.width_m, _PAVING)
     _lay_slabs(canvas, park, generator(seed, "slabs"))
     for bed in park.beds:
-        _paint_bed(canvas, bed)
+        # The map's outline is the border between bed and kerb.
+        rings = [bed.outline, *bed.holes]
+        for ring in rings:
+            canvas.line(ring, 2 * _KERB_M, _KERB, closed=True)
+        canvas.fill(rings, _SOIL + _BED_SPAN * bed.warmth)
     for plant in park.plants:
         canvas.tint(plant, _PLANT_SPAN * plant.warmth)
     for shrub in park.shrubs:
@@ -78,14 +81,6 @@ def _lay_slabs(canvas: _Canvas, park: Park, rng: np.random.Generator) -> None:
             canvas.fill([slab], _PAVING + rng.normal(0.0, 5.0))
 
 
-def _paint_bed(canvas: _Canvas, bed: Bed) -> None:
-    """Paint a bed; the map's outline is the border between bed and kerb."""
-    rings = [bed.outline, *bed.holes]
-    for ring in rings:
-        canvas.outline(ring, 2 * _KERB_M, _KERB)
-    canvas.fill(rings, _SOIL + _BED_SPAN * bed.warmth)
-
-
 class _Canvas:
     """Draw on a picture with ground coordinates, to a sixteenth of a cell."""
 
@@ -102,10 +97,7 @@ class _Canvas:
         self.grey: Pixels = np.full((rows, columns), round(GRASS), np.uint8)
 
     def _cells(self, points: Array) -> npt.NDArray[np.int32]:
-        """Return ground points (N, 2) in sixteenths of a cell, columns first.
-
-        Cell 0 is centred at 0.
-        """
+        """Return ground points (N, 2) in sixteenths of a cell, columns first, 0 = the middle."""
         columns = (points[:, 1] - self.west_edge_m) / self.resolution_m - 0.5
         rows = (self.north_edge_m - points[:, 0]) / self.resolution_m - 0.5
         cells = np.round(np.stack([columns, rows], -1) * 2**_SHIFT)
@@ -116,13 +108,9 @@ class _Canvas:
         cells = [self._cells(ring) for ring in rings]
         cv2.fillPoly(self.grey, cells, grey, cv2.LINE_AA, _SHIFT)
 
-    def outline(self, ring: Array, width_m: float, grey: float) -> None:
+    def line(self, line: Array, width_m: float, grey: float, *, closed: bool = False) -> None:
         width = max(1, round(width_m / self.resolution_m))
-        cv2.polylines(self.grey, [self._cells(ring)], True, grey, width, cv2.LINE_AA, _SHIFT)
-
-    def line(self, line: Array, width_m: float, grey: float) -> None:
-        width = max(1, round(width_m / self.resolution_m))
-        cv2.polylines(self.grey, [self._cells(line)], False, grey, width, cv2.LINE_AA, _SHIFT)
+        cv2.polylines(self.grey, [self._cells(line)], closed, grey, width, cv2.LINE_AA, _SHIFT)
 
     def tint(self, spot: Spot, change: float) -> None:
         """Lighten or darken a disc by a change in grey."""

@@ -25,16 +25,8 @@ def imu_bias(scenario: ImuScenario, seed: int, count: int) -> ImuBias:
     noise, step_s = scenario.noise, 1 / scenario.rate_hz
     rng = generator(seed, "imu bias")
     turn_on = rng.standard_normal((2, 3))
-    gyro = gauss_markov(
-        rng, count, step_s, np.array(noise.gyro_bias_time_s), np.array(noise.gyro_bias_instability)
-    )
-    accel = gauss_markov(
-        rng,
-        count,
-        step_s,
-        np.array(noise.accel_bias_time_s),
-        np.array(noise.accel_bias_instability),
-    )
+    gyro = gauss_markov(rng, count, step_s, noise.gyro_bias_time_s, noise.gyro_bias_instability)
+    accel = gauss_markov(rng, count, step_s, noise.accel_bias_time_s, noise.accel_bias_instability)
     gyro += scenario.gyro_turn_on_bias_rad_s * turn_on[0]
     accel += scenario.accel_turn_on_bias_m_s2 * turn_on[1]
     return ImuBias(scenario.noise_scale * gyro, scenario.noise_scale * accel)

@@ -9,7 +9,7 @@ import numpy as np
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.tools.simulate.park import Bed, Park
+from tirgeo_ros.tools.simulate.park import Park
 from tirgeo_ros.tools.simulate.relief import LEVEL, Relief
 
 _DECIMALS = 9  # of a degree: a tenth of a millimetre
@@ -17,17 +17,18 @@ _DECIMALS = 9  # of a degree: a tenth of a millimetre
 
 def map_text(park: Park, plane: TangentPlane, relief: Relief = LEVEL) -> str:
     """Return the park's map with heights above the ellipsoid."""
-    features = [
-        *(_feature(bed.name, "bed", "Polygon", _polygon(bed, plane, relief)) for bed in park.beds),
-        *(
-            _feature(path.name, "path", "LineString", _positions(path.line, plane, relief))
-            for path in park.paths
-        ),
-        *(
-            point_feature({"name": point.name, "kind": "hydrant"}, point.center, plane, relief)
-            for point in park.hydrants
-        ),
-    ]
+    features = []
+    for bed in park.beds:
+        # RFC 7946, 3.1.6: outer ring counterclockwise and holes clockwise, all closed
+        rings = [_clockwise(bed.outline)[::-1], *map(_clockwise, bed.holes)]
+        closed = [_positions(np.vstack([ring, ring[:1]]), plane, relief) for ring in rings]
+        features.append(_feature({"name": bed.name, "kind": "bed"}, "Polygon", closed))
+    for path in park.paths:
+        line = _positions(path.line, plane, relief)
+        features.append(_feature({"name": path.name, "kind": "path"}, "LineString", line))
+    for one in park.hydrants:
+        properties = {"name": one.name, "kind": "hydrant"}
+        features.append(point_feature(properties, one.center, plane, relief))
     return collection(features)
 
 
@@ -38,28 +39,17 @@ def collection(features: Sequence[Mapping[str, object]]) -> str:
 
 
 def point_feature(
-    properties: Mapping[str, object],
-    place: Array,
-    plane: TangentPlane,
-    relief: Relief = LEVEL,
+    properties: Mapping[str, object], place: Array, plane: TangentPlane, relief: Relief
 ) -> dict[str, object]:
     """Return a Point on the ground at north, east (2,)."""
-    geometry = {"type": "Point", "coordinates": _positions(place[None, :], plane, relief)[0]}
+    return _feature(properties, "Point", _positions(place[None, :], plane, relief)[0])
+
+
+def _feature(
+    properties: Mapping[str, object], kind: str, coordinates: object
+) -> dict[str, object]:
+    geometry = {"type": kind, "coordinates": coordinates}
     return {"type": "Feature", "properties": dict(properties), "geometry": geometry}
-
-
-def _feature(name: str, kind: str, geometry: str, coordinates: object) -> dict[str, object]:
-    return {
-        "type": "Feature",
-        "properties": {"name": name, "kind": kind},
-        "geometry": {"type": geometry, "coordinates": coordinates},
-    }
-
-
-def _polygon(bed: Bed, plane: TangentPlane, relief: Relief) -> list[list[list[float]]]:
-    """Return outer ring counterclockwise and holes clockwise, all closed (RFC 7946, 3.1.6)."""
-    rings: Sequence[Array] = (_clockwise(bed.outline)[::-1], *map(_clockwise, bed.holes))
-    return [_positions(np.vstack([ring, ring[:1]]), plane, relief) for ring in rings]
 
 
 def _clockwise(ring: Array) -> Array:
@@ -73,6 +63,5 @@ def _positions(points: Array, plane: TangentPlane, relief: Relief) -> list[list[
     """Return longitude, latitude (deg), height (m) of ground points (N, 2)."""
     lat, lon, height = plane.geodetic_from_ned(relief.places(points))
     degrees = np.round(np.degrees(np.stack([lon, lat], -1)), _DECIMALS)
-    return [
-        [x, y, z] for (x, y), z in zip(degrees.tolist(), np.round(height, 4).tolist(), strict=True)
-    ]
+    positions: list[list[float]] = np.column_stack([degrees, np.round(height, 4)]).tolist()
+    return positions

@@ -1,7 +1,7 @@
-"""Write the nodes' parameters for a simulated flight.
+"""Write the nodes' parameters for a simulated flight: what the integrator of it knows.
 
-They are what the integrator of such an aircraft knows. A boresight error of the scenario is not
-written, because ``tirgeo calibrate boresight`` finds it; only a boresight of zero is written.
+A boresight error of the scenario is not written, because ``tirgeo calibrate boresight`` finds it;
+only a boresight of zero is written.
 """
 
 from __future__ import annotations
@@ -16,31 +16,26 @@ _HEAD = """\
 # The nodes' parameters for the simulated flight {name}, written by 'tirgeo simulate'.
 # They make 'map' the plane of truth.mcap. The map itself is given by --map or map:=.
 """
-_IMU = (
-    *("angle_random_walk", "velocity_random_walk", "gyro_bias_instability", "gyro_bias_time_s"),
-    *("accel_bias_instability", "accel_bias_time_s"),
-)
+#: Priors of the filter, which are no properties of the flight.
+_PRIORS = {"gyro_turn_on_bias", "accel_turn_on_bias"}
 
 
 def parameters_text(scenario: Scenario) -> str:
     """Return a ROS 2 parameter file: the aircraft for all nodes, then each node's own part."""
-    site, noise = scenario.site, values_of(scenario.imu.noise)
-    places = values_of(scenario.aircraft)
-    imu = {name: _plain(noise[name]) for name in _IMU}
+    site, order = scenario.site, scenario.gimbal.joint_order
+    noise = values_of(scenario.imu.noise).items()
+    imu = {name: _plain(value) for name, value in noise if name not in _PRIORS}
     if scenario.imu.averages:
         imu["delay_s"] = 0.5 / scenario.imu.rate_hz  # its group delay
-    order = scenario.gimbal.joint_order
     joints: dict[str, object] = {} if order == USUAL_ORDER else {"joint_order": order}
-    gimbal = dict(joints)
-    if not any(scenario.gimbal.boresight_rpy_deg):
-        gimbal["boresight_rpy_deg"] = [0.0, 0.0, 0.0]
+    straight = not any(scenario.gimbal.boresight_rpy_deg)
     # For ground that is not level the user gives --dem.
-    is_level = not (scenario.park.slope_deg or scenario.park.hills_m)
-    ground = {"ground_height_m": site.ground_height_m} if is_level else {}
+    ground = {} if scenario.park.slope_deg else {"ground_height_m": site.ground_height_m}
     undulation = {"geoid_undulation_m": site.geoid_undulation_m}
+    places = values_of(scenario.aircraft).items()
     nodes: dict[str, dict[str, object]] = {
         # An empty list has no type in a parameter file.
-        "/**": {"aircraft": {k: _plain(value) for k, value in places.items() if value != ()}},
+        "/**": {"aircraft": {name: _plain(value) for name, value in places if value != ()}},
         "/**/dji_node": {
             **undulation,
             "rtk": {"delay_s": scenario.rtk.arrival_delay_s},
@@ -50,7 +45,7 @@ def parameters_text(scenario: Scenario) -> str:
             "origin_lat_lon_h": [site.latitude_deg, site.longitude_deg, site.ground_height_m],
             "imu": imu,
         },
-        "/**/gimbal_node": gimbal,
+        "/**/gimbal_node": joints | ({"boresight_rpy_deg": [0.0] * 3} if straight else {}),
         "/**/overlay_node": {**ground, "video_latency_s": scenario.video.latency_s},
         "/**/bag_player": {"simulated_aircraft": {**undulation, **joints}},
     }

@@ -7,8 +7,7 @@ seed give the same park.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -18,21 +17,14 @@ from tirgeo_ros.tools.simulate.processes import generator
 from tirgeo_ros.tools.simulate.scenario_ground import ParkScenario
 
 _FLOWERS = (
-    "Peony",
-    "Iris",
-    "Päonie",
-    "牡丹",
-    "Lavande d'été",
-    "Chrysanthemum",
-    "芍药",
+    *("Peony", "Iris", "Päonie", "牡丹", "Lavande d'été", "Chrysanthemum", "芍药"),
     "Grünfläche",
 )
 _WIDE_M, _NARROW_M = 4.0, 1.6  # paths
 _PLANT_M = 0.75  # distance between plants
 
 
-@dataclass(frozen=True)
-class Bed:
+class Bed(NamedTuple):
     """Hold a flower bed within its kerb."""
 
     name: str
@@ -41,8 +33,7 @@ class Bed:
     warmth: float  # -1 cold to 1 warm
 
 
-@dataclass(frozen=True)
-class ParkPath:
+class ParkPath(NamedTuple):
     """Hold a paved path along a line."""
 
     name: str
@@ -50,8 +41,7 @@ class ParkPath:
     width_m: float
 
 
-@dataclass(frozen=True)
-class Spot:
+class Spot(NamedTuple):
     """Hold a round object: a tree's crown, a lamp, a person, a hydrant."""
 
     center: Array  # (2,) north, east
@@ -59,16 +49,14 @@ class Spot:
     warmth: float
 
 
-@dataclass(frozen=True)
-class Hydrant:
+class Hydrant(NamedTuple):
     """Hold a point of the map."""
 
     name: str
     center: Array  # (2,) north, east
 
 
-@dataclass(frozen=True)
-class Park:
+class Park(NamedTuple):
     """Hold everything on the ground."""
 
     beds: list[Bed]
@@ -96,19 +84,14 @@ def lay_out(scenario: ParkScenario, seed: int) -> Park:
 
 
 def _bed(rng: np.random.Generator, scenario: ParkScenario, row: int, column: int) -> Bed:
-    shape = _SHAPES[int(rng.integers(len(_SHAPES)))]
     # The bed stays inside the paths around its cell.
     size = 0.5 * scenario.cell_m - _WIDE_M / 2 - 0.5
-    outline, holes = shape(rng)
+    outline, holes = _shape(rng)
     angle = (math.pi / 2) * rng.integers(4) + math.radians(rng.uniform(-9, 9))
     turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
     scale = size * rng.uniform(0.7, 0.88, 2)
-    center = np.array(
-        [
-            scenario.north_m[0] + (row + 0.5) * scenario.cell_m,
-            scenario.east_m[0] + (column + 0.5) * scenario.cell_m,
-        ]
-    )
+    corner = np.array([scenario.north_m[0], scenario.east_m[0]])
+    center = corner + (np.array([row, column]) + 0.5) * scenario.cell_m
     warmth = rng.choice([-1.0, 1.0]) * rng.uniform(0.45, 1.0)
     name = f"{_FLOWERS[(row + 3 * column) % len(_FLOWERS)]} {chr(65 + row % 26)}{column + 1}"
     placed = [center + (ring * scale) @ turn.T for ring in (outline, *holes)]
@@ -162,13 +145,11 @@ def _paths(scenario: ParkScenario, rows: int, columns: int) -> list[ParkPath]:
     north, east = south + rows * cell, west + columns * cell
     found: list[ParkPath] = []
     for k in range(columns + 1):
-        at = west + k * cell
-        width = _WIDE_M if k % 3 == 0 else _NARROW_M
-        found.append(ParkPath(f"Path N{k + 1}", np.array([[south, at], [north, at]]), width))
+        line = np.array([[south, west + k * cell], [north, west + k * cell]])
+        found.append(ParkPath(f"Path N{k + 1}", line, _NARROW_M if k % 3 else _WIDE_M))
     for k in range(rows + 1):
-        at = south + k * cell
-        width = _WIDE_M if k % 4 == 0 else _NARROW_M
-        found.append(ParkPath(f"Allée {k + 1}", np.array([[at, west], [at, east]]), width))
+        line = np.array([[south + k * cell, west], [south + k * cell, east]])
+        found.append(ParkPath(f"Allée {k + 1}", line, _NARROW_M if k % 4 else _WIDE_M))
     return found
 
 
@@ -203,66 +184,35 @@ def _spots(
     return found
 
 
-# --- shapes: in a square from -1 to 1, clockwise seen from above (first axis north) --------------
-
-Rings = tuple[Array, tuple[Array, ...]]
-
-
-def _cut_rectangle(rng: np.random.Generator) -> Rings:
-    """Return a rectangle with one corner cut off: five corners."""
-    cut = rng.uniform(0.4, 0.9)
-    return np.array([[1, -1], [1, 1 - cut], [1 - cut, 1], [-1, 1], [-1, -1]]), ()
-
-
-def _angle(rng: np.random.Generator) -> Rings:
-    """Return an L: six corners."""
-    a, b = rng.uniform(-0.3, 0.3, 2)
-    return np.array([[1, -1], [1, a], [b, a], [b, 1], [-1, 1], [-1, -1]]), ()
-
-
-def _tee(rng: np.random.Generator) -> Rings:
-    """Return a T: eight corners."""
-    a, b = rng.uniform(0.25, 0.5), rng.uniform(-0.2, 0.4)
-    ring = [[1, -1], [1, 1], [b, 1], [b, a], [-1, a], [-1, -a], [b, -a], [b, -1]]
-    return np.array(ring), ()
-
-
-def _trapezoid(rng: np.random.Generator) -> Rings:
-    """Return a trapezoid: four corners."""
-    a, b = rng.uniform(0.35, 0.85, 2)
-    return np.array([[1, -a], [1, b], [-1, 1], [-1, -1]]), ()
+def _shape(rng: np.random.Generator) -> tuple[Array, list[Array]]:
+    """Return outline and holes in a square from -1 to 1, clockwise seen from above."""
+    square = np.array([[1.0, -1.0], [1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0]])  # north comes first
+    ring: Any
+    holes: list[Array] = []
+    match int(rng.integers(7)):
+        case 0:  # a rectangle with one corner cut off
+            cut = rng.uniform(0.4, 0.9)
+            ring = [[1, -1], [1, 1 - cut], [1 - cut, 1], [-1, 1], [-1, -1]]
+        case 1:  # an L
+            a, b = rng.uniform(-0.3, 0.3, 2)
+            ring = [[1, -1], [1, a], [b, a], [b, 1], [-1, 1], [-1, -1]]
+        case 2:  # a T
+            a, b = rng.uniform(0.25, 0.5), rng.uniform(-0.2, 0.4)
+            ring = [[1, -1], [1, 1], [b, 1], [b, a], [-1, a], [-1, -a], [b, -a], [b, -1]]
+        case 3:  # a trapezoid
+            a, b = rng.uniform(0.35, 0.85, 2)
+            ring = [[1, -a], [1, b], [-1, 1], [-1, -1]]
+        case 4:  # a star of five points
+            radii = np.where(np.arange(10) % 2 == 0, 1.0, rng.uniform(0.45, 0.6))
+            ring = radii[:, None] * _regular(10)
+        case 5:  # a hexagon around a square lawn
+            ring, holes = _regular(6), [rng.uniform(0.3, 0.45) * square]
+        case _:  # a rectangle around a rectangular basin
+            ring, holes = square, [square * rng.uniform(0.35, 0.6, 2)]
+    return np.array(ring), holes
 
 
-def _star(rng: np.random.Generator) -> Rings:
-    """Return a star of five points: ten corners."""
-    inner = rng.uniform(0.45, 0.6)
-    angles = np.arange(10) * math.pi / 5
-    radii = np.where(np.arange(10) % 2 == 0, 1.0, inner)
-    return np.stack([radii * np.cos(angles), radii * np.sin(angles)], -1), ()
-
-
-def _hexagon_ring(rng: np.random.Generator) -> Rings:
-    """Return a hexagon around a square lawn."""
-    angles = np.arange(6) * math.pi / 3
-    outer = np.stack([np.cos(angles), np.sin(angles)], -1)
-    half = rng.uniform(0.3, 0.45)
-    hole = half * np.array([[1.0, -1.0], [1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0]])
-    return outer, (hole,)
-
-
-def _frame(rng: np.random.Generator) -> Rings:
-    """Return a rectangle around a rectangular basin: four and four corners."""
-    a, b = rng.uniform(0.35, 0.6, 2)
-    outer = np.array([[1.0, -1.0], [1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0]])
-    return outer, (outer * [a, b],)
-
-
-_SHAPES: tuple[Callable[[np.random.Generator], Rings], ...] = (
-    _cut_rectangle,
-    _angle,
-    _tee,
-    _trapezoid,
-    _star,
-    _hexagon_ring,
-    _frame,
-)
+def _regular(corners: int) -> Array:
+    """Return a regular polygon (corners, 2), its first corner at the north."""
+    angles = np.arange(corners) * 2 * math.pi / corners
+    return np.stack([np.cos(angles), np.sin(angles)], -1)

@@ -51,15 +51,14 @@ class Spline:
 
     def __init__(self, control: Array, spacing_s: float) -> None:
         """Take control points (N, k) at times 0, spacing_s, 2 spacing_s, ..."""
-        self._spacing_s = spacing_s
-        self._count = len(control)
-        self._padded = np.pad(np.asarray(control, float), ((DEGREE, DEGREE), (0, 0)), "edge")
+        self.control, self.spacing_s = np.asarray(control, float), spacing_s
+        self._padded = np.pad(self.control, ((DEGREE, DEGREE), (0, 0)), "edge")
 
     def __call__(self, t_s: npt.ArrayLike, derivative: int = 0) -> Array:
         """Return the values (..., k) of a derivative at the times ``t_s`` (...)."""
-        times = np.asarray(t_s, float) / self._spacing_s
+        times = np.asarray(t_s, float) / self.spacing_s
         # More than four knots outside the function is constant, so clipping there changes nothing.
-        times = np.clip(times, -4.0, self._count + 3.0 - 1e-9)
+        times = np.clip(times, -4.0, len(self.control) + 3.0 - 1e-9)
         span = np.floor(times)
         weights = self._weights(times - span, derivative)
         first = span.astype(int) - DEGREE // 2 + DEGREE
@@ -70,16 +69,19 @@ class Spline:
         powers = np.arange(DEGREE + 1 - derivative)
         factors = np.array([math.perm(p + derivative, derivative) for p in powers])
         polynomials = _BASIS[:, derivative:] * factors
-        scale = self._spacing_s**-derivative
+        scale = self.spacing_s**-derivative
         return np.asarray(u[..., None] ** powers @ polynomials.T * scale)
 
 
 def gauss_markov(
-    rng: np.random.Generator, count: int, step_s: float, time_s: Array, std: Array
+    rng: np.random.Generator,
+    count: int,
+    step_s: float,
+    time_s: npt.ArrayLike,
+    std: npt.ArrayLike,
 ) -> Array:
-    """Return (count, k) samples of k first-order Gauss-Markov processes.
+    """Return (count, k) samples of k stationary first-order Gauss-Markov processes.
 
-    They are stationary from the start.
     ``time_s`` (k,) are correlation times and ``std`` (k,) standard deviations. This is the exact
     discrete form of a driving noise of ``std * sqrt(2 / time_s)``.
     """
@@ -97,8 +99,11 @@ def gauss_markov(
 def smooth_noise(
     rng: np.random.Generator, duration_s: float, time_s: float, std: npt.ArrayLike
 ) -> Spline:
-    """Return a Gauss-Markov process with correlation time ``time_s``, smoothed by a spline."""
-    return Spline(*_knots(rng, duration_s, time_s, np.asarray(std, float)))
+    """Return k Gauss-Markov processes, ``std`` (k,), of one correlation time, smoothed."""
+    sigmas, spacing_s = np.asarray(std, float), time_s / 6
+    count = math.ceil(duration_s / spacing_s) + 2
+    control = gauss_markov(rng, count, spacing_s, np.full(len(sigmas), time_s), sigmas)
+    return Spline(control, spacing_s)
 
 
 def scaled_noise(
@@ -106,14 +111,6 @@ def scaled_noise(
 ) -> Spline:
     """Return ``smooth_noise`` scaled to an rms of ``rms`` (k,) over 0 to ``duration_s``."""
     wanted = np.atleast_1d(np.asarray(rms, float))
-    control, spacing_s = _knots(rng, duration_s, time_s, np.ones(len(wanted)))
-    values = Spline(control, spacing_s)(np.arange(0.0, duration_s, min(0.05, duration_s / 100)))
-    return Spline(control * wanted / np.sqrt(np.mean(values**2, axis=0)), spacing_s)
-
-
-def _knots(
-    rng: np.random.Generator, duration_s: float, time_s: float, std: Array
-) -> tuple[Array, float]:
-    spacing_s = time_s / 6
-    count = math.ceil(duration_s / spacing_s) + 2
-    return gauss_markov(rng, count, spacing_s, np.full(len(std), time_s), std), spacing_s
+    noise = smooth_noise(rng, duration_s, time_s, np.ones(len(wanted)))
+    values = noise(np.arange(0.0, duration_s, min(0.05, duration_s / 100)))
+    return Spline(noise.control * wanted / np.sqrt(np.mean(values**2, axis=0)), noise.spacing_s)

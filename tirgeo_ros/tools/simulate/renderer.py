@@ -14,7 +14,7 @@ from tirgeo_ros.core.types.arrays import Array, RawPixels
 from tirgeo_ros.tools.simulate.ground import Ground
 from tirgeo_ros.tools.simulate.relief import LEVEL, Relief
 from tirgeo_ros.tools.simulate.scenario_ground import VideoScenario
-from tirgeo_ros.tools.simulate.warm_spots import Patch, lay_on
+from tirgeo_ros.tools.simulate.targets import Target, draw_targets
 
 #: For 16 bits: a scene uses a small part of the range, as with a radiometric camera.
 COUNTS_OF_0, COUNTS_PER_GREY = 20000.0, 16.0
@@ -32,12 +32,12 @@ class Renderer:
         camera: Camera,
         ground: Ground,
         scenario: VideoScenario,
-        patches: Sequence[Patch] = (),
+        targets: Sequence[Target] = (),
         relief: Relief = LEVEL,
     ) -> None:
-        """Compute the ray of every pixel once; the patches lie on the ground."""
+        """Compute the ray of every pixel once; the targets stand on the ground."""
         self._shape = camera.height, camera.width
-        self._patches = patches
+        self._targets = targets
         self._relief = relief
         self._ground = ground
         self._scenario = scenario
@@ -52,24 +52,20 @@ class Renderer:
     def frame(self, position_p: Array, q_pc: Array, rng: np.random.Generator) -> RawPixels:
         """Return a picture (h, w) of the ground from a pose (3,), (4,) in the plane ``p``."""
         rays_p = self._rays_c @ matrix_from_quat(q_pc).T.astype(np.float32)
-        seen = rays_p[:, 2] > -position_p[2] / _FAR_M
         # Single precision is enough: 1e-5 m at some 100 m.
         place = position_p.astype(np.float32)
-        depth = -place[2] / np.where(seen, rays_p[:, 2], np.float32(1))
-        if not self._relief.is_level:
-            depth[seen] = self._relief.met(place, rays_p[seen])
+        height, loss = self._relief.met(place, rays_p)
+        seen = loss > height / _FAR_M
+        depth = height / np.where(seen, loss, np.float32(1))
         north = (place[0] + depth * rays_p[:, 0]).reshape(self._shape)
         east = (place[1] + depth * rays_p[:, 1]).reshape(self._shape)
         picture = self._sampled(north, east, self._footprints(depth, rays_p))
-        lay_on(picture, self._patches, north, east)
+        draw_targets(picture, self._targets, north, east)
         picture[~seen.reshape(self._shape)] = _SKY
         return self._sensed(picture, rng)
 
     def _footprints(self, depth: Floats, rays_p: Floats) -> Floats:
-        """Return a pixel's size on the ground in every row (h,), m: mean of its sides.
-
-        The mean is the geometric one.
-        """
+        """Return a pixel's size on the ground in every row (h,), m: its sides' geometric mean."""
         middle = slice(self._shape[1] // 2, None, self._shape[1])
         across = depth[middle] * self._pixel_angle
         # Along the view a pixel is stretched by the cosecant of the depression angle.

@@ -11,30 +11,13 @@ import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timezone
-from typing import ClassVar
 
 from tirgeo_ros.core.config import AircraftConfig
 from tirgeo_ros.core.config.schema import config_from, group, param, parameters_of
 from tirgeo_ros.core.types.errors import CameraError, ConfigError, ScenarioError
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
-from tirgeo_ros.tools.simulate.scenario_aircraft import (
-    AutopilotScenario,
-    BarometerScenario,
-    GimbalScenario,
-    GpsScenario,
-    HeadingScenario,
-    ImuScenario,
-    RouteScenario,
-    RtkScenario,
-    WindScenario,
-)
-from tirgeo_ros.tools.simulate.scenario_ground import (
-    ParkScenario,
-    SceneScenario,
-    SiteScenario,
-    SurveyScenario,
-    VideoScenario,
-)
+from tirgeo_ros.tools.simulate import scenario_aircraft as flown
+from tirgeo_ros.tools.simulate import scenario_ground as seen
 
 _LAST_SECOND = 2**31 - 10  # a ROS stamp holds 2**31 - 1; the rest is for late arrivals
 
@@ -47,24 +30,20 @@ class Scenario:
     seed: int = param(2205, "of all random numbers", ("", 0, 2**31))
     start_utc: str = param("2021-10-20T12:00:00Z", "first instant, ISO 8601")
     duration_s: float = param(107.0, "length of the flight", ("s", 1, 7200))
-    site: SiteScenario = group(SiteScenario)
-    route: RouteScenario = group(RouteScenario)
-    wind: WindScenario = group(WindScenario)
-    imu: ImuScenario = group(ImuScenario)
-    rtk: RtkScenario = group(RtkScenario)
-    heading: HeadingScenario = group(HeadingScenario)
-    gps: GpsScenario = group(GpsScenario)
-    barometer: BarometerScenario = group(BarometerScenario)
-    autopilot: AutopilotScenario = group(AutopilotScenario)
-    gimbal: GimbalScenario = group(GimbalScenario)
-    video: VideoScenario = group(VideoScenario)
-    park: ParkScenario = group(ParkScenario)
-    scene: SceneScenario = group(SceneScenario)
-    survey: SurveyScenario = group(SurveyScenario)
-
-    renamed: ClassVar[Mapping[str, str]] = {
-        "heading.offset_deg": "is now the direction from rtk.lever_arm_m to rtk.second_antenna_m"
-    }
+    site: seen.SiteScenario = group(seen.SiteScenario)
+    route: flown.RouteScenario = group(flown.RouteScenario)
+    wind: flown.WindScenario = group(flown.WindScenario)
+    imu: flown.ImuScenario = group(flown.ImuScenario)
+    rtk: flown.RtkScenario = group(flown.RtkScenario)
+    heading: flown.HeadingScenario = group(flown.HeadingScenario)
+    gps: flown.GpsScenario = group(flown.GpsScenario)
+    barometer: flown.BarometerScenario = group(flown.BarometerScenario)
+    autopilot: flown.AutopilotScenario = group(flown.AutopilotScenario)
+    gimbal: flown.GimbalScenario = group(flown.GimbalScenario)
+    video: seen.VideoScenario = group(seen.VideoScenario)
+    park: seen.ParkScenario = group(seen.ParkScenario)
+    scene: seen.SceneScenario = group(seen.SceneScenario)
+    survey: seen.SurveyScenario = group(seen.SurveyScenario)
 
     @property
     def aircraft(self) -> AircraftConfig:
@@ -125,11 +104,9 @@ def _check(scenario: Scenario) -> None:
     """Raise ScenarioError for what a range of one parameter cannot express."""
     _ = scenario.start_ns
     try:
-        _ = scenario.aircraft.baseline_b
+        _ = scenario.aircraft.baseline_b, scenario.video.camera
     except ConfigError as error:
         raise ScenarioError(str(error)) from None
-    try:
-        _ = scenario.video.camera
     except CameraError as error:
         raise ScenarioError(f"video: {error}") from None
     if scenario.video.bits not in {8, 16}:

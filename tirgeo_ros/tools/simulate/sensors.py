@@ -12,10 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tirgeo_ros.core.frames.heading import azimuths, wrap_pi
-from tirgeo_ros.core.frames.rotations import (
-    euler_from_matrix,
-    quat_from_euler,
-)
+from tirgeo_ros.core.frames.rotations import euler_from_matrix, quat_from_euler
 from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
 from tirgeo_ros.core.navigation.aiding.barometer import standard_pressure_pa
 from tirgeo_ros.core.types.arrays import Array
@@ -32,10 +29,14 @@ from tirgeo_ros.core.types.measurements import (
     VelocitySample,
 )
 from tirgeo_ros.tools.simulate.imu_errors import ImuBias, imu_white
-from tirgeo_ros.tools.simulate.processes import Spline, gauss_markov, generator, scaled_noise
+from tirgeo_ros.tools.simulate.processes import gauss_markov, generator, scaled_noise
 from tirgeo_ros.tools.simulate.scenario import Scenario
-from tirgeo_ros.tools.simulate.trajectory import Motion, Trajectory, geodetic_state, local_axes
+from tirgeo_ros.tools.simulate.trajectory import Motion, Trajectory, geodetic_state
 
+#: Correlation times of the autopilot's errors of heading and tilt.
+_HEADING_TIME_S, _TILT_TIME_S = 30.0, 10.0
+#: Error of a barometer by wind and rotor wash: rms, as a height, and correlation time.
+_WASH_M, _WASH_TIME_S = 0.5, 20.0
 #: Number of instants that represent the interval over which an IMU averages.
 _PARTS = 8
 
@@ -63,27 +64,16 @@ class Autopilot:
 
     def __init__(self, scenario: Scenario, seed: int) -> None:
         """Draw the errors of the whole flight."""
-        pilot, length_s = scenario.autopilot, scenario.duration_s
-        self._heading: Spline = scaled_noise(
-            generator(seed, "autopilot heading"),
-            length_s,
-            pilot.heading_time_s,
-            math.radians(pilot.heading_rms_deg),
-        )
-        self._tilt: Spline = scaled_noise(
-            generator(seed, "autopilot tilt"),
-            length_s,
-            pilot.tilt_time_s,
-            np.radians(pilot.tilt_rms_deg),
-        )
-
-    def errors_rad(self, t_s: Array) -> Array:
-        """Return reported minus true roll, pitch, yaw (N, 3)."""
-        return np.concatenate([self._tilt(t_s), self._heading(t_s)], axis=-1)
+        errors, length_s = scenario.autopilot, scenario.duration_s
+        heading, tilt = (generator(seed, f"autopilot {name}") for name in ("heading", "tilt"))
+        heading_rad = math.radians(errors.heading_rms_deg)
+        self._heading = scaled_noise(heading, length_s, _HEADING_TIME_S, heading_rad)
+        self._tilt = scaled_noise(tilt, length_s, _TILT_TIME_S, np.radians(errors.tilt_rms_deg))
 
     def euler_rad(self, motion: Motion, rotation_nb: Array) -> Array:
         """Return the reported roll, pitch, yaw (N, 3)."""
-        return euler_from_matrix(rotation_nb) + self.errors_rad(motion.t_s)
+        errors = np.concatenate([self._tilt(motion.t_s), self._heading(motion.t_s)], axis=-1)
+        return euler_from_matrix(rotation_nb) + errors
 
 
 def imu_samples(
@@ -100,12 +90,9 @@ def imu_samples(
     force, rate = _means(scenario, trajectory, epochs) if averages else trajectory.inertial(motion)
     white = imu_white(scenario.imu, seed, len(epochs.stamp_ns))
     rate, force = rate + bias.gyro_b + white[0], force + bias.accel_b + white[1]
-    rotation_nb = _rotation_nb(trajectory, motion)
-    q_nb = quat_from_euler(*pilot.euler_rad(motion, rotation_nb).T)
-    return [
-        (stamp, ImuSample(stamp, f, w, q))
-        for stamp, f, w, q in zip(epochs.stamp_ns, force, rate, q_nb, strict=True)
-    ]
+    q_nb = quat_from_euler(*pilot.euler_rad(motion, trajectory.rotation_nb(motion)).T)
+    rows = zip(epochs.stamp_ns, force, rate, q_nb, strict=True)
+    return [(row[0], ImuSample(*row)) for row in rows]
 
 
 def _means(scenario: Scenario, trajectory: Trajectory, epochs: Epochs) -> tuple[Array, Array]:
@@ -119,39 +106,19 @@ def _means(scenario: Scenario, trajectory: Trajectory, epochs: Epochs) -> tuple[
     return force, rate
 
 
-def _rotation_nb(trajectory: Trajectory, motion: Motion) -> Array:
-    """Return the rotations (N, 3, 3) from body to north, east, down at the aircraft.
-
-    Near a pole those axes differ from the site's.
-    """
-    lat, lon, _ = trajectory.plane.geodetic_from_ned(motion.position_p)
-    return np.asarray(local_axes(trajectory.plane, lat, lon) @ motion.rotation_pb)
-
-
 def rtk_samples(scenario: Scenario, seed: int, trajectory: Trajectory) -> list[Arrival]:
     """Return ``rtk/fix``, ``rtk/vel`` and ``rtk/heading`` of the same epochs."""
-    rtk = scenario.rtk
+    rtk, sources = scenario.rtk, (Source.RTK_POSITION, Source.RTK_VELOCITY)
     epochs = Epochs.at_rate(scenario, rtk.rate_hz)
     motion = trajectory.motion(epochs.t_s)
+    draws = generator(seed, "rtk").standard_normal((2, len(epochs.stamp_ns), 3))
+    sigmas = np.array([rtk.position_sigma_m, rtk.velocity_sigma_m_s])
+    at_antenna = _at_antenna(trajectory, motion, scenario.aircraft.rtk_lever_b)
+    fixes = _fixes(epochs, at_antenna, draws * sigmas[:, None], sigmas, sources, FixStatus.FIXED)
+    headings = _headings(scenario, seed, trajectory.rotation_nb(motion), epochs)
     delay_ns = round(rtk.arrival_delay_s * 1e9)
-    rng = generator(seed, "rtk")
-    draws = rng.standard_normal((2, len(epochs.stamp_ns), 3))
-    sigmas = np.array(rtk.position_sigma_m), np.array(rtk.velocity_sigma_m_s)
-    fixes = _fixes(
-        trajectory,
-        epochs,
-        (motion, scenario.aircraft.rtk_lever_b),
-        (draws[0] * sigmas[0], draws[1] * sigmas[1]),
-        (np.diag(sigmas[0] ** 2), np.diag(sigmas[1] ** 2)),
-        (Source.RTK_POSITION, Source.RTK_VELOCITY),
-        FixStatus.FIXED,
-    )
-    headings = _headings(scenario, seed, _rotation_nb(trajectory, motion), epochs)
-    return [
-        (sample.stamp_ns + delay_ns, sample)
-        for epoch in zip(*fixes, headings, strict=True)
-        for sample in epoch
-    ]
+    both = zip(fixes, headings, strict=True)
+    return [(one.stamp_ns + delay_ns, one) for fix, heading in both for one in (*fix, heading)]
 
 
 def _headings(
@@ -165,8 +132,7 @@ def _headings(
     baseline_b, direction_deg = aircraft.baseline_b, aircraft.baseline_deg
     assert baseline_b is not None  # a scenario has two antennas
     assert direction_deg is not None
-    baseline_n = rotation_nb @ baseline_b
-    heading_deg = np.degrees(azimuths(baseline_n))
+    heading_deg = np.degrees(azimuths(rotation_nb @ baseline_b))
     noise = generator(seed, "rtk heading").standard_normal(len(heading_deg))
     heading_deg = heading_deg + config.sigma_deg * noise
     if config.step_deg > 0:
@@ -184,28 +150,18 @@ def gps_samples(scenario: Scenario, seed: int, trajectory: Trajectory) -> list[A
 
     Their rms over this flight is that of Table 1.
     """
-    gps = scenario.gps
+    gps, sources = scenario.gps, (Source.GPS_POSITION, Source.GPS_VELOCITY)
     epochs = Epochs.at_rate(scenario, gps.rate_hz)
-    motion = trajectory.motion(epochs.t_s)
-    slow = scaled_noise(
-        generator(seed, "gps position"),
-        scenario.duration_s,
-        gps.position_time_s,
-        np.array(gps.position_rms_m),
-    )
+    rng, rms = generator(seed, "gps position"), np.array(gps.position_rms_m)
+    slow = scaled_noise(rng, scenario.duration_s, gps.position_time_s, rms)
     draws = generator(seed, "gps velocity").standard_normal((len(epochs.t_s), 3))
-    positions, velocities = _fixes(
-        trajectory,
-        epochs,
-        (motion, scenario.aircraft.gps_lever_b),
-        (slow(epochs.t_s), gps.velocity_sigma_m_s * draws),
-        (np.diag(np.array(gps.position_rms_m) ** 2), np.eye(3) * gps.velocity_sigma_m_s**2),
-        (Source.GPS_POSITION, Source.GPS_VELOCITY),
-        FixStatus.SINGLE,
-    )
+    errors = np.array([slow(epochs.t_s), gps.velocity_sigma_m_s * draws])
+    sigmas = np.array([rms, [gps.velocity_sigma_m_s] * 3])
+    motion = trajectory.motion(epochs.t_s)
+    at_antenna = _at_antenna(trajectory, motion, scenario.aircraft.gps_lever_b)
+    fixes = _fixes(epochs, at_antenna, errors, sigmas, sources, FixStatus.SINGLE)
     delay_ns = round(gps.arrival_delay_s * 1e9)
-    pairs = zip(positions, velocities, strict=True)
-    return [(sample.stamp_ns + delay_ns, sample) for pair in pairs for sample in pair]
+    return [(one.stamp_ns + delay_ns, one) for fix in fixes for one in fix]
 
 
 def barometer_samples(scenario: Scenario, seed: int, trajectory: Trajectory) -> list[Arrival]:
@@ -219,55 +175,45 @@ def barometer_samples(scenario: Scenario, seed: int, trajectory: Trajectory) -> 
     count, step_s = len(epochs.t_s), 1 / barometer.rate_hz
     rng = generator(seed, "barometer")
     white, steps = rng.standard_normal((2, count))
-    wander = gauss_markov(
-        rng, count, step_s, np.array([barometer.wander_time_s]), np.array([barometer.wander_rms_m])
-    )
+    wash_m = gauss_markov(rng, count, step_s, np.array([_WASH_TIME_S]), np.array([_WASH_M]))[:, 0]
     drift_m = barometer.drift * math.sqrt(step_s) * np.cumsum(steps)
-    errors_m = barometer.offset_m + barometer.noise_m * white + wander[:, 0] + drift_m
+    errors_m = barometer.offset_m + barometer.noise_m * white + wash_m + drift_m
     return [
         (stamp, PressureSample(stamp, standard_pressure_pa(height), 0.0))
         for stamp, height in zip(epochs.stamp_ns, (height_m + errors_m).tolist(), strict=True)
     ]
 
 
+def _at_antenna(
+    trajectory: Trajectory, motion: Motion, arm_b: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Return latitude, longitude (rad), height (m) (N,), velocity (N, 3) NED of an antenna."""
+    position_p, velocity_p = motion.at_arm(arm_b)
+    return geodetic_state(trajectory.plane, position_p, velocity_p, motion.rotation_pb)[:4]
+
+
 def _fixes(
-    trajectory: Trajectory,
     epochs: Epochs,
-    antenna: tuple[Motion, Array],
-    errors_n: tuple[Array, Array],
-    covariances_n: tuple[Array, Array],
+    at_antenna: tuple[Array, Array, Array, Array],
+    errors_n: Array,
+    sigmas_n: Array,
     sources: tuple[Source, Source],
     status: FixStatus,
-) -> tuple[list[PositionSample], list[VelocitySample]]:
-    """Return position and velocity of the antenna ``(motion, arm_b)``, with errors (N, 3), NED."""
-    motion, arm_b = antenna
-    position_p, velocity_p = motion.at_arm(arm_b)
-    lat, lon, height, velocity_n, _ = geodetic_state(
-        trajectory.plane, position_p, velocity_p, motion.rotation_pb
-    )
-    lat, lon, height = _shifted(lat, lon, height, errors_n[0])
-    velocity_n = velocity_n + errors_n[1]
-    positions = [
-        PositionSample(
-            stamp, sources[0], status, float(lat[k]), float(lon[k]), float(height[k]),
-            covariances_n[0],
-        )
-        for k, stamp in enumerate(epochs.stamp_ns)
-    ]  # fmt: skip
-    velocities = [
-        VelocitySample(stamp, sources[1], velocity_n[k], covariances_n[1])
-        for k, stamp in enumerate(epochs.stamp_ns)
-    ]
-    return positions, velocities
-
-
-def _shifted(lat: Array, lon: Array, height: Array, error_n: Array) -> tuple[Array, Array, Array]:
-    """Return positions moved by (N, 3) metres north, east, down."""
+) -> list[tuple[PositionSample, VelocitySample]]:
+    """Return position and velocity with errors (2, N, 3), and their sigmas (2, 3), NED."""
+    lat, lon, height, velocity_n = at_antenna
+    north, east, down = errors_n[0].T
     # Errors are metres, the site some hundred metres: one point's radii are accurate to 1e-5 of
     # the error.
     meridian, transverse = radii_of_curvature(float(lat[0]))
-    return (
-        lat + error_n[:, 0] / (meridian + height),
-        wrap_pi(lon + error_n[:, 1] / ((transverse + height) * np.cos(lat))),
-        height - error_n[:, 2],
-    )
+    lon = wrap_pi(lon + east / ((transverse + height) * np.cos(lat)))
+    places = np.stack([lat + north / (meridian + height), lon, height - down], -1).tolist()
+    covariance, of_velocity = (np.diag(sigma**2) for sigma in sigmas_n)
+    rows = zip(epochs.stamp_ns, places, velocity_n + errors_n[1], strict=True)
+    return [
+        (
+            PositionSample(stamp, sources[0], status, *place, covariance),
+            VelocitySample(stamp, sources[1], velocity, of_velocity),
+        )
+        for stamp, place, velocity in rows
+    ]

@@ -15,8 +15,11 @@ import numpy as np
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.frames.wgs84 import gravity_down
 from tirgeo_ros.core.types.arrays import Array, IntArray
-from tirgeo_ros.core.types.errors import TirgeoError
+from tirgeo_ros.core.types.errors import ScenarioError, TirgeoError
+from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.io.bags.bag import BagWriter, Cdr
+from tirgeo_ros.io.files.whole_files import made_folder
+from tirgeo_ros.io.messages import Messages
 from tirgeo_ros.tools.presentation.progress import Progress, Report, silent
 from tirgeo_ros.tools.simulate.imu_errors import imu_bias, imu_white
 from tirgeo_ros.tools.simulate.scenario import Scenario, load_scenario
@@ -66,8 +69,10 @@ def write_imu(
 
 def _messages(stamps_ns: IntArray, values: Array, frame: str) -> list[bytes]:
     """Return messages in CDR, made from one template by replacing stamps and numbers."""
-    template = np.frombuffer(_template(Cdr(), frame), np.uint8)
-    rows = np.tile(template, (len(stamps_ns), 1))
+    cdr = Cdr()
+    template = Messages(cdr.types).imu(ImuSample(0, np.zeros(3), np.zeros(3), None))
+    template.header.frame_id = frame
+    rows = np.tile(np.frombuffer(cdr.serialize(template, _TYPE), np.uint8), (len(stamps_ns), 1))
     seconds = np.stack(np.divmod(stamps_ns, 1_000_000_000), -1)
     rows[:, 4:12] = seconds.astype("<u4").view(np.uint8)
     numbers = np.ascontiguousarray(values, "<f8").view(np.uint8)
@@ -76,62 +81,38 @@ def _messages(stamps_ns: IntArray, values: Array, frame: str) -> list[bytes]:
     return [row.tobytes() for row in rows]
 
 
-def _template(cdr: Cdr, frame: str) -> bytes:
-    kinds = {
-        name: cdr.types(f"{package}/msg/{name}")
-        for package, name in (
-            ("std_msgs", "Header"),
-            ("builtin_interfaces", "Time"),
-            ("geometry_msgs", "Quaternion"),
-            ("geometry_msgs", "Vector3"),
-        )
-    }
-    header = kinds["Header"](kinds["Time"](0, 0), frame)
-    zero, covariance = kinds["Vector3"](0.0, 0.0, 0.0), np.zeros(9)
-    turn = kinds["Quaternion"](0.0, 0.0, 0.0, 1.0)
-    parts = (header, turn, covariance, zero, covariance, zero, covariance)
-    return cdr.serialize(cdr.types(_TYPE)(*parts), _TYPE)
-
-
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command's arguments."""
     made = argparse.ArgumentParser(
-        prog="python -m tirgeo_ros.tools.simulate.static_imu",
-        description="Writes a bag of the simulated IMU at rest.",
+        prog="python -m tirgeo_ros.tools.simulate.static_imu", description=__doc__
     )
     made.add_argument("-o", "--output", type=Path, metavar="OUT.mcap", required=True)
     made.add_argument("--hours", type=float, default=5.0, help="default: %(default)g")
-    made.add_argument(
-        "--scenario", type=Path, metavar="YAML", help="whose IMU (default: the paper's flight)"
-    )
+    made.add_argument("--scenario", type=Path, metavar="YAML", help="default: the paper's flight")
     made.add_argument("--seed", type=int, metavar="N", help="instead of the scenario's")
     return made
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
-    """Write the record."""
+    """Write the record. Raise ScenarioError, BagError."""
     scenario = Scenario() if args.scenario is None else load_scenario(args.scenario)
     seed = scenario.seed if args.seed is None else args.seed
-    args.output.parent.mkdir(parents=True, exist_ok=True)
+    if not 0 < args.hours <= 1000 or seed < 0:
+        raise ScenarioError("--hours must be above 0 and at most 1000, --seed 0 or more")
+    made_folder(args.output.parent, ScenarioError)
     with Progress("writing", unit="s") as bar:
         count = write_static(args.output, args.hours, scenario, seed, bar)
     return {"output": str(args.output), "messages": count, "hours": args.hours, "seed": seed}
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main(argv: Sequence[str] | None = None) -> None:
     """Run the command."""
-    command = parser()
-    args = command.parse_args(argv)
-    if not 0 < args.hours <= 1000 or (args.seed is not None and args.seed < 0):
-        command.error("--hours must be above 0 and at most 1000, --seed 0 or more")
     try:
-        found = run(args)
-    except (TirgeoError, OSError) as error:
-        sys.stderr.write(f"static_imu: {error}\n")
-        return 1
+        found = run(parser().parse_args(argv))
+    except TirgeoError as error:
+        sys.exit(f"static_imu: {error}")
     sys.stdout.write(f"{found['messages']} messages: {found['output']}\n")
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

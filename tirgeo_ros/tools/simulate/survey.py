@@ -31,7 +31,8 @@ class Views:
     """Hold where points, for example corners of beds, are in every picture."""
 
     corners_p: Array  # (C, 3) m, on the plane of the site
-    exposures: Epochs  # of F pictures
+    t_s: Array  # (F,) exposures of F pictures
+    stamp_ns: list[int]  # F, of the pictures
     uv: Array  # (F, C, 2) px, by the true camera; nan if not visible
     good: npt.NDArray[np.bool_]  # (F, C) whether an operator would click
 
@@ -55,9 +56,16 @@ def surveyed(
         )
     chosen = _spread(views.corners_p, candidates, config.points)
     chosen.sort(key=lambda corner: clicked[corner][0])
-    points = _measured(flight, views.corners_p[chosen])
-    seen = [(point.id, c, clicked[c]) for point, c in zip(points, chosen, strict=True)]
-    return points, _clicks(flight, views, seen)
+    noise = generator(flight.seed, "survey").standard_normal((len(chosen), 3))
+    measured_p = views.corners_p[chosen] + noise * np.array(config.sigma_m)
+    geodetic = np.transpose(flight.plane.geodetic_from_ned(measured_p)).tolist()
+    points = [SurveyPoint(f"P{k:02d}", *place) for k, place in enumerate(geodetic, 1)]
+    rng, found = generator(flight.seed, "clicks"), []
+    for point, corner in zip(points, chosen, strict=True):
+        for frame in rng.choice(clicked[corner], config.views, replace=False).tolist():
+            u, v = views.uv[frame, corner] + config.click_sigma_px * rng.standard_normal(2)
+            found.append(Observation(point.id, views.stamp_ns[frame], float(u), float(v)))
+    return points, _sorted(found)
 
 
 def exposures(flight: SimulatedFlight) -> Epochs:
@@ -78,28 +86,20 @@ def sightings(
         return []
     views = _views(flight, camera, np.array([target.center for target in targets]))
     off_middle = np.hypot(*np.moveaxis(views.uv - [camera.width / 2, camera.height / 2], -1, 0))
-    latency_ns = round(flight.scenario.video.latency_s * 1e9)
     found = []
     for k, target in enumerate(targets):
-        for frames in _passes(views.good[:, k]):
+        frames = np.flatnonzero(views.good[:, k])
+        passes = np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1)
+        for frames in filter(len, passes):
             best = frames[int(np.argmin(off_middle[frames, k]))]
             u, v = views.uv[best, k].tolist()
-            stamp_ns = views.exposures.stamp_ns[best] + latency_ns
-            found.append(Observation(target.id, stamp_ns, u, v))
-    return sorted(found, key=lambda one: (one.stamp_ns, one.id))
-
-
-def _passes(good: npt.NDArray[np.bool_]) -> list[npt.NDArray[np.intp]]:
-    """Return the pictures in which a point is well seen, one array for each unbroken run."""
-    frames = np.flatnonzero(good)
-    runs = np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1)
-    return [run for run in runs if run.size]
+            found.append(Observation(target.id, views.stamp_ns[best], u, v))
+    return _sorted(found)
 
 
 def _views(flight: SimulatedFlight, camera: Camera, level: Array) -> Views:
     """Project places on the ground, north and east (C, 2), into all pictures."""
-    relief = Relief(flight.scenario.park, flight.seed)
-    corners_p = relief.places(level)
+    corners_p = Relief(flight.scenario.park).places(level)
     epochs = exposures(flight)
     position, q_pc = flight.gimbal.camera(epochs.t_s)
     turned = [
@@ -107,26 +107,23 @@ def _views(flight: SimulatedFlight, camera: Camera, level: Array) -> Views:
         for place, rotation in zip(position, matrix_from_quat(q_pc), strict=True)
     ]
     uv = np.array([camera.project(points_c)[0] for points_c in turned])
-    if not relief.is_level:
-        uv[[relief.hides(place, corners_p) for place in position]] = np.nan
-    return Views(corners_p, epochs, uv, _well_seen(uv, camera, epochs, flight.scenario.survey))
+    (u, v), config = np.moveaxis(uv, -1, 0), flight.scenario.survey
+    good = (v >= config.rows_px[0]) & (v <= config.rows_px[1])
+    good &= (u >= config.side_px) & (u <= camera.width - 1 - config.side_px)
+    good &= (epochs.t_s >= config.after_s)[:, None]
+    latency_ns = round(flight.scenario.video.latency_s * 1e9)
+    return Views(corners_p, epochs.t_s, [one + latency_ns for one in epochs.stamp_ns], uv, good)
 
 
-def _well_seen(
-    uv: Array, camera: Camera, epochs: Epochs, config: SurveyScenario
-) -> npt.NDArray[np.bool_]:
-    u, v = uv[..., 0], uv[..., 1]
-    in_rows = (v >= config.rows_px[0]) & (v <= config.rows_px[1])
-    in_columns = (u >= config.side_px) & (u <= camera.width - 1 - config.side_px)
-    return np.asarray(in_rows & in_columns & (epochs.t_s >= config.after_s)[:, None])
+def _sorted(clicks: list[Observation]) -> list[Observation]:
+    return sorted(clicks, key=lambda one: (one.stamp_ns, one.id))
 
 
 def _apart(views: Views, corner: int, config: SurveyScenario) -> list[int]:
     """Return pictures in which a corner is well seen, each ``apart_s`` after the one before."""
     found: list[int] = []
     for frame in np.flatnonzero(views.good[:, corner]).tolist():
-        t_s = views.exposures.t_s
-        if not found or t_s[frame] - t_s[found[-1]] >= config.apart_s:
+        if not found or views.t_s[frame] - views.t_s[found[-1]] >= config.apart_s:
             found.append(frame)
     return found
 
@@ -140,29 +137,3 @@ def _spread(corners_p: Array, candidates: list[int], count: int) -> list[int]:
         chosen.append(int(np.argmax(distance)))
         distance = np.minimum(distance, np.linalg.norm(places - places[chosen[-1]], axis=1))
     return [candidates[k] for k in chosen]
-
-
-def _measured(flight: SimulatedFlight, corners_p: Array) -> list[SurveyPoint]:
-    """Return the corners as measured by an RTK rover."""
-    noise = generator(flight.seed, "survey").standard_normal(corners_p.shape)
-    found_p = corners_p + noise * np.array(flight.scenario.survey.sigma_m)
-    lat, lon, height = flight.plane.geodetic_from_ned(found_p)
-    return [
-        SurveyPoint(f"P{k + 1:02d}", float(lat[k]), float(lon[k]), float(height[k]))
-        for k in range(len(found_p))
-    ]
-
-
-def _clicks(
-    flight: SimulatedFlight, views: Views, seen: list[tuple[str, int, list[int]]]
-) -> list[Observation]:
-    """Return clicks with random errors in some random frames of every (id, corner, frames)."""
-    config, rng = flight.scenario.survey, generator(flight.seed, "clicks")
-    latency_ns = round(flight.scenario.video.latency_s * 1e9)
-    found = []
-    for name, corner, frames in seen:
-        for frame in rng.choice(frames, config.views, replace=False).tolist():
-            u, v = views.uv[frame, corner] + config.click_sigma_px * rng.standard_normal(2)
-            stamp_ns = views.exposures.stamp_ns[frame] + latency_ns
-            found.append(Observation(name, stamp_ns, float(u), float(v)))
-    return sorted(found, key=lambda click: (click.stamp_ns, click.id))

@@ -1,20 +1,27 @@
-"""Define the targets of a search: people, fires and vehicles, their positions and warmth."""
+"""Place the targets of a search, people, fires and vehicles, and draw them at pixels' size.
+
+A pixel shows a target by the share of its ground that the target covers. So one smaller than a
+pixel is correspondingly faint, and its middle is where the camera projects it.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.tools.simulate.ground import GRASS, GREY_PER_K
 from tirgeo_ros.tools.simulate.map_file import collection, point_feature
 from tirgeo_ros.tools.simulate.processes import generator
 from tirgeo_ros.tools.simulate.relief import LEVEL, Relief
 from tirgeo_ros.tools.simulate.scenario import Scenario
-from tirgeo_ros.tools.simulate.warm_spots import Patch
+
+Floats = npt.NDArray[np.float32]
 
 #: Ranges for seeded targets: contrast to the grass (K) and size (m).
 _SEEDED = {
@@ -22,13 +29,15 @@ _SEEDED = {
     "fire": ((300.0, 500.0), (1.0, 3.0)),
     "vehicle": ((3.0, 6.0), (4.3, 4.7)),
 }
-_BONNET_K, _BONNET = 8.0, 0.28  # contrast to the rest of a vehicle, and its share of the length
-_WIDTH = 2.0 / 4.5  # of a vehicle, per length
+_VEHICLE_WIDTH = 2.0 / 4.5  # per length
+_PARTS = 8  # of a pixel, in each direction
+_COARSEST_M = 5.0  # pixels that cover more ground than this show no target
+_OFFSETS = (np.arange(_PARTS, dtype=np.float32) + 0.5) / _PARTS - 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """Hold a warm object on the ground."""
+    """Hold a warm object on the ground: a square, for a fire a disc, for a vehicle a rectangle."""
 
     id: str  # ``person 1``
     kind: str  # person, fire, vehicle
@@ -37,61 +46,92 @@ class Target:
     size_m: float  # side of a person, diameter of a fire, length of a vehicle
     heading_rad: float
 
-    def patches(self) -> list[Patch]:
-        """Return the patches that the thermal camera sees."""
-        half = self.size_m / 2
-        if self.kind != "vehicle":
-            is_fire = self.kind == "fire"
-            return [Patch(self.center, (half, half), self.heading_rad, self.warmer_k, is_fire)]
-        ahead = np.array([math.cos(self.heading_rad), math.sin(self.heading_rad)])
-        aside, bonnet = half * _WIDTH, half * _BONNET
-        front = self.center + (half - bonnet) * ahead
-        return [
-            Patch(self.center, (half, aside), self.heading_rad, self.warmer_k),
-            Patch(front, (bonnet, aside), self.heading_rad, self.warmer_k + _BONNET_K),
-        ]
+    def covers(self, along: Array, across: Array) -> npt.NDArray[np.bool_]:
+        """Return whether it covers places, m along and across its heading from its middle."""
+        if self.kind == "fire":
+            return np.asarray(along**2 + across**2 < (self.size_m / 2) ** 2)
+        width_m = self.size_m * (_VEHICLE_WIDTH if self.kind == "vehicle" else 1)
+        return np.asarray((np.abs(along) < self.size_m / 2) & (np.abs(across) < width_m / 2))
 
 
 def targets_of(scenario: Scenario, seed: int) -> list[Target]:
     """Return the targets of a scenario: of each kind the given ones, then the seeded ones."""
-    scene = scenario.scene
-    wanted = {
-        "person": (scene.people_at, scene.people),
-        "fire": (scene.fires_at, scene.fires),
-        "vehicle": (scene.vehicles_at, scene.vehicles),
-    }
-    return [
-        target
-        for kind, (given, count) in wanted.items()
-        for target in _of_kind(scenario, seed, kind, np.reshape(given, (-1, 4)), count)
-    ]
-
-
-def _of_kind(
-    scenario: Scenario, seed: int, kind: str, given: Array, count: int
-) -> Iterator[Target]:
-    park = scenario.park
+    scene, park = scenario.scene, scenario.park
     low, high = np.transpose([park.north_m, park.east_m])
-    for number in range(1, len(given) + count + 1):
-        # Each target has its own generator, so that one more does not move the others.
-        rng = generator(seed, f"{kind} {number}")
-        heading = rng.uniform(0.0, 2 * math.pi)
-        row = np.array([*rng.uniform(low, high), *(rng.uniform(*of) for of in _SEEDED[kind])])
-        if number <= len(given):
-            row = given[number - 1]
-        yield Target(f"{kind} {number}", kind, row[:2], float(row[2]), float(row[3]), heading)
+    targets = []
+    for kind, given, count in (
+        ("person", scene.people_at, scene.people),
+        ("fire", scene.fires_at, scene.fires),
+        ("vehicle", scene.vehicles_at, scene.vehicles),
+    ):
+        rows = list(np.reshape(given, (-1, 4)))
+        for number in range(len(rows) + count):
+            # Each target has its own generator, so that one more does not move the others.
+            rng = generator(seed, f"{kind} {number + 1}")
+            heading = rng.uniform(0.0, 2 * math.pi)
+            drawn = [*rng.uniform(low, high), *(rng.uniform(*of) for of in _SEEDED[kind])]
+            row = np.array(rows[number] if number < len(rows) else drawn)
+            warmer_k, size_m = row[2:].tolist()
+            name = f"{kind} {number + 1}"
+            targets.append(Target(name, kind, row[:2], warmer_k, size_m, heading))
+    return targets
 
 
 def targets_text(targets: list[Target], plane: TangentPlane, relief: Relief = LEVEL) -> str:
     """Return the targets as GeoJSON points with ``id``, ``kind``, contrast (K) and size (m)."""
-    return collection([_feature(target, plane, relief) for target in targets])
+    features = []
+    for one in targets:
+        about = {"id": one.id, "kind": one.kind}
+        numbers = {"warmer_k": round(one.warmer_k, 3), "size_m": round(one.size_m, 3)}
+        features.append(point_feature(about | numbers, one.center, plane, relief))
+    return collection(features)
 
 
-def _feature(target: Target, plane: TangentPlane, relief: Relief) -> dict[str, object]:
-    about = {
-        "id": target.id,
-        "kind": target.kind,
-        "warmer_k": round(target.warmer_k, 3),
-        "size_m": round(target.size_m, 3),
-    }
-    return point_feature(about, target.center, plane, relief)
+def draw_targets(picture: Floats, targets: Sequence[Target], north: Floats, east: Floats) -> None:
+    """Draw targets into a picture (h, w) of grey levels, later ones over earlier ones.
+
+    ``north`` and ``east`` (h, w) are the ground position that each pixel's middle sees, m.
+    """
+    if not targets:
+        return
+    middle = slice(picture.shape[1] // 2, picture.shape[1] // 2 + 2)
+    pixel_m = _pixel_m(north[:, middle], east[:, middle])
+    for target in targets:
+        reach_m = pixel_m + target.size_m
+        near = np.abs(north - target.center[0]) < reach_m
+        near &= np.abs(east - target.center[1]) < reach_m
+        near &= pixel_m < _COARSEST_M
+        if near.any():
+            rows, columns = (_around(near.any(axis=axis)) for axis in (1, 0))
+            seen = picture[rows, columns]
+            share = _share(target, north[rows, columns], east[rows, columns])
+            seen += share * (GRASS + GREY_PER_K * target.warmer_k - seen)
+
+
+def _pixel_m(north: Floats, east: Floats) -> Floats:
+    """Return the longest extent (h, 1), m, on the ground of a pixel of each row."""
+    sides = [np.hypot(*(np.gradient(of, axis=axis) for of in (north, east))) for axis in (0, 1)]
+    return np.asarray((sides[0] + sides[1])[:, :1])
+
+
+def _around(marked: npt.NDArray[np.bool_]) -> slice:
+    """Return the range of the marked items, with one more on either side."""
+    found = np.flatnonzero(marked)
+    return slice(max(int(found[0]) - 1, 0), int(found[-1]) + 2)
+
+
+def _share(target: Target, north: Floats, east: Floats) -> Floats:
+    """Return the share (h, w) of each pixel that the target covers."""
+    cos, sin = np.cos(target.heading_rad), np.sin(target.heading_rad)
+    n, e = north - target.center[0], east - target.center[1]
+    inside = target.covers(_in_parts(cos * n + sin * e), _in_parts(cos * e - sin * n))
+    return np.asarray(inside.mean(axis=(0, 1)), np.float32)
+
+
+def _in_parts(values: Floats) -> Floats:
+    """Return values (parts, parts, h, w) over each pixel, linear there."""
+    by_row, by_column = np.gradient(values)
+    rows, columns = np.meshgrid(_OFFSETS, _OFFSETS, indexing="ij")
+    return np.asarray(
+        values + rows[..., None, None] * by_row + columns[..., None, None] * by_column
+    )

@@ -12,11 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.frames.rotations import (
-    matrix_from_euler,
-    quat_from_matrix,
-    skew,
-)
+from tirgeo_ros.core.frames.rotations import matrix_from_euler, quat_from_matrix, skew
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.frames.wgs84 import EARTH_RATE_RAD_S, gravity_down, rotation_ecef_from_ned
 from tirgeo_ros.core.types.arrays import Array
@@ -25,7 +21,7 @@ from tirgeo_ros.tools.simulate.routes import route
 from tirgeo_ros.tools.simulate.scenario import Scenario
 
 _KNOT_S = 0.4
-_HOLD_TIME_S = 4.0
+_HOLD_TIME_S, _GUST_TIME_S = 4.0, 2.0  # correlation times
 # For the lean only; the IMU measures the ellipsoid's gravity.
 _GRAVITY_P = np.array([0.0, 0.0, 9.8])
 
@@ -62,12 +58,14 @@ class Trajectory:
         times_s = np.arange(0.0, scenario.duration_s + 2 * _KNOT_S, _KNOT_S)
         level, heading = route(scenario.route, times_s)
         down = np.full(len(times_s), -scenario.route.height_above_ground_m)
-        control = np.column_stack([level, down]) + _slips(scenario, seed, len(times_s))
-        self._position = Spline(control, _KNOT_S)
+        hold_m = np.full(3, scenario.route.hold_error_m)
+        rng = generator(seed, "hold")
+        slips = gauss_markov(rng, len(times_s), _KNOT_S, np.full(3, _HOLD_TIME_S), hold_m)
+        self._position = Spline(np.column_stack([level, down]) + slips, _KNOT_S)
         self._heading = Spline(heading[:, None], _KNOT_S)
         gust = scenario.wind.gust_m_s * np.array([1.0, 1.0, 0.3])  # weaker vertically
         self._gust = smooth_noise(
-            generator(seed, "gusts"), scenario.duration_s, scenario.wind.gust_time_s, gust
+            generator(seed, "gusts"), scenario.duration_s, _GUST_TIME_S, gust
         )
 
     def motion(self, t_s: npt.ArrayLike) -> Motion:
@@ -99,8 +97,16 @@ class Trajectory:
         force_b = np.einsum("nji,nj->ni", motion.rotation_pb, force_p)
         return force_b, motion.rate_pb_b + np.einsum("nji,j->ni", motion.rotation_pb, spin_p)
 
+    def rotation_nb(self, motion: Motion) -> Array:
+        """Return the rotations (N, 3, 3) from body to north, east, down at the aircraft.
 
-def local_axes(plane: TangentPlane, latitude_rad: Array, longitude_rad: Array) -> Array:
+        Near a pole those axes differ from the site's.
+        """
+        lat, lon, _ = self.plane.geodetic_from_ned(motion.position_p)
+        return np.asarray(_local_axes(self.plane, lat, lon) @ motion.rotation_pb)
+
+
+def _local_axes(plane: TangentPlane, latitude_rad: Array, longitude_rad: Array) -> Array:
     """Return the rotations (N, 3, 3) from the plane ``p`` to north, east, down at N places."""
     places = zip(latitude_rad, longitude_rad, strict=True)
     return np.array([plane.rotation_from_local(lat, lon).T for lat, lon in places])
@@ -114,15 +120,9 @@ def geodetic_state(
     The axes are the local ones at each position.
     """
     lat, lon, height = plane.geodetic_from_ned(position_p)
-    turn = local_axes(plane, lat, lon)
+    turn = _local_axes(plane, lat, lon)
     velocity_n = np.einsum("nij,nj->ni", turn, velocity_p)
     return lat, lon, height, velocity_n, quat_from_matrix(turn @ rotation_pb)
-
-
-def _slips(scenario: Scenario, seed: int, count: int) -> Array:
-    rng = generator(seed, "hold")
-    std = np.full(3, scenario.route.hold_error_m)
-    return gauss_markov(rng, count, _KNOT_S, np.full(3, _HOLD_TIME_S), std)
 
 
 def _tilt(thrust: Array, thrust_rate: Array, yaw: Array, yaw_rate: Array) -> tuple[Array, Array]:
