@@ -42,6 +42,9 @@ def test_headings_have_the_delay_of_rtk_unless_they_have_their_own():
         ({"rtk__delay_s": 1.0, "gps__delay_s": 1.0}, 0.5),
         ({"rtk__delay_s": 1.0, "rtk__velocity_delay_s": -1.5}, 1.0),
         ({"gps__delay_s": -1.0, "imu__delay_s": 0.25}, 1.75),
+        # A barometer without a delay does not count; one that is early does.
+        ({"rtk__delay_s": 0.1, "gps__delay_s": 0.1, "imu__delay_s": 0.1}, 0.5),
+        ({"barometer__delay_s": -0.3, "imu__delay_s": 0.1}, 0.9),
     ],
 )
 def test_what_delays_bring_ahead_of_the_imu_is_held_for_longer(values, hold_s):

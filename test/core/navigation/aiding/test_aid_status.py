@@ -151,6 +151,7 @@ def test_three_resets_within_ten_seconds_are_hopeless(last_s, hopeless):
     control = control.with_reset(Source.GPS_POSITION, ns(5.0), 1.0)
     assert control.hopeless(2.0) == ""  # neither moves position or velocity
     control = control.with_reset(Source.RTK_POSITION, ns(last_s), 1.0)
+    control = control.with_reset(Source.BAROMETER, ns(last_s), 40.0)  # not the one to name
     why = "reset again and again: position moved by 1.00 m"
     assert control.hopeless(2.0) == (why if hopeless else "")
 

@@ -198,7 +198,7 @@ class AidStatus(NamedTuple):
     fixed_since_ns: int = NEVER_NS
     offsets_n: tuple[Vector, ...] = ()  # of the newest RTK positions, for the median
     resets: tuple[int, ...] = (0,) * len(AID_SOURCES)
-    reset_ns: tuple[int, ...] = ()  # stamps of the newest resets of position and velocity
+    rtk_resets: tuple[Reset, ...] = ()  # the newest ones to RTK positions and velocities
     last_reset: Reset | None = None
     rtk: Consistency = Consistency()  # RTK positions against velocities
 
@@ -247,18 +247,18 @@ class AidStatus(NamedTuple):
         place = PLACE[source]
         counts = list(self.resets)
         counts[place] += 1
-        stamps = self.reset_ns
+        newest, rtk = Reset(source, now_ns, size), self.rtk_resets
         if source in {Source.RTK_POSITION, Source.RTK_VELOCITY}:
-            stamps = (*stamps, now_ns)[-_HOPELESS_RESETS:]
+            rtk = (*rtk, newest)[-_HOPELESS_RESETS:]
         return self.with_track(source, AidTrack(now_ns))._replace(
-            resets=tuple(counts), reset_ns=stamps, last_reset=Reset(source, now_ns, size)
+            resets=tuple(counts), rtk_resets=rtk, last_reset=newest
         )
 
     def hopeless(self, patience_s: float) -> str:
         """Return why only a restart of the filter helps, or an empty string."""
-        stamps = self.reset_ns
-        if len(stamps) == _HOPELESS_RESETS and stamps[-1] - stamps[0] <= _HOPELESS_NS:
-            return f"reset again and again: {self.last_reset}"
+        rtk = self.rtk_resets
+        if len(rtk) == _HOPELESS_RESETS and rtk[-1].stamp_ns - rtk[0].stamp_ns <= _HOPELESS_NS:
+            return f"reset again and again: {rtk[-1]}"
         # Two measurements of different kinds do not fail together. Where the state runs away,
         # their refused innovations do not agree with themselves either, so all refusals are
         # counted.
