@@ -125,7 +125,7 @@ def test_fixed_again_is_eased_and_only_the_position():
 
 def test_resets_are_counted_and_told():
     control = AidStatus(Receivers(0)).with_reset(Source.RTK_HEADING, ns(0), math.radians(-20.0))
-    assert control.resets == (0, 0, 1, 0, 0, 0)
+    assert control.resets[2] == sum(control.resets) == 1
     assert str(control.last_reset) == "heading turned by -20.0 deg"
     assert control.track(Source.RTK_HEADING) == AidTrack(ns(0))
     texts = {

@@ -22,7 +22,7 @@ class Aid:
     """Declare one aid: its source, its measurement with noise and gate, and what refusals do.
 
     ``aids.AIDS`` lists the subclasses. Whatever changes from sample to sample is in the belief,
-    so that a late sample meets the same decisions as one in time.
+    so that late samples meet the same decisions as timely ones.
     """
 
     source: ClassVar[Source]
@@ -31,14 +31,12 @@ class Aid:
     #: The parameters that may be wrong where innovations are much larger than their sigma.
     look_at: ClassVar[str] = ""
     unit: ClassVar[str] = "m"
-    #: Whether its steps are told from a drift of the state.
+    #: Whether a step of its innovation counts as its own fault, unlike a drift.
     steps: ClassVar[bool] = False
     #: Whether it is eased in after a silence, since it would move the map in one step.
     eased: ClassVar[bool] = False
     #: The error states that are set to it once it has contradicted them for long.
     resets: ClassVar[slice | None] = None
-    #: Whether uses and refusals are recorded; without a record it never resets anything.
-    recorded: ClassVar[bool] = True
 
     def __init__(self, config: EkfConfig) -> None:
         """Take the parameters. Raises ConfigError where they are of no use."""
@@ -57,8 +55,8 @@ class Aid:
     ) -> tuple[AidMeasurement | Verdict, StateEstimate]:
         """Return the measurement, or the verdict on a sample that is not used, and the belief.
 
-        ``angular_rate_b`` (rad/s) has its bias removed. The belief returned may hold news of the
-        aid's record; state and covariance are those given.
+        ``angular_rate_b`` (rad/s) has its bias removed. Only the aid's record in the belief may
+        change.
         """
         raise NotImplementedError
 
