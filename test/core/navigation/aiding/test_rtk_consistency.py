@@ -10,8 +10,7 @@ import pytest
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.aiding import rtk_consistency
-from tirgeo_ros.core.navigation.aiding.path_comparison import distance
-from tirgeo_ros.core.navigation.aiding.rtk_consistency import Consistency
+from tirgeo_ros.core.navigation.aiding.rtk_consistency import Consistency, distance
 from tirgeo_ros.core.navigation.kalman import chi_square_limit
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source, VelocitySample
 

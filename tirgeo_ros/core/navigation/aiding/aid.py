@@ -10,12 +10,16 @@ import numpy as np
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack
-from tirgeo_ros.core.navigation.aiding.state_estimate import AidMeasurement, StateEstimate
+from tirgeo_ros.core.navigation.aiding.state_estimate import (
+    AidMeasurement,
+    Measured,
+    StateEstimate,
+)
+from tirgeo_ros.core.navigation.ins_error_model import states_of
 from tirgeo_ros.core.navigation.kalman import Measurement
 from tirgeo_ros.core.navigation.strapdown import Vector
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import Source
-from tirgeo_ros.core.types.verdicts import Verdict
 
 
 class Aid:
@@ -40,19 +44,20 @@ class Aid:
 
     def __init__(self, config: EkfConfig) -> None:
         """Take the parameters. Raises ConfigError where they are of no use."""
+        self._config = config
+        self._states = states_of(config)
+        self._timeout_ns = round(config.trust.aid_timeout_s * 1e9)
 
     @classmethod
     def delay_s(cls, config: EkfConfig) -> float:
         """Return stamp minus time of measurement, s; 0 without a parameter."""
         return float(operator.attrgetter(cls.delay)(config)) if cls.delay else 0.0
 
-    def spare(self, sample: Any, control: AidStatus) -> bool:  # noqa: ARG002
+    def spare(self, _sample: Any, _control: AidStatus) -> bool:
         """Return whether a sample changes nothing and can be skipped (verdict STANDBY)."""
         return False
 
-    def measured(
-        self, sample: Any, belief: StateEstimate, angular_rate_b: Vector
-    ) -> tuple[AidMeasurement | Verdict, StateEstimate]:
+    def measured(self, sample: Any, belief: StateEstimate, angular_rate_b: Vector) -> Measured:
         """Return the measurement, or the verdict on a sample that is not used, and the belief.
 
         ``angular_rate_b`` (rad/s) has its bias removed. Only the aid's record in the belief may
@@ -61,15 +66,11 @@ class Aid:
         raise NotImplementedError
 
     def averaged(
-        self,
-        track: AidTrack,
-        measurement: Measurement,  # noqa: ARG002
-        predicted: Array,  # noqa: ARG002
-        reason: str,
+        self, track: AidTrack, _measurement: Measurement, _predicted: Array, reason: str
     ) -> tuple[AidTrack, str]:
         """Return the record with one more innovation in it, and why it is refused, or "".
 
-        ``predicted`` (m, m) is the covariance of the prediction, ``reason`` the gate's.
+        ``_predicted`` (m, m) is the covariance of the prediction, ``reason`` the gate's.
         """
         return track, reason
 
@@ -78,6 +79,6 @@ class Aid:
         size = math.hypot(*track.step) or float(np.linalg.norm(aid.measurement.innovation))
         return f"{size:.1f} {self.unit} off"
 
-    def after_refusal(self, aid: AidMeasurement, belief: StateEstimate) -> StateEstimate | None:  # noqa: ARG002
+    def after_refusal(self, _aid: AidMeasurement, _belief: StateEstimate) -> StateEstimate | None:
         """Return the belief after a refusal that led to a reset of the aid's own; else None."""
         return None

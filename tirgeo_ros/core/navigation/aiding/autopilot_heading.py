@@ -15,7 +15,11 @@ from tirgeo_ros.core.frames.heading import azimuth, heading_of, wrapped
 from tirgeo_ros.core.frames.rotations import rotation_of
 from tirgeo_ros.core.navigation.aiding.aid import Aid
 from tirgeo_ros.core.navigation.aiding.aid_status import NEVER_NS
-from tirgeo_ros.core.navigation.aiding.state_estimate import AidMeasurement, StateEstimate
+from tirgeo_ros.core.navigation.aiding.state_estimate import (
+    AidMeasurement,
+    Measured,
+    StateEstimate,
+)
 from tirgeo_ros.core.navigation.kalman import Measurement
 from tirgeo_ros.core.navigation.strapdown import Vector
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
@@ -36,6 +40,7 @@ class AutopilotHeadingAid(Aid):
     unit = "rad"
 
     def __init__(self, config: EkfConfig) -> None:
+        super().__init__(config)
         self._variance_rad2 = math.radians(config.autopilot.attitude_sigma_deg[2]) ** 2
         self._worth_rad2 = _SIGMAS**2 * self._variance_rad2
         self._newest_ns = NEVER_NS
@@ -58,11 +63,8 @@ class AutopilotHeadingAid(Aid):
         return AutopilotHeading(imu.stamp_ns, heading_of(q_nb), self._variance_rad2)
 
     def measured(
-        self,
-        sample: AutopilotHeading,
-        belief: StateEstimate,
-        angular_rate_b: Vector,  # noqa: ARG002
-    ) -> tuple[AidMeasurement | Verdict, StateEstimate]:
+        self, sample: AutopilotHeading, belief: StateEstimate, _rate_b: Vector
+    ) -> Measured:
         """Return the measurement: a turn about the vertical alone, for tilt is known better."""
         if not self._is_worth(belief.covariance):
             reason = "the heading is known better"

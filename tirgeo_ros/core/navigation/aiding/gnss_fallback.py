@@ -1,8 +1,8 @@
 """Aid the filter with the ordinary GPS where RTK is missing.
 
 Its position has an error of metres that varies over a minute. While RTK is fixed, that error is
-estimated as a state of the filter, from one position a second. When RTK is gone, positions less
-the estimated error continue from where RTK stopped, and the covariance grows as the error wanders.
+estimated as a state of the filter, from one position a second. Without RTK, positions less the
+estimated error continue from where RTK stopped, and the covariance grows as the error wanders.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from tirgeo_ros.core.navigation.aiding.aid_status import NEVER_NS, AidStatus
 from tirgeo_ros.core.navigation.aiding.rtk_position import innovation_n, position_design
 from tirgeo_ros.core.navigation.aiding.state_estimate import (
     AidMeasurement,
+    Measured,
     StateEstimate,
     added,
     not_fixed,
 )
-from tirgeo_ros.core.navigation.ins_error_model import GPS_ERROR, states_of
+from tirgeo_ros.core.navigation.ins_error_model import GPS_ERROR
 from tirgeo_ros.core.navigation.kalman import Measurement
 from tirgeo_ros.core.navigation.strapdown import Vector, rotate
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
-from tirgeo_ros.core.types.verdicts import Verdict
 
 #: While RTK is there the error is learned at this interval (a second less the jitter of stamps).
 _LEARNING_NS = 950_000_000
@@ -41,9 +41,8 @@ class GpsPositionAid(Aid):
     resets = GPS_ERROR  # a jump of it leaves the state unchanged
 
     def __init__(self, config: EkfConfig) -> None:
+        super().__init__(config)
         self._gps = config.gps
-        self._states = states_of(config)
-        self._timeout_ns = round(config.trust.aid_timeout_s * 1e9)
         self._lever_b: Vector = tuple(config.aircraft.gps_lever_b.tolist())
         noise_m2 = config.gps.position_noise_m**2
         self._noise = np.eye(3) * noise_m2
@@ -59,18 +58,14 @@ class GpsPositionAid(Aid):
         )
 
     def measured(
-        self,
-        sample: PositionSample,
-        belief: StateEstimate,
-        angular_rate_b: Vector,  # noqa: ARG002
-    ) -> tuple[AidMeasurement | Verdict, StateEstimate]:
+        self, sample: PositionSample, belief: StateEstimate, _rate_b: Vector
+    ) -> Measured:
         """Return the measurement of a position with its slow error in it, and the belief."""
         if sample.status < FixStatus.SINGLE:
             return not_fixed(self.source, sample.status), belief
-        state = belief.state
-        error = belief.control.receivers.gps_error_n
+        state, error_n = belief.state, belief.control.receivers.gps_error_n
         lever_n = rotate(rotation_of(state.q_nb), self._lever_b)
-        innovation = innovation_n(state, sample, added(lever_n, error))
+        innovation = innovation_n(state, sample, added(lever_n, error_n))
         design = position_design(self._states, lever_n, gps=True)
         # Reported variance beyond that of the slow error in the state.
         beyond = np.maximum(np.diagonal(sample.covariance_n) - self._known_m2, 0.0)
@@ -88,11 +83,9 @@ class GpsPositionAid(Aid):
         Long without RTK no number of fixes averages a lasting error away. White noise with the
         same power at low frequency has 2 tau / step times its variance.
         """
-        used_ns = control.track(Source.GPS_POSITION).used_ns
+        used_ns, rtk = control.track(self.source).used_ns, control.track(Source.RTK_POSITION)
         time_s = self._gps.position_time_s
-        if used_ns == NEVER_NS or control.track(Source.RTK_POSITION).recent(
-            now_ns, round(time_s * 1e9)
-        ):
+        if used_ns == NEVER_NS or rtk.recent(now_ns, round(time_s * 1e9)):
             return 1.0
         step_s = min(max((now_ns - used_ns) * 1e-9, 0.02), 1.0)
         return max(2 * time_s / step_s, 1.0)

@@ -12,6 +12,7 @@ from tirgeo_ros.core.navigation.aiding.aid import Aid
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus
 from tirgeo_ros.core.navigation.aiding.state_estimate import (
     AidMeasurement,
+    Measured,
     StateEstimate,
     added,
     floored,
@@ -22,18 +23,11 @@ from tirgeo_ros.core.navigation.ins_error_model import (
     VELOCITY,
     flat_memory,
     has_antenna,
-    states_of,
 )
 from tirgeo_ros.core.navigation.kalman import Measurement
 from tirgeo_ros.core.navigation.strapdown import Rotation, Vector, cross, matrix, rotate
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, Source, VelocitySample
-from tirgeo_ros.core.types.verdicts import Verdict
-
-
-def swing_n(rotation_nb: Rotation, angular_rate_b: Vector, lever_arm_b: Vector) -> Vector:
-    """Return the antenna's velocity against the IMU, NED m/s; the rate (rad/s) has no bias."""
-    return rotate(rotation_nb, cross(angular_rate_b, lever_arm_b))
 
 
 def velocity_design(
@@ -59,9 +53,6 @@ def velocity_design(
     return design
 
 
-_ZERO = (0.0, 0.0, 0.0)
-
-
 class _VelocityAid(Aid):
     """Make measurements of the velocities of one receiver."""
 
@@ -70,31 +61,26 @@ class _VelocityAid(Aid):
 
     def __init__(self, config: EkfConfig) -> None:
         """Take the parameters of the receiver, and its antenna's place."""
+        super().__init__(config)
         rtk = self.source is Source.RTK_VELOCITY
         receiver = config.rtk if rtk else config.gps
-        self._states = states_of(config)
         self._lever_b: Vector = tuple(config.aircraft.antenna_b(self.source).tolist())
         self._estimates_antenna = rtk and has_antenna(self._states)
         self._floor_m_s = receiver.velocity_sigma_floor_m_s
         self._gate_sigma = receiver.gate_sigma
-        self._timeout_ns = round(config.trust.aid_timeout_s * 1e9)
 
     def measured(
         self, sample: VelocitySample, belief: StateEstimate, angular_rate_b: Vector
-    ) -> tuple[AidMeasurement | Verdict, StateEstimate]:
+    ) -> Measured:
         """Return the measurement and the belief."""
         state = belief.state
         rotation = rotation_of(state.q_nb)
         lever_b = self._lever_b
         if self._estimates_antenna:
             lever_b = added(lever_b, belief.control.receivers.antenna_b)
-        swing = swing_n(rotation, angular_rate_b, lever_b)
-        (north, east, down), was = sample.velocity_n.tolist(), state.velocity_n
-        innovation = (
-            north - was[0] - swing[0],
-            east - was[1] - swing[1],
-            down - was[2] - swing[2],
-        )
+        swing = rotate(rotation, cross(angular_rate_b, lever_b))  # against the IMU, NED m/s
+        (north, east, down), (vn, ve, vd) = sample.velocity_n.tolist(), state.velocity_n
+        innovation = north - vn - swing[0], east - ve - swing[1], down - vd - swing[2]
         noise = floored(sample.covariance_n, self._floor_m_s)
         design = velocity_design(self._states, rotation, swing, lever_b)
         if self._estimates_antenna:
@@ -103,7 +89,7 @@ class _VelocityAid(Aid):
         scatter = math.sqrt(noise[0, 0] + noise[1, 1] + noise[2, 2])
         slack = 1.5 * self._gate_sigma * scatter
         return AidMeasurement(
-            sample.source, sample.stamp_ns, measurement, innovation, _ZERO, slack
+            sample.source, sample.stamp_ns, measurement, innovation, (0.0,) * 3, slack
         ), belief
 
 
@@ -123,7 +109,7 @@ class RtkVelocityAid(_VelocityAid):
 
     def measured(
         self, sample: VelocitySample, belief: StateEstimate, angular_rate_b: Vector
-    ) -> tuple[AidMeasurement | Verdict, StateEstimate]:
+    ) -> Measured:
         """Return the measurement, or NOT_FIXED by the newest status of ``rtk/fix``."""
         status = belief.control.status_at(sample.stamp_ns, self._timeout_ns)
         if status is not None and status < FixStatus.FLOAT:

@@ -16,6 +16,7 @@ from tirgeo_ros.core.navigation.aiding.aid import Aid
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus
 from tirgeo_ros.core.navigation.aiding.state_estimate import (
     AidMeasurement,
+    Measured,
     StateEstimate,
     added,
     floored,
@@ -27,31 +28,23 @@ from tirgeo_ros.core.navigation.ins_error_model import (
     POSITION,
     flat_memory,
     has_antenna,
-    states_of,
 )
 from tirgeo_ros.core.navigation.kalman import Measurement
 from tirgeo_ros.core.navigation.strapdown import NavState, Rotation, Vector, matrix, rotate
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
-from tirgeo_ros.core.types.verdicts import Verdict
 
 
-def separation_n(state: NavState, sample: PositionSample) -> Vector:
-    """Return the antenna as measured minus the IMU as estimated, NED metres (Eq. 5)."""
+def innovation_n(state: NavState, sample: PositionSample, lever_n: Vector) -> Vector:
+    """Return measured less predicted antenna position, NED m (Eq. 5); ``lever_n`` is ``R_nb l``."""
     meridian, transverse = radii_of_curvature(state.latitude_rad)
     east = (sample.longitude_rad - state.longitude_rad + math.pi) % (2 * math.pi) - math.pi
     middle = 0.5 * (sample.latitude_rad + state.latitude_rad)
     return (
-        (sample.latitude_rad - state.latitude_rad) * (meridian + state.height_m),
-        east * (transverse + state.height_m) * math.cos(middle),
-        state.height_m - sample.height_m,
+        (sample.latitude_rad - state.latitude_rad) * (meridian + state.height_m) - lever_n[0],
+        east * (transverse + state.height_m) * math.cos(middle) - lever_n[1],
+        state.height_m - sample.height_m - lever_n[2],
     )
-
-
-def innovation_n(state: NavState, sample: PositionSample, lever_n: Vector) -> Vector:
-    """Return measured minus predicted antenna position, NED metres; ``lever_n`` is ``R_nb l``."""
-    north, east, down = separation_n(state, sample)
-    return north - lever_n[0], east - lever_n[1], down - lever_n[2]
 
 
 def position_design(
@@ -89,30 +82,26 @@ class RtkPositionAid(Aid):
     resets = POSITION
 
     def __init__(self, config: EkfConfig) -> None:
+        super().__init__(config)
         self._rtk = config.rtk
-        self._states = states_of(config)
         self._lever_b: Vector = tuple(config.aircraft.rtk_lever_b.tolist())
-        self._timeout_ns = round(config.trust.aid_timeout_s * 1e9)
 
     def measured(
-        self,
-        sample: PositionSample,
-        belief: StateEstimate,
-        angular_rate_b: Vector,  # noqa: ARG002
-    ) -> tuple[AidMeasurement | Verdict, StateEstimate]:
+        self, sample: PositionSample, belief: StateEstimate, _rate_b: Vector
+    ) -> Measured:
         """Return the measurement; the belief knows its status, and its offset for the median."""
-        state, covariance, control = belief
-        control = control.heard(sample.status, sample.stamp_ns, self._timeout_ns)
-        belief = StateEstimate(state, covariance, control)
+        state = belief.state
+        control = belief.control.heard(sample.status, sample.stamp_ns, self._timeout_ns)
+        belief = belief._replace(control=control)
         if sample.status < FixStatus.FLOAT:
             return not_fixed(self.source, sample.status), belief
         rotation = rotation_of(state.q_nb)
-        lever_n = rotate(rotation, added(self._lever_b, belief.control.receivers.antenna_b))
+        lever_n = rotate(rotation, added(self._lever_b, control.receivers.antenna_b))
         innovation = innovation_n(state, sample, lever_n)
         offset = added(innovation, state.correction_n)
         if self._rtk.median_window > 1:
             innovation, belief = self._median(offset, belief)
-        noise, sigma_m = self._noise(sample, belief.control)
+        noise, sigma_m = self._noise(sample, control)
         gate_sigma = self._rtk.gate_sigma
         sought = rotation if has_antenna(self._states) else None
         design = position_design(self._states, lever_n, rotation_nb=sought)

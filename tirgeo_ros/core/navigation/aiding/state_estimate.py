@@ -53,6 +53,10 @@ class AidMeasurement(NamedTuple):
     stale: bool = False  # the sample repeats the value of the one before
 
 
+#: A measurement, or the verdict on a sample that is not used; and the belief.
+Measured = tuple[AidMeasurement | Verdict, StateEstimate]
+
+
 def not_fixed(source: Source, status: FixStatus) -> Verdict:
     """Return the verdict on a sample of a receiver without a good enough fix."""
     return Verdict(source, Outcome.NOT_FIXED, f"status {status.name.lower()}")
