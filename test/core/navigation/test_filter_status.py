@@ -10,7 +10,7 @@ import pytest
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack, Receivers
-from tirgeo_ros.core.navigation.filter_status import FilterHealth, disuse
+from tirgeo_ros.core.navigation.filter_status import FilterHealth, VerdictLog
 from tirgeo_ros.core.types.measurements import FixStatus, Source
 from tirgeo_ros.core.types.verdicts import FilterState, Outcome, Verdict
 
@@ -79,7 +79,10 @@ def test_a_float_fix_is_named():
 def test_what_comes_and_is_refused_is_said_to_be_refused():
     gated = Verdict(Source.RTK_HEADING, Outcome.GATED, "90 deg off; antennas swapped?")
     poor = Verdict(Source.RTK_VELOCITY, Outcome.NOT_FIXED, "status single")
-    told = {v.source: (NOW_NS - TIMEOUT_NS, disuse(v)) for v in (gated, poor)}
+    log = VerdictLog()
+    for verdict in (gated, poor):
+        log.add(verdict, NOW_NS - TIMEOUT_NS)
+    told = log.unused
     found = health().state(control_of(Source.GPS_POSITION), NOW_NS, told)
     reason = (
         "rtk/vel not used: status single, "

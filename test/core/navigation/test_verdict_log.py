@@ -11,7 +11,7 @@ from flights import config_for, flight
 
 from dev.flight_errors import navigation_samples
 from tirgeo_ros.core.navigation.estimator import Navigation
-from tirgeo_ros.core.navigation.verdict_log import VerdictLog
+from tirgeo_ros.core.navigation.filter_status import VerdictLog
 from tirgeo_ros.core.types.measurements import ImuSample, Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 

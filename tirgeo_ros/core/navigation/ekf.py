@@ -17,7 +17,7 @@ import numpy as np
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.aid_status import PLACE, AidStatus
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
-from tirgeo_ros.core.navigation.aiding.state_estimate import AidSample, StateEstimate, source_of
+from tirgeo_ros.core.navigation.aiding.state_estimate import AidSample, StateEstimate
 from tirgeo_ros.core.navigation.alignment.aligner import Alignment, Biases
 from tirgeo_ros.core.navigation.delayed_measurements import (
     Carried,
@@ -129,9 +129,9 @@ class Ekf:
         stamp_ns, newest_ns = sample.stamp_ns, self._epochs[-1].stamp_ns
         if stamp_ns <= self._epochs[0].stamp_ns or stamp_ns < newest_ns - self._keep_ns:
             reason = "older than max_delay_s or the alignment"
-            return Verdict(source_of(sample), Outcome.TOO_OLD, reason)
+            return Verdict(sample.source, Outcome.TOO_OLD, reason)
         if stamp_ns > newest_ns + self._hold_ns:
-            return Verdict(source_of(sample), Outcome.TOO_NEW, "newer than imu/data")
+            return Verdict(sample.source, Outcome.TOO_NEW, "newer than imu/data")
         record = HistoryRecord.of(sample, stale=stale)
         if stamp_ns > newest_ns:
             return self._hold(record)

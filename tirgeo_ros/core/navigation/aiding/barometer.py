@@ -85,9 +85,7 @@ class BarometerAid(Aid):
         own = control.track(self.source).own
         return bool(own) and 0 <= sample.stamp_ns - own[-1] < _LEAST_STEP_NS
 
-    def measured(
-        self, sample: PressureSample, belief: StateEstimate, _rate_b: Vector
-    ) -> Measured:
+    def measured(self, sample: PressureSample, belief: StateEstimate, _rate_b: Vector) -> Measured:
         """Return the measurement; STANDBY while the state's height is the better one.
 
         Meanwhile the reference follows the state, as long as a satellite position is in use.

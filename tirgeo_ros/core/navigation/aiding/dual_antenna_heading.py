@@ -131,9 +131,7 @@ class HeadingAid(Aid):
             return f"rtk/fix is fixed for {fixed_s:.1f} s only"
         return ""
 
-    def measured(
-        self, sample: HeadingSample, belief: StateEstimate, _rate_b: Vector
-    ) -> Measured:
+    def measured(self, sample: HeadingSample, belief: StateEstimate, _rate_b: Vector) -> Measured:
         """Return the measurement; INVALID where the baseline is near the vertical."""
         obstacle = self._obstacle(sample, belief.control)
         if obstacle:

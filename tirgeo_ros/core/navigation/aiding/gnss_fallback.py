@@ -57,9 +57,7 @@ class GpsPositionAid(Aid):
             and control.track(self.source).recent(now_ns, _LEARNING_NS)
         )
 
-    def measured(
-        self, sample: PositionSample, belief: StateEstimate, _rate_b: Vector
-    ) -> Measured:
+    def measured(self, sample: PositionSample, belief: StateEstimate, _rate_b: Vector) -> Measured:
         """Return the measurement of a position with its slow error in it, and the belief."""
         if sample.status < FixStatus.SINGLE:
             return not_fixed(self.source, sample.status), belief

@@ -36,7 +36,7 @@ from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
 
 
 def innovation_n(state: NavState, sample: PositionSample, lever_n: Vector) -> Vector:
-    """Return measured less predicted antenna position, NED m (Eq. 5); ``lever_n`` is ``R_nb l``."""
+    """Return measured less predicted antenna position (Eq. 5), NED m; ``lever_n``: ``R_nb l``."""
     meridian, transverse = radii_of_curvature(state.latitude_rad)
     east = (sample.longitude_rad - state.longitude_rad + math.pi) % (2 * math.pi) - math.pi
     middle = 0.5 * (sample.latitude_rad + state.latitude_rad)
@@ -86,9 +86,7 @@ class RtkPositionAid(Aid):
         self._rtk = config.rtk
         self._lever_b: Vector = tuple(config.aircraft.rtk_lever_b.tolist())
 
-    def measured(
-        self, sample: PositionSample, belief: StateEstimate, _rate_b: Vector
-    ) -> Measured:
+    def measured(self, sample: PositionSample, belief: StateEstimate, _rate_b: Vector) -> Measured:
         """Return the measurement; the belief knows its status, and its offset for the median."""
         state = belief.state
         control = belief.control.heard(sample.status, sample.stamp_ns, self._timeout_ns)
