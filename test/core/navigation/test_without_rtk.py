@@ -15,7 +15,7 @@ from tirgeo_ros.core.frames.rotations import quat_from_euler
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack, Receivers
 from tirgeo_ros.core.navigation.aiding.autopilot_heading import AutopilotHeadingAid
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
-from tirgeo_ros.core.navigation.aiding.gnss_fallback import GpsPositionAid
+from tirgeo_ros.core.navigation.aiding.gnss_position import GpsPositionAid
 from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate
 from tirgeo_ros.core.navigation.estimator import Navigation
 from tirgeo_ros.core.navigation.filter_status import ReportedAccuracy

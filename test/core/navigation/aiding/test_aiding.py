@@ -17,9 +17,12 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.aiding.aid_status import Receivers
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline, HeadingAid
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
-from tirgeo_ros.core.navigation.aiding.gnss_fallback import GpsPositionAid
+from tirgeo_ros.core.navigation.aiding.gnss_position import (
+    GpsPositionAid,
+    RtkPositionAid,
+    innovation_n,
+)
 from tirgeo_ros.core.navigation.aiding.gnss_velocity import GpsVelocityAid, RtkVelocityAid
-from tirgeo_ros.core.navigation.aiding.rtk_position import RtkPositionAid, innovation_n
 from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate
 from tirgeo_ros.core.navigation.ins_error_model import (
     ANTENNA,

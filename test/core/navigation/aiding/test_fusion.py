@@ -16,7 +16,7 @@ from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.frames.rotations import rotation_of
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
-from tirgeo_ros.core.navigation.aiding.rtk_position import innovation_n
+from tirgeo_ros.core.navigation.aiding.gnss_position import innovation_n
 from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate, floored
 from tirgeo_ros.core.navigation.ins_error_model import states_of
 from tirgeo_ros.core.navigation.strapdown import NavState, matrix, rotate

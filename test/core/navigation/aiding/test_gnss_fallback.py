@@ -14,7 +14,7 @@ from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack, Receivers
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
-from tirgeo_ros.core.navigation.aiding.gnss_fallback import GpsPositionAid
+from tirgeo_ros.core.navigation.aiding.gnss_position import GpsPositionAid
 from tirgeo_ros.core.navigation.aiding.gnss_velocity import GpsVelocityAid
 from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate
 from tirgeo_ros.core.navigation.estimator import Navigation

@@ -8,9 +8,8 @@ from tirgeo_ros.core.navigation.aiding.aid import Aid
 from tirgeo_ros.core.navigation.aiding.autopilot_heading import AutopilotHeadingAid
 from tirgeo_ros.core.navigation.aiding.barometer import BarometerAid
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import HeadingAid
-from tirgeo_ros.core.navigation.aiding.gnss_fallback import GpsPositionAid
+from tirgeo_ros.core.navigation.aiding.gnss_position import GpsPositionAid, RtkPositionAid
 from tirgeo_ros.core.navigation.aiding.gnss_velocity import GpsVelocityAid, RtkVelocityAid
-from tirgeo_ros.core.navigation.aiding.rtk_position import RtkPositionAid
 from tirgeo_ros.core.types.measurements import Source
 
 #: Everything that asks for an aid finds it here, by its source.

@@ -1,6 +1,9 @@
 """Aid the filter with the satellite position of an antenna (Eq. 4 of Ren et al. 2022).
 
-H includes the lever arm's partials in attitude, which the paper leaves out.
+H includes the lever arm's partials in attitude, which the paper leaves out. The error of the
+ordinary GPS, metres that vary over a minute, is estimated as a state of the filter while RTK is
+fixed, from one position a second. Without RTK, positions less the estimated error continue from
+where RTK stopped, and the covariance grows as the error wanders.
 """
 
 from __future__ import annotations
@@ -13,7 +16,7 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import rotation_of
 from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
 from tirgeo_ros.core.navigation.aiding.aid import Aid
-from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus
+from tirgeo_ros.core.navigation.aiding.aid_status import NEVER_NS, AidStatus
 from tirgeo_ros.core.navigation.aiding.state_estimate import (
     AidMeasurement,
     Measured,
@@ -33,6 +36,11 @@ from tirgeo_ros.core.navigation.kalman import Measurement
 from tirgeo_ros.core.navigation.strapdown import NavState, Rotation, Vector, matrix, rotate
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
+
+#: While RTK is there the GPS error is learned at this interval: a second less stamp jitter.
+_LEARNING_NS = 950_000_000
+#: Variation of a GPS error that still counts as the same error.
+_SLACK_M = 2.0
 
 
 def innovation_n(state: NavState, sample: PositionSample, lever_n: Vector) -> Vector:
@@ -69,6 +77,15 @@ def position_design(
     if rotation_nb is not None:
         design[:, ANTENNA] = matrix(rotation_nb)
     return design
+
+
+def white_factor(time_s: float, step_ns: int) -> float:
+    """Return the factor that makes the variance of a lasting error one of white noise.
+
+    Positions do not average it away. White noise with the same power at low frequency has
+    2 tau / step times its variance, tau being the correlation time.
+    """
+    return max(2 * time_s / min(max(step_ns * 1e-9, 0.02), 1.0), 1.0)
 
 
 class RtkPositionAid(Aid):
@@ -126,10 +143,58 @@ class RtkPositionAid(Aid):
         if sample.status is FixStatus.FIXED:
             noise = floored(sample.covariance_n, self._rtk.position_sigma_floor_m)
             return noise, math.sqrt(noise[0, 0] + noise[1, 1] + noise[2, 2])
-        # The error of a float solution lasts. White noise with the same power at low frequency
-        # has 2 tau / step times its variance.
-        since_s = (sample.stamp_ns - control.track(sample.source).used_ns) * 1e-9
-        step_s = min(max(since_s, 0.02), 1.0)
+        step_ns = sample.stamp_ns - control.track(sample.source).used_ns
         noise = floored(sample.covariance_n, self._rtk.float_sigma_m)
-        factor = max(2 * self._rtk.float_time_s / step_s, 1.0)
-        return noise * factor, self._rtk.float_sigma_m
+        return noise * white_factor(self._rtk.float_time_s, step_ns), self._rtk.float_sigma_m
+
+
+class GpsPositionAid(Aid):
+    """Use positions of the ordinary GPS, with their slow error as a state."""
+
+    source = Source.GPS_POSITION
+    delay = "gps.delay_s"
+    look_at = "aircraft.gps_antenna_m, gps.delay_s"
+    resets = GPS_ERROR  # a jump of it leaves the state unchanged
+
+    def __init__(self, config: EkfConfig) -> None:
+        super().__init__(config)
+        self._gps = config.gps
+        self._lever_b: Vector = tuple(config.aircraft.gps_lever_b.tolist())
+        noise_m2 = config.gps.position_noise_m**2
+        self._noise = np.eye(3) * noise_m2
+        self._known_m2 = np.square(config.gps.position_sigma_m) + noise_m2
+
+    def spare(self, sample: PositionSample, control: AidStatus) -> bool:
+        """Return whether RTK is fixed and used, and the error was learned within a second."""
+        now_ns = sample.stamp_ns
+        return (
+            control.status is FixStatus.FIXED
+            and control.track(Source.RTK_POSITION).recent(now_ns, self._timeout_ns)
+            and control.track(self.source).recent(now_ns, _LEARNING_NS)
+        )
+
+    def measured(self, sample: PositionSample, belief: StateEstimate, _rate_b: Vector) -> Measured:
+        """Return the measurement of a position with its slow error in it, and the belief."""
+        if sample.status < FixStatus.SINGLE:
+            return not_fixed(self.source, sample.status), belief
+        state, error_n = belief.state, belief.control.receivers.gps_error_n
+        lever_n = rotate(rotation_of(state.q_nb), self._lever_b)
+        innovation = innovation_n(state, sample, added(lever_n, error_n))
+        design = position_design(self._states, lever_n, gps=True)
+        # Reported variance beyond that of the slow error in the state.
+        beyond = np.maximum(np.diagonal(sample.covariance_n) - self._known_m2, 0.0)
+        beyond *= self._beyond_factor(belief.control, sample.stamp_ns)
+        noise = self._noise + np.diag(beyond)
+        measurement = Measurement(np.array(innovation), design, noise, self._gps.gate_sigma)
+        invariant = added(innovation, state.correction_n)
+        return AidMeasurement(
+            sample.source, sample.stamp_ns, measurement, invariant, state.correction_n, _SLACK_M
+        ), belief
+
+    def _beyond_factor(self, control: AidStatus, now_ns: int) -> float:
+        """Return the factor on variances beyond the state's: 1 until RTK is gone for long."""
+        used_ns, rtk = control.track(self.source).used_ns, control.track(Source.RTK_POSITION)
+        time_s = self._gps.position_time_s
+        if used_ns == NEVER_NS or rtk.recent(now_ns, round(time_s * 1e9)):
+            return 1.0
+        return white_factor(time_s, now_ns - used_ns)
