@@ -112,7 +112,8 @@ class TurnOnBiases:
         if self.widened:
             return self._fitted_widely(measured)
         found = fitted(measured, self._config, self._prior, self._taken)
-        if self._turned(found) or not self._contradicted(found):
+        beyond = _surprise_of(found, self._prior).beyond(_SURPRISE_SIGMA)
+        if self._turned(found) or not (beyond or self._lean_rad(found) > 0):
             checked(found.fit, found.seen)
             self._look_longer(found, now_ns)
             return found
@@ -142,11 +143,6 @@ class TurnOnBiases:
         """
         hint_nb, autopilot = found.hint_nb, self._config.autopilot
         return hint_nb is not None and "heading" in differences(found.fit, hint_nb, autopilot)
-
-    def _contradicted(self, found: Fitted) -> bool:
-        """Return whether a fit contradicts the prior beyond chance."""
-        beyond = _surprise_of(found, self._prior).beyond(_SURPRISE_SIGMA)
-        return beyond or self._lean_rad(found) > 0
 
     def _look_longer(self, found: Fitted, now_ns: int) -> None:
         """Raise NotAlignedError on a short window, where one has lately raised a suspicion."""
@@ -220,4 +216,4 @@ def _unknown(config: EkfConfig) -> Biases:
     imu = config.imu
     gyro = imu.gyro_turn_on_bias**2 + np.square(imu.gyro_bias_instability)
     accel = imu.accel_turn_on_bias**2 + np.square(imu.accel_bias_instability)
-    return Biases((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), np.diag([*gyro, *accel]))
+    return Biases((0.0,) * 3, (0.0,) * 3, np.diag([*gyro, *accel]))

@@ -136,20 +136,19 @@ class Aligner:
             outcome = self._outcome(plan)
             if isinstance(outcome, Alignment):
                 return outcome
-            if outcome.stage >= MOTION_STAGE:
-                self._next_ns = retry_ns
             if outcome.stage < CONTRADICTION:
                 lacks.append(outcome)
-                if outcome.stage == MOTION_STAGE:
-                    break  # no other sources are better
+            if outcome.stage < MOTION_STAGE:
                 continue
-            if not outcome.lasting:
-                # In a turn wrong headings contradict the motion too; report the antennas.
-                outcome = self._lately_doubted() or outcome
-            if outcome.lasting:
-                self._lasting = self._samples.newest_ns, outcome
-            self.reason = str(outcome)
-            if outcome.lasting or self._still_doubted("samples"):
+            self._next_ns = retry_ns
+            if outcome.stage == MOTION_STAGE:
+                break  # no other sources are better
+            # In a turn wrong headings contradict the motion too; report the antennas.
+            doubt = outcome if outcome.lasting else self._lately_doubted()
+            self.reason = str(doubt or outcome)
+            if doubt:
+                self._lasting = self._samples.newest_ns, doubt
+            if doubt or self._still_doubted("samples"):
                 return None
         if lacks:
             self.reason = str(furthest(lacks))
