@@ -6,29 +6,17 @@ import math
 
 import numpy as np
 import pytest
-from aid_records import HOME, LEVEL, TIMEOUT_NS, ns
-from filter_states import MEASURED
+from filter_states import LEVEL, MEASURED, ZERO, fix, ns, used_at
 
-from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack, Receivers
+from tirgeo_ros.core.navigation.aiding.aid_status import AidTrack
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate
-from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
-
-# Easing: an aid that comes back after a silence
-
-
-def position(t_s: float, shift_m: float, status=FixStatus.FIXED) -> PositionSample:
-    plane = TangentPlane(*HOME)
-    lat, lon, height = (float(x) for x in plane.geodetic_from_ned(np.array([shift_m, 0, 0])))
-    noise = np.diag([1e-4, 1e-4, 4e-4])
-    return PositionSample(ns(t_s), Source.RTK_POSITION, status, lat, lon, height, noise)
+from tirgeo_ros.core.types.measurements import FixStatus, Source
 
 
 def drifted(sigma_m: float = 1.0) -> StateEstimate:
     """After an outage: the position is known to a metre, RTK was used 12 s ago."""
-    control = AidStatus(Receivers(ns(0))).heard(FixStatus.FIXED, ns(0), TIMEOUT_NS)
-    control = control.with_track(Source.RTK_POSITION, AidTrack(ns(0)))
+    control = used_at({Source.RTK_POSITION: ns(0)}, FixStatus.FIXED)
     covariance = 1e-4 * np.eye(18)
     covariance[2, 2] = math.radians(0.1) ** 2
     covariance[6:9, 6:9] = sigma_m**2 * np.eye(3)
@@ -39,7 +27,7 @@ def test_position_comes_back_in_equal_steps():
     fusion, belief = Fusion(MEASURED), drifted()
     places, sigmas = [], []
     for k in range(6):
-        found = fusion.fuse(position(12.0 + 0.2 * k, 0.8), belief, (0.0,) * 3)
+        found = fusion.fuse(fix(12.0 + 0.2 * k, (0.8, 0, 0)), belief, ZERO)
         assert found.verdict.used
         belief = found.belief
         places.append(belief.state.correction_n[0])
@@ -57,10 +45,9 @@ def test_position_comes_back_in_equal_steps():
 
 def test_position_that_was_used_lately_is_not_eased():
     belief = drifted()
-    fresh = belief.control.with_track(Source.RTK_POSITION, AidTrack(ns(11.5)))
-    fresh = fresh.heard(FixStatus.FIXED, ns(0.5), 12 * TIMEOUT_NS)
-    fresh = fresh.heard(FixStatus.FIXED, ns(11.5), 12 * TIMEOUT_NS)
-    found = Fusion(MEASURED).fuse(position(12.0, 0.8), belief._replace(control=fresh), (0.0,) * 3)
+    control = belief.control.with_track(Source.RTK_POSITION, AidTrack(ns(11.5)))
+    control = control.heard(FixStatus.FIXED, ns(11.5), ns(12) - ns(0))
+    found = Fusion(MEASURED).fuse(fix(12.0, (0.8, 0, 0)), belief._replace(control=control), ZERO)
     assert found.belief.state.correction_n[0] == pytest.approx(0.8, abs=1e-3)
 
 
@@ -72,8 +59,8 @@ def test_covariance_of_an_eased_position_is_honest():
         belief, fusion = drifted(1.0), Fusion(MEASURED)
         truth = rng.normal()
         for k in range(6):
-            sample = position(12.0 + 0.2 * k, truth + 0.01 * rng.normal())
-            belief = fusion.fuse(sample, belief, (0.0,) * 3).belief
+            sample = fix(12.0 + 0.2 * k, (truth + 0.01 * rng.normal(), 0, 0))
+            belief = fusion.fuse(sample, belief, ZERO).belief
             left = truth - belief.state.correction_n[0]
             ratios.append(left / math.sqrt(belief.covariance[6, 6]))
     found = np.sqrt(np.mean(np.square(np.reshape(ratios, (-1, 6))), axis=0))
@@ -102,8 +89,8 @@ def test_float_positions_weigh_what_their_slow_error_leaves():
             belief = belief._replace(covariance=covariance)
             truth += walk * math.sqrt(step_s) * rng.normal()
             error = keep * error + sigma_m * math.sqrt(1 - keep**2) * rng.normal()
-            sample = position(0.2 * (k + 1), truth + error, FixStatus.FLOAT)
-            belief = fusion.fuse(sample, belief, (0.0,) * 3).belief
+            sample = fix(0.2 * (k + 1), (truth + error, 0, 0), status=FixStatus.FLOAT)
+            belief = fusion.fuse(sample, belief, ZERO).belief
             if k >= 50:
                 left = truth - belief.state.correction_n[0]
                 ratios.append(left / math.sqrt(belief.covariance[6, 6]))
