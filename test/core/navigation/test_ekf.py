@@ -6,16 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flights import (
-    config_for,
-    errors,
-    flight,
-    navigation_samples,
-    rms,
-    solutions,
-)
+from flights import config_for, errors, filtered, flight, rms, solutions
 
-from tirgeo_ros.core.navigation.estimator import Navigation
 from tirgeo_ros.tools.simulate.flight import fly
 
 
@@ -38,11 +30,19 @@ def test_direct_position_flies_too():
 
 
 @pytest.mark.slow
-def test_heading_is_worth_three_times():
+def test_methods_rank_in_position_and_heading():
+    """raw has GPS's errors; rtk the RTK's; the autopilot's heading stays in both."""
     flown = flight()
-    with_heading = errors(flown, solutions(flown, config_for(flown))).after(20.0)
-    without = errors(flown, solutions(flown, config_for(flown, method="ekf"))).after(20.0)
-    assert rms(without.rpy)[2] >= 3 * rms(with_heading.rpy)[2]
+    found = {
+        method: errors(flown, solutions(flown, config_for(flown, method=method))).after(20.0)
+        for method in ("raw", "rtk", "ekf", "ekf_heading")
+    }
+    position = {m: np.linalg.norm(rms(e.state[:, :3])) for m, e in found.items()}
+    heading = {m: rms(e.rpy)[2] for m, e in found.items()}
+    assert position["raw"] > 10 * position["rtk"]
+    assert position["rtk"] > position["ekf"]
+    assert heading["raw"] == pytest.approx(heading["rtk"])
+    assert heading["rtk"] > heading["ekf"] >= 3 * heading["ekf_heading"]
 
 
 @pytest.mark.slow
@@ -66,16 +66,7 @@ def test_angular_rate_is_within_its_own_sigma():
     assert ratio == pytest.approx([1.0] * 3, abs=0.08)
 
 
-def test_lost_heading_and_gap_start_again():
-    """A gap beyond max_imu_gap_s is named, and the filter aligns anew."""
-    flown = flight(duration_s=12.0)
-    samples = navigation_samples(flown)
-    start = samples[0].stamp_ns
-    gap = [s for s in samples if not 5.0 < (s.stamp_ns - start) * 1e-9 < 6.0]
-    navigation = Navigation(config_for(flown))
-    for sample in gap:
-        navigation.process(sample)
-    counts = navigation.status().counts
-    assert counts["imu", "gap"] == 1
-    late = errors(flown, solutions(flown, config_for(flown), gap)).after(9.0)
-    assert np.degrees(rms(late.rpy)).max() < 1.0
+def test_a_gap_beyond_the_longest_is_named_and_it_aligns_anew():
+    gap = filtered(flight(duration_s=12.0), lambda s, t_s: None if 5.0 < t_s < 6.0 else s)
+    assert gap.status.counts["imu", "gap"] == 1
+    assert np.degrees(rms(gap.errors.after(9.0).rpy)).max() < 1.0
