@@ -149,7 +149,7 @@ def test_without_antennas_the_autopilot_gives_the_heading_at_once():
     assert sigma_deg == pytest.approx(1.7972, rel=0.1)
 
 
-@pytest.mark.parametrize("q_nb", [None, np.zeros(4), np.full(4, math.nan), np.full(4, math.inf)])
+@pytest.mark.parametrize("q_nb", [None, np.zeros(4), np.full(4, math.nan)])
 @pytest.mark.parametrize("use_heading", [True, False])
 def test_velocity_is_no_heading(q_nb, use_heading):
     """Neither antennas nor autopilot: no start, however long the flight and its courses."""
