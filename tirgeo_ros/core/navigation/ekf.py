@@ -55,8 +55,8 @@ _SOLUTION_ROWS = np.r_[POSITION, ATTITUDE, VELOCITY]
 class _Progress(NamedTuple):
     """Hold the filter's state after the newest measurement of an interval.
 
-    A receiver's position, velocity and heading arrive one after the other with one stamp. From
-    here each is added to those before it without computing them again.
+    A receiver's position, velocity and heading have one stamp. From here each is added to those
+    before it without computing them again.
     """
 
     end_ns: int  # stamp of the epoch that ends the interval
@@ -165,13 +165,11 @@ class Ekf:
 
     def _control_before(self, index: int, record: HistoryRecord) -> AidStatus | None:
         """Return the aid records just before ``record``, or None where they are not at hand."""
-        end, progress = self._epochs[index], self._progress
-        before = [r for r in end.records if r.order < record.order and r.applied]
+        records, progress = self._epochs[index].records, self._progress
+        before = [r.order for r in records if r.order < record.order and r.applied]
         if not before:
             return self._epochs[index - 1].carried.control
-        if progress is not None and progress.order == before[-1].order:
-            return progress.carried.control
-        return None
+        return progress.carried.control if progress and progress.order == before[-1] else None
 
     def solution(self) -> NavSolution:
         """Return the navigation solution at the newest IMU sample.
@@ -211,9 +209,8 @@ class Ekf:
         first, last, count = self._epochs[0], self._epochs[-1], len(self._epochs) - 1
         x, y, z, *_ = self._noise_powers.under(last.vibration)
         item = covariance.item
-        if count == 0:  # with one sample there is no sampling rate
-            return item(9, 9), item(10, 10), item(11, 11)
-        rate_hz = count / ((last.stamp_ns - first.stamp_ns) * 1e-9)
+        # With one sample there is no sampling rate.
+        rate_hz = count / ((last.stamp_ns - first.stamp_ns) * 1e-9) if count else 0.0
         return x * rate_hz + item(9, 9), y * rate_hz + item(10, 10), z * rate_hz + item(11, 11)
 
     def belief(self) -> StateEstimate:

@@ -258,20 +258,16 @@ class Navigation:
             self._count(verdict)
 
     def _watch(self, ekf: Ekf, sample: ImuSample) -> None:
-        """Check the filter's health; restart it where it is lost.
-
-        The autopilot's heading is added first, where the heading has become too uncertain.
-        """
+        """Check the filter's health, with the autopilot's heading if need be; restart if lost."""
         self._watched_ns = ekf.newest_ns
-        belief = ekf.belief()
-        heading = self._autopilot.sample(sample, belief.covariance)
+        heading = self._autopilot.sample(sample, ekf.belief().covariance)
         if heading is not None:
             self._count(ekf.add_aiding(heading))
-            belief = ekf.belief()
-        self._enter(self._health.state(belief.control, ekf.newest_ns, self._log.unused)[0])
-        why = self._health.lost(belief.control, belief.covariance)
+        _, covariance, control = ekf.belief()
+        self._enter(self._health.state(control, ekf.newest_ns, self._log.unused)[0])
+        why = self._health.lost(control, covariance)
         if why:
-            spoiled = self._health.spoiled(belief.control, belief.covariance)
+            spoiled = self._health.spoiled(control, covariance)
             self._begin(why, None if spoiled else ekf.biases(), lost=True)
             self._enter(FilterState.LOST)
             self._count(Verdict(Source.IMU, Outcome.RESTART, why))
