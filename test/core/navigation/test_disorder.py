@@ -91,13 +91,3 @@ def test_disorder_ends_in_running(aid_share, imu_share):
         late = errors(flown, [s for s in found if s.stamp_ns in known]).after(FAULTS_S + 10.0)
         assert len(late.t_s) > 30
         assert np.abs(late.state[:, :3]).max() < 0.1  # five sigma of RTK's height
-
-
-def test_the_same_faults_give_the_same_solutions():
-    """Nothing of the filter is random or remembers another filter."""
-    runs = [flown_through(5, 0.2, 0.1)[2] for _ in range(2)]
-    assert len(runs[0]) == len(runs[1])
-    for a, b in zip(*runs, strict=True):
-        assert a.stamp_ns == b.stamp_ns
-        assert np.array_equal(a.covariance, b.covariance)
-        assert (a.latitude_rad, a.height_m) == (b.latitude_rad, b.height_m)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flights import config_for, errors, filtered, flight, rms, solutions
+from flights import config_for, errors, flight, rms, solutions
 
 from tirgeo_ros.tools.simulate.flight import fly
 
@@ -64,9 +64,3 @@ def test_angular_rate_is_within_its_own_sigma():
     ratio = rms(np.array(error) / np.sqrt([s.rate_variance_b for s in found]))
     # 2000 white samples: 1.6 % one sigma; the slow bias adds little beside the white noise.
     assert ratio == pytest.approx([1.0] * 3, abs=0.08)
-
-
-def test_a_gap_beyond_the_longest_is_named_and_it_aligns_anew():
-    gap = filtered(flight(duration_s=12.0), lambda s, t_s: None if 5.0 < t_s < 6.0 else s)
-    assert gap.status.counts["imu", "gap"] == 1
-    assert np.degrees(rms(gap.errors.after(9.0).rpy)).max() < 1.0
