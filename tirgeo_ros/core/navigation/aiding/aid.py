@@ -12,7 +12,7 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack
 from tirgeo_ros.core.navigation.aiding.state_estimate import (
     AidMeasurement,
-    MeasuredAid,
+    Modelled,
     StateEstimate,
 )
 from tirgeo_ros.core.navigation.ins_error_model import states_of
@@ -57,7 +57,7 @@ class Aid:
         """Return whether a sample changes nothing and can be skipped (verdict STANDBY)."""
         return False
 
-    def measured(self, sample: Any, belief: StateEstimate, angular_rate_b: Vector) -> MeasuredAid:
+    def measured(self, sample: Any, belief: StateEstimate, angular_rate_b: Vector) -> Modelled:
         """Return the measurement, or the verdict on a sample that is not used, and the belief.
 
         ``angular_rate_b`` (rad/s) has its bias removed. Only the aid's record in the belief may

@@ -17,7 +17,7 @@ from tirgeo_ros.core.navigation.aiding.aid import Aid
 from tirgeo_ros.core.navigation.aiding.aid_status import NEVER_NS
 from tirgeo_ros.core.navigation.aiding.state_estimate import (
     AidMeasurement,
-    MeasuredAid,
+    Modelled,
     StateEstimate,
 )
 from tirgeo_ros.core.navigation.kalman import Measurement
@@ -64,7 +64,7 @@ class AutopilotHeadingAid(Aid):
 
     def measured(
         self, sample: AutopilotHeading, belief: StateEstimate, _rate_b: Vector
-    ) -> MeasuredAid:
+    ) -> Modelled:
         """Return the measurement: a turn about the vertical alone, for tilt is known better."""
         if not self._is_worth(belief.covariance):
             reason = "the heading is known better"

@@ -19,7 +19,7 @@ from tirgeo_ros.core.navigation.aiding.aid import Aid
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack
 from tirgeo_ros.core.navigation.aiding.state_estimate import (
     AidMeasurement,
-    MeasuredAid,
+    Modelled,
     StateEstimate,
 )
 from tirgeo_ros.core.navigation.ins_error_model import POSITION
@@ -85,7 +85,7 @@ class BarometerAid(Aid):
         own = control.track(self.source).own
         return bool(own) and 0 <= sample.stamp_ns - own[-1] < _LEAST_STEP_NS
 
-    def measured(self, sample: PressureSample, belief: StateEstimate, _rate_b: Vector) -> MeasuredAid:
+    def measured(self, sample: PressureSample, belief: StateEstimate, _rate_b: Vector) -> Modelled:
         """Return the measurement; STANDBY while the state's height is the better one.
 
         Meanwhile the reference follows the state, as long as a satellite position is in use.

@@ -17,7 +17,7 @@ from tirgeo_ros.core.navigation.aiding.aid import Aid
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack
 from tirgeo_ros.core.navigation.aiding.state_estimate import (
     AidMeasurement,
-    MeasuredAid,
+    Modelled,
     StateEstimate,
 )
 from tirgeo_ros.core.navigation.ins_error_model import heading_error
@@ -131,7 +131,7 @@ class HeadingAid(Aid):
             return f"rtk/fix is fixed for {fixed_s:.1f} s only"
         return ""
 
-    def measured(self, sample: HeadingSample, belief: StateEstimate, _rate_b: Vector) -> MeasuredAid:
+    def measured(self, sample: HeadingSample, belief: StateEstimate, _rate_b: Vector) -> Modelled:
         """Return the measurement; INVALID where the baseline is near the vertical."""
         obstacle = self._obstacle(sample, belief.control)
         if obstacle:

@@ -19,7 +19,7 @@ from tirgeo_ros.core.navigation.aiding.aid import Aid
 from tirgeo_ros.core.navigation.aiding.aid_status import NEVER_NS, AidStatus
 from tirgeo_ros.core.navigation.aiding.state_estimate import (
     AidMeasurement,
-    MeasuredAid,
+    Modelled,
     StateEstimate,
     added,
     floored,
@@ -103,7 +103,7 @@ class RtkPositionAid(Aid):
         self._rtk = config.rtk
         self._lever_b: Vector = tuple(config.aircraft.rtk_lever_b.tolist())
 
-    def measured(self, sample: PositionSample, belief: StateEstimate, _rate_b: Vector) -> MeasuredAid:
+    def measured(self, sample: PositionSample, belief: StateEstimate, _rate_b: Vector) -> Modelled:
         """Return the measurement; the belief knows its status, and its offset for the median."""
         state = belief.state
         control = belief.control.heard(sample.status, sample.stamp_ns, self._timeout_ns)
@@ -173,7 +173,7 @@ class GpsPositionAid(Aid):
             and control.track(self.source).recent(now_ns, _LEARNING_NS)
         )
 
-    def measured(self, sample: PositionSample, belief: StateEstimate, _rate_b: Vector) -> MeasuredAid:
+    def measured(self, sample: PositionSample, belief: StateEstimate, _rate_b: Vector) -> Modelled:
         """Return the measurement of a position with its slow error in it, and the belief."""
         if sample.status < FixStatus.SINGLE:
             return not_fixed(self.source, sample.status), belief

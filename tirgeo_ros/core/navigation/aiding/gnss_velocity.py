@@ -12,7 +12,7 @@ from tirgeo_ros.core.navigation.aiding.aid import Aid
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus
 from tirgeo_ros.core.navigation.aiding.state_estimate import (
     AidMeasurement,
-    MeasuredAid,
+    Modelled,
     StateEstimate,
     added,
     floored,
@@ -71,7 +71,7 @@ class _VelocityAid(Aid):
 
     def measured(
         self, sample: VelocitySample, belief: StateEstimate, angular_rate_b: Vector
-    ) -> MeasuredAid:
+    ) -> Modelled:
         """Return the measurement and the belief."""
         state = belief.state
         rotation = rotation_of(state.q_nb)
@@ -109,7 +109,7 @@ class RtkVelocityAid(_VelocityAid):
 
     def measured(
         self, sample: VelocitySample, belief: StateEstimate, angular_rate_b: Vector
-    ) -> MeasuredAid:
+    ) -> Modelled:
         """Return the measurement, or NOT_FIXED by the newest status of ``rtk/fix``."""
         status = belief.control.status_at(sample.stamp_ns, self._timeout_ns)
         if status is not None and status < FixStatus.FLOAT:

@@ -54,7 +54,7 @@ class AidMeasurement(NamedTuple):
 
 
 #: A measurement, or the verdict on a sample that is not used; and the belief.
-MeasuredAid = tuple[AidMeasurement | Verdict, StateEstimate]
+Modelled = tuple[AidMeasurement | Verdict, StateEstimate]
 
 
 def not_fixed(source: Source, status: FixStatus) -> Verdict:
