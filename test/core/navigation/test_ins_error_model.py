@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from filter_states import ekf_config
 from hypothesis import given
 from hypothesis import strategies as st
 from motions import difference, state_at
@@ -25,10 +26,8 @@ from tirgeo_ros.core.navigation.ins_error_model import (
 )
 from tirgeo_ros.core.navigation.strapdown import propagate
 
-IMU = ImuConfig()
-MEASURED = {"aircraft.rtk_antenna_sigma_m": (0.0, 0.0, 0.0)}
-CONFIG = config_from(EkfConfig, MEASURED)
-WITH_HEADING_ERROR = config_from(EkfConfig, MEASURED | {"heading.bias_sigma_deg": 2.0})
+IMU, CONFIG = ImuConfig(), ekf_config()
+WITH_HEADING_ERROR = ekf_config(heading__bias_sigma_deg=2.0)
 WITH_ANTENNA = EkfConfig()  # not measured
 WITH_BOTH = config_from(EkfConfig, {"heading.bias_sigma_deg": 2.0})
 #: Steps of the differences: small against the curvature of the model, large against rounding.
