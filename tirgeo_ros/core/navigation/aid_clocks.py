@@ -72,10 +72,7 @@ class AidClocks:
 
     @property
     def offsets(self) -> str:
-        """Return the topics out of the IMU's reach, with the first one's offset and likely cause.
-
-        The string is empty where there are none.
-        """
+        """Return the topics out of the IMU's reach, with the first one's offset and cause."""
         imu_ns = self.imu_ns
         if not self._offsets or imu_ns is None:
             return ""

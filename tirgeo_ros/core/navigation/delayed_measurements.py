@@ -100,10 +100,7 @@ class Epoch:
 
 
 def between(start: Epoch, end: Epoch, stamp_ns: int) -> tuple[Vector, Vector]:
-    """Return specific force (m/s2) and angular rate (rad/s) in ``b`` at ``stamp_ns``.
-
-    They are interpolated linearly between the samples of the two epochs.
-    """
+    """Return specific force (m/s2) and angular rate (rad/s) in ``b``, interpolated linearly."""
     share = (stamp_ns - start.stamp_ns) / (end.stamp_ns - start.stamp_ns)
     (x, y, z), (p, q, r) = start.force_b, start.rate_b
     (fx, fy, fz), (wx, wy, wz) = end.force_b, end.rate_b

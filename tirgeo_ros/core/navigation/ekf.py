@@ -172,10 +172,7 @@ class Ekf:
         return progress.carried.control if progress and progress.order == before[-1] else None
 
     def solution(self) -> NavSolution:
-        """Return the navigation solution at the newest IMU sample.
-
-        Its covariance may be up to 50 ms older than the state.
-        """
+        """Return the solution at the newest IMU sample; its covariance may be 50 ms older."""
         self._catch_up(len(self._epochs) - 1)
         epoch = self._epochs[-1]
         state, covariance, control = epoch.carried[:3]
@@ -202,10 +199,7 @@ class Ekf:
         return solution
 
     def _rate_variance_b(self, covariance: Array) -> Vector:
-        """Return the variance of the angular rate in ``b``, (rad/s)^2.
-
-        It is the white noise of one reading plus the variance of the bias.
-        """
+        """Return the variances of one angular rate in ``b``, (rad/s)^2: white noise and bias."""
         first, last, count = self._epochs[0], self._epochs[-1], len(self._epochs) - 1
         x, y, z, *_ = self._noise_powers.under(last.vibration)
         item = covariance.item

@@ -110,10 +110,7 @@ class Navigation:
         return self._health.rtk_status(self._clocks.now_ns)
 
     def process(self, sample: NavigationInput) -> Step:
-        """Take one sample; return its verdict, and a solution where one is due.
-
-        Whatever is in the sample, the state stays finite.
-        """
+        """Take one sample, whatever is in it; return its verdict, and a solution if one is due."""
         fault = fault_of(sample)
         if fault:
             step = Step(Verdict(sample.source, Outcome.INVALID, fault))

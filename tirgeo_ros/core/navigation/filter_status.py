@@ -128,10 +128,7 @@ class FilterHealth:
         return FilterState.DEGRADED, "; ".join(filter(None, (aids, poor)))
 
     def lost(self, control: AidStatus, covariance: Array) -> str:
-        """Return why the state is not to be trusted any more, or an empty string.
-
-        ``covariance`` (n, n) is that of the error states.
-        """
+        """Return why a state with this error covariance (n, n) is not to be trusted, or ""."""
         variances = covariance.diagonal().tolist()
         if not math.isfinite(sum(variances)):
             return "not finite"

@@ -61,10 +61,7 @@ def heading_error(states: int) -> int | None:
 
 
 def flat_memory(square: Array) -> memoryview[float]:
-    """Return the memory of a matrix, row after row.
-
-    Writing scalars there costs a tenth of writing blocks of the array.
-    """
+    """Return a matrix's memory by rows: scalars are written there at a tenth of the cost."""
     return cast("memoryview[float]", square.reshape(-1).data)
 
 
@@ -128,10 +125,7 @@ def _write_dynamics(
 
 
 class NoisePowers:
-    """Compute the power densities of the IMU's white noise that the filter assumes.
-
-    They are the configured ones, or a share of the measured vibration where that is larger.
-    """
+    """Hold the IMU's noise densities: as configured, or a share of the vibration if larger."""
 
     def __init__(self, imu: ImuConfig) -> None:
         walks = (*imu.angle_random_walk, *imu.velocity_random_walk)

@@ -94,10 +94,7 @@ def _apart_rad(found: Fitted) -> float:
 
 
 class TurnOnBiases:
-    """Hold the prior of the IMU's biases: as configured, or as an earlier flight left them.
-
-    ``widened`` is set once the measurements have shown that the prior is far too small.
-    """
+    """Hold the prior of the IMU's biases; ``widened`` once it has proved far too small."""
 
     def __init__(self, config: EkfConfig, prior: Biases | None) -> None:
         self._config = config
@@ -137,10 +134,7 @@ class TurnOnBiases:
         return found
 
     def _turned(self, found: Fitted) -> bool:
-        """Return whether the heading contradicts the autopilot's.
-
-        With a wrong heading the accelerations do not fit either, so that biases are not the cause.
-        """
+        """Return whether the heading contradicts the autopilot's; then no bias is the cause."""
         hint_nb, autopilot = found.hint_nb, self._config.autopilot
         return hint_nb is not None and "heading" in differences(found.fit, hint_nb, autopilot)
 

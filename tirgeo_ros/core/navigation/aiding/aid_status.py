@@ -224,10 +224,7 @@ class AidStatus(NamedTuple):
         return told._replace(tracks=tracks)
 
     def with_reset(self, source: Source, now_ns: int, size: float) -> AidStatus:
-        """Return a copy after a reset to a measurement: counted, with a new record of its source.
-
-        ``size`` is the change of the state in m, m/s or rad.
-        """
+        """Return a copy after a reset by ``size`` (m, m/s or rad): counted, with a new record."""
         place = PLACE[source]
         counts = list(self.resets)
         counts[place] += 1

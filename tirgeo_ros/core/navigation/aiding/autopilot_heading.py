@@ -50,10 +50,7 @@ class AutopilotHeadingAid(Aid):
         return bool(covariance[2, 2] > self._worth_rad2)
 
     def sample(self, imu: ImuSample, covariance: Array) -> AutopilotHeading | None:
-        """Return an IMU message's heading, at most one a second; None if it is not worth using.
-
-        ``covariance`` (n, n) is that of the error states.
-        """
+        """Return an IMU message's heading, at most one a second; None where it is of no use."""
         q_nb = imu.autopilot_q_nb
         if not self._is_worth(covariance) or not usable_attitude(q_nb) or q_nb is None:
             return None

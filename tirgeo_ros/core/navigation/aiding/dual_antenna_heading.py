@@ -116,10 +116,7 @@ class HeadingAid(Aid):
         return config.rtk.delay_s if math.isnan(own_s) else own_s
 
     def _obstacle(self, sample: HeadingSample, control: AidStatus) -> str:
-        """Return why a heading is not to be used now, or an empty string.
-
-        RTK must be fixed; before the first use, and after a time-out, for ``start_after_s``.
-        """
+        """Return why a heading is not used now, or "": RTK must be fixed, at first for a while."""
         now_ns = sample.stamp_ns
         if control.status is not FixStatus.FIXED:
             return "rtk/fix is not fixed"

@@ -56,10 +56,7 @@ class Resets:
         block: slice | None,
         autopilot_q_nb: Array | None,
     ) -> StateEstimate | None:
-        """Return the belief reset to the measurement, or None if its refusals are too short.
-
-        ``block`` are the states to set; a heading needs none.
-        """
+        """Return the belief with ``block`` (or the heading) set to it; None if it is too soon."""
         run = belief.control.track(aid.source).run
         if run is None or not run.lasts(self._patience_s(aid, belief, autopilot_q_nb)):
             return None
@@ -103,11 +100,7 @@ class Resets:
         return StateEstimate(state, covariance, control.with_track(aid.source, track))
 
     def _step_patience_s(self, aid: AidMeasurement, control: AidStatus) -> float:
-        """Return how long a step must last before it is accepted.
-
-        It is longer where ordinary GPS continues as before, and infinite where that cannot err by
-        the step.
-        """
+        """Return how long a step must last: longer, or for ever, where ordinary GPS denies it."""
         patience_s, track = self._config.rtk.reset_after_s, control.track(aid.source)
         gps, last = control.track(Source.GPS_POSITION), control.last_reset
         if math.hypot(*track.step) < _COUNTED_STEP_M:

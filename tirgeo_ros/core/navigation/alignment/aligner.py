@@ -88,7 +88,7 @@ _SOURCES = (
 class Aligner:
     """Collect samples until a state can be found; ``reason`` says what is missing.
 
-    Samples must arrive in the order of their stamps (``measurement_order``); those older than
+    Samples must arrive in the order of their stamps (``start_up``); those older than
     ``keep_s`` are dropped. ``prior`` is what an earlier run of the filter knew of the IMU's
     biases.
     """

@@ -117,10 +117,7 @@ def _shortest_turn(a: Array, b: Array) -> Array:
 
 
 def checked(found: WindowFit, seen: Sequence[AlignmentObservation]) -> WindowFit:
-    """Return the fit, where it is near every measurement and the tilt is known well enough.
-
-    Raises NotAlignedError.
-    """
+    """Return a fit that is near all measurements and knows the tilt; raises NotAlignedError."""
     worst = int(np.argmax(found.distances))
     if found.distances[worst] > _LARGEST_DISTANCE:
         wrong, size = seen[worst], float(np.linalg.norm(found.residuals[worst]))

@@ -27,10 +27,7 @@ _T = TypeVar("_T", bound=NavigationInput)
 
 
 class AlignmentSamples:
-    """Hold the samples of the last ``keep_s``; those of the IMU without a gap or a frozen spell.
-
-    ``frozen`` says that the IMU repeats the same reading.
-    """
+    """Hold the samples of the last ``keep_s``; an IMU that repeats one reading is ``frozen``."""
 
     def __init__(self, keep_s: float, largest_gap_s: float) -> None:
         self._keep_ns = round(keep_s * 1e9)
@@ -143,10 +140,7 @@ class AlignmentSamples:
 def span(
     samples: Sequence[PositionSample | VelocitySample], length_ns: int
 ) -> tuple[int, int] | None:
-    """Return first and last stamp of the newest ``length_ns`` that the samples cover, or None.
-
-    At least three stamps must lie in it.
-    """
+    """Return the first and last stamp of three or more samples over ``length_ns``, or None."""
     stamps = [s.stamp_ns for s in samples]
     if not stamps:
         return None
