@@ -10,7 +10,7 @@ import pytest
 from filter_states import RTK, SECOND_NS, TIMEOUT_NS, ekf_config, used_at
 from flights import filtered, flight
 
-from tirgeo_ros.core.navigation.filter_status import FilterHealth, ReportedAccuracy, VerdictLog
+from tirgeo_ros.core.navigation.filter_status import FilterHealth, VerdictLog
 from tirgeo_ros.core.types.measurements import FixStatus, ImuSample, PositionSample, Source
 from tirgeo_ros.core.types.verdicts import FilterState, Outcome, Verdict
 
@@ -125,15 +125,15 @@ def fix(variances, source=Source.GPS_POSITION, status=FixStatus.SINGLE):
 
 
 def test_bounds_and_words_of_what_is_admitted():
-    admitted = ReportedAccuracy(ekf_config())
-    assert admitted.bounds_m2() == (100.0,) * 3
+    admitted = health()
+    assert admitted.bounds_m2() == [100.0] * 3
     admitted.hear(fix((0.0, 0.0, 0.0)))
     admitted.hear(fix((1e4,) * 3, status=FixStatus.NONE))
-    assert (admitted.bounds_m2(), admitted.text()) == ((100.0,) * 3, "")
+    assert (admitted.bounds_m2(), admitted.poor_gps()) == ([100.0] * 3, "")
     admitted.hear(fix((400.0, 25.0, 1e4)))
     admitted.hear(fix((1e-4,) * 3, Source.RTK_POSITION, FixStatus.FIXED))
-    assert admitted.bounds_m2() == pytest.approx((900.0, 100.0, 22500.0))
-    assert admitted.text() == "gps/fix has a sigma of 20 m, 100 m in height"
+    assert admitted.bounds_m2() == pytest.approx([900.0, 100.0, 22500.0])
+    assert admitted.poor_gps() == "gps/fix has a sigma of 20 m, 100 m in height"
 
 
 # Counts and innovations

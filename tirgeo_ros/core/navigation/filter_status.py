@@ -35,44 +35,17 @@ _NIS_WARNING = 4.0
 Unused = tuple[int, str]
 
 
-class ReportedAccuracy:
-    """Hold the variances that receivers report: a poor one is no reason to call a state lost."""
-
-    def __init__(self, config: EkfConfig) -> None:
-        self._bound_m = config.trust.lost_position_sigma_m
-        self.least_m2 = self._bound_m**2  # smaller variances are within the bounds
-        self._variances: dict[Source, tuple[float, float, float]] = {}  # NED, m2
-
-    def hear(self, sample: PositionSample) -> None:
-        """Take a position; it counts where it has a fix and a covariance."""
-        north, east, down = sample.covariance_n.diagonal().tolist()
-        if sample.status >= FixStatus.SINGLE and min(north, east, down) > 0:
-            self._variances[sample.source] = north, east, down
-
-    def bounds_m2(self) -> tuple[float, ...]:
-        """Return the variances (3,) NED, m2, beyond which a state is lost."""
-        most = [max(axis, default=0.0) for axis in zip(*self._variances.values(), strict=True)]
-        least_m2 = self.least_m2
-        return tuple(max(least_m2, _DRIFT_RATIO**2 * axis) for axis in most) or (least_m2,) * 3
-
-    def text(self) -> str:
-        """Return what is poor about the ordinary GPS, or an empty string."""
-        variances = self._variances.get(Source.GPS_POSITION)
-        if variances is None:
-            return ""
-        across, down = math.sqrt(max(variances[:2])), math.sqrt(variances[2])
-        told = [f"{across:.0f} m"] if across > self._bound_m else []
-        told += [f"{down:.0f} m in height"] if down > self._bound_m else []
-        return f"gps/fix has a sigma of {', '.join(told)}" if told else ""
-
-
 class FilterHealth:
-    """Judge the filter by the records of its aids and by its covariance."""
+    """Judge the filter by the records of its aids and by its covariance.
+
+    A receiver that reports a poor accuracy is no reason to call a state lost.
+    """
 
     def __init__(self, config: EkfConfig) -> None:
         trust = config.trust
         self._timeout_ns = round(trust.aid_timeout_s * 1e9)
-        self._reported = ReportedAccuracy(config)
+        self._bound_m = trust.lost_position_sigma_m
+        self._variances: dict[Source, tuple[float, float, float]] = {}  # reported, NED, m2
         self._rtk = FixStatus.NONE, 0  # of the newest position, and its stamp
         known_deg = _HEADING_SIGMAS * config.autopilot.attitude_sigma_deg[2]
         self._heading_rad2 = math.radians(max(trust.lost_heading_sigma_deg, known_deg)) ** 2
@@ -83,7 +56,9 @@ class FilterHealth:
 
     def hear(self, sample: PositionSample) -> None:
         """Take a position, for the status and the accuracy that its receiver reports."""
-        self._reported.hear(sample)
+        north, east, down = sample.covariance_n.diagonal().tolist()
+        if sample.status >= FixStatus.SINGLE and min(north, east, down) > 0:
+            self._variances[sample.source] = north, east, down
         if sample.source is Source.RTK_POSITION:
             self._rtk = sample.status, sample.stamp_ns
 
@@ -111,7 +86,7 @@ class FilterHealth:
             return FilterState.RUNNING, ""
         poor, told, absent = "", [], []
         if Source.RTK_POSITION in missing:
-            poor = self._reported.text()
+            poor = self.poor_gps()
             if not control.track(Source.GPS_POSITION).recent(now_ns, self._timeout_ns):
                 missing.append(Source.GPS_POSITION)
         elif floating:
@@ -127,17 +102,28 @@ class FilterHealth:
             return FilterState.DEAD_RECKONING, aids
         return FilterState.DEGRADED, "; ".join(filter(None, (aids, poor)))
 
+    def bounds_m2(self) -> list[float]:
+        """Return the variances (3,) NED, m2, beyond which a state is lost."""
+        reported = zip(*self._variances.values(), strict=True)
+        most = [_DRIFT_RATIO**2 * max(axis) for axis in reported] or [0.0] * 3
+        return [max(self._bound_m**2, axis) for axis in most]
+
+    def poor_gps(self) -> str:
+        """Return what is poor about the ordinary GPS, or an empty string."""
+        *across, down = map(math.sqrt, self._variances.get(Source.GPS_POSITION, (0.0, 0.0, 0.0)))
+        told = [f"{max(across):.0f} m"] if max(across) > self._bound_m else []
+        told += [f"{down:.0f} m in height"] if down > self._bound_m else []
+        return f"gps/fix has a sigma of {', '.join(told)}" if told else ""
+
     def lost(self, control: AidStatus, covariance: Array) -> str:
         """Return why a state with this error covariance (n, n) is not to be trusted, or ""."""
         variances = covariance.diagonal().tolist()
         if not math.isfinite(sum(variances)):
             return "not finite"
-        largest = max(variances[POSITION])
-        if largest > self._reported.least_m2:
-            pairs = zip(variances[POSITION], self._reported.bounds_m2(), strict=True)
-            beyond = [variance for variance, bound in pairs if variance > bound]
-            if beyond:
-                return f"position sigma {math.sqrt(max(beyond)):.1f} m"
+        pairs = zip(variances[POSITION], self.bounds_m2(), strict=True)
+        beyond = [variance for variance, bound in pairs if variance > bound]
+        if beyond:
+            return f"position sigma {math.sqrt(max(beyond)):.1f} m"
         if variances[2] > self._heading_rad2:
             return f"heading sigma {math.degrees(math.sqrt(variances[2])):.1f} deg"
         return control.hopeless(self._patience_s)

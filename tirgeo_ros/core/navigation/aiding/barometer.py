@@ -92,7 +92,9 @@ class BarometerAid(Aid):
         """
         control, stamp_ns = belief.control, sample.stamp_ns
         held = any(control.track(s).recent(stamp_ns, self._timeout_ns) for s in _POSITIONS)
-        height_m, noise_m2 = standard_height_m(sample.pressure_pa), self._noise_m2(sample)
+        height_m = standard_height_m(sample.pressure_pa)
+        reported_m2 = sample.variance_pa2 * metres_per_pa(sample.pressure_pa) ** 2
+        noise_m2 = max(reported_m2, self._barometer.noise_m**2)
         own_m2 = float(belief.covariance[_DOWN, _DOWN])
         before = control.track(self.source)
         if not before.own and not held:
@@ -168,11 +170,6 @@ class BarometerAid(Aid):
         return AidMeasurement(
             self.source, stamp_ns, measurement, (off_m + moved_m,), (moved_m,), slack_m
         )
-
-    def _noise_m2(self, sample: PressureSample) -> float:
-        """Return the variance of the white noise of a reading, as a height."""
-        reported_m2 = sample.variance_pa2 * metres_per_pa(sample.pressure_pa) ** 2
-        return max(reported_m2, self._barometer.noise_m**2)
 
     def _offset_m2(self, reference: Reference, stamp_ns: int, height_m: float) -> float:
         """Return the variance of the offset by now.
