@@ -181,7 +181,7 @@ class Consistency(NamedTuple):
         return self._replace(lag=lag, agreed_ns=agreed_ns, since_ns=0, against=None, told=())
 
     def blaming(self, left: float | None, step_ns: int, *, clearly: bool) -> Consistency:
-        """Return a copy with the source to blame; ``left`` as by ``_blame``, ``clearly`` for fixes."""
+        """Return a copy that blames a source by its share ``left``, fixes only if ``clearly``."""
         agreed_ns = max(self.agreed_ns - _FORGET * step_ns, 0)
         told, against = self.told, None
         if left is not None and -_LEAST_LEFT < left < 1 + _LEAST_LEFT:
