@@ -175,7 +175,7 @@ class Resets:
         """Return a covariance with tilt and biases as uncertain as at the start."""
         imu = self._config.imu
         for block, variances in (
-            (ATTITUDE, (_TILT_SIGMA_RAD**2,) * 3),
+            (ATTITUDE, np.full(3, _TILT_SIGMA_RAD**2)),
             (GYRO_BIAS, imu.gyro_turn_on_bias**2 + np.square(imu.gyro_bias_instability)),
             (ACCEL_BIAS, imu.accel_turn_on_bias**2 + np.square(imu.accel_bias_instability)),
         ):

@@ -251,10 +251,12 @@ class Aligner:
 
     def _start(self, measured: Measured, fitted: Fitted, sources: frozenset[Source]) -> Alignment:
         found, stamp_ns = fitted.fit, measured.last_ns
-        place = map(float, measured.plane.geodetic_from_ned(found.position_n))
-        q_nb, velocity_n = quat_from_matrix(found.rotation_nb).tolist(), found.velocity_n.tolist()
-        biases = (tuple(part.tolist()) for part in found.biases.reshape(2, 3))
-        state = NavState(tuple(q_nb), tuple(velocity_n), *place, *biases, (0.0, 0.0, 0.0))
+        lat, lon, height_m = map(float, measured.plane.geodetic_from_ned(found.position_n))
+        q_nb = tuple(quat_from_matrix(found.rotation_nb).tolist())
+        velocity_n, (gyro_b, accel_b) = found.velocity_n.tolist(), found.biases.reshape(2, 3)
+        biases_b = tuple(gyro_b.tolist()), tuple(accel_b.tolist())
+        nothing = (0.0, 0.0, 0.0)
+        state = NavState(q_nb, tuple(velocity_n), lat, lon, height_m, *biases_b, nothing)
         return Alignment(
             stamp_ns,
             state,
