@@ -36,17 +36,17 @@ def estimates(count, truth_scale=1.0):
         yield covariance @ design.T @ seen, covariance, prior
 
 
-def test_surprise_is_a_chi_square_where_the_prior_is_true():
-    found = [surprise(*estimate) for estimate in estimates(1000)]
-    degrees = np.array([each.degrees for each in found])
-    assert degrees.max() <= 4  # two directions are not seen
-    mean = np.mean([each.square for each in found])
-    assert abs(mean - degrees.mean()) < 4 * np.sqrt(2 * 4 / 1000)  # four sigma of such a mean
-    assert not any(each.beyond(5.0) for each in found)
+def test_surprise_is_normal_where_the_prior_is_true():
+    """Two of the directions are not seen, and would make it smaller."""
+    found = np.array([surprise(*estimate) for estimate in estimates(1000)])
+    # Four sigma of a mean and of a standard deviation; the cube root is good to some hundredths.
+    assert found.mean() == pytest.approx(0.0, abs=4 / np.sqrt(1000) + 0.03)
+    assert found.std() == pytest.approx(1.0, abs=4 / np.sqrt(2000) + 0.03)
+    assert found.max() < 5.0
 
 
 def test_biases_ten_times_the_prior_are_beyond_chance():
-    found = [surprise(*estimate).beyond(4.0) for estimate in estimates(300, truth_scale=10.0)]
+    found = [surprise(*estimate) > 4.0 for estimate in estimates(300, truth_scale=10.0)]
     # Four directions of ten sigma each: one draw in 100 has less than four in all.
     assert np.mean(found) > 0.9
 
