@@ -8,16 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from alignments import (
-    RTK,
     WAIT_S,
     aligned,
     assert_right,
     duration_s,
     error,
     samples_from,
-    source_of,
 )
-from flights import config_for, flight
+from flights import RTK, config_for, flight
 
 from tirgeo_ros.core.frames.rotations import quat_from_euler, quat_multiply
 from tirgeo_ros.core.navigation.alignment.aligner import Aligner
@@ -190,7 +188,7 @@ def test_what_came_after_the_stamp_is_kept():
     end_ns = found.imu[-1].stamp_ns
     after = [s for s in samples if found.stamp_ns < s.stamp_ns <= end_ns]
     assert [s for s in after if isinstance(s, ImuSample)] == list(found.imu[1:])
-    assert {source_of(s) for s in found.later} == {Source.GPS_POSITION, Source.GPS_VELOCITY}
+    assert {s.source for s in found.later} == {Source.GPS_POSITION, Source.GPS_VELOCITY}
     assert found.imu[0].stamp_ns <= found.stamp_ns < found.imu[1].stamp_ns
 
 
@@ -205,7 +203,7 @@ def test_headings_count_only_once_rtk_is_fixed_for_a_while(before):
             return sample
         if isinstance(sample, HeadingSample):
             return replace(sample, heading_rad=sample.heading_rad + 1.0)
-        return replace(sample, status=before) if source_of(sample) is RTK[0] else sample
+        return replace(sample, status=before) if sample.source is RTK[0] else sample
 
     samples = [early(s) for s in samples_from(flown, 5.0)]
     found, _ = aligned(samples, config_for(flown))
@@ -217,7 +215,7 @@ def test_headings_count_only_once_rtk_is_fixed_for_a_while(before):
 def test_float_positions_do_not_average_to_nothing():
     flown = flight(4, 50.0, "figure_eight")
     samples = [
-        replace(s, status=FixStatus.FLOAT) if source_of(s) is Source.RTK_POSITION else s
+        replace(s, status=FixStatus.FLOAT) if s.source is Source.RTK_POSITION else s
         for s in samples_from(flown, 5.0)
     ]
     found, _ = aligned(samples, config_for(flown))

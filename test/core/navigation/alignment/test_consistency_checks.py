@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from alignments import WAIT_S, aligned, assert_right, duration_s, samples_from, source_of
+from alignments import WAIT_S, aligned, assert_right, duration_s, samples_from
 from flights import config_for, flight
 
 from tirgeo_ros.core.frames.rotations import quat_from_euler, quat_multiply
@@ -20,7 +20,7 @@ def spoilt(samples, kind, change, from_s=0.0, to_s=math.inf):
     """Samples of a source changed between two times from the first."""
     first = samples[0].stamp_ns
     return [
-        change(s) if source_of(s) is kind and from_s <= (s.stamp_ns - first) * 1e-9 <= to_s else s
+        change(s) if s.source is kind and from_s <= (s.stamp_ns - first) * 1e-9 <= to_s else s
         for s in samples
     ]
 
