@@ -33,7 +33,7 @@ from tirgeo_ros.core.navigation.ins_error_model import (
     has_antenna,
 )
 from tirgeo_ros.core.navigation.kalman import Measurement
-from tirgeo_ros.core.navigation.strapdown import NavState, Rotation, Vector, matrix, rotate
+from tirgeo_ros.core.navigation.strapdown import NavState, Vector, matrix, rotate
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
 
@@ -55,27 +55,16 @@ def innovation_n(state: NavState, sample: PositionSample, lever_n: Vector) -> Ve
     )
 
 
-def position_design(
-    states: int, lever_n: Vector, *, gps: bool = False, rotation_nb: Rotation | None = None
-) -> Array:
-    """Return H (3, states) of an antenna position: ``R_true l = R l - [R l x] phi``.
-
-    With ``gps`` the slow error of the ordinary GPS is in the measurement too. With a rotation the
-    antenna's place is a state.
-    """
+def arm_design(states: int, arm_n: Vector, first: int) -> Array:
+    """Return H (3, states) of ``R_true a = R a - [R a x] phi``, plus the states from ``first``."""
     design = np.zeros((3, states))
-    x, y, z = lever_n
+    x, y, z = arm_n
     flat = flat_memory(design)
     second, third = states, 2 * states
     flat[1], flat[2] = z, -y
     flat[second], flat[second + 2] = -z, x
     flat[third], flat[third + 1] = y, -x
-    flat[6] = flat[second + 7] = flat[third + 8] = 1.0
-    if gps:
-        first = GPS_ERROR.start
-        flat[first] = flat[second + first + 1] = flat[third + first + 2] = 1.0
-    if rotation_nb is not None:
-        design[:, ANTENNA] = matrix(rotation_nb)
+    flat[first] = flat[second + first + 1] = flat[third + first + 2] = 1.0
     return design
 
 
@@ -118,8 +107,9 @@ class RtkPositionAid(Aid):
             innovation, belief = self._median(offset, belief)
         noise, sigma_m = self._noise(sample, control)
         gate_sigma = self._rtk.gate_sigma
-        sought = rotation if has_antenna(self._states) else None
-        design = position_design(self._states, lever_n, rotation_nb=sought)
+        design = arm_design(self._states, lever_n, POSITION.start)
+        if has_antenna(self._states):
+            design[:, ANTENNA] = matrix(rotation)
         measurement = Measurement(np.array(innovation), design, noise, gate_sigma)
         slack = 1.5 * gate_sigma * sigma_m
         return AidMeasurement(
@@ -180,7 +170,8 @@ class GpsPositionAid(Aid):
         state, error_n = belief.state, belief.control.receivers.gps_error_n
         lever_n = rotate(rotation_of(state.q_nb), self._lever_b)
         innovation = innovation_n(state, sample, added(lever_n, error_n))
-        design = position_design(self._states, lever_n, gps=True)
+        design = arm_design(self._states, lever_n, POSITION.start)
+        design[:, GPS_ERROR] = np.eye(3)
         # Reported variance beyond that of the slow error in the state.
         beyond = np.maximum(np.diagonal(sample.covariance_n) - self._known_m2, 0.0)
         beyond *= self._beyond_factor(belief.control, sample.stamp_ns)

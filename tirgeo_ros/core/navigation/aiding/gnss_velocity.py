@@ -10,6 +10,7 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import rotation_of, skew
 from tirgeo_ros.core.navigation.aiding.aid import Aid
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus
+from tirgeo_ros.core.navigation.aiding.gnss_position import arm_design
 from tirgeo_ros.core.navigation.aiding.state_estimate import (
     AidMeasurement,
     Modelled,
@@ -37,14 +38,8 @@ def velocity_design(
 
     The rate is the reading less its bias, so ``d(w x l) = -db x l = [l x] db``.
     """
-    design = np.zeros((3, states))
+    design = arm_design(states, swing, VELOCITY.start)
     flat = flat_memory(design)
-    second, third = states, 2 * states
-    sx, sy, sz = swing
-    flat[1], flat[2] = sz, -sy
-    flat[second], flat[second + 2] = -sz, sx
-    flat[third], flat[third + 1] = sy, -sx
-    flat[3] = flat[second + 4] = flat[third + 5] = 1.0
     x, y, z = lever_arm_b
     for row in range(3):
         a, b, c = rotation_nb[3 * row : 3 * row + 3]

@@ -16,6 +16,7 @@ some seconds they are a tenth of what the turn-on biases may be.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -190,16 +191,21 @@ def _residual(
     return np.concatenate(parts)
 
 
+def _rows(seen: Sequence[AlignmentObservation]) -> list[slice]:
+    """Return the rows of each observation among those of all."""
+    ends = itertools.accumulate(len(o.value) for o in seen)
+    return [slice(end - len(o.value), end) for o, end in zip(seen, ends, strict=True)]
+
+
 def _projections(seen: Sequence[AlignmentObservation], turned: Array) -> Array:
     """Return the matrix (rows, 3 m) from vectors in n to the observed components."""
-    rows = sum(len(o.value) for o in seen)
-    out, row = np.zeros((rows, 3 * len(seen))), 0
-    for k, (o, (north, east, _)) in enumerate(zip(seen, turned, strict=True)):
+    places = _rows(seen)
+    out = np.zeros((places[-1].stop, 3 * len(seen)))
+    for k, (rows, (north, east, _)) in enumerate(zip(places, turned, strict=True)):
         block = np.eye(3)
-        if o.kind is ObservationKind.AZIMUTH:
+        if seen[k].kind is ObservationKind.AZIMUTH:
             block = np.array([[-east, north, 0.0]]) / (north**2 + east**2)
-        out[row : row + len(block), 3 * k : 3 * k + 3] = block
-        row += len(block)
+        out[rows, 3 * k : 3 * k + 3] = block
     return out
 
 
@@ -224,9 +230,8 @@ def _measured_noise(seen: Sequence[AlignmentObservation]) -> Array:
     same = (names[:, None] == names) & (axis[:, None] == axis)
     lasting = np.exp(-np.abs(since_s[:, None] - since_s) * rate_1_s)
     out = np.asarray(same * lasting * np.outer(slow, slow))
-    for k, o in enumerate(seen):
-        rows = np.flatnonzero(owner == k)
-        out[np.ix_(rows, rows)] += o.white
+    for o, rows in zip(seen, _rows(seen), strict=True):
+        out[rows, rows] += o.white
     return out
 
 
@@ -244,13 +249,10 @@ def _result(
     # An observation that alone fixes a state has no residual: a millionth of its noise keeps the
     # ratio defined.
     spread = (1 + 1e-6) * noise - design @ covariance @ design.T
-    parts, distances, row = [], [], 0
-    for o in seen:
-        rows = slice(row, row + len(o.value))
-        parts.append(residual[rows])
-        scaled = np.linalg.solve(spread[rows, rows], residual[rows])
-        distances.append(float(residual[rows] @ scaled) / len(o.value))
-        row += len(o.value)
+    places = _rows(seen)
+    parts = [residual[rows] for rows in places]
+    scaled = [np.linalg.solve(spread[rows, rows], residual[rows]) for rows in places]
+    distances = [float(a @ b) / len(a) for a, b in zip(parts, scaled, strict=True)]
     known = np.linalg.inv(information[:9, :9])
     return WindowFit(
         rotation,
