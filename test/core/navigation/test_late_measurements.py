@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from alignments import aligned
 from flights import GPS, RTK, config_for, flight, navigation_samples, without
 
-from tirgeo_ros.core.navigation.alignment.aligner import Aligner
 from tirgeo_ros.core.navigation.ekf import Ekf
 from tirgeo_ros.core.types.measurements import (
     FixStatus,
@@ -25,18 +25,11 @@ from tirgeo_ros.tools.simulate.scenario import scenario_from
 
 def started(flown, samples, **values):
     """A filter just aligned, and the samples that come after."""
-    config = config_for(flown, **values)
-    aligner = Aligner(config, use_heading=True)
-    for index, sample in enumerate(samples):
-        found = aligner.add(sample)
-        if found is not None:
-            filter_ = Ekf(config, found)
-            for imu in found.imu[1:]:
-                filter_.add_imu(imu)
-            for later in found.later:
-                filter_.add_aiding(later)
-            return filter_, samples[index + 1 :]
-    raise AssertionError("no alignment")
+    config, rest = config_for(flown, **values), iter(samples)
+    found, _ = aligned(rest, config)
+    filter_ = Ekf(config, found)
+    run(filter_, (*found.imu[1:], *found.later))
+    return filter_, list(rest)
 
 
 def run(filter_, samples):
@@ -50,10 +43,6 @@ def run(filter_, samples):
     return verdicts
 
 
-def is_gps(sample):
-    return sample.source in GPS
-
-
 def fixes_of(samples):
     return [s for s in samples if s.source is Source.RTK_POSITION]
 
@@ -63,7 +52,7 @@ def between_imu_samples(sample, _):
 
 
 def gps_between_imu_samples(sample, _):
-    return between_imu_samples(sample, _) if is_gps(sample) else sample
+    return between_imu_samples(sample, _) if sample.source in GPS else sample
 
 
 outage = without(*RTK, begin_s=4.0, end_s=8.0)
