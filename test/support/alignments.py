@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from flights import navigation_samples
 
@@ -16,6 +18,15 @@ def samples_from(flown, start_s=0.0, without=(), length_s=14.0):
     first = flown.truth.stamp_ns[0] + round(start_s * 1e9)
     kept = (s for s in navigation_samples(flown) if s.source not in without)
     return [s for s in kept if first <= s.stamp_ns < first + length_s * 1e9]
+
+
+def spoilt(samples, kind, change, from_s=0.0, to_s=math.inf):
+    """Samples of a source changed between two times from the first."""
+    first = samples[0].stamp_ns
+    return [
+        change(s) if s.source is kind and from_s <= (s.stamp_ns - first) * 1e-9 <= to_s else s
+        for s in samples
+    ]
 
 
 def aligned(samples, config, *, use_heading=True, prior=None):

@@ -7,22 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from alignments import WAIT_S, aligned, assert_right, duration_s, samples_from
+from alignments import WAIT_S, aligned, assert_right, duration_s, samples_from, spoilt
 from flights import config_for, flight
 
 from tirgeo_ros.core.frames.rotations import quat_from_euler, quat_multiply
 from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, Source
 
 pytestmark = pytest.mark.slow
-
-
-def spoilt(samples, kind, change, from_s=0.0, to_s=math.inf):
-    """Samples of a source changed between two times from the first."""
-    first = samples[0].stamp_ns
-    return [
-        change(s) if s.source is kind and from_s <= (s.stamp_ns - first) * 1e-9 <= to_s else s
-        for s in samples
-    ]
 
 
 def higher(metres):
