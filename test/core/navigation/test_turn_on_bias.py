@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from alignments import aligned, duration_s, error, samples_from
+from alignments import aligned, duration_s, error, samples_from, spoilt
 from flights import config_for, errors, flight
 
 from tirgeo_ros.core.navigation.alignment.imu_preintegration import Biases
 from tirgeo_ros.core.navigation.estimator import Navigation
 from tirgeo_ros.core.navigation.turn_on_bias import surprise
-from tirgeo_ros.core.types.measurements import ImuSample
+from tirgeo_ros.core.types.measurements import ImuSample, Source
 from tirgeo_ros.core.types.verdicts import FilterState
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from
@@ -53,16 +51,13 @@ def test_biases_ten_times_the_prior_are_beyond_chance():
 
 def biased(samples, gyro_b, accel_b):
     """Samples of an IMU with so much more bias."""
-    return [
-        replace(
-            s,
-            angular_rate_b=s.angular_rate_b + gyro_b,
-            specific_force_b=s.specific_force_b + accel_b,
+
+    def change(s):
+        return ImuSample(
+            s.stamp_ns, s.specific_force_b + accel_b, s.angular_rate_b + gyro_b, s.autopilot_q_nb
         )
-        if isinstance(s, ImuSample)
-        else s
-        for s in samples
-    ]
+
+    return spoilt(samples, Source.IMU, change)
 
 
 def consumer(samples):
