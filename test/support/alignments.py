@@ -2,29 +2,31 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from flights import navigation_samples
 
 from tirgeo_ros.core.frames.rotations import quat_conjugate, quat_multiply, rotvec_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.alignment.aligner import Aligner
-from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, Source
 
-#: The sources of the RTK receiver.
-RTK = (Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING)
 WAIT_S = 5.0  # alignment.wait_s
-
-
-def source_of(sample):
-    if isinstance(sample, HeadingSample):
-        return Source.RTK_HEADING
-    return Source.IMU if isinstance(sample, ImuSample) else sample.source
 
 
 def samples_from(flown, start_s=0.0, without=(), length_s=14.0):
     first = flown.truth.stamp_ns[0] + round(start_s * 1e9)
-    kept = (s for s in navigation_samples(flown) if source_of(s) not in without)
+    kept = (s for s in navigation_samples(flown) if s.source not in without)
     return [s for s in kept if first <= s.stamp_ns < first + length_s * 1e9]
+
+
+def spoilt(samples, kind, change, from_s=0.0, to_s=math.inf):
+    """Samples of a source changed between two times from the first."""
+    first = samples[0].stamp_ns
+    return [
+        change(s) if s.source is kind and from_s <= (s.stamp_ns - first) * 1e-9 <= to_s else s
+        for s in samples
+    ]
 
 
 def aligned(samples, config, *, use_heading=True, prior=None):

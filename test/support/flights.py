@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import functools
 from dataclasses import replace
+from typing import NamedTuple
 
 from dev.flight_errors import NAVIGATION_SAMPLES, Errors, errors, navigation_samples, solutions
 from dev.flight_errors import fitting_config as config_for
 from tirgeo_ros.core.accuracy.ground_errors import rms
+from tirgeo_ros.core.navigation.estimator import Navigation
+from tirgeo_ros.core.types.measurements import ImuSample, Source
+from tirgeo_ros.core.types.verdicts import FilterState
 from tirgeo_ros.tools.simulate.flight import SimulatedFlight, fly
 from tirgeo_ros.tools.simulate.scenario import Scenario
 
@@ -16,11 +20,15 @@ __all__ = (
     "Errors",
     "config_for",
     "errors",
+    "filtered",
     "flight",
     "navigation_samples",
     "rms",
     "solutions",
 )
+
+RTK = (Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING)
+GPS = (Source.GPS_POSITION, Source.GPS_VELOCITY)
 
 
 @functools.lru_cache(maxsize=8)
@@ -30,3 +38,40 @@ def flight(
     """A flight of the paper's scenario, cut short."""
     base = Scenario()
     return fly(replace(base, duration_s=duration_s, route=replace(base.route, shape=shape)), seed)
+
+
+class Filtered(NamedTuple):
+    """Hold what the filter made of a flight."""
+
+    errors: Errors | None  # of its solutions, if there is one
+    states: list[tuple[float, FilterState]]  # at each IMU sample, with its seconds
+    navigation: Navigation
+
+    @property
+    def status(self):
+        return self.navigation.status()
+
+
+def filtered(flown, change=None, *, watched=False, config=None, **values) -> Filtered:
+    """Run the filter over a flight; ``change(sample, t_s)`` spoils a sample, or drops it (None).
+
+    ``watched`` asks for the states; ``values`` are parameters.
+    """
+    start_ns = flown.truth.stamp_ns[0]
+    navigation, found, states = Navigation(config or config_for(flown, **values)), [], []
+    for given in navigation_samples(flown):
+        t_s = (given.stamp_ns - start_ns) * 1e-9
+        sample = given if change is None else change(given, t_s)
+        if sample is None:
+            continue
+        solution = navigation.process(sample).solution
+        if solution is not None:
+            found.append(solution)
+        if watched and isinstance(sample, ImuSample):
+            states.append((t_s, navigation.status().state))
+    return Filtered(errors(flown, found) if found else None, states, navigation)
+
+
+def without(*sources, begin_s=-1.0, end_s=1e9):
+    """A change for ``filtered``: samples of some sources are lost between two times."""
+    return lambda s, t_s: None if s.source in sources and begin_s < t_s < end_s else s

@@ -5,23 +5,18 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from flights import config_for, flight, navigation_samples
+from flights import GPS, RTK, config_for, flight, navigation_samples
 
 from tirgeo_ros.core.navigation.estimator import Navigation
-from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, Source
+from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.core.types.verdicts import FilterState
-
-RTK = (Source.RTK_POSITION, Source.RTK_VELOCITY)
-
-
-def is_rtk(sample):
-    return isinstance(sample, HeadingSample) or getattr(sample, "source", None) in RTK
 
 
 def moved(samples, by_s):
     """RTK's stamps by another clock."""
     return [
-        replace(s, stamp_ns=s.stamp_ns + round(by_s * 1e9)) if is_rtk(s) else s for s in samples
+        replace(s, stamp_ns=s.stamp_ns + round(by_s * 1e9)) if s.source in RTK else s
+        for s in samples
     ]
 
 
@@ -29,9 +24,8 @@ def statuses(flown, fed, **values):
     """After each sample up to the last of the IMU: aids go on to come for a while after it."""
     navigation = Navigation(config_for(flown, **values))
     last = max(k for k, sample in enumerate(fed) if isinstance(sample, ImuSample))
-    fed = fed[: last + 1]
     found = []
-    for sample in fed:
+    for sample in fed[: last + 1]:
         navigation.process(sample)
         found.append(navigation.status())
     return found
@@ -40,31 +34,19 @@ def statuses(flown, fed, **values):
 @pytest.mark.parametrize(
     ("by_s", "outcome", "said"),
     [
-        (
-            18.0,
-            "too_new",
-            "rtk/fix is 17.9 s ahead of imu/data: same clock? (GPS time is 18 s ahead of UTC)",
-        ),
-        (
-            -18.0,
-            "too_old",
-            "rtk/fix is 18.1 s behind imu/data: same clock? (GPS time is 18 s ahead of UTC)",
-        ),
-        (130.0, "too_new", "rtk/fix is 129.9 s ahead of imu/data: same clock?"),
+        (18.0, "too_new", "17.9 s ahead of imu/data: same clock? (GPS time is 18 s ahead of UTC)"),
+        (-18.0, "too_old", "18.1 s behind imu/data: same clock? (GPS time is 18 s ahead of UTC)"),
+        (130.0, "too_new", "129.9 s ahead of imu/data: same clock?"),
     ],
 )
 def test_another_clock_is_named_while_aligning(by_s, outcome, said):
     flown = flight(duration_s=12.0)
-    fed = [s for s in moved(navigation_samples(flown), by_s) if not _is_gps(s)]
+    fed = [s for s in moved(navigation_samples(flown), by_s) if s.source not in GPS]
     last = statuses(flown, fed)[-1]
     assert last.state is FilterState.ALIGNING
-    assert last.reason == f"{said}; rtk/vel, rtk/heading too"
+    assert last.reason == f"rtk/fix is {said}; rtk/vel, rtk/heading too"
     assert last.counts["rtk_position", outcome] == 60  # 12 s at 5 Hz; the IMU was there first
     assert ("rtk_position", "waiting") not in last.counts
-
-
-def _is_gps(sample):
-    return getattr(sample, "source", None) in {Source.GPS_POSITION, Source.GPS_VELOCITY}
 
 
 def test_on_ordinary_gps_it_starts_and_goes_on_telling():
@@ -77,10 +59,8 @@ def test_on_ordinary_gps_it_starts_and_goes_on_telling():
 
 def test_a_delay_longer_than_allowed_is_named_as_such():
     flown = flight(duration_s=12.0)
-    samples = navigation_samples(flown)
-    late = [s for s in samples if not is_rtk(s)]
-    late += [replace(s, stamp_ns=s.stamp_ns - 700_000_000) for s in samples if is_rtk(s)]
-    late.sort(key=lambda s: s.stamp_ns + (780_000_000 if is_rtk(s) else 0))  # as they came
+    late = moved(navigation_samples(flown), -0.7)
+    late.sort(key=lambda s: s.stamp_ns + (780_000_000 if s.source in RTK else 0))  # as they came
     last = statuses(flown, late, alignment__wait_s=1.0)[-1]
     assert "rtk/fix is 0.8 s behind imu/data: more than max_delay_s, 0.5 s" in last.reason
 
@@ -99,5 +79,5 @@ def test_an_aid_of_another_clock_does_not_silence_the_imu():
     """Bursts of aids between two IMU samples, as at 50 Hz: it is there, whatever they stamp."""
     flown = flight(duration_s=6.0)
     fed = moved(navigation_samples(flown), 18.0)
-    burst = [s for sample in fed for s in ([sample] * 5 if is_rtk(sample) else [sample])]
+    burst = [s for sample in fed for s in [sample] * (5 if sample.source in RTK else 1)]
     assert not any("no imu/data" in status.reason for status in statuses(flown, burst))

@@ -6,31 +6,25 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flights import config_for, errors, flight, navigation_samples, rms, solutions
+from filter_states import ekf_config
+from flights import GPS, RTK, config_for, errors, flight, navigation_samples, rms, solutions
 
-from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.navigation.delays import Delays, longest_hold_s
-from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, Source, VelocitySample
+from tirgeo_ros.core.types.measurements import Source
 from tirgeo_ros.tools.simulate.flight import fly, truth_at
 from tirgeo_ros.tools.simulate.imu_errors import imu_bias
 from tirgeo_ros.tools.simulate.scenario import scenario_from
 from tirgeo_ros.tools.simulate.sensors import Epochs
 
 DURATION_S = 12.0
-RTK = (Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING)
-
-
-def delays(**values):
-    given = {key.replace("__", "."): value for key, value in values.items()}
-    return Delays.from_config(config_from(EkfConfig, given))
 
 
 def test_headings_have_the_delay_of_rtk_unless_they_have_their_own():
-    shared = delays(rtk__delay_s=0.08, gps__delay_s=-0.1)
+    shared = Delays.from_config(ekf_config(rtk__delay_s=0.08, gps__delay_s=-0.1))
     assert [shared.aid_ns[s] for s in RTK] == [80_000_000] * 3
     assert shared.aid_ns[Source.GPS_VELOCITY] == -100_000_000
-    own = delays(rtk__delay_s=0.08, heading__delay_s=0.0, rtk__velocity_delay_s=0.05)
+    values = {"rtk__delay_s": 0.08, "heading__delay_s": 0.0, "rtk__velocity_delay_s": 0.05}
+    own = Delays.from_config(ekf_config(**values))
     assert [own.aid_ns[s] for s in RTK] == [80_000_000, 130_000_000, 0]
 
 
@@ -42,52 +36,39 @@ def test_headings_have_the_delay_of_rtk_unless_they_have_their_own():
         ({"rtk__delay_s": 1.0, "gps__delay_s": 1.0}, 0.5),
         ({"rtk__delay_s": 1.0, "rtk__velocity_delay_s": -1.5}, 1.0),
         ({"gps__delay_s": -1.0, "imu__delay_s": 0.25}, 1.75),
+        # A barometer without a delay does not count; one that is early does.
+        ({"rtk__delay_s": 0.1, "gps__delay_s": 0.1, "imu__delay_s": 0.1}, 0.5),
+        ({"barometer__delay_s": -0.3, "imu__delay_s": 0.1}, 0.9),
     ],
 )
 def test_what_delays_bring_ahead_of_the_imu_is_held_for_longer(values, hold_s):
-    given = {key.replace("__", "."): value for key, value in values.items()}
-    assert longest_hold_s(config_from(EkfConfig, given)) == pytest.approx(hold_s, abs=1e-9)
-
-
-def shifted(sample, by_s):
-    """With the stamp that a sensor of this delay gives."""
-    if isinstance(sample, ImuSample):
-        kind = "imu"
-    elif isinstance(sample, HeadingSample):
-        kind = "heading"
-    else:
-        kind = "velocity" if isinstance(sample, VelocitySample) else "position"
-    return replace(sample, stamp_ns=sample.stamp_ns + round(by_s[kind] * 1e9))
+    assert longest_hold_s(ekf_config(**values)) == pytest.approx(hold_s, abs=1e-9)
 
 
 @pytest.mark.parametrize(
-    "by_s",
-    [
-        {"imu": 0.0, "position": -0.3, "velocity": -0.3, "heading": -0.3},
-        {"imu": 0.005, "position": 0.08, "velocity": 0.2, "heading": -0.25},
-        {"imu": -0.4, "position": 0.3, "velocity": -1.2, "heading": 2.0},
-    ],
+    ("imu_s", "position_s", "velocity_s", "heading_s"),
+    [(0.0, -0.3, -0.3, -0.3), (0.005, 0.08, 0.2, -0.25), (-0.4, 0.3, -1.2, 2.0)],
 )
-def test_stamps_less_their_delay_are_those_of_measurement(by_s):
+def test_stamps_less_their_delay_are_those_of_measurement(
+    imu_s, position_s, velocity_s, heading_s
+):
     """Each kind has its own: the same solutions to the last bit, from the alignment on."""
     flown = flight(duration_s=DURATION_S)
     kinds = {
-        "imu__delay_s": by_s["imu"],
-        "rtk__delay_s": by_s["position"],
-        "rtk__velocity_delay_s": by_s["velocity"] - by_s["position"],
-        "heading__delay_s": by_s["heading"],
+        "imu__delay_s": imu_s,
+        "rtk__delay_s": position_s,
+        "rtk__velocity_delay_s": velocity_s - position_s,
+        "heading__delay_s": heading_s,
     }
-    fed = [s for s in navigation_samples(flown) if not _is_gps(s)]
+    by_s = dict(zip(RTK, (position_s, velocity_s, heading_s), strict=True)) | {Source.IMU: imu_s}
+    fed = [s for s in navigation_samples(flown) if s.source not in GPS]
+    late = [replace(s, stamp_ns=s.stamp_ns + round(by_s[s.source] * 1e9)) for s in fed]
     timely = solutions(flown, config_for(flown), fed)
-    moved = solutions(flown, config_for(flown, **kinds), [shifted(s, by_s) for s in fed])
+    moved = solutions(flown, config_for(flown, **kinds), late)
     assert len(moved) == len(timely) > 0
     for a, b in zip(timely, moved, strict=True):
         assert (a.stamp_ns, a.height_m, a.latitude_rad) == (b.stamp_ns, b.height_m, b.latitude_rad)
         assert np.array_equal(a.q_nb, b.q_nb)
-
-
-def _is_gps(sample):
-    return getattr(sample, "source", None) in {Source.GPS_POSITION, Source.GPS_VELOCITY}
 
 
 def heading_rms_deg(averages, delay_s, seeds):

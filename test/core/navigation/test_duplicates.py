@@ -7,33 +7,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from filter_states import fix, heading, ns, velocity
 
 from tirgeo_ros.core.navigation.duplicates import DuplicateDetector, Same
-from tirgeo_ros.core.types.measurements import (
-    FixStatus,
-    HeadingSample,
-    PositionSample,
-    Source,
-    VelocitySample,
-)
+from tirgeo_ros.core.types.measurements import FixStatus, Source
 
-SECOND_NS = 1_000_000_000
+NEW, AGAIN, VALUE = Same.NOTHING, Same.MEASUREMENT, Same.VALUE
 
 
 def position(t_s, north_m, source=Source.RTK_POSITION):
-    latitude = 0.7 + north_m / 6.4e6
-    return PositionSample(
-        round(t_s * SECOND_NS), source, FixStatus.FIXED, latitude, 2.0, 30.0, 1e-4 * np.eye(3)
-    )
+    return fix(t_s, (north_m, 0.0, 0.0), source)
 
 
-def velocity(t_s, north_m_s, source=Source.RTK_VELOCITY):
-    v = np.array([north_m_s, 0.0, 0.0])
-    return VelocitySample(round(t_s * SECOND_NS), source, v, 1e-4 * np.eye(3))
-
-
-def heading(t_s, degrees):
-    return HeadingSample(round(t_s * SECOND_NS), math.radians(degrees), 1e-4)
+def moving(t_s, north_m_s, source=Source.RTK_VELOCITY):
+    return velocity(t_s, (north_m_s, 0.0, 0.0), source)
 
 
 def polled(seconds, poll_hz=50.0, receiver_hz=5.0, jitter_s=0.0, seed=1):
@@ -44,67 +31,48 @@ def polled(seconds, poll_hz=50.0, receiver_hz=5.0, jitter_s=0.0, seed=1):
         yield t_s + jitter_s * rng.uniform(-1, 1), math.floor(t_s * receiver_hz + 1e-6)
 
 
-def news(found):
-    """Epochs of what was not a repeat."""
-    return [epoch for epoch, same in found if same is not Same.MEASUREMENT]
-
-
 @pytest.mark.parametrize("jitter_s", [0.0, 0.005])
 @pytest.mark.parametrize(
     ("make", "source"),
     [
         (position, Source.RTK_POSITION),
         (position, Source.GPS_POSITION),
-        (velocity, Source.RTK_VELOCITY),
-        (velocity, Source.GPS_VELOCITY),
+        (moving, Source.RTK_VELOCITY),
+        (moving, Source.GPS_VELOCITY),
     ],
 )
 def test_polled_positions_and_velocities_are_taken_once(make, source, jitter_s):
     repeats = DuplicateDetector()
     found = [
-        (epoch, repeats.compared(make(t_s, 0.6 * epoch, source)))
+        repeats.compared(make(t_s, 0.6 * epoch, source))
         for t_s, epoch in polled(10.0, jitter_s=jitter_s)
     ]
-    assert news(found) == list(range(50))
-    # And with its first stamp, which is the one nearest to the measurement.
-    assert [same for epoch, same in found[::10]] == [Same.NOTHING] * 50
+    # With the first stamp, which is the one nearest to the measurement.
+    assert found == [NEW, *[AGAIN] * 9] * 50
 
 
-@pytest.mark.parametrize("jitter_s", [0.0, 0.004])
-def test_polled_headings_in_whole_degrees_are_taken_once(jitter_s):
-    """They say the same for many epochs; the positions with them tell when there is news."""
-    repeats, found = DuplicateDetector(), []
+@pytest.mark.parametrize(("jitter_s", "burst"), [(0.0, False), (0.004, False), (0.0, True)])
+def test_polled_headings_in_whole_degrees_are_taken_once(jitter_s, burst):
+    """They say the same for many epochs; the positions with them tell when there is news.
+
+    A burst is a serial line that held one fix back: it does not make a fast receiver.
+    """
+    repeats, taken = DuplicateDetector(), []
     for t_s, epoch in polled(20.0, jitter_s=jitter_s):
         repeats.compared(position(t_s, 0.6 * epoch))
-        same = repeats.compared(heading(t_s, 20.0 + epoch // 7))
-        if epoch >= 10:  # eight positions tell the receiver's rate
-            found.append((epoch, same))
-    taken = news(found)
-    assert len(taken) == len(set(taken))
-    assert set(taken) == {epoch for epoch, _ in found}
-
-
-def test_two_fixes_of_a_burst_do_not_make_a_fast_receiver():
-    """A serial line that held one back: its headings' repeats are still known."""
-    repeats, found = DuplicateDetector(), []
-    for t_s, epoch in polled(20.0):
-        repeats.compared(position(t_s, 0.6 * epoch))
-        if epoch == 50 and t_s == pytest.approx(10.06):
+        if burst and t_s == pytest.approx(10.06):
             repeats.compared(position(t_s + 0.005, 0.6 * epoch + 0.3))  # one in between
             repeats.compared(position(t_s + 0.006, 0.6 * epoch))
-        found.append((epoch, repeats.compared(heading(t_s, 20.0))))
-    counts = [news(found).count(epoch) for epoch in range(10, 100)]
-    assert max(counts) == 1
+        same = repeats.compared(heading(t_s, 20.0 + epoch // 7))
+        if epoch >= 10 and same is not AGAIN:  # eight positions tell the receiver's rate
+            taken.append(epoch)
+    assert taken == list(range(10, 100))
 
 
 def test_at_rest_with_constant_values_something_is_taken():
     """A test bench, a receiver that rounds: about one a second, so that aids are not missing."""
     repeats = DuplicateDetector()
-    taken = [
-        t_s
-        for t_s, _ in polled(20.0)
-        if repeats.compared(position(t_s, 0.0)) is not Same.MEASUREMENT
-    ]
+    taken = [t for t, _ in polled(20.0) if repeats.compared(position(t, 0.0)) is not AGAIN]
     gaps = np.diff(taken)
     assert 0.8 < gaps.min() <= gaps.max() <= 1.0
 
@@ -112,17 +80,13 @@ def test_at_rest_with_constant_values_something_is_taken():
 @pytest.mark.parametrize("worse", [FixStatus.FLOAT, FixStatus.SINGLE, FixStatus.NONE])
 def test_the_same_position_with_a_worse_fix_is_news(worse):
     """Whoever learns of it with the next position only believes centimetres until then."""
-    repeats = DuplicateDetector()
-    fixed = position(0.0, 1.0)
+    repeats, fixed = DuplicateDetector(), position(0.0, 1.0)
     repeats.compared(fixed)
-    fallen = replace(fixed, stamp_ns=20_000_000, status=worse)
-    assert repeats.compared(fallen) is Same.NOTHING
-    assert repeats.compared(replace(fallen, stamp_ns=40_000_000)) is Same.MEASUREMENT
+    fallen = replace(fixed, stamp_ns=ns(0.02), status=worse)
+    assert repeats.compared(fallen) is NEW
+    assert repeats.compared(replace(fallen, stamp_ns=ns(0.04))) is AGAIN
     # Fixed again with the old place: it was no fixed one.
-    assert repeats.compared(replace(fixed, stamp_ns=60_000_000)) is Same.MEASUREMENT
-
-
-NEW, AGAIN, VALUE = Same.NOTHING, Same.MEASUREMENT, Same.VALUE
+    assert repeats.compared(replace(fixed, stamp_ns=ns(0.06))) is AGAIN
 
 
 @pytest.mark.parametrize(

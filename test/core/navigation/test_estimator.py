@@ -8,50 +8,40 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flights import config_for, errors, flight, navigation_samples, rms, solutions
+from flights import (
+    config_for,
+    errors,
+    filtered,
+    flight,
+    navigation_samples,
+    rms,
+    without,
+)
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.navigation.estimator import Navigation
 from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.core.types.measurements import (
-    FixStatus,
-    HeadingSample,
-    ImuSample,
-    PositionSample,
-    Source,
-    VelocitySample,
-)
+from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample, ImuSample, Source
 from tirgeo_ros.core.types.verdicts import FilterState, Outcome
 
 DURATION_S = 8.0
 
 
-def fed(config=None, upto: int | None = None):
-    flown = flight(duration_s=DURATION_S)
-    navigation = Navigation(config or config_for(flown))
-    for sample in navigation_samples(flown)[:upto]:
-        navigation.process(sample)
-    return flown, navigation
-
-
-def newest(flown, kind, source=None):
-    return next(
-        s
-        for s in reversed(navigation_samples(flown))
-        if isinstance(s, kind) and (source is None or s.source is source)
-    )
+def newest(flown, source):
+    return next(s for s in reversed(navigation_samples(flown)) if s.source is source)
 
 
 def test_what_is_no_number_changes_nothing():
     """One fault of each kind of sample; ``test_sanity_checks`` has them all."""
-    flown, navigation = fed()
+    flown = flight(duration_s=DURATION_S)
+    navigation = filtered(flown).navigation
     nan3 = np.array([0.0, math.nan, 0.0])
     broken = [
-        replace(newest(flown, ImuSample), specific_force_b=nan3),
-        replace(newest(flown, PositionSample, Source.RTK_POSITION), latitude_rad=2.0),
-        replace(newest(flown, VelocitySample, Source.RTK_VELOCITY), velocity_n=nan3),
-        replace(newest(flown, HeadingSample), variance_rad2=math.inf),
+        replace(newest(flown, Source.IMU), specific_force_b=nan3),
+        replace(newest(flown, Source.RTK_POSITION), latitude_rad=2.0),
+        replace(newest(flown, Source.RTK_VELOCITY), velocity_n=nan3),
+        replace(newest(flown, Source.RTK_HEADING), variance_rad2=math.inf),
     ]
     before = navigation._ekf.belief()
     for sample in broken:
@@ -90,37 +80,24 @@ def test_states_and_reasons():
     assert status.last_reset == ""
 
 
-def imu_after(imu, seconds, rate_hz=100.0):
-    """A live IMU that goes on: every sample a little different."""
-    steps = range(1, round(seconds * rate_hz) + 1)
-    return [
-        replace(
-            imu,
-            stamp_ns=imu.stamp_ns + round(step * 1e9 / rate_hz),
-            angular_rate_b=imu.angular_rate_b + 1e-5 * (step % 7),
-        )
-        for step in steps
-    ]
-
-
 def test_silent_receiver_has_no_status():
-    flown, navigation = fed()
-    assert navigation.rtk_status is FixStatus.FIXED
-    samples = imu_after(newest(flown, ImuSample), 2.5)
-    for sample in samples[:150]:
-        navigation.process(sample)
-    assert navigation.rtk_status is FixStatus.FIXED
-    for sample in samples[150:]:
-        navigation.process(sample)
+    flown = flight(duration_s=DURATION_S)
+    navigation, imu = filtered(flown).navigation, newest(flown, Source.IMU)
+    for step in range(1, 251):  # a live IMU goes on: every sample a little different
+        rate_b = imu.angular_rate_b + 1e-5 * (step % 7)
+        stamp_ns = imu.stamp_ns + step * 10_000_000
+        navigation.process(replace(imu, stamp_ns=stamp_ns, angular_rate_b=rate_b))
+        if step in {1, 150}:
+            assert navigation.rtk_status is FixStatus.FIXED
     assert navigation.rtk_status is FixStatus.NONE
 
 
 def test_a_bag_played_again_starts_again():
     """Stamps that go back by more than a second: another run, so a new alignment."""
-    flown, navigation = fed()
+    flown = flight(duration_s=DURATION_S)
+    navigation = filtered(flown).navigation
     found = [navigation.process(s).solution for s in navigation_samples(flown)]
-    counts = navigation.status().counts
-    assert counts["imu", "time_jump"] == 1
+    assert navigation.status().counts["imu", "time_jump"] == 1
     assert navigation.status().state is FilterState.RUNNING
     late = errors(flown, [s for s in found if s is not None]).after(5.0)
     assert np.degrees(rms(late.rpy)).max() < 0.5
@@ -161,34 +138,8 @@ def test_configured_origin_must_be_on_earth():
     ],
 )
 def test_each_method_uses_its_sources(method, unused):
-    flown = flight(duration_s=DURATION_S)
-    _, navigation = fed(config_for(flown, method=method))
-    counts = navigation.status().counts
+    counts = filtered(flight(duration_s=DURATION_S), method=method).status.counts
     assert {source for source, outcome in counts if outcome == "unused"} == unused
-
-
-@pytest.mark.slow
-def test_methods_rank_in_position_and_heading():
-    """raw has GPS's errors; rtk the RTK's; the autopilot's heading stays in both."""
-    flown = flight(duration_s=60.0)
-    found = {
-        method: errors(flown, solutions(flown, config_for(flown, method=method))).after(20.0)
-        for method in ("raw", "rtk", "ekf", "ekf_heading")
-    }
-    position = {m: np.linalg.norm(rms(e.state[:, :3])) for m, e in found.items()}
-    heading = {m: rms(e.rpy)[2] for m, e in found.items()}
-    assert position["raw"] > 10 * position["rtk"]
-    assert position["rtk"] > position["ekf"]
-    assert heading["raw"] == pytest.approx(heading["rtk"])
-    assert heading["rtk"] > heading["ekf"] > heading["ekf_heading"]
-
-
-def flown_with(flown, change):
-    """Errors of what is published, and the last status; ``change(sample, t_s)`` spoils samples."""
-    start_ns, navigation = flown.truth.stamp_ns[0], Navigation(config_for(flown))
-    spoilt = (change(s, (s.stamp_ns - start_ns) * 1e-9) for s in navigation_samples(flown))
-    found = [navigation.process(s).solution for s in spoilt if s is not None]
-    return errors(flown, [s for s in found if s is not None]), navigation.status()
 
 
 def raised(sample, metres):
@@ -196,9 +147,8 @@ def raised(sample, metres):
 
 
 def turned(sample, radians):
-    if not isinstance(sample, HeadingSample):
-        return sample
-    return replace(sample, heading_rad=sample.heading_rad + radians)
+    headed = isinstance(sample, HeadingSample)
+    return replace(sample, heading_rad=sample.heading_rad + radians) if headed else sample
 
 
 @pytest.mark.parametrize(
@@ -210,8 +160,8 @@ def turned(sample, radians):
 )
 def test_a_wrong_start_is_noticed_and_mended(kind, change):
     """The alignment's fixes 50 m off, or its headings 90 deg: refused later, so reset."""
-    found, status = flown_with(flight(duration_s=20.0), change)
-    found = found.after(18.0)
+    found, _, navigation = filtered(flight(duration_s=20.0), change)
+    found, status = found.after(18.0), navigation.status()
     assert status.state is FilterState.RUNNING
     # One reset of that state (none where the start waits its doubt out), and the filter goes on.
     # A position 50 m off makes that of the ordinary GPS an error of 50 m for a while, too.
@@ -226,12 +176,13 @@ def test_a_wrong_start_is_noticed_and_mended(kind, change):
 def test_a_position_that_stays_away_is_followed_after_a_counted_reset(gps, patience_s):
     """3 m down for good from 5 s on; ordinary GPS, which may err by that, gives it less credit."""
 
-    def change(sample, t_s):
-        if not gps and getattr(sample, "source", None) is Source.GPS_POSITION:
-            return None
-        return raised(sample, 3.0 if t_s > 5.0 else 0.0)
+    dropped = without(*(() if gps else (Source.GPS_POSITION,)))
 
-    found, status = flown_with(flight(duration_s=5.0 + patience_s + 4.0), change)
+    def change(sample, t_s):
+        return dropped(raised(sample, 3.0 if t_s > 5.0 else 0.0), t_s)
+
+    found, _, navigation = filtered(flight(duration_s=5.0 + patience_s + 4.0), change)
+    status = navigation.status()
     assert status.resets == {"rtk_position": 1}
     assert status.last_reset.startswith("position moved by 3.")
     # Refusals at 5 Hz, the first at 5.2 s; the one after so long sets the state.
@@ -261,7 +212,8 @@ def test_a_position_that_stays_away_is_followed_after_a_counted_reset(gps, patie
     ],
 )
 def test_a_position_that_jumps_is_not_followed(duration_s, change, said, most_m):
-    found, status = flown_with(flight(duration_s=duration_s), change)
+    found, _, navigation = filtered(flight(duration_s=duration_s), change)
+    status = navigation.status()
     assert (status.state, status.reason) == said
     assert status.resets == {}
     assert np.abs(found.after(3.0).state[:, 2]).max() < most_m
@@ -285,4 +237,4 @@ def test_every_verdict_is_heard_also_those_on_samples_that_were_held():
 
 
 def is_rtk(sample):
-    return isinstance(sample, PositionSample) and sample.source is Source.RTK_POSITION
+    return sample.source is Source.RTK_POSITION

@@ -1,40 +1,30 @@
-"""The estimator's state from what the aids have done, and when it is lost."""
+"""The estimator's state from what the aids have done, when it is lost, and the mean NIS."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from filter_states import RTK, SECOND_NS, TIMEOUT_NS, ekf_config, used_at
+from flights import filtered, flight
 
-from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.config.schema import config_from
-from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack, Receivers
-from tirgeo_ros.core.navigation.filter_status import FilterHealth, disuse
-from tirgeo_ros.core.types.measurements import FixStatus, Source
+from tirgeo_ros.core.navigation.filter_status import FilterHealth, VerdictLog
+from tirgeo_ros.core.types.measurements import FixStatus, ImuSample, PositionSample, Source
 from tirgeo_ros.core.types.verdicts import FilterState, Outcome, Verdict
 
-SECOND_NS = 1_000_000_000
 NOW_NS = 1000 * SECOND_NS
-TIMEOUT_NS = SECOND_NS
 
 
 def health(**values):
-    given = {key.replace("__", "."): value for key, value in values.items()}
-    return FilterHealth(config_from(EkfConfig, {"trust.aid_timeout_s": 1.0} | given))
+    return FilterHealth(ekf_config(trust__aid_timeout_s=1.0, **values))
 
 
 def control_of(*sources, status=FixStatus.FIXED, age_ns=0):
     """These were used just now, or ``age_ns`` ago."""
-    control = AidStatus(Receivers(NOW_NS))
-    if status is not None:
-        control = control.heard(status, NOW_NS - age_ns, TIMEOUT_NS)
-    for source in sources:
-        control = control.with_track(source, AidTrack(NOW_NS - age_ns))
-    return control
-
-
-RTK = (Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING)
+    control = used_at(dict.fromkeys(sources, NOW_NS - age_ns))
+    return control.heard(status, NOW_NS - age_ns, TIMEOUT_NS)
 
 
 @pytest.mark.parametrize(
@@ -79,7 +69,10 @@ def test_a_float_fix_is_named():
 def test_what_comes_and_is_refused_is_said_to_be_refused():
     gated = Verdict(Source.RTK_HEADING, Outcome.GATED, "90 deg off; antennas swapped?")
     poor = Verdict(Source.RTK_VELOCITY, Outcome.NOT_FIXED, "status single")
-    told = {v.source: (NOW_NS - TIMEOUT_NS, disuse(v)) for v in (gated, poor)}
+    log = VerdictLog()
+    for verdict in (gated, poor):
+        log.add(verdict, NOW_NS - TIMEOUT_NS)
+    told = log.unused
     found = health().state(control_of(Source.GPS_POSITION), NOW_NS, told)
     reason = (
         "rtk/vel not used: status single, "
@@ -93,42 +86,25 @@ def test_what_comes_and_is_refused_is_said_to_be_refused():
 # Lost
 
 
-def covariance_of(position_m=0.01, heading_deg=0.1):
-    sigmas = np.full(18, 1e-3)
-    sigmas[2] = math.radians(heading_deg)
-    sigmas[6:9] = 0.01
-    sigmas[7] = position_m
-    return np.diag(sigmas**2)
+def covariance_of():
+    return np.diag([1e-3] * 6 + [1e-2] * 3 + [1e-3] * 9) ** 2
 
 
 @pytest.mark.parametrize(
-    ("sigmas", "why"),
+    ("place", "sigma", "why"),
     [
-        ({}, ""),
-        ({"position_m": 9.99}, ""),
-        ({"position_m": 10.01}, "position sigma 10.0 m"),
-        ({"heading_deg": 9.99}, ""),
-        ({"heading_deg": 10.01}, "heading sigma 10.0 deg"),
-        ({"position_m": math.nan}, "not finite"),
-        ({"heading_deg": math.nan}, "not finite"),
-    ],
-)
-def test_lost_beyond_the_sigmas(sigmas, why):
-    control = control_of(*RTK)
-    assert health().lost(control, covariance_of(**sigmas)) == why
-
-
-@pytest.mark.parametrize(
-    ("place", "variance", "why"),
-    [
+        (7, 9.99, ""),
+        *((place, 10.1, "position sigma 10.1 m") for place in (6, 7, 8)),
+        (2, math.radians(9.99), ""),
+        (2, math.radians(10.01), "heading sigma 10.0 deg"),
         *((place, bad, "not finite") for place in range(18) for bad in (math.nan, math.inf)),
-        *((place, 10.1**2, "position sigma 10.1 m") for place in (6, 7, 8)),
     ],
 )
-def test_lost_for_one_variance(place, variance, why):
+def test_lost_beyond_the_sigmas(place, sigma, why):
     covariance = covariance_of()
-    covariance[place, place] = variance
+    covariance[place, place] = sigma**2
     assert health().lost(control_of(*RTK), covariance) == why
+    assert health().spoiled(control_of(*RTK), covariance) is (why == "not finite")
 
 
 def test_lost_after_resets_that_do_not_help():
@@ -138,22 +114,88 @@ def test_lost_after_resets_that_do_not_help():
         control = control.with_reset(Source.RTK_POSITION, NOW_NS + second * SECOND_NS, 2.5)
     expected = "reset again and again: position moved by 2.50 m"
     assert health().lost(control, covariance_of()) == expected
+    assert health().spoiled(control, covariance_of())
 
 
-def test_lost_where_position_and_velocity_contradict():
-    control = control_of()
-    for k in range(11):
-        for source in RTK[:2]:
-            track = control.track(source).refused(NOW_NS + k * SECOND_NS // 5, (3.0 * k,), 0.1)
-            control = control.with_track(source, track)
-    judge = health(rtk__reset_after_s=2.0)
-    assert judge.lost(control, covariance_of()) == "rtk/fix and rtk/vel both contradict it"
-    assert judge.spoiled(control, covariance_of())
+# What a receiver admits
 
 
-def test_what_is_known_of_the_imu_outlives_large_sigmas_but_not_wrong_ones():
-    control, covariance = control_of(*RTK), covariance_of(position_m=100.0)
-    assert health().lost(control, covariance)
-    assert not health().spoiled(control, covariance)
-    covariance[0, 0] = math.nan
-    assert health().spoiled(control, covariance)
+def fix(variances, source=Source.GPS_POSITION, status=FixStatus.SINGLE):
+    return PositionSample(NOW_NS, source, status, 0.7, 2.0, 20.0, np.diag(variances))
+
+
+def test_bounds_and_words_of_what_is_admitted():
+    admitted = health()
+    assert admitted.bounds_m2() == [100.0] * 3
+    admitted.hear(fix((0.0, 0.0, 0.0)))
+    admitted.hear(fix((1e4,) * 3, status=FixStatus.NONE))
+    assert (admitted.bounds_m2(), admitted.poor_gps()) == ([100.0] * 3, "")
+    admitted.hear(fix((400.0, 25.0, 1e4)))
+    admitted.hear(fix((1e-4,) * 3, Source.RTK_POSITION, FixStatus.FIXED))
+    assert admitted.bounds_m2() == pytest.approx([900.0, 100.0, 22500.0])
+    assert admitted.poor_gps() == "gps/fix has a sigma of 20 m, 100 m in height"
+
+
+# Counts and innovations
+
+
+def filled(values, step_s=0.2, source=Source.RTK_VELOCITY):
+    log = VerdictLog()
+    for k, nis in enumerate(values):
+        verdict = Verdict(source, Outcome.USED, "", 0.1, (0.0,) * 3, nis)
+        log.add(verdict, round(k * step_s * SECOND_NS))
+    return log, round((len(values) - 1) * step_s * SECOND_NS)
+
+
+def test_the_mean_is_that_of_half_a_minute():
+    log, now_ns = filled([9.0] * 150 + [1.0] * 151)
+    assert log.nis(now_ns) == {"rtk_velocity": pytest.approx(1.0)}
+    log, now_ns = filled([9.0] * 225 + [1.0] * 76)
+    assert log.nis(now_ns)["rtk_velocity"] == pytest.approx((75 * 9 + 76) / 151)
+
+
+@pytest.mark.parametrize("number", [19, 20])
+def test_few_say_nothing(number):
+    log, now_ns = filled([9.0] * number)
+    assert bool(log.nis(now_ns)) is bool(list(log.warnings(now_ns))) is (number == 20)
+
+
+def test_what_is_high_is_named_with_what_to_look_at():
+    log, now_ns = filled([4.1] * 100)
+    (told,) = log.warnings(now_ns)
+    assert told.startswith("rtk/vel: innovations are 2.0 times their sigma over 30 s: look at ")
+    assert "rtk.velocity_delay_s" in told
+    assert ";" not in told  # which parts warnings in diagnostics
+    assert not list(filled([3.9] * 100)[0].warnings(now_ns))
+    assert not list(log.warnings(now_ns + 31 * SECOND_NS))  # silent since
+
+
+@pytest.mark.slow
+def test_a_flight_whose_velocities_are_late_is_warned_of():
+    """A good one has a NIS of 1 and no warning; 0.15 s at 1.5 m/s2 are 0.22 m/s, 11 sigma."""
+    flown = flight(duration_s=45.0)
+    found = filtered(flown).status
+    late = filtered(flown, rtk__velocity_delay_s=-0.15, rtk__gate_sigma=1e3).status
+    # 150 velocities of three axes: the mean of squares has a spread of sqrt(2 / 450).
+    assert found.nis["rtk_velocity"] == pytest.approx(1.0, abs=4 * math.sqrt(2 / 450))
+    assert set(found.nis) >= {"rtk_position", "rtk_velocity", "rtk_heading"}
+    assert found.warnings == ()
+    assert np.all(np.array(found.vibration) > 0)
+    assert found.process_noise == "parameters"
+    (told,) = [text for text in late.warnings if text.startswith("rtk/vel")]
+    assert "rtk.velocity_delay_s" in told
+
+
+def test_vibration_takes_over_from_the_parameters():
+    rng = np.random.default_rng(3)
+
+    def shaken(sample, _):
+        if not isinstance(sample, ImuSample):
+            return sample
+        force_b = sample.specific_force_b + rng.normal(size=3) * 2.0
+        return replace(sample, specific_force_b=force_b)
+
+    status = filtered(flight(duration_s=12.0), shaken).status
+    assert status.process_noise == "vibration"
+    # 2 m/s2 at 100 Hz are 0.2 m/s/sqrt(s); the mean of 3 s is good to 8 %, five of these.
+    assert status.vibration[3:] == pytest.approx([0.2] * 3, rel=0.4)

@@ -12,19 +12,16 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from filter_states import NOW_NS, belief_of, state_of
-from flights import config_for, errors, navigation_samples, rms
+from filter_states import NOW_NS, ZERO, belief_of, ekf_config, state_of
+from flights import filtered, rms
 from hypothesis import given
 from hypothesis import strategies as st
 
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import HeadingAid, interval_measurement
-from tirgeo_ros.core.navigation.estimator import Navigation
 from tirgeo_ros.core.navigation.kalman import update
-from tirgeo_ros.core.types.measurements import HeadingSample, Source
-from tirgeo_ros.core.types.verdicts import Outcome
-from tirgeo_ros.tools.simulate.flight import SimulatedFlight, fly
+from tirgeo_ros.core.types.measurements import HeadingSample
+from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from
 
 STEP_DEG = 1.0
@@ -111,13 +108,11 @@ def test_interval_leaves_the_moments_of_the_exact_posterior(off, predicted, sigm
 
 
 def _aided(heading_deg: float, **values: float):
-    given = {f"heading.{key}": value for key, value in values.items()}
-    measured = {"aircraft.rtk_antenna_sigma_m": (0.0, 0.0, 0.0)}
-    config = config_from(EkfConfig, given | measured)
+    config = ekf_config(**{f"heading__{key}": value for key, value in values.items()})
     covariance = np.eye(18) * math.radians(0.03) ** 2
     sample = HeadingSample(NOW_NS, math.radians(heading_deg), math.radians(0.05) ** 2)
     belief = belief_of(state_of(0.0, 0.0, 0.0), 18, covariance)
-    aid = HeadingAid(config).measured(sample, belief, (0.0,) * 3)[0]
+    aid = HeadingAid(config).measured(sample, belief, ZERO)[0]
     return covariance, aid.measurement
 
 
@@ -141,25 +136,19 @@ def test_a_reading_that_contradicts_the_state_is_taken_as_a_number(heading_deg):
     assert (update(covariance, measurement).error is None) == (heading_deg > 4 * 0.3)
 
 
-def _quiet_flight(shape: str) -> SimulatedFlight:
+@pytest.mark.slow
+@pytest.mark.parametrize("shape", ["lawnmower", "hover"])
+def test_no_heading_of_a_quiet_receiver_is_refused(shape):
     """In turns the rounding flips by up to a degree; on legs it is 0.4 deg, all the time."""
     values = {"route.shape": shape, "route.heading_deg": 20.4, "heading.sigma_deg": 0.05}
     flight = fly(scenario_from({**values, "duration_s": 50.0}), 3)
     assert flight.scenario.heading.step_deg == STEP_DEG
-    return flight
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("shape", ["lawnmower", "hover"])
-def test_no_heading_of_a_quiet_receiver_is_refused(shape):
-    flight = _quiet_flight(shape)
     found_deg = []
     for values in ({}, {"heading__resolution_deg": 1.0, "heading__sigma_floor_deg": 0.05}):
-        navigation = Navigation(config_for(flight, **values))
-        steps = [navigation.process(sample) for sample in navigation_samples(flight)]
-        outcomes = [s.verdict.outcome for s in steps if s.verdict.source is Source.RTK_HEADING]
-        assert outcomes.count(Outcome.USED) > 200  # 5 Hz, less the start
-        assert not {Outcome.GATED, Outcome.RESET} & set(outcomes)
-        late = errors(flight, [s.solution for s in steps if s.solution]).after(20.0)
-        found_deg.append(math.degrees(rms(late.rpy)[2]))
+        found = filtered(flight, **values)
+        counted = found.status.counts.items()
+        counts = {o: n for (source, o), n in counted if source == "rtk_heading"}
+        assert counts["used"] > 200  # 5 Hz, less the start
+        assert not {"gated", "reset"} & set(counts)
+        found_deg.append(math.degrees(rms(found.errors.after(20.0).rpy)[2]))
     assert found_deg[1] < 0.6 * found_deg[0]

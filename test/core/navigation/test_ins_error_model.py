@@ -6,33 +6,28 @@ import math
 
 import numpy as np
 import pytest
+from filter_states import ekf_config
 from hypothesis import given
 from hypothesis import strategies as st
 from motions import difference, state_at
 
 from tirgeo_ros.core.config import EkfConfig, ImuConfig
 from tirgeo_ros.core.config.schema import config_from
-from tirgeo_ros.core.frames.rotations import (
-    matrix_from_quat,
-)
+from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.navigation.ins_error_model import (
     ANTENNA,
     GPS_ERROR,
     STATES,
     CovariancePropagation,
-    dynamics,
     feedback,
     has_antenna,
     heading_error,
-    noise_density,
     states_of,
 )
 from tirgeo_ros.core.navigation.strapdown import propagate
 
-IMU = ImuConfig()
-MEASURED = {"aircraft.rtk_antenna_sigma_m": (0.0, 0.0, 0.0)}
-CONFIG = config_from(EkfConfig, MEASURED)
-WITH_HEADING_ERROR = config_from(EkfConfig, MEASURED | {"heading.bias_sigma_deg": 2.0})
+IMU, CONFIG = ImuConfig(), ekf_config()
+WITH_HEADING_ERROR = ekf_config(heading__bias_sigma_deg=2.0)
 WITH_ANTENNA = EkfConfig()  # not measured
 WITH_BOTH = config_from(EkfConfig, {"heading.bias_sigma_deg": 2.0})
 #: Steps of the differences: small against the curvature of the model, large against rounding.
@@ -46,6 +41,13 @@ def state_of(lat, roll, pitch, yaw, velocity_n):
     return state_at(lat, 1.0, 120.0, tuple(velocity_n), (roll, pitch, yaw), **biases)
 
 
+def dynamics(state, rates):
+    """F (15, 15) as the propagation of the covariance writes it."""
+    propagation = CovariancePropagation(CONFIG)
+    propagation.step(np.eye(18), state, rates, rates.specific_force_n, 0.01)
+    return propagation._f[:STATES, :STATES]
+
+
 angles = st.floats(-0.5, 0.5)
 speeds = st.tuples(st.floats(-20, 20), st.floats(-20, 20), st.floats(-5, 5))
 
@@ -56,7 +58,7 @@ def test_dynamics_are_the_derivative_of_the_mechanisation(lat, roll, pitch, yaw,
     state = state_of(lat, roll, pitch, yaw, velocity)
     force, rate, step = (1.0, -2.0, -9.5), (0.1, -0.2, 0.3), 1e-3
     after, rates = propagate(state, force, rate, step)
-    f = dynamics(state, rates, IMU)
+    f = dynamics(state, rates)
     for column in range(STATES):
         error = np.zeros(STATES)
         error[column] = STEPS[column]
@@ -78,7 +80,7 @@ def test_small_terms_of_the_dynamics():
     state = state_of(0.7, 0.0, 0.0, 0.0, (20.0, 15.0, -2.0))
     state = state._replace(gyro_bias_b=(0.0,) * 3, accel_bias_b=(0.0,) * 3)
     _, rates = propagate(state, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1e-6)
-    f = dynamics(state, rates, IMU)
+    f = dynamics(state, rates)
     for column, size in [(3, 10.0), (4, 10.0), (5, 10.0), (6, 1e4), (7, 1e4), (8, 1e3)]:
         error = np.zeros(STATES)
         error[column] = size
@@ -134,17 +136,15 @@ def test_step_is_the_transition_of_the_dynamics():
     root = rng.normal(size=(18, 18)) * scales[:, None]
     before = root @ root.T
     f = np.zeros((18, 18))
-    f[:15, :15] = dynamics(state, rates, IMU)
+    f[:15, :15] = dynamics(state, rates)
     f[15:, 15:] = -np.eye(3) / CONFIG.gps.position_time_s
     phi = np.eye(18) + 0.04 * f + 0.5 * (0.04 * f) @ (0.04 * f)
-    noise = np.zeros((18, 18))
-    rotation = matrix_from_quat(np.array(state.q_nb))
-    density = noise_density(IMU)
-    noise[:3, :3] = rotation @ np.diag(density[:3]) @ rotation.T
-    noise[3:6, 3:6] = rotation @ np.diag(density[3:6]) @ rotation.T
-    noise[9:15, 9:15] = np.diag(density[9:])
-    gps = np.square(CONFIG.gps.position_sigma_m) * 2 / CONFIG.gps.position_time_s
-    noise[15:, 15:] = np.diag(gps)
+    rotation, gps = matrix_from_quat(np.array(state.q_nb)), CONFIG.gps
+    sigmas = [*IMU.gyro_bias_instability, *IMU.accel_bias_instability, *gps.position_sigma_m]
+    times_s = [*IMU.gyro_bias_time_s, *IMU.accel_bias_time_s, *[gps.position_time_s] * 3]
+    noise = np.diag(np.r_[np.zeros(9), 2 * np.square(sigmas) / times_s])
+    noise[:3, :3] = rotation @ np.diag(np.square(IMU.angle_random_walk)) @ rotation.T
+    noise[3:6, 3:6] = rotation @ np.diag(np.square(IMU.velocity_random_walk)) @ rotation.T
     expected = phi @ before @ phi.T + 0.04 * noise
     step = CovariancePropagation(CONFIG).step
     found = step(before, state, rates, rates.specific_force_n, 0.04)

@@ -2,39 +2,34 @@
 
 from __future__ import annotations
 
+import functools
 from collections import Counter
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from flights import config_for, flight, navigation_samples
+from alignments import aligned
+from flights import GPS, RTK, config_for, flight, navigation_samples, without
 
-from tirgeo_ros.core.navigation.alignment.aligner import Aligner
 from tirgeo_ros.core.navigation.ekf import Ekf
 from tirgeo_ros.core.types.measurements import (
     FixStatus,
     HeadingSample,
     ImuSample,
-    PositionSample,
     Source,
 )
 from tirgeo_ros.core.types.verdicts import Outcome
+from tirgeo_ros.tools.simulate.flight import fly
+from tirgeo_ros.tools.simulate.scenario import scenario_from
 
 
 def started(flown, samples, **values):
     """A filter just aligned, and the samples that come after."""
-    config = config_for(flown, **values)
-    aligner = Aligner(config, use_heading=True)
-    for index, sample in enumerate(samples):
-        found = aligner.add(sample)
-        if found is not None:
-            filter_ = Ekf(config, found)
-            for imu in found.imu[1:]:
-                filter_.add_imu(imu)
-            for later in found.later:
-                filter_.add_aiding(later)
-            return filter_, samples[index + 1 :]
-    raise AssertionError("no alignment")
+    config, rest = config_for(flown, **values), iter(samples)
+    found, _ = aligned(rest, config)
+    filter_ = Ekf(config, found)
+    run(filter_, (*found.imu[1:], *found.later))
+    return filter_, list(rest)
 
 
 def run(filter_, samples):
@@ -48,8 +43,8 @@ def run(filter_, samples):
     return verdicts
 
 
-def is_gps(sample):
-    return getattr(sample, "source", None) in {Source.GPS_POSITION, Source.GPS_VELOCITY}
+def fixes_of(samples):
+    return [s for s in samples if s.source is Source.RTK_POSITION]
 
 
 def between_imu_samples(sample, _):
@@ -57,27 +52,25 @@ def between_imu_samples(sample, _):
 
 
 def gps_between_imu_samples(sample, _):
-    return between_imu_samples(sample, _) if is_gps(sample) else sample
+    return between_imu_samples(sample, _) if sample.source in GPS else sample
 
 
-def outage(sample, t_s):
-    return None if not is_gps(sample) and 4.0 < t_s < 8.0 else sample
+outage = without(*RTK, begin_s=4.0, end_s=8.0)
 
 
-def rtk_status(status):
+def rtk_position(begin_s=3.0, end_s=7.0, height_m=0.0, **changes):
+    """RTK's positions changed for a while."""
+
     def change(sample, t_s):
-        if isinstance(sample, PositionSample) and not is_gps(sample) and 3.0 < t_s < 7.0:
-            return replace(sample, status=status)
-        return sample
+        if sample.source is not Source.RTK_POSITION or not begin_s < t_s < end_s:
+            return sample
+        return replace(sample, height_m=sample.height_m + height_m, **changes)
 
     return change
 
 
-def jump_of_position(sample, t_s):
-    """For four seconds, so the state follows: refusals, a reset, and another one back."""
-    if isinstance(sample, PositionSample) and not is_gps(sample) and 3.0 < t_s < 7.0:
-        return replace(sample, height_m=sample.height_m + 5.0)
-    return sample
+#: For four seconds, so the state follows: refusals, a reset, and another one back.
+jump_of_position = rtk_position(height_m=5.0)
 
 
 def wrong_headings(sample, t_s):
@@ -89,14 +82,11 @@ def wrong_headings(sample, t_s):
 def changed_samples(flown, change):
     """All samples but the end's, each aiding one changed with its seconds from the start."""
     start_ns, end_ns = flown.truth.stamp_ns[0], flown.truth.stamp_ns[-1] - 500_000_000
-    kept = []
-    for sample in navigation_samples(flown):
-        if not isinstance(sample, ImuSample):
-            if sample.stamp_ns > end_ns:
-                continue
-            kept.append(change(sample, (sample.stamp_ns - start_ns) * 1e-9))
-        else:
-            kept.append(sample)
+    kept = [
+        s if isinstance(s, ImuSample) else change(s, (s.stamp_ns - start_ns) * 1e-9)
+        for s in navigation_samples(flown)
+        if isinstance(s, ImuSample) or s.stamp_ns <= end_ns
+    ]
     return [sample for sample in kept if sample is not None]
 
 
@@ -114,12 +104,27 @@ CHANGES = {
     "between": between_imu_samples,
     "gps_between": gps_between_imu_samples,
     "outage": outage,
-    "float": rtk_status(FixStatus.FLOAT),
-    "no_fix": rtk_status(FixStatus.NONE),
+    "float": rtk_position(status=FixStatus.FLOAT),
+    "no_fix": rtk_position(status=FixStatus.NONE),
     "jump": jump_of_position,
     "wrong_headings": wrong_headings,
+    "barometer": without(*RTK, *GPS, begin_s=4.0),
     "outage_between": lambda sample, t_s: outage(gps_between_imu_samples(sample, t_s), t_s),
 }
+
+
+#: A heading error to estimate, and a barometer good enough to be used within seconds.
+VALUES = {
+    "heading__bias_sigma_deg": 1.0,
+    "barometer__sigma_m": 0.01,
+    "barometer__noise_m": 0.02,
+    "barometer__drift": 0.001,
+}
+
+
+@functools.cache
+def with_barometer():
+    return fly(scenario_from({"barometer.rate_hz": 10.0, "duration_s": 12.0}, "test"), 2)
 
 
 @pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES)
@@ -128,14 +133,14 @@ def test_late_measurements_give_the_timely_result(change):
 
     Of what the aids have done too, so their decisions are those of the measurements' order.
     """
-    flown = flight(duration_s=12.0)
+    flown = with_barometer()
     samples = changed_samples(flown, change)
-    timely, rest = started(flown, samples, heading__bias_sigma_deg=1.0)
+    timely, rest = started(flown, samples, **VALUES)
     by_stamp = sorted(rest, key=lambda s: (s.stamp_ns, not isinstance(s, ImuSample)))
     run(timely, by_stamp)
     expected = timely.belief()
     for seed in range(3):
-        late, _ = started(flown, samples, heading__bias_sigma_deg=1.0)
+        late, _ = started(flown, samples, **VALUES)
         run(late, shuffled_by(np.random.default_rng(seed), by_stamp))
         found = late.belief()
         # The same operations in the same order: equal to the last bit.
@@ -146,10 +151,10 @@ def test_late_measurements_give_the_timely_result(change):
 
 def test_the_changes_above_change_what_is_done():
     """Each phase of the test above has the verdicts that it is there for."""
-    flown = flight(duration_s=12.0)
+    flown = with_barometer()
 
     def counts(change):
-        filter_, rest = started(flown, changed_samples(flown, change))
+        filter_, rest = started(flown, changed_samples(flown, change), **VALUES)
         rest = sorted(rest, key=lambda s: (s.stamp_ns, not isinstance(s, ImuSample)))
         return Counter((v.source, v.outcome) for v in run(filter_, rest))
 
@@ -163,17 +168,14 @@ def test_the_changes_above_change_what_is_done():
     assert counts(CHANGES["no_fix"])[Source.RTK_VELOCITY, Outcome.NOT_FIXED] > 15
     assert counts(jump_of_position)[Source.RTK_POSITION, Outcome.GATED] > 5
     assert counts(wrong_headings)[Source.RTK_HEADING, Outcome.GATED] > 15
+    assert counts(CHANGES["barometer"])[Source.BAROMETER, Outcome.USED] > 10
 
 
 def test_a_measurement_before_its_imu_sample_is_held_and_used():
     flown = flight(duration_s=8.0)
     filter_, rest = started(flown, navigation_samples(flown))
     imu = [s for s in rest if isinstance(s, ImuSample)]
-    fix = next(
-        s
-        for s in rest
-        if isinstance(s, PositionSample) and not is_gps(s) and s.stamp_ns > imu[0].stamp_ns
-    )
+    fix = next(s for s in fixes_of(rest) if s.stamp_ns > imu[0].stamp_ns)
     early = [s for s in imu if s.stamp_ns < fix.stamp_ns]
     run(filter_, early)
     assert filter_.add_aiding(fix).outcome is Outcome.WAITING
@@ -187,7 +189,7 @@ def test_refusals():
     flown = flight(duration_s=8.0)
     filter_, rest = started(flown, navigation_samples(flown))
     run(filter_, rest)
-    fix = [s for s in rest if isinstance(s, PositionSample) and not is_gps(s)][-1]
+    fix = fixes_of(rest)[-1]
     newest = filter_.newest_ns
     assert filter_.add_aiding(fix).outcome is Outcome.REPEATED
     old = replace(fix, stamp_ns=newest - 500_000_001)
@@ -213,6 +215,6 @@ def test_the_history_is_as_long_as_the_delay():
         lengths.append(len(filter_._epochs))
     # 0.5 s at 100 Hz, forgotten in batches of 64, one before.
     assert max(lengths) <= 50 + 64 + 2
-    fix = [s for s in rest if isinstance(s, PositionSample) and not is_gps(s)][-1]
+    fix = fixes_of(rest)[-1]
     oldest = replace(fix, stamp_ns=filter_.newest_ns - 500_000_000)
     assert filter_.add_aiding(oldest).outcome is not Outcome.TOO_OLD

@@ -13,7 +13,7 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, Receivers
 from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate
-from tirgeo_ros.core.navigation.delayed_measurements import Carried, Epoch
+from tirgeo_ros.core.navigation.delayed_measurements import Epoch
 from tirgeo_ros.core.navigation.ins_error_model import CovariancePropagation
 from tirgeo_ros.core.navigation.propagation import Propagation
 from tirgeo_ros.core.navigation.strapdown import propagate
@@ -40,28 +40,28 @@ def turning(t_s):
 
 
 def epochs_of(stamps_s, readings=turning, first=None):
-    samples = [ImuSample(round(t * 1e9), *readings(t)) for t in stamps_s]
-    epochs = [Epoch.first(samples[0].stamp_ns, samples[0], first or belief())]
+    first_sample, *samples = (ImuSample(round(t * 1e9), *readings(t)) for t in stamps_s)
+    epochs = [Epoch.first(first_sample.stamp_ns, first_sample, first or belief())]
     meter = VibrationMeter()
-    for sample in samples[1:]:
+    for sample in samples:
         epochs.append(Epoch.after(epochs[-1], sample, meter))
     return epochs
 
 
-def carried_through(epochs, config=CONFIG):
-    mechanisation = Propagation(config)
-    carried = epochs[0].carried
+def carried_through(epochs):
+    """The belief at the last epoch, its covariance too."""
+    mechanisation, carried = Propagation(CONFIG), epochs[0].carried
     for start, end in pairwise(epochs):
         start.carried = carried
         carried = mechanisation.whole(carried, start, end)
-    return carried, mechanisation.followed(carried)
+    return mechanisation.followed(carried)
 
 
 @pytest.mark.parametrize("rate_hz", [50, 100, 200, 400])
 def test_covariance_at_its_own_rate_is_that_of_small_steps(rate_hz):
     """Two seconds of turns, against a covariance that follows at 400 Hz."""
     stamps = np.arange(0, 2.0 + 1e-9, 1 / rate_hz)
-    _, found = carried_through(epochs_of(stamps))
+    found = carried_through(epochs_of(stamps))
     state, covariance = belief()[:2]
     propagation = CovariancePropagation(CONFIG)
     for k in range(800):
@@ -99,11 +99,8 @@ def test_parts_of_an_interval_are_the_whole(cuts_s):
 @pytest.mark.parametrize(("gap_s", "bridged"), [(0.02, False), (0.035, False), (0.04, True)])
 def test_lost_samples_make_less_certain(gap_s, bridged):
     """One sample of a 50 Hz IMU with jitter is not a loss, two are."""
-    start, end = epochs_of([0.0, gap_s])
-    mechanisation = Propagation(CONFIG)
-    found = mechanisation.followed(mechanisation.whole(start.carried, start, end))
-    no_gap, _ = epochs_of([0.0, 1e-6])
-    plain = np.diag(no_gap.carried.covariance)[:3]
+    found = carried_through(epochs_of([0.0, gap_s]))
+    plain = np.diag(belief().covariance)[:3]
     widened = np.diag(found.covariance)[:3] - plain > (0.05 * gap_s) ** 2 * 0.9
     assert widened.all() == bridged
 
@@ -128,22 +125,15 @@ def test_monte_carlo_of_lost_samples(gap_s):
     ratios = []
     for _ in range(60):
         times, force, rate = flown(rng, 0.5)
-        state = START
-        begin = 40
-        gap = round(gap_s * 400)
-        for k in range(begin):
-            mean = tuple((force[k] + force[k + 1]) / 2), tuple((rate[k] + rate[k + 1]) / 2)
-            state, _ = propagate(state, *mean, 1 / 400)
-        truth = state
-        for k in range(begin, begin + gap):
+        begin, end = 40, 40 + round(gap_s * 400)
+        truth = START
+        for k in range(end):
+            if k == begin:
+                certain = StateEstimate(truth, np.zeros((18, 18)), AidStatus(Receivers(0)))
             mean = tuple((force[k] + force[k + 1]) / 2), tuple((rate[k] + rate[k + 1]) / 2)
             truth, _ = propagate(truth, *mean, 1 / 400)
-        certain = StateEstimate(state, np.zeros((18, 18)), AidStatus(Receivers(0)))
-        ends = [ImuSample(round(times[k] * 1e9), force[k], rate[k]) for k in (begin, begin + gap)]
-        start = Epoch.first(ends[0].stamp_ns, ends[0], certain)
-        end = Epoch.after(start, ends[1], VibrationMeter())
-        mechanisation = Propagation(CONFIG)
-        found = mechanisation.followed(mechanisation.whole(Carried(*certain), start, end))
+        read = {times[k]: (force[k], rate[k]) for k in (begin, end)}
+        found = carried_through(epochs_of(read, read.get, certain))
         error = difference(truth, found.state)[:9]
         ratios.append(error / np.sqrt(np.diag(found.covariance)[:9]))
     blocks = np.sqrt(np.mean(np.square(ratios), axis=0)).reshape(3, 3)
@@ -152,9 +142,8 @@ def test_monte_carlo_of_lost_samples(gap_s):
 
 def test_a_gap_covers_a_clock_that_was_set_forward():
     """Nothing was lost, 0.15 s never were: the state is too far on, and says that it may be."""
-    start, end = epochs_of([0.0, 0.15], lambda _: (np.array([0.5, 0, -9.8]), np.zeros(3)))
-    mechanisation = Propagation(CONFIG)
-    found = mechanisation.followed(mechanisation.whole(start.carried, start, end))
+    readings = np.array([0.5, 0, -9.8]), np.zeros(3)
+    found = carried_through(epochs_of([0.0, 0.15], lambda _: readings))
     moved_m = 0.15 * math.hypot(*START.velocity_n)
     sigma_m = math.sqrt(max(np.diag(found.covariance)[6:9]))
     assert moved_m < 3 * sigma_m

@@ -31,6 +31,10 @@ RATE_B = np.array([0.4, -0.7, 1.1])
 PLACE_B = (0.12, -0.2, -0.45)
 STATE = state_of(0.3, -0.2, 2.0)
 UP_M = 0.3
+MOUNTED = {
+    "aircraft.rtk_antenna_m": (0.0, 0.0, 0.25),
+    "aircraft.rtk_antenna_sigma_m": (0.0, 0.0, 0.1),
+}
 
 
 def antennas_solution(error, covariance=None):
@@ -92,17 +96,8 @@ def test_the_covariance_is_that_of_the_differences(seed):
 
 def flown_with(shape, seed, config, up_m=UP_M):
     """A flight of 60 s with the antenna above the IMU; what is published, and the belief."""
-    flight = fly(
-        scenario_from(
-            {
-                "duration_s": 60.0,
-                "route.shape": shape,
-                "rtk.lever_arm_m": (0.0, 0.0, up_m),
-                "rtk.second_antenna_m": (1.0, 0.0, up_m),
-            }
-        ),
-        seed,
-    )
+    places = {"rtk.lever_arm_m": (0.0, 0.0, up_m), "rtk.second_antenna_m": (1.0, 0.0, up_m)}
+    flight = fly(scenario_from({"duration_s": 60.0, "route.shape": shape, **places}), seed)
     navigation = Navigation(config or config_for(flight))
     steps = [navigation.process(sample) for sample in navigation_samples(flight)]
     published = [step.solution for step in steps if step.solution is not None]
@@ -157,13 +152,7 @@ def test_an_antenna_that_nobody_measured_is_where_base_link_begins(shape):
         ({"aircraft.rtk_antenna_m": (0.0, 0.0, 0.3)}, 18),
         ({"aircraft.rtk_antenna_sigma_m": (0.0, 0.0, 0.0)}, 18),
         ({"aircraft.imu_m": (0.0, 0.0, -0.3)}, 18),  # the tape began at the antenna
-        (
-            {
-                "aircraft.rtk_antenna_m": (0.0, 0.0, 0.3),
-                "aircraft.rtk_antenna_sigma_m": (0.0, 0.0, 0.02),
-            },
-            21,
-        ),
+        (MOUNTED, 21),
     ],
 )
 def test_the_parameters_say_whether_the_place_is_estimated(values, states):
@@ -171,11 +160,7 @@ def test_the_parameters_say_whether_the_place_is_estimated(values, states):
 
 
 def test_a_place_that_is_estimated_from_a_measured_one_leaves_base_link_at_the_imu():
-    values = {
-        "aircraft.rtk_antenna_m": (0.0, 0.0, 0.25),
-        "aircraft.rtk_antenna_sigma_m": (0.0, 0.0, 0.1),
-    }
-    flight, published, belief = flown_with("figure_eight", 2, config_from(EkfConfig, values))
+    flight, published, belief = flown_with("figure_eight", 2, config_from(EkfConfig, MOUNTED))
     late = errors(flight, published).after(20.0)
     sigma_m = float(np.sqrt(belief.covariance[20, 20]))
     # Five centimetres to find; down and the height found are one error.

@@ -16,12 +16,10 @@ _LEAST_AIDS = 5
 _LONGEST_LEAD_NS = 500_000_000
 #: Offsets observed longer ago than this are not reported.
 _AGE_NS = 2_000_000_000
-#: Offsets that differ by less than this are reported as one clock.
-_SAME_NS = 500_000_000
 #: A shorter lag is reported as a latency, a longer one as another clock.
 _LONGEST_DELAY_NS = 5_000_000_000
-#: GPS time minus UTC: the leap seconds since 1980 (unchanged since 2017).
-_GPS_LESS_UTC_NS = 18_000_000_000
+#: GPS time minus UTC, the leap seconds since 1980 (unchanged since 2017), and a tolerance.
+_GPS_LESS_UTC_NS, _LEAP_NS = 18_000_000_000, 1_000_000_000
 
 
 class AidClocks:
@@ -74,30 +72,21 @@ class AidClocks:
 
     @property
     def offsets(self) -> str:
-        """Return the topics out of the IMU's reach, with their offset and its likely cause.
-
-        The string is empty where there are none. Topics with one offset share a phrase.
-        """
+        """Return the topics out of the IMU's reach, with the first one's offset and cause."""
         imu_ns = self.imu_ns
         if not self._offsets or imu_ns is None:
             return ""
         recent = {s: off for s, (off, at) in self._offsets.items() if imu_ns - at <= _AGE_NS}
-        phrases = []
-        left = sorted(recent, key=PLACE.__getitem__)
-        while left:
-            offset_ns = recent[left[0]]
-            alike = [s for s in left if abs(recent[s] - offset_ns) <= _SAME_NS]
-            phrases.append(self._phrase([s.topic for s in alike], offset_ns))
-            left = [s for s in left if s not in alike]
-        return "; ".join(phrases)
-
-    def _phrase(self, topics: list[str], offset_ns: int) -> str:
+        if not recent:
+            return ""
+        first, *others = sorted(recent, key=PLACE.__getitem__)
+        offset_ns = recent[first]
         off = f"{abs(offset_ns) * 1e-9:.1f} s {'ahead of' if offset_ns > 0 else 'behind'} imu/data"
         if -_LONGEST_DELAY_NS < offset_ns < 0:
             why = f"more than max_delay_s, {self._max_delay_s:g} s"
         else:
             why = "same clock?"
-            if abs(abs(offset_ns) - _GPS_LESS_UTC_NS) <= 2 * _SAME_NS:
+            if abs(abs(offset_ns) - _GPS_LESS_UTC_NS) <= _LEAP_NS:
                 why += " (GPS time is 18 s ahead of UTC)"
-        too = f"; {', '.join(topics[1:])} too" if topics[1:] else ""
-        return f"{topics[0]} is {off}: {why}{too}"
+        too = f"; {', '.join(source.topic for source in others)} too" if others else ""
+        return f"{first.topic} is {off}: {why}{too}"

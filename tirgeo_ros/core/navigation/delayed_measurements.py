@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from tirgeo_ros.core.navigation.aiding.aid_status import PLACE, AidStatus
-from tirgeo_ros.core.navigation.aiding.state_estimate import AidSample, StateEstimate, source_of
+from tirgeo_ros.core.navigation.aiding.state_estimate import AidSample, StateEstimate
 from tirgeo_ros.core.navigation.strapdown import NavState, Rates
 from tirgeo_ros.core.navigation.vibration_noise import STILL, Powers, VibrationMeter
 from tirgeo_ros.core.types.arrays import Array, Vector
@@ -51,8 +51,8 @@ class HistoryRecord:
     @classmethod
     def of(cls, sample: AidSample, *, stale: bool = False) -> HistoryRecord:
         """Return the record of a sample."""
-        source = source_of(sample)
-        return cls(sample.stamp_ns, (sample.stamp_ns, PLACE[source]), source, sample, stale)
+        order = sample.stamp_ns, PLACE[sample.source]
+        return cls(sample.stamp_ns, order, sample.source, sample, stale)
 
 
 @dataclass(slots=True, eq=False)
@@ -100,18 +100,12 @@ class Epoch:
 
 
 def between(start: Epoch, end: Epoch, stamp_ns: int) -> tuple[Vector, Vector]:
-    """Return specific force (m/s2) and angular rate (rad/s) in ``b`` at ``stamp_ns``.
-
-    They are interpolated linearly between the samples of the two epochs.
-    """
+    """Return specific force (m/s2) and angular rate (rad/s) in ``b``, interpolated linearly."""
     share = (stamp_ns - start.stamp_ns) / (end.stamp_ns - start.stamp_ns)
-    return mixed(start.force_b, end.force_b, share), mixed(start.rate_b, end.rate_b, share)
-
-
-def mixed(a: Vector, b: Vector, share: float) -> Vector:
-    """Return ``a + share (b - a)``."""
-    x, y, z = a
-    return x + share * (b[0] - x), y + share * (b[1] - y), z + share * (b[2] - z)
+    (x, y, z), (p, q, r) = start.force_b, start.rate_b
+    (fx, fy, fz), (wx, wy, wz) = end.force_b, end.rate_b
+    force_b = x + share * (fx - x), y + share * (fy - y), z + share * (fz - z)
+    return force_b, (p + share * (wx - p), q + share * (wy - q), r + share * (wz - r))
 
 
 def put(records: list[HistoryRecord], record: HistoryRecord) -> bool:

@@ -31,9 +31,11 @@ class Delays(NamedTuple):
     def ahead_ns(self) -> int:
         """Return how far the corrected stamp of an aid may be ahead of the IMU's on arrival.
 
-        It is the IMU's delay less the smallest delay of an aid, and never negative.
+        It is the IMU's delay less the smallest delay of an aid, and never negative. A barometer
+        without a delay does not count: most aircraft have none here.
         """
-        return max(0, self.imu_ns - min(self.aid_ns.values()))
+        delays_ns = (ns for s, ns in self.aid_ns.items() if ns or s is not Source.BAROMETER)
+        return max(0, self.imu_ns - min(delays_ns))
 
 
 def longest_hold_s(config: EkfConfig) -> float:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import statistics
 from collections import deque
 from enum import Enum
 from itertools import pairwise
 
-from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding, source_of
+from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding
 from tirgeo_ros.core.types.measurements import (
     FixStatus,
     HeadingSample,
@@ -15,8 +16,7 @@ from tirgeo_ros.core.types.measurements import (
     VelocitySample,
 )
 
-#: A value repeated after longer than this is a new measurement (a test bench, an aircraft at
-#: rest).
+#: A value repeated after longer than this is a new one (a test bench, an aircraft at rest).
 _LONGEST_NS = 900_000_000
 #: Within this share of the receiver's interval the same heading is the same measurement.
 _INTERVAL_SHARE = 0.95
@@ -46,15 +46,20 @@ class DuplicateDetector:
 
     def compared(self, sample: Aiding) -> Same:
         """Return what a sample has in common with the one before of its source."""
-        if not isinstance(sample, PositionSample | VelocitySample | HeadingSample):
+        source, worse, longest_ns = sample.source, False, float(_LONGEST_NS)
+        if isinstance(sample, PositionSample):
+            value: tuple[float, ...] = sample.latitude_rad, sample.longitude_rad, sample.height_m
+            worse = sample.status < self._status.get(source, sample.status)
+            self._status[source] = sample.status
+        elif isinstance(sample, VelocitySample):
+            value = tuple(sample.velocity_n.tolist())
+        elif isinstance(sample, HeadingSample):
+            value, longest_ns = (sample.heading_rad,), self._interval_ns()
+        else:
             return Same.NOTHING  # rounded readings of other sensors do repeat
-        source, value = source_of(sample), _value(sample)
-        known = self._newest.get(source)
-        same = Same.NOTHING
-        if not self._status_worsened(sample) and known is not None and known[1] == value:
-            apart_ns = abs(sample.stamp_ns - known[0])
-            heading = isinstance(sample, HeadingSample)
-            if 0 < apart_ns < (self._interval_ns() if heading else _LONGEST_NS):
+        known, same = self._newest.get(source), Same.NOTHING
+        if not worse and known is not None and known[1] == value:
+            if 0 < abs(sample.stamp_ns - known[0]) < longest_ns:
                 return Same.MEASUREMENT
             same = Same.VALUE
         elif source is Source.RTK_POSITION:
@@ -62,25 +67,8 @@ class DuplicateDetector:
         self._newest[source] = sample.stamp_ns, value
         return same
 
-    def _status_worsened(self, sample: Aiding) -> bool:
-        """Return whether a position's fix status is worse than that of the one before."""
-        if not isinstance(sample, PositionSample):
-            return False
-        before = self._status.get(sample.source, sample.status)
-        self._status[sample.source] = sample.status
-        return sample.status < before
-
     def _interval_ns(self) -> float:
         """Return the time within which an equal heading counts as the same measurement."""
-        stamps = sorted(self._changes_ns)
-        steps = sorted(b - a for a, b in pairwise(stamps))
-        usual_ns = steps[len(steps) // 2] if steps else _LONGEST_NS
+        steps = [b - a for a, b in pairwise(sorted(self._changes_ns))]
+        usual_ns = statistics.median_high(steps) if steps else _LONGEST_NS
         return min(_INTERVAL_SHARE * usual_ns, _LONGEST_NS)
-
-
-def _value(sample: PositionSample | VelocitySample | HeadingSample) -> tuple[float, ...]:
-    if isinstance(sample, HeadingSample):
-        return (sample.heading_rad,)
-    if isinstance(sample, VelocitySample):
-        return tuple(sample.velocity_n.tolist())
-    return sample.latitude_rad, sample.longitude_rad, sample.height_m

@@ -17,7 +17,7 @@ import numpy as np
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.aid_status import PLACE, AidStatus
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
-from tirgeo_ros.core.navigation.aiding.state_estimate import AidSample, StateEstimate, source_of
+from tirgeo_ros.core.navigation.aiding.state_estimate import AidSample, StateEstimate
 from tirgeo_ros.core.navigation.alignment.aligner import Alignment, Biases
 from tirgeo_ros.core.navigation.delayed_measurements import (
     Carried,
@@ -55,8 +55,8 @@ _SOLUTION_ROWS = np.r_[POSITION, ATTITUDE, VELOCITY]
 class _Progress(NamedTuple):
     """Hold the filter's state after the newest measurement of an interval.
 
-    A receiver's position, velocity and heading arrive one after the other with one stamp. From
-    here each is added to those before it without computing them again.
+    A receiver's position, velocity and heading have one stamp. From here each is added to those
+    before it without computing them again.
     """
 
     end_ns: int  # stamp of the epoch that ends the interval
@@ -129,9 +129,9 @@ class Ekf:
         stamp_ns, newest_ns = sample.stamp_ns, self._epochs[-1].stamp_ns
         if stamp_ns <= self._epochs[0].stamp_ns or stamp_ns < newest_ns - self._keep_ns:
             reason = "older than max_delay_s or the alignment"
-            return Verdict(source_of(sample), Outcome.TOO_OLD, reason)
+            return Verdict(sample.source, Outcome.TOO_OLD, reason)
         if stamp_ns > newest_ns + self._hold_ns:
-            return Verdict(source_of(sample), Outcome.TOO_NEW, "newer than imu/data")
+            return Verdict(sample.source, Outcome.TOO_NEW, "newer than imu/data")
         record = HistoryRecord.of(sample, stale=stale)
         if stamp_ns > newest_ns:
             return self._hold(record)
@@ -165,19 +165,14 @@ class Ekf:
 
     def _control_before(self, index: int, record: HistoryRecord) -> AidStatus | None:
         """Return the aid records just before ``record``, or None where they are not at hand."""
-        end, progress = self._epochs[index], self._progress
-        before = [r for r in end.records if r.order < record.order and r.applied]
+        records, progress = self._epochs[index].records, self._progress
+        before = [r.order for r in records if r.order < record.order and r.applied]
         if not before:
             return self._epochs[index - 1].carried.control
-        if progress is not None and progress.order == before[-1].order:
-            return progress.carried.control
-        return None
+        return progress.carried.control if progress and progress.order == before[-1] else None
 
     def solution(self) -> NavSolution:
-        """Return the navigation solution at the newest IMU sample.
-
-        Its covariance may be up to 50 ms older than the state.
-        """
+        """Return the solution at the newest IMU sample; its covariance may be 50 ms older."""
         self._catch_up(len(self._epochs) - 1)
         epoch = self._epochs[-1]
         state, covariance, control = epoch.carried[:3]
@@ -204,16 +199,12 @@ class Ekf:
         return solution
 
     def _rate_variance_b(self, covariance: Array) -> Vector:
-        """Return the variance of the angular rate in ``b``, (rad/s)^2.
-
-        It is the white noise of one reading plus the variance of the bias.
-        """
+        """Return the variances of one angular rate in ``b``, (rad/s)^2: white noise and bias."""
         first, last, count = self._epochs[0], self._epochs[-1], len(self._epochs) - 1
         x, y, z, *_ = self._noise_powers.under(last.vibration)
         item = covariance.item
-        if count == 0:  # with one sample there is no sampling rate
-            return item(9, 9), item(10, 10), item(11, 11)
-        rate_hz = count / ((last.stamp_ns - first.stamp_ns) * 1e-9)
+        # With one sample there is no sampling rate.
+        rate_hz = count / ((last.stamp_ns - first.stamp_ns) * 1e-9) if count else 0.0
         return x * rate_hz + item(9, 9), y * rate_hz + item(10, 10), z * rate_hz + item(11, 11)
 
     def belief(self) -> StateEstimate:

@@ -17,18 +17,17 @@ from tirgeo_ros.core.navigation.aid_clocks import AidClocks
 from tirgeo_ros.core.navigation.aiding.aid_status import AID_SOURCES
 from tirgeo_ros.core.navigation.aiding.aids import METHOD_SOURCES
 from tirgeo_ros.core.navigation.aiding.autopilot_heading import AutopilotHeadingAid
-from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding, source_of
+from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding
 from tirgeo_ros.core.navigation.alignment.aligner import Biases
 from tirgeo_ros.core.navigation.delays import Delays
 from tirgeo_ros.core.navigation.duplicates import DuplicateDetector, Same
 from tirgeo_ros.core.navigation.ekf import Ekf
-from tirgeo_ros.core.navigation.filter_status import FilterHealth
+from tirgeo_ros.core.navigation.filter_status import FilterHealth, VerdictLog
 from tirgeo_ros.core.navigation.imu_checks import ImuClock, in_body_axes
 from tirgeo_ros.core.navigation.imu_clipping import Clipping
 from tirgeo_ros.core.navigation.map_origin import MapOrigin
 from tirgeo_ros.core.navigation.start_up import StartUp
 from tirgeo_ros.core.navigation.unfiltered_solution import UnfilteredSolution
-from tirgeo_ros.core.navigation.verdict_log import VerdictLog
 from tirgeo_ros.core.navigation.vibration_noise import densities
 from tirgeo_ros.core.streams.rates import RateLimit
 from tirgeo_ros.core.streams.sanity_checks import fault_of
@@ -58,9 +57,8 @@ class Step(NamedTuple):
 class Navigation:
     """Run the configured method on samples in the order of their arrival.
 
-    ``heard`` is called with every verdict, except that on an IMU sample that was used. Verdicts on
-    samples that were held are included, as soon as they are known. Raises ConfigError for an
-    origin of ``map`` that is not on earth.
+    ``heard`` is called with every verdict but that on an IMU sample that was used. A sample that
+    was held has a second one. Raises ConfigError for an origin of ``map`` that is not on earth.
     """
 
     def __init__(self, config: EkfConfig, heard: Callable[[Verdict], None] | None = None) -> None:
@@ -112,14 +110,10 @@ class Navigation:
         return self._health.rtk_status(self._clocks.now_ns)
 
     def process(self, sample: NavigationInput) -> Step:
-        """Take one sample; return its verdict, and a solution where one is due.
-
-        Whatever is in the sample, the state stays finite.
-        """
+        """Take one sample, whatever is in it; return its verdict, and a solution if one is due."""
         fault = fault_of(sample)
         if fault:
-            source = Source.IMU if isinstance(sample, ImuSample) else source_of(sample)
-            step = Step(Verdict(source, Outcome.INVALID, fault))
+            step = Step(Verdict(sample.source, Outcome.INVALID, fault))
         elif isinstance(sample, ImuSample):
             step = self._process_imu(sample)
             if step.verdict is _IMU_USED:  # nearly always
@@ -162,9 +156,9 @@ class Navigation:
         if self._ekf is None:
             return self._resets, self._last_reset
         control = self._ekf.control
-        counts = Counter({s: n for s, n in zip(AID_SOURCES, control.resets, strict=True) if n})
+        counts = Counter(dict(zip(AID_SOURCES, control.resets, strict=True)))
         last = str(control.last_reset) if control.last_reset else self._last_reset
-        return self._resets + counts, last
+        return self._resets + counts, last  # the sum is of those above zero
 
     def _enter(self, state: FilterState) -> None:
         now_ns = self._clocks.now_ns
@@ -181,7 +175,7 @@ class Navigation:
         if self._ekf is not None:
             control, newest_ns = self._ekf.control, self._ekf.newest_ns
             state, reason = self._health.state(control, newest_ns, self._log.unused)
-            return state, "; ".join(filter(None, (reason, offsets if reason else "")))
+            return state, f"{reason}; {offsets}" if reason and offsets else reason
         lacks = offsets or self._start_up.aligner.reason
         reason = "; ".join(filter(None, (self._why_again, lacks)))
         if self._lost:
@@ -194,17 +188,17 @@ class Navigation:
             sample = replace(sample, stamp_ns=sample.stamp_ns - self._delays.imu_ns)
         self._clipping.add(sample)  # in the sensor's own axes
         sample = in_body_axes(sample, self._rotation_bi)
-        checked = self._imu_clock.check(sample)
-        if not checked.use:
-            return Step(Verdict(Source.IMU, checked.outcome, checked.reason))
-        begins = checked.begins and (self._filtering or checked.outcome is Outcome.TIME_JUMP)
+        checked_outcome, why, use, begins = self._imu_clock.check(sample)
+        if not use:
+            return Step(Verdict(Source.IMU, checked_outcome, why))
+        begins = begins and (self._filtering or checked_outcome is Outcome.TIME_JUMP)
         if begins:
-            self._begin(checked.reason, self._ekf.biases() if self._ekf else None)
+            self._begin(why, self._ekf.biases() if self._ekf else None)
         self._clocks.hear_imu(sample.stamp_ns)
-        for held in checked.use:
+        for held in use:
             outcome, reason = self._take_imu(held)
         if begins:
-            outcome, reason = checked.outcome, checked.reason
+            outcome, reason = checked_outcome, why
         solution = self._due_solution(sample.stamp_ns)
         if outcome is Outcome.USED:
             return tuple.__new__(Step, (_IMU_USED, solution))
@@ -225,7 +219,7 @@ class Navigation:
         return self._passthrough.add_imu(sample)
 
     def _process_aiding(self, sample: Aiding) -> Verdict:
-        source = source_of(sample)
+        source = sample.source
         delay_ns = self._delays.aid_ns[source]
         if delay_ns:
             sample = replace(sample, stamp_ns=sample.stamp_ns - delay_ns)
@@ -241,8 +235,8 @@ class Navigation:
             verdict = self._passthrough.add_aiding(sample)
         elif self._ekf is not None:
             verdict = self._ekf.add_aiding(sample, stale=same is Same.VALUE)
-        elif far := self._start_up.order.out_of_reach(sample.stamp_ns):
-            verdict = Verdict(source, *far)
+        elif far := self._start_up.order.out_of_reach(source, sample.stamp_ns):
+            verdict = far
         else:
             self._align(sample)
             verdict = Verdict(source, Outcome.WAITING, "not aligned yet")
@@ -261,20 +255,16 @@ class Navigation:
             self._count(verdict)
 
     def _watch(self, ekf: Ekf, sample: ImuSample) -> None:
-        """Check the filter's health; restart it where it is lost.
-
-        The autopilot's heading is added first, where the heading has become too uncertain.
-        """
+        """Check the filter's health, with the autopilot's heading if need be; restart if lost."""
         self._watched_ns = ekf.newest_ns
-        belief = ekf.belief()
-        heading = self._autopilot.sample(sample, belief.covariance)
+        heading = self._autopilot.sample(sample, ekf.belief().covariance)
         if heading is not None:
             self._count(ekf.add_aiding(heading))
-            belief = ekf.belief()
-        self._enter(self._health.state(belief.control, ekf.newest_ns, self._log.unused)[0])
-        why = self._health.lost(belief.control, belief.covariance)
+        _, covariance, control = ekf.belief()
+        self._enter(self._health.state(control, ekf.newest_ns, self._log.unused)[0])
+        why = self._health.lost(control, covariance)
         if why:
-            spoiled = self._health.spoiled(belief.control, belief.covariance)
+            spoiled = self._health.spoiled(control, covariance)
             self._begin(why, None if spoiled else ekf.biases(), lost=True)
             self._enter(FilterState.LOST)
             self._count(Verdict(Source.IMU, Outcome.RESTART, why))

@@ -1,12 +1,14 @@
-"""Judge the estimator's state from the latest records of the aids and the covariance."""
+"""Count the verdicts, and judge the estimator's state from them, the aids and the covariance."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Mapping
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.aid_status import NEVER_NS, AidStatus
+from tirgeo_ros.core.navigation.aiding.aids import AIDS
 from tirgeo_ros.core.navigation.ins_error_model import POSITION
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
@@ -19,64 +21,31 @@ _HEADING_SIGMAS = 3.5
 _DRIFT_RATIO = 1.5
 #: The fix status of a receiver that has been silent for longer is NONE.
 _STATUS_AGE_NS = 2_000_000_000
-_PREFIXES = {
-    Outcome.GATED: "refused: ",
-    Outcome.INVALID: "refused: ",
-    Outcome.TOO_OLD: "refused: ",
-    Outcome.TOO_NEW: "refused: ",
-    Outcome.TOO_MANY: "refused: ",
-    Outcome.NOT_FIXED: "not used: ",
-}
-
-
+_REFUSED = frozenset(
+    (Outcome.GATED, Outcome.INVALID, Outcome.TOO_OLD, Outcome.TOO_NEW, Outcome.TOO_MANY)
+)
+_NIS_NS = 30_000_000_000
+#: Cap on the NIS of one measurement, so that a refused one does not dominate the mean.
+_NIS_CAP = 25.0
+#: A mean of fewer values is not reported.
+_LEAST_VALUES = 20
+#: A mean NIS above this gives a warning: innovations of twice their sigma.
+_NIS_WARNING = 4.0
 #: When a sample was not used, and why.
 Unused = tuple[int, str]
 
 
-def disuse(verdict: Verdict) -> str:
-    """Return why an aid that arrives is not used, or an empty string for any other verdict."""
-    lead = _PREFIXES.get(verdict.outcome)
-    return "" if lead is None else lead + verdict.reason
-
-
-class ReportedAccuracy:
-    """Hold the variances that receivers report: a poor one is no reason to call a state lost."""
-
-    def __init__(self, config: EkfConfig) -> None:
-        self._bound_m = config.trust.lost_position_sigma_m
-        self.least_m2 = self._bound_m**2  # smaller variances are within the bounds
-        self._variances: dict[Source, tuple[float, float, float]] = {}  # NED, m2
-
-    def hear(self, sample: PositionSample) -> None:
-        """Take a position; it counts where it has a fix and a covariance."""
-        north, east, down = sample.covariance_n.diagonal().tolist()
-        if sample.status >= FixStatus.SINGLE and min(north, east, down) > 0:
-            self._variances[sample.source] = north, east, down
-
-    def bounds_m2(self) -> tuple[float, ...]:
-        """Return the variances (3,) NED, m2, beyond which a state is lost."""
-        most = [max(axis, default=0.0) for axis in zip(*self._variances.values(), strict=True)]
-        least_m2 = self.least_m2
-        return tuple(max(least_m2, _DRIFT_RATIO**2 * axis) for axis in most) or (least_m2,) * 3
-
-    def text(self) -> str:
-        """Return what is poor about the ordinary GPS, or an empty string."""
-        variances = self._variances.get(Source.GPS_POSITION)
-        if variances is None:
-            return ""
-        across, down = math.sqrt(max(variances[:2])), math.sqrt(variances[2])
-        told = [f"{across:.0f} m"] if across > self._bound_m else []
-        told += [f"{down:.0f} m in height"] if down > self._bound_m else []
-        return f"gps/fix has a sigma of {', '.join(told)}" if told else ""
-
-
 class FilterHealth:
-    """Judge the filter by the records of its aids and by its covariance."""
+    """Judge the filter by the records of its aids and by its covariance.
+
+    A receiver that reports a poor accuracy is no reason to call a state lost.
+    """
 
     def __init__(self, config: EkfConfig) -> None:
         trust = config.trust
         self._timeout_ns = round(trust.aid_timeout_s * 1e9)
-        self._reported = ReportedAccuracy(config)
+        self._bound_m = trust.lost_position_sigma_m
+        self._variances: dict[Source, tuple[float, float, float]] = {}  # reported, NED, m2
         self._rtk = FixStatus.NONE, 0  # of the newest position, and its stamp
         known_deg = _HEADING_SIGMAS * config.autopilot.attitude_sigma_deg[2]
         self._heading_rad2 = math.radians(max(trust.lost_heading_sigma_deg, known_deg)) ** 2
@@ -87,7 +56,9 @@ class FilterHealth:
 
     def hear(self, sample: PositionSample) -> None:
         """Take a position, for the status and the accuracy that its receiver reports."""
-        self._reported.hear(sample)
+        north, east, down = sample.covariance_n.diagonal().tolist()
+        if sample.status >= FixStatus.SINGLE and min(north, east, down) > 0:
+            self._variances[sample.source] = north, east, down
         if sample.source is Source.RTK_POSITION:
             self._rtk = sample.status, sample.stamp_ns
 
@@ -103,7 +74,7 @@ class FilterHealth:
     def state(
         self, control: AidStatus, now_ns: int, unused: Mapping[Source, Unused] | None = None
     ) -> tuple[FilterState, str]:
-        """Return RUNNING, DEGRADED or DEAD_RECKONING, and the aids that are missing.
+        """Return RUNNING, DEGRADED or DEAD_RECKONING, and which aids are refused or do not come.
 
         ``unused`` holds for each source when a sample was last not used, and why.
         """
@@ -113,50 +84,112 @@ class FilterHealth:
         floating = control.status_at(now_ns, self._timeout_ns) is FixStatus.FLOAT
         if not missing and not floating:
             return FilterState.RUNNING, ""
-        poor = told = ""
+        poor, told, absent = "", [], []
         if Source.RTK_POSITION in missing:
-            poor = self._reported.text()
+            poor = self.poor_gps()
             if not control.track(Source.GPS_POSITION).recent(now_ns, self._timeout_ns):
                 missing.append(Source.GPS_POSITION)
         elif floating:
-            told = "rtk/fix is float"
-        aids = ", ".join(filter(None, (told, self._reason(missing, now_ns, unused or {}))))
-        blind = Source.GPS_POSITION in missing
-        state = FilterState.DEAD_RECKONING if blind else FilterState.DEGRADED
-        return state, aids if blind else "; ".join(filter(None, (aids, poor)))
-
-    def _reason(
-        self, missing: Sequence[Source], now_ns: int, unused: Mapping[Source, Unused]
-    ) -> str:
-        """Return what is refused and why, then what does not arrive at all."""
-        told, absent = [], []
+            told.append("rtk/fix is float")
         for source in missing:
-            stamp_ns, why = unused.get(source, (NEVER_NS, ""))
+            stamp_ns, why = (unused or {}).get(source, (NEVER_NS, ""))
             if now_ns - stamp_ns <= self._timeout_ns:
                 told.append(f"{source.topic} {why}")
             else:
                 absent.append(source.topic)
-        return ", ".join([*told, *(["no " + ", ".join(absent)] if absent else [])])
+        aids = ", ".join([*told, *(["no " + ", ".join(absent)] if absent else [])])
+        if Source.GPS_POSITION in missing:
+            return FilterState.DEAD_RECKONING, aids
+        return FilterState.DEGRADED, "; ".join(filter(None, (aids, poor)))
+
+    def bounds_m2(self) -> list[float]:
+        """Return the variances (3,) NED, m2, beyond which a state is lost."""
+        reported = zip(*self._variances.values(), strict=True)
+        most = [_DRIFT_RATIO**2 * max(axis) for axis in reported] or [0.0] * 3
+        return [max(self._bound_m**2, axis) for axis in most]
+
+    def poor_gps(self) -> str:
+        """Return what is poor about the ordinary GPS, or an empty string."""
+        *across, down = map(math.sqrt, self._variances.get(Source.GPS_POSITION, (0.0, 0.0, 0.0)))
+        told = [f"{max(across):.0f} m"] if max(across) > self._bound_m else []
+        told += [f"{down:.0f} m in height"] if down > self._bound_m else []
+        return f"gps/fix has a sigma of {', '.join(told)}" if told else ""
 
     def lost(self, control: AidStatus, covariance: Array) -> str:
-        """Return why the state is not to be trusted any more, or an empty string.
-
-        ``covariance`` (n, n) is that of the error states.
-        """
+        """Return why a state with this error covariance (n, n) is not to be trusted, or ""."""
         variances = covariance.diagonal().tolist()
         if not math.isfinite(sum(variances)):
             return "not finite"
-        largest = max(variances[POSITION])
-        if largest > self._reported.least_m2:
-            pairs = zip(variances[POSITION], self._reported.bounds_m2(), strict=True)
-            beyond = [variance for variance, bound in pairs if variance > bound]
-            if beyond:
-                return f"position sigma {math.sqrt(max(beyond)):.1f} m"
+        pairs = zip(variances[POSITION], self.bounds_m2(), strict=True)
+        beyond = [variance for variance, bound in pairs if variance > bound]
+        if beyond:
+            return f"position sigma {math.sqrt(max(beyond)):.1f} m"
         if variances[2] > self._heading_rad2:
             return f"heading sigma {math.degrees(math.sqrt(variances[2])):.1f} deg"
         return control.hopeless(self._patience_s)
 
     def spoiled(self, control: AidStatus, covariance: Array) -> bool:
         """Return whether the bias estimates of a lost state are not to be trusted either."""
-        finite = math.isfinite(float(covariance.trace()))
-        return not finite or bool(control.hopeless(self._patience_s))
+        return not math.isfinite(covariance.trace()) or bool(control.hopeless(self._patience_s))
+
+
+class VerdictLog:
+    """Record every verdict but that on an IMU sample that was used, and give it to ``heard``.
+
+    Besides counts it holds the newest test ratios and reasons of disuse, and the normalised
+    innovations squared (NIS) of 30 s. Their mean over the degrees of freedom is 1 for measurements
+    whose noise, place and time are as the parameters and messages say (Bar-Shalom, Li and
+    Kirubarajan, Estimation with Applications to Tracking and Navigation, section 5.4).
+    """
+
+    def __init__(self, heard: Callable[[Verdict], None] | None = None) -> None:
+        self.counts: Counter[tuple[Source, Outcome]] = Counter()
+        self.test_ratios: dict[Source, float] = {}
+        self.unused: dict[Source, Unused] = {}
+        self._nis: dict[Source, deque[tuple[int, float]]] = {}  # stamp and value, 30 s of each
+        self._heard = heard
+
+    def begin(self) -> None:
+        """Forget what belongs to the former state."""
+        self.unused = {}
+        self._nis = {}
+
+    def add(self, verdict: Verdict, now_ns: int) -> None:
+        """Take a verdict that was given at ``now_ns``."""
+        source = verdict.source
+        self.counts[source, verdict.outcome] += 1
+        if not math.isnan(verdict.test_ratio):
+            self.test_ratios[source] = verdict.test_ratio
+        if not math.isnan(verdict.nis):
+            values = self._nis.setdefault(source, deque())
+            if values and now_ns < values[-1][0]:  # the clock went back
+                values.clear()
+            values.append((now_ns, min(verdict.nis, _NIS_CAP)))
+            while values[0][0] < now_ns - _NIS_NS:
+                values.popleft()
+        if verdict.outcome in _REFUSED:
+            self.unused[source] = now_ns, f"refused: {verdict.reason}"
+        elif verdict.outcome is Outcome.NOT_FIXED:
+            self.unused[source] = now_ns, f"not used: {verdict.reason}"
+        if self._heard is not None:
+            self._heard(verdict)
+
+    def nis(self, now_ns: int) -> dict[str, float]:
+        """Return the mean NIS over degrees of freedom by source, where there are enough values."""
+        return {
+            source.value: sum(nis for _, nis in values) / len(values)
+            for source, values in self._nis.items()
+            if len(values) >= _LEAST_VALUES and now_ns - values[-1][0] <= _NIS_NS
+        }
+
+    def warnings(self, now_ns: int) -> Iterator[str]:
+        """Yield a warning for each source whose NIS is too high, with the parameters to check."""
+        means = self.nis(now_ns)
+        for source, aid in AIDS.items():
+            mean = means.get(source.value, 0.0)
+            if mean > _NIS_WARNING and aid.look_at:
+                times = f"{math.sqrt(mean):.1f} times their sigma over 30 s"
+                yield (
+                    f"{source.topic}: innovations are {times}: "
+                    f"look at {aid.look_at} and at its covariances (tirgeo calibrate aircraft)"
+                )

@@ -30,10 +30,7 @@ _SPIKE_M_S2, _SPIKE_RAD_S = 80.0, 3.0
 
 
 class Checked(NamedTuple):
-    """Hold the outcome of a check and the samples to use.
-
-    With ``begins`` the samples to use are the first of a new time line.
-    """
+    """Hold the outcome of a check, and the samples to use: with ``begins`` on a new time line."""
 
     outcome: Outcome
     reason: str = ""
@@ -117,10 +114,7 @@ class ImuClock:
 
 
 def in_body_axes(sample: ImuSample, rotation_bi: Array | None) -> ImuSample:
-    """Return a sample in body axes, where ``aircraft.imu_rpy_deg`` says that the IMU's differ.
-
-    The autopilot's attitude is that of the body already and is not changed.
-    """
+    """Return a sample turned to body axes, in which the autopilot's attitude is already."""
     if rotation_bi is None:
         return sample
     return replace(

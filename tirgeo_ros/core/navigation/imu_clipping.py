@@ -9,6 +9,7 @@ such pile, nor does a single shock.
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import dataclass, field
 
 from tirgeo_ros.core.types.measurements import ImuSample
 
@@ -32,16 +33,17 @@ _FORGET_NS = 10_000_000_000
 _WARN_NS = 5_000_000_000
 
 
+@dataclass(slots=True)
 class _End:
     """Track one end of one channel's range, as far as it was seen; values are magnitudes."""
 
-    def __init__(self, level: float, stamp_ns: int, least: float) -> None:
-        self.level, self.met_ns = level, stamp_ns
-        self._least = least  # smaller readings are not examined
-        self.known = False  # whether a pile was seen here
-        self._hits_ns: deque[int] = deque()  # hits within the window
-        self._short_ns: deque[int] = deque()
-        self._jumped_ns: int | None = None  # newest hit that jumped from below
+    level: float
+    met_ns: int
+    least: float  # smaller readings are not examined
+    known: bool = False  # whether a pile was seen here
+    jumped_ns: int | None = None  # newest hit that jumped from below
+    hits_ns: deque[int] = field(default_factory=deque)  # within the window
+    short_ns: deque[int] = field(default_factory=deque)
 
     def outgrown(self, value: float, stamp_ns: int) -> bool:
         """Return whether ``value`` exceeds the known end, or the end is too old to keep."""
@@ -49,28 +51,29 @@ class _End:
 
     def add(self, value: float, stamp_ns: int, before: float) -> int:
         """Return how many samples are found clipped with this one: 0, 1, or all of a new pile."""
+        short = self.level * (1 - _SHORT_SHARE)
         if value < self.level * (1 - _EQUAL_SHARE):
-            if value > self.level * (1 - _SHORT_SHARE):
-                self._short_ns.append(stamp_ns)
+            if value > short:
+                self.short_ns.append(stamp_ns)
             return 0
         self.met_ns, self.level = stamp_ns, max(value, self.level)
-        self._hits_ns.append(stamp_ns)
-        if before < self.level * (1 - _SHORT_SHARE):
-            self._jumped_ns = stamp_ns
-        return 1 if self.known else self._piled(stamp_ns)
+        self.hits_ns.append(stamp_ns)
+        short = self.level * (1 - _SHORT_SHARE)
+        if before < short:
+            self.jumped_ns = stamp_ns
+        if self.known:
+            return 1
+        _forget(self.short_ns, stamp_ns)
+        number = self.number()
+        jumped = self.jumped_ns is not None and abs(stamp_ns - self.jumped_ns) <= _WINDOW_NS
+        piled = jumped and number >= max(_PILE, len(self.short_ns))
+        self.known = piled and short >= self.least  # else those just short were not examined
+        return number if self.known else 0
 
     def number(self) -> int:
         """Return the samples at the end within the second up to the newest of them."""
-        _forget(self._hits_ns, self.met_ns)
-        return len(self._hits_ns)
-
-    def _piled(self, now_ns: int) -> int:
-        _forget(self._short_ns, now_ns)
-        number = self.number()
-        jumped = self._jumped_ns is not None and abs(now_ns - self._jumped_ns) <= _WINDOW_NS
-        all_told = self.level * (1 - _SHORT_SHARE) >= self._least
-        self.known = jumped and all_told and number >= max(_PILE, len(self._short_ns))
-        return number if self.known else 0
+        _forget(self.hits_ns, self.met_ns)
+        return len(self.hits_ns)
 
 
 class Clipping:
@@ -91,8 +94,8 @@ class Clipping:
         if x * x + y * y + z * z < _LEAST_M_S2_2 and p * p + q * q + r * r < _LEAST_RAD_S_2:
             return  # nearly always
         if before is not None:
-            self._look(sample.stamp_ns, (x, y, z), before.specific_force_b.tolist(), 0)
-            self._look(sample.stamp_ns, (p, q, r), before.angular_rate_b.tolist(), 3)
+            self._look(sample.stamp_ns, [x, y, z], before.specific_force_b.tolist(), 0)
+            self._look(sample.stamp_ns, [p, q, r], before.angular_rate_b.tolist(), 3)
 
     def active(self, now_ns: int) -> bool:
         """Return whether the IMU was at full scale within the last second."""
@@ -100,23 +103,20 @@ class Clipping:
 
     def warnings(self, now_ns: int) -> tuple[str, ...]:
         """Return which channels were clipped lately, at which value and how often."""
-        if self.newest_ns is None or abs(now_ns - self.newest_ns) > _WARN_NS:
-            return ()
-        told = {
-            channel: _warning(channel, end)
+        lately = (
+            (channel, end)
             for (channel, _), end in sorted(self._ends.items(), key=lambda item: item[0])
             if end.known and abs(now_ns - end.met_ns) <= _WARN_NS
-        }
-        return tuple(told.values())
+        )
+        return tuple(
+            f"imu/data: {CHANNELS[channel]} clipped at {end.level:.3g} {_UNITS[channel]} "
+            f"({end.number()} samples in 1 s): vibration beyond its range"
+            for channel, end in dict(lately).items()  # one end of each
+        )
 
-    def _look(
-        self, stamp_ns: int, values: tuple[float, ...], earlier: list[float], first: int
-    ) -> None:
-        """Check the readings of one sensor (3,), one of which may be at an end of its range.
-
-        ``first`` is the index of its first channel, ``earlier`` its readings before.
-        """
-        if list(values) == earlier:
+    def _look(self, stamp_ns: int, values: list[float], earlier: list[float], first: int) -> None:
+        """Check the readings (3,) of a sensor, of which ``first`` is the first channel's index."""
+        if values == earlier:
             return  # no new reading: frozen, or slower than the topic
         least = _LEAST_RAD_S if first else _LEAST_M_S2
         for channel, (value, last) in enumerate(zip(values, earlier, strict=True), first):
@@ -129,20 +129,11 @@ class Clipping:
                 end = self._ends[place] = _End(size, stamp_ns, least)
             found = end.add(size, stamp_ns, last if value > 0 else -last)
             if found:
-                self._note(CHANNELS[channel], stamp_ns, found)
-
-    def _note(self, name: str, stamp_ns: int, found: int) -> None:
-        self.counts[name] = self.counts.get(name, 0) + found
-        if not self.active(stamp_ns):
-            self.since_ns = stamp_ns
-        self.newest_ns = stamp_ns
-
-
-def _warning(channel: int, end: _End) -> str:
-    return (
-        f"imu/data: {CHANNELS[channel]} clipped at {end.level:.3g} {_UNITS[channel]} "
-        f"({end.number()} samples in 1 s): vibration beyond its range"
-    )
+                name = CHANNELS[channel]
+                self.counts[name] = self.counts.get(name, 0) + found
+                if not self.active(stamp_ns):
+                    self.since_ns = stamp_ns
+                self.newest_ns = stamp_ns
 
 
 def _forget(stamps_ns: deque[int], now_ns: int) -> None:

@@ -56,10 +56,7 @@ def first_belief(config: EkfConfig, alignment: Alignment) -> StateEstimate:
 
 
 def _add_antenna(config: EkfConfig, alignment: Alignment, covariance: Array) -> None:
-    """Add the error of the RTK lever arm to ``covariance``, in place.
-
-    A position that was found through the lever arm has that error too, negated.
-    """
+    """Add the lever arm's error to ``covariance`` in place, and to a position found through it."""
     effect = np.zeros((len(covariance), 3))
     effect[ANTENNA] = np.eye(3)
     if Source.RTK_POSITION in alignment.sources:

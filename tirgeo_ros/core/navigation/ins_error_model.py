@@ -60,20 +60,8 @@ def heading_error(states: int) -> int | None:
     return states - 1 if states in {GPS_ERROR.stop + 1, ANTENNA.stop + 1} else None
 
 
-def dynamics(state: NavState, rates: Rates, imu: ImuConfig) -> Array:
-    """Return ``F`` (15, 15), 1/s: the time derivative of the error states is ``F`` times them."""
-    f = np.zeros((STATES, STATES))
-    times_s = np.array([*imu.gyro_bias_time_s, *imu.accel_bias_time_s])
-    f[range(9, STATES), range(9, STATES)] = -1 / times_s
-    _write_dynamics(flat_memory(f), STATES, state, rates, rates.specific_force_n)
-    return f
-
-
 def flat_memory(square: Array) -> memoryview[float]:
-    """Return the memory of a matrix, row after row.
-
-    Writing scalars there costs a tenth of writing blocks of the array.
-    """
+    """Return a matrix's memory by rows: scalars are written there at a tenth of the cost."""
     return cast("memoryview[float]", square.reshape(-1).data)
 
 
@@ -136,23 +124,8 @@ def _write_dynamics(
     f[p1 + 8] = over_n
 
 
-def noise_density(imu: ImuConfig) -> Array:
-    """Return the power densities (15,) of the driving noise, per axis in ``b``.
-
-    Attitude and velocity: squared random walks. A Gauss-Markov bias of standard deviation ``s``
-    and correlation time ``tau`` is driven by ``s sqrt(2 / tau)``.
-    """
-    gyro = np.array(imu.gyro_bias_instability) ** 2 * 2 / np.array(imu.gyro_bias_time_s)
-    accel = np.array(imu.accel_bias_instability) ** 2 * 2 / np.array(imu.accel_bias_time_s)
-    walks = [np.array(imu.angle_random_walk) ** 2, np.array(imu.velocity_random_walk) ** 2]
-    return np.concatenate([*walks, np.zeros(3), gyro, accel])
-
-
 class NoisePowers:
-    """Compute the power densities of the IMU's white noise that the filter assumes.
-
-    They are the configured ones, or a share of the measured vibration where that is larger.
-    """
+    """Hold the IMU's noise densities: as configured, or a share of the vibration if larger."""
 
     def __init__(self, imu: ImuConfig) -> None:
         walks = (*imu.angle_random_walk, *imu.velocity_random_walk)
@@ -197,12 +170,12 @@ class CovariancePropagation:
         sigmas, times_s = np.array(slow).T
         decay = [*imu.gyro_bias_time_s, *imu.accel_bias_time_s, *times_s]
         self._f[range(9, states), range(9, states)] = -1 / np.array(decay)
-        density = noise_density(imu)
         self._noise_powers = NoisePowers(imu)
-        # Driving noise of all Gauss-Markov states over one second, as a diagonal matrix.
-        self._driving = np.diag(
-            np.concatenate([np.zeros(9), density[9:], 2 * sigmas**2 / times_s])
-        )
+        # A Gauss-Markov state of sigma s and correlation time tau is driven by s sqrt(2 / tau).
+        gyro = np.array(imu.gyro_bias_instability) ** 2 * 2 / np.array(imu.gyro_bias_time_s)
+        accel = np.array(imu.accel_bias_instability) ** 2 * 2 / np.array(imu.accel_bias_time_s)
+        driving = np.concatenate([np.zeros(9), gyro, accel, 2 * sigmas**2 / times_s])
+        self._driving = np.diag(driving)
 
     @property
     def transition(self) -> Array:
@@ -221,8 +194,7 @@ class CovariancePropagation:
         """Return the covariance (n, n) after a step: second-order transition, noise in ``n``.
 
         ``force_n`` (m/s2) is the mean specific force of the step; ``state`` and ``rates`` are
-        those of an instant within it; ``vibration`` holds the noise densities that the IMU's
-        readings show.
+        those of an instant within it; ``vibration`` are the noise densities of the IMU's readings.
         """
         _write_dynamics(self._flat_f, self._states, state, rates, force_n)
         transition, a = self._transition, self._a

@@ -36,13 +36,10 @@ class Update(NamedTuple):
 def update(covariance: Array, measurement: Measurement) -> Update:
     """Return the update of a covariance (n, n); refused where the test ratio is outside 0 to 1.
 
-    A ratio that is negative or not a number results from a noise that is not a covariance matrix.
-
-    With the optimal gain Joseph's form is ``P - K H P``, made symmetric: a rounding error in the
-    gain changes it only by the square of that error.
-
-    ``ease`` k limits the correction to at most 1 / (k + 1) of what the measurement asks for: its
-    noise is enlarged by k times the prediction's covariance. The gate uses the plain noise.
+    A negative ratio or nan comes from a noise that is no covariance matrix. With the optimal gain
+    Joseph's form is ``P - K H P``, made symmetric. ``ease`` k limits the correction to 1 / (k + 1)
+    of the innovation at most: the noise, but not that of the gate, is enlarged by k times the
+    prediction's covariance.
     """
     innovation, design, noise, gate_sigma, ease = measurement
     cross = covariance.dot(design.T)

@@ -9,8 +9,6 @@ tilt and accelerometer bias.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from tirgeo_ros.core.config import EkfConfig
@@ -52,31 +50,22 @@ _SURE_S = 2.6
 _LONG_WINDOW_S = 2.4  # the second window, but for a sample
 
 
-class Surprise(NamedTuple):
-    """Hold a normalised square, and the number of directions in it."""
+def surprise(biases: Array, covariance: Array, prior: Biases) -> float:
+    """Return how far biases (6,) with their covariance (6, 6) are from their prior, in sigmas.
 
-    square: float
-    degrees: int
-
-    def beyond(self, sigma: float) -> bool:
-        """Return whether it is rarer than ``sigma`` (Wilson and Hilferty's cube root)."""
-        if not self.degrees:
-            return False
-        spread = 2 / (9 * self.degrees)
-        limit = self.degrees * (1 - spread + sigma * np.sqrt(spread)) ** 3
-        return bool(self.square > limit)
-
-
-def surprise(biases: Array, covariance: Array, prior: Biases) -> Surprise:
-    """Return how far biases (6,) with their covariance (6, 6) are from their prior."""
+    The cube root of a chi-square over its degrees is nearly normal (Wilson and Hilferty, 1931).
+    """
     root = np.linalg.inv(np.linalg.cholesky(prior.covariance))
     shown, axes = np.linalg.eigh(np.eye(6) - root @ covariance @ root.T)  # prior less posterior
     apart = axes.T @ root @ (biases - prior.vector)
     keep = shown > _LEAST_SHOWN
-    return Surprise(float(np.sum(apart[keep] ** 2 / shown[keep])), int(keep.sum()))
+    if not keep.any():
+        return 0.0
+    spread = 2 / (9 * keep.sum())
+    return float((np.cbrt(np.mean(apart[keep] ** 2 / shown[keep])) - 1 + spread) / np.sqrt(spread))
 
 
-def _surprise_of(found: Fitted, prior: Biases) -> Surprise:
+def _surprise_of(found: Fitted, prior: Biases) -> float:
     """Return the surprise of a fit, after an update with the autopilot's gyroscope bias."""
     biases, covariance = found.fit.biases, found.fit.covariance[9:, 9:]
     if found.gyro_bias_b is not None and _apart_rad(found) < _LARGEST_LEAN_RAD:
@@ -94,10 +83,7 @@ def _apart_rad(found: Fitted) -> float:
 
 
 class TurnOnBiases:
-    """Hold the prior of the IMU's biases: as configured, or as an earlier flight left them.
-
-    ``widened`` is set once the measurements have shown that the prior is far too small.
-    """
+    """Hold the prior of the IMU's biases; ``widened`` once it has proved far too small."""
 
     def __init__(self, config: EkfConfig, prior: Biases | None) -> None:
         self._config = config
@@ -112,14 +98,17 @@ class TurnOnBiases:
         if self.widened:
             return self._fitted_widely(measured)
         found = fitted(measured, self._config, self._prior, self._taken)
-        if self._turned(found) or not self._contradicted(found):
+        beyond = _surprise_of(found, self._prior) > _SURPRISE_SIGMA
+        if self._turned(found) or not (beyond or self._lean_rad(found) > 0):
             checked(found.fit, found.seen)
             self._look_longer(found, now_ns)
             return found
-        loose = self._loosely(measured)
-        if loose is None:  # biases are not the cause, or not the only one
+        any_imu = Biases.unknown(np.repeat([_ANY_GYRO_RAD_S, _ANY_ACCEL_M_S2], 3))
+        try:
+            loose = self._loosely(measured, any_imu)
+        except NotAlignedError:  # biases are not the cause, or not the only one
             checked(found.fit, found.seen)
-            raise NotAlignedError("imu/data does not fit the motion measured")
+            raise NotAlignedError("imu/data does not fit the motion measured") from None
         if self._doubt.again_s(now_ns) < _SURE_S:  # a wrong measurement may look like biases
             checked(found.fit, found.seen)
             self._suspected_ns = now_ns
@@ -128,42 +117,29 @@ class TurnOnBiases:
         return self._fitted_widely(measured)
 
     def _fitted_widely(self, measured: Measured) -> Fitted:
-        found = fitted(measured, self._config, self._prior, self._taken, gyros_unknown=True)
-        checked(found.fit, found.seen)
+        found = self._loosely(measured, self._prior)
         self._taken = found.fit.biases
         if _tilt_sigma_rad(found.fit) > _LARGEST_TILT_SIGMA_RAD:
             raise NotAlignedError(self._motion_reason, MOTION_STAGE)
         return found
 
     def _turned(self, found: Fitted) -> bool:
-        """Return whether the heading contradicts the autopilot's.
-
-        With a wrong heading the accelerations do not fit either, so that biases are not the cause.
-        """
+        """Return whether the heading contradicts the autopilot's; then no bias is the cause."""
         hint_nb, autopilot = found.hint_nb, self._config.autopilot
         return hint_nb is not None and "heading" in differences(found.fit, hint_nb, autopilot)
 
-    def _contradicted(self, found: Fitted) -> bool:
-        """Return whether a fit contradicts the prior beyond chance."""
-        beyond = _surprise_of(found, self._prior).beyond(_SURPRISE_SIGMA)
-        return beyond or self._lean_rad(found) > 0
-
     def _look_longer(self, found: Fitted, now_ns: int) -> None:
         """Raise NotAlignedError on a short window, where one has lately raised a suspicion."""
-        if _surprise_of(found, self._prior).beyond(_SUSPECT_SIGMA):
+        if _surprise_of(found, self._prior) > _SUSPECT_SIGMA:
             self._suspected_ns = now_ns
         lately = now_ns - self._suspected_ns < _SURE_S * 1e9
         if lately and found.window.before_s[0] < _LONG_WINDOW_S:
             raise NotAlignedError("imu/data: looks longer for its biases", 4)
 
-    def _loosely(self, measured: Measured) -> Fitted | None:
-        """Fit a window with a prior for any IMU; None where biases do not explain the data."""
-        any_imu = Biases.unknown(np.repeat([_ANY_GYRO_RAD_S, _ANY_ACCEL_M_S2], 3))
-        try:
-            found = fitted(measured, self._config, any_imu, self._taken, gyros_unknown=True)
-            checked(found.fit, found.seen)
-        except NotAlignedError:
-            return None
+    def _loosely(self, measured: Measured, prior: Biases) -> Fitted:
+        """Fit a window, also to the autopilot's turn; raises where biases do not explain it."""
+        found = fitted(measured, self._config, prior, self._taken, gyros_unknown=True)
+        checked(found.fit, found.seen)
         return found
 
     def _widen(self, plain: Fitted, loose: Fitted) -> None:
@@ -220,4 +196,4 @@ def _unknown(config: EkfConfig) -> Biases:
     imu = config.imu
     gyro = imu.gyro_turn_on_bias**2 + np.square(imu.gyro_bias_instability)
     accel = imu.accel_turn_on_bias**2 + np.square(imu.accel_bias_instability)
-    return Biases((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), np.diag([*gyro, *accel]))
+    return Biases((0.0,) * 3, (0.0,) * 3, np.diag([*gyro, *accel]))

@@ -33,13 +33,11 @@ class UnfilteredSolution:
     """Estimate the pose from the autopilot's attitude and ``source`` (RTK or GPS position)."""
 
     def __init__(self, config: EkfConfig, source: Source) -> None:
-        self._position_source = source
-        rtk = source is Source.RTK_POSITION
+        self._source, rtk = source, source is Source.RTK_POSITION
         self._velocity_source = Source.RTK_VELOCITY if rtk else Source.GPS_VELOCITY
         self._lever_b = config.aircraft.antenna_b(source)
-        self._default_covariance = np.diag(np.array(config.gps.position_sigma_m) ** 2)
-        if rtk:
-            self._default_covariance = np.eye(3) * config.rtk.position_sigma_floor_m**2
+        gps_m, rtk_m = config.gps.position_sigma_m, config.rtk.position_sigma_floor_m
+        self._default_covariance = np.diag(np.square((rtk_m,) * 3 if rtk else gps_m))
         walk, bias = config.imu.angle_random_walk, config.imu.gyro_turn_on_bias
         x, y, z = (w * w * _NOMINAL_RATE_HZ + bias * bias for w in walk)
         self._rate_variance_b = (x, y, z)
@@ -54,7 +52,7 @@ class UnfilteredSolution:
         if self._imu is None or not usable_attitude(self._imu.autopilot_q_nb):
             return "imu/data has no orientation"
         if self._position is None or not self._fresh(self._position):
-            return f"no {self._position_source.value} within {_LARGEST_AGE_S:g} s"
+            return f"no {self._source.value} within {_LARGEST_AGE_S:g} s"
         return ""
 
     def add_imu(self, sample: ImuSample) -> tuple[Outcome, str]:
@@ -66,57 +64,47 @@ class UnfilteredSolution:
 
     def add_aiding(self, sample: Aiding) -> Verdict:
         """Store a position or a velocity of the chosen receiver; any other sample is UNUSED."""
-        if sample.source not in {self._position_source, self._velocity_source}:
-            return Verdict(sample.source, Outcome.UNUSED)
-        if isinstance(sample, PositionSample):
+        if isinstance(sample, PositionSample) and sample.source is self._source:
             self._position = sample
-        elif isinstance(sample, VelocitySample):
+        elif isinstance(sample, VelocitySample) and sample.source is self._velocity_source:
             self._velocity = sample
+        else:
+            return Verdict(sample.source, Outcome.UNUSED)
         return Verdict(sample.source, Outcome.USED)
 
     def solution(self) -> NavSolution | None:
         """Return the position extrapolated to the newest IMU sample, or None (see ``reason``)."""
-        if self.reason or self._imu is None or self._position is None:
+        imu, position, velocity = self._imu, self._position, self._velocity
+        if self.reason or imu is None or position is None or imu.autopilot_q_nb is None:
             return None
-        q_nb = self._imu.autopilot_q_nb
-        assert q_nb is not None
-        velocity = self._velocity if self._velocity and self._fresh(self._velocity) else None
-        velocity_n = velocity.velocity_n if velocity else np.zeros(3)
-        rotation = matrix_from_quat(q_nb)
-        position = self._position
-        shift = velocity_n * self._age_s(position.stamp_ns) - rotation @ self._lever_b
+        covariance = np.zeros((9, 9))
+        covariance[:3, :3] = _or_else(position.covariance_n, self._default_covariance)
+        covariance[3:6, 3:6] = self._attitude_covariance
+        velocity_n, covariance[6:, 6:] = np.zeros(3), np.eye(3)
+        if velocity is not None and self._fresh(velocity):
+            velocity_n = velocity.velocity_n
+            covariance[6:, 6:] = _or_else(velocity.covariance_n, np.eye(3))
+        age_s = (imu.stamp_ns - position.stamp_ns) * 1e-9  # negative: measured after the IMU
+        shift = velocity_n * age_s - matrix_from_quat(imu.autopilot_q_nb) @ self._lever_b
         meridian, transverse = radii_of_curvature(position.latitude_rad)
         east_m = (transverse + position.height_m) * np.cos(position.latitude_rad)
         return NavSolution(
-            self._imu.stamp_ns,
+            imu.stamp_ns,
             position.latitude_rad + float(shift[0]) / (meridian + position.height_m),
             math.remainder(position.longitude_rad + float(shift[1]) / float(east_m), 2 * math.pi),
             position.height_m - float(shift[2]),
             velocity_n,
-            canonical(q_nb),
-            self._imu.angular_rate_b,
+            canonical(imu.autopilot_q_nb),
+            imu.angular_rate_b,
             self._rate_variance_b,
-            self._covariance(position, velocity),
+            covariance,
         )
 
-    def _age_s(self, stamp_ns: int) -> float:
-        """Return the age (s) at the newest IMU sample; negative for what was measured after it."""
-        return (self._imu.stamp_ns - stamp_ns) * 1e-9 if self._imu else math.inf
-
     def _fresh(self, sample: PositionSample | VelocitySample) -> bool:
-        return abs(self._age_s(sample.stamp_ns)) <= _LARGEST_AGE_S
-
-    def _covariance(self, position: PositionSample, velocity: VelocitySample | None) -> Array:
-        covariance = np.zeros((9, 9))
-        covariance[:3, :3] = _or_else(position.covariance_n, self._default_covariance)
-        covariance[3:6, 3:6] = self._attitude_covariance
-        covariance[6:, 6:] = _or_else(velocity.covariance_n, np.eye(3)) if velocity else np.eye(3)
-        return covariance
+        imu = self._imu
+        return imu is not None and abs(imu.stamp_ns - sample.stamp_ns) * 1e-9 <= _LARGEST_AGE_S
 
 
 def _or_else(covariance: Array, otherwise: Array) -> Array:
-    """Return ``covariance``, or ``otherwise`` where a variance of the former is not positive.
-
-    Messages without a covariance have variances of zero.
-    """
+    """Return ``covariance``, or ``otherwise`` where a message has none: a variance of zero."""
     return covariance if np.all(np.diag(covariance) > 0) else otherwise

@@ -8,10 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flights import config_for, errors, navigation_samples, rms
+from filter_states import LEVEL, ZERO, used_at
+from flights import GPS, RTK, filtered, rms, without
 
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack, Receivers
+from tirgeo_ros.core.navigation.aiding.aid_status import AidTrack
 from tirgeo_ros.core.navigation.aiding.barometer import (
     Reference,
     metres_per_pa,
@@ -22,20 +23,16 @@ from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate
 from tirgeo_ros.core.navigation.estimator import Navigation
 from tirgeo_ros.core.navigation.ins_error_model import states_of
-from tirgeo_ros.core.navigation.strapdown import NavState
-from tirgeo_ros.core.types.measurements import ImuSample, PressureSample, Source
+from tirgeo_ros.core.types.measurements import PressureSample, Source
 from tirgeo_ros.core.types.verdicts import Outcome
 from tirgeo_ros.io.bags.cdr import Cdr
 from tirgeo_ros.io.messages import SENSED_SAMPLES, TOPIC_TYPES, Messages, sensed
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from
 
-ZERO = (0.0, 0.0, 0.0)
 CONFIG = EkfConfig()
 BAROMETER = CONFIG.barometer
-HEIGHT_M, OFFSET_M = 120.0, 35.0
-LEVEL = NavState((1.0, 0.0, 0.0, 0.0), ZERO, 0.8, 0.2, HEIGHT_M, ZERO, ZERO, ZERO, ZERO)
-DOWN = 8
+HEIGHT_M, OFFSET_M, DOWN = LEVEL.height_m, 35.0, 8
 
 
 def ns(t_s: float) -> int:
@@ -50,15 +47,19 @@ def pressure(t_s: float, off_m: float = 0.0, variance_pa2: float = 0.0) -> Press
 
 def belief_of(sigma_m, *, position_s=None, reference=True) -> StateEstimate:
     """A level state with this sigma of height, RTK used at a time, the offset known at 0 s."""
-    control = AidStatus(Receivers(0))
-    if position_s is not None:
-        control = control.with_track(Source.RTK_POSITION, AidTrack(ns(position_s)))
+    control = used_at({} if position_s is None else {Source.RTK_POSITION: ns(position_s)})
     if reference:
         own = Reference(0, HEIGHT_M + OFFSET_M, OFFSET_M, 0.01, 0)
         control = control.with_track(Source.BAROMETER, AidTrack(own=own))
     covariance = np.eye(states_of(CONFIG)) * 1e-4
     covariance[DOWN, DOWN] = sigma_m**2
     return StateEstimate(LEVEL, covariance, control)
+
+
+def beside_rtk(belief: StateEstimate, t_s: float) -> StateEstimate:
+    """The belief with an RTK position used at a time."""
+    control = belief.control.with_track(Source.RTK_POSITION, AidTrack(ns(t_s)))
+    return belief._replace(control=control)
 
 
 def reference_of(belief: StateEstimate) -> Reference:
@@ -98,8 +99,7 @@ def test_first_reading_gives_the_reference_only_beside_a_position():
 def test_reference_follows_the_state_beside_a_position_and_stays_without():
     fusion, belief = Fusion(CONFIG), belief_of(0.02, position_s=9.9)
     for t_s in np.arange(0.1, 10.0, 0.1):
-        control = belief.control.with_track(Source.RTK_POSITION, AidTrack(ns(t_s)))
-        fused = fusion.fuse(pressure(t_s, 0.5), belief._replace(control=control), ZERO)
+        fused = fusion.fuse(pressure(t_s, 0.5), beside_rtk(belief, t_s), ZERO)
         assert fused.verdict.outcome is Outcome.STANDBY
         assert fused.belief.covariance is belief.covariance
         belief = fused.belief
@@ -140,19 +140,15 @@ def test_innovations_scatter_as_the_filter_says():
     assert {verdict.outcome for verdict in found} == {Outcome.USED}
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf, 0.0, -1.0, 1013.25, 1e9])
-def test_bad_pressures_are_invalid(value):
-    navigation = Navigation(CONFIG)
-    verdict = navigation.process(PressureSample(ns(1), value, 0.0)).verdict
+@pytest.mark.parametrize(
+    ("value", "variance"),
+    [(v, 0.0) for v in (math.nan, math.inf, 0.0, -1.0, 1013.25, 1e9)]
+    + [(1e5, v) for v in (math.nan, math.inf, -1.0)],
+)
+def test_bad_pressures_are_invalid(value, variance):
+    verdict = Navigation(CONFIG).process(PressureSample(ns(1), value, variance)).verdict
     assert (verdict.source, verdict.outcome) == (Source.BAROMETER, Outcome.INVALID)
-    assert "not 22632 to 113930 Pa" in verdict.reason
-    assert navigation.status().counts == {("barometer", "invalid"): 1}
-
-
-@pytest.mark.parametrize("variance", [math.nan, math.inf, -1.0])
-def test_bad_variances_are_invalid(variance):
-    verdict = Navigation(CONFIG).process(PressureSample(ns(1), 1e5, variance)).verdict
-    assert verdict.outcome is Outcome.INVALID
+    assert ("not 22632 to 113930 Pa" in verdict.reason) is (value != 1e5)
 
 
 @pytest.mark.parametrize(("sigma_m", "position"), [(0.02, True), (0.02, False), (2.0, False)])
@@ -160,12 +156,9 @@ def test_a_step_is_refused_and_then_becomes_the_reference(sigma_m, position):
     """A door opens: 40 m at once. The height stays in all cases."""
     fusion, belief, outcomes = Fusion(CONFIG), belief_of(sigma_m), []
     for t_s in np.arange(5.0, 8.0, 0.1):
-        if position:
-            control = belief.control.with_track(Source.RTK_POSITION, AidTrack(ns(t_s)))
-            belief = belief._replace(control=control)
-        fused = fusion.fuse(pressure(t_s, 40.0), belief, ZERO)
-        belief = fused.belief
-        outcomes.append(fused.verdict.outcome)
+        belief = beside_rtk(belief, t_s) if position else belief
+        verdict, belief = fusion.fuse(pressure(t_s, 40.0), belief, ZERO)
+        outcomes.append(verdict.outcome)
         assert belief.state.height_m == pytest.approx(HEIGHT_M, abs=1e-6)
     assert outcomes[:20] == [Outcome.GATED] * 20  # reset_after_s at 10 Hz
     assert outcomes[20] is Outcome.RESET
@@ -209,27 +202,16 @@ def flown(seed: int, duration_s: float = 107.0):
     return fly(scenario_from({"barometer.rate_hz": 10.0, "duration_s": duration_s}, "test"), seed)
 
 
-def filtered(flight, samples, **values):
-    """Errors of the filter, and its last status; it may drift as far as it does."""
-    navigation = Navigation(config_for(flight, trust__lost_position_sigma_m=1e4, **values))
-    steps = [navigation.process(sample) for sample in samples]
-    found = [step.solution for step in steps if step.solution is not None]
-    return errors(flight, found), navigation.status()
+def without_barometer(change):
+    """The same change, and no reading."""
+    return lambda s, t_s: None if isinstance(s, PressureSample) else change(s, t_s)
 
 
-def without_satellites(flight, begin_s, end_s):
-    """The samples without any receiver's from one time to another."""
-    first_ns = flight.truth.stamp_ns[0]
-    return [
-        sample
-        for sample in navigation_samples(flight)
-        if isinstance(sample, ImuSample | PressureSample)
-        or not begin_s < (sample.stamp_ns - first_ns) * 1e-9 < end_s
-    ]
+def unspoilt(sample, _):
+    return sample
 
 
-def without_barometer(samples):
-    return [sample for sample in samples if not isinstance(sample, PressureSample)]
+DRIFTING = {"trust__lost_position_sigma_m": 1e4}  # it may drift as far as it does
 
 
 @pytest.mark.slow
@@ -238,9 +220,10 @@ def test_height_after_sixty_seconds_without_satellites():
     off, sigmas = {True: [], False: []}, {True: [], False: []}
     for seed in range(1, 7):
         flight = flown(seed)
-        samples = without_satellites(flight, 40.0, 100.0)
+        silent = without(*RTK, *GPS, begin_s=40.0, end_s=100.0)
         for barometer in (True, False):
-            found, _ = filtered(flight, samples if barometer else without_barometer(samples))
+            change = silent if barometer else without_barometer(silent)
+            found = filtered(flight, change, **DRIFTING).errors
             row = int(np.searchsorted(found.t_s, 99.9)) - 1
             off[barometer].append(found.state[row, 2])
             sigmas[barometer].append(found.sigma[row, 2])
@@ -253,10 +236,8 @@ def test_height_after_sixty_seconds_without_satellites():
 
 def test_a_barometer_changes_nothing_on_a_clean_flight():
     flight = flown(7, duration_s=40.0)
-    samples = navigation_samples(flight)
-    (found, status), (plain, _) = (
-        filtered(flight, chosen) for chosen in (samples, without_barometer(samples))
-    )
+    found, _, navigation = filtered(flight)
+    plain, status = filtered(flight, without_barometer(unspoilt)).errors, navigation.status()
     # The readings have stamps of the IMU, so only the sums' rounding differs.
     assert np.abs(found.state - plain.state).max() < 1e-12
     counted = Counter({o: n for (s, o), n in status.counts.items() if s == "barometer"})
@@ -265,36 +246,19 @@ def test_a_barometer_changes_nothing_on_a_clean_flight():
     assert 0.6 < status.nis["barometer"] < 1.4
 
 
-def test_late_readings_give_the_same_as_those_in_time():
-    """What the aid remembers is part of the belief: the past is computed again."""
-    flight, late_ns = flown(9, duration_s=45.0), ns(0.33)
-    last_ns = flight.truth.stamp_ns[-1] - late_ns
-    samples = [
-        sample
-        for sample in without_satellites(flight, 8.0, 45.0)
-        if isinstance(sample, ImuSample) or sample.stamp_ns < last_ns
-    ]
-    late = sorted(samples, key=lambda s: s.stamp_ns + late_ns * isinstance(s, PressureSample))
-    (found, status), (expected, _) = (filtered(flight, chosen) for chosen in (late, samples))
-    assert status.counts["barometer", "used"] > 30
-    assert found.state[-1] == pytest.approx(expected.state[-1], abs=1e-9)
-
-
 def test_a_barometer_that_walks_away_beside_rtk_does_no_harm():
     """Five metres within a minute, and a step of 20 m: the height stays RTK's."""
     flight = flown(8, duration_s=40.0)
-    begin_ns = flight.truth.stamp_ns[0]
 
-    def spoiled(sample):
-        t_s = (sample.stamp_ns - begin_ns) * 1e-9
+    def spoiled(sample, t_s):
+        if not isinstance(sample, PressureSample):
+            return sample
         height_m = standard_height_m(sample.pressure_pa) + t_s / 12 + 20.0 * (t_s > 25)
         return replace(sample, pressure_pa=standard_pressure_pa(height_m))
 
-    samples = [
-        spoiled(s) if isinstance(s, PressureSample) else s for s in navigation_samples(flight)
-    ]
-    found, status = filtered(flight, samples)
-    plain, _ = filtered(flight, without_barometer(samples))
+    found, _, navigation = filtered(flight, spoiled)
+    plain = filtered(flight, without_barometer(unspoilt)).errors
+    status = navigation.status()
     assert np.abs(found.state[:, 2] - plain.state[:, 2]).max() < 1e-3
     assert status.counts["barometer", "gated"] >= 18
     assert status.resets["barometer"] == 1

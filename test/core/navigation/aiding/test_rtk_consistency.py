@@ -10,8 +10,7 @@ import pytest
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.aiding import rtk_consistency
-from tirgeo_ros.core.navigation.aiding.path_comparison import distance
-from tirgeo_ros.core.navigation.aiding.rtk_consistency import Consistency
+from tirgeo_ros.core.navigation.aiding.rtk_consistency import Consistency, distance
 from tirgeo_ros.core.navigation.kalman import chi_square_limit
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source, VelocitySample
 
@@ -135,59 +134,45 @@ def test_a_lag_is_learned_and_forgiven():
 # Who is refused
 
 
-AXES = np.eye(3)
-SEEDS = range(15)
-
-
-def test_velocities_that_are_off_are_refused():
-    """0.1 m/s is 5 sigma after 1.2 s (down, of 2 cm: 1.8 s); 43 of these 45 are found."""
+@pytest.mark.parametrize(
+    ("fault", "wrong", "right", "found_s", "over_s"),
+    [
+        # 0.1 m/s is 5 sigma after 1.2 s (down, of 2 cm: 1.8 s); 43 of these 45 are found.
+        ("faster_n", Source.RTK_VELOCITY, Source.RTK_POSITION, 3.0, 2.0),  # the window's length
+        # The step back of drifting fixes tells at once that it is over.
+        ("ramp_n", Source.RTK_POSITION, Source.RTK_VELOCITY, 3.4, 0.0),
+    ],
+)
+def test_the_one_that_is_off_is_refused(fault, wrong, right, found_s, over_s):
     flights = [
-        kept_over(seed=seed, faster_n=tuple((0.1 * axis).tolist()))
-        for seed in SEEDS
-        for axis in AXES
+        kept_over(seed=seed, **{fault: tuple((0.1 * axis).tolist())})
+        for seed in range(15)
+        for axis in np.eye(3)
     ]
-    right = [times for f in flights if len(times := against(f, Source.RTK_VELOCITY))]
-    assert len(right) >= 40
-    assert sum(len(against(f, Source.RTK_POSITION)) > 0 for f in flights) <= 1
-    for times in right:
-        assert FAULT_S[0] < times[0] < FAULT_S[0] + 3.0
-        assert times[-1] < FAULT_S[1] + 2.0  # the window's length
+    refused = [times for f in flights if len(times := against(f, wrong))]
+    assert len(refused) >= 40
+    assert sum(len(against(f, right)) > 0 for f in flights) <= 1
+    for times in refused:
+        assert FAULT_S[0] < times[0] < FAULT_S[0] + found_s
+        assert times[-1] < FAULT_S[1] + over_s
 
 
-def test_fixes_that_drift_away_are_refused_until_they_step_back():
-    """0.1 m/s; the step back tells at once that it is over."""
-    flights = [
-        kept_over(seed=seed, ramp_n=tuple((0.1 * axis).tolist()))
-        for seed in SEEDS
-        for axis in AXES
-    ]
-    right = [times for f in flights if len(times := against(f, Source.RTK_POSITION))]
-    assert len(right) >= 40
-    assert sum(len(against(f, Source.RTK_VELOCITY)) > 0 for f in flights) <= 1
-    for times in right:
-        assert FAULT_S[0] < times[0] < FAULT_S[0] + 3.4
-        assert times[-1] < FAULT_S[1]
-
-
-def test_what_is_clear_is_refused_without_a_break():
-    for faults, source in (
-        ({"faster_n": (0.3, 0, 0)}, Source.RTK_VELOCITY),
-        ({"ramp_n": (0.3, 0, 0)}, Source.RTK_POSITION),
-    ):
-        times = against(kept_over(**faults), source)
-        assert times[0] < FAULT_S[0] + 1.6
-        assert times[-1] > FAULT_S[1] - 0.5
-        assert np.diff(times) == pytest.approx(0.2)
-
-
-def test_the_reason_says_by_how_much_and_off_what():
-    kept = kept_over(seconds=26.0, faster_n=(0.1, 0, 0))[-1]
-    assert kept.reason(Source.RTK_POSITION) == ""
-    reason = kept.reason(Source.RTK_VELOCITY)
-    assert reason.endswith(" m/s off the differences of rtk/fix")
-    assert float(reason.split()[0]) == pytest.approx(0.1, abs=0.03)
-    kept = kept_over(seconds=26.0, ramp_n=(0.1, 0, 0))[-1]
-    assert kept.reason(Source.RTK_POSITION).endswith(" m/s off rtk/vel")
+@pytest.mark.parametrize(
+    ("fault", "source", "off"),
+    [
+        ("faster_n", Source.RTK_VELOCITY, "the differences of rtk/fix"),
+        ("ramp_n", Source.RTK_POSITION, "rtk/vel"),
+    ],
+)
+def test_what_is_clear_is_refused_without_a_break(fault, source, off):
+    found = kept_over(**{fault: (0.3, 0, 0)})
+    times = against(found, source)
+    assert times[0] < FAULT_S[0] + 1.6
+    assert times[-1] > FAULT_S[1] - 0.5
+    assert np.diff(times) == pytest.approx(0.2)
+    size, *rest = found[(26 * 5)].reason(source).split()
+    assert float(size) == pytest.approx(0.3, abs=0.03)
+    assert " ".join(rest) == f"m/s off {off}"
 
 
 def test_fixes_are_not_refused_for_ever(monkeypatch):
@@ -207,21 +192,16 @@ def test_what_is_there_from_the_start_is_nobodys_fault():
     assert not any(kept.against for kept in found)
 
 
-@pytest.mark.parametrize("size_m", [0.3, 3.0])
-def test_a_step_of_the_fixes_is_left_to_the_gates(size_m):
+@pytest.mark.parametrize(
+    ("step_m", "peak_m_s"), [(0.3, 0.0), (3.0, 0.0), (0.0, 5.0)], ids=["step", "jump", "velocity"]
+)
+def test_steps_and_single_errors_are_left_to_the_gates(step_m, peak_m_s):
     place, velocity = STEADY
-    stepped = kept_over(
-        (lambda t_s: place(t_s) + size_m * (t_s > 20)[:, None] * np.array((1, 0, 0)), velocity)
-    )
-    assert not any(kept.against for kept in stepped)
-
-
-def test_one_velocity_that_is_off_is_left_to_the_gates():
-    place, velocity = STEADY
+    north, east, _ = np.eye(3)
     found = kept_over(
         (
-            place,
-            lambda t_s: velocity(t_s) + 5.0 * (np.abs(t_s - 20) < 0.1)[:, None] * np.eye(3)[1],
+            lambda t_s: place(t_s) + step_m * (t_s > 20)[:, None] * north,
+            lambda t_s: velocity(t_s) + peak_m_s * (np.abs(t_s - 20) < 0.1)[:, None] * east,
         )
     )
     assert not any(kept.against for kept in found)

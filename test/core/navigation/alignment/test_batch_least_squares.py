@@ -16,7 +16,7 @@ from tirgeo_ros.core.navigation.alignment.batch_least_squares import (
     _Terms,
 )
 from tirgeo_ros.core.navigation.alignment.imu_preintegration import integrate
-from tirgeo_ros.core.navigation.alignment.observations import heading_observations
+from tirgeo_ros.core.navigation.alignment.window_estimate import heading_observations
 from tirgeo_ros.core.navigation.vibration_noise import STILL
 from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample
 from tirgeo_ros.tools.simulate.flight import fly

@@ -7,22 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from alignments import WAIT_S, aligned, assert_right, duration_s, samples_from, source_of
+from alignments import WAIT_S, aligned, assert_right, duration_s, samples_from, spoilt
 from flights import config_for, flight
 
 from tirgeo_ros.core.frames.rotations import quat_from_euler, quat_multiply
 from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, Source
 
 pytestmark = pytest.mark.slow
-
-
-def spoilt(samples, kind, change, from_s=0.0, to_s=math.inf):
-    """Samples of a source changed between two times from the first."""
-    first = samples[0].stamp_ns
-    return [
-        change(s) if source_of(s) is kind and from_s <= (s.stamp_ns - first) * 1e-9 <= to_s else s
-        for s in samples
-    ]
 
 
 def higher(metres):
@@ -119,28 +110,28 @@ def test_one_glitch_of_the_autopilot_is_no_heading():
     assert_right(flown, found)
 
 
-def test_an_autopilot_that_stands_still_is_no_heading():
-    """Its attitude stays the same while the aircraft turns at 35 deg/s."""
+@pytest.mark.parametrize(
+    ("change", "use_heading", "reason"),
+    [
+        # Its attitude stays the same while the aircraft turns at 35 deg/s.
+        (lambda first: {"autopilot_q_nb": first.autopilot_q_nb}, False, "follows the gyroscopes"),
+        # Force in g: it cannot be gravity, neither by RTK nor by ordinary GPS.
+        (None, True, "imu/data: a mean force of 1.0 m/s2 is not gravity"),
+    ],
+)
+def test_an_imu_message_that_cannot_be_is_refused(change, use_heading, reason):
     flown = flight(7, 50.0, "figure_eight")
-    samples = samples_from(flown, 9.3, length_s=6.0)
-    q_nb = samples[0].autopilot_q_nb
-    frozen = spoilt(samples, Source.IMU, lambda s: replace(s, autopilot_q_nb=q_nb))
-    found, aligner = aligned(frozen, config_for(flown), use_heading=False)
-    assert found is None
-    assert "that follows the gyroscopes" in aligner.reason
+    samples = samples_from(flown, 9.3, length_s=20.0)
 
+    def spoil(s):
+        force = {"specific_force_b": s.specific_force_b / 9.8}
+        return replace(s, **(change(samples[0]) if change else force))
 
-def test_wrong_unit_of_force_is_refused():
-    """Force in g instead of m/s2 cannot be gravity, neither by RTK nor by ordinary GPS."""
-    flown = flight(7, 50.0, "figure_eight")
-    samples = spoilt(
-        samples_from(flown, 5.3, length_s=40.0),
-        Source.IMU,
-        lambda s: replace(s, specific_force_b=s.specific_force_b / 9.8),
+    found, aligner = aligned(
+        spoilt(samples, Source.IMU, spoil), config_for(flown), use_heading=use_heading
     )
-    found, aligner = aligned(samples, config_for(flown))
     assert found is None
-    assert "imu/data: a mean force of 1.0 m/s2 is not gravity" in aligner.reason
+    assert reason in aligner.reason
 
 
 def test_a_velocity_that_never_fits_gives_way_to_positions():
@@ -173,25 +164,20 @@ def test_a_frozen_imu_does_not_align():
     assert found.imu[0].stamp_ns > first.stamp_ns + 4_000_000_000
 
 
-def test_no_window_spans_a_gap_of_the_imu():
+@pytest.mark.parametrize(("end_s", "begins_s"), [(0.95, 0.95), (0.85, 0.0)])
+def test_no_window_spans_a_gap_of_the_imu(end_s, begins_s):
+    """One of 0.25 s; 0.15 s are bridged."""
     flown = flight(7, 50.0, "hover")
     samples = samples_from(flown, 0.0)
     first = samples[0].stamp_ns
     holed = [
         s
         for s in samples
-        if not (isinstance(s, ImuSample) and 0.7 < (s.stamp_ns - first) * 1e-9 < 0.95)
+        if not (isinstance(s, ImuSample) and 0.7 < (s.stamp_ns - first) * 1e-9 < end_s)
     ]
     found, _ = aligned(holed, config_for(flown))
     assert_right(flown, found)
-    assert 0.95 + 1.0 < duration_s(samples, found) < 0.95 + 1.0 + 0.5
-    bridged = [
-        s
-        for s in samples
-        if not (isinstance(s, ImuSample) and 0.7 < (s.stamp_ns - first) * 1e-9 < 0.85)
-    ]
-    found, _ = aligned(bridged, config_for(flown))
-    assert duration_s(samples, found) < 1.4
+    assert begins_s + 1.0 <= duration_s(samples, found) < begins_s + 1.0 + 0.5
 
 
 def test_headings_that_disagree_wait():

@@ -16,9 +16,8 @@ from tirgeo_ros.core.navigation.strapdown import Vector
 from tirgeo_ros.core.types.measurements import FixStatus, Source
 
 #: The sources of measurements, in the order in which those of one instant are used.
-AID_SOURCES = tuple(s for s in Source if s not in {Source.IMU, Source.AUTOPILOT_HEADING})
-#: Order within an instant. The autopilot's heading comes last; it has no record in ``tracks``.
-PLACE = {source: place for place, source in enumerate((*AID_SOURCES, Source.AUTOPILOT_HEADING))}
+AID_SOURCES = tuple(s for s in Source if s is not Source.IMU)
+PLACE = {source: place for place, source in enumerate(AID_SOURCES)}
 NEVER_NS = -(1 << 62)
 #: An aid that returns after a silence corrects the drift since then in this many equal steps.
 EASE_STEPS = 5
@@ -70,14 +69,9 @@ class AidTrack(NamedTuple):
         agreed_ns = self.agreed_ns
         if self.run is None and self.recent(now_ns, timeout_ns):
             agreed_ns += now_ns - self.used_ns
-        ease = max(self.ease - 1, 0)
+        ease, mean_rad = max(self.ease - 1, 0), self.mean_rad
         return AidTrack(
-            now_ns,
-            agreed_ns,
-            ease,
-            mean_rad=self.mean_rad,
-            newest=innovation,
-            own=self.own,
+            now_ns, agreed_ns, ease, mean_rad=mean_rad, newest=innovation, own=self.own
         )
 
     def followed(self, innovation: tuple[float, ...], expected: tuple[float, ...]) -> AidTrack:
@@ -116,24 +110,15 @@ class AidTrack(NamedTuple):
     ) -> AidTrack:
         """Return the record after a refusal, which joins the run if within ``slack`` of it."""
         run = self.run
-        if run is None or _apart(run.innovation, innovation) > slack:
+        if run is None or max(map(abs, map(operator.sub, run.innovation, innovation))) > slack:
             run = RefusedRun(now_ns, now_ns, 1, innovation)
         else:
             run = run._replace(last_ns=now_ns, number=run.number + 1)
+        track = self._replace(run=run, newest=innovation, step=step)
         if stale:
-            return self._replace(run=run, newest=innovation, step=step)
-        return self._replace(
-            run=run,
-            newest=innovation,
-            step=step,
-            denied_ns=self.denied_ns if self.denied else now_ns,
-            denied_to_ns=now_ns,
-            denied=self.denied + 1,
-        )
-
-
-def _apart(a: tuple[float, ...], b: tuple[float, ...]) -> float:
-    return max(abs(p - q) for p, q in zip(a, b, strict=True))
+            return track
+        begun_ns = self.denied_ns if self.denied else now_ns
+        return track._replace(denied_ns=begun_ns, denied_to_ns=now_ns, denied=self.denied + 1)
 
 
 class Receivers(NamedTuple):
@@ -151,22 +136,19 @@ class Receivers(NamedTuple):
             return self
         fade = math.exp(-passed_s / gps_time_s)
         north, east, down = self.gps_error_n
-        heading_rad = self.heading_error_rad
-        if heading_rad:
-            heading_rad *= math.exp(-passed_s / heading_time_s)
         faded = (north * fade, east * fade, down * fade)
+        heading_rad = self.heading_error_rad * math.exp(-passed_s / heading_time_s)
         return Receivers(stamp_ns, faded, heading_rad, self.antenna_b)
 
     def changed(
-        self, gps_error_n: list[float], heading_rad: float = 0.0, antenna_b: Sequence[float] = ()
+        self,
+        gps_error_n: Sequence[float],
+        heading_rad: float = 0.0,
+        antenna_b: Sequence[float] = (0.0, 0.0, 0.0),
     ) -> Receivers:
         """Return the sum of these errors and changes of them, in m, rad and m."""
-        n, e, d = self.gps_error_n
-        north, east, down = gps_error_n
-        moved = (n + north, e + east, d + down)
-        place = self.antenna_b
-        if antenna_b:
-            place = tuple(map(operator.add, place, antenna_b))
+        moved: Vector = tuple(map(operator.add, self.gps_error_n, gps_error_n))
+        place: Vector = tuple(map(operator.add, self.antenna_b, antenna_b))
         return Receivers(self.stamp_ns, moved, self.heading_error_rad + heading_rad, place)
 
 
@@ -181,11 +163,17 @@ class Reset(NamedTuple):
         """Return the reset in words."""
         if self.source is Source.RTK_HEADING:
             return f"heading turned by {math.degrees(self.size):+.1f} deg"
-        if self.source in {Source.RTK_VELOCITY, Source.GPS_VELOCITY}:
-            return f"velocity changed by {self.size:.2f} m/s"
-        what = {Source.RTK_POSITION: "position moved", Source.GPS_POSITION: "GPS error changed"}
-        changed = what.get(self.source, f"offset of {self.source.topic} changed")
-        return f"{changed} by {self.size:.2f} m"
+        offset = f"offset of {self.source.topic} changed by", "m"
+        what, unit = _RESET_WORDS.get(self.source, offset)
+        return f"{what} {self.size:.2f} {unit}"
+
+
+_RESET_WORDS = {
+    Source.RTK_POSITION: ("position moved by", "m"),
+    Source.RTK_VELOCITY: ("velocity changed by", "m/s"),
+    Source.GPS_POSITION: ("GPS error changed by", "m"),
+    Source.GPS_VELOCITY: ("velocity changed by", "m/s"),
+}
 
 
 class AidStatus(NamedTuple):
@@ -198,7 +186,7 @@ class AidStatus(NamedTuple):
     fixed_since_ns: int = NEVER_NS
     offsets_n: tuple[Vector, ...] = ()  # of the newest RTK positions, for the median
     resets: tuple[int, ...] = (0,) * len(AID_SOURCES)
-    reset_ns: tuple[int, ...] = ()  # stamps of the newest resets of position and velocity
+    rtk_resets: tuple[Reset, ...] = ()  # the newest ones to RTK positions and velocities
     last_reset: Reset | None = None
     rtk: Consistency = Consistency()  # RTK positions against velocities
 
@@ -215,10 +203,6 @@ class AidStatus(NamedTuple):
         return AidStatus(
             receivers or self.receivers, (*tracks[:place], track, *tracks[place + 1 :]), *self[2:]
         )
-
-    def with_receivers(self, receivers: Receivers) -> AidStatus:
-        """Return a copy with the receivers' errors changed."""
-        return AidStatus(receivers, *self[1:])
 
     def status_at(self, now_ns: int, timeout_ns: int) -> FixStatus | None:
         """Return the receiver's newest fix status; None where it is older than the time-out."""
@@ -240,25 +224,22 @@ class AidStatus(NamedTuple):
         return told._replace(tracks=tracks)
 
     def with_reset(self, source: Source, now_ns: int, size: float) -> AidStatus:
-        """Return a copy after a reset to a measurement: counted, with a new record of its source.
-
-        ``size`` is the change of the state in m, m/s or rad.
-        """
+        """Return a copy after a reset by ``size`` (m, m/s or rad): counted, with a new record."""
         place = PLACE[source]
         counts = list(self.resets)
         counts[place] += 1
-        stamps = self.reset_ns
+        newest, rtk = Reset(source, now_ns, size), self.rtk_resets
         if source in {Source.RTK_POSITION, Source.RTK_VELOCITY}:
-            stamps = (*stamps, now_ns)[-_HOPELESS_RESETS:]
+            rtk = (*rtk, newest)[-_HOPELESS_RESETS:]
         return self.with_track(source, AidTrack(now_ns))._replace(
-            resets=tuple(counts), reset_ns=stamps, last_reset=Reset(source, now_ns, size)
+            resets=tuple(counts), rtk_resets=rtk, last_reset=newest
         )
 
     def hopeless(self, patience_s: float) -> str:
         """Return why only a restart of the filter helps, or an empty string."""
-        stamps = self.reset_ns
-        if len(stamps) == _HOPELESS_RESETS and stamps[-1] - stamps[0] <= _HOPELESS_NS:
-            return f"reset again and again: {self.last_reset}"
+        rtk = self.rtk_resets
+        if len(rtk) == _HOPELESS_RESETS and rtk[-1].stamp_ns - rtk[0].stamp_ns <= _HOPELESS_NS:
+            return f"reset again and again: {rtk[-1]}"
         # Two measurements of different kinds do not fail together. Where the state runs away,
         # their refused innovations do not agree with themselves either, so all refusals are
         # counted.

@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from tirgeo_ros.core.navigation.aiding.aid import Aid
-from tirgeo_ros.core.navigation.aiding.aid_status import AID_SOURCES
 from tirgeo_ros.core.navigation.aiding.autopilot_heading import AutopilotHeadingAid
 from tirgeo_ros.core.navigation.aiding.barometer import BarometerAid
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import HeadingAid
-from tirgeo_ros.core.navigation.aiding.gnss_fallback import GpsPositionAid
+from tirgeo_ros.core.navigation.aiding.gnss_position import GpsPositionAid, RtkPositionAid
 from tirgeo_ros.core.navigation.aiding.gnss_velocity import GpsVelocityAid, RtkVelocityAid
-from tirgeo_ros.core.navigation.aiding.rtk_position import RtkPositionAid
 from tirgeo_ros.core.types.measurements import Source
 
 #: Everything that asks for an aid finds it here, by its source.
@@ -28,10 +26,11 @@ AIDS: Mapping[Source, type[Aid]] = {
     )
 }
 
-_IMU = Source.IMU
+_IMU, _EKF = Source.IMU, tuple(s for s in Source if s is not Source.AUTOPILOT_HEADING)
+#: The sources that arrive as samples of their own, by method.
 METHOD_SOURCES: Mapping[str, tuple[Source, ...]] = {
     "raw": (_IMU, Source.GPS_POSITION, Source.GPS_VELOCITY),
     "rtk": (_IMU, Source.RTK_POSITION, Source.RTK_VELOCITY),
-    "ekf": (_IMU, *(source for source in AID_SOURCES if source is not Source.RTK_HEADING)),
-    "ekf_heading": (_IMU, *AID_SOURCES),
+    "ekf": tuple(source for source in _EKF if source is not Source.RTK_HEADING),
+    "ekf_heading": _EKF,
 }

@@ -17,8 +17,12 @@ import numpy as np
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.aid import Aid
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack
-from tirgeo_ros.core.navigation.aiding.state_estimate import AidMeasurement, StateEstimate
-from tirgeo_ros.core.navigation.ins_error_model import POSITION, states_of
+from tirgeo_ros.core.navigation.aiding.state_estimate import (
+    AidMeasurement,
+    Modelled,
+    StateEstimate,
+)
+from tirgeo_ros.core.navigation.ins_error_model import POSITION
 from tirgeo_ros.core.navigation.kalman import Measurement, chi_square_limit
 from tirgeo_ros.core.navigation.strapdown import Vector
 from tirgeo_ros.core.types.measurements import PressureSample, Source
@@ -73,44 +77,40 @@ class BarometerAid(Aid):
     look_at = "barometer.sigma_m, barometer.noise_m"
 
     def __init__(self, config: EkfConfig) -> None:
-        self._config = config.barometer
-        self._states = states_of(config)
-        self._timeout_ns = round(config.trust.aid_timeout_s * 1e9)
+        super().__init__(config)
+        self._barometer = config.barometer
 
     def spare(self, sample: PressureSample, control: AidStatus) -> bool:
         """Return whether a reading was looked at less than a tenth of a second before."""
         own = control.track(self.source).own
         return bool(own) and 0 <= sample.stamp_ns - own[-1] < _LEAST_STEP_NS
 
-    def measured(
-        self,
-        sample: PressureSample,
-        belief: StateEstimate,
-        angular_rate_b: Vector,  # noqa: ARG002
-    ) -> tuple[AidMeasurement | Verdict, StateEstimate]:
+    def measured(self, sample: PressureSample, belief: StateEstimate, _rate_b: Vector) -> Modelled:
         """Return the measurement; STANDBY while the state's height is the better one.
 
         Meanwhile the reference follows the state, as long as a satellite position is in use.
         """
         control, stamp_ns = belief.control, sample.stamp_ns
         held = any(control.track(s).recent(stamp_ns, self._timeout_ns) for s in _POSITIONS)
-        height_m, noise_m2 = standard_height_m(sample.pressure_pa), self._noise_m2(sample)
+        height_m = standard_height_m(sample.pressure_pa)
+        reported_m2 = sample.variance_pa2 * metres_per_pa(sample.pressure_pa) ** 2
+        noise_m2 = max(reported_m2, self._barometer.noise_m**2)
         own_m2 = float(belief.covariance[_DOWN, _DOWN])
         before = control.track(self.source)
+        if not before.own and not held:
+            reason = "no satellite position to take the height from"
+            return Verdict(self.source, Outcome.STANDBY, reason), belief
         if not before.own:
-            if not held:
-                reason = "no satellite position to take the height from"
-                return Verdict(self.source, Outcome.STANDBY, reason), belief
             offset_m = height_m - belief.state.height_m
             first = Reference(stamp_ns, height_m, offset_m, noise_m2 + own_m2, stamp_ns)
-            reason = "takes its reference"
-            return Verdict(self.source, Outcome.STANDBY, reason), _noted(belief, first)
+            verdict = Verdict(self.source, Outcome.STANDBY, "takes its reference")
+            return verdict, _noted(belief, first)
         reference = Reference._make(before.own)._replace(taken_ns=stamp_ns)
         lasting_m2 = self._offset_m2(reference, stamp_ns, height_m)
         off_m = belief.state.height_m - (height_m - reference.offset_m)
-        aid = self._measurement(sample, belief, off_m, (lasting_m2, noise_m2))
+        aid = self._measurement(stamp_ns, belief, off_m, (lasting_m2, noise_m2))
         nis = off_m * off_m / (own_m2 + lasting_m2 + noise_m2)
-        ratio = nis / chi_square_limit(self._config.gate_sigma, 1)
+        ratio = nis / chi_square_limit(self._barometer.gate_sigma, 1)
         if own_m2 > 2 * lasting_m2 or ratio > 1:
             return aid, _noted(belief, reference, before)
         if held and own_m2 < lasting_m2:
@@ -118,8 +118,9 @@ class BarometerAid(Aid):
             offset_m = reference.offset_m - gain * off_m
             left_m2 = max((1 - gain) * lasting_m2, own_m2)
             reference = Reference(stamp_ns, height_m, offset_m, left_m2, stamp_ns)
-        reason = "the height is known better"
-        verdict = Verdict(self.source, Outcome.STANDBY, reason, ratio, (off_m,), nis)
+        verdict = Verdict(
+            self.source, Outcome.STANDBY, "the height is known better", ratio, (off_m,), nis
+        )
         return verdict, _noted(belief, reference)
 
     def after_refusal(self, aid: AidMeasurement, belief: StateEstimate) -> StateEstimate | None:
@@ -130,11 +131,11 @@ class BarometerAid(Aid):
         """
         control = belief.control
         track = control.track(self.source)
-        if track.run is None or not track.run.lasts(self._config.reset_after_s):
+        if track.run is None or not track.run.lasts(self._barometer.reset_after_s):
             return None
         off_m = float(aid.measurement.innovation[0])
         offset_m = Reference._make(track.own).offset_m - off_m
-        variance_m2 = float(belief.covariance[_DOWN, _DOWN]) + self._config.noise_m**2
+        variance_m2 = float(belief.covariance[_DOWN, _DOWN]) + self._barometer.noise_m**2
         height_m = belief.state.height_m + offset_m
         reference = Reference(aid.stamp_ns, height_m, offset_m, variance_m2, aid.stamp_ns)
         control = control.with_reset(self.source, aid.stamp_ns, abs(off_m))
@@ -142,7 +143,7 @@ class BarometerAid(Aid):
 
     def _measurement(
         self,
-        sample: PressureSample,
+        stamp_ns: int,
         belief: StateEstimate,
         off_m: float,
         variances_m2: tuple[float, float],
@@ -161,18 +162,14 @@ class BarometerAid(Aid):
             weak_m2 = own_m2 * 2 * lasting_m2 / (own_m2 - 2 * lasting_m2)
             ease = max(weak_m2 - plain_m2, 0.0) / own_m2
         measurement = Measurement(
-            np.array((off_m,)), design, np.array(((plain_m2,),)), self._config.gate_sigma, ease
+            np.array((off_m,)), design, np.array(((plain_m2,),)), self._barometer.gate_sigma, ease
         )
         moved_m = belief.state.correction_n[2]
-        slack_m = 1.5 * self._config.gate_sigma * math.sqrt(noise_m2 + self._config.sigma_m**2)
+        spread_m = math.sqrt(noise_m2 + self._barometer.sigma_m**2)
+        slack_m = 1.5 * self._barometer.gate_sigma * spread_m
         return AidMeasurement(
-            self.source, sample.stamp_ns, measurement, (off_m + moved_m,), (moved_m,), slack_m
+            self.source, stamp_ns, measurement, (off_m + moved_m,), (moved_m,), slack_m
         )
-
-    def _noise_m2(self, sample: PressureSample) -> float:
-        """Return the variance of the white noise of a reading, as a height."""
-        reported_m2 = sample.variance_pa2 * metres_per_pa(sample.pressure_pa) ** 2
-        return max(reported_m2, self._config.noise_m**2)
 
     def _offset_m2(self, reference: Reference, stamp_ns: int, height_m: float) -> float:
         """Return the variance of the offset by now.
@@ -180,7 +177,7 @@ class BarometerAid(Aid):
         It grows by the weather's random walk, by the slow error's change (a Gauss-Markov process)
         and with the change of height in air that is warmer or colder than the standard.
         """
-        config, passed_s = self._config, abs(stamp_ns - reference.stamp_ns) * 1e-9
+        config, passed_s = self._barometer, abs(stamp_ns - reference.stamp_ns) * 1e-9
         walked_m2 = config.drift**2 * passed_s
         slow_m2 = 2 * config.sigma_m**2 * -math.expm1(-passed_s / config.time_s)
         scaled_m = config.scale_sigma * (height_m - reference.height_m)

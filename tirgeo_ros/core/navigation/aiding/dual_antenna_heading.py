@@ -15,10 +15,14 @@ from tirgeo_ros.core.frames.heading import azimuth, azimuth_row, wrapped
 from tirgeo_ros.core.frames.rotations import rotation_of
 from tirgeo_ros.core.navigation.aiding.aid import Aid
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack
-from tirgeo_ros.core.navigation.aiding.state_estimate import AidMeasurement, StateEstimate
-from tirgeo_ros.core.navigation.ins_error_model import heading_error, states_of
+from tirgeo_ros.core.navigation.aiding.state_estimate import (
+    AidMeasurement,
+    Modelled,
+    StateEstimate,
+)
+from tirgeo_ros.core.navigation.ins_error_model import heading_error
 from tirgeo_ros.core.navigation.kalman import Measurement
-from tirgeo_ros.core.navigation.strapdown import Rotation, Vector, rotate
+from tirgeo_ros.core.navigation.strapdown import Vector, rotate
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample, Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
@@ -52,15 +56,6 @@ class Baseline(NamedTuple):
             return cls((1.0, 0.0, 0.0), 0.0)
         x, y, z = (baseline_b / np.linalg.norm(baseline_b)).tolist()
         return cls((x, y, z), -azimuth((x, y)))
-
-
-def heading_innovation(
-    rotation_nb: Rotation, heading_rad: float, baseline: Baseline
-) -> tuple[float, Vector]:
-    """Return reported minus predicted heading (rad), and the baseline's direction in ``n``."""
-    u = rotate(rotation_nb, baseline.direction_b)
-    predicted = azimuth(u) + baseline.reported_less_azimuth_rad
-    return wrapped(heading_rad - predicted), u
 
 
 def heading_design(states: int, u: Vector) -> Array | None:
@@ -108,9 +103,8 @@ class HeadingAid(Aid):
     steps = True
 
     def __init__(self, config: EkfConfig) -> None:
+        super().__init__(config)
         self._heading = config.heading
-        self._states = states_of(config)
-        self._timeout_ns = round(config.trust.aid_timeout_s * 1e9)
         self._baseline = Baseline.from_config(config.aircraft)
         self._floor_rad2 = math.radians(config.heading.sigma_floor_deg) ** 2
         self._resolution_rad = math.radians(config.heading.resolution_deg)
@@ -122,10 +116,7 @@ class HeadingAid(Aid):
         return config.rtk.delay_s if math.isnan(own_s) else own_s
 
     def _obstacle(self, sample: HeadingSample, control: AidStatus) -> str:
-        """Return why a heading is not to be used now, or an empty string.
-
-        RTK must be fixed; before the first use, and after a time-out, for ``start_after_s``.
-        """
+        """Return why a heading is not used now, or "": RTK must be fixed, at first for a while."""
         now_ns = sample.stamp_ns
         if control.status is not FixStatus.FIXED:
             return "rtk/fix is not fixed"
@@ -137,34 +128,29 @@ class HeadingAid(Aid):
             return f"rtk/fix is fixed for {fixed_s:.1f} s only"
         return ""
 
-    def measured(
-        self,
-        sample: HeadingSample,
-        belief: StateEstimate,
-        angular_rate_b: Vector,  # noqa: ARG002
-    ) -> tuple[AidMeasurement | Verdict, StateEstimate]:
+    def measured(self, sample: HeadingSample, belief: StateEstimate, _rate_b: Vector) -> Modelled:
         """Return the measurement; INVALID where the baseline is near the vertical."""
         obstacle = self._obstacle(sample, belief.control)
         if obstacle:
             return Verdict(self.source, Outcome.NOT_FIXED, obstacle), belief
-        reported = sample.heading_rad - belief.control.receivers.heading_error_rad
-        rotation = rotation_of(belief.state.q_nb)
-        innovation, u = heading_innovation(rotation, reported, self._baseline)
+        u = rotate(rotation_of(belief.state.q_nb), self._baseline.direction_b)
         design = heading_design(self._states, u)
         if design is None:
             reason = "the antenna baseline stands upright"
             return Verdict(self.source, Outcome.INVALID, reason), belief
+        reported = sample.heading_rad - belief.control.receivers.heading_error_rad
+        predicted = azimuth(u) + self._baseline.reported_less_azimuth_rad
+        innovation = wrapped(reported - predicted)
         rounding = self._resolution_rad**2 / 12
         variance = max(sample.variance_rad2 - rounding, self._floor_rad2) + rounding
-        gate_sigma = self._heading.gate_sigma
-        noise = np.array(((variance,),))
+        gate_sigma, noise = self._heading.gate_sigma, np.array(((variance,),))
         measurement = Measurement(np.array((innovation,)), design, noise, gate_sigma)
         if rounding:
             measurement = self._interval(measurement, belief.covariance)
         invariant = (math.cos(innovation), math.sin(innovation))
         slack = 1.5 * gate_sigma * math.sqrt(variance)
         return AidMeasurement(
-            Source.RTK_HEADING, sample.stamp_ns, measurement, invariant, (1.0, 0.0), slack
+            self.source, sample.stamp_ns, measurement, invariant, (1.0, 0.0), slack
         ), belief
 
     def off(self, aid: AidMeasurement, track: AidTrack) -> str:

@@ -1,7 +1,7 @@
 """Fuse a sample into the filter's belief: measure it by its aid, gate it, give the verdict.
 
-What is particular to a source stands in its aid (``aids``); records, easing, steps and resets are
-the same for all.
+The aids (``aids``) hold what differs between sources; records, easing, steps and resets are the
+same for all.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import operator
 import numpy as np
 
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.navigation.aiding.aid_status import EASE_STEPS, AidStatus, AidTrack, Receivers
+from tirgeo_ros.core.navigation.aiding.aid_status import EASE_STEPS, AidStatus, AidTrack
 from tirgeo_ros.core.navigation.aiding.aids import AIDS
 from tirgeo_ros.core.navigation.aiding.state_estimate import (
     AidMeasurement,
@@ -19,7 +19,6 @@ from tirgeo_ros.core.navigation.aiding.state_estimate import (
     Fused,
     StateEstimate,
     added,
-    refused,
 )
 from tirgeo_ros.core.navigation.aiding.state_reset import Resets
 from tirgeo_ros.core.navigation.ins_error_model import (
@@ -33,11 +32,7 @@ from tirgeo_ros.core.navigation.ins_error_model import (
 from tirgeo_ros.core.navigation.kalman import Measurement, chi_square_limit, update
 from tirgeo_ros.core.navigation.strapdown import Vector
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.core.types.measurements import (
-    PositionSample,
-    Source,
-    VelocitySample,
-)
+from tirgeo_ros.core.types.measurements import PositionSample, Source, VelocitySample
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 #: Gate of a heading or velocity that has stepped: it passes only if the state may be off by as
@@ -76,19 +71,17 @@ class Fusion:
         (4,), wxyz, is consulted where the headings contradict the state.
         """
         if self.spare(sample, belief.control):
-            return refused(sample, belief, Outcome.STANDBY, "not needed")
-        state, covariance, control = belief
-        belief = StateEstimate(
-            state, covariance, self._with_decayed_errors(control, sample.stamp_ns)
-        )
+            return Fused(Verdict(sample.source, Outcome.STANDBY, "not needed"), belief)
+        control = belief.control
+        receivers = control.receivers.at(sample.stamp_ns, self._gps_time_s, self._heading_time_s)
+        belief = belief._replace(control=control._replace(receivers=receivers))
         aid, belief = self._aids[sample.source].measured(sample, belief, angular_rate_b)
         if isinstance(aid, Verdict):
             return Fused(aid, belief)
-        if stale:
-            aid = aid._replace(stale=True)
+        aid = aid._replace(stale=stale)
         belief, reason = _checked_rtk(sample, aid, belief)
         if reason:
-            return refused(sample, belief, Outcome.GATED, reason)
+            return Fused(Verdict(sample.source, Outcome.GATED, reason), belief)
         return self._judged(aid, belief, autopilot_q_nb)
 
     def _judged(
@@ -96,12 +89,10 @@ class Fusion:
     ) -> Fused:
         """Return the belief with a measurement in it, or without it where the gates refuse."""
         model = self._aids[aid.source]
-        if not model.recorded:
-            return self._unrecorded(aid, belief)
-        state, covariance, control = belief
+        control, measurement = belief.control, aid.measurement
         track = control.track(aid.source).followed(aid.invariant, aid.expected)
-        track = self._eased(aid, track)
-        measurement = aid.measurement
+        if model.eased and not track.recent(aid.stamp_ns, self._timeout_ns):
+            track = track._replace(ease=EASE_STEPS)
         if track.ease > 1:
             measurement = measurement._replace(ease=track.ease - 1.0)
         if track.step and aid.source is Source.RTK_POSITION:
@@ -110,29 +101,24 @@ class Fusion:
             gate_sigma = min(measurement.gate_sigma, _STEPPED_GATE_SIGMA)
             measurement = measurement._replace(gate_sigma=gate_sigma)
             aid = aid._replace(measurement=measurement)
-        ratio, error, updated, predicted = update(covariance, measurement)
+        ratio, error, updated, predicted = update(belief.covariance, measurement)
         reason = "refused" if error is None else ""
         track, reason = model.averaged(track, measurement, predicted, reason)
         if reason or error is None or updated is None:
             track = self._refused(aid, track)
             reason = model.off(aid, track) if error is None else reason
             belief = belief._replace(control=control.with_track(aid.source, track))
-            return self._after_refusal(aid, belief, ratio, reason, autopilot_q_nb)
+            reset = model.after_refusal(aid, belief) or self._resets.after_refusal(
+                aid, belief, model.resets, autopilot_q_nb
+            )
+            if reset is None:
+                return Fused(_verdict(aid, Outcome.GATED, reason, ratio), belief)
+            return Fused(_verdict(aid, Outcome.RESET, str(reset.control.last_reset), ratio), reset)
         if self._direct and aid.source is Source.RTK_POSITION:
             error, updated = _with_rtk_position(error, updated, measurement)
         track = track.used(aid.stamp_ns, self._timeout_ns, aid.invariant)
-        control = control.with_track(aid.source, track, _receivers(control, error))
-        belief = StateEstimate(feedback(state, error), updated, control)
-        return Fused(_verdict(aid, Outcome.USED, "", ratio), belief)
-
-    def _unrecorded(self, aid: AidMeasurement, belief: StateEstimate) -> Fused:
-        """Return the belief with a measurement of an aid that has no record."""
-        ratio, error, updated, _ = update(belief.covariance, aid.measurement)
-        if error is None or updated is None:
-            return Fused(_verdict(aid, Outcome.GATED, "innovation", ratio), belief)
-        control = belief.control._replace(receivers=_receivers(belief.control, error))
-        belief = StateEstimate(feedback(belief.state, error), updated, control)
-        return Fused(_verdict(aid, Outcome.USED, "", ratio), belief)
+        belief = belief._replace(control=control.with_track(aid.source, track))
+        return Fused(_verdict(aid, Outcome.USED, "", ratio), _corrected(belief, error, updated))
 
     def _refused(self, aid: AidMeasurement, track: AidTrack) -> AidTrack:
         """Return the record after a refusal.
@@ -159,76 +145,46 @@ class Fusion:
         position decides; a large step resets the position instead.
         """
         plain = aid.measurement
-        off = self._aids[aid.source].off
         ratio = update(belief.covariance, plain).test_ratio
         track = self._refused(aid, track)
+        off = self._aids[aid.source].off(aid, track)
         control = belief.control.with_track(aid.source, track)
-        believed = self._resets.after_step(aid, belief._replace(control=control))
-        if believed is not None:
-            moved = believed.control.resets != control.resets
-            reason = str(believed.control.last_reset) if moved else off(aid, track)
-            outcome = Outcome.RESET if moved else Outcome.GATED
-            return Fused(_verdict(aid, outcome, reason, ratio), believed)
-        measurement = plain._replace(innovation=plain.innovation - np.array(track.step))
-        _, error, updated, _ = update(belief.covariance, measurement)
-        if error is None or updated is None:
-            belief = belief._replace(control=control)
-        else:
-            control = control._replace(receivers=_receivers(control, error))
-            belief = StateEstimate(feedback(belief.state, error), updated, control)
-        return Fused(_verdict(aid, Outcome.GATED, off(aid, track), ratio), belief)
-
-    def _after_refusal(
-        self,
-        aid: AidMeasurement,
-        belief: StateEstimate,
-        ratio: float,
-        reason: str,
-        autopilot_q_nb: Array | None,
-    ) -> Fused:
-        model = self._aids[aid.source]
-        reset = model.after_refusal(aid, belief)
-        if reset is None:
-            reset = self._resets.after_refusal(aid, belief, model.resets, autopilot_q_nb)
-        if reset is None:
-            return Fused(_verdict(aid, Outcome.GATED, reason, ratio), belief)
-        return Fused(_verdict(aid, Outcome.RESET, str(reset.control.last_reset), ratio), reset)
-
-    def _eased(self, aid: AidMeasurement, track: AidTrack) -> AidTrack:
-        """Return a record that eases an aid in, where it was silent beyond the time-out."""
-        silent = not track.recent(aid.stamp_ns, self._timeout_ns)
-        if not silent or not self._aids[aid.source].eased:
-            return track
-        return track._replace(ease=EASE_STEPS)
-
-    def _with_decayed_errors(self, control: AidStatus, stamp_ns: int) -> AidStatus:
-        """Return the records with the receivers' errors at a sample's time."""
-        receivers = control.receivers.at(stamp_ns, self._gps_time_s, self._heading_time_s)
-        return control if receivers is control.receivers else control.with_receivers(receivers)
+        belief = belief._replace(control=control)
+        accepted = self._resets.after_step(aid, belief)
+        if accepted is None:
+            innovation = plain.innovation - np.array(track.step)
+            _, error, updated, _ = update(belief.covariance, plain._replace(innovation=innovation))
+            if error is not None and updated is not None:
+                belief = _corrected(belief, error, updated)
+        elif accepted.control.resets != control.resets:
+            reason = str(accepted.control.last_reset)
+            return Fused(_verdict(aid, Outcome.RESET, reason, ratio), accepted)
+        return Fused(_verdict(aid, Outcome.GATED, off, ratio), accepted or belief)
 
 
 def _checked_rtk(
     sample: AidSample, aid: AidMeasurement, belief: StateEstimate
 ) -> tuple[StateEstimate, str]:
     """Compare RTK positions and velocities; return the belief and why one is refused."""
-    control, (innovation, _, noise, *_) = belief.control, aid.measurement
+    rtk, (innovation, _, noise, *_) = belief.control.rtk, aid.measurement
     if aid.source is Source.RTK_POSITION and isinstance(sample, PositionSample):
-        rtk = control.rtk.with_fix(sample, noise)
+        rtk = rtk.with_fix(sample, noise)
     elif aid.source is Source.RTK_VELOCITY and isinstance(sample, VelocitySample):
         against_imu_n = added(innovation.tolist(), belief.state.push_n)
-        rtk = control.rtk.with_velocity(sample, noise, against_imu_n)
+        rtk = rtk.with_velocity(sample, noise, against_imu_n)
     else:
         return belief, ""
-    control = AidStatus(*control[:-1], rtk)
-    return StateEstimate(belief.state, belief.covariance, control), rtk.reason(aid.source)
+    return belief._replace(control=belief.control._replace(rtk=rtk)), rtk.reason(aid.source)
 
 
-def _receivers(control: AidStatus, error: Array) -> Receivers:
-    """Return the receivers' errors after a correction by an estimated error (n,)."""
+def _corrected(belief: StateEstimate, error: Array, covariance: Array) -> StateEstimate:
+    """Return the belief after a correction of the state and the receivers by an error (n,)."""
     at = heading_error(len(error))
     turned = 0.0 if at is None else float(error[at])
-    moved = error[ANTENNA].tolist() if has_antenna(len(error)) else ()
-    return control.receivers.changed(error[GPS_ERROR].tolist(), turned, moved)
+    moved = error[ANTENNA].tolist() if has_antenna(len(error)) else (0.0, 0.0, 0.0)
+    receivers = belief.control.receivers.changed(error[GPS_ERROR].tolist(), turned, moved)
+    control = belief.control._replace(receivers=receivers)
+    return StateEstimate(feedback(belief.state, error), covariance, control)
 
 
 def _verdict(aid: AidMeasurement, outcome: Outcome, reason: str, ratio: float) -> Verdict:

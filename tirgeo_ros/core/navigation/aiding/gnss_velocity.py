@@ -10,8 +10,10 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import rotation_of, skew
 from tirgeo_ros.core.navigation.aiding.aid import Aid
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus
+from tirgeo_ros.core.navigation.aiding.gnss_position import arm_design
 from tirgeo_ros.core.navigation.aiding.state_estimate import (
     AidMeasurement,
+    Modelled,
     StateEstimate,
     added,
     floored,
@@ -22,18 +24,11 @@ from tirgeo_ros.core.navigation.ins_error_model import (
     VELOCITY,
     flat_memory,
     has_antenna,
-    states_of,
 )
 from tirgeo_ros.core.navigation.kalman import Measurement
 from tirgeo_ros.core.navigation.strapdown import Rotation, Vector, cross, matrix, rotate
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, Source, VelocitySample
-from tirgeo_ros.core.types.verdicts import Verdict
-
-
-def swing_n(rotation_nb: Rotation, angular_rate_b: Vector, lever_arm_b: Vector) -> Vector:
-    """Return the antenna's velocity against the IMU, NED m/s; the rate (rad/s) has no bias."""
-    return rotate(rotation_nb, cross(angular_rate_b, lever_arm_b))
 
 
 def velocity_design(
@@ -43,23 +38,14 @@ def velocity_design(
 
     The rate is the reading less its bias, so ``d(w x l) = -db x l = [l x] db``.
     """
-    design = np.zeros((3, states))
+    design = arm_design(states, swing, VELOCITY.start)
     flat = flat_memory(design)
-    second, third = states, 2 * states
-    sx, sy, sz = swing
-    flat[1], flat[2] = sz, -sy
-    flat[second], flat[second + 2] = -sz, sx
-    flat[third], flat[third + 1] = sy, -sx
-    flat[3] = flat[second + 4] = flat[third + 5] = 1.0
     x, y, z = lever_arm_b
     for row in range(3):
         a, b, c = rotation_nb[3 * row : 3 * row + 3]
         at = row * states + 9
         flat[at], flat[at + 1], flat[at + 2] = b * z - c * y, c * x - a * z, a * y - b * x
     return design
-
-
-_ZERO = (0.0, 0.0, 0.0)
 
 
 class _VelocityAid(Aid):
@@ -70,31 +56,26 @@ class _VelocityAid(Aid):
 
     def __init__(self, config: EkfConfig) -> None:
         """Take the parameters of the receiver, and its antenna's place."""
+        super().__init__(config)
         rtk = self.source is Source.RTK_VELOCITY
         receiver = config.rtk if rtk else config.gps
-        self._states = states_of(config)
         self._lever_b: Vector = tuple(config.aircraft.antenna_b(self.source).tolist())
         self._estimates_antenna = rtk and has_antenna(self._states)
         self._floor_m_s = receiver.velocity_sigma_floor_m_s
         self._gate_sigma = receiver.gate_sigma
-        self._timeout_ns = round(config.trust.aid_timeout_s * 1e9)
 
     def measured(
         self, sample: VelocitySample, belief: StateEstimate, angular_rate_b: Vector
-    ) -> tuple[AidMeasurement | Verdict, StateEstimate]:
+    ) -> Modelled:
         """Return the measurement and the belief."""
         state = belief.state
         rotation = rotation_of(state.q_nb)
         lever_b = self._lever_b
         if self._estimates_antenna:
             lever_b = added(lever_b, belief.control.receivers.antenna_b)
-        swing = swing_n(rotation, angular_rate_b, lever_b)
-        (north, east, down), was = sample.velocity_n.tolist(), state.velocity_n
-        innovation = (
-            north - was[0] - swing[0],
-            east - was[1] - swing[1],
-            down - was[2] - swing[2],
-        )
+        swing = rotate(rotation, cross(angular_rate_b, lever_b))  # against the IMU, NED m/s
+        (north, east, down), (vn, ve, vd) = sample.velocity_n.tolist(), state.velocity_n
+        innovation = north - vn - swing[0], east - ve - swing[1], down - vd - swing[2]
         noise = floored(sample.covariance_n, self._floor_m_s)
         design = velocity_design(self._states, rotation, swing, lever_b)
         if self._estimates_antenna:
@@ -103,7 +84,7 @@ class _VelocityAid(Aid):
         scatter = math.sqrt(noise[0, 0] + noise[1, 1] + noise[2, 2])
         slack = 1.5 * self._gate_sigma * scatter
         return AidMeasurement(
-            sample.source, sample.stamp_ns, measurement, innovation, _ZERO, slack
+            sample.source, sample.stamp_ns, measurement, innovation, (0.0,) * 3, slack
         ), belief
 
 
@@ -123,7 +104,7 @@ class RtkVelocityAid(_VelocityAid):
 
     def measured(
         self, sample: VelocitySample, belief: StateEstimate, angular_rate_b: Vector
-    ) -> tuple[AidMeasurement | Verdict, StateEstimate]:
+    ) -> Modelled:
         """Return the measurement, or NOT_FIXED by the newest status of ``rtk/fix``."""
         status = belief.control.status_at(sample.stamp_ns, self._timeout_ns)
         if status is not None and status < FixStatus.FLOAT:

@@ -3,24 +3,21 @@
 Both are of one antenna, so neither a lever arm nor the IMU takes part in the comparison. Where the
 two contradict each other for long, although each passes its gate, the path by the IMU shows which
 of them is wrong, and that one is refused while the contradiction lasts. A step of either is left
-to the gates. The records are part of ``Control``, so late measurements meet the same decisions.
+to the gates. The records are part of ``AidStatus``, so late measurements meet the same decisions.
 """
 
 from __future__ import annotations
 
 import bisect
 import math
+import operator
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
-from tirgeo_ros.core.navigation.aiding.path_comparison import (
-    Fix,
-    FixPair,
-    Lag,
-    diagonal,
-    distance,
-    with_sums,
-)
+import numpy as np
+
+from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
 from tirgeo_ros.core.navigation.kalman import chi_square_limit
 from tirgeo_ros.core.navigation.strapdown import Vector
 from tirgeo_ros.core.types.arrays import Array
@@ -48,12 +45,66 @@ _LEAST_LEFT, _MOST_STAYED = 0.6, 0.4
 #: Before the window the two may have drifted apart by this share of the contradiction.
 _MOST_BEFORE = 0.25
 #: Time for which the two must have agreed before one is blamed, its upper limit, and the factor at
-#: which disagreement reduces it. So nothing is blamed that is there from the start, or comes and
-#: goes. Even from the limit it falls short 1.3 s after a contradiction has begun to show: from
-#: then on the window holds too little from before it.
+#: which disagreement reduces it: a difference that is there from the start, or comes and goes, is
+#: nobody's. Even from the limit the time runs out 1.3 s after a contradiction shows, when the
+#: window holds too little from before it.
 _AGREED_NS, _LONGEST_AGREED_NS, _FORGET = 3_000_000_000, 7_000_000_000, 3
 #: Longest time for which velocities and the IMU carry the position against the fixes.
 _LONGEST_AGAINST_FIXES_NS = 20_000_000_000
+#: Bounds of a variance: the lower covers the rounding of sums that have grown large.
+_LEAST_M2, _MOST_M2 = 1e-8, 1e4
+#: Prior sigma of a receiver's velocity latency, for it smooths, and the least sigma it may reach.
+_LAG_S, _LEAST_LAG_S = 0.05, 0.01
+_ZERO: Vector = (0.0, 0.0, 0.0)
+
+
+class Fix(NamedTuple):
+    """Hold a fixed position that waits for the velocity of its epoch."""
+
+    stamp_ns: int
+    latitude_rad: float
+    longitude_rad: float
+    height_m: float
+    variances: Vector  # m2
+
+
+class FixPair(NamedTuple):
+    """Hold fix and velocity of one epoch, and sums over the velocities up to it."""
+
+    fix: Fix
+    velocity_n: Vector  # m/s
+    against_imu_n: Vector  # m/s, velocity less that which the IMU alone would have
+    slope_n: Vector = _ZERO  # m/s2, of the velocities since the pair before
+    drift_n: Vector = _ZERO  # m, path between fixes less the integral of the velocities
+    left_n: Vector = _ZERO  # m, integral of ``against_imu_n``
+    spread: Vector = _ZERO  # m2, variance of the integral of the velocities
+
+    @property
+    def stamp_ns(self) -> int:
+        """Return the time stamp of the fix."""
+        return self.fix.stamp_ns
+
+
+class Lag(NamedTuple):
+    """Hold the latency of the velocities, learned where they agree with the fixes."""
+
+    mean_s: float = 0.0
+    variance_s2: float = _LAG_S**2
+    learned_ns: int = 0  # the newest pair used
+
+    def learned(self, first: FixPair, last: FixPair) -> Lag:
+        """Return the latency after one more window; one that overlaps the last changes nothing."""
+        if first.stamp_ns < self.learned_ns:
+            return self
+        change = _subtract(last.velocity_n, first.velocity_n)
+        off_n, variances = _subtract(last.drift_n, first.drift_n), _variances(first, last)
+        told = sum(c * c / v for c, v in zip(change, variances, strict=True))
+        asks = sum(
+            c * (o - self.mean_s * c) / v for c, o, v in zip(change, off_n, variances, strict=True)
+        )
+        variance = 1 / (1 / self.variance_s2 + told)
+        mean_s = self.mean_s + variance * asks
+        return Lag(mean_s, max(variance, _LEAST_LAG_S**2), last.stamp_ns)
 
 
 class Consistency(NamedTuple):
@@ -80,7 +131,7 @@ class Consistency(NamedTuple):
         if sample.status is not FixStatus.FIXED:
             return Consistency(lag=self.lag)
         place = sample.latitude_rad, sample.longitude_rad, sample.height_m
-        return self._replace(fix=Fix(sample.stamp_ns, *place, diagonal(noise)))
+        return self._replace(fix=Fix(sample.stamp_ns, *place, _diagonal(noise)))
 
     def with_velocity(
         self, sample: VelocitySample, noise: Array, against_imu_n: Vector
@@ -96,7 +147,7 @@ class Consistency(NamedTuple):
         pair = FixPair(fix, (north, east, down), against_imu_n)
         if not pairs or not 0 < fix.stamp_ns - pairs[-1].stamp_ns <= _LONGEST_GAP_NS:
             return Consistency(fix, (pair,), self.lag)
-        pair = with_sums(pairs[-1], pair, diagonal(noise), first=len(pairs) == 1)
+        pair = _with_sums(pairs[-1], pair, _diagonal(noise), first=len(pairs) == 1)
         drop = _first_index(pairs, fix.stamp_ns - WINDOW_NS - _BEFORE_NS)
         return self._replace(pairs=(*pairs[drop:], pair)).judged()
 
@@ -124,19 +175,14 @@ class Consistency(NamedTuple):
 
     def _agreed(self, window: tuple[FixPair, ...], step_ns: int, *, well: bool) -> Consistency:
         """Return a copy whose newest pair is no contradiction; ``well``: the distance is small."""
-        agreed_ns = self._agreed_after(step_ns if well else -_FORGET * step_ns)
+        change_ns = step_ns if well else -_FORGET * step_ns
+        agreed_ns = min(max(self.agreed_ns + change_ns, 0), _LONGEST_AGREED_NS)
         lag = self.lag.learned(window[0], window[-1]) if well else self.lag
         return self._replace(lag=lag, agreed_ns=agreed_ns, since_ns=0, against=None, told=())
 
-    def _agreed_after(self, change_ns: int) -> int:
-        return min(max(self.agreed_ns + change_ns, 0), _LONGEST_AGREED_NS)
-
     def blaming(self, left: float | None, step_ns: int, *, clearly: bool) -> Consistency:
-        """Return a copy with the source to blame, as far as ``left`` (see ``_blame``) shows it.
-
-        ``clearly``: the distance is large enough to refuse fixes.
-        """
-        agreed_ns = self._agreed_after(-_FORGET * step_ns)
+        """Return a copy that blames a source by its share ``left``, fixes only if ``clearly``."""
+        agreed_ns = max(self.agreed_ns - _FORGET * step_ns, 0)
         told, against = self.told, None
         if left is not None and -_LEAST_LEFT < left < 1 + _LEAST_LEFT:
             told = (*told, left)
@@ -149,11 +195,7 @@ class Consistency(NamedTuple):
 
 def _first_index(pairs: tuple[FixPair, ...], begin_ns: int) -> int:
     """Return the index of the first pair that is not older."""
-    return bisect.bisect_left(pairs, begin_ns - _SAME_NS, key=_stamp_of)
-
-
-def _stamp_of(pair: FixPair) -> int:
-    return pair.fix.stamp_ns
+    return bisect.bisect_left(pairs, begin_ns - _SAME_NS, key=operator.attrgetter("stamp_ns"))
 
 
 def _grows_steadily(window: tuple[FixPair, ...], off_n: Vector, share: float) -> bool:
@@ -181,3 +223,66 @@ def _blame(oldest: FixPair, window: tuple[FixPair, ...], off_n: Vector) -> float
         drifted += off * (begin.drift_n[i] - oldest.drift_n[i])
         squared += off * off
     return None if abs(drifted) > _MOST_BEFORE * squared else left / squared
+
+
+def distance(first: FixPair, last: FixPair, lag: Lag) -> tuple[float, Vector]:
+    """Return the squared distance (3 degrees of freedom) of two paths, and their difference.
+
+    The difference (m) is the path between the fixes of two epochs less the integral of the
+    velocities. Velocities that are late by ``lag`` change it by lag times their change l. With the
+    lag's variance s, the variance is D + s l l'; its inverse is by Sherman and Morrison's formula.
+    """
+    change = _subtract(last.velocity_n, first.velocity_n)
+    off_n = _subtract(_subtract(last.drift_n, first.drift_n), [lag.mean_s * c for c in change])
+    squared = along = told = 0.0
+    for off, late, variance in zip(off_n, change, _variances(first, last), strict=True):
+        squared += off * off / variance
+        along += off * late / variance
+        told += late * late / variance
+    return squared - along * along / (1 / lag.variance_s2 + told), off_n
+
+
+def _variances(first: FixPair, last: FixPair) -> list[float]:
+    """Return the variances of the difference, per axis (m2), without the latency's."""
+    terms = zip(first.fix.variances, last.fix.variances, first.spread, last.spread, strict=True)
+    return [max(a + b + late - early, _LEAST_M2) for a, b, early, late in terms]
+
+
+def _with_sums(before: FixPair, pair: FixPair, variances: Vector, *, first: bool) -> FixPair:
+    """Return a pair with its sums, from the pair before."""
+    step_s = (pair.stamp_ns - before.stamp_ns) * 1e-9
+    half = 0.5 * step_s
+    slope, drift, left, spread = [], [], [], []
+    way_n = _path_n(before.fix, pair.fix)
+    for i in range(3):
+        v, w = before.velocity_n[i], pair.velocity_n[i]
+        rise = (w - v) / step_s
+        # The trapezoid's own error is step^2 / 12 times the change of slope across the interval.
+        bend = 0.0 if first else step_s * step_s / 12 * (rise - before.slope_n[i])
+        slope.append(rise)
+        drift.append(before.drift_n[i] + way_n[i] - half * (v + w))
+        left.append(before.left_n[i] + half * (before.against_imu_n[i] + pair.against_imu_n[i]))
+        spread.append(before.spread[i] + step_s * step_s * variances[i] + bend * bend)
+    sums = tuple(slope), tuple(drift), tuple(left), tuple(spread)
+    return FixPair(pair.fix, pair.velocity_n, pair.against_imu_n, *sums)  # type: ignore[arg-type]
+
+
+def _path_n(a: Fix, b: Fix) -> Vector:
+    """Return the path from one fix to another, NED m."""
+    meridian, transverse = radii_of_curvature(a.latitude_rad)
+    east = math.remainder(b.longitude_rad - a.longitude_rad, 2 * math.pi)
+    cosine = math.cos(0.5 * (a.latitude_rad + b.latitude_rad))
+    return (
+        (b.latitude_rad - a.latitude_rad) * (meridian + a.height_m),
+        east * (transverse + a.height_m) * cosine,
+        a.height_m - b.height_m,
+    )
+
+
+def _subtract(a: Sequence[float], b: Sequence[float]) -> Vector:
+    return tuple(map(operator.sub, a, b))
+
+
+def _diagonal(noise: Array) -> Vector:
+    """Return the variances of a covariance (3, 3), bounded to keep the sums precise."""
+    return tuple(np.minimum(noise.diagonal(), _MOST_M2).tolist())

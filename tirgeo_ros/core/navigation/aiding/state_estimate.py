@@ -22,7 +22,7 @@ from tirgeo_ros.core.types.measurements import (
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 Aiding = PositionSample | VelocitySample | HeadingSample | PressureSample
-#: The same, and what the filter takes from the IMU's own messages.
+#: The same, and the heading that the filter takes from the IMU's messages.
 AidSample = Aiding | AutopilotHeading
 
 
@@ -35,7 +35,7 @@ class StateEstimate(NamedTuple):
 
 
 class Fused(NamedTuple):
-    """Hold the belief after a sample, changed or not, and the verdict on the sample."""
+    """Hold the verdict on a sample and the belief after it."""
 
     verdict: Verdict
     belief: StateEstimate
@@ -53,9 +53,8 @@ class AidMeasurement(NamedTuple):
     stale: bool = False  # the sample repeats the value of the one before
 
 
-def refused(sample: AidSample, belief: StateEstimate, outcome: Outcome, reason: str) -> Fused:
-    """Return the same belief after a sample that is not to be used now."""
-    return Fused(Verdict(source_of(sample), outcome, reason), belief)
+#: A measurement, or the verdict on a sample that is not used; and the belief.
+Modelled = tuple[AidMeasurement | Verdict, StateEstimate]
 
 
 def not_fixed(source: Source, status: FixStatus) -> Verdict:

@@ -56,12 +56,8 @@ class Resets:
         block: slice | None,
         autopilot_q_nb: Array | None,
     ) -> StateEstimate | None:
-        """Return the belief reset to the measurement, or None if its refusals are too short.
-
-        ``block`` are the states to set; a heading needs none.
-        """
-        track = belief.control.track(aid.source)
-        run = track.run
+        """Return the belief with ``block`` (or the heading) set to it; None if it is too soon."""
+        run = belief.control.track(aid.source).run
         if run is None or not run.lasts(self._patience_s(aid, belief, autopilot_q_nb)):
             return None
         if aid.source is Source.RTK_HEADING:
@@ -81,10 +77,8 @@ class Resets:
         reset_after_s = self._config.rtk.reset_after_s
         if aid.source is Source.GPS_POSITION:
             return reset_after_s
-        position = control.track(Source.RTK_POSITION)
-        if aid.source is not Source.RTK_POSITION and position.recent(
-            aid.stamp_ns, self._timeout_ns
-        ):
+        fits = control.track(Source.RTK_POSITION).recent(aid.stamp_ns, self._timeout_ns)
+        if aid.source is not Source.RTK_POSITION and fits:
             return math.inf  # positions that fit confirm the velocity
         return max(STEPPED_S, reset_after_s) if track.step else reset_after_s
 
@@ -106,22 +100,14 @@ class Resets:
         return StateEstimate(state, covariance, control.with_track(aid.source, track))
 
     def _step_patience_s(self, aid: AidMeasurement, control: AidStatus) -> float:
-        """Return how long a step must last before it is accepted.
-
-        It is longer where ordinary GPS continues as before, and infinite where that cannot err by
-        the step.
-        """
+        """Return how long a step must last: longer, or for ever, where ordinary GPS denies it."""
         patience_s, track = self._config.rtk.reset_after_s, control.track(aid.source)
         gps, last = control.track(Source.GPS_POSITION), control.last_reset
         if math.hypot(*track.step) < _COUNTED_STEP_M:
             return min(patience_s, _SMALL_STEP_S)  # too small for GPS to confirm
         if not gps.recent(aid.stamp_ns, self._timeout_ns):
             return patience_s
-        if (
-            last is not None
-            and last.source is Source.GPS_POSITION
-            and last.stamp_ns > track.denied_ns
-        ):
+        if last and last.source is Source.GPS_POSITION and last.stamp_ns > track.denied_ns:
             return patience_s  # it has contradicted the state too
         sigmas = np.array(track.step) / np.array(self._config.gps.position_sigma_m)
         if np.linalg.norm(sigmas) > self._config.gps.gate_sigma:
@@ -188,13 +174,13 @@ class Resets:
     def _as_at_start(self, covariance: Array) -> Array:
         """Return a covariance with tilt and biases as uncertain as at the start."""
         imu = self._config.imu
-        for block in (ATTITUDE, GYRO_BIAS, ACCEL_BIAS):
+        for block, variances in (
+            (ATTITUDE, np.full(3, _TILT_SIGMA_RAD**2)),
+            (GYRO_BIAS, imu.gyro_turn_on_bias**2 + np.square(imu.gyro_bias_instability)),
+            (ACCEL_BIAS, imu.accel_turn_on_bias**2 + np.square(imu.accel_bias_instability)),
+        ):
             covariance = _uncorrelated(covariance, block)
-        variances = np.diagonal(covariance).copy()
-        variances[ATTITUDE] = _TILT_SIGMA_RAD**2
-        variances[GYRO_BIAS] = imu.gyro_turn_on_bias**2 + np.square(imu.gyro_bias_instability)
-        variances[ACCEL_BIAS] = imu.accel_turn_on_bias**2 + np.square(imu.accel_bias_instability)
-        np.fill_diagonal(covariance, variances)
+            covariance[block, block] = np.diag(variances)
         return covariance
 
 

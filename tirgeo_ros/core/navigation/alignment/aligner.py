@@ -2,8 +2,8 @@
 
 A window of some seconds is fitted as a whole (``batch_least_squares``). Tilt comes from the
 accelerometers corrected by the change of velocity, heading from two antennas or from the
-autopilot. The alignment waits while the measurements contradict each other. Only after a long
-contradiction does it try the next best measurements.
+autopilot. While the measurements contradict each other the alignment waits; after a long
+contradiction it tries the next best ones.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import quat_from_matrix
-from tirgeo_ros.core.navigation.alignment.batch_least_squares import WindowFit
 from tirgeo_ros.core.navigation.alignment.consistency_checks import (
     CONTRADICTION,
     MOTION_STAGE,
@@ -89,7 +88,7 @@ _SOURCES = (
 class Aligner:
     """Collect samples until a state can be found; ``reason`` says what is missing.
 
-    Samples must arrive in the order of their stamps (``measurement_order``); those older than
+    Samples must arrive in the order of their stamps (``start_up``); those older than
     ``keep_s`` are dropped. ``prior`` is what an earlier run of the filter knew of the IMU's
     biases.
     """
@@ -111,18 +110,17 @@ class Aligner:
 
     def add(self, sample: NavigationInput) -> Alignment | None:
         """Take one valid sample; return the alignment once it is possible."""
-        self._samples.add(sample)
-        if isinstance(sample, ImuSample):
-            if self._samples.frozen:
-                self.reason = "imu/data is frozen: the same reading again and again"
-            elif self.reason == "needs imu/data":
-                self.reason = self._needs_velocity(_SOURCES[0][0])
-            return None
-        if not self._samples.ready:
-            if not self._samples.frozen:
-                self.reason = "needs imu/data"
-            return None
-        return self._try() if self._samples.newest_ns >= self._next_ns else None
+        samples = self._samples
+        samples.add(sample)
+        if samples.frozen:
+            self.reason = "imu/data is frozen: the same reading again and again"
+        elif not samples.ready:
+            self.reason = "needs imu/data"
+        elif not isinstance(sample, ImuSample):
+            return self._try() if samples.newest_ns >= self._next_ns else None
+        elif self.reason == "needs imu/data":
+            self.reason = self._needs_velocity(_SOURCES[0][0])
+        return None
 
     @property
     def _waited(self) -> bool:
@@ -140,18 +138,17 @@ class Aligner:
                 return outcome
             if outcome.stage < CONTRADICTION:
                 lacks.append(outcome)
-                if outcome.stage < MOTION_STAGE:
-                    continue
-                self._next_ns = retry_ns
-                break  # no other sources are better
-            if not outcome.lasting:
-                # In a turn wrong headings contradict the motion too; report the antennas.
-                outcome = self._lately_doubted() or outcome
-            self.reason = str(outcome)
+            if outcome.stage < MOTION_STAGE:
+                continue
             self._next_ns = retry_ns
-            if outcome.lasting:
-                self._lasting = self._samples.newest_ns, outcome
-            if outcome.lasting or self._still_doubted("samples"):
+            if outcome.stage == MOTION_STAGE:
+                break  # no other sources are better
+            # In a turn wrong headings contradict the motion too; report the antennas.
+            doubt = outcome if outcome.lasting else self._lately_doubted()
+            self.reason = str(doubt or outcome)
+            if doubt:
+                self._lasting = self._samples.newest_ns, doubt
+            if doubt or self._still_doubted("samples"):
                 return None
         if lacks:
             self.reason = str(furthest(lacks))
@@ -197,17 +194,26 @@ class Aligner:
     def _align(self, plan: _Plan, length_s: float) -> Alignment:
         """Return the alignment of one window; raises NotAlignedError."""
         positions, velocities = self._motion(plan, length_s)
-        stamps = [s.stamp_ns for s in positions] + [s.stamp_ns for s in velocities]
+        stamps = [s.stamp_ns for s in (*positions, *velocities)]
         first, last = min(stamps), max(stamps)
         imu = self._samples.imu_over(first, last)
-        readings = self._antenna_headings(first, last) if plan.antennas else []
-        if not plan.antennas and not any(usable_attitude(s.autopilot_q_nb) for s in imu):
+        readings: list[HeadingSample] = []
+        if plan.antennas:
+            settled_s = self._config.heading.start_after_s
+            readings = self._samples.headings(first, last, settled_s)
+            if len(readings) < _LEAST_HEADINGS:
+                raise NotAlignedError("needs rtk/heading with rtk/fix fixed", 2)
+        elif not any(usable_attitude(s.autopilot_q_nb) for s in imu):
             raise NotAlignedError(self._needs_heading, 3)
         measured = Measured(imu, positions, velocities, readings, self._needs_heading)
         found = self._turn_on.fitted(measured, self._samples.newest_ns)
         doubted = self._lately_doubted()
         if found.hint_nb is not None:
-            self._compare(found.fit, found.hint_nb)
+            # A small difference is accepted once it has lasted: the autopilot may err.
+            autopilot = self._config.autopilot
+            for what, doubt in differences(found.fit, found.hint_nb, autopilot).items():
+                if doubt.lasting or self._still_doubted(what):
+                    raise doubt
         elif plan.antennas and doubted is not None:
             raise doubted  # nothing has contradicted the doubt since
         sources = {positions[-1].source, *(s.source for s in velocities)}
@@ -235,13 +241,6 @@ class Aligner:
         topic = source.topic if source else "rtk/fix or gps/fix"
         return f"needs {topic} over {self._config.alignment.duration_s:g} s"
 
-    def _antenna_headings(self, first_ns: int, last_ns: int) -> list[HeadingSample]:
-        settled_s = self._config.heading.start_after_s
-        found = self._samples.headings(first_ns, last_ns, settled_s)
-        if len(found) < _LEAST_HEADINGS:
-            raise NotAlignedError("needs rtk/heading with rtk/fix fixed", 2)
-        return found
-
     @property
     def _needs_heading(self) -> str:
         antennas = "rtk/heading or " if self._use_heading else ""
@@ -250,39 +249,21 @@ class Aligner:
             "tells no heading while hovering"
         )
 
-    def _compare(self, found: WindowFit, hint_nb: Array) -> None:
-        """Raise NotAlignedError where the fit differs from the autopilot's attitude.
-
-        A small difference is accepted once it has lasted for ``wait_s``, for the autopilot may
-        err.
-        """
-        for what, doubt in differences(found, hint_nb, self._config.autopilot).items():
-            if doubt.lasting or self._still_doubted(what):
-                raise doubt
-
     def _start(self, measured: Measured, fitted: Fitted, sources: frozenset[Source]) -> Alignment:
         found, stamp_ns = fitted.fit, measured.last_ns
-        latitude, longitude, height = measured.plane.geodetic_from_ned(found.position_n)
-        gyro_b, accel_b = found.biases[:3].tolist(), found.biases[3:].tolist()
-        state = NavState(
-            tuple(quat_from_matrix(found.rotation_nb).tolist()),
-            tuple(found.velocity_n.tolist()),
-            float(latitude),
-            float(longitude),
-            float(height),
-            tuple(gyro_b),
-            tuple(accel_b),
-            (0.0, 0.0, 0.0),
-        )
-        rest = self._samples.rest(stamp_ns)
-        rtk_status = self._samples.rtk_status(stamp_ns)
+        lat, lon, height_m = map(float, measured.plane.geodetic_from_ned(found.position_n))
+        q_nb = tuple(quat_from_matrix(found.rotation_nb).tolist())
+        velocity_n, (gyro_b, accel_b) = found.velocity_n.tolist(), found.biases.reshape(2, 3)
+        biases_b = tuple(gyro_b.tolist()), tuple(accel_b.tolist())
+        nothing = (0.0, 0.0, 0.0)
+        state = NavState(q_nb, tuple(velocity_n), lat, lon, height_m, *biases_b, nothing)
         return Alignment(
             stamp_ns,
             state,
             found.covariance,
-            *rest,
+            *self._samples.rest(stamp_ns),
             sources,
-            rtk_status,
+            self._samples.rtk_status(stamp_ns),
             fitted.vibration,
             float(fitted.window.before_s[0]),
         )

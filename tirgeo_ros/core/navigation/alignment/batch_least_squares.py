@@ -9,14 +9,14 @@ the body at T (``D``), and the accelerometers give, in the same axes and without
     direction(t) = R D d
 
 So every observation is ``a v + b p + c g + R x`` with its own scalars a, b, c and body vector x.
-Noise and bias of the IMU enter through x. The errors of all observations are therefore correlated,
-and the covariance of the end's state has all cross terms, those of tilt and accelerometer bias
-among them. Earth rate and Coriolis force are left out: over some seconds they are a tenth of what
-the turn-on biases may be.
+Noise and bias of the IMU enter through x and correlate the errors of all observations; the
+covariance of the end's state has all cross terms. Earth rate and Coriolis force are left out: over
+some seconds they are a tenth of what the turn-on biases may be.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -104,9 +104,8 @@ class _Terms:
     def _kernels(self, window: PreintegratedImu, at: npt.NDArray[np.intp]) -> tuple[Array, Array]:
         """Return the effect of a unit IMU error in a step on each observation: (m, steps, 3, 6).
 
-        The lengths of the steps (s) come second. A turn by e at time s turns all body vectors
-        before s. Of an integral it turns the part up to s, which is the part that its value at s
-        lacks.
+        The lengths of the steps (s) come second. A turn at time s turns all body vectors before s,
+        and the part of an integral up to s.
         """
         coarse = _coarse(window, at)
         steps = -np.diff(window.before_s[coarse])
@@ -125,15 +124,10 @@ class _Terms:
 
 
 def _coarse(window: PreintegratedImu, at: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
-    """Return indices of instants 20 ms or 1 % of the window apart, and of all observations.
-
-    Noise needs no finer steps.
-    """
-    length_ns = int(window.stamps_ns[-1] - window.stamps_ns[0])
-    cells = (window.stamps_ns - window.stamps_ns[-1]) // max(
-        _NOISE_STEP_NS, length_ns // _NOISE_STEPS
-    )
-    first = np.unique(cells, return_index=True)[1]
+    """Return indices of instants 20 ms or 1 % of the window apart, and of all observations."""
+    before_ns = window.stamps_ns - window.stamps_ns[-1]
+    step_ns = max(_NOISE_STEP_NS, -int(before_ns[0]) // _NOISE_STEPS)
+    first = np.unique(before_ns // step_ns, return_index=True)[1]
     return np.unique(np.concatenate([first, at]))
 
 
@@ -147,10 +141,9 @@ def fit(
 ) -> WindowFit:
     """Fit the state to the observations; ``settled`` tells that the iteration converged.
 
-    ``start_nb`` (3, 3) is an attitude right to some tens of degrees. ``biases`` are the prior,
-    near those that ``integrate`` subtracted. ``powers`` are the densities of the IMU's white
-    noise. The observations must hold azimuths, velocities or positions at three instants, and a
-    position.
+    ``start_nb`` (3, 3) is an attitude right to some tens of degrees, ``biases`` are the prior,
+    ``powers`` the densities of the IMU's white noise. The observations must hold azimuths,
+    velocities or positions at three instants, and a position.
     """
     terms = _Terms(window, seen, powers)
     measured = _measured_noise(seen)
@@ -198,17 +191,21 @@ def _residual(
     return np.concatenate(parts)
 
 
+def _rows(seen: Sequence[AlignmentObservation]) -> list[slice]:
+    """Return the rows of each observation among those of all."""
+    ends = itertools.accumulate(len(o.value) for o in seen)
+    return [slice(end - len(o.value), end) for o, end in zip(seen, ends, strict=True)]
+
+
 def _projections(seen: Sequence[AlignmentObservation], turned: Array) -> Array:
     """Return the matrix (rows, 3 m) from vectors in n to the observed components."""
-    rows = sum(len(o.value) for o in seen)
-    out, row = np.zeros((rows, 3 * len(seen))), 0
-    for k, o in enumerate(seen):
+    places = _rows(seen)
+    out = np.zeros((places[-1].stop, 3 * len(seen)))
+    for k, (rows, (north, east, _)) in enumerate(zip(places, turned, strict=True)):
         block = np.eye(3)
-        if o.kind is ObservationKind.AZIMUTH:
-            north, east, _ = turned[k]
+        if seen[k].kind is ObservationKind.AZIMUTH:
             block = np.array([[-east, north, 0.0]]) / (north**2 + east**2)
-        out[row : row + len(block), 3 * k : 3 * k + 3] = block
-        row += len(block)
+        out[rows, 3 * k : 3 * k + 3] = block
     return out
 
 
@@ -223,11 +220,7 @@ def _design(terms: _Terms, rotation: Array, projection: Array) -> Array:
 
 
 def _measured_noise(seen: Sequence[AlignmentObservation]) -> Array:
-    """Return the covariance (rows, rows) of the measurements' errors.
-
-    It holds each observation's white error, and the slow error that observations of one source
-    share, decaying with its correlation time.
-    """
+    """Return the covariance (rows, rows) of white errors and of slow ones that a source shares."""
     owner = np.repeat(np.arange(len(seen)), [len(o.value) for o in seen])
     axis = np.concatenate([np.arange(len(o.value)) for o in seen])
     names = np.unique([o.name for o in seen], return_inverse=True)[1].reshape(-1)[owner]
@@ -237,9 +230,8 @@ def _measured_noise(seen: Sequence[AlignmentObservation]) -> Array:
     same = (names[:, None] == names) & (axis[:, None] == axis)
     lasting = np.exp(-np.abs(since_s[:, None] - since_s) * rate_1_s)
     out = np.asarray(same * lasting * np.outer(slow, slow))
-    for k, o in enumerate(seen):
-        rows = np.flatnonzero(owner == k)
-        out[np.ix_(rows, rows)] += o.white
+    for o, rows in zip(seen, _rows(seen), strict=True):
+        out[rows, rows] += o.white
     return out
 
 
@@ -257,13 +249,10 @@ def _result(
     # An observation that alone fixes a state has no residual: a millionth of its noise keeps the
     # ratio defined.
     spread = (1 + 1e-6) * noise - design @ covariance @ design.T
-    parts, distances, row = [], [], 0
-    for o in seen:
-        rows = slice(row, row + len(o.value))
-        parts.append(residual[rows])
-        scaled = np.linalg.solve(spread[rows, rows], residual[rows])
-        distances.append(float(residual[rows] @ scaled) / len(o.value))
-        row += len(o.value)
+    places = _rows(seen)
+    parts = [residual[rows] for rows in places]
+    scaled = [np.linalg.solve(spread[rows, rows], residual[rows]) for rows in places]
+    distances = [float(a @ b) / len(a) for a, b in zip(parts, scaled, strict=True)]
     known = np.linalg.inv(information[:9, :9])
     return WindowFit(
         rotation,

@@ -48,8 +48,8 @@ MOTION_STAGE, CONTRADICTION = 5, 6
 class NotAlignedError(Exception):
     """Report why a window gives no alignment, and how far it came.
 
-    Lacking at its stage: 0 velocity, 1 position, 2 rtk/heading, 3 any heading, 4 precision,
-    5 motion. At 6 the measurements contradict each other; ``lasting``: waiting does not help.
+    Missing by stage: 0 velocity, 1 position, 2 rtk/heading, 3 any heading, 4 precision, 5 motion.
+    At 6 the measurements contradict each other; ``lasting``: waiting does not help.
     """
 
     def __init__(self, reason: str, stage: int = CONTRADICTION, *, lasting: bool = False) -> None:
@@ -77,10 +77,7 @@ def furthest(errors: Sequence[NotAlignedError]) -> NotAlignedError:
 
 
 def central(apart: Array, limit: float) -> tuple[int, BoolArray]:
-    """Return the index of the most central of n things, and which (n,) are within a limit of it.
-
-    ``apart`` (n, n) are their distances from each other.
-    """
+    """Return the most central of n things ``apart`` (n, n), and which (n,) are near it."""
     middle = int(np.argmin(np.median(apart, axis=1)))
     return middle, apart[middle] < limit
 
@@ -93,7 +90,12 @@ def agreeing(
     The attitude is found as if at rest. Raises NotAlignedError where fewer than two thirds agree,
     or the mean force is not gravity.
     """
-    level_nb = _shortest_turn(_down_b(window), np.array([0.0, 0.0, 1.0]))
+    against_b, length_s = -window.velocity[0], float(window.before_s[0])  # the mean force
+    force = float(np.linalg.norm(against_b)) / length_s
+    if not _LEAST_FORCE_M_S2 < force < _LARGEST_FORCE_M_S2:
+        raise NotAlignedError(f"imu/data: a mean force of {force:.1f} m/s2 is not gravity")
+    down_b = against_b / np.linalg.norm(against_b)
+    level_nb = _shortest_turn(down_b, np.array([0.0, 0.0, 1.0]))
     at = window.at([o.stamp_ns for o in headings])
     turned = [level_nb @ window.to_end[k] @ o.arm_b for k, o in zip(at, headings, strict=True)]
     turns = [o.value[0] - azimuth(d) for o, d in zip(headings, turned, strict=True)]
@@ -103,14 +105,6 @@ def agreeing(
         raise NotAlignedError("the headings of rtk/heading disagree with each other")
     start_nb = matrix_from_rotvec(np.array([0.0, 0.0, turns[middle]])) @ level_nb
     return [o for o, good in zip(headings, near, strict=True) if good], start_nb
-
-
-def _down_b(window: PreintegratedImu) -> Array:
-    """Return the unit vector (3,) against the mean force: down, as if at rest."""
-    force = float(np.linalg.norm(window.velocity[0])) / float(window.before_s[0])
-    if not _LEAST_FORCE_M_S2 < force < _LARGEST_FORCE_M_S2:
-        raise NotAlignedError(f"imu/data: a mean force of {force:.1f} m/s2 is not gravity")
-    return np.asarray(-window.velocity[0] / np.linalg.norm(window.velocity[0]))
 
 
 def _shortest_turn(a: Array, b: Array) -> Array:
@@ -123,13 +117,13 @@ def _shortest_turn(a: Array, b: Array) -> Array:
 
 
 def checked(found: WindowFit, seen: Sequence[AlignmentObservation]) -> WindowFit:
-    """Return the fit, where it is near every measurement and the tilt is known well enough.
-
-    Raises NotAlignedError.
-    """
+    """Return a fit that is near all measurements and knows the tilt; raises NotAlignedError."""
     worst = int(np.argmax(found.distances))
     if found.distances[worst] > _LARGEST_DISTANCE:
-        raise _misfit(seen[worst], found.residuals[worst], found.distances[worst])
+        wrong, size = seen[worst], float(np.linalg.norm(found.residuals[worst]))
+        size = np.degrees(size) if wrong.kind is ObservationKind.AZIMUTH else size
+        off = f"{size:.2g} {_UNITS[wrong.kind]} ({np.sqrt(found.distances[worst]):.0f} sigma)"
+        raise NotAlignedError(f"imu/data and {wrong.name} differ by {off}")
     if not found.settled:
         raise NotAlignedError("imu/data does not fit the motion measured")
     if found.rotation_nb[2, 2] <= 0:
@@ -137,13 +131,6 @@ def checked(found: WindowFit, seen: Sequence[AlignmentObservation]) -> WindowFit
     if found.tilt_sigma_rad > _LARGEST_TILT_SIGMA_RAD:
         raise NotAlignedError("the motion is not measured well enough to find the tilt", 4)
     return found
-
-
-def _misfit(wrong: AlignmentObservation, residual: Array, distance: float) -> NotAlignedError:
-    size = float(np.linalg.norm(residual))
-    size = np.degrees(size) if wrong.kind is ObservationKind.AZIMUTH else size
-    off = f"{size:.2g} {_UNITS[wrong.kind]} ({np.sqrt(distance):.0f} sigma)"
-    return NotAlignedError(f"imu/data and {wrong.name} differ by {off}")
 
 
 def tilt_between(a_nb: Array, b_nb: Array) -> float:
@@ -154,10 +141,7 @@ def tilt_between(a_nb: Array, b_nb: Array) -> float:
 def differences(
     found: WindowFit, hint_nb: Array, autopilot: AutopilotConfig
 ) -> dict[str, NotAlignedError]:
-    """Return doubts where the fit differs too much from the autopilot's attitude (3, 3).
-
-    The keys are "tilt" and "heading".
-    """
+    """Return doubts on "tilt" and "heading" where they differ from the autopilot's (3, 3)."""
     tilt = tilt_between(found.rotation_nb, hint_nb)
     heading = abs(float(wrap_pi(azimuth(found.rotation_nb[:, 0]) - azimuth(hint_nb[:, 0]))))
     own = np.sqrt(found.covariance[2, 2])

@@ -56,10 +56,7 @@ class PreintegratedImu:
 def integrate(
     imu: Sequence[ImuSample], stamps_ns: Sequence[int], taken: Array
 ) -> PreintegratedImu:
-    """Integrate readings, less biases ``taken`` (6,), over the instants of the observations.
-
-    ``imu`` must begin no later and end no earlier than they do.
-    """
+    """Integrate readings, less biases ``taken`` (6,), over all of the observations' stamps."""
     known = np.array([s.stamp_ns for s in imu], np.int64)
     first, last = min(stamps_ns), max(stamps_ns)
     inside = known[(known > first) & (known < last)]

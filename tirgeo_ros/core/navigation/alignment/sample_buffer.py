@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import bisect
 import math
+import operator
 from collections import deque
 from collections.abc import Sequence
 from typing import TypeVar
@@ -25,10 +27,7 @@ _T = TypeVar("_T", bound=NavigationInput)
 
 
 class AlignmentSamples:
-    """Hold the samples of the last ``keep_s``; those of the IMU without a gap or a frozen spell.
-
-    ``frozen`` says that the IMU repeats the same reading.
-    """
+    """Hold the samples of the last ``keep_s``; an IMU that repeats one reading is ``frozen``."""
 
     def __init__(self, keep_s: float, largest_gap_s: float) -> None:
         self._keep_ns = round(keep_s * 1e9)
@@ -69,9 +68,10 @@ class AlignmentSamples:
         before = self._imu[-1] if self._imu else None
         if before is None:
             self._first_ns = self._changed_ns = sample.stamp_ns
-        elif (before.specific_force_b != sample.specific_force_b).any() or (
-            before.angular_rate_b != sample.angular_rate_b
-        ).any():
+        elif (
+            before.specific_force_b.tolist() != sample.specific_force_b.tolist()
+            or before.angular_rate_b.tolist() != sample.angular_rate_b.tolist()
+        ):
             self._changed_ns = sample.stamp_ns
         # Readings that never changed are a bench without noise; those of a live sensor have
         # changed.
@@ -105,17 +105,23 @@ class AlignmentSamples:
         The RTK positions within ``settled_s`` before a heading and the first one not before it
         must be fixed: the samples of one instant arrive in any order.
         """
-        headings = self._reached(HeadingSample, Source.RTK_HEADING)
-        found = [s for s in headings if first_ns <= s.stamp_ns <= last_ns]
         fixes = self._reached(PositionSample, Source.RTK_POSITION)
-        return [s for s in found if _fixed_around(fixes, s.stamp_ns, round(settled_s * 1e9))]
+
+        def fixed_around(stamp_ns: int) -> bool:
+            begin_ns = stamp_ns - round(settled_s * 1e9)
+            before = [s for s in fixes if begin_ns <= s.stamp_ns < stamp_ns]
+            after = [s for s in fixes if s.stamp_ns >= stamp_ns][:1]
+            return bool(after) and all(s.status is FixStatus.FIXED for s in (*before, *after))
+
+        headings = self._reached(HeadingSample, Source.RTK_HEADING)
+        inside = [s for s in headings if first_ns <= s.stamp_ns <= last_ns]
+        return [s for s in inside if fixed_around(s.stamp_ns)]
 
     def imu_over(self, first_ns: int, last_ns: int) -> list[ImuSample]:
         """Return the IMU samples of an interval, with one before and one after if available."""
-        stamps = [s.stamp_ns for s in self._imu]
-        begin = max((k for k, stamp in enumerate(stamps) if stamp <= first_ns), default=0)
-        end = min((k for k, stamp in enumerate(stamps) if stamp >= last_ns), default=len(stamps))
-        return [s for k, s in enumerate(self._imu) if begin <= k <= end]
+        imu, stamp_of = list(self._imu), operator.attrgetter("stamp_ns")
+        begin = max(bisect.bisect_right(imu, first_ns, key=stamp_of) - 1, 0)
+        return imu[begin : bisect.bisect_left(imu, last_ns, key=stamp_of) + 1]
 
     def rest(self, stamp_ns: int) -> tuple[tuple[ImuSample, ...], tuple[NavigationInput, ...]]:
         """Return the newest IMU sample up to a stamp and all later; and the later measurements."""
@@ -126,29 +132,18 @@ class AlignmentSamples:
     def _reached(self, kind: type[_T], source: Source) -> list[_T]:
         """Return the measurements of a source within the IMU record, by stamp."""
         oldest, newest = self._imu[0].stamp_ns, self._imu[-1].stamp_ns
-        found = (s for s in self._aiding if isinstance(s, kind))
-        single = {
-            s.stamp_ns: s for s in found if oldest <= s.stamp_ns <= newest and s.source is source
-        }
+        found = [s for s in self._aiding if isinstance(s, kind) and s.source is source]
+        single = {s.stamp_ns: s for s in found if oldest <= s.stamp_ns <= newest}
         return [single[stamp_ns] for stamp_ns in sorted(single)]
 
 
 def span(
     samples: Sequence[PositionSample | VelocitySample], length_ns: int
 ) -> tuple[int, int] | None:
-    """Return first and last stamp of the newest ``length_ns`` that the samples cover, or None.
-
-    At least three stamps must lie in it.
-    """
+    """Return the first and last stamp of three or more samples over ``length_ns``, or None."""
     stamps = [s.stamp_ns for s in samples]
     if not stamps:
         return None
     first = max((t for t in stamps if t <= stamps[-1] - length_ns), default=None)
     enough = first is not None and sum(t >= first for t in stamps) >= _LEAST_INSTANTS
     return (first, stamps[-1]) if first is not None and enough else None
-
-
-def _fixed_around(fixes: list[PositionSample], stamp_ns: int, settled_ns: int) -> bool:
-    before = [s for s in fixes if stamp_ns - settled_ns <= s.stamp_ns < stamp_ns]
-    after = [s for s in fixes if s.stamp_ns >= stamp_ns][:1]
-    return bool(after) and all(s.status is FixStatus.FIXED for s in (*before, *after))

@@ -1,4 +1,8 @@
-"""Fit the measurements of a window: convert them to observations, integrate the IMU, solve.
+"""Convert the samples of a window to observations, integrate the IMU, and fit the state.
+
+The errors of a float solution and of ordinary GPS last longer than the window: many positions do
+not average them away, but their differences give the velocity. Headings in whole degrees average
+only as far as they scatter.
 
 The fit is linear in the biases. Where those it finds turn the window by much, the window is
 integrated again with them subtracted.
@@ -12,38 +16,51 @@ from typing import NamedTuple
 import numpy as np
 
 from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.frames.heading import azimuth, wrap_pi
+from tirgeo_ros.core.frames.rotations import (
+    matrix_from_quat,
+    quat_from_matrix,
+    rotvec_from_quat,
+)
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.frames.wgs84 import gravity_down
+from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline
+from tirgeo_ros.core.navigation.aiding.state_estimate import floored
 from tirgeo_ros.core.navigation.alignment.batch_least_squares import (
     AlignmentObservation,
+    ObservationKind,
     WindowFit,
     fit,
 )
-from tirgeo_ros.core.navigation.alignment.consistency_checks import NotAlignedError, agreeing
+from tirgeo_ros.core.navigation.alignment.consistency_checks import (
+    NotAlignedError,
+    agreeing,
+    central,
+)
 from tirgeo_ros.core.navigation.alignment.imu_preintegration import (
     Biases,
     PreintegratedImu,
     integrate,
 )
-from tirgeo_ros.core.navigation.alignment.observations import (
-    autopilot_attitude,
-    autopilot_gyro_bias,
-    autopilot_observation,
-    autopilot_observations,
-    heading_observations,
-    position_observation,
-    velocity_observation,
-)
 from tirgeo_ros.core.navigation.ins_error_model import NoisePowers
 from tirgeo_ros.core.navigation.vibration_noise import Powers, mean_powers
+from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import (
+    FixStatus,
     HeadingSample,
     ImuSample,
     PositionSample,
+    Source,
     VelocitySample,
 )
 
+_PICKED = 9
+#: Error of the autopilot's azimuth: white part, and correlation time of the rest (as simulated).
+_AZIMUTH_NOISE_RAD = np.radians(0.3)
+_AZIMUTH_TIME_S = 30.0
+_AUTOPILOT_APART_RAD = np.radians(5.0)
+_WHOLE_DEG = 1e-3  # whole degrees that went through a message in single precision
 _PASSES = 5
 #: A change of the biases that turns the window by less needs no new integration: the linear fit
 #: errs by half the square of the turn.
@@ -62,8 +79,7 @@ class Measured(NamedTuple):
     @property
     def last_ns(self) -> int:
         """Return the newest stamp of a position or velocity: that of the state."""
-        stamps = [s.stamp_ns for s in self.positions] + [s.stamp_ns for s in self.velocities]
-        return max(stamps)
+        return max(s.stamp_ns for s in (*self.positions, *self.velocities))
 
     @property
     def plane(self) -> TangentPlane:
@@ -118,18 +134,167 @@ def fitted(
     return Fitted(window, hint_nb, gyro_bias_b, seen, found, vibration)
 
 
+def position_observation(
+    sample: PositionSample, plane: TangentPlane, config: EkfConfig
+) -> AlignmentObservation:
+    """Return an antenna's position in the axes of ``plane``."""
+    place = (sample.latitude_rad, sample.longitude_rad, sample.height_m)
+    white, slow, time_s = _position_error(sample, config)
+    return AlignmentObservation(
+        sample.stamp_ns,
+        sample.source.topic,
+        ObservationKind.POSITION,
+        plane.ned_from_geodetic(*place),
+        config.aircraft.antenna_b(sample.source),
+        white,
+        slow,
+        time_s,
+    )
+
+
+def _position_error(sample: PositionSample, config: EkfConfig) -> tuple[Array, Array, float]:
+    """Return white covariance (3, 3), slow standard deviations (3,), their correlation time s."""
+    variances = np.diag(sample.covariance_n)
+    if sample.source is Source.GPS_POSITION:
+        absent = bool(np.any(variances <= 0))
+        sigma = np.array(config.gps.position_sigma_m) if absent else np.sqrt(variances)
+        white = np.eye(3) * config.gps.position_noise_m**2
+        return white, sigma, config.gps.position_time_s
+    floor = config.rtk.position_sigma_floor_m
+    if sample.status is FixStatus.FIXED:
+        return floored(sample.covariance_n, floor), np.zeros(3), np.inf
+    # Receivers differ in how much of a float solution's error is white: half is assumed.
+    halves = 0.5 * np.maximum(variances, config.rtk.float_sigma_m**2)
+    return np.diag(halves), np.sqrt(halves), config.rtk.float_time_s
+
+
+def velocity_observation(sample: VelocitySample, config: EkfConfig) -> AlignmentObservation:
+    """Return an antenna's velocity."""
+    source = config.gps if sample.source is Source.GPS_VELOCITY else config.rtk
+    return AlignmentObservation(
+        sample.stamp_ns,
+        sample.source.topic,
+        ObservationKind.VELOCITY,
+        sample.velocity_n,
+        config.aircraft.antenna_b(sample.source),
+        floored(sample.covariance_n, source.velocity_sigma_floor_m_s),
+        np.zeros(3),
+    )
+
+
+def heading_observations(
+    samples: Sequence[HeadingSample], config: EkfConfig
+) -> list[AlignmentObservation]:
+    """Return the azimuths of the antenna baseline.
+
+    Rounding to whole degrees errs by 1/sqrt(12) deg. Where readings spread by s degrees (by noise
+    or a turn), that averages away down to ``exp(-2 pi^2 s^2)`` of it (Widrow and Kollar,
+    Quantization Noise, chapter 5).
+    """
+    baseline = Baseline.from_config(config.aircraft)
+    floor = np.radians(config.heading.sigma_floor_deg) ** 2
+    shared = np.array([_shared_rounding_rad(np.array([s.heading_rad for s in samples]))])
+    return [
+        AlignmentObservation(
+            s.stamp_ns,
+            "rtk/heading",
+            ObservationKind.AZIMUTH,
+            np.array([s.heading_rad - baseline.reported_less_azimuth_rad]),
+            np.array(baseline.direction_b),
+            np.array([[max(s.variance_rad2, floor)]]),
+            shared,
+        )
+        for s in samples
+    ]
+
+
+def _shared_rounding_rad(headings_rad: Array) -> float:
+    """Return the rounding error shared by headings in whole degrees; 0 if they are not."""
+    spread_deg = np.degrees(wrap_pi(headings_rad - headings_rad[0]))
+    if np.abs(spread_deg - np.round(spread_deg)).max() > _WHOLE_DEG:
+        return 0.0
+    before_rounding = max(float(np.var(spread_deg)) - 1 / 12, 0.0)
+    return float(np.radians(np.sqrt(1 / 12) * np.exp(-2 * np.pi**2 * before_rounding)))
+
+
 def _headings(
     measured: Measured, config: EkfConfig, hint_nb: Array | None, *, gyros_unknown: bool
 ) -> list[AlignmentObservation]:
+    """Return the azimuths of the antennas or, without any, of the nose by the autopilot.
+
+    The autopilot's errors last, so that a single one counts. With ``gyros_unknown`` some over the
+    window show how fast the aircraft turns.
+    """
     if measured.readings:
         return heading_observations(measured.readings, config)
+    slow = np.radians(config.autopilot.attitude_sigma_deg[2])
     if gyros_unknown:
-        first = measured.positions[0].stamp_ns, *(s.stamp_ns for s in measured.velocities[:1])
-        found = autopilot_observations(
-            measured.imu, min(first), measured.last_ns, config.autopilot
-        )
-        if found:
-            return found
+        first_ns = min(s.stamp_ns for s in (*measured.positions, *measured.velocities))
+        usable = _usable(measured.imu, first_ns, measured.last_ns)
+        if usable:
+            white, time_s = _AZIMUTH_NOISE_RAD**2, _AZIMUTH_TIME_S
+            turned = zip(usable, _rotations(usable), strict=True)
+            return [_of_nose(s.stamp_ns, r, white, slow, time_s) for s, r in turned]
     if hint_nb is None:
         raise NotAlignedError(measured.needs_heading, 3)
-    return [autopilot_observation(hint_nb, measured.last_ns, config.autopilot)]
+    return [_of_nose(measured.last_ns, hint_nb, slow**2, 0.0, np.inf)]
+
+
+def _of_nose(
+    stamp_ns: int, rotation_nb: Array, variance: float, slow: float, time_s: float
+) -> AlignmentObservation:
+    return AlignmentObservation(
+        stamp_ns,
+        "imu/data",
+        ObservationKind.AZIMUTH,
+        np.array([azimuth(rotation_nb[:, 0])]),
+        np.array([1.0, 0.0, 0.0]),
+        np.array([[variance]]),
+        np.array([slow]),
+        time_s,
+    )
+
+
+def _usable(imu: Sequence[ImuSample], first_ns: int, last_ns: int) -> list[ImuSample]:
+    """Return some samples of a window with an attitude, evenly spaced."""
+    usable = [
+        s for s in imu if first_ns <= s.stamp_ns <= last_ns and usable_attitude(s.autopilot_q_nb)
+    ]
+    last = len(usable) - 1
+    return [usable[k] for k in np.unique(np.linspace(0, last, _PICKED, dtype=int)) if usable]
+
+
+def _rotations(samples: Sequence[ImuSample]) -> Array:
+    """Return the autopilot's attitudes (n, 3, 3)."""
+    return matrix_from_quat(np.array([s.autopilot_q_nb for s in samples], float).reshape(-1, 4))
+
+
+def autopilot_gyro_bias(window: PreintegratedImu, imu: Sequence[ImuSample]) -> Array | None:
+    """Return the gyroscope bias (3,), rad/s, by the autopilot's attitudes; None if they are few.
+
+    Carried to the window's end, each attitude is turned by the bias times the time to the end.
+    """
+    picked = _usable(imu, *window.stamps_ns[[0, -1]].tolist())
+    if len(picked) < _PICKED:
+        return None
+    at = window.at([s.stamp_ns for s in picked])
+    at_end = _rotations(picked) @ window.to_end[at].swapaxes(1, 2)
+    turned = np.array([rotvec_from_quat(quat_from_matrix(at_end[-1].T @ r)) for r in at_end])
+    before_s = window.before_s[at] - window.before_s[at].mean()
+    return np.asarray(before_s @ turned / (before_s @ before_s) + window.taken[:3])
+
+
+def autopilot_attitude(window: PreintegratedImu, imu: Sequence[ImuSample]) -> Array | None:
+    """Return the autopilot's attitude (3, 3) at the window's end, if most of its attitudes agree.
+
+    The gyroscopes carry some attitudes of the window to its end. More than half of them must be
+    within 5 deg of the central one, so that they follow the body's turn.
+    """
+    picked = _usable(imu, *window.stamps_ns[[0, -1]].tolist())
+    if not picked:
+        return None
+    to_end = window.to_end[window.at([s.stamp_ns for s in picked])]
+    at_end = _rotations(picked) @ to_end.swapaxes(1, 2)
+    cosines = 0.5 * (np.einsum("aij,bij->ab", at_end, at_end) - 1)
+    middle, near = central(np.arccos(np.clip(cosines, -1, 1)), _AUTOPILOT_APART_RAD)
+    return np.asarray(at_end[middle]) if near.sum() * 2 > len(picked) else None

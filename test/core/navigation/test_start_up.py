@@ -10,7 +10,7 @@ import pytest
 from flights import config_for, flight, navigation_samples
 
 from tirgeo_ros.core.navigation.estimator import Navigation
-from tirgeo_ros.core.navigation.measurement_order import StampOrder
+from tirgeo_ros.core.navigation.start_up import StampOrder
 from tirgeo_ros.core.types.measurements import (
     FixStatus,
     ImuSample,
@@ -18,7 +18,7 @@ from tirgeo_ros.core.types.measurements import (
     Source,
     VelocitySample,
 )
-from tirgeo_ros.core.types.verdicts import Outcome
+from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 S = 10**9
 
@@ -79,34 +79,22 @@ def test_samples_come_out_by_stamp_once_the_imu_is_far_enough():
     found = order.add(imu(int(2.6 * S)))
     assert [sample.stamp_ns for sample in found] == [2 * S]
     assert [s.stamp_ns for s in order.add(position(1 * S))] == [1 * S]  # late, and not lost
-    assert [s.stamp_ns for s in order.rest()] == [int(2.4 * S), int(2.6 * S), 3 * S]
-    assert order.rest() == []
-
-
-def test_what_is_too_far_from_the_imu_is_told():
-    order = StampOrder(0.5, 0.7, 7.5)
-    assert order.out_of_reach(5 * S) is None  # nothing to judge by
-    order.add(imu(100 * S))
-    assert order.out_of_reach(int(100.7 * S)) is None
-    assert order.out_of_reach(102 * S) == (Outcome.TOO_NEW, "+2.0 s from imu/data")
-    assert order.out_of_reach(90 * S) == (Outcome.TOO_OLD, "-10.0 s from imu/data")
+    assert [s.stamp_ns for s in order.pop_until()] == [int(2.4 * S), int(2.6 * S), 3 * S]
+    assert order.pop_until() == []
 
 
 def test_a_flood_of_aids_without_an_imu_stays_bounded_and_is_named():
     """Whatever their stamps: of one instant, going back, or far ahead."""
-    order = StampOrder(0.5, 0.7, 7.5)
+    order, source = StampOrder(0.5, 0.7, 7.5), Source.RTK_POSITION
     for k in range(10_000):
         order.add(position(10**12 - (k % 3) * k * 10**6))
-    told = order.given_up()
-    assert [(v.source, v.outcome) for v in told] == [(Source.RTK_POSITION, Outcome.TOO_MANY)] * (
-        10_000 - 120  # 100 a second
-    )
-    assert told[0].reason == "120 newer ones wait for imu/data"
+    many = Verdict(source, Outcome.TOO_MANY, "120 newer ones wait for imu/data")  # 100 a second
+    assert list(map(str, order.given_up())) == [str(many)] * (10_000 - 120)
     order.add(imu(10**11))
     assert {(v.source, v.outcome) for v in order.given_up()} == {
         (Source.RTK_POSITION, Outcome.TOO_NEW)
     }
-    assert len(order.rest()) == 1  # all of them were ahead of its clock
+    assert len(order.pop_until()) == 1  # all of them were ahead of its clock
     assert order.given_up() == []
 
 
@@ -120,7 +108,7 @@ def test_a_flood_beside_an_imu_stays_bounded_and_takes_nothing_from_the_others()
         order.add(replace(position(S), stamp_ns=S + k * 10_000))
         order.add(imu(S + k * 1_000))
     told = Counter(verdict.source for verdict in order.given_up())
-    held = order.rest()
+    held = order.pop_until()
     assert velocity in held
     assert told[Source.RTK_POSITION] == 10_000 - 120
     assert told[Source.IMU] == 10_001 - 1200
