@@ -49,7 +49,7 @@ def soak(
     folder.mkdir(parents=True, exist_ok=True)
     run = run_soak(flight, events, folder, duration_s, progress)
     figures = judged(run, flight, short=duration_s < _SHORT_S)
-    _save(folder, run, figures)
+    _save(folder, run, events, figures)
     return figures
 
 
@@ -67,9 +67,10 @@ def judged(run: SoakRun, flight: SoakFlight, *, short: bool) -> list[Figure]:
     ]
 
 
-def _save(folder: Path, run: SoakRun, figures: Sequence[Figure]) -> None:
+def _save(folder: Path, run: SoakRun, events: Sequence[Event], figures: Sequence[Figure]) -> None:
     result = {
         "figures": as_json(figures),
+        "events": [[e.at_s, e.kind.value, e.node, e.lasts_s] for e in events],
         "ended_by_themselves": run.lives.by_themselves,
         "left_files": run.left_files,
         "left_processes": run.left_processes,
