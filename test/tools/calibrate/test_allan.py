@@ -81,7 +81,7 @@ def test_the_plot_and_the_numbers_stand_beside_it(found):
     assert result["output"] == [str(folder / f"imu.{end}") for end in ("yaml", "png", "csv")]
     assert (folder / "imu.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
     rows = list(csv.DictReader((folder / "imu.csv").read_text().splitlines()))
-    assert len(rows[0]) == 1 + 6 * 5
+    assert len(rows[0]) == 1 + 6 * 4
     first = {key: float(value) for key, value in rows[0].items()}
     assert first["tau_s"] == pytest.approx(1 / RATE_HZ)
     assert first["gyro_x_deviation"] == pytest.approx(1.7e-4 * math.sqrt(RATE_HZ), rel=0.02)
@@ -105,22 +105,6 @@ def test_the_command_prints_a_table_or_json(still, tmp_path, capsys):
     assert (tmp_path / "a.png").is_file()
 
 
-@pytest.mark.slow
-def test_gaps_repeats_and_faulty_samples_are_counted(tmp_path):
-    stamps, values = even(), record(2)
-    values[5000, 1] = np.nan
-    stamps[6000] = stamps[5999]
-    keep = np.ones(SIZE, bool)
-    keep[10_000:10_100] = keep[20_000] = False
-    bag = bag_of(tmp_path / "a.mcap", stamps[keep], values[keep])
-    result = calibrate_allan(bag, tmp_path / "imu.yaml")
-    told = result["irregular"]
-    assert (told["not_finite"], told["repeated_stamps"]) == (1, 1)
-    assert (told["gaps"], told["missing"]) == (4, 103)
-    assert result["rate_hz"] == pytest.approx(RATE_HZ)
-    assert result["parameters"]["imu.angle_random_walk"] == pytest.approx(WALKS[:3], rel=0.03)
-
-
 @pytest.fixture(scope="module")
 def lifted(tmp_path_factory):
     """Turned by 0.5 rad/s for 4 s and laid down askew."""
@@ -137,36 +121,28 @@ def test_someone_lifts_the_drone(lifted, tmp_path):
     with pytest.raises(CalibrationError) as refused:
         calibrate_allan(lifted, out)
     assert re.search(
-        r"lifted.mcap: the IMU moved at 499-505 s, by up to 2[89][0-9.]* deg/s and "
-        r"0\.8[0-9]* m/s2: .* "
-        r"--from 0 --to 499; --moved writes",
+        r"lifted.mcap: the IMU moved at 499-505 s: .* --from 0 --to 499; --moved writes",
         str(refused.value),
     )
     with pytest.raises(CalibrationError, match=r"moved at 499-505 s.* --from 50 --to 499"):
         calibrate_allan(lifted, out, from_s=50.0)
     assert list(tmp_path.iterdir()) == []
-    assert "moved" not in calibrate_allan(lifted, out, to_s=499.0)["warning"]
+    assert "moved" not in (calibrate_allan(lifted, out, to_s=499.0)["warning"] or "")
     assert "the IMU moved at 499-505 s" in calibrate_allan(lifted, out, moved=True)["warning"]
 
 
 @pytest.mark.slow
 @pytest.mark.long
 def test_motors_run_and_the_imu_warms_up(tmp_path):
-    values = record(4)
-    values[:, 5] += 0.5 * np.sin(2 * np.pi * 13.0 / RATE_HZ * np.arange(SIZE))
-    values[:, 0] += 2e-6 / RATE_HZ * np.arange(SIZE)
+    values, numbers = record(4), np.arange(SIZE)
+    values[:, 5] += 0.5 * np.sin(2 * np.pi * 13.0 / RATE_HZ * numbers)
+    values[:, 0] += 2e-6 / RATE_HZ * numbers
+    values[:, 1] += 2e-3 * (1 - np.exp(-numbers / (0.25 * SIZE)))
     result = calibrate_allan(bag_of(tmp_path / "a.mcap", values=values), tmp_path / "imu.yaml")
     assert "vibration: accel z 13.0 Hz (0.5 m/s2)" in result["warning"]
-    assert re.search(r"steady drift of gyro x by 0\.00[67]\d* rad/s/h", result["warning"])
+    assert re.search(r"gyro x by 0\.0012 rad/s: drifts steadily", result["warning"])
+    assert re.search(r"gyro y by 0\.00(19|2) rad/s: settles", result["warning"])
     assert result["axes"][0]["random_walk"] == pytest.approx(1.7e-4, rel=0.03)
-
-
-@pytest.mark.slow
-def test_a_warm_up_that_ends_is_warned_of(tmp_path):
-    values = record(5)
-    values[:, 1] += 2e-3 * (1 - np.exp(-np.arange(SIZE) / (0.25 * SIZE)))
-    result = calibrate_allan(bag_of(tmp_path / "a.mcap", values=values), tmp_path / "imu.yaml")
-    assert re.search(r"gyro y by 0\.00(19|2) rad/s: settled", result["warning"])
 
 
 @pytest.mark.slow
