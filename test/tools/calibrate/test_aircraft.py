@@ -84,7 +84,7 @@ def test_what_it_finds_is_written_under_the_nodes_names(found):
         assert ekf[key] == pytest.approx(delay_s, abs=0.006)  # 4 sigma of 70 s
     assert "imu.delay_s" not in ekf
     assert "1 m is written" in head
-    assert "+- " in head
+    assert "aircraft.rtk_antenna_m" in head
 
 
 @pytest.mark.slow
@@ -106,7 +106,7 @@ def test_with_the_receivers_clock_held_the_imus_delay_is_found(bag, tmp_path):
         "  ros__parameters: {rtk.delay_s: 0.1}\n"
     )
     out = tmp_path / "out.yaml"
-    hold = ("rtk", "antenna", "elevation", "level")
+    hold = ("rtk", "antenna", "level")
     calibrate_aircraft(bag, out, params=params, hold=hold)
     nodes, _ = written(out)
     ekf = nodes["/**/ekf_node"]
@@ -124,7 +124,7 @@ def test_a_hover_is_refused_with_what_to_fly(tmp_path, capsys):
     out = tmp_path / "out.yaml"
     assert command(["calibrate", "aircraft", str(flight), "-o", str(out)]) == 1
     said = capsys.readouterr().err
-    assert "tells nothing of the aircraft" in said
+    assert "shows no parameter: aircraft.rtk_antenna_m" in said
     assert "fly legs in several directions" in said
     assert said.count("\n") == 1
     assert not out.exists()
@@ -174,12 +174,11 @@ def test_flights_of_three_minutes(tmp_path, capsys):
         for name, off in errors(result).items():
             one = result["parameters"][name]
             cells.append(f"{name} {off:+.3f} +- {one['sigma']:.3f} {one['unit']}")
-            is_off = abs(off) > ASKED[one["unit"]] and name != "baseline_elevation"
+            is_off = abs(off) > ASKED[one["unit"]]
             if is_off or abs(off) > 3 * one["sigma"]:
                 wrong.append(f"seed {seed}: {cells[-1]}")
         lines.append(f"{seed}: {'; '.join(cells)}")
-        needed = set(PARAMETERS) - {"baseline_elevation"}
-        assert needed <= set(result["parameters"])
+        assert set(PARAMETERS) <= set(result["parameters"])
     with capsys.disabled():
         sys.stdout.write("\n" + "\n".join(lines) + "\n")
     assert not wrong

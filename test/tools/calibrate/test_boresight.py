@@ -91,10 +91,10 @@ def test_the_file_is_what_the_nodes_take_and_says_how_well(flown, held):
     assert set(yaml.safe_load(path.read_text())) == {"/**/gimbal_node", "/**/overlay_node"}
     head = [line for line in path.read_text().splitlines() if line.startswith("#")]
     assert any("13 points" in line for line in head)
-    assert any(
-        line.startswith("# yaw: ") and "+-" in line and "before 1.500" in line for line in head
-    )
-    assert any("rmse: before" in line for line in head)
+    yaw = next(line for line in head if line.startswith("# yaw "))
+    assert float(yaw.split()[2]) == 1.5
+    assert yaw.endswith(" deg   gimbal_node boresight_rpy_deg")
+    assert any("by the others alone (rmse)" in line for line in head)
 
 
 def test_wrong_and_unknown_observations_are_named(flown):
@@ -180,6 +180,10 @@ def test_a_ground_of_an_elevation_model_has_no_height_to_find(tmp_path, sample):
     with pytest.raises(CalibrationError, match="ground_height: overlay_node takes the ground"):
         calibrate_boresight(
             *inputs, tmp_path / "y.yaml", params=params, estimate=["yaw", "ground_height"]
+        )
+    with pytest.raises(CalibrationError, match="gimbal_north and heading_offset both turn"):
+        calibrate_boresight(
+            *inputs, tmp_path / "y.yaml", estimate=["gimbal_north", "heading_offset"]
         )
     with pytest.raises(CalibrationError, match=r"survey.geojson: would take the place"):
         calibrate_boresight(*inputs, sample / "survey.geojson")

@@ -67,10 +67,10 @@ class Recorded:
 class FilterRun:
     """Hold the results of one run of the filter with one set of values."""
 
-    values: Array  # (8,)
+    values: Array  # (7,)
     white: list[White]
     error: Array  # (M,) whitened innovations of all measurements, one after another
-    slope: Array  # (M, 8) partials of ``error`` by PARAMETERS
+    slope: Array  # (M, 7) partials of ``error`` by PARAMETERS
     row_ns: Array  # (M,) stamp of each entry, from the first
     attitude_ns: list[int]
     attitude_q_nb: Array  # (K, 4) wxyz at ``attitude_ns``

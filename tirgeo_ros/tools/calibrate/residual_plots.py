@@ -1,4 +1,4 @@
-"""Plot the residuals of calibrations over the picture: lens, boresight, orthophoto."""
+"""Plot the residuals of calibrations: lens, boresight, orthophoto and aircraft."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from tirgeo_ros.core.aircraft_calibration.fit import AircraftFit
 from tirgeo_ros.core.calibration.boresight.fit import BoresightFit
 from tirgeo_ros.core.calibration.boresight.model import PointSighting
 from tirgeo_ros.core.calibration.checkerboard.board import BoardSighting
@@ -17,6 +18,7 @@ from tirgeo_ros.core.calibration.orthophoto.polynomial_transform import (
 )
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.arrays import Array, BoolArray
+from tirgeo_ros.core.types.measurements import Source
 from tirgeo_ros.io.surveys.control_points import ControlPoints
 from tirgeo_ros.tools.presentation.plots import COLOURS, arrows, figure, png
 
@@ -25,6 +27,12 @@ from tirgeo_ros.tools.presentation.plots import COLOURS, arrows, figure, png
 _LENS_SHARE, _ORTHOPHOTO_SHARE = 0.02, 0.12
 _LONGEST_PX = 60.0
 _MOST_NAMES = 40
+#: Panels of innovations: topic, and what makes its unit.
+_INNOVATIONS = {
+    Source.RTK_POSITION: ("rtk/fix", 100.0, "cm"),
+    Source.RTK_VELOCITY: ("rtk/vel", 100.0, "cm/s"),
+    Source.RTK_HEADING: ("rtk/heading", float(np.degrees(1.0)), "deg"),
+}
 
 
 def lens_png(fit: LensFit, views: Mapping[str, BoardSighting]) -> bytes:
@@ -122,4 +130,33 @@ def orthophoto_png(
     axis.set(xlabel="column [px]", ylabel="row [px]", aspect="equal")
     axis.invert_yaxis()
     axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=4, fontsize=8)
+    return png(made)
+
+
+def innovations_png(found: AircraftFit) -> bytes:
+    """Return a PNG: innovations over time by source, linear up to three times their rms after."""
+    before, after = found.before.nis(), found.after.nis()
+    sources = [source for source in _INNOVATIONS if source in after]
+    made, axes = figure(10.0, 2.3 * len(sources), len(sources), 1, sharex=True)
+    panels = np.atleast_1d(axes)
+    for panel, source in zip(panels, sources, strict=True):
+        name, scale, unit = _INNOVATIONS[source]
+        for run, colour, what in (
+            (found.before, COLOURS[1], "before"),
+            (found.after, COLOURS[0], "after"),
+        ):
+            white = [one for one in run.white if one.source is source]
+            times_s = (
+                np.array([one.stamp_ns - found.before.attitude_ns[0] for one in white]) * 1e-9
+            )
+            values = scale * np.array([one.innovation for one in white])
+            for column in values.T:
+                panel.plot(times_s, column, ".", color=colour, markersize=1.5)
+            panel.plot([], [], ".", color=colour, label=what)
+        panel.set_yscale("symlog", linthresh=3 * float(np.sqrt(np.mean(values**2))))
+        title = f"{name}: NIS {before[source]:.3g} before, {after[source]:.2f} after"
+        panel.set_title(title, loc="left")
+        panel.set_ylabel(f"innovation, {unit}")
+    panels[-1].set_xlabel("time, s")
+    panels[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
     return png(made)

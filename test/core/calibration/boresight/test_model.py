@@ -181,17 +181,6 @@ def test_norths_at_one_tilt_are_refused_and_told_at_two():
     assert (sigma < 0.3).all()
 
 
-def test_both_norths_are_refused():
-    path = Path(tilts_deg=(-30, -60))
-    flight = flight_of(path, north=True)
-    same = flight.stepped["gimbal_north"]
-    flight = dataclasses.replace(flight, stepped={"gimbal_north": same, "heading_offset": same})
-    names = (*USUAL, "gimbal_north", "heading_offset")
-    seen = seen_by(path, np.random.default_rng(9))
-    found = doubt(flight, seen, names, foreseen(flight, seen, names))
-    assert "gimbal_north and heading_offset cannot be told apart: both turn" in str(found)
-
-
 def test_a_parameter_that_moves_nothing_is_said_to_be_idle():
     found = doubt_of(Path(), seen_by(Path(), np.random.default_rng(9)), ("yaw", "heading_offset"))
     assert found is not None

@@ -28,7 +28,6 @@ UNASKED_SHARE = 1 / 3
 #: A parameter belongs to the inseparable ones if its part of the worst direction is larger than
 #: this share of the largest part.
 _PART = 0.2
-
 #: A parameter that moves no pixel by more than this has no effect but rounding.
 _IDLE_PX_RAD = 1.0
 
@@ -112,15 +111,14 @@ def _explained(
     alike: Sequence[str], flight: SightedFlight, sightings: Sequence[PointSighting]
 ) -> tuple[str, str]:
     """Return the reason and the advice."""
-    if all(name in alike for name in _OF_NORTH):
-        return "both turn the camera about the vertical", "estimate one of them"
-    for name in (*_OF_NORTH, *_ADVICE):
-        if name in alike and name in _OF_NORTH:
+    for name in _OF_NORTH:
+        if name in alike:
             tilt = math.degrees(np.ptp(_tilts(flight, sightings)))
             why = f"the camera's tilt varied by {tilt:.1f} deg"
             return why, f"fly with at least two tilts 20 deg apart, or --hold {name}"
+    for name, advice in _ADVICE.items():
         if name in alike:
-            return _ADVICE[name]
+            return advice
     wide, high = np.ptp(np.array([seen.uv for seen in sightings]), axis=0)
     return (
         f"{len(sightings)} observations over {wide:.0f} x {high:.0f} px are not enough",
