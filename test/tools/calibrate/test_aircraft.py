@@ -21,7 +21,7 @@ from aircraft_flights import (
 from tirgeo_ros.core.aircraft_calibration.parameters import PARAMETERS
 from tirgeo_ros.core.types.errors import BagError, CalibrationError
 from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample
-from tirgeo_ros.tools.calibrate.aircraft import HOLDS, calibrate_aircraft
+from tirgeo_ros.tools.calibrate.aircraft import calibrate_aircraft
 from tirgeo_ros.tools.cli.calibrate import aircraft as verb
 from tirgeo_ros.tools.cli.main import main as command
 
@@ -84,17 +84,10 @@ def test_what_it_finds_is_written_under_the_nodes_names(found):
         assert ekf[key] == pytest.approx(delay_s, abs=0.006)  # 4 sigma of 70 s
     assert "imu.delay_s" not in ekf
     assert "1 m is written" in head
-    assert "aircraft.rtk_antenna_m" in head
-
-
-@pytest.mark.slow
-def test_the_plot_is_a_picture_and_the_table_has_every_parameter(found):
-    result, out = found
+    assert "level_pitch" in verb.describe(result)
     assert out.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
-    text = verb.describe(result)
-    assert all(name in text for name in result["parameters"])
-    assert f"wrote {out}" in text
     assert result["nis"]["rtk_position"]["before"] > 5 > result["nis"]["rtk_position"]["after"]
+    assert "aircraft.rtk_antenna_m" in head
 
 
 @pytest.mark.slow
@@ -138,13 +131,6 @@ def test_what_a_bag_lacks_is_named(tmp_path):
     short = write_samples(tmp_path / "short.mcap", aircraft_samples(2, 10.0))
     with pytest.raises(CalibrationError, match=r"only 10\.0 s of imu/data without a gap"):
         calibrate_aircraft(short)
-
-
-def test_names_to_hold_are_those_of_the_verb(bag, capsys):
-    assert tuple(HOLDS) == verb._NAMES
-    with pytest.raises(SystemExit):
-        command(["calibrate", "aircraft", str(bag), "--hold", "antena"])
-    assert "antena is none of antenna, baseline" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import math
 import re
 
@@ -16,7 +15,6 @@ from tirgeo_ros.core.types.errors import BagError, CalibrationError
 from tirgeo_ros.io.bags.bag import BagWriter
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.calibrate.allan import calibrate_allan
-from tirgeo_ros.tools.cli import main as command
 from tirgeo_ros.tools.simulate.static_imu import write_imu
 
 RATE_HZ = 50
@@ -90,21 +88,6 @@ def test_the_plot_and_the_numbers_stand_beside_it(found):
         assert float(row["accel_y_deviation"]) < float(row["accel_y_high"])
 
 
-@pytest.mark.slow
-@pytest.mark.long
-def test_the_command_prints_a_table_or_json(still, tmp_path, capsys):
-    words = ["calibrate", "allan", str(still), "-o", str(tmp_path / "imu.yaml")]
-    assert command.main(words) == 0
-    out = capsys.readouterr().out
-    assert "30000 samples of /imu/data, 0.17 h at 50.00 Hz" in out
-    assert "gyro: N in rad/sqrt(s)" in out
-    assert command.main([*words, "--json", "--plot", str(tmp_path / "a.png")]) == 0
-    result = json.loads(capsys.readouterr().out)
-    assert [axis["axis"] for axis in result["axes"]][:3] == ["gyro x", "gyro y", "gyro z"]
-    assert result["axes"][0]["random_walk"] == pytest.approx(1.7e-4, rel=0.03)
-    assert (tmp_path / "a.png").is_file()
-
-
 @pytest.fixture(scope="module")
 def lifted(tmp_path_factory):
     """Turned by 0.5 rad/s for 4 s and laid down askew."""
@@ -159,16 +142,3 @@ def test_refusals(still, tmp_path):
     with pytest.raises(CalibrationError, match=r"absent/imu\.yaml: cannot be written: No such"):
         calibrate_allan(still, tmp_path / "absent/imu.yaml")
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_dead_axis_and_a_lossy_record_are_refused(tmp_path):
-    values = record(7, 6000)
-    values[:, 4] = 0.0
-    bag = bag_of(tmp_path / "dead.mcap", even(6000), values)
-    with pytest.raises(CalibrationError, match="accel y: never changes"):
-        calibrate_allan(bag, tmp_path / "imu.yaml")
-    values = record(7, 6000)
-    values[np.random.default_rng(1).random(6000) < 0.3, 0] = np.nan
-    bag = bag_of(tmp_path / "lossy.mcap", even(6000), values)
-    with pytest.raises(CalibrationError, match=r"missing or not finite beside .* good ones"):
-        calibrate_allan(bag, tmp_path / "imu.yaml")

@@ -63,10 +63,10 @@ def calibrate_boresight(
     check_outputs(given, (output, plot), CalibrationError)
     asked = (*USUAL, IF_TOLD) if estimate is None else estimate
     wanted = [name for name in asked if name not in hold]
-    _check_wanted(wanted, configs)
     seen, points = load_observations(observations), load_survey(survey)
     reader = BagReader(bag_in)
     configs, chosen = configs.fitting(reader, namespace)
+    _check_wanted(wanted, configs)
     read = read_flight(reader, namespace, configs, wanted, seen, points, click_sigma_px, progress)
     try:
         found, notes = _fitted(read, wanted, strict=estimate is not None)
@@ -100,6 +100,10 @@ def _check_wanted(wanted: Sequence[str], configs: NodeConfigs) -> None:
         raise CalibrationError(
             "gimbal_north and heading_offset both turn the camera about the vertical: estimate "
             "one of them"
+        )
+    if "heading_offset" in wanted and configs.ekf.method != "ekf_heading":
+        raise CalibrationError(
+            f"heading_offset: method {configs.ekf.method} uses no headings; leave it out"
         )
     if "heading_offset" in wanted and configs.ekf.aircraft.baseline_b is None:
         raise CalibrationError(

@@ -39,33 +39,25 @@ def lens_png(fit: LensFit, views: Mapping[str, BoardSighting]) -> bytes:
     """Return a PNG: all corners on the frame with errors enlarged, and the error of every view."""
     made, (frame, bars) = figure(8.0, 9.0, rows=2, height_ratios=[2.2, 1])
     width, height = fit.camera.width, fit.camera.height
-    scale = _round(_LENS_SHARE * width / max(fit.rms_px, 1e-3))
-    for number, (name, view) in enumerate(fit.views.items()):
+    scale = _LENS_SHARE * width / max(fit.rms_px, 1e-3)
+    for number, (name, errors) in enumerate(fit.errors_px.items()):
         colour = COLOURS[number % len(COLOURS)]
         corners = views[name].corners_px
         frame.plot(*corners.T, ".", color=colour, markersize=3)
-        arrows(frame, corners, scale * view.errors_px, colour, 0.0012)
+        arrows(frame, corners, scale * errors, colour, 0.0012)
     frame.plot(fit.camera.cx, fit.camera.cy, "k+", markersize=12, label="principal point")
     frame.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect="equal")
     frame.set(xlabel="column, px", ylabel="row, px")
-    frame.set_title(f"Corners of {len(fit.views)} views, errors enlarged {scale:g} times")
+    frame.set_title(f"Corners of {len(fit.errors_px)} views, errors enlarged {scale:.2g} times")
     frame.legend(loc="lower right", frameon=True)
-    names = list(fit.views)
-    bars.bar(range(len(names)), [view.rms_px for view in fit.views.values()], color=COLOURS[0])
+    rms_px = fit.view_rms_px
+    bars.bar(range(len(rms_px)), [*rms_px.values()], color=COLOURS[0])
     bars.axhline(fit.rms_px, color=COLOURS[1], label=f"all: {fit.rms_px:.3f} px")
-    bars.set(ylabel="reprojection error, px", xlim=(-0.7, len(names) - 0.3))
-    if len(names) <= _MOST_NAMES:
-        bars.set_xticks(range(len(names)), names, rotation=90, fontsize=6)
-    bars.grid(visible=False, axis="x")
+    bars.set(ylabel="reprojection error, px", title="Root mean square error of every view")
+    if len(rms_px) <= _MOST_NAMES:
+        bars.set_xticks(range(len(rms_px)), [*rms_px], rotation=90, fontsize=6)
     bars.legend(loc="upper right")
-    bars.set_title("Root mean square error of every view")
     return png(made)
-
-
-def _round(number: float) -> float:
-    """Return the largest of 1, 2, 5, 10, ... that is not above the number."""
-    power = 10 ** np.floor(np.log10(number))
-    return float(max(step for step in (1, 2, 5) if step * power <= number * (1 + 1e-9)) * power)
 
 
 def boresight_png(
@@ -87,15 +79,16 @@ def boresight_png(
 
 def _boresight_panel(panel: Any, uv: Array, residuals: Array, used: BoolArray) -> None:
     longest = float(np.nanmax(np.hypot(*residuals[used].T), initial=1e-3))
-    for part, colour, what in ((used, COLOURS[0], "used"), (~used, COLOURS[1], "left out")):
-        shown = part & np.isfinite(residuals[:, 0])
-        if not shown.any():
-            continue
+    seen = np.isfinite(residuals[:, 0])
+    for shown, colour, what in (
+        (used & seen, COLOURS[0], "used"),
+        (~used & seen, COLOURS[1], "left out"),
+    ):
         # An outlier may be hundreds of pixels off: its arrow is cut.
-        lengths = np.hypot(*residuals[shown].T)
-        cut = np.minimum(1.0, longest / np.maximum(lengths, 1e-9))[:, None]
+        cut = np.minimum(1.0, longest / np.maximum(np.hypot(*residuals[shown].T), 1e-9))
+        moves = -residuals[shown] * cut[:, None] * _LONGEST_PX / longest
         panel.plot(*uv[shown].T, ".", color=colour, markersize=4, label=what)
-        arrows(panel, uv[shown], -residuals[shown] * cut * _LONGEST_PX / longest, colour, 0.003)
+        arrows(panel, uv[shown], moves, colour, 0.003)
     panel.text(0.01, 0.03, f"longest arrow {longest:.1f} px", transform=panel.transAxes)
 
 

@@ -120,7 +120,3 @@ def test_a_few_lost_samples_are_bridged_and_gaps_passed_by():
     assert len(found.floors) == DURATION_S // PIECE_S - 2
     # A sample on the line between its neighbours lacks part of the noise: 0.5 % of them do.
     np.testing.assert_allclose(np.median(found.floors, axis=0), DENSITY, rtol=0.045)
-
-
-def test_nothing_is_told_of_nothing():
-    assert measured(noise(1)[: 2 * RATE_HZ]).floors.shape == (0, 6)

@@ -181,12 +181,6 @@ def test_norths_at_one_tilt_are_refused_and_told_at_two():
     assert (sigma < 0.3).all()
 
 
-def test_a_parameter_that_moves_nothing_is_said_to_be_idle():
-    found = doubt_of(Path(), seen_by(Path(), np.random.default_rng(9)), ("yaw", "heading_offset"))
-    assert found is not None
-    assert str(found).startswith("heading_offset cannot be found: nothing that this flight's")
-
-
 def test_a_hover_that_does_not_turn_shows_no_latency():
     path = Path(turning=False, speed_m_s=0.0)
     found = doubt_of(path, seen_by(path, np.random.default_rng(10)), USUAL)

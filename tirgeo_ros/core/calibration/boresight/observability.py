@@ -14,7 +14,6 @@ from tirgeo_ros.core.calibration.boresight.model import (
     PointSighting,
     SightedFlight,
     corrected_pose,
-    sights,
 )
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.types.arrays import Array
@@ -28,9 +27,6 @@ UNASKED_SHARE = 1 / 3
 #: A parameter belongs to the inseparable ones if its part of the worst direction is larger than
 #: this share of the largest part.
 _PART = 0.2
-#: A parameter that moves no pixel by more than this has no effect but rounding.
-_IDLE_PX_RAD = 1.0
-
 _OF_NORTH = ("gimbal_north", "heading_offset")
 #: Parameter -> why it cannot be found, and what to do.
 _ADVICE = {
@@ -88,23 +84,9 @@ def doubt(
     relative = covariance / np.outer(limits, limits)
     if (np.diag(relative) <= 1).all():
         return None
-    idle = _idle(flight, sightings, names)
-    if idle:
-        reason = "nothing that this flight's poses are made of depends on it"
-        return Ambiguity(idle, reason, f"leave out {', '.join(idle)}")
     worst = np.abs(np.linalg.eigh(relative)[1][:, -1])
     alike = tuple(n for n, part in zip(names, worst, strict=True) if part > _PART * worst.max())
     return Ambiguity(alike, *_explained(alike, flight, sightings))
-
-
-def _idle(
-    flight: SightedFlight, sightings: Sequence[PointSighting], names: Sequence[str]
-) -> tuple[str, ...]:
-    """Return rotations about the vertical without effect, as the offset of an unused heading."""
-    design = np.nan_to_num(sights(flight, sightings, np.zeros(len(PARAMETERS))).design)
-    turns = [name for name in _OF_NORTH if name in names]
-    moves = {name: np.abs(design[:, :, PARAMETERS.index(name)]).max() for name in turns}
-    return tuple(name for name, most in moves.items() if most < _IDLE_PX_RAD)
 
 
 def _explained(
