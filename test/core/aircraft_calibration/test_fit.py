@@ -12,7 +12,6 @@ from tirgeo_ros.core.aircraft_calibration.filter_run import FlightRuns, longest_
 from tirgeo_ros.core.aircraft_calibration.fit import fit
 from tirgeo_ros.core.aircraft_calibration.parameters import (
     AZIMUTH,
-    LIMITS,
     PARAMETERS,
     Floors,
 )
@@ -36,14 +35,6 @@ def found(flight):
 def errors(result):
     told = [PARAMETERS.index(name) for name in result.told]
     return ((result.values - truth()) / result.sigma)[told]
-
-
-@pytest.mark.slow
-def test_what_was_planted_is_found(found):
-    """Half a metre, 0.12 s and 25 deg off at the start."""
-    assert set(found.told) == set(PARAMETERS)
-    assert np.abs(errors(found)).max() < SETTLED
-    assert (found.sigma < 0.5 * LIMITS).all()
 
 
 @pytest.mark.slow

@@ -141,7 +141,6 @@ def test_pictures_of_another_size_are_refused(views, tmp_path):
 @pytest.mark.parametrize(
     ("extra", "message"),
     [
-        (["--every", "0"], "--every must be positive"),
         (["--max-views", "3"], "--max-views must be 4 or more"),
         (["--k3", "--model", "rational"], "--k3 is part of"),
     ],

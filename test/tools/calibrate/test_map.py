@@ -136,11 +136,17 @@ def test_qgis_points_and_upward_rows_give_the_same_map(tmp_path):
         np.testing.assert_allclose(first, second, rtol=0, atol=3e-9)
 
 
-def test_a_mistaken_point_is_named(tmp_path):
+def test_warnings_name_mistakes_and_what_lies_outside(tmp_path):
     noise = NOISE_PX.copy()
     noise[9] += [150.0, 0.0]
     warning = calibrate_map(**files(tmp_path, noise))["warning"]
     assert "points that do not fit the others: g9 (" in warning
+    inner = MARKS * 0.4 + 0.05 * SIZE_PX
+    warning = calibrate_map(**files(tmp_path, NOISE_PX, inner))["warning"]
+    assert "3 of 4 features reach outside the hull" in warning
+    assert "m (one sigma) by the points' own errors alone" in warning
+    warning = calibrate_map(**files(tmp_path, marks=MARKS[:10]))["warning"]
+    assert "10 points leave no redundancy at order 3" in warning
 
 
 def test_refusals(tmp_path):

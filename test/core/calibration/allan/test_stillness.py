@@ -89,8 +89,3 @@ def test_a_sensor_that_warms_up_is_named_with_its_change(time_s):
     assert settles.tolist() == [False, False, True, False, False, False]
     # The time constants that are tried are up to 2^0.125 off: 10 % of the change at most.
     assert changes[2] == pytest.approx(-2e-3 * (1 - np.exp(-1200 / time_s)), rel=0.1)
-
-
-def test_too_short_a_record_has_no_drift():
-    assert not np.any(drifts(seconds_of(rest(5, 3000)))[1:])
-    assert movements(seconds_of(rest(5, 50))) == []
