@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import heapq
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -166,12 +167,7 @@ def _run(values: Array, white: list[White], beliefs: list[tuple[int, StateEstima
 def _merged(imu: Sequence[ImuSample], aids: Sequence[Aiding]) -> Iterator[ImuSample | Aiding]:
     """Yield samples by stamp; a measurement comes before the IMU sample that ends its interval."""
     ordered = sorted(aids, key=lambda sample: sample.stamp_ns)
-    at = 0
-    for sample in imu:
-        while at < len(ordered) and ordered[at].stamp_ns <= sample.stamp_ns:
-            yield ordered[at]
-            at += 1
-        yield sample
+    return heapq.merge(ordered, imu, key=lambda sample: sample.stamp_ns)
 
 
 class _Averages:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -174,12 +175,12 @@ def sharpest(pictures: Iterator[Taken], every_s: float) -> Iterator[Taken]:
 
 def thinned(pictures: Iterator[Taken], rate_hz: float) -> Iterator[Taken]:
     """Yield ``rate_hz`` pictures a second of a video, evenly spaced, and all unreadable ones."""
-    due_ns: float | None = None
     step_ns = 1e9 / rate_hz
+    due_ns = -math.inf
     for taken in pictures:
         if taken.stamp_ns is None:
             yield taken
-        elif due_ns is None or not due_ns - 2 * step_ns < taken.stamp_ns < due_ns:
-            on_time = due_ns is not None and 0 <= taken.stamp_ns - due_ns < step_ns
-            due_ns = (due_ns if on_time and due_ns is not None else taken.stamp_ns) + step_ns
+        elif not due_ns - 2 * step_ns < taken.stamp_ns < due_ns:
+            late = not 0 <= taken.stamp_ns - due_ns < step_ns  # or the first, or the clock was set
+            due_ns = (taken.stamp_ns if late else due_ns) + step_ns
             yield taken

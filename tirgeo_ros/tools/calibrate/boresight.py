@@ -121,11 +121,14 @@ def _fitted(
     """
     check_numbers(read.sightings)
     notes = []
-    if not strict:  # an estimated north could only increase the uncertainty of these
-        usual = [name for name in wanted if name != IF_TOLD]
-        _refuse(_doubt_foreseen(read, usual))
-    why = _against_north(read, wanted, strict=strict) if IF_TOLD in wanted else None
-    if why is not None:
+    why = ""
+    if IF_TOLD in wanted and read.follows_north:
+        why = _FOLLOWED
+    elif IF_TOLD in wanted and not strict:
+        why = _doubt_of_north(read, wanted)
+    if why and strict:
+        raise CalibrationError(why)
+    if why:
         wanted = [name for name in wanted if name != IF_TOLD]
         key = key_of(IF_TOLD, read.by_encoders)
         notes.append(f"{IF_TOLD} ({key}) held at its present value: {why}")
@@ -142,17 +145,13 @@ def _fitted(
     return found, notes
 
 
-def _against_north(read: ReadFlight, wanted: Sequence[str], *, strict: bool) -> str | None:
-    """Return why gimbal_north is held, or None if it is estimated; raise if ``strict``."""
-    if read.follows_north and strict:
-        raise CalibrationError(_FOLLOWED)
-    if read.follows_north:
-        return _FOLLOWED
-    if strict:
-        return None
+def _doubt_of_north(read: ReadFlight, wanted: Sequence[str]) -> str:
+    """Return why the flight does not separate gimbal_north from the others; empty if it does."""
+    # An estimated north could only increase the uncertainty of the others.
+    _refuse(_doubt_foreseen(read, [name for name in wanted if name != IF_TOLD]))
     found = _doubt_foreseen(read, wanted, UNASKED_SHARE)
     if found is None:
-        return None
+        return ""
     if IF_TOLD not in found.names:
         return "this flight leaves too much uncertain for it"
     return f"{found.reason}; the boresight takes in what it is off, and holds for this tilt"

@@ -11,6 +11,7 @@ import numpy as np
 from tirgeo_ros.core.calibration.boresight.fit import BoresightFit
 from tirgeo_ros.core.calibration.boresight.ground_errors import ground_errors, rmse_m
 from tirgeo_ros.core.calibration.boresight.model import PARAMETERS
+from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.config.schema import config_from, values_of
 from tirgeo_ros.core.frames.rotations import rotation_z
 from tirgeo_ros.core.types.arrays import Array
@@ -113,7 +114,11 @@ def _nodes(
     for key in [key for key in values if key in keys]:
         node, _, name = key.rpartition(" ")
         nodes.setdefault(node, {})[name] = values[key]
-    given = {"": configs.ekf, "gimbal_node": configs.gimbal, "overlay_node": configs.overlay}
+    given: dict[str, EkfConfig | GimbalConfig | OverlayConfig] = {
+        "": configs.ekf,
+        "gimbal_node": configs.gimbal,
+        "overlay_node": configs.overlay,
+    }
     for node, own in nodes.items():
         config = given[node]
         config_from(type(config), {**values_of(config), **own}, "what was found")

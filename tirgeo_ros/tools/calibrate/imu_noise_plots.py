@@ -39,14 +39,10 @@ def spectra_png(
     made.suptitle(what)
     for channel, (panel, axis) in enumerate(zip(panels.flat, axes, strict=True)):
         _draw_spectrum(panel, flying, resting, axis, channel)
-    named = {
-        label: handle
-        for panel in panels.flat
-        for handle, label in zip(*panel.get_legend_handles_labels(), strict=True)
-    }
     # Below the panels; Matplotlib 3.6 does not know 'outside lower center'.
     made.supxlabel(" ", fontsize=12)
-    made.legend(named.values(), named.keys(), loc="lower center", ncols=8, fontsize=8)
+    handles, labels = panels.flat[0].get_legend_handles_labels()
+    made.legend(handles, labels, loc="lower center", ncols=8, fontsize=8)
     return png(made)
 
 
@@ -105,10 +101,9 @@ def _draw_spectrum(
     ):
         panel.axhline(axis[name], ls=style, color=colour, lw=1.4, label=label)
     panel.set_xlim(0, float(flying.frequencies_hz[-1]))
-    for line in axis["lines"][:_LINES]:
-        at = int(np.argmin(np.abs(hz - line["frequency_hz"])))
-        place = line["frequency_hz"], 1.25 * high[at]
-        panel.plot(*place, "v", color=COLOURS[2], ms=5, label="strongest lines")
+    lines_hz = [line["frequency_hz"] for line in axis["lines"][:_LINES]]
+    heights = 1.25 * np.interp(lines_hz, hz, high)
+    panel.plot(lines_hz, heights, "v", color=COLOURS[2], ms=5, label="strongest lines")
 
 
 def curves_csv(curve: AllanCurve, fits: Sequence[NoiseFit]) -> str:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import islice
-from typing import Any
 
 import numpy as np
 
 from tirgeo_ros.core.calibration.allan.record import ImuRecord, record_of
+from tirgeo_ros.core.types.arrays import Array, IntArray
 from tirgeo_ros.core.types.errors import BagError, CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.messages.imu_block import imu_block
@@ -64,7 +64,7 @@ def read_imu(
     _check_topic(reader, topic)
     where = f"{reader.path}: {topic}"
     begin_ns, end_ns = reader.span_ns
-    blocks: list[tuple[Any, ...]] = []  # stamps and values
+    blocks: list[tuple[IntArray, Array]] = []  # stamps and values
     number = unreadable = 0
     first_ns: int | None = None
     messages = reader.messages([topic])
@@ -84,7 +84,8 @@ def read_imu(
         raise CalibrationError(
             f"{where}: none of {number} messages has a sample; look at --from and --to"
         )
-    stamps_ns, values = map(np.concatenate, zip(*blocks, strict=True))
+    stamps_ns = np.concatenate([stamps for stamps, _ in blocks])
+    values = np.concatenate([values for _, values in blocks])
     blocks.clear()
     try:
         record = record_of(stamps_ns, values)

@@ -56,9 +56,13 @@ def allan_curve(runs: Sequence[Array], step_s: float, ramps: Array | None = None
     used = m <= _LONGEST * spans
     degrees = np.maximum(1.25 * spans**2 / (m * (spans + 3 * m)), 1.0)
     means = sums[there] / pairs[:, None, None]
-    columns = m * step_s, degrees, means[:, 0, 1] / step_s, means[:, :, 2] / 2
-    span_s = float(spans.max(initial=0.0)) * step_s
-    return AllanCurve(*(column[used] for column in columns), span_s=span_s)
+    return AllanCurve(
+        (m * step_s)[used],
+        degrees[used],
+        means[used, 0, 1] / step_s,
+        means[used, :, 2] / 2,
+        float(spans.max(initial=0.0)) * step_s,
+    )
 
 
 def _total(values: Array) -> Array:

@@ -8,7 +8,7 @@ the floor and is not changed by lines, also not by those of a walker's steps. A 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -51,7 +51,8 @@ class Pieces(NamedTuple):
 
     def where(self, these: BoolArray) -> Pieces:
         """Return the pieces selected by a mask (n,)."""
-        return Pieces(*(column[these] for column in self[:-1]), self.frequencies_hz)
+        chosen: list[Any] = [column[these] for column in self[:-1]]
+        return Pieces(*chosen, self.frequencies_hz)
 
     def above_motion(self) -> BoolArray:
         """Return (f,) which frequencies are used; the last one's band is only half as wide."""

@@ -95,11 +95,13 @@ def fit_noise(curve: AllanCurve, channel: int) -> NoiseFit:
     at = int(np.argmin(np.where(curve.degrees >= _LEAST_DEGREES, variances, np.inf)))
     lowest = math.sqrt(variances[at])
     part = columns[used], variances[used], curve.degrees[used]
-    terms, misfit = _terms(*part, powers)
+    (random_walk, flicker, walk), misfit = _terms(*part, powers)
     spread = np.sqrt(2 / curve.degrees) * model
-    bias = _fit_bias(tau_s[used], (variances - white)[used], model[used], spread[used], terms[1])
+    bias = _fit_bias(tau_s[used], (variances - white)[used], model[used], spread[used], flicker)
     return NoiseFit(
-        *terms,
+        white=random_walk,
+        flicker=flicker,
+        walk=walk,
         minimum=lowest,
         minimum_sigma=lowest / math.sqrt(2 * curve.degrees[at]),
         minimum_at_s=float(tau_s[at]),

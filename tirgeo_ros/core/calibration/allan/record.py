@@ -66,7 +66,9 @@ def record_of(stamps_ns: IntArray, values: Array) -> ImuRecord:
     kept, times_ns = np.flatnonzero(finite)[rising], times_ns[rising]
     step_ns, places = _places(times_ns)
     edges = [0, *(np.flatnonzero(np.diff(times_ns) > _SPLIT_NS) + 1).tolist(), len(times_ns)]
-    runs, off, gaps = [], [], 0
+    runs: list[Array] = []
+    off: list[Array] = []
+    gaps = 0
     for begin, end in pairwise(edges):
         slots, jitter = _slots(places[begin:end])
         run = np.full((int(slots[-1]) + 1, values.shape[1]), np.nan)

@@ -41,14 +41,11 @@ class Seconds(NamedTuple):
 
 def seconds_of(record: ImuRecord) -> Seconds:
     """Return the seconds with at least half of their samples."""
-    blocks = [
-        (start_s, np.nanmean(block, axis=0), np.nanstd(block, axis=0))
-        for start_s, block in record.blocks(max(round(1 / record.step_s), 2), 0.5)
-    ]
-    starts_s, means, scatters = zip(*blocks, strict=True) if blocks else ((), (), ())
-    return Seconds(
-        np.array(starts_s), np.array(means).reshape(-1, 6), np.array(scatters).reshape(-1, 6)
-    )
+    blocks = list(record.blocks(max(round(1 / record.step_s), 2), 0.5))
+    means = np.array([np.nanmean(block, axis=0) for _, block in blocks])
+    scatters = np.array([np.nanstd(block, axis=0) for _, block in blocks])
+    starts_s = np.array([start_s for start_s, _ in blocks])
+    return Seconds(starts_s, means.reshape(-1, 6), scatters.reshape(-1, 6))
 
 
 def movements(seconds: Seconds) -> list[Interval]:
