@@ -134,7 +134,7 @@ def _fitted(
         notes.append(f"{IF_TOLD} ({key}) held at its present value: {why}")
     _refuse(_doubt_foreseen(read, wanted))
     found = fit(read.flight, read.sightings, wanted)
-    left = doubt(read.flight, read.sightings, wanted, found.covariance)
+    left = doubt(wanted, found.covariance)
     if left is not None and found.noise_factor > 1:
         raise CalibrationError(
             f"{', '.join(left.names)}: residuals {found.noise_factor:.1f} times as large as "
@@ -161,7 +161,7 @@ def _doubt_foreseen(
     read: ReadFlight, wanted: Sequence[str], share: float = 1.0
 ) -> Ambiguity | None:
     covariance = foreseen(read.flight, read.sightings, wanted)
-    return doubt(read.flight, read.sightings, wanted, covariance, share)
+    return doubt(wanted, covariance, share)
 
 
 def _refuse(found: Ambiguity | None) -> None:

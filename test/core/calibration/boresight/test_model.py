@@ -132,7 +132,7 @@ def test_the_estimate_without_a_point_is_the_fit_without_it():
 
 def doubt_of(path, seen, names):
     flight = flight_of(path, north="gimbal_north" in names)
-    return doubt(flight, seen, names, foreseen(flight, seen, names))
+    return doubt(names, foreseen(flight, seen, names))
 
 
 @pytest.mark.slow
@@ -142,8 +142,8 @@ def test_norths_at_one_tilt_are_refused_and_told_at_two():
     found = doubt_of(Path(), seen_by(Path(), rng), names)
     assert found is not None
     assert set(found.names) == {"roll", "yaw", "gimbal_north"}
-    assert "tilt varied by 0.0 deg" in str(found)
-    assert "--hold gimbal_north" in str(found)
+    assert "tilt hardly varied" in str(found)
+    assert "--hold it" in str(found)
     two = {"tilts_deg": (-30.0, -60.0)}
     now, truth = Path(**two), Path(**two, rpy_deg=(1, -1, 2))
     seen = seen_by(truth, rng, count=120)

@@ -2,20 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from tirgeo_ros.core.calibration.boresight.fit import LIMITS
-from tirgeo_ros.core.calibration.boresight.model import (
-    PARAMETERS,
-    PointSighting,
-    SightedFlight,
-    corrected_pose,
-)
-from tirgeo_ros.core.frames.rotations import matrix_from_quat
+from tirgeo_ros.core.calibration.boresight.model import PARAMETERS, PointSighting
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
 
@@ -27,9 +20,11 @@ UNASKED_SHARE = 1 / 3
 #: A parameter belongs to the inseparable ones if its part of the worst direction is larger than
 #: this share of the largest part.
 _PART = 0.2
-_OF_NORTH = ("gimbal_north", "heading_offset")
-#: Parameter -> why it cannot be found, and what to do.
+_TILT = "the camera's tilt hardly varied", "fly with at least two tilts 20 deg apart, or --hold it"
+#: Parameter -> why it cannot be found, and what to do; the first that applies is given.
 _ADVICE = {
+    "gimbal_north": _TILT,
+    "heading_offset": _TILT,
     "ground_height": (
         "the points are seen from about the same height and angle",
         "fly at two heights or two tilts, or --hold ground_height",
@@ -39,6 +34,7 @@ _ADVICE = {
         "fly legs in several directions and click in turns too, or --hold latency",
     ),
 }
+_FEW = "too few observations", "click more points in more pictures, all over the picture"
 
 
 @dataclass(frozen=True)
@@ -68,13 +64,7 @@ def check_numbers(sightings: Sequence[PointSighting]) -> None:
         )
 
 
-def doubt(
-    flight: SightedFlight,
-    sightings: Sequence[PointSighting],
-    estimated: Sequence[str],
-    covariance: Array,
-    share: float = 1.0,
-) -> Ambiguity | None:
+def doubt(estimated: Sequence[str], covariance: Array, share: float = 1.0) -> Ambiguity | None:
     """Return what a covariance (p, p) of estimated parameters leaves open; None if nothing.
 
     A parameter is found if its standard deviation is within ``share`` of LIMITS.
@@ -86,31 +76,5 @@ def doubt(
         return None
     worst = np.abs(np.linalg.eigh(relative)[1][:, -1])
     alike = tuple(n for n, part in zip(names, worst, strict=True) if part > _PART * worst.max())
-    return Ambiguity(alike, *_explained(alike, flight, sightings))
-
-
-def _explained(
-    alike: Sequence[str], flight: SightedFlight, sightings: Sequence[PointSighting]
-) -> tuple[str, str]:
-    """Return the reason and the advice."""
-    for name in _OF_NORTH:
-        if name in alike:
-            tilt = math.degrees(np.ptp(_tilts(flight, sightings)))
-            why = f"the camera's tilt varied by {tilt:.1f} deg"
-            return why, f"fly with at least two tilts 20 deg apart, or --hold {name}"
-    for name, advice in _ADVICE.items():
-        if name in alike:
-            return advice
-    wide, high = np.ptp(np.array([seen.uv for seen in sightings]), axis=0)
-    return (
-        f"{len(sightings)} observations over {wide:.0f} x {high:.0f} px are not enough",
-        "click more points in more pictures, all over the picture",
-    )
-
-
-def _tilts(flight: SightedFlight, sightings: Sequence[PointSighting]) -> Array:
-    """Return the angle of the camera below the horizon, rad, at each sighting with a pose."""
-    present = np.zeros(len(PARAMETERS))
-    found = (corrected_pose(flight, seen.stamp_ns, present) for seen in sightings)
-    axes_n = [matrix_from_quat(one[0].q_nc)[:, 2] for one in found if one is not None]
-    return np.arcsin(np.clip(np.array(axes_n)[:, 2], -1, 1))
+    reason, advice = next((_ADVICE[name] for name in _ADVICE if name in alike), _FEW)
+    return Ambiguity(alike, reason, advice)
