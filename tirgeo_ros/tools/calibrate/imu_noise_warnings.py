@@ -169,31 +169,22 @@ def check_flight(read: ReadImu, pieces: Pieces) -> None:
     recorded_s = sum(map(len, read.record.runs)) * step_s
     flying_s = PIECE_S * int((~pieces.at_rest).sum())
     resting_s = PIECE_S * int(pieces.at_rest.sum())
-    reason = ""
-    if read.rate_hz < _LEAST_HZ:
-        reason = (
-            f"{read.rate_hz:.3g} samples a second leave too little above {MOTION_HZ:.0f} Hz; "
-            "record at 50 Hz or more"
-        )
-    elif jitter_s > _SHAKY_IN_FLIGHT * step_s:
-        reason = (
-            f"stamps jitter by {jitter_s * 1e3:.2g} ms where samples are {step_s * 1e3:.2g} ms "
-            "apart; record with the sensor's own stamps"
-        )
-    elif recorded_s < LEAST_FLIGHT_S:
-        reason = f"{recorded_s:.0f} s are too short; {LEAST_FLIGHT_S:.0f} s of flight are needed"
-    elif flying_s < LEAST_FLIGHT_S and resting_s > recorded_s - 2 * LEAST_FLIGHT_S:
-        reason = (
-            f"the IMU lies still for {resting_s} of {recorded_s:.0f} s: no flight; use tirgeo "
-            "calibrate allan for the noise at rest"
-        )
-    elif flying_s < LEAST_FLIGHT_S:
-        reason = (
-            f"only {flying_s} s of flight have their samples, {LEAST_FLIGHT_S:.0f} are needed; "
-            "record again without loss"
-        )
-    if reason:
-        raise CalibrationError(f"{read.where}: {reason}")
+    few = flying_s < LEAST_FLIGHT_S
+    at_rest = few and resting_s > recorded_s - 2 * LEAST_FLIGHT_S
+    needed = f"{LEAST_FLIGHT_S:.0f} s of flight are needed"
+    faults = {
+        f"{read.rate_hz:.3g} samples a second leave too little above {MOTION_HZ:.0f} Hz; record "
+        "at 50 Hz or more": read.rate_hz < _LEAST_HZ,
+        f"stamps jitter by {jitter_s * 1e3:.2g} ms where samples are {step_s * 1e3:.2g} ms apart; "
+        "record with the sensor's own stamps": jitter_s > _SHAKY_IN_FLIGHT * step_s,
+        f"{recorded_s:.0f} s are too short; {needed}": recorded_s < LEAST_FLIGHT_S,
+        f"the IMU lies still for {resting_s} of {recorded_s:.0f} s: no flight; use tirgeo "
+        "calibrate allan for the noise at rest": at_rest,
+        f"only {flying_s} s of flight have their samples; {needed}, without loss": few,
+    }
+    for reason, is_so in faults.items():
+        if is_so:
+            raise CalibrationError(f"{read.where}: {reason}")
     check_alive(read.where, pieces.differences)
 
 

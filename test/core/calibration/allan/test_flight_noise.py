@@ -91,18 +91,6 @@ def test_what_motion_leaves_above_eight_hertz_is_no_line():
     assert measured(values).lines(0) == []
 
 
-def test_rest_is_told_from_flight():
-    values = noise(8)
-    still = noise(9, np.repeat([1.7e-4, 1.3e-2], 3))
-    still += [0.01, -0.02, 0.005, 0.1, 0.2, 9.7]
-    values[: 60 * RATE_HZ] = still[: 60 * RATE_HZ]
-    found = measured(values)
-    np.testing.assert_array_equal(found.at_rest, np.arange(len(found.floors)) < 20)
-    rest = found.where(found.at_rest)
-    expected = np.repeat([1.7e-4, 1.3e-2], 3)
-    np.testing.assert_allclose(np.median(rest.floors, axis=0), expected, rtol=0.06)
-
-
 def test_idling_rotors_and_slow_turns_are_no_rest():
     idling = noise(10, np.repeat([1.7e-4, 1.3e-2], 3))
     idling[:, 5] += 9.8 + 1.5 * np.sin(2 * np.pi * 42 * T_S)

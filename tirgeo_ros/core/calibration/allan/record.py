@@ -71,9 +71,10 @@ def record_of(stamps_ns: IntArray, values: Array) -> ImuRecord:
     gaps = 0
     for begin, end in pairwise(edges):
         slots, jitter = _slots(places[begin:end])
-        run = np.full((int(slots[-1]) + 1, values.shape[1]), np.nan)
-        for column, given in zip(run.T, values.T, strict=True):  # by columns: less memory
-            column[slots] = given[kept[begin:end]]
+        run = values[kept[begin] : kept[end - 1] + 1]
+        if not len(run) == end - begin == slots[-1] + 1:  # samples are missing
+            run = np.full((int(slots[-1]) + 1, values.shape[1]), np.nan)
+            run[slots] = values[kept[begin:end]]
         runs.append(run)
         off.append(jitter)
         gaps += int((np.diff(slots) > 1).sum())
