@@ -8,7 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from imu_noise import white
+from imu_noise import FLIGHT_DENSITY as DENSITY
+from imu_noise import FLIGHT_HZ as RATE_HZ
+from imu_noise import flown, white
 
 from dev.real_flights import cuts_of, fly, samples_of
 from tirgeo_ros.core.config import EkfConfig
@@ -20,24 +22,13 @@ from tirgeo_ros.tools.calibrate.imu import calibrate_imu
 from tirgeo_ros.tools.cli import main as command
 from tirgeo_ros.tools.simulate.static_imu import write_imu
 
-RATE_HZ = 200
 START_NS = 1_700_000_000_000_000_000
-DENSITY = np.array([3e-3, 5e-3, 1.5e-3, 0.11, 0.07, 0.4])
 DEFAULTS = np.array([*EkfConfig().imu.angle_random_walk, *EkfConfig().imu.velocity_random_walk])
 SHARES = np.repeat(
     [EkfConfig().imu.gyro_vibration_share, EkfConfig().imu.accel_vibration_share], 3
 )
 # The calmest tenth of pieces whose floor is known to 4 % each is 1.28 of these below the median.
 LOW = 1 - 1.28 * 0.04
-
-
-def flown(seed=1, duration_s=90, density=DENSITY):
-    """(n, 6) rates and forces FLU of a flight with known noise."""
-    rng = np.random.default_rng(seed)
-    t_s = np.arange(duration_s * RATE_HZ) / RATE_HZ
-    turns = np.sin(2 * np.pi * np.outer(t_s, [0.3, 0.4, 0.2, 0.7, 1.1, 2.3]))
-    values = white(rng, (len(t_s), 6), density, 1 / RATE_HZ)
-    return values + turns * [0.8, 0.6, 0.3, 3.0, 2.0, 1.0] + [0, 0, 0, 0, 0, 9.8]
 
 
 def at_rest(seed, duration_s):

@@ -6,7 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from imu_noise import record, white
+from imu_noise import FLIGHT_DENSITY as DENSITY
+from imu_noise import FLIGHT_HZ as RATE_HZ
+from imu_noise import flown, record, white
 
 from tirgeo_ros.core.calibration.allan.flight_noise import (
     DEGREES,
@@ -15,21 +17,13 @@ from tirgeo_ros.core.calibration.allan.flight_noise import (
     pieces_of,
 )
 
-RATE_HZ = 200
 STEP_S = 1 / RATE_HZ
 DURATION_S = 120
-DENSITY = np.array([3e-3, 5e-3, 1.5e-3, 0.11, 0.07, 0.4])
 T_S = np.arange(DURATION_S * RATE_HZ) * STEP_S
 
 
 def noise(seed, density=DENSITY):
     return white(np.random.default_rng(seed), (len(T_S), 6), density, STEP_S)
-
-
-def motion():
-    """(n, 6) turns and jolts of some hertz, many times the noise."""
-    turns = np.sin(2 * np.pi * np.outer(T_S, [0.31, 0.4, 0.2, 0.7, 1.1, 2.3]))
-    return turns * [0.8, 0.6, 0.3, 3.0, 2.0, 4.0] + [0, 0, 0, 0, 0, 9.8]
 
 
 def measured(values, lost=None):
@@ -49,7 +43,7 @@ def sigma_of_floor(number):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_known_noise_is_found_under_motion_and_lines(seed):
-    values = noise(seed) + motion()
+    values = flown(seed, DURATION_S)
     values[:, 5] += 6.0 * np.sin(2 * np.pi * 61.3 * T_S)
     values[:, 1] += 0.2 * np.sin(2 * np.pi * 33.0 * T_S)
     found = measured(values)
@@ -65,7 +59,7 @@ def test_known_noise_is_found_under_motion_and_lines(seed):
 
 @pytest.mark.parametrize("frequency_hz", [20.0, 61.3, 88.8])
 def test_lines_are_found_with_frequency_and_amplitude(frequency_hz):
-    values = noise(5) + motion()
+    values = flown(5, DURATION_S)
     values[:, 3] += 2.0 * np.sin(2 * np.pi * frequency_hz * T_S)
     found = measured(values)
     (line,) = found.lines(3)

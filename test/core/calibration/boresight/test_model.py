@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from imu_noise import gauss_markov
 from sighted_paths import LATENCY_S, POSE_SIGMA, STEP, USUAL, Path, flight_of, seen_by
 
 from tirgeo_ros.core.calibration.boresight.fit import fit, foreseen
@@ -62,14 +62,9 @@ def test_without_noise_the_truth_comes_out(present, off, late_s):
     assert not found.correction[4:].any()
 
 
-def errors_that_last(rng, time_s=4.0):
-    """Gauss-Markov errors of POSE_SIGMA, as functions of time."""
-    steps = np.arange(0.0, 100.0, 0.1)
-    values = np.empty((len(steps), 6))
-    values[0] = rng.standard_normal(6)
-    keep = math.exp(-0.1 / time_s)
-    for k in range(1, len(steps)):
-        values[k] = keep * values[k - 1] + math.sqrt(1 - keep**2) * rng.standard_normal(6)
+def errors_that_last(rng):
+    """Gauss-Markov errors of POSE_SIGMA that last 4 s, as functions of time."""
+    values = np.stack([gauss_markov(rng, 1000, 1.0, 4.0, 0.1) for _ in range(6)], axis=1)
     return lambda t_s: POSE_SIGMA * values[int(t_s * 10)]
 
 
