@@ -117,7 +117,7 @@ def test_a_hover_is_refused_with_what_to_fly(tmp_path, capsys):
     out = tmp_path / "out.yaml"
     assert command(["calibrate", "aircraft", str(flight), "-o", str(out)]) == 1
     said = capsys.readouterr().err
-    assert "shows no parameter: aircraft.rtk_antenna_m" in said
+    assert "shows no parameter: antenna_forward (aircraft.rtk_antenna_m)" in said
     assert "fly legs in several directions" in said
     assert said.count("\n") == 1
     assert not out.exists()

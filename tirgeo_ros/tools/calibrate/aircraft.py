@@ -62,10 +62,10 @@ def calibrate_aircraft(
     except CalibrationError as error:
         raise CalibrationError(f"{reader.path}: {error}") from None
     if not found.told:
-        reasons: dict[str, str] = {}
+        names: dict[str, list[str]] = {}  # by reason, each reason once
         for name, reason in found.untold.items():
-            reasons[reason] = ", ".join(filter(None, (reasons.get(reason), KEYS[name])))
-        named = "; ".join(f"{names}: {reason}" for reason, names in reasons.items())
+            names.setdefault(reason, []).append(f"{name} ({KEYS[name]})")
+        named = "; ".join(f"{', '.join(some)}: {reason}" for reason, some in names.items())
         raise CalibrationError(f"{reader.path}: the flight shows no parameter: {named}")
     level = mounting_level(found.after, runs.recorded.imu, PARTS)
     result = summary(config, found, level, held)
