@@ -30,8 +30,8 @@ AZIMUTH_DEG = 25.0  # of the baseline; parameters without a second antenna say 0
 
 
 def truth(azimuth_deg=AZIMUTH_DEG, delays_s=DELAYS_S):
-    """(8,) in the order of PARAMETERS."""
-    return np.array([*ANTENNA_M, math.radians(azimuth_deg), 0.0, *delays_s])
+    """(7,) in the order of PARAMETERS."""
+    return np.array([*ANTENNA_M, math.radians(azimuth_deg), *delays_s])
 
 
 def aircraft_samples(seed, duration_s=180.0, azimuth_deg=AZIMUTH_DEG, delays_s=DELAYS_S, **values):

@@ -50,3 +50,16 @@ def record(values, step_s, lost=None):
     if lost is not None:
         values[lost] = np.nan
     return ImuRecord([values], [0.0], step_s, 0.0, len(values), {})
+
+
+FLIGHT_HZ = 200
+#: Of a flight: rad/sqrt(s), m/s/sqrt(s).
+FLIGHT_DENSITY = np.array([3e-3, 5e-3, 1.5e-3, 0.11, 0.07, 0.4])
+
+
+def flown(seed=1, duration_s=90, density=FLIGHT_DENSITY):
+    """(n, 6) rates and forces FLU of a flight: turns and jolts of some hertz, known noise."""
+    t_s = np.arange(duration_s * FLIGHT_HZ) / FLIGHT_HZ
+    turns = np.sin(2 * np.pi * np.outer(t_s, [0.3, 0.4, 0.2, 0.7, 1.1, 2.3]))
+    values = white(np.random.default_rng(seed), (len(t_s), 6), density, 1 / FLIGHT_HZ)
+    return values + turns * [0.8, 0.6, 0.3, 3.0, 2.0, 4.0] + [0, 0, 0, 0, 0, 9.8]

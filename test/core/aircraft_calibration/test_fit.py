@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -13,11 +12,10 @@ from tirgeo_ros.core.aircraft_calibration.filter_run import FlightRuns, longest_
 from tirgeo_ros.core.aircraft_calibration.fit import fit
 from tirgeo_ros.core.aircraft_calibration.parameters import (
     AZIMUTH,
-    LIMITS,
     PARAMETERS,
     Floors,
 )
-from tirgeo_ros.core.config import AircraftConfig, EkfConfig
+from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, Source
 
@@ -40,27 +38,6 @@ def errors(result):
 
 
 @pytest.mark.slow
-def test_what_was_planted_is_found(found):
-    """Half a metre, 0.12 s and 25 deg off at the start."""
-    missing = set(PARAMETERS) - set(found.told)
-    assert missing <= {"baseline_elevation"}  # with the baseline along the nose: turns hide it
-    assert np.abs(errors(found)).max() < SETTLED
-    sigma = found.sigma[[PARAMETERS.index(name) for name in found.told]]
-    limits = LIMITS[[PARAMETERS.index(name) for name in found.told]]
-    assert (sigma < 0.5 * limits).all()
-
-
-@pytest.mark.slow
-def test_innovations_are_white_after_it_and_large_before(found):
-    """900 entries or more: their mean square is 1 to 5 % or so; headings have a floor."""
-    after, before = found.after.nis(), found.before.nis()
-    for source in (Source.RTK_POSITION, Source.RTK_VELOCITY):
-        assert after[source] == pytest.approx(1.0, abs=0.2)
-        assert before[source] > 5 * after[source]
-    assert 0.4 < after[Source.RTK_HEADING] < 1.0
-
-
-@pytest.mark.slow
 def test_slopes_are_those_of_runs_apart(flight):
     """A run at a value a little off: its innovations lie along the slope.
 
@@ -76,17 +53,6 @@ def test_slopes_are_those_of_runs_apart(flight):
         change = (runs.run(off, start, Floors()).error - here.error) / step
         slope = here.slope[:, k]
         assert change @ slope == pytest.approx(slope @ slope, rel=0.1)
-
-
-@pytest.mark.slow
-@pytest.mark.long
-def test_what_is_held_stays(flight):
-    aircraft = AircraftConfig(rtk_antenna_m=(-0.1, 0.32, 0.38))
-    held = (*PARAMETERS[:3], "heading_delay", "baseline_elevation")
-    result = fit(FlightRuns(flight, EkfConfig(aircraft=aircraft)), held)
-    assert set(result.told) == set(PARAMETERS) - set(held)
-    assert result.values[:3].tolist() == [-0.1, 0.32, 0.38]
-    assert not set(held) & set(result.untold)
 
 
 @pytest.mark.slow
@@ -126,12 +92,11 @@ def test_turns_on_the_spot_tell_the_antenna_though_the_baseline_is_unknown():
 def test_the_autopilots_attitude_is_not_needed():
     samples = [
         replace(s, autopilot_q_nb=None) if isinstance(s, ImuSample) else s
-        for s in aircraft_samples(4, 60.0, azimuth_deg=100.0, **TURNS)
+        for s in aircraft_samples(4, 60.0, **TURNS)
     ]
     result = fit(FlightRuns(recorded(samples), EkfConfig()), ())
     assert "baseline_azimuth" in result.told
-    off = result.values[AZIMUTH] - math.radians(100.0)
-    assert abs(off) < SETTLED * result.sigma[AZIMUTH]
+    assert np.abs(errors(result)).max() < SETTLED
 
 
 def test_without_attitude_and_headings_it_says_what_is_missing(flight):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import math
 import re
 
@@ -16,7 +15,6 @@ from tirgeo_ros.core.types.errors import BagError, CalibrationError
 from tirgeo_ros.io.bags.bag import BagWriter
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.calibrate.allan import calibrate_allan
-from tirgeo_ros.tools.cli import main as command
 from tirgeo_ros.tools.simulate.static_imu import write_imu
 
 RATE_HZ = 50
@@ -81,44 +79,13 @@ def test_the_plot_and_the_numbers_stand_beside_it(found):
     assert result["output"] == [str(folder / f"imu.{end}") for end in ("yaml", "png", "csv")]
     assert (folder / "imu.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
     rows = list(csv.DictReader((folder / "imu.csv").read_text().splitlines()))
-    assert len(rows[0]) == 1 + 6 * 5
+    assert len(rows[0]) == 1 + 6 * 4
     first = {key: float(value) for key, value in rows[0].items()}
     assert first["tau_s"] == pytest.approx(1 / RATE_HZ)
     assert first["gyro_x_deviation"] == pytest.approx(1.7e-4 * math.sqrt(RATE_HZ), rel=0.02)
     for row in rows:
         assert float(row["accel_y_low"]) < float(row["accel_y_deviation"])
         assert float(row["accel_y_deviation"]) < float(row["accel_y_high"])
-
-
-@pytest.mark.slow
-@pytest.mark.long
-def test_the_command_prints_a_table_or_json(still, tmp_path, capsys):
-    words = ["calibrate", "allan", str(still), "-o", str(tmp_path / "imu.yaml")]
-    assert command.main(words) == 0
-    out = capsys.readouterr().out
-    assert "30000 samples of /imu/data, 0.17 h at 50.00 Hz" in out
-    assert "gyro: N in rad/sqrt(s)" in out
-    assert command.main([*words, "--json", "--plot", str(tmp_path / "a.png")]) == 0
-    result = json.loads(capsys.readouterr().out)
-    assert [axis["axis"] for axis in result["axes"]][:3] == ["gyro x", "gyro y", "gyro z"]
-    assert result["axes"][0]["random_walk"] == pytest.approx(1.7e-4, rel=0.03)
-    assert (tmp_path / "a.png").is_file()
-
-
-@pytest.mark.slow
-def test_gaps_repeats_and_faulty_samples_are_counted(tmp_path):
-    stamps, values = even(), record(2)
-    values[5000, 1] = np.nan
-    stamps[6000] = stamps[5999]
-    keep = np.ones(SIZE, bool)
-    keep[10_000:10_100] = keep[20_000] = False
-    bag = bag_of(tmp_path / "a.mcap", stamps[keep], values[keep])
-    result = calibrate_allan(bag, tmp_path / "imu.yaml")
-    told = result["irregular"]
-    assert (told["not_finite"], told["repeated_stamps"]) == (1, 1)
-    assert (told["gaps"], told["missing"]) == (4, 103)
-    assert result["rate_hz"] == pytest.approx(RATE_HZ)
-    assert result["parameters"]["imu.angle_random_walk"] == pytest.approx(WALKS[:3], rel=0.03)
 
 
 @pytest.fixture(scope="module")
@@ -137,36 +104,28 @@ def test_someone_lifts_the_drone(lifted, tmp_path):
     with pytest.raises(CalibrationError) as refused:
         calibrate_allan(lifted, out)
     assert re.search(
-        r"lifted.mcap: the IMU moved at 499-505 s, by up to 2[89][0-9.]* deg/s and "
-        r"0\.8[0-9]* m/s2: .* "
-        r"--from 0 --to 499; --moved writes",
+        r"lifted.mcap: the IMU moved at 499-505 s: .* --from 0 --to 499; --moved writes",
         str(refused.value),
     )
     with pytest.raises(CalibrationError, match=r"moved at 499-505 s.* --from 50 --to 499"):
         calibrate_allan(lifted, out, from_s=50.0)
     assert list(tmp_path.iterdir()) == []
-    assert "moved" not in calibrate_allan(lifted, out, to_s=499.0)["warning"]
+    assert "moved" not in (calibrate_allan(lifted, out, to_s=499.0)["warning"] or "")
     assert "the IMU moved at 499-505 s" in calibrate_allan(lifted, out, moved=True)["warning"]
 
 
 @pytest.mark.slow
 @pytest.mark.long
 def test_motors_run_and_the_imu_warms_up(tmp_path):
-    values = record(4)
-    values[:, 5] += 0.5 * np.sin(2 * np.pi * 13.0 / RATE_HZ * np.arange(SIZE))
-    values[:, 0] += 2e-6 / RATE_HZ * np.arange(SIZE)
+    values, numbers = record(4), np.arange(SIZE)
+    values[:, 5] += 0.5 * np.sin(2 * np.pi * 13.0 / RATE_HZ * numbers)
+    values[:, 0] += 2e-6 / RATE_HZ * numbers
+    values[:, 1] += 2e-3 * (1 - np.exp(-numbers / (0.25 * SIZE)))
     result = calibrate_allan(bag_of(tmp_path / "a.mcap", values=values), tmp_path / "imu.yaml")
     assert "vibration: accel z 13.0 Hz (0.5 m/s2)" in result["warning"]
-    assert re.search(r"steady drift of gyro x by 0\.00[67]\d* rad/s/h", result["warning"])
+    assert re.search(r"gyro x by 0\.0012 rad/s: drifts steadily", result["warning"])
+    assert re.search(r"gyro y by 0\.00(19|2) rad/s: settles", result["warning"])
     assert result["axes"][0]["random_walk"] == pytest.approx(1.7e-4, rel=0.03)
-
-
-@pytest.mark.slow
-def test_a_warm_up_that_ends_is_warned_of(tmp_path):
-    values = record(5)
-    values[:, 1] += 2e-3 * (1 - np.exp(-np.arange(SIZE) / (0.25 * SIZE)))
-    result = calibrate_allan(bag_of(tmp_path / "a.mcap", values=values), tmp_path / "imu.yaml")
-    assert re.search(r"gyro y by 0\.00(19|2) rad/s: settled", result["warning"])
 
 
 @pytest.mark.slow
@@ -183,16 +142,3 @@ def test_refusals(still, tmp_path):
     with pytest.raises(CalibrationError, match=r"absent/imu\.yaml: cannot be written: No such"):
         calibrate_allan(still, tmp_path / "absent/imu.yaml")
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_dead_axis_and_a_lossy_record_are_refused(tmp_path):
-    values = record(7, 6000)
-    values[:, 4] = 0.0
-    bag = bag_of(tmp_path / "dead.mcap", even(6000), values)
-    with pytest.raises(CalibrationError, match="accel y: never changes"):
-        calibrate_allan(bag, tmp_path / "imu.yaml")
-    values = record(7, 6000)
-    values[np.random.default_rng(1).random(6000) < 0.3, 0] = np.nan
-    bag = bag_of(tmp_path / "lossy.mcap", even(6000), values)
-    with pytest.raises(CalibrationError, match=r"missing or not finite beside .* good ones"):
-        calibrate_allan(bag, tmp_path / "imu.yaml")

@@ -120,8 +120,10 @@ def test_pictures_with_a_calibration_file_and_the_command(video, tmp_path, capsy
 
 def test_what_is_missing_is_told(video, tmp_path):
     stamps, images, _ = video
+    picture = tmp_path / "a.png"
+    picture.write_bytes(b"")
     with pytest.raises(CalibrationError, match="give --camera"):
-        calibrate_gimbal([tmp_path], BOARD)
+        calibrate_gimbal([picture], BOARD)
     few = bag_of(tmp_path / "few.mcap", stamps[:3], images[:3])
     with pytest.raises(
         CalibrationError, match="3 pictures of 3 show the board, 10 are the fewest"

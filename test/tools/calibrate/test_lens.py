@@ -16,8 +16,7 @@ from tirgeo_ros.io.messages import Messages
 from tirgeo_ros.io.pictures.camera_file import load_camera
 from tirgeo_ros.tools.calibrate.board_pictures import files_of
 from tirgeo_ros.tools.calibrate.lens import calibrate_lens
-from tirgeo_ros.tools.cli._lines import each_not_used, not_used
-from tirgeo_ros.tools.cli.main import main, parser_of, verbs
+from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.simulate.board import BoardLook, board_views
 
 BOARD = Checkerboard(9, 6, 0.1)
@@ -102,17 +101,6 @@ def test_the_command_prints_json_and_text(folder, tmp_path, capsys):
     assert "reprojection error" in text
 
 
-@pytest.mark.parametrize("verb", ["lens", "gimbal"])
-def test_pictures_that_were_not_used_are_told_by_reason_and_by_name_with_v(verb):
-    refused = {"a.png": "no board: no corners", "b.png": "blurred: 3 px", "c.png": "no board: x"}
-    assert not_used(refused) == ["not used: 2 no board, 1 blurred; -v names each"]
-    assert not_used({}) == []
-    argv = ["calibrate", verb, "a.png", "--board", "9x6", "--square", "0.1", "-o", "any"]
-    args = parser_of(verbs()).parse_args([*argv, "-v"])
-    assert args.describe.__module__.endswith(verb)
-    assert each_not_used(refused).splitlines()[1] == "not used: b.png: blurred: 3 px"
-
-
 @pytest.mark.slow
 def test_a_16_bit_video_is_calibrated_from_its_sharpest_pictures(tmp_path):
     views = board_views(XT2, BOARD, 6, 8, BoardLook(bits=16))
@@ -150,16 +138,9 @@ def test_pictures_of_another_size_are_refused(views, tmp_path):
     assert result["image_size"] == [640, 512]
 
 
-def test_files_come_in_the_order_of_their_numbers(tmp_path):
-    image = np.zeros((4, 4), np.uint8)
-    folder = write(tmp_path / "many", {f"view_{n}": image for n in (10, 2, 1)})
-    assert [path.stem for path in files_of([folder])] == ["view_1", "view_2", "view_10"]
-
-
 @pytest.mark.parametrize(
     ("extra", "message"),
     [
-        (["--every", "0"], "--every must be positive"),
         (["--max-views", "3"], "--max-views must be 4 or more"),
         (["--k3", "--model", "rational"], "--k3 is part of"),
     ],

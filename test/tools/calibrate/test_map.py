@@ -136,24 +136,17 @@ def test_qgis_points_and_upward_rows_give_the_same_map(tmp_path):
         np.testing.assert_allclose(first, second, rtol=0, atol=3e-9)
 
 
-def test_what_lies_outside_the_points_is_told(tmp_path):
-    inner = MARKS * 0.4 + 0.05 * SIZE_PX
-    warning = calibrate_map(**files(tmp_path, NOISE_PX, inner))["warning"]
-    assert "3 of 4 features reach outside the hull" in warning
-    assert "m (one sigma) by the points' own errors alone" in warning
-
-
-def test_rounding_is_no_mistake(tmp_path):
-    noise = np.zeros_like(NOISE_PX)
-    noise[9] += [0.09, 0.0]
-    assert "do not fit" not in (calibrate_map(**files(tmp_path, noise))["warning"] or "")
-
-
-def test_a_mistaken_point_is_named(tmp_path):
+def test_warnings_name_mistakes_and_what_lies_outside(tmp_path):
     noise = NOISE_PX.copy()
     noise[9] += [150.0, 0.0]
     warning = calibrate_map(**files(tmp_path, noise))["warning"]
     assert "points that do not fit the others: g9 (" in warning
+    inner = MARKS * 0.4 + 0.05 * SIZE_PX
+    warning = calibrate_map(**files(tmp_path, NOISE_PX, inner))["warning"]
+    assert "3 of 4 features reach outside the hull" in warning
+    assert "m (one sigma) by the points' own errors alone" in warning
+    warning = calibrate_map(**files(tmp_path, marks=MARKS[:10]))["warning"]
+    assert "10 points leave no redundancy at order 3" in warning
 
 
 def test_refusals(tmp_path):
@@ -210,8 +203,3 @@ def test_the_command(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["points"] == 20
     with pytest.raises(SystemExit, match="2"):
         command.main([*words, "--points-crs", "EPSG:32650"])
-
-
-def test_no_redundancy_is_told(tmp_path):
-    warning = calibrate_map(**files(tmp_path, marks=MARKS[:10]))["warning"]
-    assert "10 points leave no redundancy at order 3" in warning

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import heapq
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -67,10 +68,10 @@ class Recorded:
 class FilterRun:
     """Hold the results of one run of the filter with one set of values."""
 
-    values: Array  # (8,)
+    values: Array  # (7,)
     white: list[White]
     error: Array  # (M,) whitened innovations of all measurements, one after another
-    slope: Array  # (M, 8) partials of ``error`` by PARAMETERS
+    slope: Array  # (M, 7) partials of ``error`` by PARAMETERS
     row_ns: Array  # (M,) stamp of each entry, from the first
     attitude_ns: list[int]
     attitude_q_nb: Array  # (K, 4) wxyz at ``attitude_ns``
@@ -166,12 +167,7 @@ def _run(values: Array, white: list[White], beliefs: list[tuple[int, StateEstima
 def _merged(imu: Sequence[ImuSample], aids: Sequence[Aiding]) -> Iterator[ImuSample | Aiding]:
     """Yield samples by stamp; a measurement comes before the IMU sample that ends its interval."""
     ordered = sorted(aids, key=lambda sample: sample.stamp_ns)
-    at = 0
-    for sample in imu:
-        while at < len(ordered) and ordered[at].stamp_ns <= sample.stamp_ns:
-            yield ordered[at]
-            at += 1
-        yield sample
+    return heapq.merge(ordered, imu, key=lambda sample: sample.stamp_ns)
 
 
 class _Averages:

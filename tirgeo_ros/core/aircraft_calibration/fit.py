@@ -14,32 +14,31 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tirgeo_ros.core.aircraft_calibration.filter_run import FilterRun, FlightRuns
-from tirgeo_ros.core.aircraft_calibration.first_guess import started
 from tirgeo_ros.core.aircraft_calibration.observability import ADVICE, not_flown
 from tirgeo_ros.core.aircraft_calibration.parameters import (
     AZIMUTH,
     DELAYS,
-    ELEVATION,
     LIMITS,
     PARAMETERS,
     PRIOR_SIGMA,
     Floors,
+    reported_direction_rad,
     values_of_config,
 )
 from tirgeo_ros.core.aircraft_calibration.whitened_innovations import huber_weight, squared
+from tirgeo_ros.core.frames.rotations import euler_from_quat
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
-from tirgeo_ros.core.types.measurements import Source
+from tirgeo_ros.core.types.measurements import HeadingSample, Source
 
 PARTS = 6  # of a flight: each is left out in turn
 #: Noise floors of the coarse steps, and the largest number of steps with each.
 _COARSE = ((Floors(0.5, 0.5, math.radians(5)), 3), (Floors(0.1, 0.1, math.radians(1.5)), 2))
 _MOST_STEPS = 8
 _SETTLED = 0.02  # of LIMITS
-_LARGEST_STEP = np.array([1.0, 1.0, 1.0, 0.5, 0.2, 0.2, 0.2, 0.2])  # m, rad, s
-_MOST_COST = 1.5  # sigma with over sigma without the elevation
-_SURE_SIGMAS = 3.0
-_HEADING = (AZIMUTH, ELEVATION, DELAYS[Source.RTK_HEADING])
+_LARGEST_STEP = np.array([1.0, 1.0, 1.0, 0.5, 0.2, 0.2, 0.2])  # m, rad, s
+_HEADING = [AZIMUTH, DELAYS[Source.RTK_HEADING]]
+_TRIED_DELAYS_S = np.arange(-0.5, 0.501, 0.02)
 
 #: Called after each run of the filter with the number of runs so far.
 Told = Callable[[int], None]
@@ -49,12 +48,12 @@ Told = Callable[[int], None]
 class AircraftFit:
     """Hold the values of PARAMETERS that a flight has determined."""
 
-    values: Array  # (8,) as found; those that were held or not observed are as given
-    sigma: Array  # (8,) nan where held
-    left_out: Array  # (8,) rms change where a part of the flight is left out
+    values: Array  # (7,) as found; those that were held or not observed are as given
+    sigma: Array  # (7,) nan where held
+    left_out: Array  # (7,) rms change where a part of the flight is left out
     told: tuple[str, ...]
     untold: dict[str, str]  # parameter -> why, and what to fly
-    first: Array  # (8,) as given
+    first: Array  # (7,) as given
     before: FilterRun
     after: FilterRun
 
@@ -64,7 +63,7 @@ class _Search:
     """Search the values by runs of the filter; measurements keep their weights from run to run."""
 
     runs: FlightRuns
-    anchor: Array  # (8,) the prior's means
+    anchor: Array  # (7,) the prior's means
     told: Told
     weights: Array = field(init=False)
     done: int = 0
@@ -90,7 +89,7 @@ class _Search:
             self.weights[one.number] = huber_weight(float(off), scale)
 
     def step(self, run: FilterRun, free: list[int], keep: Array | None = None) -> Array:
-        """Return the change (8,) that a run asks for; ``keep`` (M,) selects the rows to use."""
+        """Return the change (7,) that a run asks for; ``keep`` (M,) selects the rows to use."""
         rows = slice(None) if keep is None else keep
         slope, error = run.slope[rows][:, free], run.error[rows]
         prior = PRIOR_SIGMA[free] ** -2
@@ -101,7 +100,7 @@ class _Search:
         return change
 
     def scale(self, run: FilterRun, free: list[int]) -> Array:
-        """Return the changes (8,) that matter: LIMITS, or the sigma of what is less certain."""
+        """Return the changes (7,) that matter: LIMITS, or the sigma of what is less certain."""
         found = LIMITS.copy()
         found[free] = np.maximum(LIMITS[free], np.sqrt(_covariance(run, free).diagonal()))
         return found
@@ -127,19 +126,15 @@ def fit(runs: FlightRuns, hold: Collection[str], heard: Told = lambda _: None) -
     first = values_of_config(runs.config)
     untold = _missing_topics(runs)
     search = _Search(runs, first, heard)
-    start = started(search.run, runs, first, "baseline_azimuth" in hold or AZIMUTH in untold)
-    search.anchor = start
     free = [k for k in range(len(PARAMETERS)) if k not in untold and PARAMETERS[k] not in hold]
-    usual = [k for k in free if k != ELEVATION]
-    values = np.where(np.isin(np.arange(len(first)), usual), start, first)
+    values = first.copy()
+    if AZIMUTH in free and runs.recorded.has_attitude:
+        values[_HEADING] = _heading_guess(search, first)
+        values = np.where(np.isin(np.arange(len(first)), free), values, first)
+        search.anchor = values
     for floors, most in _COARSE:
-        values = search.settled(values, usual, floors, most).values
-    run = search.settled(values, usual, Floors(), _MOST_STEPS)
-    if ELEVATION in free and not _elevation_is_observed(search, run, free):
-        free.remove(ELEVATION)
-        untold[ELEVATION] = _with_advice(ELEVATION, "the flight does not tell it from the others")
-    if ELEVATION in free:
-        run = search.settled(run.values, free, Floors(), _MOST_STEPS)
+        values = search.settled(values, free, floors, most).values
+    run = search.settled(values, free, Floors(), _MOST_STEPS)
     if free and np.max(np.abs(search.step(run, free) / search.scale(run, free))) > 1.0:
         raise CalibrationError(
             "the fit does not settle: are the topics those of one aircraft, and the IMU's axes "
@@ -159,6 +154,25 @@ def fit(runs: FlightRuns, hold: Collection[str], heard: Told = lambda _: None) -
         search.run(first, Floors()),
         run,
     )
+
+
+def _heading_guess(search: _Search, values: Array) -> tuple[float, float]:
+    """Return azimuth and delay with which headings scatter least about a yaw without them."""
+    run = search.run(values, _COARSE[0][0], without=Source.RTK_HEADING)
+    headings = [s for s in search.runs.recorded.aids if isinstance(s, HeadingSample)]
+    first_ns = run.attitude_ns[0]
+    times_s = np.array([sample.stamp_ns - first_ns for sample in headings]) * 1e-9
+    azimuths = np.array([sample.heading_rad for sample in headings])
+    azimuths += reported_direction_rad(search.runs.config)
+    yaw_s = np.array([stamp_ns - first_ns for stamp_ns in run.attitude_ns]) * 1e-9
+    yaw = np.unwrap(euler_from_quat(run.attitude_q_nb)[:, 2])
+    found = []
+    for delay_s in _TRIED_DELAYS_S.tolist():
+        off = np.exp(1j * (azimuths - np.interp(times_s - delay_s, yaw_s, yaw)))
+        middle = complex(np.mean(off))
+        scatter = float(np.median(np.abs(np.angle(off * middle.conjugate()))))
+        found.append((scatter, float(np.angle(middle)), delay_s))
+    return min(found)[1:]
 
 
 def _missing_topics(runs: FlightRuns) -> dict[int, str]:
@@ -188,21 +202,9 @@ def _unobserved(run: FilterRun, free: list[int], sigma: Array) -> dict[int, str]
 
 
 def _sigma_text(k: int, sigma: float) -> str:
-    if k in (AZIMUTH, ELEVATION):
+    if k == AZIMUTH:
         return f"{math.degrees(sigma):.2g} deg"
     return f"{1e3 * sigma:.2g} ms" if k in DELAYS.values() else f"{sigma:.2g} m"
-
-
-def _elevation_is_observed(search: _Search, run: FilterRun, free: list[int]) -> bool:
-    """Return whether the elevation is observed, and costs the others little or is held wrong."""
-    others = [k for k in free if k != ELEVATION]
-    alone, _ = _sigma(search, run, others)
-    beside, _ = _sigma(search, run, free)
-    if not beside[ELEVATION] <= LIMITS[ELEVATION]:
-        return False
-    if np.all(beside[others] <= _MOST_COST * alone[others]):
-        return True
-    return bool(abs(search.step(run, free)[ELEVATION]) > _SURE_SIGMAS * beside[ELEVATION])
 
 
 def _covariance(run: FilterRun, free: list[int]) -> Array:
@@ -212,7 +214,7 @@ def _covariance(run: FilterRun, free: list[int]) -> Array:
 
 
 def _sigma(search: _Search, run: FilterRun, free: list[int]) -> tuple[Array, Array]:
-    """Return sigmas, and rms changes without a part of the flight, each (8,); nan if held.
+    """Return sigmas, and rms changes without a part of the flight, each (7,); nan if held.
 
     A sigma is the larger of two: that of the information matrix, enlarged where the innovations
     are larger than predicted, and that of the differences between the flight's parts (the

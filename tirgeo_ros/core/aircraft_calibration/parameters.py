@@ -1,8 +1,8 @@
 """Define the parameters that a flight observes, and apply their values to the filter and samples.
 
-A set of values is a vector (8,) in the order of PARAMETERS: m, rad and s. The antenna is counted
-from the IMU in the axes of ``base_link``; the baseline points ``azimuth`` clockwise from the nose
-and ``elevation`` upwards; the delays are counted from the IMU's own.
+A set of values is a vector (7,) in the order of PARAMETERS: m, rad and s. The antenna is counted
+from the IMU in the axes of ``base_link``; the baseline points ``azimuth`` clockwise from the nose,
+at the elevation of the configured antennas; the delays are counted from the IMU's own.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from tirgeo_ros.core.config import AircraftConfig, EkfConfig
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline
 from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding, source_of
-from tirgeo_ros.core.types.arrays import Array, Vector
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import HeadingSample, Source
 
 PARAMETERS = (
@@ -26,18 +26,17 @@ PARAMETERS = (
     "antenna_left",
     "antenna_up",
     "baseline_azimuth",
-    "baseline_elevation",
     "position_delay",
     "velocity_delay",
     "heading_delay",
 )
-ANTENNA, DIRECTION, AZIMUTH, ELEVATION = slice(0, 3), slice(3, 5), 3, 4
+ANTENNA, AZIMUTH = slice(0, 3), 3
 #: Index of the delay of each source.
-DELAYS = {Source.RTK_POSITION: 5, Source.RTK_VELOCITY: 6, Source.RTK_HEADING: 7}
+DELAYS = {Source.RTK_POSITION: 4, Source.RTK_VELOCITY: 5, Source.RTK_HEADING: 6}
 #: Largest standard deviation at which a flight has determined a parameter.
-LIMITS = np.array([0.05, 0.05, 0.05, math.radians(0.5), math.radians(1.0), 0.01, 0.01, 0.01])
+LIMITS = np.array([0.05, 0.05, 0.05, math.radians(0.5), 0.01, 0.01, 0.01])
 #: Prior sigmas: just tight enough to keep unobserved parameters where they are.
-PRIOR_SIGMA = np.array([2.0, 2.0, 2.0, math.radians(90), math.radians(10), 0.5, 0.5, 0.5])
+PRIOR_SIGMA = np.array([2.0, 2.0, 2.0, math.radians(90), 0.5, 0.5, 0.5])
 
 
 class Floors(NamedTuple):
@@ -49,27 +48,15 @@ class Floors(NamedTuple):
 
 
 def values_of_config(config: EkfConfig) -> Array:
-    """Return the values (8,) of the configured parameters; delays less the IMU's own."""
-    x, y, z = Baseline.from_config(config.aircraft).direction_b
+    """Return the values (7,) of the configured parameters; delays less the IMU's own."""
+    x, y, _ = Baseline.from_config(config.aircraft).direction_b
     lever_m = flu_from_frd(config.aircraft.rtk_lever_b)
-    delays_s = np.array(_delays_s(config)) - imu_delay_s(config)
-    return np.array([*lever_m, math.atan2(y, x), -math.asin(z), *delays_s])
-
-
-def _delays_s(config: EkfConfig) -> tuple[float, float, float]:
-    """Return the delays of positions, velocities and headings that ``Navigation`` subtracts."""
-    position_s = config.rtk.delay_s
-    heading_s = getattr(config.heading, "delay_s", math.nan)
-    return (
-        position_s,
-        position_s + getattr(config.rtk, "velocity_delay_s", 0.0),
-        position_s if math.isnan(heading_s) else heading_s,
+    position_s, heading_s = config.rtk.delay_s, config.heading.delay_s
+    velocity_s = position_s + config.rtk.velocity_delay_s
+    delays_s = np.array(
+        [position_s, velocity_s, position_s if math.isnan(heading_s) else heading_s]
     )
-
-
-def imu_delay_s(config: EkfConfig) -> float:
-    """Return the IMU's delay, from which the others are counted."""
-    return float(getattr(config.imu, "delay_s", 0.0))
+    return np.array([*lever_m, math.atan2(y, x), *(delays_s - config.imu.delay_s)])
 
 
 def reported_direction_rad(config: EkfConfig) -> float:
@@ -77,20 +64,17 @@ def reported_direction_rad(config: EkfConfig) -> float:
     return -Baseline.from_config(config.aircraft).reported_less_azimuth_rad
 
 
-def direction_b(azimuth_rad: float, elevation_rad: float) -> Vector:
-    """Return the baseline's unit vector, FRD."""
-    level = math.cos(elevation_rad)
-    return (
-        level * math.cos(azimuth_rad),
-        level * math.sin(azimuth_rad),
-        -math.sin(elevation_rad),
-    )
+def baseline_b(config: EkfConfig, azimuth_rad: float) -> Array:
+    """Return the baseline's unit vector (3,), FRD, turned to an azimuth."""
+    x, y, z = Baseline.from_config(config.aircraft).direction_b
+    level = math.hypot(x, y)
+    return np.array([level * math.cos(azimuth_rad), level * math.sin(azimuth_rad), z])
 
 
 def configured(config: EkfConfig, values: Array, floors: Floors) -> EkfConfig:
     """Return the filter's parameters with the values applied, for ``restamped`` samples."""
     antenna_m = values[ANTENNA]
-    second_m = antenna_m + flu_from_frd(np.array(direction_b(*values[DIRECTION].tolist())))
+    second_m = antenna_m + flu_from_frd(baseline_b(config, float(values[AZIMUTH])))
     rtk, heading = config.rtk, config.heading
     return replace(
         config,

@@ -21,15 +21,13 @@ from tirgeo_ros.core.aircraft_calibration.parameters import (
     ANTENNA,
     AZIMUTH,
     DELAYS,
-    ELEVATION,
     PARAMETERS,
-    direction_b,
 )
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.axes import FLU_FRD
-from tirgeo_ros.core.frames.heading import azimuth, wrapped
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, skew
 from tirgeo_ros.core.frames.wgs84 import gravity_down
+from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.aiding.state_estimate import AidMeasurement, Fused, StateEstimate
 from tirgeo_ros.core.navigation.delayed_measurements import Carried
@@ -42,8 +40,6 @@ from tirgeo_ros.core.types.measurements import Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 _NO_GATE = 1e6
-_STEP_RAD = 1e-5  # for numerical partials of closed forms
-_STEP_S = 1e-4
 
 
 class WhiteningReading(NamedTuple):
@@ -64,7 +60,7 @@ class White(NamedTuple):
     stamp_ns: int
     innovation: Array  # (m,) m, m/s or rad
     error: Array  # (m,) the same whitened: unit variance if the filter is right
-    slope: Array  # (m, 8) partials of ``error`` by PARAMETERS
+    slope: Array  # (m, 7) partials of ``error`` by PARAMETERS
 
 
 class FollowedMechanisation(Propagation):
@@ -99,6 +95,7 @@ class WhiteningFusion(Fusion):
     ) -> None:
         super().__init__(config)
         self._values = values
+        self._baseline_b = np.array(Baseline.from_config(config.aircraft).direction_b)
         self._mechanisation = mechanisation
         self._readings = readings
         self._state_slope = np.zeros((states_of(config), len(PARAMETERS)))
@@ -145,7 +142,7 @@ class WhiteningFusion(Fusion):
     def _direct_partials(
         self, source: Source, state: NavState, reading: WhiteningReading
     ) -> Array:
-        """Return the direct partials (m, 8) of an innovation by each parameter."""
+        """Return the direct partials (m, 7) of an innovation by each parameter."""
         rotation = matrix_from_quat(np.array(state.q_nb))
         rate_b = reading.rate_b - np.array(state.gyro_bias_b)
         if source is Source.RTK_HEADING:
@@ -174,19 +171,17 @@ class WhiteningFusion(Fusion):
         return np.asarray(rotation @ (force_b + swing_b) + [0.0, 0.0, gravity])
 
     def _direct_heading_partials(self, rotation: Array, rate_b: Array) -> Array:
-        angles = float(self._values[AZIMUTH]), float(self._values[ELEVATION])
+        """Return the partials (1, 7) of the azimuth of the baseline in ``n``."""
+        north, east, _ = rotation @ self._baseline_b
 
-        def turned(azimuth_rad: float, elevation_rad: float, after_s: float) -> float:
-            u_b = np.array(direction_b(azimuth_rad, elevation_rad))
-            u_b = u_b + after_s * np.cross(rate_b, u_b)
-            return azimuth(rotation @ u_b)
+        def azimuth_of(move_b: Array) -> float:
+            """Return the change of the azimuth by a small move of the baseline's end."""
+            by_north, by_east, _ = rotation @ move_b
+            return float((north * by_east - east * by_north) / (north**2 + east**2))
 
-        here = turned(*angles, 0.0)
         found = np.zeros((1, len(PARAMETERS)))
-        found[0, AZIMUTH] = -wrapped(turned(angles[0] + _STEP_RAD, angles[1], 0.0) - here)
-        found[0, ELEVATION] = -wrapped(turned(angles[0], angles[1] + _STEP_RAD, 0.0) - here)
-        found[0, :] /= _STEP_RAD
-        found[0, DELAYS[Source.RTK_HEADING]] = wrapped(turned(*angles, _STEP_S) - here) / _STEP_S
+        found[0, AZIMUTH] = -azimuth_of(np.cross([0.0, 0.0, 1.0], self._baseline_b))
+        found[0, DELAYS[Source.RTK_HEADING]] = azimuth_of(np.cross(rate_b, self._baseline_b))
         return found
 
 

@@ -8,26 +8,24 @@ from collections.abc import Collection
 from tirgeo_ros.core.aircraft_calibration.filter_run import FlightRuns
 from tirgeo_ros.core.aircraft_calibration.fit import PARTS, fit
 from tirgeo_ros.core.aircraft_calibration.mounting_level import LEVEL, mounting_level
-from tirgeo_ros.core.aircraft_calibration.parameters import ANTENNA, DIRECTION, PARAMETERS
+from tirgeo_ros.core.aircraft_calibration.parameters import ANTENNA, PARAMETERS
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
 from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
+from tirgeo_ros.io.parameters.parameter_output import parameters_yaml
 from tirgeo_ros.tools.calibrate.aircraft_flight import read_aircraft
-from tirgeo_ros.tools.calibrate.aircraft_plot import innovation_plot
-from tirgeo_ros.tools.calibrate.aircraft_result import parameter_text, summary
-from tirgeo_ros.tools.calibrate.estimates import by_reason
+from tirgeo_ros.tools.calibrate.aircraft_result import KEYS, aircraft_lines, summary
+from tirgeo_ros.tools.calibrate.estimates import head
+from tirgeo_ros.tools.calibrate.residual_plots import innovations_png
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.node_configs import node_configs
 
 #: Names of ``hold`` and the parameters that each holds.
 HOLDS = {
     "antenna": PARAMETERS[ANTENNA],
-    "baseline": PARAMETERS[DIRECTION],
-    "elevation": ("baseline_elevation",),
-    "position_delay": ("position_delay",),
-    "velocity_delay": ("velocity_delay",),
-    "heading_delay": ("heading_delay",),
+    "baseline": ("baseline_azimuth",),
+    **{name: (name,) for name in ("position_delay", "velocity_delay", "heading_delay")},
     "level": LEVEL,
     # Holds the delay of its positions, so that the IMU's delay is estimated instead.
     "rtk": ("rtk",),
@@ -57,34 +55,36 @@ def calibrate_aircraft(
     check_outputs(given, (output, plot), CalibrationError)
     held = [name for key in hold for name in HOLDS[key]]
     reader = BagReader(bag_in)
-    read = read_aircraft(reader, namespace, config.max_imu_gap_s, silent)
+    read = read_aircraft(reader, namespace, config.max_imu_gap_s)
     runs = FlightRuns(read.recorded, config)
     try:
         found = fit(runs, held, lambda done: progress(done, max(_USUAL_RUNS, done + 1)))
     except CalibrationError as error:
         raise CalibrationError(f"{reader.path}: {error}") from None
     if not found.told:
-        reasons = by_reason(found.untold.items())
-        raise CalibrationError(
-            f"{reader.path}: the flight tells nothing of the aircraft: {reasons}"
-        )
+        names: dict[str, list[str]] = {}  # by reason, each reason once
+        for name, reason in found.untold.items():
+            names.setdefault(reason, []).append(f"{name} ({KEYS[name]})")
+        named = "; ".join(f"{', '.join(some)}: {reason}" for reason, some in names.items())
+        raise CalibrationError(f"{reader.path}: the flight shows no parameter: {named}")
     level = mounting_level(found.after, runs.recorded.imu, PARTS)
     result = summary(config, found, level, held)
+    numbers = {"parameters": result.estimates, "not_told": result.untold, "nis": result.nis}
+    notes = read.notes + result.notes
     contents: dict[PathLike, str | bytes] = {}
     if output is not None:
-        contents[output] = parameter_text(bag_in, result)
+        lines = head("aircraft", os.fspath(bag_in), aircraft_lines(numbers), notes)
+        contents[output] = parameters_yaml(result.nodes, lines)
     if plot is not None:
-        contents[plot] = innovation_plot(found)
+        contents[plot] = innovations_png(found)
     write_files(contents, CalibrationError)
     return {
         "input": os.fspath(bag_in),
         "output": [os.fspath(path) for path in contents],
-        "parameters": result.estimates,
-        "not_told": result.untold,
-        "nis": result.nis,
+        **numbers,
         "seconds": read.seconds,
         "imu_samples": len(read.recorded.imu),
         "measurements": len(read.recorded.aids),
-        "notes": read.notes + result.notes,
+        "notes": notes,
         "error": None if reader.damage is None else f"{reader.path}: {reader.damage}",
     }

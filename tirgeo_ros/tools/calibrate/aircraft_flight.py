@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Collection
 from dataclasses import dataclass
 
 from tirgeo_ros.core.aircraft_calibration.filter_run import Recorded, longest_piece
-from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding, source_of
+from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding
 from tirgeo_ros.core.navigation.duplicates import DuplicateDetector, Same
-from tirgeo_ros.core.streams.arrival_stamps import Arrivals
 from tirgeo_ros.core.streams.sanity_checks import fault_of
-from tirgeo_ros.core.types.errors import BagError, CalibrationError, MessageError
-from tirgeo_ros.core.types.measurements import ImuSample, NavigationInput, Source
-from tirgeo_ros.io.bags.bag import BagReader, Cdr
-from tirgeo_ros.io.messages import NAVIGATION_INPUTS, TOPIC_TYPES
-from tirgeo_ros.tools.presentation.progress import Report
+from tirgeo_ros.core.types.errors import BagError, CalibrationError
+from tirgeo_ros.core.types.measurements import (
+    HeadingSample,
+    ImuSample,
+    PositionSample,
+    VelocitySample,
+)
+from tirgeo_ros.io.bags.bag import BagReader
+from tirgeo_ros.tools.presentation.progress import silent
+from tirgeo_ros.tools.replay.flight_poses import RecordedFlight
 from tirgeo_ros.tools.replay.flight_topics import resolved
+from tirgeo_ros.tools.replay.registration import Sample
 
-_SOURCES = (Source.IMU, Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING)
-_NEEDED = (Source.IMU, Source.RTK_POSITION)
+_NEEDED = ("imu/data", "rtk/fix")
 _LEAST_S = 20.0
 
 
@@ -31,80 +36,57 @@ class ReadAircraft:
     notes: list[str]
 
 
-def read_aircraft(
-    reader: BagReader, namespace: str, max_gap_s: float, progress: Report
-) -> ReadAircraft:
-    """Read a bag once. Raise BagError if a needed topic is absent, or CalibrationError."""
-    topics = _topics(reader, namespace)
-    imu: list[ImuSample] = []
-    aids: dict[tuple[Source, int], Aiding] = {}
-    left_out: Counter[str] = Counter()
-    repeats, newest_ns = DuplicateDetector(), 0
-    for source, sample in _samples(reader, topics, left_out, progress):
+class _Samples:
+    """Take the usable samples of a flight; no two measurements of one source and stamp."""
+
+    topics: Collection[str] = (*_NEEDED, "rtk/vel", "rtk/heading")
+
+    def __init__(self) -> None:
+        self.imu: list[ImuSample] = []
+        self.aids: dict[object, Aiding] = {}
+        self.left_out: Counter[str] = Counter()
+        self._repeats = DuplicateDetector()
+
+    def take(self, sample: Sample) -> None:
+        """Take a sample of ``topics``, in order of arrival."""
+        if not isinstance(sample, ImuSample | PositionSample | VelocitySample | HeadingSample):
+            return
         if fault_of(sample):
-            left_out[f"invalid {NAVIGATION_INPUTS[source][0]}"] += 1
+            self.left_out["invalid samples"] += 1
         elif isinstance(sample, ImuSample):
-            if sample.stamp_ns > newest_ns:
-                imu.append(sample)
-                newest_ns = sample.stamp_ns
+            if self.imu and sample.stamp_ns <= self.imu[-1].stamp_ns:
+                self.left_out["samples of imu/data out of order"] += 1
             else:
-                left_out["imu/data out of order"] += 1
-        elif repeats.compared(sample) is not Same.MEASUREMENT:
-            aids.setdefault((source_of(sample), sample.stamp_ns), sample)
-    return _piece(reader, imu, list(aids.values()), max_gap_s, left_out)
+                self.imu.append(sample)
+        elif self._repeats.compared(sample) is not Same.MEASUREMENT:
+            self.aids.setdefault((sample.source, sample.stamp_ns), sample)
 
 
-def _topics(reader: BagReader, namespace: str) -> dict[str, Source]:
-    """Return the sources in the bag: resolved topic name -> source."""
-    present = reader.topics()
-    found = {}
-    for source in _SOURCES:
-        topic = NAVIGATION_INPUTS[source][0]
-        name = resolved(topic, namespace)
-        if present.get(name) == TOPIC_TYPES[topic]:
-            found[name] = source
-        elif source in _NEEDED:
+def read_aircraft(reader: BagReader, namespace: str, max_gap_s: float) -> ReadAircraft:
+    """Read a bag once; return the longest part of its IMU's record without a gap.
+
+    Raise BagError if a needed topic is absent, CalibrationError if the part is too short.
+    """
+    flight, found = RecordedFlight(reader, namespace, needs_camera=False), _Samples()
+    for topic in _NEEDED:
+        if not flight.has(topic):
             hint = "" if namespace else "; is there a --namespace?"
-            raise BagError(f"{reader.path}: needed topic absent: {name}{hint}")
-    return found
-
-
-def _samples(
-    reader: BagReader, topics: dict[str, Source], left_out: Counter[str], progress: Report
-) -> list[tuple[Source, NavigationInput]]:
-    cdr, arrivals = Cdr(), Arrivals()
-    first_ns, last_ns = reader.span_ns
-    found = []
-    for message in reader.messages(topics):
-        progress((message.log_time_ns - first_ns) * 1e-9, (last_ns - first_ns) * 1e-9)
-        source = topics[message.topic]
-        topic, decoded = NAVIGATION_INPUTS[source]
-        try:
-            sample = decoded(cdr.deserialize(message.data, message.typename))
-        except MessageError:
-            left_out[f"unreadable {topic}"] += 1
-            continue
-        found.append((source, arrivals.stamped(topic, sample, message.log_time_ns)))
-    return found
-
-
-def _piece(
-    reader: BagReader,
-    imu: list[ImuSample],
-    aids: list[Aiding],
-    max_gap_s: float,
-    left_out: Counter[str],
-) -> ReadAircraft:
-    """Return the longest part without a gap; raise CalibrationError if it is too short."""
-    notes = [f"left out: {number} {what}" for what, number in left_out.items()]
-    begin, end = longest_piece(imu, max_gap_s) if imu else (0, 0)
-    piece = imu[begin:end]
+            raise BagError(
+                f"{reader.path}: needed topic absent: {resolved(topic, namespace)}{hint}"
+            )
+    flight.add(found)
+    flight.read_all(silent)
+    if flight.refused:
+        found.left_out["unreadable messages"] = flight.refused
+    notes = [f"left out: {number} {what}" for what, number in found.left_out.items()]
+    begin, end = longest_piece(found.imu, max_gap_s) if found.imu else (0, 0)
+    piece = found.imu[begin:end]
     seconds = (piece[-1].stamp_ns - piece[0].stamp_ns) * 1e-9 if piece else 0.0
     if seconds < _LEAST_S:
         raise CalibrationError(
             f"{reader.path}: only {seconds:.1f} s of imu/data without a gap; record a flight of "
             "three minutes with turns"
         )
-    if len(piece) < len(imu):
+    if len(piece) < len(found.imu):
         notes.append(f"imu/data has gaps: the longest part, {seconds:.0f} s, is used")
-    return ReadAircraft(Recorded(piece, aids), seconds, notes)
+    return ReadAircraft(Recorded(piece, list(found.aids.values())), seconds, notes)

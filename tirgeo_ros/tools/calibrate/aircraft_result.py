@@ -1,10 +1,9 @@
-"""Hold the result of an aircraft calibration, as numbers and as a parameter file."""
+"""Convert the fit of an aircraft calibration to parameters, numbers and lines."""
 
 from __future__ import annotations
 
 import math
-import os
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,20 +17,31 @@ from tirgeo_ros.core.aircraft_calibration.mounting_level import (
 )
 from tirgeo_ros.core.aircraft_calibration.parameters import (
     ANTENNA,
-    DIRECTION,
+    AZIMUTH,
     PARAMETERS,
-    direction_b,
-    imu_delay_s,
+    baseline_b,
 )
 from tirgeo_ros.core.config import AircraftConfig, EkfConfig
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.frames.rotations import euler_from_matrix, matrix_from_rotvec
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.io.files.whole_files import PathLike
-from tirgeo_ros.io.parameters.parameter_output import Value, parameters_yaml
-from tirgeo_ros.tools.calibrate.estimates import PER_UNIT, head_lines
+from tirgeo_ros.io.parameters.parameter_output import Value
+from tirgeo_ros.tools.calibrate.estimates import estimate, table
 
-_UNITS = ("m",) * 3 + ("deg",) * 2 + ("ms",) * 3
+_UNITS = ("m", "m", "m", "deg", "ms", "ms", "ms")
+#: Node and name of the parameter that holds each value; positions' with ``hold`` rtk: imu.delay_s.
+KEYS = dict(
+    zip(
+        (*PARAMETERS, *LEVEL),
+        (
+            *["aircraft.rtk_antenna_m"] * 3,
+            "aircraft.second_antenna_m",
+            *("ekf_node rtk.delay_s", "ekf_node rtk.velocity_delay_s", "ekf_node heading.delay_s"),
+            *["aircraft.imu_rpy_deg"] * 2,
+        ),
+        strict=True,
+    )
+)
 _LENGTH_M = 1.0  # of a baseline whose length is not configured
 
 
@@ -49,13 +59,15 @@ def summary(
     config: EkfConfig, found: AircraftFit, level: MountingLevel | None, hold: Collection[str]
 ) -> AircraftResult:
     """Return the result of a fit; ``level`` is None if the bag has no attitude."""
-    estimates = {name: _estimate(found, PARAMETERS.index(name)) for name in found.told}
+    columns = zip(_UNITS, found.first, found.values, found.sigma, found.left_out, strict=True)
+    numbers = dict(zip(PARAMETERS, columns, strict=True))
+    estimates = {name: estimate(KEYS[name], *numbers[name]) for name in found.told}
     untold = dict(found.untold)
     turn = np.zeros(3)
     if not set(LEVEL) <= set(hold):
         turn[:2] = _add_level(level, estimates, untold)
     parts = {
-        "": _places(config.aircraft, found.values, set(estimates), turn),
+        "": _places(config, found.values, set(estimates), turn),
         "ekf_node": _delays(config, found, set(estimates), rtk_held="rtk" in hold),
     }
     nodes = {node: values for node, values in parts.items() if values}
@@ -63,18 +75,7 @@ def summary(
         source.value: {"before": value, "after": found.after.nis()[source]}
         for source, value in found.before.nis().items()
     }
-    return AircraftResult(estimates, untold, nis, nodes, _notes(config, found))
-
-
-def _estimate(found: AircraftFit, k: int) -> dict[str, Any]:
-    values = (found.first[k], found.values[k], found.sigma[k], found.left_out[k])
-    return _in_unit(_UNITS[k], values)
-
-
-def _in_unit(unit: str, values: Iterable[float]) -> dict[str, Any]:
-    numbers = [float(x) * PER_UNIT[unit] for x in values]
-    names = ("before", "found", "sigma", "left_out")
-    return {"unit": unit, **dict(zip(names, numbers, strict=True))}
+    return AircraftResult(estimates, untold, nis, nodes, _notes(config.aircraft, found))
 
 
 def _add_level(
@@ -94,25 +95,26 @@ def _add_level(
             untold[name] = f"known to {math.degrees(sigma):.2g} deg only; fly {LEVEL_ADVICE}"
             continue
         turn[k] = level.angles_rad[k]
-        estimates[name] = _in_unit("deg", (0.0, sign * turn[k], sigma, level.left_out_rad[k]))
+        numbers = 0.0, sign * turn[k], sigma, level.left_out_rad[k]
+        estimates[name] = estimate(KEYS[name], "deg", *numbers)
     return turn
 
 
 def _places(
-    aircraft: AircraftConfig, values: Array, determined: Collection[str], turn: Array
+    config: EkfConfig, values: Array, determined: Collection[str], turn: Array
 ) -> dict[str, Value]:
     """Return the aircraft's parameters; ``turn`` (3,) takes vectors onto the body axes, FRD."""
+    aircraft = config.aircraft
     found: dict[str, Value] = {}
     rotation, is_turned = matrix_from_rotvec(turn), bool(turn.any())
     antenna_m = np.array(aircraft.imu_m) + flu_from_frd(rotation @ flu_from_frd(values[ANTENNA]))
     moved = is_turned or not set(PARAMETERS[ANTENNA]).isdisjoint(determined)
     if moved:
         found["aircraft.rtk_antenna_m"] = _rounded(antenna_m)
-    is_directed = not set(PARAMETERS[DIRECTION]).isdisjoint(determined)
-    if is_directed or (moved and aircraft.second_antenna_m):
+    if PARAMETERS[AZIMUTH] in determined or (moved and aircraft.second_antenna_m):
         given_m = aircraft.baseline_b
         length_m = _LENGTH_M if given_m is None else float(np.linalg.norm(given_m))
-        direction = np.array(direction_b(*values[DIRECTION].tolist()))
+        direction = baseline_b(config, float(values[AZIMUTH]))
         second_m = antenna_m + length_m * flu_from_frd(rotation @ direction)
         found["aircraft.second_antenna_m"] = _rounded(second_m)
     if is_turned:
@@ -127,8 +129,8 @@ def _delays(
     config: EkfConfig, found: AircraftFit, determined: Collection[str], *, rtk_held: bool
 ) -> dict[str, Value]:
     """Return the filter's delays; with ``rtk_held`` the IMU's in place of the positions'."""
-    position_s, velocity_s, heading_s = found.values[5:].tolist()
-    imu_s = imu_delay_s(config)
+    position_s, velocity_s, heading_s = found.values[4:].tolist()
+    imu_s = config.imu.delay_s
     values: dict[str, float] = {}
     if "position_delay" in determined and rtk_held:
         values["imu.delay_s"] = imu_s = config.rtk.delay_s - position_s
@@ -148,10 +150,10 @@ def _rounded(vector: Array) -> list[float]:
     return [round(number, 4) + 0.0 for number in vector.tolist()]
 
 
-def _notes(config: EkfConfig, found: AircraftFit) -> list[str]:
+def _notes(aircraft: AircraftConfig, found: AircraftFit) -> list[str]:
     notes = []
     if "baseline_azimuth" in found.told:
-        if config.aircraft.baseline_b is None:
+        if aircraft.baseline_b is None:
             notes.append(
                 f"headings do not tell how far the antennas are apart: {_LENGTH_M:g} m is written"
             )
@@ -159,24 +161,23 @@ def _notes(config: EkfConfig, found: AircraftFit) -> list[str]:
             "aircraft.second_antenna_m mends headings where the aircraft's messages are read "
             "(dji_node, tirgeo import); those in this bag stay as they are"
         )
-    worst = max(found.after.nis().items(), key=lambda item: item[1])
-    if worst[1] > 2.0:
+    worst, nis = max(found.after.nis().items(), key=lambda item: item[1])
+    if nis > 2.0:
         notes.append(
-            f"the filter's innovations of {worst[0].value} are {math.sqrt(worst[1]):.1f} times "
-            "what it foresees: check the IMU's noise (imu.*) and the sigmas of RTK"
+            f"the filter's innovations of {worst.value} are {math.sqrt(nis):.1f} times as large "
+            "as predicted: check the IMU's noise (imu.*) and the sigmas of RTK"
         )
     return notes
 
 
-def parameter_text(bag_in: PathLike, result: AircraftResult) -> str:
-    """Return a parameter file of the estimates.
-
-    Its head lists their sigmas, and the parameters that the flight does not determine.
-    """
-    lines = [
-        f"Written by 'tirgeo calibrate aircraft' from {os.fspath(bag_in)}.",
-        *head_lines(result.estimates),
-        *(f"not told: {name}: {reason}" for name, reason in result.untold.items()),
-        *result.notes,
+def aircraft_lines(result: Mapping[str, Any]) -> list[str]:
+    """Return the estimates as a table, what was not determined, and the innovations' size."""
+    nis = [
+        f"{source} {one['before']:.3g} before, {one['after']:.2f} after"
+        for source, one in result["nis"].items()
     ]
-    return parameters_yaml(result.nodes, "\n".join(lines))
+    return [
+        *table(result["parameters"]),
+        *(f"not found: {n} ({KEYS[n]}): {why}" for n, why in result["not_told"].items()),
+        f"squared innovations over their predicted variance: {'; '.join(nis)}",
+    ]

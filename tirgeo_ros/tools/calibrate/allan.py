@@ -1,8 +1,4 @@
-"""Estimate noise parameters of an IMU from hours at rest: ``tirgeo calibrate allan``.
-
-The axes x, y, z are those of the messages (forward, left, up). The filter's axes (forward, right,
-down) differ only in sign, which does not change noise parameters.
-"""
+"""Estimate noise parameters of an IMU from hours at rest: ``tirgeo calibrate allan``."""
 
 from __future__ import annotations
 
@@ -11,17 +7,24 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from tirgeo_ros.core.calibration.allan.deviation import allan_curve
-from tirgeo_ros.core.calibration.allan.noise_fit import AllanAnalysis, NoiseFit
+from tirgeo_ros.core.calibration.allan.noise_fit import NoiseFit, fit_noise
 from tirgeo_ros.core.calibration.allan.stillness import drifts, seconds_of
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
 from tirgeo_ros.io.parameters.parameter_output import Value, parameters_yaml
 from tirgeo_ros.tools.calibrate.imu_noise_plots import allan_png, curves_csv
-from tirgeo_ros.tools.calibrate.imu_noise_tables import rest_axes, rest_table
-from tirgeo_ros.tools.calibrate.imu_noise_warnings import LEAST_REST_S, movement, rest_warnings
-from tirgeo_ros.tools.calibrate.imu_record import ReadImu, check_alive, read_imu
+from tirgeo_ros.tools.calibrate.imu_noise_result import rest_axes, rest_table
+from tirgeo_ros.tools.calibrate.imu_noise_warnings import (
+    LEAST_REST_S,
+    check_alive,
+    movement,
+    rest_warnings,
+)
+from tirgeo_ros.tools.calibrate.imu_record import read_imu
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.flight_topics import resolved
 
@@ -60,32 +63,38 @@ def calibrate_allan(
     check_outputs([bag], (output, picture, csv), CalibrationError)
     reader = BagReader(bag)
     read = read_imu(reader, resolved(topic, namespace), from_s, to_s, progress)
-    analysis = _analysis(read)
     seconds = seconds_of(read.record)
+    changes, steady, _ = drifts(seconds)
+    ramps = changes * steady / max(np.ptp(seconds.starts_s), 1.0) if steady.any() else None
+    curve = allan_curve(read.record.runs, read.record.step_s, ramps)
+    check_alive(read.where, curve.variances)
+    if curve.span_s < LEAST_REST_S:
+        raise CalibrationError(
+            f"{read.where}: {curve.span_s:.0f} s in one piece do not show the noise; record "
+            "hours at rest"
+        )
     moving = "" if moved else movement(seconds, from_s)
     if moving:
         raise CalibrationError(f"{reader.path}: {moving}; --moved writes them all the same")
-    slopes, steady = drifts(seconds)
-    ramps = (slopes * steady).tolist()
-    fits = [analysis.fit(channel, ramp) for channel, ramp in enumerate(ramps)]
+    fits = [fit_noise(curve, channel) for channel in range(6)]
     axes = rest_axes(fits)
     parameters = parameters_of(fits)
     head = _HEAD.format(
-        name=Path(bag).name, hours=analysis.span_s / 3600, rate=read.rate_hz
+        name=Path(bag).name, hours=curve.span_s / 3600, rate=read.rate_hz
     ) + rest_table(axes)
     files: dict[PathLike, str | bytes] = {
         output: parameters_yaml({"ekf_node": parameters}, head),
-        picture: allan_png(analysis.tau_s, fits),
+        picture: allan_png(curve, fits),
     }
     if csv is not None:
-        files[csv] = curves_csv(analysis.tau_s, fits)
+        files[csv] = curves_csv(curve, fits)
     write_files(files, CalibrationError)
-    warnings = rest_warnings(read, analysis.span_s, fits, seconds, ramps, from_s)
+    warnings = rest_warnings(read, fits, seconds, from_s)
     return {
         "input": os.fspath(bag),
         "output": [os.fspath(path) for path in files],
         **read.numbers(),
-        "span_s": analysis.span_s,
+        "span_s": curve.span_s,
         "irregular": {"unreadable": read.unreadable, **read.record.irregular},
         "axes": axes,
         "parameters": parameters,
@@ -109,15 +118,3 @@ def parameters_of(fits: Sequence[NoiseFit]) -> dict[str, Value]:
         found[f"imu.{sensor}_bias_instability"] = [fit.bias.sigma for fit in three]
         found[f"imu.{sensor}_bias_time_s"] = [fit.bias.time_s for fit in three]
     return found
-
-
-def _analysis(read: ReadImu) -> AllanAnalysis:
-    curve = allan_curve(read.record.runs)
-    check_alive(read.where, curve.variances)
-    analysis = AllanAnalysis(curve, read.record.step_s)
-    if analysis.span_s < LEAST_REST_S:
-        raise CalibrationError(
-            f"{read.where}: {analysis.span_s:.0f} s in one piece do not show the noise; record "
-            "hours at rest"
-        )
-    return analysis

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -11,6 +12,7 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
+from tirgeo_ros.core.calibration.checkerboard.board import RefusalReason, Refused
 from tirgeo_ros.core.calibration.checkerboard.detection import grey_of
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.arrays import RawPixels
@@ -24,6 +26,8 @@ from tirgeo_ros.tools.replay.flight_topics import PICTURES, resolved
 
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".webp")
 _CAMERA_INFO = "thermal/camera_info"
+#: Why a picture without pixels is not used.
+UNREADABLE = Refused(RefusalReason.UNREADABLE, "it is no picture of 8 or 16 bits")
 _ANY_DEPTH = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR
 
 
@@ -35,12 +39,15 @@ class Taken(NamedTuple):
     pixels: RawPixels | None
 
 
-def is_bag(paths: Sequence[Path]) -> bool:
-    """Return whether the input is a bag. Raise CalibrationError for a bag among other inputs."""
-    bags = [path for path in paths if path.suffix.lower() == ".mcap"]
-    if bags and len(paths) > 1:
+def opened(inputs: Sequence[Path], namespace: str) -> tuple[list[Path], BoardVideo | None]:
+    """Return the files to read, and the video if they are a bag.
+
+    Raise CalibrationError for a bag among other inputs, or inputs without pictures; BagError.
+    """
+    bags = [path for path in inputs if path.suffix.lower() == ".mcap"]
+    if bags and len(inputs) > 1:
         raise CalibrationError(f"{bags[0]}: give a bag by itself, or pictures")
-    return bool(bags)
+    return (bags, BoardVideo(bags[0], namespace)) if bags else (files_of(inputs), None)
 
 
 def files_of(paths: Sequence[Path]) -> list[Path]:
@@ -168,12 +175,12 @@ def sharpest(pictures: Iterator[Taken], every_s: float) -> Iterator[Taken]:
 
 def thinned(pictures: Iterator[Taken], rate_hz: float) -> Iterator[Taken]:
     """Yield ``rate_hz`` pictures a second of a video, evenly spaced, and all unreadable ones."""
-    due_ns: float | None = None
     step_ns = 1e9 / rate_hz
+    due_ns = -math.inf
     for taken in pictures:
         if taken.stamp_ns is None:
             yield taken
-        elif due_ns is None or not due_ns - 2 * step_ns < taken.stamp_ns < due_ns:
-            on_time = due_ns is not None and 0 <= taken.stamp_ns - due_ns < step_ns
-            due_ns = (due_ns if on_time and due_ns is not None else taken.stamp_ns) + step_ns
+        elif not due_ns - 2 * step_ns < taken.stamp_ns < due_ns:
+            late = not 0 <= taken.stamp_ns - due_ns < step_ns  # or the first, or the clock was set
+            due_ns = (taken.stamp_ns if late else due_ns) + step_ns
             yield taken

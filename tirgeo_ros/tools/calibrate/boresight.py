@@ -6,7 +6,6 @@ import os
 from collections.abc import Collection, Sequence
 
 from tirgeo_ros.core.calibration.boresight.fit import BoresightFit, fit, foreseen
-from tirgeo_ros.core.calibration.boresight.model import PARAMETERS
 from tirgeo_ros.core.calibration.boresight.observability import (
     UNASKED_SHARE,
     Ambiguity,
@@ -17,9 +16,11 @@ from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
 from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
+from tirgeo_ros.io.parameters.parameter_output import parameters_yaml
 from tirgeo_ros.io.surveys.survey import load_observations, load_survey
 from tirgeo_ros.tools.calibrate.boresight_flight import ReadFlight, read_flight
-from tirgeo_ros.tools.calibrate.boresight_result import parameter_text, summary
+from tirgeo_ros.tools.calibrate.boresight_result import boresight_lines, key_of, summary
+from tirgeo_ros.tools.calibrate.estimates import head
 from tirgeo_ros.tools.calibrate.residual_plots import boresight_png
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs, node_configs
@@ -29,9 +30,6 @@ USUAL = ("roll", "pitch", "yaw", "latency")
 IF_TOLD = "gimbal_north"
 #: Standard deviation per axis (px) of an operator's click on a point in a thermal picture.
 CLICK_SIGMA_PX = 1.0
-_SEEN_SHARE = 4.0  # factor on LIMITS: beyond 2 deg of sigma its test is meaningless
-_MOST_COST = 1.5  # largest growth of sigma that an optional parameter may cause
-_SURE_SIGMAS = 3.0  # exceeded by chance in three of a thousand flights
 _FOLLOWED = (
     "gimbal_north is followed by the flight's own readings (gimbal_node north.*), which leave "
     "nothing to find; leave it out"
@@ -65,17 +63,19 @@ def calibrate_boresight(
     check_outputs(given, (output, plot), CalibrationError)
     asked = (*USUAL, IF_TOLD) if estimate is None else estimate
     wanted = [name for name in asked if name not in hold]
-    _check_wanted(wanted, configs)
     seen, points = load_observations(observations), load_survey(survey)
     reader = BagReader(bag_in)
     configs, chosen = configs.fitting(reader, namespace)
+    _check_wanted(wanted, configs)
     read = read_flight(reader, namespace, configs, wanted, seen, points, click_sigma_px, progress)
     try:
         found, notes = _fitted(read, wanted, strict=estimate is not None)
     except CalibrationError as error:
         raise CalibrationError(f"{reader.path}: {error}") from None
     result = summary(read, configs, found)
-    contents: dict[PathLike, str | bytes] = {output: parameter_text(bag_in, result)}
+    notes = chosen + read.notes + notes + result.notes
+    lines = head("boresight", os.fspath(bag_in), boresight_lines(result.numbers), notes)
+    contents: dict[PathLike, str | bytes] = {output: parameters_yaml(result.nodes, lines)}
     if plot is not None:
         contents[plot] = boresight_png(read.flight.camera, read.sightings, found)
     write_files(contents, CalibrationError)
@@ -85,7 +85,7 @@ def calibrate_boresight(
         **result.numbers,
         "unknown_ids": read.unknown,
         "without_pose": read.lost,
-        "notes": chosen + read.notes + notes + result.notes,
+        "notes": notes,
         "error": None if reader.damage is None else f"{reader.path}: {reader.damage}",
     }
 
@@ -95,6 +95,15 @@ def _check_wanted(wanted: Sequence[str], configs: NodeConfigs) -> None:
         raise CalibrationError(
             "ground_height: overlay_node takes the ground from its dem; take that out of the "
             "parameters, or ground_height out of the list"
+        )
+    if {"gimbal_north", "heading_offset"} <= set(wanted):
+        raise CalibrationError(
+            "gimbal_north and heading_offset both turn the camera about the vertical: estimate "
+            "one of them"
+        )
+    if "heading_offset" in wanted and configs.ekf.method != "ekf_heading":
+        raise CalibrationError(
+            f"heading_offset: method {configs.ekf.method} uses no headings; leave it out"
         )
     if "heading_offset" in wanted and configs.ekf.aircraft.baseline_b is None:
         raise CalibrationError(
@@ -112,16 +121,20 @@ def _fitted(
     """
     check_numbers(read.sightings)
     notes = []
-    if not strict:  # an estimated north could only increase the uncertainty of these
-        usual = [name for name in wanted if name != IF_TOLD]
-        _refuse(_doubt_foreseen(read, usual))
-    why = _against_north(read, wanted, strict=strict) if IF_TOLD in wanted else None
-    if why is not None:
+    why = ""
+    if IF_TOLD in wanted and read.follows_north:
+        why = _FOLLOWED
+    elif IF_TOLD in wanted and not strict:
+        why = _doubt_of_north(read, wanted)
+    if why and strict:
+        raise CalibrationError(why)
+    if why:
         wanted = [name for name in wanted if name != IF_TOLD]
-        notes.append(f"{IF_TOLD} held at its present value: {why}")
+        key = key_of(IF_TOLD, read.by_encoders)
+        notes.append(f"{IF_TOLD} ({key}) held at its present value: {why}")
     _refuse(_doubt_foreseen(read, wanted))
     found = fit(read.flight, read.sightings, wanted)
-    left = doubt(read.flight, read.sightings, wanted, found.covariance)
+    left = doubt(wanted, found.covariance)
     if left is not None and found.noise_factor > 1:
         raise CalibrationError(
             f"{', '.join(left.names)}: residuals {found.noise_factor:.1f} times as large as "
@@ -132,38 +145,23 @@ def _fitted(
     return found, notes
 
 
-def _against_north(read: ReadFlight, wanted: Sequence[str], *, strict: bool) -> str | None:
-    """Return why gimbal_north is held, or None if it is estimated; raise if ``strict``.
-
-    It is estimated if it costs the others little, or is clearly off its held value.
-    """
-    if read.follows_north and strict:
-        raise CalibrationError(_FOLLOWED)
-    if read.follows_north:
-        return _FOLLOWED
-    if strict:
-        return None
-    covariance = foreseen(read.flight, read.sightings, wanted)
-    found = doubt(read.flight, read.sightings, wanted, covariance, UNASKED_SHARE)
-    others = [k for k, name in enumerate(wanted) if name != IF_TOLD]
-    alone = foreseen(read.flight, read.sightings, [wanted[k] for k in others]).diagonal()
-    costs = bool((covariance.diagonal()[others] > _MOST_COST**2 * alone).any())
-    if found is None and not costs:
-        return None
-    if doubt(read.flight, read.sightings, wanted, covariance, _SEEN_SHARE) is None:
-        trial = fit(read.flight, read.sightings, wanted)
-        change = float(trial.correction[PARAMETERS.index(IF_TOLD)])
-        if abs(change) > _SURE_SIGMAS * trial.sigma[IF_TOLD]:
-            return None
-    if found is None or IF_TOLD not in found.names:
-        too_much = "this flight leaves too much uncertain for it"
-        return too_much if found else "beside it the others would be much less certain"
+def _doubt_of_north(read: ReadFlight, wanted: Sequence[str]) -> str:
+    """Return why the flight does not separate gimbal_north from the others; empty if it does."""
+    # An estimated north could only increase the uncertainty of the others.
+    _refuse(_doubt_foreseen(read, [name for name in wanted if name != IF_TOLD]))
+    found = _doubt_foreseen(read, wanted, UNASKED_SHARE)
+    if found is None:
+        return ""
+    if IF_TOLD not in found.names:
+        return "this flight leaves too much uncertain for it"
     return f"{found.reason}; the boresight takes in what it is off, and holds for this tilt"
 
 
-def _doubt_foreseen(read: ReadFlight, wanted: Sequence[str]) -> Ambiguity | None:
+def _doubt_foreseen(
+    read: ReadFlight, wanted: Sequence[str], share: float = 1.0
+) -> Ambiguity | None:
     covariance = foreseen(read.flight, read.sightings, wanted)
-    return doubt(read.flight, read.sightings, wanted, covariance)
+    return doubt(wanted, covariance, share)
 
 
 def _refuse(found: Ambiguity | None) -> None:

@@ -12,7 +12,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tirgeo_ros.core.calibration.boresight.model import PointSighting, SightedFlight, Stepped
+from tirgeo_ros.core.calibration.boresight.model import (
+    PARAMETERS,
+    PointSighting,
+    SightedFlight,
+    Stepped,
+    corrected_pose,
+)
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader
@@ -41,12 +47,11 @@ class ReadFlight:
     @property
     def notes(self) -> list[str]:
         """Return notes on the observations that cannot be used."""
-        found = []
-        if self.unknown:
-            found.append(f"{self.unknown} observations of points that the survey does not have")
-        if self.lost:
-            found.append(f"{self.lost} observations of pictures without a pose")
-        return found
+        faults = {
+            "points that the survey does not have": self.unknown,
+            "pictures without a pose": self.lost,
+        }
+        return [f"{number} observations of {what}" for what, number in faults.items() if number]
 
 
 def read_flight(
@@ -90,7 +95,8 @@ def read_flight(
         )
         for point in survey
     }
-    posed = [one for one in known if _has_pose(flight, one.stamp_ns)]
+    present = np.zeros(len(PARAMETERS))
+    posed = [one for one in known if corrected_pose(flight, one.stamp_ns, present) is not None]
     heights = [points[name].height_m for name in {one.id for one in posed}]
     return ReadFlight(
         flight,
@@ -128,11 +134,3 @@ def _passes(
             ekf, gimbal, instants_ns, baseline_step_rad=step_rad
         )
     return passes
-
-
-def _has_pose(flight: SightedFlight, stamp_ns: int) -> bool:
-    """Return whether a picture has a pose with its motion, in every run."""
-    exposure_ns = stamp_ns - round(flight.latency_s * 1e9)
-    everywhere = [flight.poses, *(stepped.poses for stepped in flight.stepped.values())]
-    found = [poses(exposure_ns) for poses in everywhere]
-    return all(one is not None and one[1] is not None for one in found)

@@ -6,7 +6,7 @@ This is the work of ``tirgeo calibrate gimbal`` (Ren et al. 2022, section 5.2, T
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,14 +26,13 @@ from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, csv_text, write_files
 from tirgeo_ros.io.pictures.camera_file import load_camera
 from tirgeo_ros.tools.calibrate.board_pictures import (
-    BoardVideo,
+    UNREADABLE,
     Taken,
-    files_of,
-    is_bag,
+    opened,
     pictures_of_files,
     thinned,
 )
-from tirgeo_ros.tools.calibrate.lens import BoardSightings, reasons
+from tirgeo_ros.tools.calibrate.lens import reasons
 from tirgeo_ros.tools.presentation.plots import COLOURS, figure, png
 from tirgeo_ros.tools.presentation.progress import Report, silent
 
@@ -84,53 +83,49 @@ def calibrate_gimbal(
     the time series (CSV) and a plot if asked: both or none. Raise CalibrationError, CameraError,
     BagError.
     """
-    by_bag = is_bag(inputs)
-    if camera is None and not by_bag:
+    paths, video = opened(inputs, namespace)
+    if camera is None and video is None:
         raise CalibrationError("gimbal: pictures do not tell their camera; give --camera")
-    check_outputs((*files_of(inputs), camera), (output, plot), CalibrationError)
-    video = None
-    if by_bag:
-        video = BoardVideo(inputs[0], namespace)
-        lens = load_camera(camera) if camera is not None else video.camera()
-        pictures = thinned(video.pictures(progress), rate_hz)
-    else:
-        assert camera is not None
-        lens = load_camera(camera)
+    check_outputs((*paths, camera), (output, plot), CalibrationError)
+    if video is None:
         pictures = (
             taken._replace(stamp_ns=round(number * 1e9 / rate_hz))
-            for number, taken in enumerate(pictures_of_files(files_of(inputs), progress))
+            for number, taken in enumerate(pictures_of_files(paths, progress))
         )
-    found, lost = attitudes_in(pictures, board, lens)
-    if len(found.names) < _FEWEST:
-        raise CalibrationError(
-            f"gimbal: {len(found.names)} pictures of {lost.pictures + len(found.names)} show the "
-            f"board, {_FEWEST} are the fewest: {reasons(lost) or 'take a longer video'}"
-        )
+    else:
+        pictures = thinned(video.pictures(progress), rate_hz)
+    if camera is not None:
+        lens = load_camera(camera)
+    else:
+        assert video is not None
+        lens = video.camera()
+    found, lost = _attitudes(pictures, board, lens)
     files: dict[PathLike, str | bytes] = {}
     if output is not None:
-        files[output] = attitudes_csv(found)
+        files[output] = _csv(found)
     if plot is not None:
-        files[plot] = attitudes_png(found)
+        files[plot] = _png(found)
     write_files(files, CalibrationError)
-    damage = None if video is None else video.damage
-    output_files = [os.fspath(path) for path in files]
-    return {"output": output_files} | _summary(found, lost) | {"error": damage}
+    return {
+        "output": [os.fspath(path) for path in files],
+        **_summary(found, lost),
+        "error": None if video is None else video.damage,
+    }
 
 
-def attitudes_in(
+def _attitudes(
     pictures: Iterator[Taken], board: Checkerboard, camera: Camera
-) -> tuple[BoardAttitudes, BoardSightings]:
+) -> tuple[BoardAttitudes, dict[str, Refused]]:
     """Return the camera's attitude in each picture with the board, and the refused pictures.
 
-    Raise CalibrationError if the pictures have another size than the camera's calibration.
+    Raise CalibrationError for pictures of another size than the calibration's, or too few.
     """
-    tracker, lost = BoardTracker(board, camera), BoardSightings()
+    tracker = BoardTracker(board, camera)
+    lost: dict[str, Refused] = {}
     rows: list[tuple[str, int, Array, Array, float]] = []
     for name, stamp_ns, pixels in pictures:
         if pixels is None or stamp_ns is None:
-            lost.refused[name] = Refused(
-                RefusalReason.UNREADABLE, "it is no picture of 8 or 16 bits"
-            )
+            lost[name] = UNREADABLE
             continue
         if pixels.shape[:2] != (camera.height, camera.width):
             raise CalibrationError(
@@ -145,16 +140,24 @@ def attitudes_in(
                 continue
             error = "none" if pose is None else f"error {pose.rms_px:.1f} px"
             seen = Refused(RefusalReason.OUTLIER, f"{error} with this camera's calibration")
-        lost.refused[name] = seen
-    names, stamps_ns, angles, sigmas, errors = zip(*rows, strict=True) if rows else [()] * 5
-    times_s = (np.array(stamps_ns, np.int64) - (stamps_ns[0] if rows else 0)) * 1e-9
-    angles_deg = np.degrees(np.unwrap(np.array(angles).reshape(-1, 3), axis=0))
-    sigmas_deg = np.degrees(np.array(sigmas).reshape(-1, 3))
-    return BoardAttitudes([*names], times_s, angles_deg, sigmas_deg, np.array(errors)), lost
+        lost[name] = seen
+    if len(rows) < _FEWEST:
+        raise CalibrationError(
+            f"gimbal: {len(rows)} pictures of {len(lost) + len(rows)} show the board, {_FEWEST} "
+            f"are the fewest: {reasons(lost) or 'take a longer video'}"
+        )
+    names, stamps_ns, angles, sigmas, errors = zip(*rows, strict=True)
+    return BoardAttitudes(
+        [*names],
+        (np.array(stamps_ns) - stamps_ns[0]) * 1e-9,
+        np.degrees(np.unwrap(angles, axis=0)),
+        np.degrees(sigmas),
+        np.array(errors),
+    ), lost
 
 
-def _summary(found: BoardAttitudes, lost: BoardSightings) -> dict[str, object]:
-    total = len(found.names) + lost.pictures
+def _summary(found: BoardAttitudes, lost: Mapping[str, Refused]) -> dict[str, object]:
+    total = len(found.names) + len(lost)
     still_deg = np.sqrt(np.maximum(found.std_deg**2 - found.noise_deg**2, 0.0))
     columns = {
         "std_deg": found.std_deg,
@@ -164,8 +167,8 @@ def _summary(found: BoardAttitudes, lost: BoardSightings) -> dict[str, object]:
         "std_without_noise_deg": still_deg,
     }
     notes = []
-    if lost.pictures > _MANY_LOST * total:
-        notes.append(f"{lost.pictures} of {total} pictures are not used: {reasons(lost)}")
+    if len(lost) > _MANY_LOST * total:
+        notes.append(f"{len(lost)} of {total} pictures are not used: {reasons(lost)}")
     noisy = [AXES[k] for k in np.flatnonzero(found.noise_deg > _NOISY * found.std_deg)]
     if noisy:
         notes.append(
@@ -178,30 +181,33 @@ def _summary(found: BoardAttitudes, lost: BoardSightings) -> dict[str, object]:
         "duration_s": float(found.times_s[-1]),
         **{key: dict(zip(AXES, v.tolist(), strict=True)) for key, v in columns.items()},
         "reprojection_rms_px": float(np.sqrt((found.rms_px**2).mean())),
-        "refused": lost.reasons_by_name,
+        "refused": {name: str(why) for name, why in lost.items()},
         "warning": "; ".join(notes) or None,
     }
 
 
-def attitudes_csv(found: BoardAttitudes) -> str:
+def _csv(found: BoardAttitudes) -> str:
     """Return CSV, a line per picture: time, angles and their sigmas in degrees, error in px."""
     names = [f"{axis}_deg" for axis in AXES] + [f"sigma_{axis}_deg" for axis in AXES]
-    rows = [["picture", "time_s", *names, "rms_px"]]
-    numbers = np.hstack([found.angles_deg, found.sigmas_deg])
-    for name, time_s, row, rms in zip(
-        found.names, found.times_s, numbers, found.rms_px, strict=True
-    ):
-        rows.append([name, f"{time_s:.3f}", *(f"{x:.4f}" for x in row), f"{rms:.3f}"])
-    return csv_text(rows)
+    numbers = np.column_stack([found.angles_deg, found.sigmas_deg]).tolist()
+    rows = (
+        [name, f"{time_s:.3f}", *(f"{x:.4f}" for x in row), f"{rms:.3f}"]
+        for name, time_s, row, rms in zip(
+            found.names, found.times_s, numbers, found.rms_px, strict=True
+        )
+    )
+    return csv_text([["picture", "time_s", *names, "rms_px"], *rows])
 
 
-def attitudes_png(found: BoardAttitudes) -> bytes:
+def _png(found: BoardAttitudes) -> bytes:
     """Return a PNG of the angles about their means, over time (Ren et al. 2022, Fig. 29)."""
-    made, all_axes = figure(7.0, 6.0, rows=3, sharex=True)
-    angles = found.angles_deg - found.angles_deg.mean(0)
-    for number, (axes, name) in enumerate(zip(all_axes, AXES, strict=True)):
-        axes.plot(found.times_s, angles[:, number], ".-", color=COLOURS[number], markersize=3)
-        axes.set_title(f"{name}: standard deviation {found.std_deg[number]:.3f} deg")
-        axes.set_ylabel("deg from the mean")
-    all_axes[-1].set_xlabel("time, s")
+    made, panels = figure(7.0, 6.0, rows=3, sharex=True)
+    angles = (found.angles_deg - found.angles_deg.mean(0)).T
+    for panel, name, angle, std, colour in zip(
+        panels, AXES, angles, found.std_deg, COLOURS, strict=False
+    ):
+        panel.plot(found.times_s, angle, ".-", color=colour, markersize=3)
+        panel.set_title(f"{name}: standard deviation {std:.3f} deg")
+        panel.set_ylabel("deg from the mean")
+    panels[-1].set_xlabel("time, s")
     return png(made)

@@ -1,8 +1,4 @@
-"""Estimate the white noise of an IMU in flight: the work of ``tirgeo calibrate imu``.
-
-The axes x, y, z are those of the messages (forward, left, up). The filter's axes (forward, right,
-down) differ only in sign, which does not change noise parameters.
-"""
+"""Estimate the white noise of an IMU in flight: the work of ``tirgeo calibrate imu``."""
 
 from __future__ import annotations
 
@@ -14,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from tirgeo_ros.core.calibration.allan.flight_noise import PIECE_S, Pieces, pieces_of
+from tirgeo_ros.core.calibration.allan.record import ImuRecord
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.filter import ImuConfig
 from tirgeo_ros.core.navigation.imu_clipping import Clipping
@@ -25,9 +22,9 @@ from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
 from tirgeo_ros.io.parameters.parameter_file import Files, ParameterFile, paths_of
 from tirgeo_ros.io.parameters.parameter_output import Value, parameters_yaml
 from tirgeo_ros.tools.calibrate.imu_noise_plots import spectra_png
-from tirgeo_ros.tools.calibrate.imu_noise_tables import LOW, flight_axes, flight_table
+from tirgeo_ros.tools.calibrate.imu_noise_result import LOW, flight_axes, flight_table
 from tirgeo_ros.tools.calibrate.imu_noise_warnings import check_flight, flight_warnings
-from tirgeo_ros.tools.calibrate.imu_record import ReadImu, read_imu
+from tirgeo_ros.tools.calibrate.imu_record import read_imu
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.flight_topics import resolved
 from tirgeo_ros.tools.replay.node_configs import node_configs
@@ -70,15 +67,15 @@ def calibrate_imu(
     pieces = pieces_of(read.record)
     check_flight(read, pieces)
     flying, resting = pieces.where(~pieces.at_rest), pieces.where(pieces.at_rest)
-    clipped = _clipped(read)
+    clipped = _clipped(read.record)
     densities = floor_of(flying, resting, imu).tolist()
     axes = flight_axes(flying, resting, clipped, imu, densities)
     recorded_s = sum(map(len, read.record.runs)) * read.record.step_s
     numbers = {
         **read.numbers(),
-        "flying_s": PIECE_S * len(flying.starts_s),
-        "resting_s": PIECE_S * len(resting.starts_s),
-        "skipped_s": PIECE_S * (int(recorded_s // PIECE_S) - len(pieces.starts_s)),
+        "flying_s": PIECE_S * len(flying.floors),
+        "resting_s": PIECE_S * len(resting.floors),
+        "skipped_s": PIECE_S * (int(recorded_s // PIECE_S) - len(pieces.floors)),
         "missing": read.record.irregular["missing"],
     }
     files: dict[PathLike, str | bytes] = {}
@@ -90,7 +87,7 @@ def calibrate_imu(
         what = f"{name}: {numbers['flying_s']} s in flight"
         files[picture] = spectra_png(flying, resting, axes, what)
     write_files(files, CalibrationError)
-    warnings = flight_warnings(read, flying, clipped)
+    warnings = list(flight_warnings(read, flying, clipped))
     return {
         "input": os.fspath(bag),
         "output": [os.fspath(path) for path in files],
@@ -122,16 +119,16 @@ def floor_of(flying: Pieces, resting: Pieces, imu: ImuConfig) -> Array:
     shares = np.repeat([imu.gyro_vibration_share, imu.accel_vibration_share], 3)
     followed = np.where(shares > 0, shares * differences, np.inf)
     least = np.array([*imu.angle_random_walk, *imu.velocity_random_walk])
-    if len(resting.starts_s) >= _ENOUGH_REST:
+    if len(resting.floors) >= _ENOUGH_REST:
         least = np.maximum(least, np.median(resting.floors, axis=0))
     return np.asarray(np.maximum(least, np.minimum(floors, followed)))
 
 
-def _clipped(read: ReadImu) -> dict[str, int]:
+def _clipped(record: ImuRecord) -> dict[str, int]:
     """Return the number of samples at the end of the range, by axis."""
     clipping = Clipping()
-    values = np.concatenate(read.values)
-    finite = np.isfinite(values).all(axis=1)
-    for stamp_ns, row in zip(read.stamps_ns[finite].tolist(), values[finite], strict=True):
-        clipping.add(ImuSample(stamp_ns, row[3:], row[:3]))
+    for start_s, run in zip(record.starts_s, record.runs, strict=True):
+        for k in np.flatnonzero(np.isfinite(run[:, 0])).tolist():
+            stamp_ns = round((start_s + k * record.step_s) * 1e9)
+            clipping.add(ImuSample(stamp_ns, run[k, 3:], run[k, :3]))
     return dict(clipping.counts)

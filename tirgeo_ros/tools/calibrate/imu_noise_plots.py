@@ -7,23 +7,23 @@ from typing import Any
 
 import numpy as np
 
+from tirgeo_ros.core.calibration.allan.deviation import AllanCurve
 from tirgeo_ros.core.calibration.allan.flight_noise import MOTION_HZ, Pieces
 from tirgeo_ros.core.calibration.allan.noise_fit import FLICKER_FLOOR, NoiseFit, deviation_band
-from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.io.files.whole_files import csv_text
-from tirgeo_ros.tools.calibrate.imu_noise_tables import HIGH, LOW
-from tirgeo_ros.tools.calibrate.imu_record import CHANNELS, DENSITIES, UNITS
+from tirgeo_ros.tools.calibrate.imu_noise_result import DENSITIES, HIGH, LOW
+from tirgeo_ros.tools.calibrate.imu_record import CHANNELS, UNITS
 from tirgeo_ros.tools.presentation.plots import COLOURS, figure, png
 
 _TITLES = {"gyro": "Gyroscope", "accel": "Accelerometer"}
 _LINES = 3  # marked on each axis, at most
 
 
-def allan_png(tau_s: Array, fits: Sequence[NoiseFit]) -> bytes:
+def allan_png(curve: AllanCurve, fits: Sequence[NoiseFit]) -> bytes:
     """Return a PNG: deviations with 95 % bands, fit, its asymptotes and the filter's model."""
     made, panels = _panels("Allan deviation", UNITS, "averaging time [s]")
     for panel, fit in zip(panels.flat, fits, strict=True):
-        _draw_deviation(panel, tau_s, fit)
+        _draw_deviation(panel, curve, fit)
     for row, three in zip(panels, (fits[:3], fits[3:]), strict=True):
         measured = np.sqrt(np.concatenate([fit.variances for fit in three]))
         row[0].set_ylim(0.5 * measured.min(), 2 * measured.max())
@@ -39,14 +39,10 @@ def spectra_png(
     made.suptitle(what)
     for channel, (panel, axis) in enumerate(zip(panels.flat, axes, strict=True)):
         _draw_spectrum(panel, flying, resting, axis, channel)
-    named = {
-        label: handle
-        for panel in panels.flat
-        for handle, label in zip(*panel.get_legend_handles_labels(), strict=True)
-    }
     # Below the panels; Matplotlib 3.6 does not know 'outside lower center'.
     made.supxlabel(" ", fontsize=12)
-    made.legend(named.values(), named.keys(), loc="lower center", ncols=8, fontsize=8)
+    handles, labels = panels.flat[0].get_legend_handles_labels()
+    made.legend(handles, labels, loc="lower center", ncols=8, fontsize=8)
     return png(made)
 
 
@@ -63,8 +59,9 @@ def _panels(what: str, units: Mapping[str, str], below: str) -> tuple[Any, Any]:
     return made, panels
 
 
-def _draw_deviation(axis: Any, tau_s: Array, fit: NoiseFit) -> None:
-    low, high = deviation_band(fit.variances, np.maximum(fit.degrees, 1.0))
+def _draw_deviation(axis: Any, curve: AllanCurve, fit: NoiseFit) -> None:
+    tau_s = curve.tau_s
+    low, high = deviation_band(curve, fit.variances)
     axis.fill_between(tau_s, low, high, color=COLOURS[0], alpha=0.25, lw=0, label="95 %")
     axis.loglog(tau_s, np.sqrt(fit.variances), ".", color=COLOURS[0], ms=4, label="measured")
     axis.loglog(tau_s, np.sqrt(fit.model), color=COLOURS[6], lw=1.0, label="N, B, K fitted")
@@ -73,8 +70,8 @@ def _draw_deviation(axis: Any, tau_s: Array, fit: NoiseFit) -> None:
     )
     for name, term, shape, at in (
         ("N", fit.white, tau_s**-0.5, len(tau_s) // 4),
-        ("B", fit.flicker, np.full(len(tau_s), FLICKER_FLOOR), 2),
-        ("K", fit.walk, np.sqrt(tau_s / 3), len(tau_s) - 3),
+        ("B", fit.flicker, np.full(len(tau_s), FLICKER_FLOOR), 1),
+        ("K", fit.walk, np.sqrt(tau_s / 3), len(tau_s) - 2),
     ):
         if term.value is not None:
             line = term.value * shape
@@ -94,7 +91,7 @@ def _draw_spectrum(
     panel.axvspan(0, MOTION_HZ, color="#eeeeee", lw=0, label="motion: not looked at")
     panel.fill_between(hz, low, high, color=COLOURS[0], alpha=0.25, lw=0, label="10 to 90 %")
     panel.semilogy(hz, median, color=COLOURS[0], lw=1.0, label="in flight")
-    if len(resting.starts_s):
+    if len(resting.floors):
         still = np.median(resting.spectra[:, shown, channel], axis=0)
         panel.semilogy(hz, still, color="#999999", lw=1.0, label="at rest")
     for name, style, colour, label in (
@@ -104,20 +101,19 @@ def _draw_spectrum(
     ):
         panel.axhline(axis[name], ls=style, color=colour, lw=1.4, label=label)
     panel.set_xlim(0, float(flying.frequencies_hz[-1]))
-    for line in axis["lines"][:_LINES]:
-        at = int(np.argmin(np.abs(hz - line["frequency_hz"])))
-        place = line["frequency_hz"], 1.25 * high[at]
-        panel.plot(*place, "v", color=COLOURS[2], ms=5, label="strongest lines")
+    lines_hz = [line["frequency_hz"] for line in axis["lines"][:_LINES]]
+    heights = 1.25 * np.interp(lines_hz, hz, high)
+    panel.plot(lines_hz, heights, "v", color=COLOURS[2], ms=5, label="strongest lines")
 
 
-def curves_csv(tau_s: Array, fits: Sequence[NoiseFit]) -> str:
-    """Return CSV, a line per averaging time: of each axis deviation, band, fit, freedom."""
-    columns: list[Any] = [tau_s]
+def curves_csv(curve: AllanCurve, fits: Sequence[NoiseFit]) -> str:
+    """Return CSV, a line per averaging time: of each axis deviation, band, fit."""
+    columns: list[Any] = [curve.tau_s]
     header = ["tau_s"]
     for name, fit in zip(CHANNELS, fits, strict=True):
-        low, high = deviation_band(fit.variances, np.maximum(fit.degrees, 1.0))
-        columns += [np.sqrt(fit.variances), low, high, np.sqrt(fit.model), fit.degrees]
+        low, high = deviation_band(curve, fit.variances)
+        columns += [np.sqrt(fit.variances), low, high, np.sqrt(fit.model)]
         stem = name.replace(" ", "_")
-        header += [f"{stem}_{part}" for part in ("deviation", "low", "high", "fit", "degrees")]
+        header += [f"{stem}_{part}" for part in ("deviation", "low", "high", "fit")]
     rows = ([f"{x:.6g}" for x in row] for row in zip(*columns, strict=True))
     return csv_text([header, *rows])

@@ -7,68 +7,42 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from tirgeo_ros.core.calibration.allan.flight_noise import MOTION_HZ, PIECE_S, Pieces
+from tirgeo_ros.core.calibration.allan.flight_noise import MOTION_HZ, PIECE_S, Pieces, pieces_of
 from tirgeo_ros.core.calibration.allan.noise_fit import NoiseFit
-from tirgeo_ros.core.calibration.allan.spectral_lines import lines_at_rest
 from tirgeo_ros.core.calibration.allan.stillness import (
     Interval,
     Seconds,
-    largest_move,
+    drifts,
     longest_stillness,
     movements,
-    settlings,
 )
-from tirgeo_ros.core.types.arrays import BoolArray
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
-from tirgeo_ros.tools.calibrate.imu_record import CHANNELS, UNITS, ReadImu, check_alive
+from tirgeo_ros.tools.calibrate.imu_record import CHANNELS, UNITS, ReadImu
 
 #: A shorter piece of rest, or of flight, does not determine the noise.
 LEAST_REST_S = 60.0
 LEAST_FLIGHT_S = 20.0
-_NAMED = 3  # intervals or lines that a warning lists
+_NAMED = 3  # intervals that a warning lists
 _MUCH = 0.01  # share of missing, repeated or equal samples that causes a warning
 _MISFIT = 2.0
 _LONG_S = 1.0  # averaging times that are not affected by a sensor's own filter
 _SHAKY_AT_REST, _SHAKY_IN_FLIGHT = 0.2, 0.4  # jitter as a fraction of the step
 _LEAST_HZ = 40.0  # in flight
 _SLOPED = 3.0  # density of the band's lower half over that of its upper half
-
-
-def rest_warnings(
-    read: ReadImu,
-    span_s: float,
-    fits: Sequence[NoiseFit],
-    seconds: Seconds,
-    ramps: Sequence[float],
-    from_s: float,
-) -> list[str]:
-    """Return the warnings of a record at rest whose longest piece lasts ``span_s``.
-
-    ``ramps`` (6) are the slopes (unit/s) of axes with a steady drift, 0 for the others.
-    """
-    return [
-        *filter(None, [movement(seconds, from_s)]),
-        *_vibration(read),
-        *_drift(seconds, ramps),
-        *_length(span_s, fits),
-        *_sample_warnings(read),
-        *_stamps(read),
-        *_fit(fits),
-    ]
+_PIECES_AT_REST = 400  # of 3 s, looked at for vibration
 
 
 def movement(seconds: Seconds, from_s: float) -> str:
-    """Return when and how much the IMU moved, and what to do; empty for a record at rest.
+    """Return when the IMU moved, and what to do; empty for a record at rest.
 
     Times are since the first message, as for ``--from`` and ``--to``.
     """
-    found = movements(seconds)
-    if not found:
+    moved = [Interval(*(from_s + edge for edge in one)) for one in movements(seconds)]
+    if not moved:
         return ""
-    moved = [Interval(*(from_s + edge for edge in one)) for one in found]
     named = ", ".join(f"{max(one.from_s, 0.0):.0f}-{one.to_s:.0f} s" for one in moved[:_NAMED])
     more = f" and {len(moved) - _NAMED} times more" if len(moved) > _NAMED else ""
-    turned, pushed = largest_move(seconds, found)
     rest = longest_stillness(moved, from_s, from_s + float(seconds.starts_s[-1]) + 1)
     begin_s, finish_s = math.ceil(rest.from_s), math.floor(rest.to_s)
     advice = (
@@ -76,67 +50,67 @@ def movement(seconds: Seconds, from_s: float) -> str:
         if finish_s - begin_s >= LEAST_REST_S
         else "record it lying still; for a flight use tirgeo calibrate imu"
     )
-    return (
-        f"the IMU moved at {named}{more}, by up to {math.degrees(turned):.3g} deg/s and "
-        f"{pushed:.3g} m/s2: noise measured across that is wrong; {advice}"
-    )
+    return f"the IMU moved at {named}{more}: noise measured across that is wrong; {advice}"
 
 
-def _channels(these: Iterable[object]) -> list[str]:
+def rest_warnings(
+    read: ReadImu, fits: Sequence[NoiseFit], seconds: Seconds, from_s: float
+) -> list[str]:
+    """Return the warnings of a record at rest."""
+    return [
+        *filter(None, [movement(seconds, from_s)]),
+        *_vibration(read),
+        *_drift(seconds),
+        *_sample_warnings(read),
+        *_stamps(read),
+        *_fit(fits),
+    ]
+
+
+def _channels(these: Iterable[object]) -> str:
     """Return the names of the channels (6,) for which something is true."""
-    return [name for name, it in zip(CHANNELS, these, strict=True) if it]
+    return ", ".join(name for name, it in zip(CHANNELS, these, strict=True) if it)
 
 
-def _amount(channel: int, value: float) -> str:
-    name = CHANNELS[channel]
-    return f"{name} by {value:.2g} {UNITS[name.split()[0]]}"
+def _unit(name: str) -> str:
+    return UNITS[name.partition(" ")[0]]
 
 
 def _vibration(read: ReadImu) -> Iterator[str]:
-    strongest = {}
-    for line in sorted(lines_at_rest(read.record), key=lambda line: line.amplitude):
-        name = CHANNELS[line.channel]
-        unit = UNITS[name.split()[0]]
-        strongest[name] = f"{name} {line.frequency_hz:.1f} Hz ({line.amplitude:.2g} {unit})"
+    pieces = pieces_of(read.record, _PIECES_AT_REST)
+    strongest = {
+        name: lines[0]
+        for k, name in enumerate(CHANNELS)
+        if len(pieces.floors) and (lines := pieces.lines(k))
+    }
     if strongest:
-        named = ", ".join(strongest[name] for name in CHANNELS if name in strongest)
+        named = ", ".join(
+            f"{name} {line.frequency_hz:.1f} Hz ({line.amplitude:.2g} {_unit(name)})"
+            for name, line in strongest.items()
+        )
         yield f"vibration: {named}: are motors or fans running? Record with everything off"
 
 
-def _drift(seconds: Seconds, ramps: Sequence[float]) -> Iterator[str]:
-    steady = [f"{_amount(k, 3600 * ramp)}/h" for k, ramp in enumerate(ramps) if ramp]
-    if steady:
-        yield (
-            f"steady drift of {', '.join(steady)}, perhaps by temperature; it is removed before "
-            "the fit; let the IMU warm up for half an hour first"
-        )
-    changes, settles = settlings(seconds)
-    settled = [_amount(k, changes[k]) for k in range(6) if settles[k] and not ramps[k]]
-    if settled:
-        yield (
-            f"{', '.join(settled)}: settled in the course of the record, perhaps warming up; it "
-            "is in B, K and the bias; leave the start out (--from), or let the IMU warm up first"
-        )
+_STEADY = (
+    "drifts steadily, perhaps by temperature; it is removed before the fit; let the IMU warm up "
+    "for half an hour first"
+)
+_SETTLES = (
+    "settles in the course of the record, perhaps warming up; it is in B, K and the bias; leave "
+    "the start out (--from), or let the IMU warm up first"
+)
 
 
-def _length(span_s: float, fits: Sequence[NoiseFit]) -> Iterator[str]:
-    for what, name in (
-        ("random walk", "white"),
-        ("bias instability", "flicker"),
-        ("rate random walk", "walk"),
-    ):
-        unseen = _channels(getattr(fit, name).value is None for fit in fits)
-        if unseen:
-            yield (
-                f"{span_s / 3600:.2g} h show no {what} of {', '.join(unseen)}: upper bounds are "
-                "given"
-            )
-    unseen = _channels(not fit.bias.seen for fit in fits)
-    if unseen:
-        yield (
-            f"too short for the bias of {', '.join(unseen)}: the parameters hold an upper bound "
-            "and the record's length; record longer"
-        )
+def _drift(seconds: Seconds) -> Iterator[str]:
+    changes, steady, settles = drifts(seconds)
+    for these, what in ((steady, _STEADY), (settles, _SETTLES)):
+        named = [
+            f"{name} by {changes[k]:.2g} {_unit(name)}"
+            for k, name in enumerate(CHANNELS)
+            if these[k]
+        ]
+        if named:
+            yield f"{', '.join(named)}: {what}"
 
 
 def _sample_warnings(read: ReadImu) -> Iterator[str]:
@@ -157,8 +131,6 @@ def _sample_warnings(read: ReadImu) -> Iterator[str]:
 
 def _stamps(read: ReadImu) -> Iterator[str]:
     record = read.record
-    if record.irregular["splits"]:
-        yield f"the record is in {record.irregular['splits'] + 1} pieces: none is averaged over"
     if record.jitter_s > _SHAKY_AT_REST * record.step_s:
         yield (
             f"stamps jitter by {record.jitter_s * 1e3:.2g} ms, perhaps stamped on arrival; do not "
@@ -167,15 +139,28 @@ def _stamps(read: ReadImu) -> Iterator[str]:
 
 
 def _fit(fits: Sequence[NoiseFit]) -> Iterator[str]:
+    unseen = _channels(not fit.bias.seen for fit in fits)
+    if unseen:
+        yield (
+            f"too short for the bias of {unseen}: the parameters hold an upper bound and the "
+            "record's length; record longer"
+        )
     poor = _channels(fit.misfit > _MISFIT for fit in fits)
     if poor:
-        yield f"the curve of {', '.join(poor)} is none of these noises: look at the plot"
+        yield f"the curve of {poor} is not a sum of these noises: look at the plot"
     late = _channels(fit.shortest_s > _LONG_S for fit in fits)
     if late:
         yield (
-            f"{', '.join(late)}: no white noise at averaging times up to a second and more "
-            "(vibration, or the sensor's filter): these are left out"
+            f"{late}: no white noise at averaging times up to a second and more (vibration, or "
+            "the sensor's filter): these are left out"
         )
+
+
+def check_alive(where: str, sizes: Array) -> None:
+    """Raise CalibrationError for axes whose sizes of change (n, 6) are all zero."""
+    dead = _channels(~sizes.any(axis=0))
+    if dead:
+        raise CalibrationError(f"{where}: {dead}: never changes; record what the IMU measures")
 
 
 def check_flight(read: ReadImu, pieces: Pieces) -> None:
@@ -184,53 +169,37 @@ def check_flight(read: ReadImu, pieces: Pieces) -> None:
     recorded_s = sum(map(len, read.record.runs)) * step_s
     flying_s = PIECE_S * int((~pieces.at_rest).sum())
     resting_s = PIECE_S * int(pieces.at_rest.sum())
-    reason = ""
-    if read.rate_hz < _LEAST_HZ:
-        reason = (
-            f"{read.rate_hz:.3g} samples a second leave too little above {MOTION_HZ:.0f} Hz; "
-            "record at 50 Hz or more"
-        )
-    elif jitter_s > _SHAKY_IN_FLIGHT * step_s:
-        reason = (
-            f"stamps jitter by {jitter_s * 1e3:.2g} ms where samples are {step_s * 1e3:.2g} ms "
-            "apart; record with the sensor's own stamps"
-        )
-    elif recorded_s < LEAST_FLIGHT_S:
-        reason = f"{recorded_s:.0f} s are too short; {LEAST_FLIGHT_S:.0f} s of flight are needed"
-    elif flying_s < LEAST_FLIGHT_S and resting_s > recorded_s - 2 * LEAST_FLIGHT_S:
-        reason = (
-            f"the IMU lies still for {resting_s} of {recorded_s:.0f} s: no flight; use tirgeo "
-            "calibrate allan for the noise at rest"
-        )
-    elif flying_s < LEAST_FLIGHT_S:
-        reason = (
-            f"only {flying_s} s of flight have their samples, {LEAST_FLIGHT_S:.0f} are needed; "
-            "record again without loss"
-        )
-    if reason:
-        raise CalibrationError(f"{read.where}: {reason}")
-    check_alive(read.where, pieces.peaks)
+    few = flying_s < LEAST_FLIGHT_S
+    at_rest = few and resting_s > recorded_s - 2 * LEAST_FLIGHT_S
+    needed = f"{LEAST_FLIGHT_S:.0f} s of flight are needed"
+    faults = {
+        f"{read.rate_hz:.3g} samples a second leave too little above {MOTION_HZ:.0f} Hz; record "
+        "at 50 Hz or more": read.rate_hz < _LEAST_HZ,
+        f"stamps jitter by {jitter_s * 1e3:.2g} ms where samples are {step_s * 1e3:.2g} ms apart; "
+        "record with the sensor's own stamps": jitter_s > _SHAKY_IN_FLIGHT * step_s,
+        f"{recorded_s:.0f} s are too short; {needed}": recorded_s < LEAST_FLIGHT_S,
+        f"the IMU lies still for {resting_s} of {recorded_s:.0f} s: no flight; use tirgeo "
+        "calibrate allan for the noise at rest": at_rest,
+        f"only {flying_s} s of flight have their samples; {needed}, without loss": few,
+    }
+    for reason, is_so in faults.items():
+        if is_so:
+            raise CalibrationError(f"{read.where}: {reason}")
+    check_alive(read.where, pieces.differences)
 
 
-def flight_warnings(read: ReadImu, flying: Pieces, clipped: Mapping[str, int]) -> list[str]:
-    """Return the warnings of a record in flight."""
-    named = ", ".join(f"{name} ({number} samples)" for name, number in clipped.items())
-    clipping = f"{named}: clipped: the vibration exceeds the range, and is more than is seen"
-    fallen = ", ".join(_channels(_falls(flying)))
-    middle_hz = (MOTION_HZ + flying.frequencies_hz[-1]) / 2
-    colour = (
-        f"{fallen}: less noise above {middle_hz:.0f} Hz than below: perhaps the sensor's own "
-        f"filter; below {MOTION_HZ:.0f} Hz there may be more noise than is written"
-    )
-    return [
-        *([clipping] if named else []),
-        *([colour] if fallen else []),
-        *_sample_warnings(read),
-    ]
-
-
-def _falls(flying: Pieces) -> BoolArray:
-    """Return (6,) whether the floor falls with frequency: a filter, or broad vibration."""
+def flight_warnings(read: ReadImu, flying: Pieces, clipped: Mapping[str, int]) -> Iterator[str]:
+    """Yield the warnings of a record in flight."""
+    if clipped:
+        named = ", ".join(f"{name} ({number} samples)" for name, number in clipped.items())
+        yield f"{named}: clipped: the vibration exceeds the range, and is more than is seen"
     spectra = np.median(flying.spectra[:, flying.above_motion()], axis=0)
     lower, upper = np.array_split(spectra, [len(spectra) // 2])
-    return np.asarray(np.median(lower, axis=0) > _SLOPED * np.median(upper, axis=0))
+    fallen = _channels(np.median(lower, axis=0) > _SLOPED * np.median(upper, axis=0))
+    if fallen:  # a filter, or broad vibration
+        middle_hz = (MOTION_HZ + flying.frequencies_hz[-1]) / 2
+        yield (
+            f"{fallen}: less noise above {middle_hz:.0f} Hz than below: perhaps the sensor's own "
+            f"filter; below {MOTION_HZ:.0f} Hz there may be more noise than is written"
+        )
+    yield from _sample_warnings(read)

@@ -16,9 +16,8 @@ from tirgeo_ros.io.messages.imu_block import imu_block
 from tirgeo_ros.tools.presentation.progress import Report, silent
 
 CHANNELS = tuple(f"{sensor} {axis}" for sensor in ("gyro", "accel") for axis in "xyz")
-#: Sensor -> the unit of its samples, and of its noise density.
+#: Sensor -> the unit of its samples.
 UNITS = {"gyro": "rad/s", "accel": "m/s2"}
-DENSITIES = {"gyro": "rad/sqrt(s)", "accel": "m/s/sqrt(s)"}
 _TYPE = "sensor_msgs/msg/Imu"
 _BLOCK = 1 << 15  # messages decoded together
 _SLACK_S = 60.0  # stop reading at messages logged this long after the last wanted stamp
@@ -27,13 +26,11 @@ _LEAST_HZ = 5.0
 
 @dataclass(frozen=True)
 class ReadImu:
-    """Hold the record of a topic and the samples that it was made from."""
+    """Hold the record of a topic."""
 
     where: str  # bag and topic
     topic: str
     record: ImuRecord
-    stamps_ns: IntArray  # (n,)
-    values: list[Array]  # blocks of (n, 6) in all; NaN where absent
     messages: int
     unreadable: int
 
@@ -67,8 +64,7 @@ def read_imu(
     _check_topic(reader, topic)
     where = f"{reader.path}: {topic}"
     begin_ns, end_ns = reader.span_ns
-    stamps: list[IntArray] = []
-    values: list[Array] = []
+    blocks: list[tuple[IntArray, Array]] = []  # stamps and values
     number = unreadable = 0
     first_ns: int | None = None
     messages = reader.messages([topic])
@@ -79,17 +75,18 @@ def read_imu(
             first_ns = int(block.stamps_ns[0])
         since_s = (block.stamps_ns - (first_ns or 0)) * 1e-9
         wanted = (since_s >= from_s) & (since_s <= to_s)
-        stamps.append(block.stamps_ns[wanted])
-        values.append(block.values[wanted])
+        blocks.append((block.stamps_ns[wanted], block.values[wanted]))
         done_s = (chunk[-1].log_time_ns - begin_ns) * 1e-9
         progress(done_s, min((end_ns - begin_ns) * 1e-9, to_s))
         if done_s > to_s + _SLACK_S:
             break
-    stamps_ns = np.concatenate(stamps) if stamps else np.zeros(0, np.int64)
-    if not any(np.isfinite(block).all(axis=1).any() for block in values):
+    if not any(np.isfinite(values).all(axis=1).any() for _, values in blocks):
         raise CalibrationError(
             f"{where}: none of {number} messages has a sample; look at --from and --to"
         )
+    stamps_ns = np.concatenate([stamps for stamps, _ in blocks])
+    values = np.concatenate([values for _, values in blocks])
+    blocks.clear()
     try:
         record = record_of(stamps_ns, values)
     except CalibrationError as error:
@@ -99,16 +96,7 @@ def read_imu(
             f"{where}: {1 / record.step_s:.3g} samples a second are too few; record at 50 Hz or "
             "more"
         )
-    return ReadImu(where, topic, record, stamps_ns, values, number, unreadable)
-
-
-def check_alive(where: str, sizes: Array) -> None:
-    """Raise CalibrationError for axes whose sizes of change (n, 6) are all zero."""
-    dead = [name for name, size in zip(CHANNELS, sizes.T, strict=True) if not size.any()]
-    if dead:
-        raise CalibrationError(
-            f"{where}: {', '.join(dead)}: never changes; record what the IMU itself measures"
-        )
+    return ReadImu(where, topic, record, number, unreadable)
 
 
 def _check_topic(reader: BagReader, name: str) -> None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -68,9 +69,10 @@ def calibrate_map(
     degrees = plane.degrees(found(features.pixels))
     if image is not None and geotiff is not None:
         write_warped(image, geotiff, found, plane, _pixel_size(found, control))
+    rows = _rows(control, residuals)
     files: dict[PathLike, str | bytes] = {output: features.geojson(degrees)}
     if residuals_csv is not None:
-        files[residuals_csv] = _csv(control, residuals)
+        files[residuals_csv] = _csv(rows)
     if plot is not None:
         files[plot] = orthophoto_png(control, found, residuals, features.pixels, outside)
     write_files(files, MapError)
@@ -89,7 +91,7 @@ def calibrate_map(
         "pixel_m": _pixel_size(found, control),
         "features": features.count,
         "features_outside": features.features_with(outside),
-        "residuals": _rows(control, residuals),
+        "residuals": rows,
         "warnings": warnings,
         "warning": "; ".join(warnings) or None,
     }
@@ -141,23 +143,17 @@ def _gross(control: ControlPoints, residuals: Residuals) -> list[str]:
     return [f"{control.names[k]} ({residuals.left_out_m[k]:.2g} m)" for k in chosen]
 
 
-def _rows(control: ControlPoints, residuals: Residuals) -> list[dict[str, object]]:
-    columns = {
-        "id": control.names,
-        "column": control.pixels[:, 0].tolist(),
-        "row": control.pixels[:, 1].tolist(),
-        "x_m": residuals.metres[:, 0].tolist(),
-        "y_m": residuals.metres[:, 1].tolist(),
-        "column_px": residuals.pixels[:, 0].tolist(),
-        "row_px": residuals.pixels[:, 1].tolist(),
-        "length_m": residuals.lengths_m.tolist(),
-        "length_px": residuals.lengths_px.tolist(),
-        "left_out_m": residuals.left_out_m.tolist(),
-    }
-    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+def _rows(control: ControlPoints, residuals: Residuals) -> list[dict[str, Any]]:
+    """Return the residuals of each point by column."""
+    names = ("column", "row", "x_m", "y_m", "column_px", "row_px", "length_m", "length_px")
+    lengths = residuals.lengths_m, residuals.lengths_px, residuals.left_out_m
+    table = np.column_stack([control.pixels, residuals.metres, residuals.pixels, *lengths])
+    return [
+        {"id": point} | dict(zip((*names, "left_out_m"), row, strict=True))
+        for point, row in zip(control.names, table.tolist(), strict=True)
+    ]
 
 
-def _csv(control: ControlPoints, residuals: Residuals) -> str:
-    rows = _rows(control, residuals)
+def _csv(rows: Sequence[dict[str, Any]]) -> str:
     lines = [[x if isinstance(x, str) else f"{x:.4f}" for x in row.values()] for row in rows]
     return csv_text([rows[0], *lines])

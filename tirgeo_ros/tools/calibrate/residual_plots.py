@@ -1,4 +1,4 @@
-"""Plot the residuals of calibrations over the picture: lens, boresight, orthophoto."""
+"""Plot the residuals of calibrations: lens, boresight, orthophoto and aircraft."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from tirgeo_ros.core.aircraft_calibration.fit import AircraftFit
 from tirgeo_ros.core.calibration.boresight.fit import BoresightFit
 from tirgeo_ros.core.calibration.boresight.model import PointSighting
 from tirgeo_ros.core.calibration.checkerboard.board import BoardSighting
@@ -17,6 +18,7 @@ from tirgeo_ros.core.calibration.orthophoto.polynomial_transform import (
 )
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.arrays import Array, BoolArray
+from tirgeo_ros.core.types.measurements import Source
 from tirgeo_ros.io.surveys.control_points import ControlPoints
 from tirgeo_ros.tools.presentation.plots import COLOURS, arrows, figure, png
 
@@ -25,39 +27,37 @@ from tirgeo_ros.tools.presentation.plots import COLOURS, arrows, figure, png
 _LENS_SHARE, _ORTHOPHOTO_SHARE = 0.02, 0.12
 _LONGEST_PX = 60.0
 _MOST_NAMES = 40
+#: Panels of innovations: topic, and what makes its unit.
+_INNOVATIONS = {
+    Source.RTK_POSITION: ("rtk/fix", 100.0, "cm"),
+    Source.RTK_VELOCITY: ("rtk/vel", 100.0, "cm/s"),
+    Source.RTK_HEADING: ("rtk/heading", float(np.degrees(1.0)), "deg"),
+}
 
 
 def lens_png(fit: LensFit, views: Mapping[str, BoardSighting]) -> bytes:
     """Return a PNG: all corners on the frame with errors enlarged, and the error of every view."""
     made, (frame, bars) = figure(8.0, 9.0, rows=2, height_ratios=[2.2, 1])
     width, height = fit.camera.width, fit.camera.height
-    scale = _round(_LENS_SHARE * width / max(fit.rms_px, 1e-3))
-    for number, (name, view) in enumerate(fit.views.items()):
+    scale = _LENS_SHARE * width / max(fit.rms_px, 1e-3)
+    for number, (name, errors) in enumerate(fit.errors_px.items()):
         colour = COLOURS[number % len(COLOURS)]
         corners = views[name].corners_px
         frame.plot(*corners.T, ".", color=colour, markersize=3)
-        arrows(frame, corners, scale * view.errors_px, colour, 0.0012)
+        arrows(frame, corners, scale * errors, colour, 0.0012)
     frame.plot(fit.camera.cx, fit.camera.cy, "k+", markersize=12, label="principal point")
     frame.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect="equal")
     frame.set(xlabel="column, px", ylabel="row, px")
-    frame.set_title(f"Corners of {len(fit.views)} views, errors enlarged {scale:g} times")
+    frame.set_title(f"Corners of {len(fit.errors_px)} views, errors enlarged {scale:.2g} times")
     frame.legend(loc="lower right", frameon=True)
-    names = list(fit.views)
-    bars.bar(range(len(names)), [view.rms_px for view in fit.views.values()], color=COLOURS[0])
+    rms_px = fit.view_rms_px
+    bars.bar(range(len(rms_px)), [*rms_px.values()], color=COLOURS[0])
     bars.axhline(fit.rms_px, color=COLOURS[1], label=f"all: {fit.rms_px:.3f} px")
-    bars.set(ylabel="reprojection error, px", xlim=(-0.7, len(names) - 0.3))
-    if len(names) <= _MOST_NAMES:
-        bars.set_xticks(range(len(names)), names, rotation=90, fontsize=6)
-    bars.grid(visible=False, axis="x")
+    bars.set(ylabel="reprojection error, px", title="Root mean square error of every view")
+    if len(rms_px) <= _MOST_NAMES:
+        bars.set_xticks(range(len(rms_px)), [*rms_px], rotation=90, fontsize=6)
     bars.legend(loc="upper right")
-    bars.set_title("Root mean square error of every view")
     return png(made)
-
-
-def _round(number: float) -> float:
-    """Return the largest of 1, 2, 5, 10, ... that is not above the number."""
-    power = 10 ** np.floor(np.log10(number))
-    return float(max(step for step in (1, 2, 5) if step * power <= number * (1 + 1e-9)) * power)
 
 
 def boresight_png(
@@ -79,15 +79,16 @@ def boresight_png(
 
 def _boresight_panel(panel: Any, uv: Array, residuals: Array, used: BoolArray) -> None:
     longest = float(np.nanmax(np.hypot(*residuals[used].T), initial=1e-3))
-    for part, colour, what in ((used, COLOURS[0], "used"), (~used, COLOURS[1], "left out")):
-        shown = part & np.isfinite(residuals[:, 0])
-        if not shown.any():
-            continue
+    seen = np.isfinite(residuals[:, 0])
+    for shown, colour, what in (
+        (used & seen, COLOURS[0], "used"),
+        (~used & seen, COLOURS[1], "left out"),
+    ):
         # An outlier may be hundreds of pixels off: its arrow is cut.
-        lengths = np.hypot(*residuals[shown].T)
-        cut = np.minimum(1.0, longest / np.maximum(lengths, 1e-9))[:, None]
+        cut = np.minimum(1.0, longest / np.maximum(np.hypot(*residuals[shown].T), 1e-9))
+        moves = -residuals[shown] * cut[:, None] * _LONGEST_PX / longest
         panel.plot(*uv[shown].T, ".", color=colour, markersize=4, label=what)
-        arrows(panel, uv[shown], -residuals[shown] * cut * _LONGEST_PX / longest, colour, 0.003)
+        arrows(panel, uv[shown], moves, colour, 0.003)
     panel.text(0.01, 0.03, f"longest arrow {longest:.1f} px", transform=panel.transAxes)
 
 
@@ -122,4 +123,33 @@ def orthophoto_png(
     axis.set(xlabel="column [px]", ylabel="row [px]", aspect="equal")
     axis.invert_yaxis()
     axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=4, fontsize=8)
+    return png(made)
+
+
+def innovations_png(found: AircraftFit) -> bytes:
+    """Return a PNG: innovations over time by source, linear up to three times their rms after."""
+    before, after = found.before.nis(), found.after.nis()
+    sources = [source for source in _INNOVATIONS if source in after]
+    made, axes = figure(10.0, 2.3 * len(sources), len(sources), 1, sharex=True)
+    panels = np.atleast_1d(axes)
+    for panel, source in zip(panels, sources, strict=True):
+        name, scale, unit = _INNOVATIONS[source]
+        for run, colour, what in (
+            (found.before, COLOURS[1], "before"),
+            (found.after, COLOURS[0], "after"),
+        ):
+            white = [one for one in run.white if one.source is source]
+            times_s = (
+                np.array([one.stamp_ns - found.before.attitude_ns[0] for one in white]) * 1e-9
+            )
+            values = scale * np.array([one.innovation for one in white])
+            for column in values.T:
+                panel.plot(times_s, column, ".", color=colour, markersize=1.5)
+            panel.plot([], [], ".", color=colour, label=what)
+        panel.set_yscale("symlog", linthresh=3 * float(np.sqrt(np.mean(values**2))))
+        title = f"{name}: NIS {before[source]:.3g} before, {after[source]:.2f} after"
+        panel.set_title(title, loc="left")
+        panel.set_ylabel(f"innovation, {unit}")
+    panels[-1].set_xlabel("time, s")
+    panels[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
     return png(made)

@@ -14,10 +14,10 @@ STEP_NS = 10_000_000
 START_NS = 1_700_000_000_000_000_000
 
 
-def laid(stamps_ns, values=None, size=1000):
+def laid(stamps_ns, values=None):
     stamps_ns = START_NS + np.asarray(stamps_ns, np.int64)
     values = np.arange(float(len(stamps_ns)))[:, None] if values is None else values
-    return record_of(stamps_ns, [values[k : k + size] for k in range(0, len(values), size)])
+    return record_of(stamps_ns, values)
 
 
 def there(record):
@@ -71,15 +71,15 @@ def test_late_and_repeated_samples_are_left_out():
     stamps[500] = stamps[499]
     stamps[700] = stamps[690]
     record = laid(stamps)
-    told = record.irregular
-    assert (told["repeated_stamps"], told["late_stamps"], record.samples) == (1, 1, 998)
+    faults = record.irregular
+    assert (faults["repeated_stamps"], faults["late_stamps"], record.samples) == (1, 1, 998)
     assert np.flatnonzero(~there(record)).tolist() == [500, 700]
 
 
 def test_what_is_not_finite_is_left_out_and_what_repeats_is_counted():
     values = np.repeat(np.arange(500.0), 2)[:, None] + np.zeros(6)
     values[300, 2], values[301, 5] = np.nan, np.inf
-    record = laid(even(1000), values, size=1000)
+    record = laid(even(1000), values)
     assert record.irregular["not_finite"] == 2
     assert record.irregular["same_as_before"] == 499
     assert np.flatnonzero(~there(record)).tolist() == [300, 301]

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from imu_noise import gauss_markov
 from sighted_paths import LATENCY_S, POSE_SIGMA, STEP, USUAL, Path, flight_of, seen_by
 
 from tirgeo_ros.core.calibration.boresight.fit import fit, foreseen
@@ -16,22 +16,10 @@ from tirgeo_ros.core.calibration.boresight.model import (
     PARAMETERS,
     PointSighting,
     Stepped,
-    corrected_pose,
     sights,
 )
 from tirgeo_ros.core.calibration.boresight.observability import check_numbers, doubt
-from tirgeo_ros.core.camera.projection_covariance import CameraRates
-from tirgeo_ros.core.config import AircraftConfig, GimbalConfig
-from tirgeo_ros.core.frames.rotations import (
-    quat_from_euler,
-)
-from tirgeo_ros.core.gimbal.camera_pose import Mount, YawBias
 from tirgeo_ros.core.types.errors import CalibrationError
-from tirgeo_ros.core.types.poses import BodyPose, CameraPose
-
-
-def in_degrees(correction):
-    return np.degrees(correction[:3])
 
 
 def test_the_derivatives_are_those_of_differences():
@@ -66,20 +54,17 @@ def test_without_noise_the_truth_comes_out(present, off, late_s):
     found = fit(flight_of(now, present), seen, USUAL)
     assert found.used.all()
     # the fit stops at a thousandth of its limits, and its last step is quadratic in that
-    np.testing.assert_allclose(np.add(present, in_degrees(found.correction)), true_rpy, atol=1e-3)
+    np.testing.assert_allclose(
+        np.add(present, np.degrees(found.correction[:3])), true_rpy, atol=1e-3
+    )
     assert found.correction[3] == pytest.approx(late_s, abs=1e-4)
     assert np.abs(found.after).max() < 0.02  # px
     assert not found.correction[4:].any()
 
 
-def errors_that_last(rng, time_s=4.0):
-    """Gauss-Markov errors of POSE_SIGMA, as functions of time."""
-    steps = np.arange(0.0, 100.0, 0.1)
-    values = np.empty((len(steps), 6))
-    values[0] = rng.standard_normal(6)
-    keep = math.exp(-0.1 / time_s)
-    for k in range(1, len(steps)):
-        values[k] = keep * values[k - 1] + math.sqrt(1 - keep**2) * rng.standard_normal(6)
+def errors_that_last(rng):
+    """Gauss-Markov errors of POSE_SIGMA that last 4 s, as functions of time."""
+    values = np.stack([gauss_markov(rng, 1000, 1.0, 4.0, 0.1) for _ in range(6)], axis=1)
     return lambda t_s: POSE_SIGMA * values[int(t_s * 10)]
 
 
@@ -127,15 +112,6 @@ def test_too_many_wrong_clicks_are_refused():
         fit(flight_of(Path()), seen, USUAL)
 
 
-def test_points_never_in_view_are_refused():
-    rng = np.random.default_rng(6)
-    seen = [
-        dataclasses.replace(one, point_n=one.point_n - [500, 0, 0]) for one in seen_by(Path(), rng)
-    ]
-    with pytest.raises(CalibrationError, match="no observed point is in view"):
-        fit(flight_of(Path()), seen, USUAL)
-
-
 @pytest.mark.slow
 def test_the_estimate_without_a_point_is_the_fit_without_it():
     rng = np.random.default_rng(7)
@@ -151,7 +127,7 @@ def test_the_estimate_without_a_point_is_the_fit_without_it():
 
 def doubt_of(path, seen, names):
     flight = flight_of(path, north="gimbal_north" in names)
-    return doubt(flight, seen, names, foreseen(flight, seen, names))
+    return doubt(names, foreseen(flight, seen, names))
 
 
 @pytest.mark.slow
@@ -161,8 +137,8 @@ def test_norths_at_one_tilt_are_refused_and_told_at_two():
     found = doubt_of(Path(), seen_by(Path(), rng), names)
     assert found is not None
     assert set(found.names) == {"roll", "yaw", "gimbal_north"}
-    assert "tilt varied by 0.0 deg" in str(found)
-    assert "--hold gimbal_north" in str(found)
+    assert "tilt hardly varied" in str(found)
+    assert "--hold it" in str(found)
     two = {"tilts_deg": (-30.0, -60.0)}
     now, truth = Path(**two), Path(**two, rpy_deg=(1, -1, 2))
     seen = seen_by(truth, rng, count=120)
@@ -179,23 +155,6 @@ def test_norths_at_one_tilt_are_refused_and_told_at_two():
     sigma = np.degrees(np.sqrt(np.diag(result.covariance))[[0, 1, 2, 4]])
     assert (np.abs(error) < 4 * sigma).all()
     assert (sigma < 0.3).all()
-
-
-def test_both_norths_are_refused():
-    path = Path(tilts_deg=(-30, -60))
-    flight = flight_of(path, north=True)
-    same = flight.stepped["gimbal_north"]
-    flight = dataclasses.replace(flight, stepped={"gimbal_north": same, "heading_offset": same})
-    names = (*USUAL, "gimbal_north", "heading_offset")
-    seen = seen_by(path, np.random.default_rng(9))
-    found = doubt(flight, seen, names, foreseen(flight, seen, names))
-    assert "gimbal_north and heading_offset cannot be told apart: both turn" in str(found)
-
-
-def test_a_parameter_that_moves_nothing_is_said_to_be_idle():
-    found = doubt_of(Path(), seen_by(Path(), np.random.default_rng(9)), ("yaw", "heading_offset"))
-    assert found is not None
-    assert str(found).startswith("heading_offset cannot be found: nothing that this flight's")
 
 
 def test_a_hover_that_does_not_turn_shows_no_latency():
@@ -215,30 +174,3 @@ def test_few_points_or_pictures_are_refused(points, pictures):
     ]
     with pytest.raises(CalibrationError, match=f"{points} surveyed points in {pictures} pictures"):
         check_numbers(seen)
-
-
-def test_an_unknown_north_is_taken_out_of_the_covariance():
-    from tirgeo_ros.core.gimbal.camera_pose import from_reported  # noqa: PLC0415
-    from tirgeo_ros.core.types.measurements import CameraAttitudeSample  # noqa: PLC0415
-
-    aircraft = AircraftConfig(camera_from_pivot_m=(0.3, -0.2, 0.1))
-    config = GimbalConfig(aircraft=aircraft, boresight_rpy_deg=(1.0, 2.0, 3.0))
-    body = BodyPose(0, np.zeros(3), quat_from_euler(0.1, 0.05, 2.0), np.diag(POSE_SIGMA**2))
-    reported = CameraAttitudeSample(0, quat_from_euler(0.0, -0.5, 2.1))
-    known, unknown = (
-        from_reported(Mount.from_config(config), body, body.q_nb, reported, YawBias(0.0, variance))
-        for variance in (0.0, 0.003)
-    )
-    assert isinstance(known, CameraPose)
-    assert isinstance(unknown, CameraPose)
-    still = CameraRates(np.zeros(3), np.zeros(3))
-    flight = dataclasses.replace(
-        flight_of(Path()),
-        poses=lambda _: (unknown, still),
-        stepped={},
-        boresight_rpy_rad=np.radians([1.0, 2.0, 3.0]),
-        camera_offset_g=aircraft.camera_from_pivot_g,
-        north_variance=0.003,
-    )
-    pose, _ = corrected_pose(flight, 0, np.zeros(7))
-    np.testing.assert_allclose(pose.covariance, known.covariance, atol=1e-12)

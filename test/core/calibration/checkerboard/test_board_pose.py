@@ -20,15 +20,7 @@ def seen(board, angles_deg, distance_m=2.2, sigma_px=0.0, rng=None, turned=False
     uv = XT2.project(board.points_m @ rotation.T + position)[0]
     if rng is not None:
         uv = uv + rng.normal(0, sigma_px, uv.shape)
-    odd = bool((board.columns + board.rows) % 2)
-    return BoardSighting(
-        uv[::-1] if turned else uv,
-        sigma_px,
-        np.ones(2),
-        30.0,
-        20.0,
-        dark_first=not (turned and odd),
-    )
+    return BoardSighting(uv[::-1] if turned else uv, sigma_px, np.ones(2))
 
 
 @pytest.mark.parametrize(
@@ -85,5 +77,5 @@ def test_a_plane_has_two_poses_and_the_track_keeps_to_one():
 
 def test_a_board_that_is_not_there_has_no_pose():
     board = Checkerboard(4, 3, 0.05)
-    flat = BoardSighting(np.zeros((12, 2)), 0.1, np.ones(2), 1.0, 1.0, dark_first=True)
+    flat = BoardSighting(np.zeros((12, 2)), 0.1, np.ones(2))
     assert BoardTracker(board, XT2).pose(flat) is None

@@ -1,9 +1,8 @@
-"""Compute overlapping Allan variances of a record on a grid.
+"""Compute overlapping Allan variances of a record on a grid, at averaging times in octaves.
 
-An average over ``m`` slots is compared with the average over the next ``m``: for ``m`` up to 7 at
-every slot, for longer times at every quarter to seventh of the averaging time. This uses nearly
-all the information of full overlap (the equivalent degrees of freedom of white noise are 3 %
-fewer).
+An average over ``m`` slots is compared with the average over the next ``m``, at every slot for
+``m`` up to 4 and at every quarter of the averaging time beyond. This uses nearly all the
+information of full overlap.
 """
 
 from __future__ import annotations
@@ -15,58 +14,64 @@ import numpy as np
 
 from tirgeo_ros.core.types.arrays import Array
 
-_FIRST = (1, 2, 3, 4, 5, 6, 7)
-_LATER = _FIRST[3:]
 #: An average is used if at least this share of its samples is present.
 _PRESENT = 0.75
+#: Longer averages, relative to the record, have too few neighbours to be useful.
+_LONGEST = 0.25
 
 
 class AllanCurve(NamedTuple):
     """Hold overlapping Allan variances over increasing averaging times."""
 
-    slots: Array  # (k,) averaging times, in slots
-    strides: Array  # (k,) slots between comparisons
-    pairs: Array  # (k,) number of comparisons
-    inverse_counts: Array  # (k,) mean of 1 / (samples in an average)
+    tau_s: Array  # (k,) averaging times
+    degrees: Array  # (k,) equivalent degrees of freedom
+    white: Array  # (k,) variances of white noise with N = 1: mean of 1 / (sampled time), 1/s
     variances: Array  # (k, channels)
-    steps: Array  # (k, channels) mean difference from one average to the next
+    span_s: float  # length of the longest comparison of averages
 
 
-def allan_curve(runs: Sequence[Array]) -> AllanCurve:
+def allan_curve(runs: Sequence[Array], step_s: float, ramps: Array | None = None) -> AllanCurve:
     """Return the curve of runs (n, channels), NaN where a sample is missing.
 
-    It has all averaging times that fit into a run twice; no comparison crosses a break.
+    No comparison crosses a break. ``ramps`` (channels,), unit/s, are steady drifts to remove. The
+    degrees of freedom are those of flicker noise (Lesage and Audoin, NIST SP 1065, table 5), which
+    are between those of white noise and of a random walk.
     """
     longest = max(map(len, runs))
-    spans = [
-        (m << level, 1 << level)
-        for level in range(longest.bit_length())
-        for m in (_LATER if level else _FIRST)
-        if 2 * (m << level) <= longest
-    ]
+    sizes = [1 << level for level in range(longest.bit_length()) if 2 << level <= longest]
+    slopes = np.zeros(runs[0].shape[1]) if ramps is None else ramps * step_s
     counts = [_total(np.isfinite(run[:, 0])) for run in runs]
-    rows = np.zeros((runs[0].shape[1], len(spans), 4))
-    for channel in range(len(rows)):
+    sums = np.zeros((len(sizes), len(slopes), 3))
+    for channel, slope in enumerate(slopes.tolist()):
         # Subtract a common value, which cancels in the differences: sums of gravity lose digits.
         level = np.nanmean(runs[0][:, channel])
-        sums = [_total(np.nan_to_num(run[:, channel] - level)) for run in runs]
-        for row, span in enumerate(spans):
-            rows[channel, row] = sum(
-                _compared(*totals, *span) for totals in zip(sums, counts, strict=True)
-            )
-    there = rows[0, :, 0] > 0
-    pairs = rows[0, there, 0]
-    inverses, squares, steps = np.moveaxis(rows[:, there, 1:] / pairs[:, None], -1, 0)
-    slots, strides = np.array(spans, float)[there].T
-    return AllanCurve(slots, strides, pairs, inverses[0], squares.T / 2, steps.T)
+        for run, count in zip(runs, counts, strict=True):
+            values = run[:, channel] - level
+            values -= slope * np.arange(len(run))
+            total = _total(np.nan_to_num(values, copy=False))
+            sums[:, channel] += [_compared(total, count, size) for size in sizes]
+    there = sums[:, 0, 0] > 0
+    m, pairs = np.array(sizes, float)[there], sums[there, 0, 0]
+    spans = (pairs - 1) * np.maximum(m // 4, 1) + 2 * m
+    used = m <= _LONGEST * spans
+    degrees = np.maximum(1.25 * spans**2 / (m * (spans + 3 * m)), 1.0)
+    means = sums[there] / pairs[:, None, None]
+    return AllanCurve(
+        (m * step_s)[used],
+        degrees[used],
+        means[used, 0, 1] / step_s,
+        means[used, :, 2] / 2,
+        float(spans.max(initial=0.0)) * step_s,
+    )
 
 
 def _total(values: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(values)])
 
 
-def _compared(sums: Array, counts: Array, m: int, stride: int) -> Array:
-    """Return (4,) number of pairs of averages, sum of 1 / count, of squared steps, of steps."""
+def _compared(sums: Array, counts: Array, m: int) -> tuple[int, float, float]:
+    """Return the number of pairs of averages, the sums of 1 / count and of squared steps."""
+    stride = max(m // 4, 1)
     stops = max(len(sums) - 2 * m, 0), max(len(sums) - m, 0), len(sums)
     ends = [slice(i * m, stop, stride) for i, stop in enumerate(stops)]
     first, second = (counts[ends[i + 1]] - counts[ends[i]] for i in (0, 1))
@@ -74,5 +79,4 @@ def _compared(sums: Array, counts: Array, m: int, stride: int) -> Array:
     first, second = first[enough], second[enough]
     before, after = ((sums[ends[i + 1]] - sums[ends[i]])[enough] for i in (0, 1))
     steps = after / second - before / first
-    inverse = 0.5 * (1 / first + 1 / second).sum()
-    return np.array([len(steps), inverse, steps @ steps, steps.sum()])
+    return len(steps), float(0.5 * (1 / first + 1 / second).sum()), float(steps @ steps)

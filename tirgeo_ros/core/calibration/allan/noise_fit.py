@@ -1,15 +1,21 @@
-"""Fit noise terms to an Allan curve, and the nearest noise model of the filter.
+"""Fit noise terms to an Allan curve, and the nearest bias model of the filter.
 
-The curve is ``s^2(tau) = N^2/tau + (2 ln 2/pi) B^2 + K^2 tau/3 + 3 Q^2/tau^2``: white noise (angle
-or velocity random walk), flicker noise (bias instability), rate random walk, and quantisation
-where the curve shows it. IEEE Std 952, annex C. The floor of flicker noise is 0.664 B.
+The curve is ``s^2(tau) = N^2/tau + (2 ln 2/pi) B^2 + K^2 tau/3``: white noise (angle or velocity
+random walk), flicker noise (bias instability) and rate random walk. IEEE Std 952, annex C. The
+floor of flicker noise is 0.664 B.
 
 The squares of the terms enter linearly. So a fit is non-negative least squares of the relative
-residuals ``s^2 / model - 1``, weighted by the degrees of freedom of the previous step's model.
-This is the likelihood of chi-square variables, without the downward bias of logarithms with few
-degrees of freedom. The terms describe a sensor only to some per cent, which limits the weight of
-a point. Standard deviations come from the whole covariance of the curve, because neighbouring
-averaging times share their data; a misfit beyond it enlarges them.
+residuals ``s^2 / model - 1``, weighted by their degrees of freedom: the likelihood of chi-square
+variables, without the downward bias of logarithms. The terms describe a sensor only to some per
+cent, which limits the weight of a point. Neighbouring octaves share part of their data, and a
+misfit beyond the expected scatter enlarges the standard deviations.
+
+The filter models a bias as a first-order Gauss-Markov process of standard deviation ``s`` and
+correlation time ``T``, driven by ``s sqrt(2 / T)``. No such process reproduces flicker noise and a
+random walk; the one nearest to the curve is taken, with about equal weight at all averaging times.
+If a process whose ``s`` is B is about as near, it is taken instead, because B is the number in
+data sheets and in other tools. For a bias that walks, or that is truly such a process, B alone
+would be too small.
 """
 
 from __future__ import annotations
@@ -19,23 +25,45 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.calibration.allan.bias_instability import GaussMarkov, Term, fit_bias
 from tirgeo_ros.core.calibration.allan.deviation import AllanCurve
-from tirgeo_ros.core.calibration.allan.deviation_covariance import covariance, products, shapes
 from tirgeo_ros.core.types.arrays import Array
 
 #: The floor of flicker noise of bias instability 1: sqrt(2 ln 2 / pi).
 FLICKER_FLOOR = math.sqrt(2 * math.log(2) / math.pi)
-#: A term is significant beyond this many standard deviations of its square.
-_SEEN_SIGMA = 2.0
-#: Longer averages, relative to the record, have too few neighbours to be useful.
-_LONGEST = 0.25
 _MODEL = 0.02  # relative error of the terms as a model of variances
+_SHARED = 2.0  # by simulation: variances of the terms over those of independent octaves
+#: A term is significant if it lowers the sum of squared residuals by more: two sigma.
+_SEEN = 4.0 * _SHARED
+_SEEN_SIGMA = 2.0
 _BARE_MISFIT = 0.06  # relative misfit at which a variance at the shortest times is not explained
-_REACH = 4.0  # times the first time that fits: the unexplained effect decays slowly
-_STEPS = 8
-_FEWEST = 8  # points that a fit must keep
+_REACH = 2  # octaves left out beyond the first that fits: an unexplained effect decays slowly
+_STEPS = 12
+_FEWEST = 5  # points that a fit must keep
 _LEAST_DEGREES = 10.0  # degrees of freedom that the curve's minimum must have
+_BIAS_MODEL = 0.2  # relative error of a Gauss-Markov process as a model of variances
+#: A sum of squared misfits within this factor of the least is about as near. For pure flicker
+#: noise s = 1.25 B fits best, and B gives 1.3 to 2.5 times the sum; for a process or a walk, B
+#: gives 6 to 200 times the sum.
+_AS_NEAR = 3.0
+_TIMES = 200  # correlation times that are tried
+
+
+class Term(NamedTuple):
+    """Hold a noise term: ``value`` is None if it is not significant, and then below ``upper``."""
+
+    value: float | None
+    sigma: float
+    upper: float  # two standard deviations above
+
+
+class GaussMarkov(NamedTuple):
+    """Hold a first-order Gauss-Markov process, in the unit of the record."""
+
+    sigma: float
+    time_s: float
+    sigma_of_sigma: float
+    time_factor: float  # the time is known to within this factor
+    seen: bool  # False: ``sigma`` is an upper bound, at the longest time that the record shows
 
 
 class NoiseFit(NamedTuple):
@@ -44,168 +72,169 @@ class NoiseFit(NamedTuple):
     white: Term  # N, unit sqrt(s)
     flicker: Term  # B, unit: the floor divided by 0.664
     walk: Term  # K, unit / sqrt(s)
-    quantisation: Term  # Q, unit s
     minimum: float  # of the measured Allan deviation
     minimum_sigma: float
     minimum_at_s: float
-    minimum_reached: bool  # False: the curve is white noise up to the record's end
     bias: GaussMarkov
     shortest_s: float  # shorter averaging times fit no term and were left out
     misfit: float  # rms of the weighted residuals, about 1 or less
-    degrees: Array  # (k,) equivalent degrees of freedom
-    variances: Array  # (k,) as measured, with the drift removed
+    variances: Array  # (k,) as measured
     model: Array  # (k,) fitted variances
     bias_model: Array  # (k,) variances of the filter's model
 
 
-class AllanAnalysis:
-    """Hold what all axes of a record share: averaging times and their covariance."""
-
-    def __init__(self, curve: AllanCurve, step_s: float) -> None:
-        spans = (curve.pairs - 1) * curve.strides + 2 * curve.slots
-        used = curve.slots <= _LONGEST * spans
-        self.curve = AllanCurve(*(column[used] for column in curve))
-        self.tau_s = self.curve.slots * step_s
-        self.span_s = float(spans.max()) * step_s
-        self._columns = shapes(self.tau_s, self.curve.inverse_counts / step_s)
-        self._products = products(self.curve, step_s)
-
-    def fit(self, channel: int, ramp: float = 0.0) -> NoiseFit:
-        """Return the fit of one channel; a steady drift ``ramp`` (unit/s) is removed first."""
-        rise = ramp * self.tau_s  # what a drift adds to each difference
-        steps, measured = (
-            column[:, channel] for column in (self.curve.steps, self.curve.variances)
-        )
-        variances = measured - rise * steps + 0.5 * rise**2
-        columns = np.column_stack([self._columns, 3 / self.tau_s**2])
-        start, powers = self._powers(variances, columns)
-        model = columns @ powers
-        spread = covariance(powers[:3], self._products)
-        degrees = 2 * (columns[:, :3] @ powers[:3]) ** 2 / spread.diagonal()
-        sigmas, misfit = _sigmas(variances, columns, model, spread, start)
-        without = self._without(variances, columns, powers, start)
-        sigmas *= max(misfit, 1.0)
-        random_walk, flicker, walk, quantisation = (
-            _term(*one)
-            for one in zip(*(part.tolist() for part in (powers, sigmas, without)), strict=True)
-        )
-        white = powers[0] * columns[:, 0]
-        # The lowest point among those with enough degrees of freedom.
-        at = int(np.argmin(np.where(degrees >= _LEAST_DEGREES, variances, np.inf)))
-        lowest = math.sqrt(variances[at])
-        part = slice(start, None)
-        bias = fit_bias(self.tau_s, variances - white, model, spread, part, flicker)
-        return NoiseFit(
-            white=random_walk,
-            flicker=flicker,
-            walk=walk,
-            quantisation=quantisation,
-            minimum=lowest,
-            minimum_sigma=lowest / math.sqrt(2 * degrees[at]),
-            minimum_at_s=float(self.tau_s[at]),
-            minimum_reached=flicker.value is not None or walk.value is not None,
-            bias=bias,
-            shortest_s=float(self.tau_s[start]),
-            misfit=misfit,
-            degrees=degrees,
-            variances=variances,
-            model=model,
-            bias_model=white + bias.variances(self.tau_s),
-        )
-
-    def _powers(self, variances: Array, columns: Array) -> tuple[int, Array]:
-        """Return the index of the first point that the terms explain, and their squares (4,).
-
-        A sensor's low-pass filter lowers the variances at the shortest times, and vibration raises
-        them. Such points are left out one by one.
-        """
-        plain, start = columns.copy(), 0
-        plain[:, 3] = 0.0
-        while True:
-            powers = self._weighted(variances, plain, start)
-            misfit = variances / (plain @ powers) - 1
-            if abs(misfit[start]) < _BARE_MISFIT or start + _FEWEST >= len(variances):
-                break
-            start += 1
-        if start:  # try quantisation, and use it only if it explains all the points
-            with_steps = self._weighted(variances, columns, 0)
-            if abs(variances[0] / (columns[0] @ with_steps) - 1) < _BARE_MISFIT:
-                return 0, with_steps
-            reach = self.tau_s >= _REACH * self.tau_s[start]
-            start = min(int(np.argmax(reach)) if reach.any() else start, len(variances) - _FEWEST)
-            powers = self._weighted(variances, plain, start)
-        return start, powers
-
-    def _without(self, variances: Array, columns: Array, powers: Array, start: int) -> Array:
-        """Return (4,) the scatter that each squared term would have if it were absent.
-
-        Significance is judged by this, not by the scatter with the term present: long averaging
-        times have few degrees of freedom, but a curve far above the other terms is not by chance.
-        """
-        found = np.zeros(len(powers))
-        for term in np.flatnonzero(powers):
-            rest = columns.copy()
-            rest[:, term] = 0.0
-            others = self._weighted(variances, rest, start)
-            spread = covariance(others[:3], self._products)
-            model = np.maximum(rest @ others, 1e-9 * variances)
-            found[term] = _sigmas(variances, columns, model, spread, start)[0][term]
-        return found
-
-    def _weighted(self, variances: Array, columns: Array, start: int) -> Array:
-        """Return the squares of the terms, fitted to the points from ``start`` on."""
-        model = variances
-        degrees = self.span_s / self.tau_s  # first guess: averages without overlap
-        for _ in range(_STEPS):
-            weights = _weights(model, degrees)[start:]
-            powers = _non_negative(columns[start:] * weights[:, None], variances[start:] * weights)
-            noise = columns[:, :3] @ powers[:3]
-            model = np.maximum(columns @ powers, 1e-9 * variances)
-            spread = covariance(powers[:3], self._products).diagonal()
-            floor = np.maximum(spread, 1e-30 * noise**2)
-            degrees = np.divide(2 * noise**2, floor, out=degrees.copy(), where=noise > 0)
-        return powers
+def fit_noise(curve: AllanCurve, channel: int) -> NoiseFit:
+    """Return the fit of one channel."""
+    tau_s, variances = curve.tau_s, curve.variances[:, channel]
+    floor = np.full(len(tau_s), FLICKER_FLOOR**2)
+    columns = np.stack([curve.white, floor, tau_s / 3], axis=1)
+    start, powers = _explained(columns, variances, curve.degrees)
+    model, used = columns @ powers, slice(start, None)
+    white = powers[0] * curve.white
+    # The lowest point among those with enough degrees of freedom.
+    at = int(np.argmin(np.where(curve.degrees >= _LEAST_DEGREES, variances, np.inf)))
+    lowest = math.sqrt(variances[at])
+    part = columns[used], variances[used], curve.degrees[used]
+    (random_walk, flicker, walk), misfit = _terms(*part, powers)
+    spread = np.sqrt(2 / curve.degrees) * model
+    bias = _fit_bias(tau_s[used], (variances - white)[used], model[used], spread[used], flicker)
+    return NoiseFit(
+        white=random_walk,
+        flicker=flicker,
+        walk=walk,
+        minimum=lowest,
+        minimum_sigma=lowest / math.sqrt(2 * curve.degrees[at]),
+        minimum_at_s=float(tau_s[at]),
+        bias=bias,
+        shortest_s=float(tau_s[start]),
+        misfit=misfit,
+        variances=variances,
+        model=model,
+        bias_model=white + bias.sigma**2 * gauss_markov(tau_s, bias.time_s),
+    )
 
 
-def deviation_band(variances: Array, degrees: Array, share: float = 0.95) -> tuple[Array, Array]:
-    """Return the lowest and highest Allan deviation (k,) at a confidence level (chi-square)."""
+def deviation_band(curve: AllanCurve, variances: Array) -> tuple[Array, Array]:
+    """Return the lowest and highest Allan deviation (k,) at 95 % confidence (chi-square)."""
     from scipy.special import chdtri  # noqa: PLC0415  slow to import
 
-    high, low = (
-        chdtri(degrees, tail) / degrees for tail in (0.5 - 0.5 * share, 0.5 + 0.5 * share)
-    )
+    high, low = (chdtri(curve.degrees, tail) / curve.degrees for tail in (0.025, 0.975))
     return np.sqrt(variances / high), np.sqrt(variances / low)
 
 
-def _non_negative(columns: Array, values: Array) -> Array:
-    """Solve least squares (n, k), (n,) with no negative coefficient; the columns are scaled."""
+def gauss_markov(tau_s: Array, time_s: float | Array) -> Array:
+    """Return the Allan variance of a first-order Gauss-Markov process of standard deviation 1.
+
+    IEEE Std 952, annex C.1.5, with the driving noise ``sqrt(2 / time_s)`` of ``ins_error_model``.
+    """
+    r = np.asarray(tau_s / time_s)
+    decay = -np.expm1(-r)
+    # 3 - 4 exp(-r) + exp(-2 r) = 2 decay + decay^2, which is accurate down to r = 1e-3.
+    closed = 2 / r * (1 - (2 * decay + decay**2) / (2 * r))
+    return np.where(r < 1e-3, 2 * r / 3, closed)
+
+
+def _explained(columns: Array, variances: Array, degrees: Array) -> tuple[int, Array]:
+    """Return the index of the first point that the terms explain, and their squares (3,).
+
+    A sensor's low-pass filter lowers the variances at the shortest times, and vibration or coarse
+    readings raise them. Such points are left out one by one.
+    """
+    last = max(len(variances) - _FEWEST, 0)
+    for start in range(last + 1):
+        powers = _weighted(columns[start:], variances[start:], degrees[start:])
+        if abs(variances[start] / (columns[start] @ powers) - 1) < _BARE_MISFIT:
+            break
+    if start:
+        start = min(start + _REACH, last)
+        powers = _weighted(columns[start:], variances[start:], degrees[start:])
+    return start, powers
+
+
+def _weighted(columns: Array, variances: Array, degrees: Array) -> Array:
+    """Return the squares (p,) of the terms with these columns (k, p)."""
     from scipy.optimize import nnls  # noqa: PLC0415  slow to import
 
-    scale = np.linalg.norm(columns, axis=0)
-    scale[scale == 0] = 1.0
-    return np.asarray(nnls(columns / scale, values)[0] / scale)
+    model = variances
+    for _ in range(_STEPS):
+        weights = _weights(model, degrees)
+        weighted = columns * weights[:, None]
+        scale = np.linalg.norm(weighted, axis=0)
+        powers = np.asarray(nnls(weighted / scale, variances * weights)[0] / scale)
+        model = np.maximum(columns @ powers, 1e-9 * variances)
+    return powers
 
 
 def _weights(model: Array, degrees: Array) -> Array:
-    return np.asarray(1 / (model * np.sqrt(2 / np.maximum(degrees, 1e-3) + _MODEL**2)))
+    return np.asarray(1 / (model * np.sqrt(2 / degrees + _MODEL**2)))
 
 
-def _sigmas(
-    variances: Array, columns: Array, model: Array, spread: Array, start: int
-) -> tuple[Array, float]:
-    """Return the standard deviations (4,) of the squared terms, and the misfit."""
-    degrees = 2 * model**2 / np.maximum(spread.diagonal(), 1e-300)
-    weights = _weights(model, degrees)[start:]
-    scale = np.maximum(np.linalg.norm(columns[start:] * weights[:, None], axis=0), 1e-300)
-    gain = np.linalg.pinv(columns[start:] * weights[:, None] / scale) * weights / scale[:, None]
-    deviation = np.sqrt(np.einsum("ij,jk,ik->i", gain, spread[start:, start:], gain))
-    misfit = math.sqrt(float(np.mean((weights * (variances - model)[start:]) ** 2)))
-    return np.asarray(deviation), misfit
+def _terms(
+    columns: Array, variances: Array, degrees: Array, powers: Array
+) -> tuple[list[Term], float]:
+    """Return the terms of squares (3,), and the misfit."""
+    model = columns @ powers
+    weights = _weights(model, degrees)
+    misfit = math.sqrt(float(np.mean((weights * (variances - model)) ** 2)))
+    weighted = columns * weights[:, None]
+    scale = np.linalg.norm(weighted, axis=0)
+    inverse = np.linalg.pinv((weighted / scale).T @ (weighted / scale), hermitian=True)
+    sigmas = np.sqrt(_SHARED * np.diag(inverse)) / scale * max(misfit, 1.0)
+    whole = _misfits(variances, model, degrees)
+    found = []
+    for k, (power, sigma) in enumerate(zip(powers.tolist(), sigmas.tolist(), strict=True)):
+        upper = math.sqrt(power + 2 * sigma)
+        others = np.delete(columns, k, axis=1)
+        model = np.maximum(others @ _weighted(others, variances, degrees), 1e-9 * variances)
+        lost = _misfits(variances, model, degrees) - whole
+        if power > 0 and lost > _SEEN * max(misfit, 1.0) ** 2:
+            value = math.sqrt(power)
+            found.append(Term(value, sigma / (2 * value), upper))
+        else:
+            found.append(Term(None, math.nan, upper))
+    return found, misfit
 
 
-def _term(power: float, sigma: float, sigma_without: float) -> Term:
-    upper = math.sqrt(max(power, 0.0) + 2 * sigma)
-    if power <= _SEEN_SIGMA * sigma_without:
-        return Term(None, math.nan, upper)
-    value = math.sqrt(power)
-    return Term(value, sigma / (2 * value), upper)
+def _misfits(variances: Array, model: Array, degrees: Array) -> float:
+    """Return the deviance of chi-square variables, with the model's own error."""
+    ratio = variances / model
+    return float((2 * (ratio - 1 - np.log(ratio)) / (2 / degrees + _MODEL**2)).sum())
+
+
+def _fit_bias(
+    tau_s: Array, variances: Array, model: Array, spread: Array, flicker: Term
+) -> GaussMarkov:
+    """Return the process nearest to Allan variances (k,) from which white noise is subtracted.
+
+    ``model`` (k,) and ``spread`` (k,), its sigma, are of the complete variances. Correlation times
+    are tried from four times the shortest averaging time to four times the longest, which is the
+    record's length.
+    """
+    weights = 1 / np.hypot(spread, _BIAS_MODEL * model)
+    times_s = np.geomspace(4 * tau_s[0], 4 * tau_s[-1], _TIMES)
+    shapes = weights * gauss_markov(tau_s, times_s[:, None])  # (times, k)
+    gains = shapes / (shapes**2).sum(axis=1, keepdims=True)
+    powers = np.maximum(gains @ (weights * variances), 0.0)
+    sigmas = np.sqrt(_SHARED * ((gains * weights * spread) ** 2).sum(axis=1))
+
+    def costs(tried: Array) -> Array:
+        return np.asarray(((weights * variances - tried[:, None] * shapes) ** 2).sum(axis=1))
+
+    cost = costs(powers)
+    best = int(np.argmin(cost))
+    if powers[best] <= _SEEN_SIGMA * sigmas[best]:
+        bound = math.sqrt(powers[-1] + _SEEN_SIGMA * sigmas[-1])
+        return GaussMarkov(
+            bound, float(times_s[-1]), sigmas[-1] / (2 * bound), math.inf, seen=False
+        )
+    sigma = math.sqrt(powers[best])
+    sigma_of_sigma = float(sigmas[best]) / (2 * sigma)
+    if flicker.value is not None:
+        constrained = costs(np.full(_TIMES, flicker.value**2))
+        if constrained.min() <= _AS_NEAR * cost[best]:
+            cost, best = constrained, int(np.argmin(constrained))
+            sigma, sigma_of_sigma = flicker.value, flicker.sigma
+    # A misfit of the model counts as error of the time.
+    near = times_s[cost <= cost[best] + max(1.0, cost[best] / len(weights))]
+    factor = float(max(near[-1] / times_s[best], times_s[best] / near[0]))
+    return GaussMarkov(sigma, float(times_s[best]), sigma_of_sigma, factor, seen=True)

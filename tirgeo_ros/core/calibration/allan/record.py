@@ -8,7 +8,7 @@ without a sample are NaN.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -21,7 +21,7 @@ from tirgeo_ros.core.types.errors import CalibrationError
 _SPLIT_NS = 10_000_000_000
 _BACK_NS = 1_000_000_000
 _FEWEST = 100  # samples needed for a rate
-_ALONE = 1.75  # times the median step: no sample is missing in a shorter step
+_NEAR = 0.75  # of the median step: other steps have a sample missing, or one that is late
 _BURSTS = 0.3  # a median step below this share of the mean: samples come in bursts
 _AROUND = 101  # steps whose mean is the local one
 _LONG_GAP = 30.0  # times the mean step: longer than the pause between bursts
@@ -48,75 +48,56 @@ class ImuRecord:
                     yield start_s + begin * self.step_s, block
 
 
-def filled(block: Array) -> Array:
-    """Return samples (n, channels) with missing ones interpolated linearly."""
-    there = np.isfinite(block[:, 0])
-    if there.all():
-        return block
-    places = np.arange(len(block))
-    return np.stack([np.interp(places, places[there], c[there]) for c in block.T], axis=1)
-
-
-def record_of(stamps_ns: IntArray, blocks: Sequence[Array]) -> ImuRecord:
-    """Return the record of samples with stamps (n,) and values (n, 6), given in blocks.
+def record_of(stamps_ns: IntArray, values: Array) -> ImuRecord:
+    """Return the record of samples with stamps (n,) and values (n, 6).
 
     Raises CalibrationError for a record without a rate, or with too many samples missing.
     """
-    finite = np.concatenate([np.isfinite(block).all(axis=1) for block in blocks])
-    identical = sum(int((b[1:] == b[:-1]).all(axis=1).sum()) for b in blocks)
+    finite = np.isfinite(values).all(axis=1)
     times_ns = _without_clock_steps(stamps_ns[finite])
-    newest = np.maximum.accumulate(times_ns)
-    repeated, late = times_ns[1:] == newest[:-1], times_ns[1:] < newest[:-1]
-    rising = np.concatenate([[True], ~(repeated | late)])[: len(times_ns)]
+    newest_ns = np.maximum.accumulate(times_ns)[:-1]
+    rising = np.concatenate([[True], times_ns[1:] > newest_ns])
     irregular = {
         "not_finite": int((~finite).sum()),
-        "repeated_stamps": int(repeated.sum()),
-        "late_stamps": int(late.sum()),
-        "same_as_before": identical,
+        "repeated_stamps": int((times_ns[1:] == newest_ns).sum()),
+        "late_stamps": int((times_ns[1:] < newest_ns).sum()),
+        "same_as_before": int((values[1:] == values[:-1]).all(axis=1).sum()),
     }
-    kept = np.flatnonzero(finite)[rising]
-    times_ns = times_ns[rising]
-    step_ns, steps = _places(times_ns)
+    kept, times_ns = np.flatnonzero(finite)[rising], times_ns[rising]
+    step_ns, places = _places(times_ns)
     edges = [0, *(np.flatnonzero(np.diff(times_ns) > _SPLIT_NS) + 1).tolist(), len(times_ns)]
-    placed = [_slots(steps[a:b]) for a, b in pairwise(edges)]
-    sizes = [int(slots[-1]) + 1 for slots, _ in placed]
-    lost = sum(sizes) - len(kept) + irregular["not_finite"]
+    runs: list[Array] = []
+    off: list[Array] = []
+    gaps = 0
+    for begin, end in pairwise(edges):
+        slots, jitter = _slots(places[begin:end])
+        run = values[kept[begin] : kept[end - 1] + 1]
+        if not len(run) == end - begin == slots[-1] + 1:  # samples are missing
+            run = np.full((int(slots[-1]) + 1, values.shape[1]), np.nan)
+            run[slots] = values[kept[begin:end]]
+        runs.append(run)
+        off.append(jitter)
+        gaps += int((np.diff(slots) > 1).sum())
+    missing = sum(map(len, runs)) - len(kept)
+    lost = missing + irregular["not_finite"]
     if lost > _MOST_MISSING * (len(kept) + lost):
         raise CalibrationError(
             f"{lost} samples are missing or not finite beside {len(kept)} good ones; record "
             "again without loss, with the sensor's own stamps"
         )
-    irregular |= {
-        "missing": sum(sizes) - len(kept),
-        "gaps": sum(int((np.diff(slots) > 1).sum()) for slots, _ in placed),
-        "splits": len(sizes) - 1,
-    }
-    begins = np.cumsum([0, *sizes])
-    places = np.concatenate([at + slots for at, (slots, _) in zip(begins, placed, strict=False)])
+    irregular |= {"missing": missing, "gaps": gaps, "splits": len(runs) - 1}
     return ImuRecord(
-        np.split(_gridded(blocks, kept, places, int(begins[-1])), begins[1:-1]),
+        runs,
         [float(times_ns[begin]) * 1e-9 for begin in edges[:-1]],
         step_ns * 1e-9,
-        float(np.std(np.concatenate([off for _, off in placed]))) * step_ns * 1e-9 / math.sqrt(2),
+        float(np.std(np.concatenate(off))) * step_ns * 1e-9 / math.sqrt(2),
         len(kept),
         irregular,
     )
 
 
-def _gridded(blocks: Sequence[Array], kept: IntArray, places: IntArray, size: int) -> Array:
-    """Return (size, channels): the samples ``kept`` of all blocks at ``places``, else NaN."""
-    grid = np.full((size, blocks[0].shape[1]), np.nan)
-    bounds = np.cumsum([0, *map(len, blocks)])
-    cuts = np.searchsorted(kept, bounds)
-    for block, first, begin, end in zip(blocks, bounds, cuts, cuts[1:], strict=False):
-        grid[places[begin:end]] = block[kept[begin:end] - first]
-    return grid
-
-
 def _without_clock_steps(stamps_ns: IntArray) -> IntArray:
     """Return times from the first sample, with a split where the clock went back far."""
-    if not len(stamps_ns):
-        raise CalibrationError("no sample is left; look at --from and --to")
     times_ns = stamps_ns - stamps_ns[0]  # small numbers, exact to a nanosecond in floats
     steps_ns = np.diff(times_ns, prepend=0)
     shifts = np.where(steps_ns < -_BACK_NS, _SPLIT_NS + 1 - steps_ns, 0)
@@ -139,17 +120,15 @@ def _places(times_ns: IntArray) -> tuple[float, Array]:
         )
     usual = float(np.median(steps[within]))
     for _ in range(2):
-        within = within & (steps <= _LONG_GAP * steps[within].mean())
+        within &= steps <= _LONG_GAP * steps[within].mean()
     if usual >= _BURSTS * steps[within].mean():
         # A late sample makes a long step and then a short one: both count, or neither.
-        within = np.abs(steps - usual) <= (_ALONE - 1) * usual
+        within = np.abs(steps - usual) <= _NEAR * usual
     step_ns = float(steps[within].mean())
     around = min(_AROUND, len(steps))
-    total, number = (
-        uniform_filter1d(column, around)
-        for column in (np.where(within, steps, 0.0), within.astype(float))
-    )
-    local = np.where(number > 0.5, total / np.maximum(number, 0.5), step_ns)
+    number = uniform_filter1d(within.astype(float), around)
+    local = uniform_filter1d(np.where(within, steps, 0.0), around)
+    local = np.where(number > 0.5, local / np.maximum(number, 0.5), step_ns)
     return step_ns, np.concatenate([[0.0], np.cumsum(steps / local)])
 
 

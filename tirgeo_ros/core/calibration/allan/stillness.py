@@ -1,4 +1,4 @@
-"""Check whether an IMU was at rest during a record: movement, drift, settling, by seconds."""
+"""Check whether an IMU was at rest during a record: movement and drift, by seconds."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ class Seconds(NamedTuple):
 def seconds_of(record: ImuRecord) -> Seconds:
     """Return the seconds with at least half of their samples."""
     blocks = list(record.blocks(max(round(1 / record.step_s), 2), 0.5))
-    means = [np.nanmean(block, axis=0) for _, block in blocks]
-    scatters = [np.nanstd(block, axis=0) for _, block in blocks]
+    means = np.array([np.nanmean(block, axis=0) for _, block in blocks])
+    scatters = np.array([np.nanstd(block, axis=0) for _, block in blocks])
     starts_s = np.array([start_s for start_s, _ in blocks])
-    return Seconds(starts_s, *(np.array(column).reshape(-1, 6) for column in (means, scatters)))
+    return Seconds(starts_s, means.reshape(-1, 6), scatters.reshape(-1, 6))
 
 
 def movements(seconds: Seconds) -> list[Interval]:
@@ -60,19 +60,12 @@ def movements(seconds: Seconds) -> list[Interval]:
         return [Interval(float(seconds.starts_s[0]), float(seconds.starts_s[-1]) + 1.0)]
     moved[1:-1] = (jumps > np.maximum(_SCATTERS * usual, _LEAST)).any(axis=1)
     limit = np.maximum(_SHAKEN * np.median(seconds.scatters, axis=0), _LEAST)
-    return _intervals(seconds.starts_s[moved | (seconds.scatters > limit).any(axis=1)])
-
-
-def largest_move(seconds: Seconds, found: Sequence[Interval]) -> tuple[float, float]:
-    """Return the largest move in these intervals, of any axis: rad/s, m/s2."""
-    moves = [np.zeros(6)]
-    for one in found:
-        # Include the previous second, with the attitude before the move.
-        inside = (seconds.starts_s >= one.from_s - 1.5) & (seconds.starts_s < one.to_s)
-        spread = np.ptp(seconds.means[inside], axis=0)
-        moves.append(np.maximum(spread, seconds.scatters[inside].max(axis=0)))
-    worst = np.max(moves, axis=0)
-    return float(worst[:3].max()), float(worst[3:].max())
+    found: list[Interval] = []
+    for start in seconds.starts_s[moved | (seconds.scatters > limit).any(axis=1)].tolist():
+        joined = found and start - found[-1].to_s <= _JOIN_S
+        begin = found.pop().from_s if joined else start
+        found.append(Interval(begin, start + 1.0))
+    return found
 
 
 def longest_stillness(found: Sequence[Interval], from_s: float, to_s: float) -> Interval:
@@ -82,37 +75,27 @@ def longest_stillness(found: Sequence[Interval], from_s: float, to_s: float) -> 
     return max(rests, key=lambda rest: rest.to_s - rest.from_s)
 
 
-def drifts(seconds: Seconds) -> tuple[Array, BoolArray]:
-    """Return slopes (6,), unit/s, and whether the record drifts steadily along them (6,).
+def drifts(seconds: Seconds) -> tuple[Array, BoolArray, BoolArray]:
+    """Return changes (6,), unit, from first to last second, which are steady, which settle.
 
-    A warming sensor does. So does one random walk in twenty; one record cannot separate the two.
+    A sensor that warms up drifts steadily, or settles exponentially after it was switched on. So
+    does one random walk in twenty; one record cannot separate the two.
     """
-    t = seconds.starts_s - seconds.starts_s.mean() if len(seconds.starts_s) else np.zeros(0)
-    if len(t) < _FEWEST_OF_DRIFT:
-        return np.zeros(6), np.zeros(6, bool)
-    slopes, explained, sure = _along(seconds, t)
-    return slopes, (explained > _STEADY) & sure
-
-
-def settlings(seconds: Seconds) -> tuple[Array, BoolArray]:
-    """Return changes (6,), unit, of exponential settling from first to last second, and whether.
-
-    A sensor that was switched on settles exponentially from the start. Pure random walks seem to
-    settle no more often than they seem to drift steadily; flicker noise does not.
-    """
-    change, settles, best = np.zeros(6), np.zeros(6, bool), np.zeros(6)
+    changes, found, linear = np.zeros(6), np.zeros(6, bool), np.zeros(6, bool)
     if len(seconds.starts_s) < _FEWEST_OF_DRIFT:
-        return change, settles
-    t = seconds.starts_s - seconds.starts_s[0]
-    for part in _SETTLED_IN.tolist():
-        shape = -np.exp(-t / (part * t[-1]))
-        shape -= shape.mean()
+        return changes, found, found
+    t = (seconds.starts_s - seconds.starts_s[0]) / np.ptp(seconds.starts_s)
+    most = np.zeros(6)
+    for number, form in enumerate([t, *(-np.exp(-t / part) for part in _SETTLED_IN)]):
+        shape = form - form.mean()
         factors, explained, sure = _along(seconds, shape)
-        better = factors**2 * (shape @ shape) > best
-        best = np.where(better, factors**2 * (shape @ shape), best)
-        change = np.where(better, factors * (shape[-1] - shape[0]), change)
-        settles = np.where(better, (explained > _STEADY) & sure, settles)
-    return change, settles
+        power = factors**2 * (shape @ shape)
+        better = power > most
+        most = np.maximum(power, most)
+        changes = np.where(better, factors * (shape[-1] - shape[0]), changes)
+        found = np.where(better, (explained > _STEADY) & sure, found)
+        linear = np.where(better, number == 0, linear)
+    return changes, found & linear, found & ~linear
 
 
 def _along(seconds: Seconds, shape: Array) -> tuple[Array, Array, BoolArray]:
@@ -129,13 +112,3 @@ def _along(seconds: Seconds, shape: Array) -> tuple[Array, Array, BoolArray]:
     explained = line.var(axis=0) / np.maximum(series.var(axis=0), 1e-300)
     rest = (seconds.means - shape[:, None] * factors).std(axis=0)
     return factors, explained, np.abs(factors) * math.sqrt(float(shape @ shape)) > _SURE * rest
-
-
-def _intervals(starts_s: Array) -> list[Interval]:
-    found: list[Interval] = []
-    for start in starts_s.tolist():
-        if found and start - found[-1].to_s <= _JOIN_S:
-            found[-1] = Interval(found[-1].from_s, start + 1.0)
-        else:
-            found.append(Interval(start, start + 1.0))
-    return found

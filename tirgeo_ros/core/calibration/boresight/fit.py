@@ -99,8 +99,7 @@ def fit(
     chosen = sorted(map(PARAMETERS.index, estimated))
     names = tuple(PARAMETERS[k] for k in chosen)
     start = sights(flight, sightings, np.zeros(len(PARAMETERS)))
-    correction = _robust(flight, sightings, chosen)
-    correction, sight, used = _polished(flight, sightings, chosen, correction)
+    correction, sight, used = _solved(flight, sightings, chosen)
     normal = _normal(sight, chosen, used.astype(float))
     freedom = max(2 * int(used.sum()) - len(chosen), 1)
     factor = math.sqrt(float((_sigmas(sight)[used] ** 2).sum()) / freedom)
@@ -163,51 +162,45 @@ def _scale(sigmas: Array) -> float:
     return max(1.0, float(np.nanmedian(sigmas)) / _MEDIAN_SIGMAS)
 
 
-def _robust(flight: SightedFlight, sightings: Sequence[PointSighting], chosen: list[int]) -> Array:
-    """Return the correction (7,) fitted with Cauchy weights."""
-    correction = np.zeros(len(PARAMETERS))
-    for k in range(_MOST_STEPS):
-        sight = sights(flight, sightings, correction)
-        sigmas = _sigmas(sight)
-        ratio = sigmas / (_CAUCHY_SIGMAS * _scale(sigmas))
-        weights = np.where(np.isnan(ratio), 0.0, 1 / (1 + ratio**2))
-        step = _normal(sight, chosen, weights).solved()
-        step *= 1.0 if k < _DAMPED_FROM else 0.5
-        correction[chosen] += step * LIMITS[chosen]
-        _check_latency(flight, correction)
-        if np.abs(step).max() < _SETTLED:
-            return correction
-    raise CalibrationError(
-        "the fit does not settle: do most observations have the right id, stamp and pixel?"
-    )
-
-
-def _polished(
-    flight: SightedFlight, sightings: Sequence[PointSighting], chosen: list[int], correction: Array
+def _solved(
+    flight: SightedFlight, sightings: Sequence[PointSighting], chosen: list[int]
 ) -> tuple[Array, Sight, BoolArray]:
-    """Fit by least squares to the sightings that agree; choose them anew in every step."""
+    """Return the correction (7,), the sightings under it, and which of them it is fitted to (N,).
+
+    With Cauchy weights first, then by least squares to the sightings that agree, chosen anew in
+    every step.
+    """
+    correction, used = np.zeros(len(PARAMETERS)), np.zeros(len(sightings), bool)
     sight = sights(flight, sightings, correction)
-    used = np.zeros(len(sightings), bool)
-    for k in range(_MOST_STEPS):
-        sigmas = _sigmas(sight)
-        agree = sigmas <= MOST_SIGMAS * _scale(sigmas)  # nan compares false
-        if agree.sum() < _LEAST_SHARE * len(agree):
-            raise CalibrationError(
-                f"only {agree.sum()} of {len(agree)} observations agree with each other: are ids, "
-                "stamps, the survey's heights (ellipsoidal) and the camera's calibration right?"
-            )
-        step = _normal(sight, chosen, agree.astype(float)).solved() * (
-            1.0 if k < _DAMPED_FROM else 0.5
+    for robust in (True, False):
+        for k in range(_MOST_STEPS):
+            sigmas = _sigmas(sight)
+            before, used = used, sigmas <= MOST_SIGMAS * _scale(sigmas)  # nan compares false
+            ratio = np.nan_to_num(sigmas, nan=np.inf) / (_CAUCHY_SIGMAS * _scale(sigmas))
+            if not robust:
+                _check_share(used)
+            weights = 1 / (1 + ratio**2) if robust else used.astype(float)
+            step = _normal(sight, chosen, weights).solved() * (1.0 if k < _DAMPED_FROM else 0.5)
+            correction[chosen] += step * LIMITS[chosen]
+            _check_latency(flight, correction)
+            sight = sights(flight, sightings, correction)
+            if np.abs(step).max() < _SETTLED and (robust or (used == before).all()):
+                break
+        else:
+            if robust:
+                raise CalibrationError(
+                    "the fit does not settle: do most observations have the right id, stamp and "
+                    "pixel?"
+                )
+    return correction, sight, used & np.isfinite(sight.residual[:, 0])
+
+
+def _check_share(agree: BoolArray) -> None:
+    if agree.sum() < _LEAST_SHARE * len(agree):
+        raise CalibrationError(
+            f"only {agree.sum()} of {len(agree)} observations agree with each other: are ids, "
+            "stamps, the survey's heights (ellipsoidal) and the camera's calibration right?"
         )
-        correction = correction.copy()
-        correction[chosen] += step * LIMITS[chosen]
-        _check_latency(flight, correction)
-        sight = sights(flight, sightings, correction)
-        settled = np.abs(step).max() < _SETTLED and (agree == used).all()
-        used = agree & np.isfinite(sight.residual[:, 0])
-        if settled:
-            break
-    return correction, sight, used
 
 
 def _check_latency(flight: SightedFlight, correction: Array) -> None:

@@ -2,21 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from tirgeo_ros.core.calibration.boresight.fit import LIMITS
-from tirgeo_ros.core.calibration.boresight.model import (
-    PARAMETERS,
-    PointSighting,
-    SightedFlight,
-    corrected_pose,
-    sights,
-)
-from tirgeo_ros.core.frames.rotations import matrix_from_quat
+from tirgeo_ros.core.calibration.boresight.model import PARAMETERS, PointSighting
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
 
@@ -28,13 +20,11 @@ UNASKED_SHARE = 1 / 3
 #: A parameter belongs to the inseparable ones if its part of the worst direction is larger than
 #: this share of the largest part.
 _PART = 0.2
-
-#: A parameter that moves no pixel by more than this has no effect but rounding.
-_IDLE_PX_RAD = 1.0
-
-_OF_NORTH = ("gimbal_north", "heading_offset")
-#: Parameter -> why it cannot be found, and what to do.
+_TILT = "the camera's tilt hardly varied", "fly with at least two tilts 20 deg apart, or --hold it"
+#: Parameter -> why it cannot be found, and what to do; the first that applies is given.
 _ADVICE = {
+    "gimbal_north": _TILT,
+    "heading_offset": _TILT,
     "ground_height": (
         "the points are seen from about the same height and angle",
         "fly at two heights or two tilts, or --hold ground_height",
@@ -44,6 +34,7 @@ _ADVICE = {
         "fly legs in several directions and click in turns too, or --hold latency",
     ),
 }
+_FEW = "too few observations", "click more points in more pictures, all over the picture"
 
 
 @dataclass(frozen=True)
@@ -73,13 +64,7 @@ def check_numbers(sightings: Sequence[PointSighting]) -> None:
         )
 
 
-def doubt(
-    flight: SightedFlight,
-    sightings: Sequence[PointSighting],
-    estimated: Sequence[str],
-    covariance: Array,
-    share: float = 1.0,
-) -> Ambiguity | None:
+def doubt(estimated: Sequence[str], covariance: Array, share: float = 1.0) -> Ambiguity | None:
     """Return what a covariance (p, p) of estimated parameters leaves open; None if nothing.
 
     A parameter is found if its standard deviation is within ``share`` of LIMITS.
@@ -89,48 +74,7 @@ def doubt(
     relative = covariance / np.outer(limits, limits)
     if (np.diag(relative) <= 1).all():
         return None
-    idle = _idle(flight, sightings, names)
-    if idle:
-        reason = "nothing that this flight's poses are made of depends on it"
-        return Ambiguity(idle, reason, f"leave out {', '.join(idle)}")
     worst = np.abs(np.linalg.eigh(relative)[1][:, -1])
     alike = tuple(n for n, part in zip(names, worst, strict=True) if part > _PART * worst.max())
-    return Ambiguity(alike, *_explained(alike, flight, sightings))
-
-
-def _idle(
-    flight: SightedFlight, sightings: Sequence[PointSighting], names: Sequence[str]
-) -> tuple[str, ...]:
-    """Return rotations about the vertical without effect, as the offset of an unused heading."""
-    design = np.nan_to_num(sights(flight, sightings, np.zeros(len(PARAMETERS))).design)
-    turns = [name for name in _OF_NORTH if name in names]
-    moves = {name: np.abs(design[:, :, PARAMETERS.index(name)]).max() for name in turns}
-    return tuple(name for name, most in moves.items() if most < _IDLE_PX_RAD)
-
-
-def _explained(
-    alike: Sequence[str], flight: SightedFlight, sightings: Sequence[PointSighting]
-) -> tuple[str, str]:
-    """Return the reason and the advice."""
-    if all(name in alike for name in _OF_NORTH):
-        return "both turn the camera about the vertical", "estimate one of them"
-    for name in (*_OF_NORTH, *_ADVICE):
-        if name in alike and name in _OF_NORTH:
-            tilt = math.degrees(np.ptp(_tilts(flight, sightings)))
-            why = f"the camera's tilt varied by {tilt:.1f} deg"
-            return why, f"fly with at least two tilts 20 deg apart, or --hold {name}"
-        if name in alike:
-            return _ADVICE[name]
-    wide, high = np.ptp(np.array([seen.uv for seen in sightings]), axis=0)
-    return (
-        f"{len(sightings)} observations over {wide:.0f} x {high:.0f} px are not enough",
-        "click more points in more pictures, all over the picture",
-    )
-
-
-def _tilts(flight: SightedFlight, sightings: Sequence[PointSighting]) -> Array:
-    """Return the angle of the camera below the horizon, rad, at each sighting with a pose."""
-    present = np.zeros(len(PARAMETERS))
-    found = (corrected_pose(flight, seen.stamp_ns, present) for seen in sightings)
-    axes_n = [matrix_from_quat(one[0].q_nc)[:, 2] for one in found if one is not None]
-    return np.arcsin(np.clip(np.array(axes_n)[:, 2], -1, 1))
+    reason, advice = next((_ADVICE[name] for name in _ADVICE if name in alike), _FEW)
+    return Ambiguity(alike, reason, advice)

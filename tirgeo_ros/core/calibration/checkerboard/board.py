@@ -105,21 +105,22 @@ class Refused:
     reason: RefusalReason
     detail: str  # numbers, and what to do
 
+    def __str__(self) -> str:
+        """Return reason and detail as reports have them."""
+        return f"{self.reason.value}: {self.detail}"
+
 
 @dataclass(frozen=True)
 class BoardSighting:
     """Hold a board's corners in a picture, in the order of ``Checkerboard.grid``.
 
     The order begins at one of the grid's ends and is right-handed: the board's z points away from
-    the camera. ``dark_first`` is whether the square diagonally outside corner 0 is dark.
+    the camera.
     """
 
     corners_px: Array  # (count, 2)
     sigma_px: float  # standard deviation of a coordinate, from the corner fits
     blur_px: Array  # (2,) sigma of the blur across the rows' edges and across the columns' edges
-    side_px: float  # shortest side of a square
-    contrast: float  # grey value difference between dark and light squares
-    dark_first: bool
 
 
 def steps_of(corners: Array, board: Checkerboard) -> Array:

@@ -2,8 +2,8 @@
 
 A plane has two poses that explain a weak picture of it about equally well (Collins and Bartoli,
 Infinitesimal plane-based pose estimation, IJCV 2014). Where the picture does not decide, the pose
-nearer to the last one is taken. A board looks the same after half a turn; the end from which its
-corners are counted is kept from the previous picture.
+nearer to the last one is taken. A board looks the same after half a turn, too: the end from which
+its corners are counted is that of the last picture.
 """
 
 from __future__ import annotations
@@ -37,24 +37,30 @@ class BoardPose(NamedTuple):
 
 def board_poses(sighting: BoardSighting, board: Checkerboard, camera: Camera) -> list[BoardPose]:
     """Return the poses that a sighting permits, the better one first; an empty list if none."""
+    lens = camera.matrix, np.array(camera.distortion or (0.0,) * 4)
     found = []
-    for rotation, position in _solutions(sighting, board, camera):
+    for rotation, position in _solutions(sighting, board, lens):
         arms_c = board.points_m @ rotation.T
-        uv, valid = camera.project(arms_c + position)  # by the camera's own model
-        if valid.all():
-            errors = sighting.corners_px - uv
-            rms = float(np.sqrt((errors**2).sum(1).mean()))
-            covariance = _covariance(arms_c, position, camera, errors)
-            found.append(BoardPose(rotation, position, rms, covariance))
+        uv, valid = camera.project(arms_c + position)
+        if not valid.all():
+            continue
+        errors = sighting.corners_px - uv
+        # At a rotation vector of zero the slopes by it are those by a small turn.
+        slopes = cv2.projectPoints(arms_c, np.zeros(3), position, *lens)[1][:, :6]
+        scale = 1 / np.linalg.norm(slopes, axis=0)
+        inverse = np.linalg.pinv((slopes * scale).T @ (slopes * scale), hermitian=True)
+        variance = (errors**2).sum() / max(errors.size - 6, 1)
+        covariance = (inverse * np.outer(scale, scale))[:3, :3] * variance
+        rms_px = float(np.sqrt((errors**2).sum(1).mean()))
+        found.append(BoardPose(rotation, position, rms_px, covariance))
     return sorted(found, key=lambda pose: pose.rms_px)
 
 
 def _solutions(
-    sighting: BoardSighting, board: Checkerboard, camera: Camera
+    sighting: BoardSighting, board: Checkerboard, lens: tuple[Array, Array]
 ) -> Iterator[tuple[Array, Array]]:
     """Yield least-squares rotations (3, 3) and positions (3,), each from another start."""
-    seen = np.ascontiguousarray(sighting.corners_px)
-    given = board.points_m, seen, camera.matrix, np.array(camera.distortion or (0.0,) * 4)
+    given = board.points_m, np.ascontiguousarray(sighting.corners_px), *lens
     for method in (cv2.SOLVEPNP_IPPE, cv2.SOLVEPNP_ITERATIVE):
         try:
             _, turns, places, _ = cv2.solvePnPGeneric(*given, flags=method)
@@ -70,76 +76,34 @@ def _solutions(
             return  # IPPE has no solution, or only nan, for some boards seen straight on
 
 
-def _covariance(arms_c: Array, position_c: Array, camera: Camera, errors: Array) -> Array:
-    """Return the rotation's covariance (3, 3), with the variance of the corners' errors."""
-    x, y, z = (arms_c + position_c).T
-    xx, xy, yx, yy = camera.slopes(x / z, y / z)
-    to_plane = np.zeros((len(z), 2, 3))
-    to_plane[:, 0, 0] = to_plane[:, 1, 1] = 1 / z
-    to_plane[:, 0, 2], to_plane[:, 1, 2] = -x / z**2, -y / z**2
-    lens = np.stack([np.stack([xx, xy], -1), np.stack([yx, yy], -1)], 1)
-    by_place = lens @ to_plane
-    by_turn = np.cross(arms_c[:, None], by_place)  # d(point) = phi x arm
-    slopes = np.concatenate([by_turn, by_place], 2).reshape(-1, 6)
-    normal = slopes.T @ slopes
-    scale = 1 / np.sqrt(np.diag(normal))
-    inverse = np.linalg.pinv(normal * np.outer(scale, scale), hermitian=True)
-    inverse *= np.outer(scale, scale)
-    return np.asarray(inverse[:3, :3] * (errors**2).sum() / max(errors.size - 6, 1))
-
-
 class BoardTracker:
-    """Track the pose of one fixed board over a video, starting from the last pose."""
+    """Track the pose of one fixed board over a video."""
 
     def __init__(self, board: Checkerboard, camera: Camera) -> None:
         self._board, self._camera = board, camera
-        self._last: Array | None = None
-        self._turned: Array = np.eye(3)
-        self._dark_first = False
+        self._last: Array = np.eye(3)
 
     def pose(self, sighting: BoardSighting) -> BoardPose | None:
-        """Return the board's pose, in a frame that is upright in the first picture, or None.
+        """Return the board's pose, or None.
 
-        The frame's x then points right, as nearly as the board's sides permit, y down, z away.
+        Of the poses that are not clearly worse than the best, and of the board's quarter turns, it
+        is the nearest to the last one. In the first picture it is the nearest to upright: x points
+        right, as nearly as the board's sides permit, y down, z away.
         """
-        poses = [
-            pose._replace(rotation_cb=pose.rotation_cb @ turn)
-            for pose in board_poses(sighting, self._board, self._camera)
-            for turn in self._turns(sighting)
-        ]
+        poses = board_poses(sighting, self._board, self._camera)
         if not poses:
             return None
-        if self._last is None:
-            # The quarter turns of the frame: the one whose x points right is upright.
-            quarters = [np.linalg.matrix_power(_QUARTER, number) for number in range(4)]
-            first = poses[0].rotation_cb
-            self._turned = max(quarters, key=lambda turn: float((first @ turn)[0, 0]))
-            self._dark_first = sighting.dark_first
-            best = poses[0]._replace(rotation_cb=first @ self._turned)
-        else:
-            last = self._last
-            # Of the poses that are not clearly worse than the best, the nearest to the last one.
-            count = self._board.count
-            least = min(pose.rms_px for pose in poses)
-            variance = max(least**2 * count / max(2 * count - 6, 1), 1e-12)
-            allowed = [p for p in poses if (p.rms_px**2 - least**2) * count <= _CLEAR * variance]
-            best = max(allowed, key=lambda pose: float(np.trace(last.T @ pose.rotation_cb)))
+        count, least = self._board.count, poses[0].rms_px
+        variance = max(least**2 * count / max(2 * count - 6, 1), 1e-12)
+        turned = [
+            pose._replace(rotation_cb=pose.rotation_cb @ np.linalg.matrix_power(_QUARTER, number))
+            for pose in poses
+            if (pose.rms_px**2 - least**2) * count <= _CLEAR * variance
+            for number in range(4)
+        ]
+        best = max(turned, key=lambda pose: float(np.trace(self._last.T @ pose.rotation_cb)))
         self._last = best.rotation_cb
         return best
-
-    def _turns(self, sighting: BoardSighting) -> list[Array]:
-        """Return the possible rotations from the track's frame to that of the counted corners."""
-        board, half = self._board, _QUARTER @ _QUARTER
-        if self._last is None:
-            return [np.eye(3)]
-        if board.columns == board.rows:
-            turns = [np.eye(3), _QUARTER, half, _QUARTER.T]
-        elif (board.columns + board.rows) % 2:
-            # Half a turn exchanges dark and light, so the squares' colours decide.
-            turns = [np.eye(3) if sighting.dark_first == self._dark_first else half]
-        else:
-            turns = [np.eye(3), half]
-        return [turn @ self._turned for turn in turns]
 
 
 def camera_angles(pose: BoardPose) -> tuple[Array, Array]:

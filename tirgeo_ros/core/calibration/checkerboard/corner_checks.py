@@ -50,14 +50,9 @@ def sigma_px(fit: CornerFit) -> float:
     return float(np.sqrt(np.median(np.trace(fit.covariance, axis1=1, axis2=2)) / 2))
 
 
-def alternating(board: Checkerboard) -> Array:
-    """Return (count,) alternating +1 and -1, like the contrast of the corners."""
-    return np.asarray(np.where(board.grid.sum(1) % 2 == 0, 1.0, -1.0))
-
-
 def _covered(fit: CornerFit, board: Checkerboard) -> Refused | None:
     """Reject corners without contrast, or with light and dark the wrong way round."""
-    signed = fit.contrast * alternating(board)
+    signed = fit.contrast * np.where(board.grid.sum(1) % 2 == 0, 1.0, -1.0)  # in turns
     median = np.nanmedian(signed) if np.isfinite(signed).any() else 0.0
     there = signed * np.sign(median) > _LEAST_CONTRAST * abs(median)  # nan compares false
     missing = int(len(there) - there.sum())
@@ -153,11 +148,8 @@ def _continued(
     grid = fit.uv.reshape(board.rows, board.columns, 2)
     steps = steps_of(fit.uv, board).reshape(board.rows, board.columns, 2, 2)
     sides = [
-        (grid[:, 0] - steps[:, 0, 0], steps[:, 0]),
-        (grid[:, -1] + steps[:, -1, 0], steps[:, -1]),
-        (grid[0] - steps[0, :, 1], steps[0]),
-        (grid[-1] + steps[-1, :, 1], steps[-1]),
-    ]
+        (grid[:, end] + way * steps[:, end, 0], steps[:, end]) for end, way in ((0, -1), (-1, 1))
+    ] + [(grid[end] + way * steps[end, :, 1], steps[end]) for end, way in ((0, -1), (-1, 1))]
     usual = np.median(np.abs(fit.contrast))
     for corners, step in sides:
         beyond = fit_corners(sharp, corners, step)

@@ -20,7 +20,7 @@ from tirgeo_ros.core.calibration.checkerboard.board import (
     Refused,
     steps_of,
 )
-from tirgeo_ros.core.calibration.checkerboard.corner_checks import alternating, doubt, sigma_px
+from tirgeo_ros.core.calibration.checkerboard.corner_checks import doubt, sigma_px
 from tirgeo_ros.core.calibration.checkerboard.corner_fit import fit_corners
 from tirgeo_ros.core.types.arrays import Array, Pixels, RawPixels
 
@@ -109,14 +109,8 @@ def _judged(
     if side < _LEAST_SIDE_PX:
         return Refused(RefusalReason.SMALL, f"squares of {side:.1f} px; come nearer")
     fit = fit_corners(sharp, corners, steps)
-    return doubt(sharp, fit, side, board) or BoardSighting(
-        fit.uv,
-        sigma_px(fit),
-        np.median(fit.blur_px, 0),
-        side,
-        contrast=float(2 * np.median(np.abs(fit.contrast))),
-        dark_first=bool(np.median(fit.contrast * alternating(board)) > 0),
-    )
+    blur_px = np.median(fit.blur_px, 0)
+    return doubt(sharp, fit, side, board) or BoardSighting(fit.uv, sigma_px(fit), blur_px)
 
 
 def _not_found(grey: RawPixels, board: Checkerboard) -> Refused:

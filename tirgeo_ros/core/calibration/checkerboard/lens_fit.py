@@ -23,7 +23,6 @@ from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError, CameraError
 
-MODELS = ("plumb_bob", "rational")
 #: Three views determine the focal lengths and the principal point; a wrong view needs more.
 FEWEST_VIEWS = 4
 #: A view is removed if its error is more than this multiple of the median, and more than these px.
@@ -42,11 +41,6 @@ class LensModel:
     model: str = "plumb_bob"
     k3: bool = False
 
-    def __post_init__(self) -> None:
-        """Check the model's name."""
-        if self.model not in MODELS:
-            raise CalibrationError(f"model {self.model!r}: use {' or '.join(MODELS)}")
-
     @property
     def flags(self) -> int:
         """Return OpenCV's flags."""
@@ -61,20 +55,6 @@ class LensModel:
 
 
 @dataclass(frozen=True)
-class FittedView:
-    """Hold a view that was used."""
-
-    rotation_cb: Array  # (3, 3) board to optical frame
-    position_c: Array  # (3,) m
-    errors_px: Array  # (count, 2) measured minus projected
-
-    @property
-    def rms_px(self) -> float:
-        """Return the rms distance of its corners, px."""
-        return float(np.sqrt((self.errors_px**2).sum(1).mean()))
-
-
-@dataclass(frozen=True)
 class LensFit:
     """Hold a calibrated lens."""
 
@@ -82,7 +62,8 @@ class LensFit:
     names: tuple[str, ...]  # parameter names
     values: Array  # (P,)
     covariance: Array  # (P, P)
-    views: dict[str, FittedView]
+    errors_px: dict[str, Array]  # (count, 2) measured minus projected, by view
+    tilt_rad: float  # largest angle between a board's normal and the mean normal
     refused: dict[str, Refused] = field(default_factory=dict)
 
     @property
@@ -91,23 +72,23 @@ class LensFit:
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     @property
+    def view_rms_px(self) -> dict[str, float]:
+        """Return the rms distance of the corners of each view, px."""
+        return {name: _rms(errors) for name, errors in self.errors_px.items()}
+
+    @property
     def rms_px(self) -> float:
         """Return the rms reprojection error, px, as OpenCV defines it: of distances."""
-        errors = np.concatenate([view.errors_px for view in self.views.values()])
-        return float(np.sqrt((errors**2).sum(1).mean()))
+        return _rms(np.concatenate([*self.errors_px.values()]))
 
     @property
     def mean_px(self) -> float:
         """Return the mean reprojection error, px, as MATLAB defines it: of distances."""
-        errors = np.concatenate([view.errors_px for view in self.views.values()])
-        return float(np.hypot(*errors.T).mean())
+        return float(np.hypot(*np.concatenate([*self.errors_px.values()]).T).mean())
 
-    @property
-    def tilt_rad(self) -> float:
-        """Return the largest angle between a board's normal and the mean normal, rad."""
-        normals = np.array([view.rotation_cb[:, 2] for view in self.views.values()])
-        mean = normals.mean(0) / np.linalg.norm(normals.mean(0))
-        return float(np.arccos(np.clip(normals @ mean, -1, 1)).max())
+
+def _rms(errors: Array) -> float:
+    return float(np.sqrt((errors**2).sum(1).mean()))
 
 
 def fit_lens(
@@ -131,7 +112,7 @@ def fit_lens(
                 "and 20 are good; take more, all over the picture, with the board tilted"
             )
         fit = _fitted(left, board, size, model)
-        rms_px = {name: view.rms_px for name, view in fit.views.items()}
+        rms_px = fit.view_rms_px
         worst = max(rms_px, key=rms_px.__getitem__)
         usual = float(np.median(list(rms_px.values())))
         if rms_px[worst] <= min(max(_OUTLYING * usual, _OUTLYING_PX), _MOST_RMS_PX):
@@ -164,17 +145,19 @@ def _fitted(
     count = len(model.names)
     distortion = np.asarray(distortion, float).ravel()[:8]
     values = [matrix[0, 0], matrix[1, 1], *matrix[:2, 2], *distortion, *np.zeros(12)]
-    used: dict[str, FittedView] = {}
+    errors: dict[str, Array] = {}
     slopes: list[tuple[Array, Array]] = []
     for (name, view), turn, place in zip(views.items(), turns, places, strict=True):
         flat, slope = cv2.projectPoints(board.points_m, turn, place, matrix, distortion)
-        errors = view.corners_px - np.asarray(flat).reshape(-1, 2)
-        used[name] = FittedView(rotation_of(turn), np.asarray(place, float).ravel(), errors)
+        errors[name] = view.corners_px - np.asarray(flat).reshape(-1, 2)
         by_all = np.asarray(slope, float)
         slopes.append((by_all[:, 6 : 6 + count], by_all[:, :6]))
-    covariance = _covariance(slopes, [view.errors_px.ravel() for view in used.values()])
+    normals = np.array([rotation_of(turn)[:, 2] for turn in turns])
+    mean = normals.mean(0) / np.linalg.norm(normals.mean(0))
+    tilt_rad = float(np.arccos(np.clip(normals @ mean, -1, 1)).max())
+    covariance = _covariance(slopes, [one.ravel() for one in errors.values()])
     found = np.array(values[:count], float)
-    return LensFit(_camera(size, found), model.names, found, covariance, used)
+    return LensFit(_camera(size, found), model.names, found, covariance, errors, tilt_rad)
 
 
 def _camera(size: tuple[int, int], values: Array) -> Camera:

@@ -30,12 +30,11 @@ def doubtful_views(views: Mapping[str, BoardSighting], width: int) -> dict[str, 
 
 def _blurred(views: Mapping[str, BoardSighting]) -> dict[str, Refused]:
     blurs = {name: float(view.blur_px.max()) for name, view in views.items()}
-    usual = float(np.median(list(blurs.values()))) if blurs else 0.0
+    usual = float(np.median([*blurs.values()])) if blurs else 0.0
     most = max(_BLURRED_TIMES * usual, usual + _BLURRED_PX)
+    said = f"px, usually {usual:.1f}"
     return {
-        name: Refused(
-            RefusalReason.BLURRED, f"edges blurred by {blur:.1f} px, usually {usual:.1f}"
-        )
+        name: Refused(RefusalReason.BLURRED, f"edges blurred by {blur:.1f} {said}")
         for name, blur in blurs.items()
         if blur > most
     }
@@ -56,12 +55,10 @@ def most_distinct(views: Mapping[str, BoardSighting], count: int) -> list[str]:
     left = _by_sharpness(views)
     if len(left) <= count:
         return left
-    chosen = [left.pop(0)]
-    away = [distance_px(views[chosen[0]], views[name]) for name in left]
+    chosen, away = [left[0]], dict.fromkeys(left[1:], np.inf)
     while len(chosen) < count:
-        best = int(np.argmax(away))
-        chosen.append(left.pop(best))
-        away.pop(best)
         newest = views[chosen[-1]]
-        away = [min(old, distance_px(newest, views[n])) for old, n in zip(away, left, strict=True)]
+        away = {name: min(far, distance_px(newest, views[name])) for name, far in away.items()}
+        chosen.append(max(away, key=away.__getitem__))
+        del away[chosen[-1]]
     return chosen

@@ -24,12 +24,12 @@ _CURVES = {1: "a line", 2: "a line or a conic", 3: "a line, a conic or a cubic"}
 _DEGENERATE = 1e-3
 
 
-@dataclass(frozen=True, slots=True)
 class _Scale:
-    """Hold a scaling of coordinates, relative to ``middle`` in units of ``size``."""
+    """Scale coordinates, relative to the middle of points (n, 2) in units of their size."""
 
-    middle: Array  # (2,)
-    size: float
+    def __init__(self, points: Array) -> None:
+        self.middle = points.mean(axis=0)
+        self.size = float(np.abs(points - self.middle).max()) or 1.0
 
     def of(self, points: Array) -> Array:
         return np.asarray((points - self.middle) / self.size)
@@ -55,9 +55,8 @@ class PolynomialTransform:
         """Return (n, 2, 2) metres per pixel: rows x, y; columns column, row."""
         u, v = self.pixels.of(pixels).T
         powers = _powers(self.order)
-        zero = np.zeros_like(u)
-        by_u = np.stack([i * u ** (i - 1) * v**j if i else zero for i, j in powers], axis=1)
-        by_v = np.stack([j * u**i * v ** (j - 1) if j else zero for i, j in powers], axis=1)
+        by_u = np.stack([i * u ** max(i - 1, 0) * v**j for i, j in powers], axis=1)
+        by_v = np.stack([j * u**i * v ** max(j - 1, 0) for i, j in powers], axis=1)
         slopes = np.stack([by_u @ self.coefficients, by_v @ self.coefficients], axis=2)
         return np.asarray(slopes * (self.plane.size / self.pixels.size))
 
@@ -116,7 +115,7 @@ def fit_polynomial(
             f"order {order} needs {needed} control points, not {len(pixels)}; "
             "measure more or lower --order"
         )
-    from_scale, to_scale = _scale(pixels), _scale(plane)
+    from_scale, to_scale = _Scale(pixels), _Scale(plane)
     terms = _terms(from_scale.of(pixels), order)
     u, singular, vt = np.linalg.svd(terms, full_matrices=False)
     if singular[-1] < _DEGENERATE * singular[0]:
@@ -141,12 +140,6 @@ def _residuals(found: PolynomialTransform, pixels: Array, plane: Array) -> Resid
     np.divide(lengths, spare, out=left_out, where=spare > 1e-9)
     sigma_m = math.sqrt(float((metres**2).sum()) / (2 * free)) if free else math.nan
     return Residuals(metres, np.asarray(in_pixels, float), left_out, sigma_m)
-
-
-def _scale(points: Array) -> _Scale:
-    middle = points.mean(axis=0)
-    size = float(np.abs(points - middle).max())
-    return _Scale(middle, size or 1.0)
 
 
 def _powers(order: int) -> list[tuple[int, int]]:

@@ -17,10 +17,8 @@ from typing import Any
 
 from tirgeo_ros.tools.cli._verb import FLIGHT, NAMESPACE, PARAMS, call, names_of
 
-_NAMES = (
-    *("antenna", "baseline", "elevation", "position_delay", "velocity_delay", "heading_delay"),
-    *("level", "rtk"),
-)
+_DELAYS = ("position_delay", "velocity_delay", "heading_delay")
+_NAMES = ("antenna", "baseline", *_DELAYS, "level", "rtk")
 _HOLD_HELP = (
     f"with commas, of {', '.join(_NAMES)}: as --params has them. Only differences of delays are "
     "seen: by itself the IMU's stays; rtk holds that of positions and finds the IMU's"
@@ -45,13 +43,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
 def describe(result: dict[str, Any]) -> str:
     """Return the estimates as a table, what was not determined, and the innovations' size."""
-    from tirgeo_ros.tools.calibrate.estimates import closing_lines, table  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.calibrate.aircraft_result import aircraft_lines  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.calibrate.estimates import described  # noqa: PLC0415 heavy
 
-    lines = table(result["parameters"])
-    lines += [f"not told: {name}: {reason}" for name, reason in result["not_told"].items()]
-    nis = [
-        f"{source} {one['before']:.3g} before, {one['after']:.2f} after"
-        for source, one in result["nis"].items()
-    ]
-    lines.append(f"squared innovations over what is foreseen: {'; '.join(nis)}")
-    return "\n".join([*lines, *closing_lines(result)])
+    return described(aircraft_lines(result), result)

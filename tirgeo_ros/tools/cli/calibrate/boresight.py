@@ -69,19 +69,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
 def describe(result: dict[str, Any]) -> str:
     """Return the estimates as a table, and how well they fit."""
-    from tirgeo_ros.tools.calibrate.estimates import closing_lines, table  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.calibrate.boresight_result import boresight_lines  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.calibrate.estimates import described  # noqa: PLC0415 heavy
 
-    lines = table(result["parameters"])
-    pixels, ground = result["residual_rms_px"], result["ground_rmse_m"]
-    lines += [
-        f"residuals: {pixels['before']:.2f} px before, {pixels['after']:.2f} px after (rms)",
-        (
-            f"on the ground: {ground['before']:.3f} m before, {ground['after']:.3f} m after, "
-            f"{ground['leave_one_point_out']:.3f} m each point by the others alone (rmse)"
-        ),
-        (
-            f"{result['observations']} observations of {result['points']} points in "
-            f"{result['pictures']} pictures, composition {result['composition']}"
-        ),
-    ]
-    return "\n".join([*lines, *closing_lines(result)])
+    return described(boresight_lines(result), result)
