@@ -6,7 +6,8 @@ import sqlite3
 import struct
 from contextlib import closing
 
-import shapefile
+import numpy as np
+import pyogrio
 
 RING = [(16.0, 48.0), (16.001, 48.0), (16.001, 48.001), (16.0, 48.0)]
 HOLE = [(16.0003, 48.0003), (16.0006, 48.0003), (16.0006, 48.0006), (16.0003, 48.0003)]
@@ -85,6 +86,7 @@ def fill_geopackage(database, tables, journal="delete"):
     database.executescript(
         """
         PRAGMA application_id = 0x47504B47;
+        PRAGMA user_version = 10200;
         CREATE TABLE gpkg_spatial_ref_sys (srs_name TEXT, srs_id INTEGER PRIMARY KEY,
             organization TEXT, organization_coordsys_id INTEGER, definition TEXT);
         CREATE TABLE gpkg_contents (table_name TEXT PRIMARY KEY, data_type TEXT, identifier TEXT,
@@ -128,17 +130,26 @@ UTM33_PRJ = (
 )
 
 
-def write_shapefile(path, kind, shapes, names=(), prj=WGS84_PRJ, encoding="utf-8"):
-    """``kind`` is a method of pyshp's Writer: point, line, polyz, null ..."""
-    with shapefile.Writer(str(path.with_suffix("")), encoding=encoding) as writer:
-        writer.field("NAME", "C", 40)
-        writer.field("REF", "N", 10, 2)
-        for number, shape in enumerate(shapes):
-            if shape is None:
-                writer.null()
-            else:
-                getattr(writer, kind)(*(shape if kind.startswith("point") else (shape,)))
-            writer.record(names[number] if number < len(names) else f"n{number}", number)
+def write_shapefile(path, shapes, names=(), prj=WGS84_PRJ, encoding="utf-8"):
+    """Lines of positions, or None; labels of 40 letters in an encoding that no file names."""
+    deep = any(len(point) == 3 for shape in shapes if shape for point in shape)
+    given = [*names, *(f"n{number}" for number in range(len(names), len(shapes)))]
+    texts = [name.encode(encoding).decode("latin-1") for name in given]
+    pyogrio.raw.write(
+        path,
+        np.array(
+            [shape and wkb("LineString", shape, dims="Z" if deep else "") for shape in shapes],
+            object,
+        ),
+        [np.array(texts, object), np.arange(len(shapes), dtype=float)],
+        ["NAME", "REF"],
+        geometry_type="LineString Z" if deep else "LineString",
+        crs="EPSG:4326",
+        driver="ESRI Shapefile",
+        encoding="ISO-8859-1",
+    )
+    for suffix in (".cpg", ".prj"):
+        path.with_suffix(suffix).unlink(missing_ok=True)
     if prj is not None:
         path.with_suffix(".prj").write_text(prj)
     return path

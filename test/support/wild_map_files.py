@@ -8,6 +8,7 @@ import zipfile
 from contextlib import closing
 
 import numpy as np
+import pyogrio
 import pyproj
 from map_files import RING, gpb, wkb, write_geopackage, write_shapefile
 
@@ -65,11 +66,10 @@ def spreadsheet(path):
         archive.writestr("xl/workbook.xml", "<workbook/>")
 
 
-def shapefile(crs=None, kind="line", ring=RING, cpg=None, name="a", encoding="utf-8"):
+def shapefile(crs=None, ring=RING, cpg=None, name="a", encoding="utf-8"):
     def write(path):
-        shape = [[(*point, 7.0, 1.0) if kind.endswith("z") else point for point in ring]]
         prj = crs and pyproj.CRS(crs).to_wkt("WKT1_ESRI")
-        write_shapefile(path, kind, [shape], [name], prj, encoding)
+        write_shapefile(path, [ring], [name], prj, encoding)
         if cpg:
             path.with_suffix(".cpg").write_text(cpg)
 
@@ -108,8 +108,6 @@ def mbtiles(path):
 
 def by_gdal(driver, crs="EPSG:4326", **options):
     def write(path):
-        import pyogrio  # noqa: PLC0415  absent where such a map is not tried
-
         shape = np.array([wkb("LineString", moved(crs))], object)
         names = [] if driver == "DXF" else [np.array(["a"], object)]
         fields = ["name"] if names else []

@@ -10,7 +10,7 @@ import pytest
 from map_files import HOLE, RING, gpb, wkb, write_geopackage, write_shapefile
 
 from tirgeo_ros.core.types.errors import MapError
-from tirgeo_ros.io.maps import load_layers
+from tirgeo_ros.io.maps.layers import read_layers as load_layers
 
 ROUNDS = 150
 ROUNDS_OF = {".prj": 20}  # an unknown name of a system is looked for far and wide by PROJ
@@ -44,7 +44,7 @@ def kmz(path):
 
 
 def loose_shapefile(path):
-    write_shapefile(path, "poly", [[RING[::-1], HOLE]] * 3, ["Grün"])
+    write_shapefile(path, [RING, HOLE, RING], ["Grün"])
 
 
 MAKERS = {
