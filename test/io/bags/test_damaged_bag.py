@@ -73,16 +73,6 @@ def test_a_cut_keeps_what_is_before_it(tmp_path, form, share):
     assert "no usable index at the end (the file ends early)" in damage
 
 
-def test_a_cut_chunk_gives_its_beginning(tmp_path):
-    path = bag(tmp_path / "a.mcap", compression=CompressionType.NONE, chunk_size=1 << 20)
-    data = path.read_bytes()
-    path.write_bytes(data[: len(data) // 2])
-    numbers, damage = read(path)
-    assert COUNT * 0.4 < len(numbers) < COUNT * 0.6
-    assert "the chunk at byte" in damage
-    assert "is cut off" in damage
-
-
 @pytest.mark.parametrize("form", ["zstd", "lz4", "plain chunks"])
 def test_a_damaged_chunk_is_left_out(tmp_path, form):
     path = bag(tmp_path / "a.mcap", **FORMS[form])
@@ -101,25 +91,19 @@ def test_a_damaged_chunk_is_left_out(tmp_path, form):
 
 @pytest.mark.parametrize("summary", [True, False])
 def test_damage_over_the_head_of_a_chunk(tmp_path, summary):
+    """A file with its summary loses the chunk, one without it all that follows too."""
     path = bag(tmp_path / "a.mcap")
     data = bytearray(path.read_bytes())
     segment = BagReader(path)._contents.segments[5]
     data[segment.offset : segment.offset + 30] = bytes(30)
     path.write_bytes(data if summary else data[:-100])
     numbers, damage = read(path)
-    assert COUNT - 60 < len(numbers) < COUNT
-    assert (numbers[0], numbers[-1]) == (0, COUNT - 1)
+    if summary:
+        assert COUNT - 60 < len(numbers) < COUNT
+        assert (numbers[0], numbers[-1]) == (0, COUNT - 1)
+    else:
+        assert numbers == list(range(segment.start_ns))
     assert f"from byte {segment.offset} are not readable" in damage
-
-
-def test_missing_bytes_in_the_middle(tmp_path):
-    path = bag(tmp_path / "a.mcap")
-    data = path.read_bytes()
-    path.write_bytes(data[: len(data) // 2] + data[len(data) // 2 + 100 :])
-    numbers, damage = read(path)
-    assert COUNT - 90 < len(numbers) < COUNT
-    assert numbers[-1] == COUNT - 1
-    assert "checksum of the index is wrong" in damage
 
 
 def test_a_damaged_summary_costs_nothing(tmp_path):

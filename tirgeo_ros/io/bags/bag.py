@@ -20,7 +20,7 @@ from tirgeo_ros.io.bags.mcap_contents import (
     header_of,
     read_segment,
 )
-from tirgeo_ros.io.bags.time_order import Placed, damage_line, in_time_order
+from tirgeo_ros.io.bags.time_order import Placed, in_time_order
 from tirgeo_ros.io.files.mapped_file import mapped
 from tirgeo_ros.io.files.whole_files import PathLike, check_place, part_of
 
@@ -82,7 +82,10 @@ class BagReader:
         The line is complete after an iteration over all topics.
         """
         losses = [what for _, what in sorted(self._contents.losses.items())]
-        return damage_line(losses, self._read)
+        if not losses:
+            return None
+        more = f" and {len(losses) - 3} more places" if len(losses) > 3 else ""
+        return f"{'; '.join(losses[:3])}{more}; {self._read} messages were read"
 
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int | None = None

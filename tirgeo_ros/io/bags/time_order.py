@@ -1,9 +1,9 @@
-"""Sort the messages of a bag's parts by time, with a bound on those that wait; say its damage."""
+"""Sort the messages of a bag's parts by time, with a bound on those that wait."""
 
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from typing import Any, TypeVar
 
 from tirgeo_ros.core.types.errors import BagError
@@ -11,7 +11,6 @@ from tirgeo_ros.core.types.errors import BagError
 #: The most bytes that may wait. Parts of a recording overlap by a second or so.
 MOST_BYTES = 384 << 20
 _BESIDE_BYTES = 600  # memory of a message in addition to its data
-
 
 M = TypeVar("M")  # a message of a bag, with its bytes as ``data``
 #: A message preceded by its sort keys: time, then its place in the file.
@@ -43,11 +42,3 @@ def in_time_order(parts: Iterable[tuple[int, Iterable[Placed[M]]]], name: object
 
 def _size(message: Any) -> int:
     return len(message.data) + _BESIDE_BYTES
-
-
-def damage_line(losses: Sequence[str], read: int) -> str | None:
-    """Return the losses of a bag, of which ``read`` messages were read, in one line, or None."""
-    if not losses:
-        return None
-    more = f" and {len(losses) - 3} more places" if len(losses) > 3 else ""
-    return f"{'; '.join(losses[:3])}{more}; {read} messages were read"

@@ -3,8 +3,8 @@
 Makes a bag with the topics of tirgeo (imu/data, gps, rtk, gimbal, thermal) of a ROS 1 bag that
 DJI's wrapper was recorded in (dji_sdk/ or dji_osdk_ros/), or of the bytes that an aircraft's
 serial port sent. Topics of the wrong type and values that make no sense are told and left out. A
-damaged bag is imported as far as it can be read (exit code 1). The same input gives the same
-bytes. Topics are options of ROS 1 bags; packages, key and start time of captures.
+bag that was cut off or never closed is refused; rosbag reindex mends it. The same input gives the
+same bytes. Topics are options of ROS 1 bags; packages, key and start time of captures.
 
 example:
   tirgeo import flight.bag -o flight.mcap --params params.yaml
