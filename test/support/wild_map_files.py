@@ -52,7 +52,6 @@ PLACES = " ".join(f"{x},{y}" for x, y in RING)
 LINE = f"<LineString><coordinates>{PLACES}</coordinates></LineString>"
 COORDS = "".join(f"<gx:coord>{x} {y} 5</gx:coord>" for x, y in RING)
 GPX_PLACES = "".join(f'<trkpt lat="{y}" lon="{x}"/>' for x, y in RING)
-OSM_NODES = "".join(f'<node id="{i + 1}" lat="{y}" lon="{x}"/>' for i, (x, y) in enumerate(RING))
 
 
 def kmz(path):
@@ -129,27 +128,6 @@ def csv(*lines):
     return text("\n".join(lines) + "\n")
 
 
-TOPOLOGY = {
-    "type": "Topology",
-    "objects": {"a": {"type": "LineString", "arcs": [0], "properties": {"name": "a"}}},
-    "arcs": [RING],
-}
-ESRI_JSON = {
-    "geometryType": "esriGeometryPolyline",
-    "spatialReference": {"wkid": 4326},
-    "fields": [{"name": "name", "type": "esriFieldTypeString", "length": 9}],
-    "features": [{"attributes": {"name": "a"}, "geometry": {"paths": [RING]}}],
-}
-EVERYTHING = [
-    feature("MultiPoint", RING),
-    feature("MultiLineString", [RING, RING[:2]]),
-    feature("MultiPolygon", [[RING], [RING]]),
-    feature("Point", [*RING[0], 5.0]),
-]
-GATHERED = {
-    "type": "GeometryCollection",
-    "geometries": [each["geometry"] for each in EVERYTHING],
-}
 BAD = [
     feature("LineString", RING[:1], id=7),
     feature("LineString", [RING[0], [float("nan"), 48.0]]),

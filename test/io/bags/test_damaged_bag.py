@@ -116,30 +116,6 @@ def test_a_damaged_summary_costs_nothing(tmp_path):
     assert "checksum of the index is wrong" in damage
 
 
-def test_garbage_behind_the_end(tmp_path):
-    path = bag(tmp_path / "a.mcap")
-    path.write_bytes(path.read_bytes() + b"garbage")
-    numbers, damage = read(path)
-    assert numbers == list(range(COUNT))
-    assert "no usable index" in damage
-
-
-def test_order_without_an_index(tmp_path):
-    path = tmp_path / "a.mcap"
-    with path.open("wb") as file:
-        writer = Writer(file, chunk_size=2000)
-        writer.start("ros2", "test")
-        schema = writer.register_schema(TYPE, "ros2msg", cdr.definition(TYPE).encode())
-        channel = writer.register_channel("/a", "cdr", schema)
-        for number in random.Random(4).sample(range(COUNT), COUNT):
-            writer.add_message(channel, number, PAYLOADS[number], number)
-        writer.finish()
-    path.write_bytes(path.read_bytes()[:-20])
-    numbers, damage = read(path)
-    assert numbers == list(range(COUNT))
-    assert damage
-
-
 def test_what_is_lost_with_the_descriptions(tmp_path):
     path = bag(tmp_path / "a.mcap")
     data = bytearray(path.read_bytes())

@@ -65,19 +65,6 @@ def test_a_view(tmp_path, name):
     check_refused(message, str(path))
 
 
-@pytest.mark.slow
-def test_the_tables_of_tables_as_a_view(tmp_path):
-    path = tmp_path / "map.gpkg"
-    with closing(sqlite3.connect(path)) as database:
-        database.executescript(
-            f"CREATE VIEW gpkg_geometry_columns AS {COUNTING} SELECT 'a' AS table_name, "
-            "'g' AS column_name, count(*) AS srs_id FROM c;"
-            "CREATE TABLE gpkg_spatial_ref_sys (srs_id, organization, organization_coordsys_id,"
-            " definition)"
-        )
-    check_refused("no map that can be read", str(path))
-
-
 def test_a_view_in_another_database(tmp_path):
     path = tmp_path / "map.sqlite"
     with closing(sqlite3.connect(path)) as database:

@@ -19,7 +19,7 @@ from wild_map_files import LINE as KML_LINE
 from wild_map_files import collection, feature, kml, mark
 
 from tirgeo_ros.core.types.errors import MapError
-from tirgeo_ros.io.maps import load_layers, map_files
+from tirgeo_ros.io.maps import load_layers
 from tirgeo_ros.io.maps.layers import read_layers
 
 LINE = gpb(wkb("LineString", RING))
@@ -258,12 +258,6 @@ def test_an_entity_bomb(path):
     path.write_text(f'<!DOCTYPE kml [<!ENTITY a "aaaa">{entities}]><kml>&j;</kml>')
     with pytest.raises(MapError, match="no map that can be read"):
         read_layers(str(path))
-
-
-def test_what_is_watched_of_a_shapefile_and_a_geopackage(tmp_path):
-    names = ["a.shp", "a.shx", "a.dbf", "a.prj", "a.cpg", "b.gpkg", "b.gpkg-wal"]
-    found = map_files(f"{tmp_path / 'a.shp'}, {tmp_path / 'b.gpkg'}")
-    assert [each.name for each in found] == names
 
 
 def test_an_id_is_a_property(path):

@@ -164,13 +164,6 @@ def test_one_file_in_several_layers_by_a_property(kinds, styled):
     assert [layer.left_out for layer in layers] == [(told,), (), ()]  # of the file, so once
 
 
-def test_a_condition_reads_its_columns_in_every_format(folder, styled):
-    """Where no label needs them: a GeoPackage and a shapefile read what is wanted alone."""
-    (roads,) = styled("layers: [{where: ref == 1, label: false, layer: main}]", "roads.gpkg")
-    (wells,) = styled("layers: [{where: REF <= 0, label: false}]", "wells.shp")
-    assert (len(roads.features), len(wells.features)) == (1, 1)
-
-
 def test_a_condition_on_what_is_not_there(kinds, styled):
     good = "{where: kind == well}"
     _, layer = styled(f"layers: [{good}, {{where: kidn == well}}]", "kinds.geojson")

@@ -22,10 +22,11 @@ import pickle
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any
+from typing import IO, Any
 
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
@@ -82,16 +83,12 @@ class MapProcess:
     """
 
     def __init__(self) -> None:
+        self.said = ""  # the last lines on stderr of the process that ended last
         self._stopped = False
         self._lock = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
-        self._listener: _Listener | None = None
+        self._stderr: IO[bytes]
         self._name = ""
-
-    @property
-    def said(self) -> str:
-        """Return the last stderr output of the process of the last reading."""
-        return "" if self._listener is None else self._listener.text()
 
     def stop(self) -> None:
         """End what is in progress; nothing can begin after this."""
@@ -130,8 +127,8 @@ class MapProcess:
             if self._stopped:
                 raise MapError(f"{name}: not read: stopped")
             if self._process is None:
-                self._process = _started()
-                self._listener = _Listener(self._process)
+                self._stderr = tempfile.TemporaryFile()  # noqa: SIM115  until ``close``
+                self._process = _started(self._stderr)
             process = self._process
         assert process.stdin is not None
         assert process.stdout is not None
@@ -166,39 +163,20 @@ class MapProcess:
         for pipe in (process.stdin, process.stdout):
             with suppress(OSError):  # for a task that it never took
                 pipe.close()  # type: ignore[union-attr]
-        if self._listener is not None:
-            self._listener.join()
+        with self._stderr as file:
+            file.seek(max(file.seek(0, os.SEEK_END) - _SAID_BYTES, 0))
+            lines = file.read().decode(errors="replace").strip().splitlines()
+        # Without characters that a terminal would obey.
+        self.said = "\n".join("".join(x if x.isprintable() else "?" for x in y) for y in lines)
 
 
-class _Listener(threading.Thread):
-    """Read a process's stderr, however long it is, and keep the end of it."""
-
-    def __init__(self, process: subprocess.Popen[bytes]) -> None:
-        super().__init__(name="map reader's words", daemon=True)
-        assert process.stderr is not None
-        self._pipe = process.stderr
-        self._kept = b""
-        self.start()
-
-    def run(self) -> None:
-        """Read until the process has ended."""
-        with self._pipe as pipe:
-            while said := os.read(pipe.fileno(), _SAID_BYTES):
-                self._kept = (self._kept + said)[-_SAID_BYTES:]
-
-    def text(self) -> str:
-        """Return the lines without characters that a terminal would obey."""
-        lines = self._kept.decode(errors="replace").strip().splitlines()
-        return "\n".join("".join(x if x.isprintable() else "?" for x in line) for line in lines)
-
-
-def _started() -> subprocess.Popen[bytes]:
+def _started(stderr: IO[bytes]) -> subprocess.Popen[bytes]:
     # Imported, not run as a module: what it pickles must have this module's name.
     return subprocess.Popen(  # noqa: S603  this very Python
         python_command(_RUN, str(os.getpid())),
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
+        stderr=stderr,
     )
 
 
