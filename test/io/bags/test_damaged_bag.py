@@ -28,13 +28,13 @@ def payload(number):
 PAYLOADS = [payload(number) for number in range(COUNT)]
 
 
-def bag(path, **options):
+def bag(path, repeat=1, **options):
     with path.open("wb") as file:
         writer = Writer(file, chunk_size=options.pop("chunk_size", 4000), **options)
         writer.start("ros2", "test")
         schema = writer.register_schema(TYPE, "ros2msg", cdr.definition(TYPE).encode())
         channel = writer.register_channel("/a", "cdr", schema)
-        for number, data in enumerate(PAYLOADS):
+        for number, data in enumerate(PAYLOADS * repeat):
             writer.add_message(channel, number, data, number)
         writer.finish()
     return path
@@ -71,6 +71,17 @@ def test_a_cut_keeps_what_is_before_it(tmp_path, form, share):
     assert len(numbers) >= cut / per_message - 4000 / per_message - 60
     assert damage.endswith(f"; {len(numbers)} messages were read")
     assert "no usable index at the end (the file ends early)" in damage
+
+
+@pytest.mark.parametrize("form", ["zstd", "lz4", "plain chunks"])
+def test_a_cut_chunk_gives_its_beginning(tmp_path, form):
+    """Of a chunk of megabytes, as a flight without pictures has it for some seconds."""
+    path = bag(tmp_path / "a.mcap", chunk_size=1 << 24, repeat=40, **FORMS[form])
+    (chunk,) = BagReader(path)._contents.segments
+    path.write_bytes(path.read_bytes()[: chunk.offset + chunk.length * 2 // 3])
+    reader = BagReader(path)
+    assert 300 < len(list(reader.messages())) < COUNT * 40
+    assert "is cut off" in reader.damage
 
 
 @pytest.mark.parametrize("form", ["zstd", "lz4", "plain chunks"])

@@ -1,7 +1,7 @@
 """Find the messages of an MCAP file, also of one that is cut off or damaged.
 
 A whole file lists them in its summary. Any other is walked from its first record to the first that
-is broken; broken chunks are left out.
+is broken. A last chunk that is cut off is read up to the cut; broken chunks are left out.
 """
 
 from __future__ import annotations
@@ -143,6 +143,9 @@ def _walked(data: mmap) -> McapContents:
         opcode, end = _record_at(data, at)
         if opcode == Opcode.DATA_END:
             break
+        if opcode == Opcode.CHUNK and end > len(data):
+            at = len(data)  # the last one, cut off: its beginning can be read
+            break
         if opcode is None or end > len(data):
             found.losses[at] = f"{len(data) - at} bytes from byte {at} are not readable"
             break
@@ -178,22 +181,26 @@ def read_segment(
     while at < len(part):
         opcode, end = _record_at(part, at)
         body, place = part[at + _RECORD.size : end], offset + at
-        if opcode is None or end > len(part):
+        cut = end > len(part)
+        if opcode == Opcode.CHUNK:
+            inside = _unpacked(body, place, found, cut=cut)
+            yield from _messages(inside, place, found)
+        elif opcode is None or cut:
             found.losses[place] = f"{len(part) - at} bytes from byte {place} are not readable"
             return
-        if opcode == Opcode.CHUNK:
-            yield from _messages(_unpacked(body, place, found), place, found)
         elif opcode in {Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL}:
             yield from _messages(part[at:end], place, found)
         at = end
 
 
-def _unpacked(body: bytes, offset: int, found: McapContents) -> bytes:
-    """Return the records in a chunk; of a broken one none."""
+def _unpacked(body: bytes, offset: int, found: McapContents, *, cut: bool) -> bytes:
+    """Return the records in a chunk; of one cut off those up to the cut, of a broken one none."""
+    if cut:
+        found.losses[offset] = f"the chunk at byte {offset} is cut off"
     try:
         chunk = Chunk.read(ReadDataStream(BytesIO(body)))
-        inside = unpacked(chunk.data, chunk.compression, chunk.uncompressed_size)
-        if chunk.uncompressed_crc not in {0, zlib.crc32(inside)}:
+        inside = unpacked(chunk.data, chunk.compression, chunk.uncompressed_size, cut=cut)
+        if not cut and chunk.uncompressed_crc not in {0, zlib.crc32(inside)}:
             raise ValueError("is damaged (its checksum is wrong)")
     except _BROKEN as error:
         found.losses[offset] = f"the chunk at byte {offset} {_reason(error)}"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import bz2
 from collections.abc import Callable
+from contextlib import suppress
 
 import zstandard
 from lz4.frame import LZ4FrameDecompressor
@@ -17,11 +18,14 @@ MOST_BYTES = 64 << 20
 _BROKEN = (zstandard.ZstdError, RuntimeError, OSError, EOFError, ValueError, MemoryError)
 
 
-def unpacked(packed: bytes, compression: str, size: int | None = None) -> bytes:
+def unpacked(
+    packed: bytes, compression: str, size: int | None = None, *, cut: bool = False
+) -> bytes:
     """Return the data of a chunk.
 
     ``compression`` is ``zstd``, ``lz4``, ``bz2``, ``none`` or empty; ``size`` is the unpacked size
-    that the chunk declares, where it does. Raises ValueError: ``is cut off or damaged``.
+    that the chunk declares, where it does. Of a chunk that is ``cut`` the beginning is returned.
+    Raises ValueError: ``is cut off or damaged``.
     """
     if compression in {"", "none"}:
         return packed
@@ -34,7 +38,7 @@ def unpacked(packed: bytes, compression: str, size: int | None = None) -> bytes:
         raise ValueError("is cut off or damaged") from None
     if len(data) > MOST_BYTES:
         raise ValueError(f"holds more than {MOST_BYTES >> 20} MiB: not read")
-    if size is not None and len(data) != size:
+    if size is not None and len(data) != size and not cut:
         raise ValueError("is cut off or damaged")
     return data
 
@@ -43,7 +47,8 @@ def _by_zstd(packed: bytes, most: int) -> bytes:
     """Return at most ``most`` bytes, in one piece (a third of the time) if the frame fits."""
     unpacker = zstandard.ZstdDecompressor()
     if zstandard.frame_content_size(packed) in range(most):
-        return unpacker.decompress(packed)
+        with suppress(zstandard.ZstdError):  # a cut one has a beginning
+            return unpacker.decompress(packed)
     return unpacker.stream_reader(packed).read(most)
 
 
