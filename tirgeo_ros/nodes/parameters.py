@@ -21,7 +21,7 @@ from rclpy.parameter import Parameter as RosParameter
 from tirgeo_ros.core.config import NODE_CONFIGS
 from tirgeo_ros.core.config.schema import Parameter, config_from, parameters_of, values_of
 from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.io.parameters.parameter_file import load_parameters
+from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 
 T = TypeVar("T")
 _ROS_OWN = {"use_sim_time", "start_type_description_service"}  # rclpy checks these itself
@@ -45,7 +45,7 @@ def check_arguments(name: str, arguments: Sequence[str]) -> None:
     namespaces = [a.removeprefix("__ns:=") for a in arguments if a.startswith("__ns:=")]
     namespace = namespaces[-1] if namespaces else ""
     for path in parameter_files(arguments):
-        values = load_parameters(path, name, namespace)
+        values = ParameterFile(path).values(name, namespace)
         for key, value in values.items():
             if isinstance(value, list) and len({type(item) for item in value}) > 1:
                 raise ConfigError(

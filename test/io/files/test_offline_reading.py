@@ -143,10 +143,10 @@ def test_where_the_kernel_does_not_help_gdal_is_not_asked(tmp_path, monkeypatch)
     place = rasterio.transform.from_origin(500_000.0, 3_300_000.0, 1.0, 1.0)
     with rasterio.open(path, "w", driver="GTiff", transform=place, **profile) as file:
         file.write(np.ones((9, 9), np.float32), 1)
-    with pytest.raises(ConfigError, match=r"on abacus.* or set network: true"):
+    with pytest.raises(ConfigError, match=r"on abacus.*; set network: true"):
         load_terrain(path)
     assert load_terrain(path, network=True).highest_m == 1.0
     (tmp_path / "a.geojson").write_text('{"type": "Point", "coordinates": [16, 48]}')
-    with pytest.raises(ConfigError, match=r"on abacus.* or set network: true"):
+    with pytest.raises(ConfigError, match=r"on abacus.*; set network: true"):
         read_layers(str(tmp_path / "a.geojson"))
     assert len(read_layers(str(tmp_path / "a.geojson"), network=True)) == 1

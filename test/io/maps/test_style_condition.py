@@ -96,13 +96,6 @@ def test_a_condition_that_is_too_long():
         Condition.parsed("kind in [" + "a," * 500 + "a]", "s.yaml: layer 1: where")
 
 
-def test_the_values_that_there_are_so_far_as_they_are_few():
-    rows = [{"kind": f"k{number}"} for number in range(9)]
-    condition = Condition.parsed("kind == a", "s")
-    told = condition.unmet(["kind"], rows, "m")
-    assert told == "s: no feature of m is so: kind is k0, k1, k2, k3, k4, k5, ..."
-
-
 @given(st.text(st.sampled_from("ab1 =!<>[],'\"and.in\n"), max_size=60))
 def test_any_text_is_a_condition_or_an_error(text):
     try:

@@ -6,12 +6,15 @@ is broken. A last chunk that is cut off is read up to the cut; broken chunks are
 
 from __future__ import annotations
 
+import os
 import struct
 import zlib
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from io import BytesIO
-from mmap import mmap
+from mmap import ACCESS_READ, MADV_DONTNEED, mmap
+from pathlib import Path
 
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
@@ -19,8 +22,8 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, ChunkIndex, Footer, Header, Schema, Statistics
 from mcap.stream_reader import StreamReader
 
+from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.files.bounded_unpacking import unpacked
-from tirgeo_ros.io.files.mapped_file import part_of_file
 
 MAGIC = b"\x89MCAP0\r\n"
 
@@ -231,3 +234,27 @@ def _messages(records: bytes, offset: int, found: McapContents) -> Iterator[RawM
 def _reason(error: BaseException) -> str:
     lines = str(error).splitlines()
     return lines[0] if lines else type(error).__name__
+
+
+@contextmanager
+def mapped(path: Path) -> Iterator[mmap]:
+    """Yield the bytes of a file. Raises BagError, naming it, if it is empty or cannot be read."""
+    try:
+        with path.open("rb") as file:
+            if not os.fstat(file.fileno()).st_size:
+                raise BagError(f"{path}: the file is empty")
+            with mmap(file.fileno(), 0, access=ACCESS_READ) as data:
+                yield data
+    except OSError as error:
+        raise BagError(f"{path}: cannot be read: {error.strerror or error}") from None
+
+
+def part_of_file(data: mmap, start: int, length: int) -> bytes:
+    """Return a copy of a part, and release all pages mapped so far.
+
+    Otherwise every page of a file that was read once counts as this process's memory until the
+    file is closed.
+    """
+    part = data[start : start + length]
+    data.madvise(MADV_DONTNEED)
+    return part

@@ -20,8 +20,7 @@ from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.io.maps.label_rule import LabelRule, shown_value, table_names
 from tirgeo_ros.io.parameters.parameter_file import nearest
 
-_LONGEST = 1000  # characters of a condition
-_MOST_VALUES = 6  # of a property, shown where no feature matches
+_LONGEST = 1000  # characters of a condition, and of the message that nothing meets it
 _VALUE = r"(?:\"[^\"]*\"|'[^']*'|[^\s\"'\[\],=!<>]+)"
 _COMPARISON = re.compile(
     rf"\s*(?P<field>{_VALUE})(?:\s*(?P<sign>==|!=|<=|>=|<|>)\s*(?P<value>{_VALUE})"
@@ -100,13 +99,11 @@ class Condition:
 
     def unmet(self, known: Collection[str], rows: Sequence[Mapping[str, Any]], where: str) -> str:
         """Return a message for the case that no row matches: the values that there are."""
-        found = []
-        for name in dict.fromkeys(filter(None, self.columns(known))):
-            values = sorted({shown_value(row.get(name))[:40] for row in rows} - {""})
-            more = ", ..." if len(values) > _MOST_VALUES else ""
-            found.append(f"{name} is {', '.join(values[:_MOST_VALUES])}{more}")
-        told = f": {'; '.join(found)}" if found else ""
-        return f"{self.source}: no feature of {where} is so{told}"
+        found = [
+            f"{name} is {', '.join(sorted({shown_value(row.get(name)) for row in rows} - {''}))}"
+            for name in dict.fromkeys(filter(None, self.columns(known)))
+        ]
+        return f"{self.source}: no feature of {where} is so: {'; '.join(found)}"[:_LONGEST]
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 from tirgeo_ros.core.types.errors import ConfigError, MapError
 from tirgeo_ros.io.files.memory_bound import bounded_time
-from tirgeo_ros.io.files.offline_reading import check_closed, elsewhere
+from tirgeo_ros.io.files.offline_reading import elsewhere
 from tirgeo_ros.io.maps.label_rule import table_names
 from tirgeo_ros.io.maps.style_condition import Wanted
 from tirgeo_ros.io.maps.wkb import wkb_parts
@@ -89,7 +89,6 @@ def read_tables(path: Path, layer: str, wanted: Wanted) -> list[Table]:
         import pyogrio  # noqa: PLC0415  heavy, and not packaged with a key of rosdep
     except ImportError:
         raise MapError(f"{path}: maps are read by pyogrio: pip install pyogrio") from None
-    check_closed()
     try:
         _check_whole(path)
         with bounded_time():
