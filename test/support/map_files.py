@@ -24,43 +24,30 @@ WKB_TYPES = {
 _SINGLE = {"MultiPoint": "Point", "MultiLineString": "LineString", "MultiPolygon": "Polygon"}
 
 
-def wkb(kind, coordinates, order="<", dims="", ewkb=False, srid=None):
-    """A geometry as WKB; ``dims`` is "", "Z", "M" or "ZM", and coordinates have as many more."""
-    code = WKB_TYPES[kind]
-    if ewkb:
-        code |= 0x80000000 * ("Z" in dims) | 0x40000000 * ("M" in dims)
-        code |= 0x20000000 * (srid is not None)
-    else:
-        code += {"": 0, "Z": 1000, "M": 2000, "ZM": 3000}[dims]
-    head = struct.pack(order + "BI", order == "<", code)
-    if ewkb and srid is not None:
-        head += struct.pack(order + "I", srid)
-
-    def numbers(positions):
-        return b"".join(struct.pack(f"{order}{len(p)}d", *p) for p in positions)
+def wkb(kind, coordinates, dims=""):
+    """A geometry as WKB; ``dims`` is "" or "Z", and coordinates have as many more."""
+    head = struct.pack("<BI", 1, WKB_TYPES[kind] + (1000 if dims else 0))
 
     def counted(items):
-        return struct.pack(order + "I", len(items)) + b"".join(items)
+        return struct.pack("<I", len(items)) + b"".join(items)
 
-    def sized(positions):
-        return struct.pack(order + "I", len(positions)) + numbers(positions)
+    def numbers(position):
+        return struct.pack(f"<{len(position)}d", *position)
 
     if kind == "Point":
-        return head + numbers([coordinates])
+        return head + numbers(coordinates)
     if kind == "LineString":
-        return head + sized(coordinates)
+        return head + counted([numbers(point) for point in coordinates])
     if kind == "Polygon":
-        return head + counted([sized(ring) for ring in coordinates])
+        return head + counted([counted([numbers(p) for p in ring]) for ring in coordinates])
     if kind == "GeometryCollection":
-        return head + counted([wkb(k, c, order, dims, ewkb) for k, c in coordinates])
-    return head + counted([wkb(_SINGLE[kind], c, order, dims, ewkb) for c in coordinates])
+        return head + counted([wkb(k, c, dims) for k, c in coordinates])
+    return head + counted([wkb(_SINGLE[kind], c, dims) for c in coordinates])
 
 
-def gpb(body, envelope=0, empty=False, srs_id=4326):
-    """A geometry in GeoPackage's frame; ``envelope`` is its code, 0 to 4."""
-    flags = 1 | envelope << 1 | empty << 4
-    size = [0, 4, 6, 6, 8][envelope]
-    return struct.pack(f"<2sBBi{size}d", b"GP", 0, flags, srs_id, *[0.0] * size) + body
+def gpb(body, srs_id=4326):
+    """A geometry in GeoPackage's frame."""
+    return struct.pack("<2sBBi", b"GP", 0, 1, srs_id) + body
 
 
 SYSTEMS = {
@@ -68,9 +55,6 @@ SYSTEMS = {
     0: ("NONE", 0, "undefined"),
     4326: ("EPSG", 4326, "GEOGCS[...]"),
     32633: ("EPSG", 32633, "PROJCS[...]"),
-    100001: ("surveyors", 7, "+proj=utm +zone=33 +datum=WGS84 +type=crs"),
-    100003: ("EPSG", 987654, "+proj=utm +zone=33 +datum=WGS84 +type=crs"),
-    100002: ("surveyors", 8, "nonsense"),
 }
 
 

@@ -93,7 +93,9 @@ class Ros1Bag:
 
         with self._opened() as reader:
             chosen = [one for one in reader.connections if wanted(one)]
-            for one, record_ns, data in reader.messages(chosen) if chosen else ():
+            if not chosen:  # which would be all of them to the reader
+                return
+            for one, record_ns, data in reader.messages(chosen):
                 yield Ros1Message(one.topic, one.msgtype, record_ns, one.msgdef.data, data)
 
     def decoded(self, message: Ros1Message) -> Any:

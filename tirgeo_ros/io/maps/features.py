@@ -75,7 +75,8 @@ def _on_earth(table: Table, crs: str) -> tuple[Shapes, tuple[str, ...]]:
     odd = ~np.isfinite(shapes.points[:, :2]).all(axis=1) | np.isinf(shapes.points[:, 2])
     x_y_z = "({:.6g}, {:.6g}, {:.6g}) is not finite"
     shapes = _without(shapes, odd, faults, lambda i: x_y_z.format(*table.shapes.points[i]))
-    points, remarks = shapes.points, tuple[str, ...]()
+    points = shapes.points
+    remarks: tuple[str, ...] = ()
     system = crs or table.crs
     if system is not None:
         points, remarks = to_wgs84(points, system, table.where)

@@ -125,7 +125,8 @@ def _colour(entry: Mapping[str, Any], key: str, where: str) -> Colour:
     if value is None:
         raise ConfigError(f'{where}: {key} has no value; a colour with # needs quotes: "#ffd000"')
     try:
-        red, green, blue = ImageColor.getrgb(value)
+        rgb: tuple[int, ...] = ImageColor.getrgb(value)
+        red, green, blue = rgb
         bytes((red, green, blue))  # ValueError beyond 255
     except (ValueError, TypeError, AttributeError):
         raise ConfigError(
