@@ -60,7 +60,7 @@ setup(
         "PyYAML>=5.4",
         "pyserial>=3.5",
         "cryptography>=41",
-        "pyogrio>=0.7",
+        "pyogrio>=0.12",  # from there on its wheels read all of KML
         "av>=13",
         # Of the commands alone: plots and statistics.
         "matplotlib>=3.6",
