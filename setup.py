@@ -60,7 +60,7 @@ setup(
         "PyYAML>=5.4",
         "pyserial>=3.5",
         "cryptography>=41",
-        "pyshp>=2.3",
+        "pyogrio>=0.12",  # from there on its wheels read all of KML
         "av>=13",
         # Of the commands alone: plots and statistics.
         "matplotlib>=3.6",
@@ -74,9 +74,8 @@ setup(
         ],
         # launch_testing, which a sourced ROS 2 brings into every pytest, fails with pytest 9.
         "test": ["pytest>=7.4,<9", "pytest-xdist>=3.7", "hypothesis>=6.98", "setuptools>=64"],
-        # Elevation models, and maps in any form that GDAL reads.
+        # Elevation models.
         "dem": ["rasterio>=1.3"],
-        "maps": ["pyogrio>=0.7"],
         # Measured beside the filter by make bench, and used nowhere else.
         "bench": ["python-ins>=1.0"],
         # All of ruff's rules are on: a new version brings new ones.

@@ -17,11 +17,11 @@ if [ "$kind" = floor ]; then
     options=
     extras=test
     pins='numpy==1.26.* opencv-python-headless==4.6.* pyproj==3.6.* Pillow==10.2.*'
-    pins="$pins mcap==1.1.* rosbags==0.10.11 cryptography==41.* pyshp==2.3.* matplotlib==3.6.* scipy==1.11.* av==13.*"
+    pins="$pins mcap==1.1.* rosbags==0.10.11 cryptography==41.* pyogrio==0.12.* matplotlib==3.6.* scipy==1.11.* av==13.*"
 elif [ "${ROS_DISTRO:-}" = jazzy ]; then
     newest=3.13
     options=--system-site-packages
-    extras=test,dem,maps
+    extras=test,dem
     # The messages of a ROS 2 from packages are compiled against NumPy 1, and so is OpenCV to 4.11.
     pins='numpy<2 opencv-python-headless<4.12'
 elif [ -n "${ROS_DISTRO:-}" ]; then
@@ -30,7 +30,7 @@ elif [ -n "${ROS_DISTRO:-}" ]; then
 elif [ "$(uname -sm)" = "Linux x86_64" ]; then
     newest=3.13
     options=
-    extras=ros,test,dem,maps
+    extras=ros,test,dem
     pins=
 else
     stop "the wheels of ROS 2 Jazzy are for Linux on x86-64, this is $(uname -sm):" \

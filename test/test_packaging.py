@@ -39,14 +39,13 @@ WHEELS = {
     "yaml": "PyYAML",
     "PIL": "Pillow",
     "serial": "pyserial",
-    "shapefile": "pyshp",
 }
 #: No key of rosdep that a system with an externally managed Python would take.
-BY_PIP_ALONE = {"av", "mcap", "lz4", "zstandard", "rosbags", "shapefile"}
+BY_PIP_ALONE = {"av", "mcap", "lz4", "zstandard", "rosbags", "pyogrio"}
 #: Not in the distribution, and needed with an M300 or M350 alone.
 FROM_SOURCE = {"psdk_interfaces"}
 #: Imported where they are needed and installed: extras of setup.py.
-OPTIONAL = {"rasterio": "dem", "pyogrio": "maps"}
+OPTIONAL = {"rasterio": "dem"}
 #: Types of messages in bags that others recorded: their definitions come with the bags.
 IN_BAGS = {"dji_sdk"}
 LAUNCH = {"launch", "launch_ros", "ros2launch"}

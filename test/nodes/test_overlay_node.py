@@ -106,7 +106,7 @@ def test_a_map_that_changes_is_read_again_and_a_wrong_one_is_not(flight):
     flown.until(lambda: flown.diagnostics().get("reloads") == "1")
     assert off_px(flown.shown(), SQUARE_N + NORTH_N) < 1.5
     path.write_text(path.read_text()[:50])
-    flown.until(lambda: "not JSON" in flown.diagnostics().get("", ""))
+    flown.until(lambda: "no map that can be read" in flown.diagnostics().get("", ""))
     flown.until(lambda: "map_unreadable" in flown.diagnostics("/overlay_node: set-up"))
     assert off_px(flown.shown(), SQUARE_N + NORTH_N) < 1.5
     time.sleep(1.0)

@@ -6,7 +6,8 @@ import sqlite3
 import struct
 from contextlib import closing
 
-import shapefile
+import numpy as np
+import pyogrio
 
 RING = [(16.0, 48.0), (16.001, 48.0), (16.001, 48.001), (16.0, 48.0)]
 HOLE = [(16.0003, 48.0003), (16.0006, 48.0003), (16.0006, 48.0006), (16.0003, 48.0003)]
@@ -23,43 +24,30 @@ WKB_TYPES = {
 _SINGLE = {"MultiPoint": "Point", "MultiLineString": "LineString", "MultiPolygon": "Polygon"}
 
 
-def wkb(kind, coordinates, order="<", dims="", ewkb=False, srid=None):
-    """A geometry as WKB; ``dims`` is "", "Z", "M" or "ZM", and coordinates have as many more."""
-    code = WKB_TYPES[kind]
-    if ewkb:
-        code |= 0x80000000 * ("Z" in dims) | 0x40000000 * ("M" in dims)
-        code |= 0x20000000 * (srid is not None)
-    else:
-        code += {"": 0, "Z": 1000, "M": 2000, "ZM": 3000}[dims]
-    head = struct.pack(order + "BI", order == "<", code)
-    if ewkb and srid is not None:
-        head += struct.pack(order + "I", srid)
-
-    def numbers(positions):
-        return b"".join(struct.pack(f"{order}{len(p)}d", *p) for p in positions)
+def wkb(kind, coordinates, dims=""):
+    """A geometry as WKB; ``dims`` is "" or "Z", and coordinates have as many more."""
+    head = struct.pack("<BI", 1, WKB_TYPES[kind] + (1000 if dims else 0))
 
     def counted(items):
-        return struct.pack(order + "I", len(items)) + b"".join(items)
+        return struct.pack("<I", len(items)) + b"".join(items)
 
-    def sized(positions):
-        return struct.pack(order + "I", len(positions)) + numbers(positions)
+    def numbers(position):
+        return struct.pack(f"<{len(position)}d", *position)
 
     if kind == "Point":
-        return head + numbers([coordinates])
+        return head + numbers(coordinates)
     if kind == "LineString":
-        return head + sized(coordinates)
+        return head + counted([numbers(point) for point in coordinates])
     if kind == "Polygon":
-        return head + counted([sized(ring) for ring in coordinates])
+        return head + counted([counted([numbers(p) for p in ring]) for ring in coordinates])
     if kind == "GeometryCollection":
-        return head + counted([wkb(k, c, order, dims, ewkb) for k, c in coordinates])
-    return head + counted([wkb(_SINGLE[kind], c, order, dims, ewkb) for c in coordinates])
+        return head + counted([wkb(k, c, dims) for k, c in coordinates])
+    return head + counted([wkb(_SINGLE[kind], c, dims) for c in coordinates])
 
 
-def gpb(body, envelope=0, empty=False, srs_id=4326):
-    """A geometry in GeoPackage's frame; ``envelope`` is its code, 0 to 4."""
-    flags = 1 | envelope << 1 | empty << 4
-    size = [0, 4, 6, 6, 8][envelope]
-    return struct.pack(f"<2sBBi{size}d", b"GP", 0, flags, srs_id, *[0.0] * size) + body
+def gpb(body, srs_id=4326):
+    """A geometry in GeoPackage's frame."""
+    return struct.pack("<2sBBi", b"GP", 0, 1, srs_id) + body
 
 
 SYSTEMS = {
@@ -67,9 +55,6 @@ SYSTEMS = {
     0: ("NONE", 0, "undefined"),
     4326: ("EPSG", 4326, "GEOGCS[...]"),
     32633: ("EPSG", 32633, "PROJCS[...]"),
-    100001: ("surveyors", 7, "+proj=utm +zone=33 +datum=WGS84 +type=crs"),
-    100003: ("EPSG", 987654, "+proj=utm +zone=33 +datum=WGS84 +type=crs"),
-    100002: ("surveyors", 8, "nonsense"),
 }
 
 
@@ -85,6 +70,7 @@ def fill_geopackage(database, tables, journal="delete"):
     database.executescript(
         """
         PRAGMA application_id = 0x47504B47;
+        PRAGMA user_version = 10200;
         CREATE TABLE gpkg_spatial_ref_sys (srs_name TEXT, srs_id INTEGER PRIMARY KEY,
             organization TEXT, organization_coordsys_id INTEGER, definition TEXT);
         CREATE TABLE gpkg_contents (table_name TEXT PRIMARY KEY, data_type TEXT, identifier TEXT,
@@ -128,17 +114,26 @@ UTM33_PRJ = (
 )
 
 
-def write_shapefile(path, kind, shapes, names=(), prj=WGS84_PRJ, encoding="utf-8"):
-    """``kind`` is a method of pyshp's Writer: point, line, polyz, null ..."""
-    with shapefile.Writer(str(path.with_suffix("")), encoding=encoding) as writer:
-        writer.field("NAME", "C", 40)
-        writer.field("REF", "N", 10, 2)
-        for number, shape in enumerate(shapes):
-            if shape is None:
-                writer.null()
-            else:
-                getattr(writer, kind)(*(shape if kind.startswith("point") else (shape,)))
-            writer.record(names[number] if number < len(names) else f"n{number}", number)
+def write_shapefile(path, shapes, names=(), prj=WGS84_PRJ, encoding="utf-8"):
+    """Lines of positions, or None; labels of 40 letters in an encoding that no file names."""
+    deep = any(len(point) == 3 for shape in shapes if shape for point in shape)
+    given = [*names, *(f"n{number}" for number in range(len(names), len(shapes)))]
+    texts = [name.encode(encoding).decode("latin-1") for name in given]
+    pyogrio.raw.write(
+        path,
+        np.array(
+            [shape and wkb("LineString", shape, dims="Z" if deep else "") for shape in shapes],
+            object,
+        ),
+        [np.array(texts, object), np.arange(len(shapes), dtype=float)],
+        ["NAME", "REF"],
+        geometry_type="LineString Z" if deep else "LineString",
+        crs="EPSG:4326",
+        driver="ESRI Shapefile",
+        encoding="ISO-8859-1",
+    )
+    for suffix in (".cpg", ".prj"):
+        path.with_suffix(suffix).unlink(missing_ok=True)
     if prj is not None:
         path.with_suffix(".prj").write_text(prj)
     return path

@@ -8,6 +8,7 @@ import zipfile
 from contextlib import closing
 
 import numpy as np
+import pyogrio
 import pyproj
 from map_files import RING, gpb, wkb, write_geopackage, write_shapefile
 
@@ -51,7 +52,6 @@ PLACES = " ".join(f"{x},{y}" for x, y in RING)
 LINE = f"<LineString><coordinates>{PLACES}</coordinates></LineString>"
 COORDS = "".join(f"<gx:coord>{x} {y} 5</gx:coord>" for x, y in RING)
 GPX_PLACES = "".join(f'<trkpt lat="{y}" lon="{x}"/>' for x, y in RING)
-OSM_NODES = "".join(f'<node id="{i + 1}" lat="{y}" lon="{x}"/>' for i, (x, y) in enumerate(RING))
 
 
 def kmz(path):
@@ -65,11 +65,10 @@ def spreadsheet(path):
         archive.writestr("xl/workbook.xml", "<workbook/>")
 
 
-def shapefile(crs=None, kind="line", ring=RING, cpg=None, name="a", encoding="utf-8"):
+def shapefile(crs=None, ring=RING, cpg=None, name="a", encoding="utf-8"):
     def write(path):
-        shape = [[(*point, 7.0, 1.0) if kind.endswith("z") else point for point in ring]]
         prj = crs and pyproj.CRS(crs).to_wkt("WKT1_ESRI")
-        write_shapefile(path, kind, [shape], [name], prj, encoding)
+        write_shapefile(path, [ring], [name], prj, encoding)
         if cpg:
             path.with_suffix(".cpg").write_text(cpg)
 
@@ -108,8 +107,6 @@ def mbtiles(path):
 
 def by_gdal(driver, crs="EPSG:4326", **options):
     def write(path):
-        import pyogrio  # noqa: PLC0415  absent where such a map is not tried
-
         shape = np.array([wkb("LineString", moved(crs))], object)
         names = [] if driver == "DXF" else [np.array(["a"], object)]
         fields = ["name"] if names else []
@@ -131,27 +128,6 @@ def csv(*lines):
     return text("\n".join(lines) + "\n")
 
 
-TOPOLOGY = {
-    "type": "Topology",
-    "objects": {"a": {"type": "LineString", "arcs": [0], "properties": {"name": "a"}}},
-    "arcs": [RING],
-}
-ESRI_JSON = {
-    "geometryType": "esriGeometryPolyline",
-    "spatialReference": {"wkid": 4326},
-    "fields": [{"name": "name", "type": "esriFieldTypeString", "length": 9}],
-    "features": [{"attributes": {"name": "a"}, "geometry": {"paths": [RING]}}],
-}
-EVERYTHING = [
-    feature("MultiPoint", RING),
-    feature("MultiLineString", [RING, RING[:2]]),
-    feature("MultiPolygon", [[RING], [RING]]),
-    feature("Point", [*RING[0], 5.0]),
-]
-GATHERED = {
-    "type": "GeometryCollection",
-    "geometries": [each["geometry"] for each in EVERYTHING],
-}
 BAD = [
     feature("LineString", RING[:1], id=7),
     feature("LineString", [RING[0], [float("nan"), 48.0]]),

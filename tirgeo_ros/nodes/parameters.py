@@ -21,7 +21,7 @@ from rclpy.parameter import Parameter as RosParameter
 from tirgeo_ros.core.config import NODE_CONFIGS
 from tirgeo_ros.core.config.schema import Parameter, config_from, parameters_of, values_of
 from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.io.parameters.parameter_file import load_parameters
+from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 
 T = TypeVar("T")
 #: Errors of wrong arguments. rcl's own cannot be imported from the public API.
@@ -43,7 +43,7 @@ def check_arguments(name: str, arguments: Sequence[str]) -> None:
     named = dict(a.split(":=", 1) for a in arguments if a.startswith(("__node:=", "__ns:=")))
     name, namespace = named.get("__node", name), named.get("__ns", "")
     for path in parameter_files(arguments) if name in NODE_CONFIGS else ():
-        values = load_parameters(path, name, namespace)
+        values = ParameterFile(path).values(name, namespace)
         for key, value in values.items():
             if isinstance(value, list) and len({type(item) for item in value}) > 1:
                 raise ConfigError(

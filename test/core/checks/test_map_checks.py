@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
+from map_files import write_shapefile
 from overlays import PLANE, SQUARE_N, geo
 
 from tirgeo_ros.core.checks.map_checks import MapChecks, dem_findings, map_findings
@@ -99,15 +98,12 @@ def test_a_map_beside_the_model():
 
 def test_a_file_that_names_no_system_is_noted(tmp_path):
     """The words are the reader's own."""
-    shapefile = pytest.importorskip("shapefile")
-    with shapefile.Writer(str(tmp_path / "m.shp"), shapeType=shapefile.POINTZ) as writer:
-        writer.field("name", "C")
-        writer.pointz(math.degrees(PLANE.longitude_rad), math.degrees(PLANE.latitude_rad), 25.0)
-        writer.record("tree")
+    place = np.degrees([PLANE.longitude_rad, PLANE.latitude_rad])
+    write_shapefile(tmp_path / "m.shp", [[(*place, 25.0), (*place + STEP_DEG, 25.0)]], prj=None)
     layers = load_layers(str(tmp_path / "m.shp"))
     found = only(map_findings(lay_layers(layers, PLANE, GROUND_M), GROUND_M))
     assert (found.check, found.severity) == ("map_system_unknown", Severity.NOTE)
-    assert "has no .prj" in found.evidence
+    assert "names no known system" in found.evidence
 
 
 def test_the_checks_of_a_flight_follow_its_plane_and_its_map():

@@ -28,13 +28,13 @@ def payload(number):
 PAYLOADS = [payload(number) for number in range(COUNT)]
 
 
-def bag(path, **options):
+def bag(path, repeat=1, **options):
     with path.open("wb") as file:
         writer = Writer(file, chunk_size=options.pop("chunk_size", 4000), **options)
         writer.start("ros2", "test")
         schema = writer.register_schema(TYPE, "ros2msg", cdr.definition(TYPE).encode())
         channel = writer.register_channel("/a", "cdr", schema)
-        for number, data in enumerate(PAYLOADS):
+        for number, data in enumerate(PAYLOADS * repeat):
             writer.add_message(channel, number, data, number)
         writer.finish()
     return path
@@ -73,14 +73,15 @@ def test_a_cut_keeps_what_is_before_it(tmp_path, form, share):
     assert "no usable index at the end (the file ends early)" in damage
 
 
-def test_a_cut_chunk_gives_its_beginning(tmp_path):
-    path = bag(tmp_path / "a.mcap", compression=CompressionType.NONE, chunk_size=1 << 20)
-    data = path.read_bytes()
-    path.write_bytes(data[: len(data) // 2])
-    numbers, damage = read(path)
-    assert COUNT * 0.4 < len(numbers) < COUNT * 0.6
-    assert "the chunk at byte" in damage
-    assert "is cut off" in damage
+@pytest.mark.parametrize("form", ["zstd", "lz4", "plain chunks"])
+def test_a_cut_chunk_gives_its_beginning(tmp_path, form):
+    """Of a chunk of megabytes, as a flight without pictures has it for some seconds."""
+    path = bag(tmp_path / "a.mcap", chunk_size=1 << 24, repeat=40, **FORMS[form])
+    (chunk,) = BagReader(path)._contents.segments
+    path.write_bytes(path.read_bytes()[: chunk.offset + chunk.length * 2 // 3])
+    reader = BagReader(path)
+    assert 300 < len(list(reader.messages())) < COUNT * 40
+    assert "is cut off" in reader.damage
 
 
 @pytest.mark.parametrize("form", ["zstd", "lz4", "plain chunks"])
@@ -101,25 +102,19 @@ def test_a_damaged_chunk_is_left_out(tmp_path, form):
 
 @pytest.mark.parametrize("summary", [True, False])
 def test_damage_over_the_head_of_a_chunk(tmp_path, summary):
+    """A file with its summary loses the chunk, one without it all that follows too."""
     path = bag(tmp_path / "a.mcap")
     data = bytearray(path.read_bytes())
     segment = BagReader(path)._contents.segments[5]
     data[segment.offset : segment.offset + 30] = bytes(30)
     path.write_bytes(data if summary else data[:-100])
     numbers, damage = read(path)
-    assert COUNT - 60 < len(numbers) < COUNT
-    assert (numbers[0], numbers[-1]) == (0, COUNT - 1)
+    if summary:
+        assert COUNT - 60 < len(numbers) < COUNT
+        assert (numbers[0], numbers[-1]) == (0, COUNT - 1)
+    else:
+        assert numbers == list(range(segment.start_ns))
     assert f"from byte {segment.offset} are not readable" in damage
-
-
-def test_missing_bytes_in_the_middle(tmp_path):
-    path = bag(tmp_path / "a.mcap")
-    data = path.read_bytes()
-    path.write_bytes(data[: len(data) // 2] + data[len(data) // 2 + 100 :])
-    numbers, damage = read(path)
-    assert COUNT - 90 < len(numbers) < COUNT
-    assert numbers[-1] == COUNT - 1
-    assert "checksum of the index is wrong" in damage
 
 
 def test_a_damaged_summary_costs_nothing(tmp_path):
@@ -130,30 +125,6 @@ def test_a_damaged_summary_costs_nothing(tmp_path):
     numbers, damage = read(path)
     assert numbers == list(range(COUNT))
     assert "checksum of the index is wrong" in damage
-
-
-def test_garbage_behind_the_end(tmp_path):
-    path = bag(tmp_path / "a.mcap")
-    path.write_bytes(path.read_bytes() + b"garbage")
-    numbers, damage = read(path)
-    assert numbers == list(range(COUNT))
-    assert "no usable index" in damage
-
-
-def test_order_without_an_index(tmp_path):
-    path = tmp_path / "a.mcap"
-    with path.open("wb") as file:
-        writer = Writer(file, chunk_size=2000)
-        writer.start("ros2", "test")
-        schema = writer.register_schema(TYPE, "ros2msg", cdr.definition(TYPE).encode())
-        channel = writer.register_channel("/a", "cdr", schema)
-        for number in random.Random(4).sample(range(COUNT), COUNT):
-            writer.add_message(channel, number, PAYLOADS[number], number)
-        writer.finish()
-    path.write_bytes(path.read_bytes()[:-20])
-    numbers, damage = read(path)
-    assert numbers == list(range(COUNT))
-    assert damage
 
 
 def test_what_is_lost_with_the_descriptions(tmp_path):

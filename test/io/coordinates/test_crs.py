@@ -122,7 +122,7 @@ def test_a_line_across_the_antimeridian_stays_short(tmp_path):
     """UTM 60 goes on beyond 180 deg; the line is 20 km long there and on the tangent plane."""
     path = tmp_path / "a.geojson"
     line = [[823000.0 + x, 0.0] for x in (0.0, 10e3, 20e3)]
-    crs = {"properties": {"name": "EPSG:32660"}}
+    crs = {"type": "name", "properties": {"name": "EPSG:32660"}}
     path.write_text(json.dumps({"type": "LineString", "coordinates": line, "crs": crs}))
     (feature,) = load_layers(str(path))[0].features
     lons = np.degrees(feature.points[:, 1])

@@ -10,12 +10,13 @@ import threading
 import numpy as np
 import pytest
 from measured import run_measured
+from pyproj.network import set_network_enabled
 
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.types.errors import ConfigError, ElevationError, MapError
 from tirgeo_ros.io.elevation.elevation_model import ground_of, load_terrain
 from tirgeo_ros.io.files import offline_reading as offline
-from tirgeo_ros.io.maps import load_layers
+from tirgeo_ros.io.maps.layers import read_layers
 
 RASTER = """<VRTDataset rasterXSize="9" rasterYSize="9"><SRS>EPSG:32650</SRS>
 <GeoTransform>500000,1,0,3300000,0,-1</GeoTransform><VRTRasterBand dataType="Float32" band="1">
@@ -45,6 +46,13 @@ needs_filter = pytest.mark.skipif(
     platform.system() != "Linux" or platform.machine() not in offline._MACHINES,
     reason="the filter of system calls is known for Linux on two machines",
 )
+
+
+@pytest.fixture(autouse=True)
+def projs_network():
+    """Leave PROJ without a network, as the other tests find it."""
+    yield
+    set_network_enabled(active=False)
 
 
 @pytest.fixture
@@ -86,13 +94,12 @@ def test_elevation_models(server, tmp_path):
 
 @needs_filter
 def test_maps(server, tmp_path):
-    pytest.importorskip("pyogrio", reason="pyogrio is not installed")
     address, seen = server
     path = tmp_path / "far.vrt"
     for text in (SERVICE, *(VECTOR.replace("{}", place) for place in PLACES)):
         path.write_text(text.format(address))
         with pytest.raises(MapError, match=r"far\.vrt: "):
-            load_layers(str(path))
+            read_layers(str(path))
     assert seen == []
     path.write_text(VECTOR.format(f"{address}/a.geojson"))
     run_measured(LOAD, str(path), "network")  # in a child, for pyogrio holds the interpreter
@@ -108,7 +115,7 @@ def test_grids_of_a_datum(server, tmp_path, monkeypatch):
     path = tmp_path / "map.geojson"
     path.write_text(
         '{"type": "Point", "coordinates": [450000, 300000], '
-        '"crs": {"properties": {"name": "EPSG:27700"}}}'
+        '"crs": {"type": "name", "properties": {"name": "EPSG:27700"}}}'
     )
     done = run_measured(LOAD, str(path))
     assert "MapLayer" in done.said, done
@@ -136,8 +143,10 @@ def test_where_the_kernel_does_not_help_gdal_is_not_asked(tmp_path, monkeypatch)
     place = rasterio.transform.from_origin(500_000.0, 3_300_000.0, 1.0, 1.0)
     with rasterio.open(path, "w", driver="GTiff", transform=place, **profile) as file:
         file.write(np.ones((9, 9), np.float32), 1)
-    with pytest.raises(ConfigError, match=r"on abacus.* or set network: true"):
+    with pytest.raises(ConfigError, match=r"on abacus.*; set network: true"):
         load_terrain(path)
     assert load_terrain(path, network=True).highest_m == 1.0
     (tmp_path / "a.geojson").write_text('{"type": "Point", "coordinates": [16, 48]}')
-    assert len(load_layers(str(tmp_path / "a.geojson"))) == 1
+    with pytest.raises(ConfigError, match=r"on abacus.*; set network: true"):
+        read_layers(str(tmp_path / "a.geojson"))
+    assert len(read_layers(str(tmp_path / "a.geojson"), network=True)) == 1

@@ -24,20 +24,20 @@ COUNTING = "WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM c) "
 VIEWS = {
     "counts for ever": (
         COUNTING + "SELECT count(*) AS fid, geom, name FROM c, b",
-        "a view in it computes without end; save the layer as a table",
+        "reading it takes more than 7 s of computing, as a view that computes without end does",
     ),
     "rows for ever": (
         COUNTING + "SELECT x AS fid, (SELECT geom FROM b) AS geom, '' AS name FROM c",
-        "a view in it computes without end|more than 500000 features",
+        "reading it takes more than 7 s|more than 500000 features",
     ),
     "long labels": (
         COUNTING
         + "SELECT x AS fid, (SELECT geom FROM b) AS geom, hex(randomblob(5000)) AS name FROM c",
-        "does not fit into memory",
+        "reading it takes more than 7 s|does not fit into memory",
     ),
     "a geometry of a gigabyte": (
         "SELECT fid, zeroblob(1000000000) AS geom, name FROM b",
-        "does not fit into memory|its geometry is none",
+        "does not fit into memory|its reader ended (exit code -11); is the file damaged?",
     ),
     "a label of nearly a gigabyte": (
         "SELECT fid, geom, hex(zeroblob(490000000)) AS name FROM b",
@@ -65,41 +65,27 @@ def test_a_view(tmp_path, name):
     check_refused(message, str(path))
 
 
-@pytest.mark.slow
-def test_the_tables_of_tables_as_a_view(tmp_path):
-    path = tmp_path / "map.gpkg"
-    with closing(sqlite3.connect(path)) as database:
-        database.executescript(
-            f"CREATE VIEW gpkg_geometry_columns AS {COUNTING} SELECT 'a' AS table_name, "
-            "'g' AS column_name, count(*) AS srs_id FROM c;"
-            "CREATE TABLE gpkg_spatial_ref_sys (srs_id, organization, organization_coordsys_id,"
-            " definition)"
-        )
-    check_refused("no GeoPackage that can be read", str(path))
-
-
 def test_a_view_in_another_database(tmp_path):
-    pytest.importorskip("pyogrio", reason="pyogrio is not installed")
     path = tmp_path / "map.sqlite"
     with closing(sqlite3.connect(path)) as database:
         database.execute(
             f"CREATE VIEW v AS {COUNTING} SELECT count(*) AS n, 'POINT(1 2)' AS geometry FROM c"
         )
-    check_refused("an SQLite file with views in it; save the map as a GeoPackage", str(path))
+    check_refused("reading it takes more than 7 s of computing", str(path))
 
 
 def packed(path, *pieces: str, rounds: int) -> None:
     """A KMZ of one .kml: the pieces again and again, each with a number that keeps it large."""
     dice = random.Random(5)
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
-        with archive.open("doc.kml", "w", force_zip64=True) as file:
-            file.write(b"<kml><Document>")
-            for _ in range(rounds):
-                numbers = (f"{dice.getrandbits(40):x}" for _ in range(200))
-                file.write("".join(pieces[0] + number + pieces[1] for number in numbers).encode())
-            file.write(b"</Document></kml>")
-        info = archive.getinfo("doc.kml")
-        assert info.file_size < 100 * info.compress_size
+    with (
+        zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
+        archive.open("doc.kml", "w") as file,
+    ):
+        file.write(b'<kml xmlns="http://www.opengis.net/kml/2.2"><Document>')
+        for _ in range(rounds):
+            numbers = (f"{dice.getrandbits(40):x}" for _ in range(200))
+            file.write("".join(pieces[0] + number + pieces[1] for number in numbers).encode())
+        file.write(b"</Document></kml>")
 
 
 MARK = "<Placemark><Point><coordinates>1,2</coordinates></Point></Placemark>"
@@ -107,24 +93,20 @@ MARK = "<Placemark><Point><coordinates>1,2</coordinates></Point></Placemark>"
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("pieces", "rounds", "message"),
-    [
-        (("<a/>" * 150, ""), 2000, "more than 1500000 elements|does not fit into memory"),
-        ((MARK * 8 + "<n>", "</n>"), 1200, "more than 1500000 elements|does not fit into memory"),
-        (("<a/>" * 150, ""), 3000, "doc.kml in the zip would unpack to"),
-    ],
-    ids=["elements", "placemarks", "size"],
+    ("pieces", "rounds"),
+    [(("<a/>" * 150, ""), 3000), ((MARK * 8 + "<n>", "</n>"), 1200)],
+    ids=["elements", "placemarks"],
 )
-def test_a_kmz_below_the_ratio_of_a_bomb(tmp_path, pieces, rounds, message):
+def test_a_kmz_that_unpacks_to_hundreds_of_megabytes(tmp_path, pieces, rounds):
     packed(tmp_path / "map.kmz", *pieces, rounds=rounds)
-    check_refused(message, str(tmp_path / "map.kmz"))
+    check_refused("does not fit into memory", str(tmp_path / "map.kmz"))
 
 
 @pytest.mark.slow
 def test_a_tag_of_a_million_attributes(tmp_path):
     attributes = " ".join(f'a{number:x}=""' for number in range(3_000_000))
     (tmp_path / "map.kml").write_text(f"<kml {attributes}></kml>")
-    check_refused("a tag of more than 1048576 bytes", str(tmp_path / "map.kml"))
+    check_refused("does not fit into memory", str(tmp_path / "map.kml"))
 
 
 @pytest.mark.slow

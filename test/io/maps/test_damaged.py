@@ -1,16 +1,25 @@
 """Cut and flipped files of every format: a map, or one line that names the file."""
 
-import json
 import random
 import tracemalloc
-import zipfile
 
 import numpy as np
 import pytest
-from map_files import HOLE, RING, gpb, wkb, write_geopackage, write_shapefile
+from map_files import HOLE, RING
+from wild_map_files import (
+    LINE,
+    collection,
+    feature,
+    geopackage,
+    kml,
+    kmz,
+    mark,
+    shapefile,
+    text,
+)
 
 from tirgeo_ros.core.types.errors import MapError
-from tirgeo_ros.io.maps import load_layers
+from tirgeo_ros.io.maps.layers import read_layers
 
 ROUNDS = 150
 ROUNDS_OF = {".prj": 20}  # an unknown name of a system is looked for far and wide by PROJ
@@ -18,41 +27,12 @@ ROUNDS_OF = {".prj": 20}  # an unknown name of a system is looked for far and wi
 MOST_BYTES = 32 << 20
 
 
-def geojson(path):
-    polygon = {"type": "MultiPolygon", "coordinates": [[RING, HOLE]]}
-    feature = {"type": "Feature", "properties": {"name": "Grün"}, "geometry": polygon}
-    path.write_text(json.dumps({"type": "FeatureCollection", "features": [feature] * 3}))
-
-
-def geopackage(path):
-    polygon = gpb(wkb("MultiPolygon", [[RING, HOLE]]), 1)
-    write_geopackage(path, {"a": (4326, [(polygon, "Grün", 1)] * 3), "b": (32633, [])})
-
-
-def kml(path):
-    text = " ".join(f"{x},{y}" for x, y in RING)
-    line = f"<LineString><coordinates>{text}</coordinates></LineString>"
-    mark = f"<Placemark><name>Grün</name>{line}</Placemark>"
-    path.write_text(f'<?xml version="1.0"?><kml><Folder>{mark * 3}</Folder></kml>', "utf-8")
-
-
-def kmz(path):
-    kml(path)
-    text = path.read_bytes()
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("doc.kml", text)
-
-
-def loose_shapefile(path):
-    write_shapefile(path, "poly", [[RING[::-1], HOLE]] * 3, ["Grün"])
-
-
 MAKERS = {
-    "a.geojson": geojson,
-    "a.gpkg": geopackage,
-    "a.kml": kml,
+    "a.geojson": text(collection(*[feature("MultiPolygon", [[RING, HOLE]])] * 3)),
+    "a.gpkg": geopackage(),
+    "a.kml": text(kml(f"<Folder>{mark('Grün', LINE) * 3}</Folder>")),
     "a.kmz": kmz,
-    "a.shp": loose_shapefile,
+    "a.shp": shapefile("EPSG:4326", name="Grün"),
 }
 
 
@@ -73,7 +53,7 @@ def damaged(content, rng):
 def check(path):
     """Load; whatever comes is a map of finite places, or a message of one line."""
     try:
-        layers = load_layers(str(path))
+        layers = read_layers(str(path))
     except MapError as error:
         text = str(error)
     else:

@@ -77,7 +77,7 @@ def test_what_the_reading_raises_is_raised_here(child, config):
     with pytest.raises(ConfigError, match="1 of 1 features have no height; set ground_height_m"):
         child.read(OverlayConfig(map=config.map))
     Path(config.map).write_text("{")
-    with pytest.raises(MapError, match=r"map\.geojson: not JSON"):
+    with pytest.raises(MapError, match=r"map\.geojson: no map that can be read"):
         child.read(config)
     with pytest.raises(MapError, match=r"nowhere\.geojson"):
         child.read(OverlayConfig(map=str(Path(config.map).with_name("nowhere.geojson"))))

@@ -9,7 +9,7 @@ from project import PROJECT
 
 from tirgeo_ros.core.map.layers import LayerStyle
 from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.io.maps import load_layers
+from tirgeo_ros.io.maps.layers import read_layers as load_layers
 from tirgeo_ros.io.maps.style_sheet import load_style_sheet
 
 SHEET = """
@@ -94,7 +94,7 @@ BAD = {
         "layers: [{crs: EPSG:1}]",
         "layer 1: crs: unknown coordinate reference system 'EPSG:1'",
     ),
-    "where": ("layers: [{where: kind}]", "layer 1: where: 'kind' is no condition: it ends where"),
+    "where": ("layers: [{where: kind}]", "layer 1: where: 'kind' is no condition; write it as"),
     "prj": ("layers: [{crs: a.prj}]", "layer 1: crs: .*a.prj: cannot be read"),
 }
 

@@ -1,4 +1,4 @@
-"""Maps as people have them: read, and lying where GDAL and PROJ have them, or refused by name."""
+"""Maps as people have them: read, and lying where they were written, or refused by name."""
 
 from __future__ import annotations
 
@@ -6,26 +6,19 @@ import re
 import warnings
 
 import numpy as np
-import pyproj
 import pytest
 from map_files import RING
 from wild_maps import ELSEWHERE, READ, REFUSED
 
 from tirgeo_ros.core.types.errors import MapError
-from tirgeo_ros.io.maps import load_layers
-from tirgeo_ros.io.maps.wkb import wkb_parts
+from tirgeo_ros.io.maps.layers import read_layers
 
-#: Formats that are read through pyogrio.
-BY_GDAL = {".gpx", ".fgb", ".gml", ".dxf", ".gdb", ".sqlite", ".mif", ".csv", ".osm"}
-BY_GDAL_TOO = {"TopoJSON", "JSON of ESRI"}
 CLOSE_DEG = 1e-8  # a millimetre
 WHERE = {case: (name, write, RING, notes) for case, (name, write, notes) in READ.items()}
 
 
-def written(folder, case, name, write):
+def written(folder, name, write):
     path = folder / name
-    if path.suffix in BY_GDAL or case in BY_GDAL_TOO:
-        pytest.importorskip("pyogrio", reason="pyogrio is not installed")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of GDAL on what a format cannot keep
         write(path)
@@ -34,7 +27,7 @@ def written(folder, case, name, write):
 
 def drawn(path):
     """Longitudes and latitudes (N, 2) deg of all features."""
-    features = [f for layer in load_layers(str(path)) for f in layer.features]
+    features = [f for layer in read_layers(str(path)) for f in layer.features]
     return np.degrees(np.concatenate([f.points for f in features])[:, 1::-1])
 
 
@@ -51,10 +44,10 @@ def check_same(got, wanted):
 @pytest.mark.parametrize("case", [*WHERE, *ELSEWHERE])
 def test_a_map_is_read_where_it_lies(tmp_path, case):
     name, write, places, notes = {**WHERE, **ELSEWHERE}[case]
-    path = written(tmp_path, case, name, write)
+    path = written(tmp_path, name, write)
     before = sorted(tmp_path.iterdir())
     check_same(drawn(path), places)
-    told = [note for layer in load_layers(str(path)) for note in layer.left_out]
+    told = [note for layer in read_layers(str(path)) for note in layer.left_out]
     assert len(told) == len(notes), told
     for note, pattern in zip(told, notes, strict=True):
         assert note.startswith(f"{path}: ")
@@ -64,52 +57,15 @@ def test_a_map_is_read_where_it_lies(tmp_path, case):
 
 def test_letters_by_the_name_of_their_encoding(tmp_path):
     name, write, _ = READ["shapefile, letters by .cpg"]
-    path = written(tmp_path, "", name, write)
-    assert load_layers(str(path))[0].features[0].label == "消防栓"
+    path = written(tmp_path, name, write)
+    assert read_layers(str(path))[0].features[0].label == "消防栓"
 
 
 @pytest.mark.parametrize("case", REFUSED)
 def test_a_map_is_refused_by_name_with_what_to_do(tmp_path, case):
     name, write, message = REFUSED[case]
-    path = written(tmp_path, case, name, write)
+    path = written(tmp_path, name, write)
     with pytest.raises(MapError, match=message) as caught:
-        load_layers(str(path))
+        read_layers(str(path))
     assert str(caught.value).startswith(f"{path}: ")
     assert "\n" not in str(caught.value)
-
-
-#: What GDAL reads otherwise, for a reason that stands beside it.
-NOT_ALIKE = {
-    "GeoJSON in UTF-16",  # GDAL takes no UTF-16
-    "GeoJSON with bad features",  # GDAL draws the places beyond the Earth too
-    "CSV of lon and lat",  # without options GDAL takes a table for one without places
-    "GeoPackage with a view",  # GDAL wants a view's columns told of in tables that are not here
-}
-
-
-@pytest.mark.parametrize("case", sorted({*WHERE, *ELSEWHERE} - NOT_ALIKE))
-def test_places_are_those_of_gdal_and_proj(tmp_path, case):
-    pyogrio = pytest.importorskip("pyogrio", reason="pyogrio is not installed")
-    name, write, *_ = {**WHERE, **ELSEWHERE}[case]
-    path = written(tmp_path, case, name, write)
-    got = drawn(path)
-    check_same(got, np.concatenate(list(by_gdal(pyogrio, path))))
-
-
-def by_gdal(pyogrio, path):
-    """The places of each layer, by another reader of all of it."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        for layer in pyogrio.list_layers(path)[:, 0]:
-            meta, _, geometries, _ = pyogrio.raw.read(path, layer=layer)
-            parts = [part[:, :2] for blob in geometries if blob for _, part in wkb_parts(blob)]
-            if parts:
-                yield in_degrees(np.concatenate(parts), meta["crs"])
-
-
-def in_degrees(places, crs):
-    if crs is None:
-        return places
-    system = pyproj.CRS(crs).to_2d()
-    transformer = pyproj.Transformer.from_crs(system, "EPSG:4326", always_xy=True)
-    return np.column_stack(transformer.transform(*places.T))

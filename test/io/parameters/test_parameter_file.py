@@ -8,7 +8,7 @@ import pytest
 
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.io.parameters.parameter_file import ParameterFile, load_config, load_parameters
+from tirgeo_ros.io.parameters.parameter_file import ParameterFile, load_config
 
 
 @pytest.fixture
@@ -19,6 +19,10 @@ def write(tmp_path):
         return path
 
     return write
+
+
+def load_parameters(path, node, namespace=""):
+    return ParameterFile(path).values(node, namespace)
 
 
 def ekf(section, body="publish_rate_hz: 50.0"):

@@ -6,6 +6,7 @@ import pytest
 
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig
 from tirgeo_ros.core.types.errors import ConfigError
+from tirgeo_ros.io.files.whole_files import write_files
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.io.parameters.parameter_output import write_parameters
 
@@ -43,9 +44,12 @@ def test_an_empty_name_is_all_nodes(tmp_path):
         assert config.aircraft.rtk_antenna_m == (0.1, 0.2, 0.3)
 
 
-def test_the_faulty_one_of_several_files_is_named(tmp_path):
-    good, bad = tmp_path / "good.yaml", tmp_path / "bad.yaml"
-    write_parameters(good, {"ekf_node": {"method": "ekf"}}, "")
-    write_parameters(bad, {"ekf_node": {"methode": "ekf"}}, "")
-    with pytest.raises(ConfigError, match=r"bad\.yaml: unknown parameter methode.*method"):
-        ParameterFile([good, bad])
+def test_all_files_are_written_or_none(tmp_path):
+    (tmp_path / "old").write_text("old")
+    with pytest.raises(ConfigError, match=r"absent/b: cannot be written: No such file"):
+        write_files({tmp_path / "old": "new", tmp_path / "absent" / "b": "b"}, ConfigError)
+    assert (tmp_path / "old").read_text() == "old"
+    assert [path.name for path in tmp_path.iterdir()] == ["old"]
+    write_files({tmp_path / "old": "néw", str(tmp_path / "b"): b"bytes"}, ConfigError)
+    assert (tmp_path / "old").read_text(encoding="utf-8") == "néw"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["b", "old"]

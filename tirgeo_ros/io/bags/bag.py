@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from bisect import bisect_left
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from mmap import mmap
 from pathlib import Path
@@ -18,16 +19,18 @@ from tirgeo_ros.io.bags.mcap_contents import (
     Segment,
     contents_of,
     header_of,
+    mapped,
     read_segment,
 )
-from tirgeo_ros.io.bags.time_order import Placed, damage_line, in_time_order
-from tirgeo_ros.io.files.mapped_file import mapped
 from tirgeo_ros.io.files.whole_files import PathLike, check_place, part_of
 
 __all__ = ["BagMessage", "BagReader", "BagWriter", "Cdr"]
 
 _PROFILES = ("ros2", "")  # "" where a tool that copied a bag left it out
 _ENCODING = ("cdr", "ros2msg")
+#: The most bytes of messages that may wait. Parts of a recording overlap by a second or so.
+_MOST_WAITING = 384 << 20
+_BESIDE_BYTES = 600  # memory of a message in addition to its data
 
 
 class BagMessage(NamedTuple):
@@ -37,6 +40,10 @@ class BagMessage(NamedTuple):
     typename: str
     log_time_ns: int
     data: bytes  # CDR
+
+
+#: A message preceded by its sort keys: time, then its place in the file.
+_Placed = tuple[int, int, int, BagMessage]
 
 
 class BagReader:
@@ -82,7 +89,10 @@ class BagReader:
         The line is complete after an iteration over all topics.
         """
         losses = [what for _, what in sorted(self._contents.losses.items())]
-        return damage_line(losses, self._read)
+        if not losses:
+            return None
+        more = f" and {len(losses) - 3} more places" if len(losses) > 3 else ""
+        return f"{'; '.join(losses[:3])}{more}; {self._read} messages were read"
 
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int | None = None
@@ -101,7 +111,7 @@ class BagReader:
                 (segment.start_ns, self._loaded(data, segment, types, start_ns))
                 for segment in self._chosen(types, start_ns)
             )
-            yield from in_time_order(parts, self.path)
+            yield from _in_time_order(parts, self.path)
 
     def _chosen(self, types: dict[int, tuple[str, str]], start_ns: int) -> list[Segment]:
         wanted = types.keys()
@@ -117,7 +127,7 @@ class BagReader:
 
     def _loaded(
         self, data: mmap, segment: Segment, types: dict[int, tuple[str, str]], start_ns: int
-    ) -> Iterator[Placed[BagMessage]]:
+    ) -> Iterator[_Placed]:
         raw = read_segment(data, segment.offset, segment.length, self._contents)
         for number, (channel, log, body) in enumerate(raw):
             if channel in types and log >= start_ns:
@@ -223,3 +233,32 @@ class BagWriter:
 
     def _error(self, error: OSError) -> BagError:
         return BagError(f"{self.path}: cannot be written: {error.strerror or error}")
+
+
+def _in_time_order(
+    parts: Iterable[tuple[int, Iterable[_Placed]]], name: object
+) -> Iterator[BagMessage]:
+    """Yield the messages of parts, which come in the order of their first times (ns).
+
+    Raises BagError, naming ``name``, if too many overlap.
+    """
+    waiting: list[_Placed] = []
+    for start_ns, loaded in parts:
+        ready = bisect_left(waiting, (start_ns,))
+        yield from (message for *_, message in waiting[:ready])
+        del waiting[:ready]
+        room = _MOST_WAITING - sum(_size(message) for *_, message in waiting)
+        for placed in loaded:
+            room -= _size(placed[3])
+            if room < 0:
+                raise BagError(
+                    f"{name}: more than {_MOST_WAITING >> 20} MiB of messages overlap in time; "
+                    "write it anew in order of time, in chunks of a megabyte (mcap sort)"
+                )
+            waiting.append(placed)
+        waiting.sort()
+    yield from (message for *_, message in waiting)
+
+
+def _size(message: BagMessage) -> int:
+    return len(message.data) + _BESIDE_BYTES

@@ -1,18 +1,20 @@
 """Find the messages of an MCAP file, also of one that is cut off or damaged.
 
-A whole file lists them in its summary. Any other is walked from its first record: valid records
-are used, broken ones are skipped and noted.
+A whole file lists them in its summary. Any other is walked from its first record to the first that
+is broken. A last chunk that is cut off is read up to the cut; broken chunks are left out.
 """
 
 from __future__ import annotations
 
+import os
 import struct
-import sys
 import zlib
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from io import BytesIO
-from mmap import mmap
+from mmap import ACCESS_READ, MADV_DONTNEED, mmap
+from pathlib import Path
 
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
@@ -20,15 +22,14 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, ChunkIndex, Footer, Header, Schema, Statistics
 from mcap.stream_reader import StreamReader
 
+from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.files.bounded_unpacking import unpacked
-from tirgeo_ros.io.files.mapped_file import part_of_file
 
 MAGIC = b"\x89MCAP0\r\n"
 
 _RECORD = struct.Struct("<BQ")  # opcode, length of what follows
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 _FOOTER_SIZE = _RECORD.size + 20
-_COMPRESSION_AT = _RECORD.size + 28  # of the compression's name in a chunk
 _LOOSE_SIZE = 1 << 20  # messages outside chunks are grouped up to this size
 _PRIVATE = 0x80  # opcodes from here on belong to applications and are skipped
 
@@ -138,41 +139,31 @@ def _footer(data: mmap) -> Footer:
 
 
 def _walked(data: mmap) -> McapContents:
-    """Return the contents by walking all records from the first one on."""
+    """Return the contents by walking the records, from the first one to the first broken one."""
     found = McapContents()
-    for offset, length in _ranges(data, found):
-        first_ns, last_ns = sys.maxsize, -1
-        for _, log_time_ns, _ in read_segment(data, offset, length, found):
-            first_ns, last_ns = min(first_ns, log_time_ns), max(last_ns, log_time_ns)
-        if last_ns >= 0:
-            found.segments.append(Segment(first_ns, last_ns, offset, length))
-    return found
-
-
-def _ranges(data: mmap, found: McapContents) -> Iterator[tuple[int, int]]:
-    """Yield ranges of whole records, one with each chunk.
-
-    Broken places are added to ``found.losses``.
-    """
     at = start = len(MAGIC)
     while at < len(data):
         opcode, end = _record_at(data, at)
         if opcode == Opcode.DATA_END:
             break
-        if end > len(data) and opcode == Opcode.CHUNK and not _next_chunk(data, at + 1):
-            at = len(data)  # the last chunk, cut off: its beginning can be read
+        if opcode == Opcode.CHUNK and end > len(data):
+            at = len(data)  # the last one, cut off: its beginning can be read
             break
         if opcode is None or end > len(data):
-            yield start, at - start
-            following = _next_chunk(data, at + 1) or len(data)
-            found.losses[at] = f"{following - at} bytes from byte {at} are not readable"
-            at = start = following
-            continue
+            found.losses[at] = f"{len(data) - at} bytes from byte {at} are not readable"
+            break
         at = end
         if opcode == Opcode.CHUNK or at - start > _LOOSE_SIZE:
-            yield start, at - start
+            _add_segment(found, data, start, at - start)
             start = at
-    yield start, at - start
+    _add_segment(found, data, start, at - start)
+    return found
+
+
+def _add_segment(found: McapContents, data: mmap, offset: int, length: int) -> None:
+    times_ns = [log_time_ns for _, log_time_ns, _ in read_segment(data, offset, length, found)]
+    if times_ns:
+        found.segments.append(Segment(min(times_ns), max(times_ns), offset, length))
 
 
 def _record_at(data: mmap | bytes, at: int) -> tuple[int | None, int]:
@@ -184,27 +175,6 @@ def _record_at(data: mmap | bytes, at: int) -> tuple[int | None, int]:
     return (opcode if known else None), at + _RECORD.size + length
 
 
-def _next_chunk(data: mmap, at: int) -> int | None:
-    """Return the offset of the next record that has all marks of a compressed chunk, else None."""
-    found = []
-    for name in (b"zstd", b"lz4"):
-        marker = struct.pack("<I", len(name)) + name
-        place = data.find(marker, at + _COMPRESSION_AT)
-        while place >= 0 and not _is_chunk(data, place - _COMPRESSION_AT, len(marker)):
-            place = data.find(marker, place + 1)
-        found += [place - _COMPRESSION_AT] if place >= 0 else []
-    return min(found, default=None)
-
-
-def _is_chunk(data: mmap, at: int, marker_size: int) -> bool:
-    opcode, length = _RECORD.unpack_from(data, at)
-    size_at = at + _COMPRESSION_AT + marker_size
-    if opcode != Opcode.CHUNK or size_at + 8 > len(data):
-        return False
-    (size,) = struct.unpack_from("<Q", data, size_at)
-    return bool(length == size + size_at + 8 - at - _RECORD.size)
-
-
 def read_segment(
     data: mmap, offset: int, length: int, found: McapContents
 ) -> Iterator[RawMessage]:
@@ -214,10 +184,11 @@ def read_segment(
     while at < len(part):
         opcode, end = _record_at(part, at)
         body, place = part[at + _RECORD.size : end], offset + at
+        cut = end > len(part)
         if opcode == Opcode.CHUNK:
-            inside = _unpacked(body, end - at - _RECORD.size, place, found)
+            inside = _unpacked(body, place, found, cut=cut)
             yield from _messages(inside, place, found)
-        elif opcode is None or end > len(part):
+        elif opcode is None or cut:
             found.losses[place] = f"{len(part) - at} bytes from byte {place} are not readable"
             return
         elif opcode in {Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL}:
@@ -225,20 +196,19 @@ def read_segment(
         at = end
 
 
-def _unpacked(body: bytes, size: int, offset: int, found: McapContents) -> bytes:
+def _unpacked(body: bytes, offset: int, found: McapContents, *, cut: bool) -> bytes:
     """Return the records in a chunk; of one cut off those up to the cut, of a broken one none."""
-    cut = len(body) < size
+    if cut:
+        found.losses[offset] = f"the chunk at byte {offset} is cut off"
     try:
         chunk = Chunk.read(ReadDataStream(BytesIO(body)))
+        inside = unpacked(chunk.data, chunk.compression, chunk.uncompressed_size, cut=cut)
+        if not cut and chunk.uncompressed_crc not in {0, zlib.crc32(inside)}:
+            raise ValueError("is damaged (its checksum is wrong)")
     except _BROKEN as error:
-        found.losses[offset] = f"the chunk at byte {offset} is damaged ({_reason(error)})"
+        found.losses[offset] = f"the chunk at byte {offset} {_reason(error)}"
         return b""
-    inside, fault = unpacked(chunk.data, chunk.compression, chunk.uncompressed_size)
-    if not (cut or fault) and chunk.uncompressed_crc not in {0, zlib.crc32(inside)}:
-        fault = "is damaged (its checksum is wrong)"
-    if cut or fault:
-        found.losses[offset] = f"the chunk at byte {offset} {fault or 'is cut off'}"
-    return inside if cut or not fault else b""
+    return inside
 
 
 def _messages(records: bytes, offset: int, found: McapContents) -> Iterator[RawMessage]:
@@ -264,3 +234,27 @@ def _messages(records: bytes, offset: int, found: McapContents) -> Iterator[RawM
 def _reason(error: BaseException) -> str:
     lines = str(error).splitlines()
     return lines[0] if lines else type(error).__name__
+
+
+@contextmanager
+def mapped(path: Path) -> Iterator[mmap]:
+    """Yield the bytes of a file. Raises BagError, naming it, if it is empty or cannot be read."""
+    try:
+        with path.open("rb") as file:
+            if not os.fstat(file.fileno()).st_size:
+                raise BagError(f"{path}: the file is empty")
+            with mmap(file.fileno(), 0, access=ACCESS_READ) as data:
+                yield data
+    except OSError as error:
+        raise BagError(f"{path}: cannot be read: {error.strerror or error}") from None
+
+
+def part_of_file(data: mmap, start: int, length: int) -> bytes:
+    """Return a copy of a part, and release all pages mapped so far.
+
+    Otherwise every page of a file that was read once counts as this process's memory until the
+    file is closed.
+    """
+    part = data[start : start + length]
+    data.madvise(MADV_DONTNEED)
+    return part

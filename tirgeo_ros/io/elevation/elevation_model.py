@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import math
 import os
 from collections.abc import Callable, Iterator
@@ -17,10 +16,11 @@ from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ground.dem import GridOf, Terrain
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.core.types.errors import ElevationError
+from tirgeo_ros.core.types.errors import ElevationError, MapError
+from tirgeo_ros.io.coordinates.crs import checked_system
 from tirgeo_ros.io.elevation.raster_grid import Tile, read_grid
 from tirgeo_ros.io.files.memory_bound import bounded_memory
-from tirgeo_ros.io.files.offline_reading import check_closed, elsewhere, read_map
+from tirgeo_ros.io.files.offline_reading import elsewhere, imported_rasterio, read_map
 from tirgeo_ros.io.files.text_file import named_files
 from tirgeo_ros.io.files.whole_files import PathLike
 
@@ -59,8 +59,7 @@ def load_terrain(dem: PathLike, undulation_m: float = 0.0, *, network: bool = Fa
 
 
 def _loaded(paths: list[str], undulation_m: float) -> Terrain:
-    rasterio = _rasterio(paths[0])
-    check_closed()
+    rasterio = imported_rasterio(f"{paths[0]}: elevation models need", ElevationError)
     with ExitStack() as opened:
         opened.enter_context(rasterio.Env(GDAL_CACHEMAX=_CACHE_MB))
         tiles, notes = [], []
@@ -93,15 +92,6 @@ def ground_of(config: OverlayConfig) -> Ground | None:
     if not config.dem:
         return None
     return load_terrain(config.dem, config.dem_undulation_m, network=config.network)
-
-
-def _rasterio(path: PathLike) -> Any:
-    try:
-        return importlib.import_module("rasterio")
-    except ImportError:
-        raise ElevationError(
-            f"{os.fspath(path)}: elevation models need rasterio: pip install 'tirgeo[dem]'"
-        ) from None
 
 
 def _tile(path: str, source: Any, undulation_m: float) -> tuple[Tile, list[tuple[str, str]]]:
@@ -149,15 +139,10 @@ def _terrain(rasterio: Any, tiles: list[Tile], notes: tuple[str, ...]) -> Terrai
 
 def _system(name: str, source: Any) -> pyproj.CRS:
     try:
-        system = pyproj.CRS.from_user_input(source.crs.to_wkt())
-    except pyproj.exceptions.CRSError:
-        raise ElevationError(f"{name}: its coordinate system is not known to PROJ") from None
-    if not (system.is_geographic or system.is_projected):
-        raise ElevationError(
-            f"{name}: its coordinate system {system.name!r} is none of the Earth's surface; give "
-            "it one (gdal_edit -a_srs)"
-        )
-    return system
+        return checked_system(source.crs.to_wkt(), name)
+    except MapError as error:
+        first = str(error).partition(";")[0]
+        raise ElevationError(f"{first}; give it one (gdal_edit -a_srs)") from None
 
 
 def _grid_of(system: pyproj.CRS, transform: Any, shape: tuple[int, ...]) -> GridOf:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -14,11 +12,8 @@ import numpy.typing as npt
 
 from tirgeo_ros.core.types.errors import ElevationError
 
-#: A grid with more nodes is kept in a mapped file, and read where it is accessed: as float32 a
-#: quarter of a gigabyte.
-MOST_IN_MEMORY = 64_000_000
-#: A larger grid is refused: it would take more than some seconds to read and to search.
-_MOST_BYTES = 600_000_000
+#: A larger grid is refused: a quarter of a gigabyte as float32.
+_MOST_NODES = 64_000_000
 _AT_ONCE = 12_000_000  # nodes read from a file at once
 #: Largest offset in pixels between the grids of two tiles. The surface moves by as much.
 _OFF_PIXELS = 0.01
@@ -48,7 +43,7 @@ def read_grid(tiles: Sequence[Tile], guard: Guard) -> tuple[Heights, Any]:
     """Return heights (rows, columns) of tiles on one grid, nan where absent, and its transform.
 
     Where tiles overlap, the first that has a height is used. Raises ElevationError, naming the
-    tile, for one of another system or another grid than the first one's, and if there is no room.
+    tile, for one of another system or another grid than the first one's, and for a grid too large.
     """
     corners = [_corner(tile, tiles[0]) for tile in tiles]
     left, top = (min(each) for each in zip(*corners, strict=True))
@@ -58,15 +53,15 @@ def read_grid(tiles: Sequence[Tile], guard: Guard) -> tuple[Heights, Any]:
     ]
     columns = max(each.column + each.tile.source.width for each in placed)
     rows = max(each.row + each.tile.source.height for each in placed)
-    dtype = np.result_type(*map(_dtype, tiles))
-    if rows * columns * dtype.itemsize > _MOST_BYTES:
+    if rows * columns > _MOST_NODES:
         raise ElevationError(
-            f"{tiles[0].name}: {columns} x {rows} pixels, and at most "
-            f"{_MOST_BYTES // dtype.itemsize / 1e6:g} million are taken; cut out the flight's "
-            "surroundings (gdal_translate -projwin)"
+            f"{tiles[0].name}: {columns} x {rows} pixels, and at most {_MOST_NODES / 1e6:g} "
+            "million are taken; cut out the flight's surroundings (gdal_translate -projwin)"
         )
-    strips = _strips(placed, (rows, columns), dtype, guard)
-    heights = _kept(strips, (rows, columns), dtype, tiles[0].name)
+    heights = np.full((rows, columns), np.nan, np.result_type(*map(_dtype, tiles)))
+    for each in reversed(placed):
+        with guard(each.tile.name):
+            _paste(each, heights)
     transform = tiles[0].source.transform
     return heights, transform * type(transform).translation(left, top)
 
@@ -106,61 +101,17 @@ def _dtype(tile: Tile) -> type[np.floating]:
     return np.float64 if tile.source.dtypes[0] == "float64" else np.float32
 
 
-def _strips(
-    placed: Sequence[_Placed], shape: tuple[int, int], dtype: npt.DTypeLike, guard: Guard
-) -> Iterator[Heights]:
-    """Yield the grid from its first row to its last, some rows at a time."""
-    rows, columns = shape
-    step = max(_AT_ONCE // columns, 1)
-    block = placed[0].tile.source.block_shapes[0][0]
-    step = max(step // block * block, min(block, step))  # do not cut a block if it fits
-    for begin in range(0, rows, step):
-        strip = np.full((min(step, rows - begin), columns), np.nan, dtype)
-        for each in reversed(placed):
-            with guard(each.tile.name):
-                _paste(each, strip, begin)
-        yield strip
-
-
-def _paste(placed: _Placed, strip: Heights, begin: int) -> None:
-    """Copy a tile's finite heights into a strip of the grid that begins at row ``begin``."""
+def _paste(placed: _Placed, heights: Heights) -> None:
+    """Copy a tile's finite heights into the grid, some rows at a time."""
     source = placed.tile.source
-    first = max(begin - placed.row, 0)
-    last = min(begin + len(strip) - placed.row, source.height)
-    if first < last:
-        window = ((first, last), (0, source.width))
+    step = max(_AT_ONCE // source.width, 1)
+    columns = slice(placed.column, placed.column + source.width)
+    for first in range(0, source.height, step):
+        window = ((first, min(first + step, source.height)), (0, source.width))
         part = _heights(placed.tile, source.read(1, masked=True, window=window))
-        row = first + placed.row - begin
-        place = strip[row : row + len(part), placed.column : placed.column + source.width]
+        row = placed.row + first
+        place = heights[row : row + len(part), columns]
         np.copyto(place, part, where=np.isfinite(part))
-
-
-def _kept(
-    strips: Iterator[Heights], shape: tuple[int, int], dtype: npt.DTypeLike, name: str
-) -> Heights:
-    """Return strips as one array, in memory or in an unnamed file that is deleted with it."""
-    if shape[0] * shape[1] <= MOST_IN_MEMORY:
-        heights = np.empty(shape, dtype)
-        row = 0
-        for strip in strips:
-            heights[row : row + len(strip)] = strip
-            row += len(strip)
-        return heights
-    size = shape[0] * shape[1] * np.dtype(dtype).itemsize
-    with tempfile.TemporaryFile(prefix="tirgeo-dem-") as file:
-        try:
-            # fails now if there is no room, not half-way
-            os.posix_fallocate(file.fileno(), 0, size)
-            for strip in strips:
-                file.write(strip.data)
-        except OSError as error:
-            raise ElevationError(
-                f"{name}: {shape[1]} x {shape[0]} pixels need {size / 1e9:.1f} GB in "
-                f"{tempfile.gettempdir()} ({error.strerror}); cut out the flight's surroundings "
-                "(gdal_translate -projwin), or name a folder with room in TMPDIR"
-            ) from None
-        file.flush()
-        return np.memmap(file, dtype, "r", shape=shape)
 
 
 def _heights(tile: Tile, band: Any) -> Heights:

@@ -1,7 +1,8 @@
-"""Bound the memory that a file from outside may fill."""
+"""Bound the memory and the time that a file from outside may take."""
 
 from __future__ import annotations
 
+import math
 import resource
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -9,6 +10,8 @@ from pathlib import Path
 
 #: A GeoJSON of two million vertices just fits. Together with the program it stays below 1 GB.
 MOST_BYTES = 720 << 20
+#: Seconds of computing: GDAL reads the largest map that is drawn in one or two.
+MOST_S = 7
 
 
 @contextmanager
@@ -39,3 +42,17 @@ def _used_bytes() -> int:
         said = next(line for line in lines if line.startswith("VmData:"))
         return int(said.split()[1]) << 10
     return 0
+
+
+@contextmanager
+def bounded_time(most_s: int = MOST_S) -> Iterator[None]:
+    """Limit the process's additional seconds of computing; SIGXCPU ends it beyond them."""
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    before, hard = resource.getrlimit(resource.RLIMIT_CPU)
+    most = [math.ceil(used.ru_utime + used.ru_stime) + most_s]
+    limit = min(most + [each for each in (before, hard) if each >= 0])
+    resource.setrlimit(resource.RLIMIT_CPU, (limit, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_CPU, (before, hard))

@@ -10,20 +10,20 @@ from __future__ import annotations
 
 import ctypes
 import errno
+import importlib
 import os
 import platform
 import re
 import struct
 import threading
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from pyproj.network import set_network_enabled  # type: ignore[attr-defined]
 
-from tirgeo_ros.core.types.errors import ConfigError
+from tirgeo_ros.core.types.errors import ConfigError, TirgeoError
 
 T = TypeVar("T")
-_thread = threading.local()  # unable: why this thread could not be cut off from the network
 
 #: Marks of a place that is not on this machine, in a path or in a message of GDAL's.
 _ELSEWHERE = re.compile(r"://|/vsi|curl|resolve host|\.vrt\b", re.IGNORECASE)
@@ -39,7 +39,8 @@ _ALLOW, _REFUSE = 0x7FFF0000, 0x00050000 | errno.EACCES
 def read_map(work: Callable[[], T], *, network: bool) -> T:
     """Return what ``work`` returns, or raise what it raises.
 
-    Without ``network`` it runs in a thread that has no network.
+    Without ``network`` it runs in a thread that has no network. Raises ConfigError where a thread
+    cannot be cut off from it.
     """
     set_network_enabled(active=network)
     if network:
@@ -49,7 +50,11 @@ def read_map(work: Callable[[], T], *, network: bool) -> T:
 
     def run() -> None:
         try:
-            _thread.unable = _close_network()
+            why = _close_network()
+            if why:
+                raise ConfigError(  # noqa: TRY301
+                    f"GDAL cannot be kept from the network here ({why}); set network: true"
+                )
             found.append(work())
         except BaseException as error:  # noqa: BLE001  raised again below
             raised.append(error)
@@ -62,17 +67,12 @@ def read_map(work: Callable[[], T], *, network: bool) -> T:
     return found[0]
 
 
-def check_closed() -> None:
-    """Raise ConfigError in a thread of ``read_map`` that could not be cut off from the network.
-
-    Readers that follow what a file names call it before they open one.
-    """
-    why = getattr(_thread, "unable", "")
-    if why:
-        raise ConfigError(
-            f"GDAL cannot be kept from the network here ({why}): use a map that needs none of it, "
-            "or set network: true"
-        )
+def imported_rasterio(need: str, error: type[TirgeoError]) -> Any:
+    """Return the module; raise ``error``, which begins with ``need``, where it is absent."""
+    try:
+        return importlib.import_module("rasterio")
+    except ImportError:
+        raise error(f"{need} rasterio: pip install 'tirgeo[dem]'") from None
 
 
 def elsewhere(text: str) -> str:

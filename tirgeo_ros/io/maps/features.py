@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tirgeo_ros.core.map.layers import GeoFeature
-from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
+from tirgeo_ros.core.types.arrays import BoolArray, IntArray
 from tirgeo_ros.core.types.errors import shown
 from tirgeo_ros.io.coordinates.crs import ASSUMED, in_range, once_around, range_fault, to_wgs84
-from tirgeo_ros.io.maps.feature_faults import Faults
-from tirgeo_ros.io.maps.label_rule import LabelRule
-from tirgeo_ros.io.maps.style_condition import Condition, Wanted
-from tirgeo_ros.io.maps.table import Shapes, Table
+from tirgeo_ros.io.maps.label_rule import shown_value, table_names
+from tirgeo_ros.io.maps.style_condition import Wanted
+from tirgeo_ros.io.maps.table import NAMES, Shapes, Table
 
 _LONGEST_NAME = 40  # characters of a bad feature's name in a message
+_MOST_NAMED = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +26,7 @@ class MapFeatures:
 
     features: list[GeoFeature]
     notes: tuple[str, ...]  # a line each
-    refusal: str | None  # why nothing of the table can be drawn; None if something can
+    refusal: str | None  # why nothing of the table can be drawn ("": it is empty); None if it can
 
 
 def laid(table: Table, wanted: Wanted, crs: str = "") -> MapFeatures:
@@ -37,82 +37,67 @@ def laid(table: Table, wanted: Wanted, crs: str = "") -> MapFeatures:
     ConfigError for a label of an unknown field.
     """
     columns = wanted.label.columns(table.fields, table.where)
+    given = set(table.shapes.feature.tolist()) | table.faults.keys()
     shapes, remarks = _on_earth(table, crs)
     shapes = _without_repeats(shapes, table.faults)
     texts = {
-        i: wanted.label.text(columns, table.properties[i])
+        i: wanted.label.text(columns, table.rows[i])
         for i in dict.fromkeys(shapes.feature.tolist())
     }
-
-    def name(number: int) -> str:
-        """Return a feature's name for messages: its label, or else its name or id."""
-        row = table.properties[number]
-        label = wanted.label.text(columns, row)
-        for rule in map(LabelRule.of_field, ("name", "id")):
-            label = label or rule.text(rule.columns(row, ""), row)
-        return label[:_LONGEST_NAME]
-
-    bad = table.faults.notes(table.where, name, texts)
-    features, unmet = _chosen(_features(shapes, texts), table, wanted.condition)
-    notes = (*table.left_out, *bad, *_bare(table), *remarks, *unmet)
-    refusal = table.faults.refusal(table.where, name) or table.empty
-    return MapFeatures(features, tuple(map(shown, notes)), None if texts else refusal)
-
-
-def _bare(table: Table) -> tuple[str, ...]:
-    """Return a note on features without a geometry, which most formats allow."""
-    told = table.faults.numbers.union(table.shapes.feature.tolist())
-    bare = len(table.properties) - len(told) - table.set_aside
-    return (f"{table.where}: {bare} features without a geometry left out",) if bare else ()
+    features = [
+        GeoFeature(texts[owner], closed, shapes.points[a:b], owner)
+        for owner, closed, (a, b) in zip(
+            shapes.feature.tolist(),
+            shapes.closed.tolist(),
+            itertools.pairwise(shapes.starts.tolist()),
+            strict=True,
+        )
+    ]
+    chosen, unmet = _chosen(features, table, wanted)
+    bare = len(table.rows) - len(given)
+    notes = [
+        *table.notes,
+        *_faults(table, texts),
+        *([f"{table.where}: {bare} features without a geometry left out"] if bare else []),
+        *remarks,
+        *unmet,
+    ]
+    refusal = None if texts else _refusal(table)
+    return MapFeatures(chosen, tuple(map(shown, notes)), refusal)
 
 
 def _on_earth(table: Table, crs: str) -> tuple[Shapes, tuple[str, ...]]:
-    """Return the shapes in WGS84, without those of bad features; and remarks.
+    """Return the shapes as latitude, longitude (rad), height (m), and remarks.
 
-    The points become latitude, longitude (rad), height (m).
+    Features off the Earth are left out. If most are, all are: the system is probably wrong.
     """
-    shapes = _finite(table)
+    shapes, faults = table.shapes, table.faults
+    odd = ~np.isfinite(shapes.points[:, :2]).all(axis=1) | np.isinf(shapes.points[:, 2])
+    x_y_z = "({:.6g}, {:.6g}, {:.6g}) is not finite"
+    shapes = _without(shapes, odd, faults, lambda i: x_y_z.format(*table.shapes.points[i]))
     points = shapes.points
     remarks: tuple[str, ...] = ()
     system = crs or table.crs
     if system is not None:
         points, remarks = to_wgs84(points, system, table.where)
-    elif table.no_crs and len(points):
-        remarks = (f"{table.where}: {table.no_crs}: {ASSUMED}",)
-    shapes = _in_range(shapes, points, table.faults)
-    x, y, z = shapes.points.T
-    around = once_around(x)
-    if (np.abs(around - x) > 1).any():
-        remarks += (f"{table.where}: longitudes beyond 180 are taken as those less 360",)
-    place = np.column_stack([np.radians(y), np.radians(around), z])
-    return replace(shapes, points=place), remarks
-
-
-def _finite(table: Table) -> Shapes:
-    # z is nan where there is none: readers refuse a nan that a file has as z.
-    points = table.shapes.points
-    bad = ~np.isfinite(points[:, :2]).all(axis=1) | np.isinf(points[:, 2])
-    numbers = "({:.6g}, {:.6g}, {:.6g}) is not finite"
-    return _without(table.shapes, bad, table.faults, lambda i: numbers.format(*points[i]))
-
-
-def _in_range(shapes: Shapes, points: Array, faults: Faults) -> Shapes:
-    """Return the shapes at other points (deg), without features that are off the Earth.
-
-    If most are off it, all are left out: the coordinate system is probably wrong.
-    """
+    elif len(points):
+        remarks = (f"{table.where}: names no known system: {ASSUMED}",)
     bad = ~in_range(points)
     most = 2 * len(np.unique(_owner(shapes)[bad])) > len(np.unique(shapes.feature))
 
-    def why(point: int) -> str:
-        place = points[point] if np.isfinite(points[point, :2]).all() else shapes.points[point]
+    def why(i: int) -> str:
+        place = points[i] if np.isfinite(points[i, :2]).all() else shapes.points[i]
         return range_fault(place[0], place[1], all_are=most)
 
     left = _without(replace(shapes, points=points), bad, faults, why)
-    if not most:
-        return left
-    doubt = "its place is in doubt, as most others are off the Earth"
-    return _without(left, np.ones(len(left.points), bool), faults, lambda _: doubt)
+    if most:
+        doubt = "its place is in doubt, as most others are off the Earth"
+        left = _without(left, np.ones(len(left.points), bool), faults, lambda _: doubt)
+    x, y, z = left.points.T
+    around = once_around(x)
+    if (np.abs(around - x) > 1).any():
+        remarks += (f"{table.where}: longitudes beyond 180 are taken as those less 360",)
+    return replace(left, points=np.column_stack([np.radians(y), np.radians(around), z])), remarks
 
 
 def _owner(shapes: Shapes) -> IntArray:
@@ -120,13 +105,15 @@ def _owner(shapes: Shapes) -> IntArray:
     return np.repeat(shapes.feature, np.diff(shapes.starts))
 
 
-def _without(shapes: Shapes, bad: BoolArray, faults: Faults, why: Callable[[int], str]) -> Shapes:
+def _without(
+    shapes: Shapes, bad: BoolArray, faults: dict[int, str], why: Callable[[int], str]
+) -> Shapes:
     """Return the shapes without features that have a bad point, which become faults."""
     if not bad.any():
         return shapes
     numbers, first = np.unique(_owner(shapes)[bad], return_index=True)
     for number, point in zip(numbers.tolist(), np.flatnonzero(bad)[first].tolist(), strict=True):
-        faults.add(number, why(point))
+        faults.setdefault(number, why(point))
     return _selected(shapes, ~np.isin(shapes.feature, numbers))
 
 
@@ -138,44 +125,62 @@ def _selected(shapes: Shapes, keep: BoolArray) -> Shapes:
     return Shapes(points, starts, shapes.feature[keep], shapes.closed[keep])
 
 
-def _without_repeats(shapes: Shapes, faults: Faults) -> Shapes:
+def _without_repeats(shapes: Shapes, faults: dict[int, str]) -> Shapes:
     """Remove repeated vertices in a row; lines and rings of a single place become faults."""
     points = shapes.points
-    if not len(points):
-        return shapes
     part = np.repeat(np.arange(len(shapes.feature)), np.diff(shapes.starts))
     same = (points[1:] == points[:-1]) | (np.isnan(points[1:]) & np.isnan(points[:-1]))
-    keep = np.concatenate([[True], ~same.all(axis=1) | (part[1:] != part[:-1])])
+    keep = np.ones(len(points), bool)
+    keep[1:] = ~same.all(axis=1) | (part[1:] != part[:-1])
     before, after = np.diff(shapes.starts), np.bincount(part[keep], minlength=len(shapes.feature))
     flat = (after == 1) & (before > 1)
     for number in shapes.feature[flat].tolist():
-        faults.add(number, "a line of no length")
+        faults.setdefault(number, "a line of no length")
     starts = np.concatenate([[0], np.cumsum(after)])
     return _selected(replace(shapes, points=points[keep], starts=starts), ~flat)
 
 
-def _features(shapes: Shapes, texts: Mapping[int, str]) -> list[GeoFeature]:
-    owners = shapes.feature.tolist()
-    ends = itertools.pairwise(shapes.starts.tolist())
-    return [
-        GeoFeature(texts[owner], closed, shapes.points[a:b], owner)
-        for owner, closed, (a, b) in zip(owners, shapes.closed.tolist(), ends, strict=True)
-    ]
+def _faults(table: Table, drawn: Collection[int]) -> Iterator[str]:
+    """Yield a line for each of the first features at fault, and one for the rest."""
+    first = sorted(table.faults)[:_MOST_NAMED]
+    for number in first:
+        part = "part of " if number in drawn else ""
+        yield f"{table.where}: {part}{_fault(table, number)}; left out"
+    more = len(table.faults) - len(first)
+    if more:
+        yield f"{table.where}: {more} more features left out, wholly or in part"
+
+
+def _refusal(table: Table) -> str:
+    """Return why nothing of a table can be drawn; "" if no feature is at fault."""
+    count = len(table.faults)
+    if not count:
+        return ""
+    rest = f" (none of {count} features can be drawn)" if count > 1 else ""
+    return f"{table.where}: {_fault(table, min(table.faults))}{rest}"
+
+
+def _fault(table: Table, number: int) -> str:
+    """Return a feature's number, name or id, and fault."""
+    names = filter(None, table_names(NAMES, table.fields))
+    texts = (shown_value(table.rows[number].get(name)) for name in names)
+    name = next(filter(None, texts), "")[:_LONGEST_NAME]
+    return f"feature {number + 1}{f' ({name})' if name else ''}: {table.faults[number]}"
 
 
 def _chosen(
-    features: list[GeoFeature], table: Table, condition: Condition | None
+    features: list[GeoFeature], table: Table, wanted: Wanted
 ) -> tuple[list[GeoFeature], tuple[str, ...]]:
-    """Return the features that meet a condition, and notes.
+    """Return the features that meet the condition, and notes.
 
     There are notes if no feature meets it, or if it names an unknown property.
     """
+    condition = wanted.condition
     if condition is None or not features:
         return features, ()
     columns = condition.columns(table.fields)
-    rows = table.properties
-    chosen = [f for f in features if condition.holds(columns, rows[f.group])]
+    chosen = [f for f in features if condition.holds(columns, table.rows[f.group])]
     told = tuple(condition.unknown(table.fields, table.where))
     if not chosen and not told:
-        told = (condition.unmet(table.fields, rows, table.where),)
+        told = (condition.unmet(table.fields, table.rows, table.where),)
     return chosen, told

@@ -39,27 +39,20 @@ class LabelRule:
         """
         if "{" not in text and "}" not in text:
             return cls((text,), ("", ""), source)
-        try:
-            pieces = list(string.Formatter().parse(text))
-        except ValueError as error:
-            raise ConfigError(f"{source}: {text!r} is no label: {error}") from None
-        return cls._of_pieces(pieces, text, source)
-
-    @classmethod
-    def _of_pieces(
-        cls, pieces: Sequence[tuple[str, str | None, str | None, str | None]], text: str, at: str
-    ) -> LabelRule:
         fields: list[str] = []
         texts = [""]
-        for literal, name, form, conversion in pieces:
-            texts[-1] += literal
-            if name is None:
-                continue
-            if not name or form or conversion:
-                raise ConfigError(f"{at}: {text!r} is no label: between braces stands a field")
-            fields.append(name)
-            texts.append("")
-        return cls(tuple(fields), tuple(texts), at)
+        try:
+            for literal, name, form, conversion in string.Formatter().parse(text):
+                texts[-1] += literal
+                if name is None:
+                    continue
+                if not name or form or conversion:
+                    raise ValueError("between braces stands a field")  # noqa: TRY301
+                fields.append(name)
+                texts.append("")
+        except ValueError as error:
+            raise ConfigError(f"{source}: {text!r} is no label: {error}") from None
+        return cls(tuple(fields), tuple(texts), source)
 
     def columns(self, known: Collection[str], where: str) -> tuple[str | None, ...]:
         """Return the table's own name of each field, None where it has none.
@@ -79,7 +72,9 @@ class LabelRule:
         if not any(values):
             return ""
         ends = zip(values, self.texts[1:], strict=True)
-        return _clean(self.texts[0] + "".join(value + text for value, text in ends))
+        text = self.texts[0] + "".join(value + text for value, text in ends)
+        # On one line, without what no font shows: control codes, halves of surrogate pairs.
+        return _RUBBISH.sub(" ", text).strip().encode("utf-8", "ignore").decode()
 
 
 def table_names(fields: Sequence[str], known: Collection[str]) -> tuple[str | None, ...]:
@@ -96,11 +91,3 @@ def shown_value(value: Any) -> str:
         # Tables keep whole numbers as floats, and nan for an absent one.
         return "" if value != value else f"{value:.15g}"  # noqa: PLR0124  nan alone
     return str(value).strip()
-
-
-def _clean(text: str) -> str:
-    """Return the text on one line, without what no font shows.
-
-    That is line ends, control codes and halves of surrogate pairs.
-    """
-    return _RUBBISH.sub(" ", text).strip().encode("utf-8", "ignore").decode()

@@ -2,39 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
-from tirgeo_ros.core.map.layers import MapLayer
+from tirgeo_ros.core.map.layers import LayerStyle, MapLayer
 from tirgeo_ros.core.types.errors import ConfigError, MapError
-from tirgeo_ros.io.files.memory_bound import MOST_BYTES, bounded_memory
 from tirgeo_ros.io.files.offline_reading import read_map
 from tirgeo_ros.io.files.text_file import named_files
-from tirgeo_ros.io.maps.features import MapFeatures, laid
-from tirgeo_ros.io.maps.formats import companions, read_tables
+from tirgeo_ros.io.maps.features import laid
 from tirgeo_ros.io.maps.label_rule import LabelRule
 from tirgeo_ros.io.maps.style_condition import Wanted
 from tirgeo_ros.io.maps.style_sheet import SheetLayer, load_style_sheet
-from tirgeo_ros.io.maps.table import empty_map
+from tirgeo_ros.io.maps.table import read_tables
+
+#: Files that belong to a shapefile.
+_SIDECARS = (".shx", ".dbf", ".prj", ".cpg")
+#: A file of the map, and the entry of the style sheet that draws it.
+_Source = tuple[Path, SheetLayer | None]
 
 
-@dataclass(frozen=True, slots=True)
-class _Source:
-    """Hold a file of the map, and the entry of the sheet that draws it."""
-
-    path: Path
-    entry: SheetLayer | None = None
-
-
-def load_layers(
+def read_layers(
     map: str,  # noqa: A002  the parameter's name
     style: str = "",
     label_field: str = "name",
     *,
     network: bool = False,
 ) -> list[MapLayer]:
-    """Load the layers of a map, in the order in which they are drawn.
+    """Read the layers of a map in this process, in the order in which they are drawn.
 
     ``map`` is a file, or several with commas; ``style`` is a style sheet, or "": then every table
     of every file is a layer of the default style. Files that the sheet does not draw come first,
@@ -47,11 +41,10 @@ def load_layers(
 
     def load() -> list[MapLayer]:
         sources = _sources(map, style)
-        layers = [layer for source in sources for layer in _layers(source, label_field)]
+        layers = [layer for source in sources for layer in _layers(*source, label_field)]
         return _told_once(layers, style)
 
-    with bounded_memory():
-        return read_map(load, network=network)
+    return read_map(load, network=network)
 
 
 def _told_once(layers: list[MapLayer], style: str) -> list[MapLayer]:
@@ -74,52 +67,40 @@ def _told_once(layers: list[MapLayer], style: str) -> list[MapLayer]:
 def _sources(map_text: str, style: str) -> list[_Source]:
     paths = [Path(name) for name in named_files(map_text)]
     if not style:
-        return [_Source(path) for path in paths]
+        return [(path, None) for path in paths]
+    sources: list[_Source] = []
     entries = load_style_sheet(style)
-    drawn = {entry.file.resolve() for entry in entries if entry.file}
     if all(entry.file for entry in entries):
-        first = [_Source(path) for path in paths if path.resolve() not in drawn]
-    else:
-        first = []
-    return first + [source for entry in entries for source in _of_entry(entry, paths)]
+        drawn = {entry.file.resolve() for entry in entries if entry.file}
+        sources = [(path, None) for path in paths if path.resolve() not in drawn]
+    for entry in entries:
+        if entry.file is None and not paths:
+            raise ConfigError(f"{entry.where}: has no file, and the parameter map names none")
+        sources += [(path, entry) for path in ([entry.file] if entry.file else paths)]
+    return sources
 
 
-def _of_entry(entry: SheetLayer, paths: Sequence[Path]) -> Iterator[_Source]:
-    if entry.file is None and not paths:
-        raise ConfigError(f"{entry.where}: has no file, and the parameter map names none")
-    yield from (_Source(path, entry) for path in ([entry.file] if entry.file else paths))
-
-
-def _layers(source: _Source, label_field: str) -> list[MapLayer]:
-    try:
-        return _read(source, label_field)
-    except MemoryError:
-        raise MapError(
-            f"{source.path}: the map does not fit into memory ({MOST_BYTES >> 20} MB); cut out "
-            "the flight's surroundings"
-        ) from None
-
-
-def _read(source: _Source, label_field: str) -> list[MapLayer]:
-    entry = source.entry
+def _layers(path: Path, entry: SheetLayer | None, label_field: str) -> list[MapLayer]:
     label = entry.label if entry and entry.label else LabelRule.of_field(label_field)
     wanted = Wanted(label, entry.condition if entry else None)
-    tables = read_tables(source.path, entry.layer if entry else "", wanted)
+    tables = read_tables(path, entry.layer if entry else "", wanted)
     found = [laid(table, wanted, entry.crs if entry else "") for table in tables]
     refusals = [one.refusal for one in found if one.refusal is not None]
     if len(refusals) == len(found):
-        raise MapError(next(filter(None, refusals), empty_map(source.path)))
+        raise MapError(next(filter(None, refusals), _empty(path)))
+    style, sigma_m = (entry.style, entry.sigma_m) if entry else (LayerStyle(), None)
     return [
-        _layer(table.name, one, entry)
+        MapLayer(table.name, one.features, style, sigma_m, one.notes)
         for table, one in zip(tables, found, strict=True)
         if one.features or one.notes
     ]
 
 
-def _layer(name: str, found: MapFeatures, entry: SheetLayer | None) -> MapLayer:
-    if entry is None:
-        return MapLayer(name, found.features, left_out=found.notes)
-    return MapLayer(name, found.features, entry.style, entry.sigma_m, found.notes)
+def _empty(path: Path) -> str:
+    """Return the message for a map without a geometry."""
+    linked = path.suffix.lower() == ".kml" and b"<NetworkLink" in path.read_bytes()
+    what = ": it links to other files; open it in Google Earth or QGIS and save the places"
+    return f"{path}: the map has no feature with a geometry{what if linked else ''}"
 
 
 def map_files(map: str, style: str = "") -> list[Path]:  # noqa: A002  the parameter's name
@@ -135,4 +116,12 @@ def map_files(map: str, style: str = "") -> list[Path]:  # noqa: A002  the param
         except ConfigError:
             entries = []
         paths += [file for each in entries for file in (each.file, each.crs_file) if file]
-    return list(dict.fromkeys(each for path in paths for each in companions(path)))
+    return list(dict.fromkeys(each for path in paths for each in (path, *_companions(path))))
+
+
+def _companions(path: Path) -> list[Path]:
+    """Return the files that are read together with a map file."""
+    if path.suffix.lower() == ".shp":
+        return [path.with_suffix(each) for each in _SIDECARS]
+    # The write-ahead log, which exists while a program writes the package.
+    return [path.with_name(path.name + "-wal")] if path.suffix.lower() == ".gpkg" else []

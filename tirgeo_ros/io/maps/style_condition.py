@@ -9,6 +9,7 @@ A property and a value are a word, a number, or a text in quotes. Nothing else i
 
 from __future__ import annotations
 
+import math
 import operator
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -19,11 +20,11 @@ from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.io.maps.label_rule import LabelRule, shown_value, table_names
 from tirgeo_ros.io.parameters.parameter_file import nearest
 
-_LONGEST = 1000  # characters of a condition
-_MOST_VALUES = 6  # of a property, shown where no feature matches
-_TOKEN = re.compile(
-    r"\s*(?:(?P<text>\"[^\"]*\"|'[^']*')|(?P<sign>[=!<>]=|[<>\[\],])"
-    r"|(?P<word>[^\s\"'\[\],=!<>]+)|(?P<odd>\S))"
+_LONGEST = 1000  # characters of a condition, and of the message that nothing meets it
+_VALUE = r"(?:\"[^\"]*\"|'[^']*'|[^\s\"'\[\],=!<>]+)"
+_COMPARISON = re.compile(
+    rf"\s*(?P<field>{_VALUE})(?:\s*(?P<sign>==|!=|<=|>=|<|>)\s*(?P<value>{_VALUE})"
+    rf"|\s+in\s*\[(?P<values>\s*{_VALUE}\s*(?:,\s*{_VALUE}\s*)*)\])(?:\s+(?P<more>and)\s|\s*$)"
 )
 _ORDER: dict[str, Callable[[float, float], bool]] = {
     "<": operator.lt,
@@ -34,28 +35,16 @@ _ORDER: dict[str, Callable[[float, float], bool]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class _Value:
-    """Hold a value as it is written, and its number if it is one without quotes."""
-
-    text: str
-    number: float | None
-
-    def equals(self, value: Any) -> bool:
-        number = None if self.number is None else _number(value)
-        return _text(value) == self.text if number is None else number == self.number
-
-
-@dataclass(frozen=True, slots=True)
 class _Comparison:
     field: str
     sign: str
-    values: tuple[_Value, ...]
+    values: tuple[str, ...]  # as written: quotes make a text of a number
 
     def holds(self, value: Any) -> bool:
         if self.sign in _ORDER:
-            number, bound = _number(value), self.values[0].number
+            number, bound = _number(value), _number(self.values[0])
             return number is not None and bound is not None and _ORDER[self.sign](number, bound)
-        return any(each.equals(value) for each in self.values) != (self.sign == "!=")
+        return any(_equal(value, each) for each in self.values) != (self.sign == "!=")
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,13 +66,13 @@ class Condition:
         """
         if len(text) > _LONGEST:
             raise ConfigError(f"{source}: longer than {_LONGEST} characters")
-        try:
-            return cls(tuple(_Tokens(text).comparisons()), source)
-        except ValueError as error:
+        found = list(_comparisons(text))
+        if not all(found):
             raise ConfigError(
-                f"{source}: {text!r} is no condition: {error}; write it as: kind == hydrant, "
+                f"{source}: {text!r} is no condition; write it as: kind == hydrant, "
                 "flow >= 60 and kind in [pump, well]"
-            ) from None
+            )
+        return cls(tuple(filter(None, found)), source)
 
     @property
     def fields(self) -> tuple[str, ...]:
@@ -110,13 +99,11 @@ class Condition:
 
     def unmet(self, known: Collection[str], rows: Sequence[Mapping[str, Any]], where: str) -> str:
         """Return a message for the case that no row matches: the values that there are."""
-        found = []
-        for name in dict.fromkeys(filter(None, self.columns(known))):
-            values = sorted({_text(row.get(name))[:40] for row in rows} - {""})
-            more = ", ..." if len(values) > _MOST_VALUES else ""
-            found.append(f"{name} is {', '.join(values[:_MOST_VALUES])}{more}")
-        told = f": {'; '.join(found)}" if found else ""
-        return f"{self.source}: no feature of {where} is so{told}"
+        found = [
+            f"{name} is {', '.join(sorted({shown_value(row.get(name)) for row in rows} - {''}))}"
+            for name in dict.fromkeys(filter(None, self.columns(known)))
+        ]
+        return f"{self.source}: no feature of {where} is so: {'; '.join(found)}"[:_LONGEST]
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,62 +124,41 @@ class Wanted:
         return [name for name in dict.fromkeys(names) if name is not None]
 
 
-class _Tokens:
-    """Parse the words and signs of a condition, one after the other."""
+def _comparisons(text: str) -> Iterator[_Comparison | None]:
+    """Yield the comparisons of a text; None where it is none."""
+    at, more = 0, True
+    while more:
+        found = _COMPARISON.match(text, at)
+        if found is None:
+            yield None
+            return
+        field, sign, value, values, more = found.group("field", "sign", "value", "values", "more")
+        ordered = sign in _ORDER and _number(value) is None
+        written = tuple(re.findall(_VALUE, value or values))
+        yield None if ordered else _Comparison(_unquoted(field), sign or "in", written)
+        at = found.end()
 
-    def __init__(self, text: str) -> None:
-        self._left = [(m.lastgroup or "", m[m.lastgroup or 0]) for m in _TOKEN.finditer(text)]
 
-    def comparisons(self) -> Iterator[_Comparison]:
-        yield self._comparison()
-        while self._left:
-            self._sign("and", "and")
-            yield self._comparison()
+def _unquoted(text: str) -> str:
+    return text[1:-1] if text[0] in "\"'" else text
 
-    def _comparison(self) -> _Comparison:
-        field = self._value("a property").text
-        sign = self._sign("==, !=, <, <=, >, >= or in", "==", "!=", *_ORDER, "in")
-        if sign == "in":
-            self._sign("[", "[")
-            values = [self._value("a value")]
-            while self._sign(", or ]", ",", "]") == ",":
-                values.append(self._value("a value"))
-            return _Comparison(field, sign, tuple(values))
-        value = self._value("a value")
-        if sign in _ORDER and value.number is None:
-            raise ValueError(f"{sign} needs a number, and {value.text} is none")
-        return _Comparison(field, sign, (value,))
 
-    def _sign(self, what: str, *signs: str) -> str:
-        """Return the next token, which must be one of these signs or words."""
-        kind, text = self._next(what)
-        if kind == "text" or text not in signs:
-            raise ValueError(f"{text} stands where {what} should")
-        return text
-
-    def _value(self, what: str) -> _Value:
-        kind, text = self._next(what)
-        if kind == "text":
-            return _Value(text[1:-1], None)
-        if kind != "word":
-            raise ValueError(f"{text} stands where {what} should")
-        return _Value(text, _number(text))
-
-    def _next(self, what: str) -> tuple[str, str]:
-        if not self._left:
-            raise ValueError(f"it ends where {what} should stand")
-        return self._left.pop(0)
+def _equal(value: Any, written: str) -> bool:
+    """Return whether a property has a value, as numbers if both are."""
+    number, other = _number(written), _number(value)
+    if number is not None and other is not None:
+        return number == other
+    return shown_value(value) == _unquoted(written)
 
 
 def _number(value: Any) -> float | None:
-    if isinstance(value, bool) or not isinstance(value, int | float | str) or "_" in str(value):
+    """Return a number, or that of a text; 1 and 0 of true and false. None if it is none."""
+    if isinstance(value, str) and value.lower() in {"true", "false"}:
+        return float(value.lower() == "true")
+    if not isinstance(value, int | float | str) or "_" in str(value):
         return None
     try:
         number = float(value)
     except (ValueError, OverflowError):
         return None
-    return None if number != number else number  # noqa: PLR0124  nan alone
-
-
-def _text(value: Any) -> str:
-    return str(value).lower() if isinstance(value, bool) else shown_value(value)
+    return None if math.isnan(number) else number

@@ -54,18 +54,17 @@ def load_style_sheet(path: str | Path) -> list[SheetLayer]:
     """
     _check_file(Path(path), str(path))
     root = load_yaml(path)
-    if not isinstance(root, Mapping) or not isinstance(root.get("layers"), list):
+    layers = root.get("layers") if isinstance(root, Mapping) else None
+    if not isinstance(layers, list):
         raise ConfigError(f"{path}: no style sheet: it needs a list under layers:")
     _check_keys(root, ("layers",), str(path))
-    if not root["layers"]:
+    if not layers:
         raise ConfigError(f"{path}: the list of layers is empty")
-    if len(root["layers"]) > _MOST_LAYERS:
-        raise ConfigError(
-            f"{path}: {len(root['layers'])} layers, and at most {_MOST_LAYERS} are drawn"
-        )
+    if len(layers) > _MOST_LAYERS:
+        raise ConfigError(f"{path}: {len(layers)} layers, and at most {_MOST_LAYERS} are drawn")
     return [
         _layer(entry, f"{path}: layer {number}", Path(path).parent)
-        for number, entry in enumerate(root["layers"], 1)
+        for number, entry in enumerate(layers, 1)
     ]
 
 
@@ -76,18 +75,29 @@ def _layer(entry: Any, where: str, folder: Path) -> SheetLayer:
     values = {
         each.name: _plain(entry[each.name], each, where) for each in _PLAIN if each.name in entry
     }
-    crs, crs_file = _crs(entry, where, folder)
-    return SheetLayer(
-        where,
-        folder / values["file"] if "file" in values else None,
-        values.get("layer", ""),
-        _style(entry, values, where),
-        _label(entry, where),
-        crs,
-        crs_file,
-        values.get("sigma"),
-        _condition(entry, where),
+    if "fill_opacity" in entry and "fill" not in entry:
+        raise ConfigError(f"{where}: fill_opacity without fill: give fill a colour")
+    style = LayerStyle(
+        line_bgr=_colour(entry, "colour", where) if "colour" in entry else _DEFAULT.line_bgr,
+        width_px=values.get("width", _DEFAULT.width_px),
+        fill_bgr=_colour(entry, "fill", where) if "fill" in entry else None,
+        fill_opacity=values.get("fill_opacity", _DEFAULT.fill_opacity),
+        labels=entry.get("label") is not False,
+        scale_m_px=_scale(entry["scale"], where) if "scale" in entry else _DEFAULT.scale_m_px,
     )
+    label = condition = None
+    if entry.get("label") is False:
+        label = LabelRule()
+    elif "label" in entry:
+        text = _words(entry["label"], f"{where}: label", "neither a field nor false")
+        label = LabelRule.parsed(text, f"{where}: label")
+    if "where" in entry:
+        text = _words(entry["where"], f"{where}: where", "no condition, as kind == hydrant is")
+        condition = Condition.parsed(text, f"{where}: where")
+    file = folder / values["file"] if "file" in values else None
+    crs, crs_file = _crs(entry["crs"], where, folder) if "crs" in entry else ("", None)
+    layer, sigma_m = values.get("layer", ""), values.get("sigma")
+    return SheetLayer(where, file, layer, style, label, crs, crs_file, sigma_m, condition)
 
 
 def _check_keys(given: Mapping[Any, Any], known: tuple[str, ...], where: str) -> None:
@@ -110,78 +120,48 @@ def _plain(value: Any, known: Parameter, where: str) -> Any:
     return checked
 
 
-def _style(entry: Mapping[str, Any], values: Mapping[str, Any], where: str) -> LayerStyle:
-    if "fill_opacity" in entry and "fill" not in entry:
-        raise ConfigError(f"{where}: fill_opacity without fill: give fill a colour")
-    return LayerStyle(
-        line_bgr=_colour(entry, "colour", where) if "colour" in entry else _DEFAULT.line_bgr,
-        width_px=values.get("width", _DEFAULT.width_px),
-        fill_bgr=_colour(entry, "fill", where) if "fill" in entry else None,
-        fill_opacity=values.get("fill_opacity", _DEFAULT.fill_opacity),
-        labels=entry.get("label") is not False,
-        scale_m_px=_scale(entry["scale"], where) if "scale" in entry else _DEFAULT.scale_m_px,
-    )
-
-
 def _colour(entry: Mapping[str, Any], key: str, where: str) -> Colour:
     value = entry[key]
     if value is None:
         raise ConfigError(f'{where}: {key} has no value; a colour with # needs quotes: "#ffd000"')
     try:
-        rgb: tuple[int, ...] | None = ImageColor.getrgb(value)
+        rgb: tuple[int, ...] = ImageColor.getrgb(value)
+        red, green, blue = rgb
+        bytes((red, green, blue))  # ValueError beyond 255
     except (ValueError, TypeError, AttributeError):
-        rgb = None
-    if rgb is None or len(rgb) != 3 or not all(0 <= part <= 255 for part in rgb):
         raise ConfigError(
             f'{where}: {key}: {value!r} is no colour; give a name (red) or "#rrggbb"'
-        )
-    return rgb[2], rgb[1], rgb[0]
+        ) from None
+    return blue, green, red
 
 
 def _scale(value: Any, where: str) -> tuple[float, float]:
-    plain = isinstance(value, list) and [
-        type(item) for item in value if type(item) in {int, float}
-    ]
-    if not plain or len(plain) != 2 or len(value) != 2 or not 0 <= value[0] < value[1]:
-        raise ConfigError(
-            f"{where}: scale: {value!r} is not two numbers, the lesser first, in metres a pixel"
-        )
-    return float(value[0]), float(value[1])
+    try:
+        low, high = map(float, value)
+        if isinstance(value, list) and 0 <= low < high:
+            return low, high
+    except (TypeError, ValueError):
+        pass
+    raise ConfigError(
+        f"{where}: scale: {value!r} is not two numbers, the lesser first, in metres a pixel"
+    )
 
 
-def _words(entry: Mapping[str, Any], key: str, where: str, wanted: str) -> str:
-    """Return the text of a key; raise ConfigError for anything else, or a blank one."""
-    value = entry[key]
+def _words(value: Any, where: str, wanted: str) -> str:
+    """Return a text; raise ConfigError for anything else, or a blank one."""
     if not isinstance(value, str) or not value.strip():
-        raise ConfigError(f"{where}: {key}: {value!r} is {wanted}")
+        raise ConfigError(f"{where}: {value!r} is {wanted}")
     return value
 
 
-def _label(entry: Mapping[str, Any], where: str) -> LabelRule | None:
-    if "label" not in entry:
-        return None
-    if entry["label"] is False:
-        return LabelRule()
-    text = _words(entry, "label", where, "neither a field nor false")
-    return LabelRule.parsed(text, f"{where}: label")
-
-
-def _condition(entry: Mapping[str, Any], where: str) -> Condition | None:
-    if "where" not in entry:
-        return None
-    text = _words(entry, "where", where, "no condition, as kind == hydrant is")
-    return Condition.parsed(text, f"{where}: where")
-
-
-def _crs(entry: Mapping[str, Any], where: str, folder: Path) -> tuple[str, Path | None]:
-    if "crs" not in entry:
-        return "", None
-    if isinstance(entry["crs"], int) and not isinstance(entry["crs"], bool):
-        entry = {"crs": f"EPSG:{entry['crs']}"}
-    text, file = _words(entry, "crs", where, "no code, WKT, PROJ text or .prj file"), None
+def _crs(value: Any, where: str, folder: Path) -> tuple[str, Path | None]:
+    """Return the text of a coordinate system, and the file that it comes from."""
+    if isinstance(value, int) and not isinstance(value, bool):
+        value = f"EPSG:{value}"
+    text = _words(value, f"{where}: crs", "no code, WKT, PROJ text or .prj file")
+    file = folder / text if text.lower().endswith((".prj", ".wkt")) else None
     try:
-        if text.lower().endswith((".prj", ".wkt")):
-            file = folder / text
+        if file:
             _check_file(file, str(file))
             text = read_text(file, ConfigError, damaged="replace")
         checked_system(text, f"{where}: crs")

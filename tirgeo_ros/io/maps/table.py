@@ -1,9 +1,17 @@
-"""Define the table of features that every format is read into, in the file's own system."""
+"""Read the layers of a map file with GDAL into tables of shapes and properties.
+
+GDAL reads GeoPackage, GeoJSON, Shapefile, KML and dozens more. Its work has no bound in time or
+memory: it belongs into the process of ``map_process``.
+"""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Iterable, Mapping, Sequence
+import re
+import struct
+import warnings
+import zipfile
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,26 +20,42 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
-from tirgeo_ros.core.types.errors import MapError
-from tirgeo_ros.io.maps.feature_faults import Faults, FeatureError
+from tirgeo_ros.core.types.errors import ConfigError, MapError
+from tirgeo_ros.io.files.memory_bound import bounded_time
+from tirgeo_ros.io.files.offline_reading import elsewhere
+from tirgeo_ros.io.maps.label_rule import table_names
+from tirgeo_ros.io.maps.style_condition import Wanted
+from tirgeo_ros.io.maps.wkb import wkb_parts
 from tirgeo_ros.io.parameters.parameter_file import nearest
 
-#: Limit for a file: beyond it, reading takes more than some seconds and more memory than a map may
-#: use.
+#: Limit for a layer: beyond it, reading takes more than some seconds and more memory than a map
+#: may use.
 MOST_FEATURES = 500_000
+#: GDAL's warnings of geometries that it leaves out; most others are on the form of the file.
+_LOST = re.compile(r"NULL geometry|coord")
+_MOST_WARNINGS = 3
+_MEMORY = re.compile(r"out of memory|alloc", re.IGNORECASE)
 #: The fewest positions that a point, a line and a ring have.
-FEWEST = {"Point": 1, "LineString": 2, "Polygon": 3}
+_FEWEST = {"Point": 1, "LineString": 2, "Polygon": 3}
+#: Possible names of a table's coordinate columns (GDAL's options for CSV).
+_COLUMNS = {
+    "X_POSSIBLE_NAMES": "lon,lng,long,longitude,lon_*,longitude_*,x,easting",
+    "Y_POSSIBLE_NAMES": "lat,latitude,lat_*,latitude_*,y,northing",
+    "GEOM_POSSIBLE_NAMES": "wkt,geom,geometry,the_geom,shape",
+}
+NAMES = ("name", "id")  # properties by which messages name a feature
+_CSV = (".csv", ".tsv", ".txt")
+_KML = (".kml", ".kmz")
+#: Maps that are looked for in a zip.
+_ZIPPED = (".shp", ".gpkg", ".geojson", ".json", ".kml", ".gml")
 
-Part = tuple[str, NDArray[np.float64]]  # Point, LineString or Polygon (a ring); (n, 2) or (n, 3)
 
-
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Shapes:
     """Hold points, lines and rings of a table, end to end.
 
-    Part ``i`` is ``points[starts[i]:starts[i + 1]]``: x, y, z (N, 3) in the table's own system, z
-    nan where there is none. ``feature`` (parts) counts from 0 in the order of the file; ``closed``
-    (parts) marks rings.
+    Part ``i`` is ``points[starts[i]:starts[i + 1]]``: x, y, z (N, 3), z nan where there is none.
+    ``feature`` (parts) counts from 0 in the order of the file; ``closed`` (parts) marks rings.
     """
 
     points: Array
@@ -40,80 +64,160 @@ class Shapes:
     closed: BoolArray
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Table:
-    """Hold features of one kind, before their conversion to WGS84."""
+    """Hold a layer of a file, in the file's own system."""
 
     where: str  # begins every message about it
     name: str
-    crs: str | None  # WKT, PROJ or a code; None: longitudes and latitudes in WGS84
+    crs: str | None  # WKT or a code
     shapes: Shapes
-    properties: Sequence[Mapping[str, Any]]  # of each feature
-    fields: Collection[str]  # names of the properties
-    left_out: tuple[str, ...] = ()  # what of the file is not in the shapes
-    # features without a shape that the file marks as deleted, or that left_out mentions
-    set_aside: int = 0
-    no_crs: str = ""  # why there is no crs, where the format should have one
-    faults: Faults = field(default_factory=Faults)  # features that are missing wholly or in part
-    empty: str = ""  # the message if no feature has a shape, where there is more to say than that
+    rows: Sequence[Mapping[str, Any]]  # the properties that are wanted, of each feature
+    fields: Sequence[str]  # names of all properties
+    faults: dict[int, str]  # features that are left out, wholly or in part, and why
+    notes: list[str] = field(default_factory=list)
 
 
-@dataclass(slots=True)
-class ShapeBuilder:
-    """Collect parts that come as arrays, and the faults of others."""
+def read_tables(path: Path, layer: str, wanted: Wanted) -> list[Table]:
+    """Read the layers of a map file, or only ``layer``, with the properties that are ``wanted``.
 
-    parts: list[NDArray[np.float64]] = field(default_factory=list)
-    features: list[int] = field(default_factory=list)
-    rings: list[bool] = field(default_factory=list)
-    faults: Faults = field(default_factory=Faults)
-
-    def take(self, feature: int, parts: Iterable[Part]) -> None:
-        """Take the parts of a feature; none of a feature that turns out to be bad."""
-        begun = len(self.parts)
-        try:
-            for kind, points in parts:
-                self._add(feature, kind, points)
-        except FeatureError as error:
-            del self.parts[begun:], self.features[begun:], self.rings[begun:]
-            self.faults.add(feature, str(error))
-
-    def _add(self, feature: int, kind: str, points: NDArray[np.float64]) -> None:
-        """Take a part unless it is empty, or has fewer positions than its kind needs."""
-        if len(points) >= FEWEST[kind]:
-            self.parts.append(points)
-            self.features.append(feature)
-            self.rings.append(kind == "Polygon")
-        elif len(points) or kind == "Polygon":  # an empty line or point is a valid empty geometry
-            self.faults.add(feature, f"a {kind} of {len(points)} positions is none")
-
-    def shapes(self) -> Shapes:
-        """Return all parts, in the order in which they came."""
-        starts = starts_of(map(len, self.parts))
-        points = np.full((starts[-1], 3), np.nan)
-        for part, (a, b) in zip(self.parts, itertools.pairwise(starts.tolist()), strict=True):
-            points[a:b, : part.shape[1]] = part
-        return Shapes(points, starts, np.array(self.features, int), np.array(self.rings, bool))
+    Raises MapError, naming the file, if it cannot be read or has no such layer.
+    """
+    if not path.exists():
+        raise MapError(f"{path}: there is no such map; check its name")
+    try:
+        import pyogrio  # noqa: PLC0415  heavy, and not packaged with a key of rosdep
+    except ImportError:
+        raise MapError(f"{path}: maps are read by pyogrio: pip install pyogrio") from None
+    try:
+        _check_whole(path)
+        with bounded_time():
+            return _tables(pyogrio, path, layer, wanted)
+    except (MapError, ConfigError, MemoryError):
+        raise
+    except Exception as error:  # noqa: BLE001  GDAL's drivers raise what they like
+        if _MEMORY.search(str(error)):
+            raise MemoryError from None
+        line = " ".join(str(error).partition("; It might help")[0].split())
+        line = line.removeprefix(f"'{path}' ")[:160]
+        raise MapError(
+            f"{path}: no map that can be read: {line}{elsewhere(f'{path} {line}')}; save it as a "
+            "GeoPackage or as GeoJSON (UTF-8)"
+        ) from None
 
 
-def check_count(features: int, where: str) -> None:
-    """Refuse more features than are drawn."""
-    if features > MOST_FEATURES:
+def _check_whole(path: Path) -> None:
+    """Refuse a shapefile that is shorter than its header says: GDAL would draw what is left."""
+    if path.suffix.lower() != ".shp":
+        return
+    with path.open("rb") as file:
+        length = 2 * int.from_bytes(file.read(28)[24:], "big")
+    size = path.stat().st_size
+    if size < length:
+        raise MapError(f"{path}: a damaged shapefile: {size} bytes, and its header says {length}")
+
+
+def _tables(pyogrio: Any, path: Path, layer: str, wanted: Wanted) -> list[Table]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # GDAL's remarks on the form of a file that it takes
+        listed = [
+            (place, str(name), kind)
+            for place in _places(path)
+            for name, kind in pyogrio.list_layers(place)
+        ]
+    drawn = [each for each in listed if each[2] is not None] or listed
+    names = [name for _, name, _ in drawn]
+    if layer and layer not in names:
+        raise MapError(f"{path}: there is no layer {layer!r}{nearest(layer, names)}")
+    return [
+        _table(pyogrio, path, place, name, wanted)
+        for place, name, _ in drawn
+        if layer in {"", name}
+    ]
+
+
+def _places(path: Path) -> list[str]:
+    """Return what GDAL opens: the file, or the maps in a zip, also those in its folders."""
+    if path.suffix.lower() != ".zip":
+        return [str(path)]
+    with zipfile.ZipFile(path) as archive:
+        names = [name for name in archive.namelist() if not name.startswith("__MACOSX/")]
+    maps = [name for name in names if name.lower().endswith(_ZIPPED)]
+    if not maps:
+        raise MapError(f"{path}: a zip without a map in it ({', '.join(_ZIPPED)}); unpack it")
+    return [f"/vsizip/{path.absolute()}/{name}" for name in maps]
+
+
+def _table(pyogrio: Any, path: Path, place: str, name: str, wanted: Wanted) -> Table:
+    where = f"{path}: layer {name}"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        info = pyogrio.read_info(place, layer=name)
+    if info["features"] > MOST_FEATURES:
         raise MapError(
             f"{where}: more than {MOST_FEATURES} features; cut out the flight's surroundings"
         )
+    fields = list(map(str, info["fields"]))
+    columns = {*wanted.columns(fields, where), *filter(None, table_names(NAMES, fields))}
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        meta, blobs, values = _read(pyogrio, place, name, sorted(columns))
+    names = list(map(str, meta["fields"]))
+    rows = [dict(zip(names, row, strict=True)) for row in zip(*values, strict=True)]
+    shapes, faults = _shapes(blobs)
+    remarks = dict.fromkeys(
+        f"{where}: {each.message}" for each in told if _LOST.search(str(each.message))
+    )
+    table = Table(where, name, meta["crs"], shapes, rows or [{}] * len(blobs), fields, faults)
+    table.notes += itertools.islice(remarks, _MOST_WARNINGS)
+    if place.lower().endswith(_KML):
+        if np.nan_to_num(shapes.points[:, 2]).any():
+            table.notes.append(f"{where}: heights of a KML are above the sea or ground: left out")
+        shapes.points[:, 2] = np.nan
+    return table
 
 
-def empty_map(path: Path, instead: str = "") -> str:
-    """Return the message for an empty map; ``instead`` is what it has, and what to do."""
-    return f"{path}: the map has no feature with a geometry" + (instead and f": {instead}")
+def _read(
+    pyogrio: Any, place: str, name: str, columns: list[str]
+) -> tuple[dict[str, Any], Sequence[bytes | None], list[list[Any]]]:
+    """Return description, geometries (WKB) and columns of a layer.
+
+    Old shapefiles often declare another encoding than UTF-8, or none, and hold UTF-8.
+    """
+    options: dict[str, Any] = _COLUMNS if place.lower().endswith(_CSV) else {}
+    options = {"layer": name, "columns": columns, **options}
+    try:
+        meta, _, blobs, values = pyogrio.raw.read(place, encoding="utf-8", **options)
+    except UnicodeDecodeError:
+        meta, _, blobs, values = pyogrio.raw.read(place, **options)
+    if blobs is None and options.keys() & _COLUMNS.keys():
+        raise MapError(
+            f"{place}: the map has no feature with a geometry: a table needs columns lon and lat, "
+            "or one called WKT"
+        )
+    return meta, [] if blobs is None else blobs, [each.tolist() for each in values]
 
 
-def starts_of(sizes: Iterable[int]) -> IntArray:
-    """Return the start of each part, and the end of the last one."""
-    return np.fromiter(itertools.accumulate(sizes, initial=0), np.int64)
-
-
-def check_layer(path: Path, layer: str, known: Collection[str]) -> None:
-    """Refuse a layer that the file does not have; "" means all of them."""
-    if layer and layer not in known:
-        raise MapError(f"{path}: there is no layer {layer!r}{nearest(layer, known)}")
+def _shapes(blobs: Iterable[bytes | None]) -> tuple[Shapes, dict[int, str]]:
+    """Return the shapes of geometries in WKB, and the features that are not whole."""
+    parts: list[NDArray[np.float64]] = []
+    owners: list[tuple[int, bool]] = []  # feature, closed
+    faults: dict[int, str] = {}
+    for number, blob in enumerate(blobs):
+        try:
+            found = wkb_parts(bytes(blob)) if blob is not None else []
+        except (ValueError, struct.error) as error:
+            faults[number] = f"its geometry is damaged: {error}"
+            continue
+        for kind, points in found:
+            if len(points) >= _FEWEST[kind]:
+                parts.append(points)
+                owners.append((number, kind == "Polygon"))
+            elif len(points):
+                faults[number] = f"a {kind} of {len(points)} positions is none"
+    starts = np.cumsum([0, *map(len, parts)])
+    points = np.full((starts[-1], 3), np.nan)
+    for part, (a, b) in zip(parts, itertools.pairwise(starts.tolist()), strict=True):
+        points[a:b, : part.shape[1]] = part
+    feature, closed = np.array(owners, int).reshape(-1, 2).T
+    return Shapes(points, starts, feature, closed.astype(bool)), faults

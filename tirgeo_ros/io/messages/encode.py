@@ -75,10 +75,6 @@ class Messages(MessageParts):
         nothing = (np.zeros(3), _absent())
         return self._imu(sample.stamp_ns, (turned, covariance), nothing, nothing)
 
-    def stamped(self, typename: str, header: tuple[int, str], **fields: Any) -> Any:
-        """Return a message of a type with a header of stamp (ns) and frame, and these fields."""
-        return self._stamped(typename, *header, **fields)
-
     def nav_sat_fix(self, sample: PositionSample, frame_id: str) -> Any:
         """Return ``sensor_msgs/NavSatFix`` of an antenna."""
         return self._fix(sample.stamp_ns, frame_id, sample, sample.covariance_n, sample.status)
@@ -93,7 +89,7 @@ class Messages(MessageParts):
         north, east, down = sample.velocity_n.tolist()
         twist = self._twist((east, north, -down), (0.0, 0.0, 0.0), covariance.ravel())
         typename = "geometry_msgs/msg/TwistWithCovarianceStamped"
-        return self._stamped(typename, sample.stamp_ns, frame_id, twist=twist)
+        return self.stamped(typename, sample.stamp_ns, frame_id, twist=twist)
 
     def joints(self, sample: JointSample) -> Any:
         """Return ``sensor_msgs/JointState`` of the gimbal, FLU.
@@ -103,7 +99,7 @@ class Messages(MessageParts):
         """
         frd = (sample.yaw_rad, sample.roll_rad, sample.pitch_rad)
         angles = [sign * angle for sign, angle in zip(JOINT_SIGNS.values(), frd, strict=True)]
-        return self._stamped(
+        return self.stamped(
             "sensor_msgs/msg/JointState",
             sample.stamp_ns,
             COMPUTED_FROM if sample.computed else BODY_FRAME,
@@ -117,7 +113,7 @@ class Messages(MessageParts):
         """Return ``geometry_msgs/QuaternionStamped``: camera body FLU in ENU."""
         turned = self._quaternion(positive(quat_turned_both(*sample.q_ng.tolist())))
         typename = "geometry_msgs/msg/QuaternionStamped"
-        return self._stamped(typename, sample.stamp_ns, MAP_FRAME, quaternion=turned)
+        return self.stamped(typename, sample.stamp_ns, MAP_FRAME, quaternion=turned)
 
     def odometry(self, solution: NavSolution, pose: BodyPose) -> Any:
         """Return ``nav_msgs/Odometry``, map -> base_link.
@@ -127,7 +123,7 @@ class Messages(MessageParts):
         attitude.
         """
         turned = positive(quat_turned_both(*pose.q_nb.tolist()))
-        return self._stamped(
+        return self.stamped(
             "nav_msgs/msg/Odometry",
             solution.stamp_ns,
             MAP_FRAME,
@@ -155,9 +151,7 @@ class Messages(MessageParts):
     def pixel(self, stamp_ns: int, u: float, v: float) -> Any:
         """Return ``geometry_msgs/PointStamped`` of a click at a column and row of a picture."""
         point = self._class("geometry_msgs/msg/Point")(x=u, y=v, z=0.0)
-        return self._stamped(
-            "geometry_msgs/msg/PointStamped", stamp_ns, OPTICAL_FRAME, point=point
-        )
+        return self.stamped("geometry_msgs/msg/PointStamped", stamp_ns, OPTICAL_FRAME, point=point)
 
     def located_fix(self, located: Located) -> Any:
         """Return ``sensor_msgs/NavSatFix`` of a ground point, with the picture's stamp."""
@@ -182,7 +176,7 @@ class Messages(MessageParts):
         if encoding is None or pixels.shape[2:] not in {(), (3,)}:
             raise ValueError(f"no image encoding for {pixels.dtype} {pixels.shape}")
         height, width = pixels.shape[:2]
-        return self._stamped(
+        return self.stamped(
             "sensor_msgs/msg/Image",
             stamp_ns,
             OPTICAL_FRAME,
@@ -198,7 +192,7 @@ class Messages(MessageParts):
         """Return ``sensor_msgs/CompressedImage`` of a JPEG file's bytes."""
         data = self._octets(np.frombuffer(jpeg, np.uint8))
         typename = "sensor_msgs/msg/CompressedImage"
-        return self._stamped(typename, stamp_ns, OPTICAL_FRAME, format="jpeg", data=data)
+        return self.stamped(typename, stamp_ns, OPTICAL_FRAME, format="jpeg", data=data)
 
     def camera_info(self, camera: Camera, stamp_ns: int) -> Any:
         """Return ``sensor_msgs/CameraInfo``: R identity, P from K; plumb_bob with five numbers."""
@@ -206,7 +200,7 @@ class Messages(MessageParts):
         size = 5 if len(camera.distortion) <= 5 else 8
         padded = [*map(float, camera.distortion), *[0.0] * (size - len(camera.distortion))]
         zero = {"x_offset": 0, "y_offset": 0, "height": 0, "width": 0, "do_rectify": False}
-        return self._stamped(
+        return self.stamped(
             "sensor_msgs/msg/CameraInfo",
             stamp_ns,
             OPTICAL_FRAME,
@@ -241,7 +235,7 @@ class Messages(MessageParts):
             )
             for item in items
         ]
-        return self._stamped("diagnostic_msgs/msg/DiagnosticArray", stamp_ns, "", status=status)
+        return self.stamped("diagnostic_msgs/msg/DiagnosticArray", stamp_ns, "", status=status)
 
     @staticmethod
     def navigation_diagnostic(name: str, status: NavigationStatus) -> DiagnosticItem:

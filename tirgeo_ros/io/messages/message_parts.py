@@ -33,8 +33,8 @@ class MessageParts:
         # rclpy takes array.array at no cost and an ndarray byte by byte; rosbags only ndarray.
         self._takes_ndarray = hasattr(types("std_msgs/msg/Header"), "__msgtype__")
 
-    def _stamped(self, typename: str, stamp_ns: int, frame_id: str, **fields: Any) -> Any:
-        """Return a message with a header."""
+    def stamped(self, typename: str, stamp_ns: int, frame_id: str, **fields: Any) -> Any:
+        """Return a message of a type with a header and these fields."""
         header = self._class("std_msgs/msg/Header")(stamp=self._time(stamp_ns), frame_id=frame_id)
         return self._class(typename)(header=header, **fields)
 
@@ -62,7 +62,7 @@ class MessageParts:
         The attitude is wxyz of FLU to ENU, rate (rad/s) and force (m/s2) are (3,) FRD.
         """
         (rate_x, rate_y, rate_z), (x, y, z) = rate[0].tolist(), force[0].tolist()
-        return self._stamped(
+        return self.stamped(
             "sensor_msgs/msg/Imu",
             stamp_ns,
             BODY_FRAME,
@@ -89,7 +89,7 @@ class MessageParts:
         covariance = covariance_turned_world(covariance_n, 3)
         known = bool(covariance.any())
         status_type = "sensor_msgs/msg/NavSatStatus"
-        return self._stamped(
+        return self.stamped(
             "sensor_msgs/msg/NavSatFix",
             stamp_ns,
             frame_id,
@@ -106,7 +106,7 @@ class MessageParts:
     ) -> Any:
         typename = "geometry_msgs/msg/PoseWithCovarianceStamped"
         pose = self._pose(position_n, turned, covariance)
-        return self._stamped(typename, stamp_ns, MAP_FRAME, pose=pose)
+        return self.stamped(typename, stamp_ns, MAP_FRAME, pose=pose)
 
     def _pose(self, position_n: Array, turned: Quaternion, covariance: Array) -> Any:
         """Return ``geometry_msgs/PoseWithCovariance`` of (3,) and (6, 6) in NED.

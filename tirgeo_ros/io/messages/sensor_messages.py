@@ -37,7 +37,8 @@ def _pressure(messages: Messages, sample: PressureSample) -> Any:
     """Return ``sensor_msgs/FluidPressure``."""
     return messages.stamped(
         _PRESSURE,
-        (sample.stamp_ns, BODY_FRAME),
+        sample.stamp_ns,
+        BODY_FRAME,
         fluid_pressure=sample.pressure_pa,
         variance=sample.variance_pa2,
     )

@@ -103,11 +103,6 @@ def paths_of(files: Files) -> list[PathLike]:
     return [files] if isinstance(files, str | os.PathLike) else list(files)
 
 
-def load_parameters(files: Files, node: str, namespace: str = "") -> dict[str, object]:
-    """Return ``ParameterFile.values`` for one node."""
-    return ParameterFile(files).values(node, namespace)
-
-
 def load_config(files: Files, node: str, kind: type[T], namespace: str = "") -> T:
     """Return ``ParameterFile.config`` for one node."""
     return ParameterFile(files).config(node, kind, namespace)

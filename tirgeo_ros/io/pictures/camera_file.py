@@ -9,6 +9,8 @@ from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
 from typing import Any
 
+import yaml
+
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.types.errors import CameraError, ConfigError
@@ -29,25 +31,23 @@ def camera_yaml(camera: Camera, name: str = "thermal") -> str:
     p = [*k[:3], 0.0, *k[3:6], 0.0, *k[6:], 0.0]
     size = 5 if len(camera.distortion) <= 5 else 8
     distortion = [*camera.distortion, *[0.0] * (size - len(camera.distortion))]
-    model = "plumb_bob" if size == 5 else "rational_polynomial"
-    return "\n".join(
-        [
-            f"image_width: {camera.width}",
-            f"image_height: {camera.height}",
-            f"camera_name: {name}",
-            *_matrix("camera_matrix", 3, k),
-            f"distortion_model: {model}",
-            *_matrix("distortion_coefficients", 1, distortion),
-            *_matrix("rectification_matrix", 3, _IDENTITY),
-            *_matrix("projection_matrix", 3, p),
-            "",
-        ]
-    )
+    tree = {
+        "image_width": camera.width,
+        "image_height": camera.height,
+        "camera_name": name,
+        "camera_matrix": _matrix(3, k),
+        "distortion_model": "plumb_bob" if size == 5 else "rational_polynomial",
+        "distortion_coefficients": _matrix(1, distortion),
+        "rectification_matrix": _matrix(3, _IDENTITY),
+        "projection_matrix": _matrix(3, p),
+    }
+    text: str = yaml.safe_dump(tree, sort_keys=False, default_flow_style=None, width=999)
+    return text
 
 
-def _matrix(name: str, rows: int, data: Sequence[float]) -> list[str]:
-    numbers = ", ".join(f"{number:.10g}" for number in data)
-    return [f"{name}:", f"  rows: {rows}", f"  cols: {len(data) // rows}", f"  data: [{numbers}]"]
+def _matrix(rows: int, data: Sequence[float]) -> dict[str, object]:
+    numbers = [float(f"{number:.10g}") for number in data]
+    return {"rows": rows, "cols": len(data) // rows, "data": numbers}
 
 
 def save_camera(path: PathLike, camera: Camera, name: str = "thermal") -> None:

@@ -21,7 +21,7 @@ import numpy as np
 from tirgeo_ros.core.calibration.orthophoto.polynomial_transform import PolynomialTransform
 from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.io.coordinates.projected_planes import Plane
-from tirgeo_ros.io.files.offline_reading import check_closed, read_map
+from tirgeo_ros.io.files.offline_reading import imported_rasterio, read_map
 from tirgeo_ros.io.files.whole_files import PathLike, check_place, part_of
 
 _TILE = 512
@@ -45,8 +45,7 @@ def write_warped(
 def _write(
     image: PathLike, out: PathLike, found: PolynomialTransform, plane: Plane, pixel_m: float
 ) -> None:
-    rasterio = _rasterio(image)
-    check_closed()
+    rasterio = imported_rasterio(f"{os.fspath(image)}: a GeoTIFF needs", MapError)
     check_place(out, MapError)
     part = part_of(out)
     try:
@@ -78,15 +77,6 @@ def _check_size(image: PathLike, source: Any, found: PolynomialTransform) -> Non
             f"{os.fspath(image)}: control points lie outside its {size[0]} x {size[1]} pixels; "
             "give the picture that they were marked on"
         )
-
-
-def _rasterio(image: PathLike) -> Any:
-    try:
-        return importlib.import_module("rasterio")
-    except ImportError:
-        raise MapError(
-            f"{os.fspath(image)}: a GeoTIFF needs rasterio: pip install 'tirgeo[dem]'"
-        ) from None
 
 
 def _profile(

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pyproj
 
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import SurveyError
@@ -40,8 +39,8 @@ def load_control_points(
 ) -> ControlPoints:
     """Load marks (CSV ``id,column,row``) with their survey, or a ``.points`` file of QGIS alone.
 
-    ``points_crs`` names the system of a ``.points`` file that does not name it. Raises
-    SurveyError.
+    ``points_crs`` is the system of a ``.points`` file, else it is the one that the file names.
+    Raises SurveyError.
     """
     if survey is not None:
         return _matched(points, survey)
@@ -75,10 +74,6 @@ def _qgis(path: PathLike, points_crs: str | None) -> ControlPoints:
     comments = [line for line in lines if line.startswith("#")]
     named = [line.partition(":")[2].strip() for line in comments if line.startswith("#CRS:")]
     crs = points_crs or (named[0] if named else "")
-    if points_crs and named and not _same(points_crs, named[0]):
-        raise SurveyError(
-            f"{path}: is in {_short(named[0])}, as it says itself: leave --points-crs out"
-        )
     rows = _rows(path, [line for line in lines if not line.startswith("#")])
     if not crs:
         raise SurveyError(
@@ -88,7 +83,7 @@ def _qgis(path: PathLike, points_crs: str | None) -> ControlPoints:
     flat = np.column_stack([values[:, :2], np.zeros(len(values))])
     degrees, _ = to_wgs84(flat, crs, str(path))
     if not np.isfinite(degrees).all() or (np.abs(degrees[:, 1]) > 90).any():
-        raise SurveyError(f"{path}: a point is no place in {_short(crs)}")
+        raise SurveyError(f"{path}: a point is no place in {crs[:40]}")
     return ControlPoints(list(rows), downward(values[:, 2:]), degrees[:, :2])
 
 
@@ -113,18 +108,3 @@ def _rows(path: PathLike, lines: Sequence[str]) -> dict[str, tuple[float, ...]]:
         if (row.get("enable") or "1").strip() != "0":
             found[str(number)] = values
     return found
-
-
-def _same(one: str, other: str) -> bool:
-    try:
-        first, second = map(pyproj.CRS.from_user_input, (one, other))
-    except pyproj.exceptions.CRSError:
-        return True  # an invalid system is reported where it is used
-    return bool(first.equals(second, ignore_axis_order=True)) or first.name == second.name
-
-
-def _short(crs: str) -> str:
-    try:
-        return str(pyproj.CRS.from_user_input(crs).name)
-    except pyproj.exceptions.CRSError:
-        return crs[:40]

@@ -18,7 +18,6 @@ import numpy as np
 from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.io.files.memory_bound import bounded_memory
-from tirgeo_ros.io.maps.table import check_count
 from tirgeo_ros.io.surveys.control_points import downward
 
 #: What reading coordinates raises where there are none.
@@ -38,7 +37,6 @@ class PixelFeatures:
             raise MapError(f"{path}: does not fit into memory; split it") from None
 
     def _take(self, features: list[dict[str, Any]]) -> None:
-        check_count(len(features), str(self._path))
         self._features = features
         pairs: list[tuple[float, float]] = []
         self._owners: list[int] = []

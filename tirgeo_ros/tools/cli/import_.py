@@ -2,9 +2,10 @@
 
 Makes a bag with the topics of tirgeo (imu/data, gps, rtk, gimbal, thermal) from a ROS 1 bag with
 the topics of DJI's wrapper (dji_sdk/ or dji_osdk_ros/), or from the bytes of an aircraft's serial
-port. Topics of the wrong type and implausible values are reported and left out. A damaged bag is
-imported as far as it can be read (exit code 1). The same input gives the same bytes. --namespace
-and the topics are for ROS 1 bags; --packages, --key and --start-time for captures.
+port. Topics of the wrong type and implausible values are reported and left out. A bag that
+was cut off or never closed is refused; rosbag reindex mends it. The same input gives the same
+bytes. --namespace and the topics are for ROS 1 bags; --packages, --key and --start-time for
+captures.
 
 example:
   tirgeo import flight.bag -o flight.mcap --params params.yaml

@@ -119,7 +119,6 @@ def import_capture(
         "frames": run.frames.counts,
         "telemetry": run.telemetry.counts,
         "warnings": [*([placed.warning] if placed.warning else []), *complaints],
-        "damage": None,
     }
 
 

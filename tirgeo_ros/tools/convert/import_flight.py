@@ -43,9 +43,8 @@ def import_flight(
     ``source`` is a ROS 1 bag of DJI's wrapper or a capture of the aircraft's serial port,
     recognised by its content; ``params`` is a ROS 2 parameter YAML with those of dji_node;
     ``namespace`` is that of the bag's topics and of the written ones; ``pictures`` is for bags,
-    ``capture`` for captures. In the result ``error`` is None or what was lost, ``warning`` is None
-    or a warning. A file gets its name only when it is complete. Raise BagError, DjiError,
-    ConfigError.
+    ``capture`` for captures. In the result ``warning`` is None or a warning. A file gets its name
+    only when it is complete. Raise BagError, DjiError, ConfigError.
     """
     path = Path(source)
     is_bag = _is_ros1(path)
@@ -60,11 +59,11 @@ def import_flight(
         else:
             imported = import_capture(path, sink, config, capture, progress)
         sink.finish()
-    return {"input": str(path), "output": os.fspath(output)} | _result(path, imported, sink)
+    return {"input": str(path), "output": os.fspath(output)} | _result(imported, sink)
 
 
-def _result(path: Path, imported: dict[str, object], sink: ImportSink) -> dict[str, object]:
-    own, damage = imported.pop("warnings"), imported.pop("damage")
+def _result(imported: dict[str, object], sink: ImportSink) -> dict[str, object]:
+    own = imported.pop("warnings")
     assert isinstance(own, list)
     warnings = [*own, *sink.interpreter.warnings]
     return {
@@ -73,7 +72,6 @@ def _result(path: Path, imported: dict[str, object], sink: ImportSink) -> dict[s
         "counts": sink.interpreter.counts,
         "warnings": warnings,
         "warning": "; ".join(warnings) or None,
-        "error": f"{path}: {damage}; the output is made from these" if damage else None,
     }
 
 

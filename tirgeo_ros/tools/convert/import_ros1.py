@@ -218,5 +218,4 @@ def import_ros1(
         },
         "notes": [note for name in sorted(set(run.names.values())) for note in notes_of(name)],
         "warnings": run.warnings(),
-        "damage": bag.damage,
     }
