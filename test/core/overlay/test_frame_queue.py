@@ -1,7 +1,5 @@
 """The frame that waits: the newest wins, late and wrong ones are counted."""
 
-import math
-
 import cv2
 import numpy as np
 import pytest
@@ -58,15 +56,6 @@ def test_a_late_or_repeated_frame_is_dropped():
     put(queue, 5.0, 4.5, 5.0)
     assert stamps(queue) == [5.0]
     assert queue.counts["out_of_order"] == 2
-
-
-def test_the_rate_is_of_the_last_ten():
-    queue = FrameQueue()
-    assert math.isnan(queue.rate_hz)
-    put(queue, 0.0)
-    assert math.isnan(queue.rate_hz)
-    put(queue, *(50 + i / 9 for i in range(10)))
-    assert queue.rate_hz == pytest.approx(9.0)
 
 
 @pytest.mark.parametrize(

@@ -33,7 +33,6 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.map.layers import LayerStyle, MapLayer
 from tirgeo_ros.core.overlay.map_renderer import lay_layers
 from tirgeo_ros.core.overlay.overlay import Overlay
-from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.core.types.verdicts import FilterState
 
 
@@ -202,26 +201,6 @@ def test_a_new_plane_forgets_poses_in_the_old_one():
     overlay.add_frame(START + 100 * MS + LATENCY, GREY, START)
     assert overlay.take(START) is None
     assert overlay.take(START + WAIT).notice == "NO MAP: no pose at this frame"
-
-
-def test_a_map_without_heights():
-    flat = [geo(SQUARE_N, height=False)]
-    with pytest.raises(ConfigError, match="set ground_height_m"):
-        Overlay(OverlayConfig(), [MapLayer("map", flat)])
-    overlay = ready(features=flat, ground_height_m=25.0)
-    assert_on(pictured(overlay).image, pose_at(START))
-
-
-def test_labels_and_marks_are_drawn():
-    named = [geo(SQUARE_N, "Grünfläche"), geo([[36, 0, 0]], "P1")]
-    pictures = []
-    for features in (named, [geo(SQUARE_N), geo([[36, 0, 0]])], [geo(SQUARE_N)]):
-        overlay = ready(features=features, confidence=PLAIN)
-        pictures.append(pictured(overlay).image)
-    white = [(picture[:490] > 200).all(axis=2).sum() for picture in pictures]
-    assert white[0] > 50
-    assert white[1] == white[2] == 0
-    assert len(ink_on(pictures[1])) > len(ink_on(pictures[2]))
 
 
 NORTH_N = np.array([1.0, 0.0, 0.0])

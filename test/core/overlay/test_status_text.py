@@ -8,10 +8,9 @@ import time
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.overlay.status_text import VERDICT_BGR, status_line
+from tirgeo_ros.core.overlay.status_text import status_line
 from tirgeo_ros.core.overlay.text_boxes import fitted, paint_notice, paint_status
 from tirgeo_ros.core.overlay.text_rendering import TEXT_BGR, text_px
-from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.core.types.measurements import FixStatus
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 
@@ -24,18 +23,6 @@ def status(state=FilterState.RUNNING, reason="", state_s=0.0, sigma_rad=0.002):
 
 def texts(fields):
     return [field.text + field.detail for field in fields]
-
-
-def test_running_is_not_worth_a_word():
-    fields = status_line(status(), 0.083, 8.0)
-    assert texts(fields) == [
-        "ekf_heading",
-        "RTK fixed",
-        "heading sigma 0.11 deg",
-        "age 83 ms",
-        "video 8.0 Hz",
-    ]
-    assert {field.colour for field in fields} == {TEXT_BGR}
 
 
 @pytest.mark.parametrize(
@@ -67,19 +54,6 @@ def test_what_is_not_known_is_not_shown():
     assert texts(status_line(waiting, 0.0, math.nan))[-1] == "video starts"
 
 
-@pytest.mark.parametrize(
-    ("age_s", "text"),
-    [
-        (0.0831, "age 83 ms"),
-        (-0.019, "age 0 ms"),  # a bag's clock that has not come to the frame
-        (-0.5, "age -500 ms"),
-        (99.0, "age 99 s"),
-    ],
-)
-def test_the_age_of_a_frame(age_s, text):
-    assert texts(status_line(status(), age_s, 8.0))[-2] == text
-
-
 @pytest.mark.parametrize("state", list(FilterState))
 def test_state_method_and_fix_are_whole_on_a_thermal_picture(state):
     """640 px and the text as large as it is there: the words that matter stay."""
@@ -108,27 +82,6 @@ def test_the_height_above_ground_stands_before_the_heading():
         image = np.empty((width * 4 // 5, width, 3), np.uint8)
         fields = status_line(status(), 0.083, 29.97, above_m=120.0)
         assert "120 m above ground" in texts(fitted(fields, width, text_px(image)))
-
-
-@pytest.mark.parametrize(
-    ("verdict", "word"), [(Severity.CAUTION, "CAUTION"), (Severity.STOP, "NO GO")]
-)
-def test_what_the_checks_found_leads_in_its_colour(verdict, word):
-    fields = status_line(status(), 0.083, 29.97, predicted_s=0.01, verdict=verdict)
-    assert fields[0].text == word
-    assert fields[0].colour == VERDICT_BGR[verdict] != TEXT_BGR
-    for width in (64, 336, 640):
-        assert fitted(fields, width, 12)[0].text == word  # whatever room there is
-    assert not {"CAUTION", "NO GO"} & set(texts(status_line(status(), 0.0, 8.0)))
-
-
-def test_a_predicted_pose_is_said_first_and_dropped_frames_last():
-    fields = status_line(status(), 0.083, 8.0, predicted_s=0.042, dropped=7)
-    assert texts(fields)[0] == "predicted 42 ms"
-    assert texts(fields)[-1] == "dropped 7"
-    assert not fields[0].spare
-    assert fields[-1].spare
-    assert not {"predicted", "dropped"} & set(" ".join(texts(status_line(None, 0, 8))).split())
 
 
 def luminance(bgr):

@@ -77,14 +77,6 @@ def test_a_long_notice_takes_several_lines_and_all_its_words():
         assert rows[0] > rows[1]
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (5, 300), (300, 5)])
-def test_tiny_pictures(shape):
-    image = picture(*shape)
-    paint_status(image, [Field("status")])
-    paint_notice(image, "notice")
-    assert image.shape == (*shape, 3)
-
-
 REASON = ": rtk/fix refused: older than max_delay_s or the alignment, rtk/vel refused as well"
 
 

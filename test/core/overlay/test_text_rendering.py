@@ -1,7 +1,5 @@
 """Text bitmaps: every script, either library, and laying them over the picture's edges."""
 
-import builtins
-
 import cv2
 import numpy as np
 import pytest
@@ -10,7 +8,6 @@ from hypothesis import strategies as st
 
 from tirgeo_ros.core.overlay import text_rendering as text
 from tirgeo_ros.core.overlay.text_rendering import coverage, stamp
-from tirgeo_ros.core.types.errors import ConfigError
 
 WHITE = (255, 255, 255)
 
@@ -52,15 +49,6 @@ def test_accents_are_letters_and_not_boxes(render):
     assert accented[: body[0] - 1].max() > 120
 
 
-@pytest.mark.skipif("pillow" not in libraries(), reason="Pillow is not installed")
-def test_a_system_without_typefaces_gets_ascii(monkeypatch):
-    monkeypatch.setattr(text, "_SYSTEM_FONTS", ())
-    text._pillow_font.cache_clear()
-    for fancy, plain in (("Gr\u00fcnfl\u00e4che", "Grunflache"), ("\u82b1 \u00bd", "? 1?2")):
-        np.testing.assert_array_equal(text._by_pillow(fancy, 14), text._by_pillow(plain, 14))
-    text._pillow_font.cache_clear()
-
-
 @pytest.mark.skipif(not hasattr(cv2, "FontFace"), reason="OpenCV 4 has no typeface of its own")
 def test_chinese():
     one, other = coverage("\u82b1", 24), coverage("\u575b", 24)
@@ -96,17 +84,3 @@ def test_laying_a_stamp_anywhere_touches_only_its_place(left, top):
     wanted[place] = canvas[place] * (made.keep / 255) + made.ink
     made.lay(image, left, top)
     np.testing.assert_allclose(image, wanted[100:140, 100:160], atol=0.5 + 1e-9)  # rounding
-
-
-def test_without_either_library_the_user_is_told(monkeypatch):
-    monkeypatch.delattr(cv2, "FontFace", raising=False)
-    real = builtins.__import__
-
-    def without_pillow(name, *rest):
-        if name == "PIL":
-            raise ImportError(name)
-        return real(name, *rest)
-
-    monkeypatch.setattr(builtins, "__import__", without_pillow)
-    with pytest.raises(ConfigError, match="labels need OpenCV 5 or Pillow"):
-        coverage("x", 12)

@@ -44,8 +44,6 @@ from tirgeo_ros.core.types.poses import CameraPose
 #: 95 % quantile of chi-square with two degrees of freedom, 5.991: the squared radius, in standard
 #: deviations, that holds 95 % of a two-dimensional normal distribution.
 CHI2_95 = -2 * math.log(0.05)
-#: The same in one dimension: 95 % lie within this many standard deviations of the mean.
-SIGMAS_95 = 1.959963984540054
 #: First order is enough up to this relative standard deviation of a point's depth, and up to this
 #: relative change of the lens's derivatives within the ellipse. With both, the ellipse of 95 %
 #: holds 93 to 97 % of simulated errors.
@@ -208,18 +206,6 @@ class FrameConfidence:
         change = np.array(self.camera.slopes(rays[0] * scale, rays[1] * scale)) - here
         bent = (change * change).sum(axis=0) > MOST_BEND**2 * (here * here).sum(axis=0)
         return np.asarray(linear & inside & ~bent)
-
-    def half_width_95(
-        self, rays: Array, normals: Array, sigma_m: Array | float | None = None
-    ) -> Array:
-        """Return the half-widths (N,), px, of the band around a line that holds 95 % of errors.
-
-        ``rays`` (3, N) are points of the line, ``normals`` (2, N) its unit normals in pixels.
-        """
-        uu, uv, vv = self.spread(rays, sigma_m)[0]
-        u, v = normals
-        across = u * u * uu + 2 * u * v * uv + v * v * vv
-        return np.asarray(SIGMAS_95 * np.sqrt(np.maximum(across, 0.0)))
 
 
 def _outermost(rays: Array, spread: Spread, max_radius: float) -> tuple[BoolArray, Array]:

@@ -16,7 +16,7 @@ from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.map.visibility import View, VisibleLines
 from tirgeo_ros.core.overlay.label_placement import UNCERTAIN_BGR, Labels
 from tirgeo_ros.core.overlay.line_renderer import LineRenderer, mark_radius_px, marks_as_lines
-from tirgeo_ros.core.overlay.line_sampling import each, picked
+from tirgeo_ros.core.overlay.line_sampling import picked
 from tirgeo_ros.core.overlay.text_rendering import TEXT_BGR, Box, stamp, text_px
 from tirgeo_ros.core.overlay.uncertainty_rendering import (
     ELLIPSE_BGR,
@@ -91,9 +91,7 @@ class LayerPainter:
         areas, lines, marks, _ = seen
         of = self._map.layer
         frame = self._confidence.frame(view.camera, pose, rates)
-        sigmas = each(self._sigmas, lines.owner)
         self._painter.areas(image, areas, of[areas.owner], self._styles, view.reached)
-        self._confidence.paint_bands(image, frame, lines, of[lines.owner], self._styles, sigmas)
         labels, points = self._labels.place(image, lines, marks, taken)
         anchors = with_marks(points, marks, view.camera)
         marked = self._confidence.marked(

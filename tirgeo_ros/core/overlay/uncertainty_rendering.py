@@ -1,4 +1,4 @@
-"""Draw the overlay's own uncertainty: lines that fade or have a band, and ellipses.
+"""Draw the overlay's own uncertainty: lines that fade, and ellipses.
 
 A faded line shows that a feature exists, but no longer where. Ellipses are drawn only at points,
 dashed, in a colour of their own, and left out where the mark is about as large. Where an ellipse
@@ -8,10 +8,8 @@ its feature is ``uncertain``: its label is grey.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import Camera
@@ -23,11 +21,10 @@ from tirgeo_ros.core.camera.projection_covariance import (
     radius_95,
 )
 from tirgeo_ros.core.config.overlay import ConfidenceConfig
-from tirgeo_ros.core.map.layers import LayerStyle
 from tirgeo_ros.core.map.polylines import Polylines, runs
 from tirgeo_ros.core.map.visibility import VisibleLines
-from tirgeo_ros.core.overlay.line_sampling import each, fading, ribbons, sampled
-from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray, Pixels
+from tirgeo_ros.core.overlay.line_sampling import each, fading
+from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 from tirgeo_ros.core.types.poses import CameraPose
 
 #: Number of equal steps in which opacity falls from 1 to FAINTEST, at the configured radius.
@@ -39,8 +36,6 @@ MARK_TIMES = 1.5
 #: The largest number of ellipses, the same as of labels.
 MOST_ELLIPSES = 40
 
-_BAND_STEP_PX = 16.0
-_BAND_OPACITY = 0.25
 #: Not the default colour of any layer or click: an ellipse is an uncertainty, not a place.
 ELLIPSE_BGR = (255, 175, 215)
 _CORNERS = 48  # of an ellipse
@@ -90,9 +85,8 @@ class Confidence:
         """Return faded lines, and the ellipses of anchors that are clearly larger than a mark.
 
         ``sigma_m`` (features,) is the standard deviation of the map's layers, nan if not given.
-        Lines with a band fade too: a strong line in the middle of a broad band would still be
-        trusted. If lines are configured to show nothing, they are returned unchanged. If ellipses
-        are switched off, there are no outlines, but ``uncertain`` is still computed.
+        With ``lines: none`` they are returned unchanged. Without ``ellipses`` there are no
+        outlines, but ``uncertain`` is still computed.
         """
         fades = self._config.lines != "none" and len(lines)
         rays, owner, count = anchors.rays, anchors.owner, len(anchors.owner)
@@ -109,35 +103,6 @@ class Confidence:
         # fmin turns nan, an unknown radius, into the faintest step.
         step = np.fmin(np.floor(radius_px * (FADE_STEPS / self._config.fade_px)), FADE_STEPS)
         return Marked(*cut_by(1 - step * ((1 - FAINTEST) / FADE_STEPS)), *ellipses)
-
-    def paint_bands(
-        self,
-        image: Pixels,
-        frame: FrameConfidence,
-        lines: VisibleLines,
-        layer: IntArray,
-        styles: Sequence[LayerStyle],
-        sigma_m: Array | None = None,
-    ) -> None:
-        """Tint (h, w, 3) the bands that hold the true line with 95 %, if bands are configured.
-
-        ``layer`` (lines,) is the index of each line's style, whose colour the band has. No band
-        is wider than half the picture.
-        """
-        if self._config.lines != "band" or not len(lines):
-            return
-        lines, some = sampled(lines, _BAND_STEP_PX)
-        most_px = min(image.shape[:2]) / 4
-        quads = ribbons(frame, lines, some, each(sigma_m, some.line), most_px)
-        of_quad = layer[some.line[:-1]]
-        wide = np.isfinite(quads).all(axis=(1, 2))
-        for number in np.unique(of_quad[wide]).tolist():
-            mask = np.zeros(image.shape[:2], np.uint8)  # blend once where quads overlap
-            for quad in np.rint(quads[wide & (of_quad == number)]).astype(np.int32):
-                cv2.fillConvexPoly(mask, quad, (255,))
-            cv2.copyTo(cv2.convertScaleAbs(image, alpha=1 - _BAND_OPACITY), mask, image)
-            light = np.array([*styles[number].line_bgr, 0.0]) * _BAND_OPACITY
-            cv2.add(image, light, dst=image, mask=mask)
 
     def _ellipses(
         self,
