@@ -114,15 +114,6 @@ def test_few_poses_are_trusted_less():
     assert found.covariance[0, 0] >= SIGMA_M**2 * (1 + 2 * 2**2)
 
 
-@pytest.mark.parametrize(
-    "times_s",
-    [[], [0.0], [0.0, 0.01], [0.0, 0.02, 0.04], [0.0, 0.02, 0.04, 0.06, 0.32], [0.0, 1e-9]],
-)
-def test_what_gives_no_rate_gives_no_prediction(times_s):
-    poses = moving(times_s, np.ones(3), np.zeros(3), np.array([1.0, 0, 0, 0]))
-    assert predicted(poses, 400_000_000, GAP_S) is None
-
-
 def test_poses_before_a_gap_do_not_count():
     """The aircraft turned round meanwhile."""
     q_nc = np.array([1.0, 0, 0, 0])

@@ -4,11 +4,8 @@ import numpy as np
 import pytest
 
 from tirgeo_ros.core.map.level_of_detail import (
-    PIECE_VERTICES,
     TOLERANCES_M,
-    Boxes,
     Details,
-    cut_in_pieces,
     worths,
 )
 from tirgeo_ros.core.map.polylines import Polylines
@@ -79,27 +76,6 @@ def test_every_level_is_within_its_tolerance_and_keeps_its_ends():
     assert details.count[-1].sum() < 0.1 * details.count[0].sum()
 
 
-def test_pieces_make_up_their_lines_again():
-    lines = walks(7, 3 * PIECE_VERTICES)
-    details = details_of(lines, np.arange(7) % 2)
-    for number, line in enumerate(lines.split()):
-        own = details.place[details.piece_starts[number] : details.piece_starts[number + 1]]
-        parts = details.lines(own, np.zeros_like(own)).split()
-        again = np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
-        np.testing.assert_array_equal(again, line)
-        assert set(details.owner[own]) == {number}
-
-
-@pytest.mark.parametrize("vertices", [2, 3, PIECE_VERTICES, PIECE_VERTICES + 1, 1000])
-def test_pieces_are_short_and_meet(vertices):
-    pieces, line = cut_in_pieces(walks(3, vertices))
-    assert np.diff(pieces.starts).max() <= PIECE_VERTICES
-    assert np.diff(pieces.starts).min() >= 2
-    parts = pieces.split()
-    for i in np.flatnonzero(np.diff(line) == 0):
-        np.testing.assert_array_equal(parts[i][-1], parts[i + 1][0])
-
-
 def test_culling_by_blocks_finds_what_culling_by_boxes_finds():
     details = details_of(walks(3000, 4))
     normals, offsets = np.array([[1.0, 0, 0], [0.0, 0.6, 0.8]]), np.array([100.0, -50.0])
@@ -108,25 +84,3 @@ def test_culling_by_blocks_finds_what_culling_by_boxes_finds():
     least = normals @ details.boxes.centres - np.abs(normals) @ details.boxes.halves
     np.testing.assert_array_equal(whole, (least >= offsets[:, None]).all(axis=0)[found])
     assert 100 < len(found) < 2900
-
-
-def test_boxes_hold_their_pieces_and_know_their_distance():
-    details = details_of(walks(10, 100))
-    point = np.array([600.0, -20.0, 5.0])
-    every = np.arange(len(details.owner))
-    parts = details.lines(every, np.zeros_like(every)).split()
-    distance = details.boxes.distance(point)
-    for part, near in zip(parts, distance, strict=True):
-        assert np.linalg.norm(part - point, axis=1).min() >= near - 1e-9
-    low, high = np.array([[0.0], [0], [0]]), np.array([[2.0], [2], [2]])
-    box = Boxes.around(low, high, np.array([0, 1]))
-    assert box.distance(np.array([5.0, 6.0, 1.0]))[0] == pytest.approx(5.0)
-    assert box.distance(np.array([1.0, 1.0, 1.0]))[0] == 0.0
-
-
-def test_points_on_one_place_and_straight_lines_are_simplified_too():
-    still = Polylines(np.zeros((3, 100)), np.array([0, 50, 100]), np.array([0, 1]))
-    straight = Polylines(np.arange(300.0).reshape(3, 100), np.array([0, 100]), np.array([0]))
-    for lines in (still, straight):
-        details = details_of(lines)
-        assert (details.count[1] == 2).all()

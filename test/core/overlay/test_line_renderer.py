@@ -51,9 +51,6 @@ def ink(image):
     return np.column_stack([u, v]), strength[v, u]
 
 
-# lines
-
-
 @pytest.mark.parametrize("slope", [-2.0, -0.3, 0.0, 0.7, 5.0])
 @pytest.mark.parametrize("width", [1, 2, 3, 4, 5])
 def test_the_ink_lies_on_the_line(slope, width):
@@ -101,11 +98,6 @@ def test_an_uncertain_line_fades_and_its_halo_with_it():
     assert len(yellow) == FADES + 1
 
 
-# marks
-
-
-# areas
-
 GREEN = LayerStyle(fill_bgr=(0, 200, 0), fill_opacity=0.25)
 MIXED = [96, 146, 96]  # three quarters of the grey and one of the green
 
@@ -123,9 +115,6 @@ def test_a_hole_stays_open_and_an_island_in_it_is_filled():
     assert abs(int(image[30, 30, 1]) - 146) <= 1
     assert (image[60, 60] == GREY).all()
     assert abs(int(image[95, 95, 1]) - 146) <= 1
-
-
-# both
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (5, 300), (300, 5)])

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tirgeo_ros.core.camera.camera_model import XT2
+from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import locate
 from tirgeo_ros.core.overlay.scale_bar_compass import (
@@ -27,15 +28,8 @@ def pose(height_m=40.0, yaw=0.0, down=60.0, roll=0.0):
     return camera_pose([3.0, -2.0, -height_m], roll, -down, yaw)
 
 
-def painted(image, decoration):
-    decoration.paint(image)
-    return decoration.box
-
-
 def ground_point(camera, at, uv):
     """By another way than the code: the plane at the map's origin, flat over so few metres."""
-    from tirgeo_ros.core.frames.rotations import matrix_from_quat  # noqa: PLC0415
-
     ray = matrix_from_quat(at.q_nc) @ camera.rays(np.array([uv]))[0]
     return at.position_n + ray * (-at.position_n[2] / ray[2])
 
@@ -74,9 +68,6 @@ def test_no_bar_where_no_ground_is_seen():
     assert place_scale_bar(image, XT2, pose(down=-40.0), PLANE, 11.5) is None
 
 
-# heading
-
-
 @given(yaw=st.floats(0, 359.9), down=st.floats(75, 105))
 def test_the_heading_is_steady_through_straight_down(yaw, down):
     """Past it the picture's upper edge still looks the same way."""
@@ -95,7 +86,9 @@ def white(image):
 @pytest.mark.parametrize("size", [(320, 256), (640, 512), (1280, 1024)])
 def test_the_needle_points_to_north(yaw, size):
     image = np.full((size[1], size[0], 3), GREY, np.uint8)
-    box = painted(image, place_rose(image, math.radians(yaw)))
+    rose = place_rose(image, math.radians(yaw))
+    rose.paint(image)
+    box = rose.box
     changed = (image != GREY).any(axis=2)
     changed[box.top : box.bottom, box.left : box.right] = False
     assert not changed.any()
