@@ -50,7 +50,8 @@ CHI2_95 = -2 * math.log(0.05)
 MOST_DEPTH_SIGMA, MOST_BEND = 0.1, 0.2
 _ROUNDING = 1e-4  # rounding error of correlations in float32 messages and sums
 _LEAST_VARIANCE = 1e-18
-_BLOCK = 2500  # points: NumPy runs larger matrix products in threads, which is slower here
+#: Points at a time: NumPy runs larger matrix products in threads, which is slower here.
+_BLOCK = 2500
 _LEAST_RADIUS2 = 1e-12  # squared radius on the plane z = 1: about a thousandth of a pixel
 
 
@@ -153,19 +154,14 @@ class FrameConfidence:
         """
         count = rays.shape[1]
         sigma = None if sigma_m is None else np.broadcast_to(np.asarray(sigma_m, float), count)
-        if count <= _BLOCK:
-            found = self._spread(rays, sigma, closely)
-        else:  # in blocks that fit in the processor's cache
-            parts = [slice(start, start + _BLOCK) for start in range(0, count, _BLOCK)]
-            done = [
-                self._spread(
-                    rays[:, part],
-                    None if sigma is None else sigma[part],
-                    max(closely - part.start, 0),
-                )
-                for part in parts
-            ]
-            found = np.concatenate(done, axis=1)
+        parts = [slice(start, start + _BLOCK) for start in range(0, max(count, 1), _BLOCK)]
+        done = [
+            self._spread(
+                rays[:, part], None if sigma is None else sigma[part], max(closely - part.start, 0)
+            )
+            for part in parts
+        ]
+        found = np.concatenate(done, axis=1)
         return found[:3], found[3, :closely] > 0
 
     def _spread(self, rays: Array, sigma_m: Array | None, closely: int) -> Array:
