@@ -9,7 +9,7 @@ import pytest
 from camera_poses import camera_pose
 
 from tirgeo_ros.core.camera.camera_model import Camera
-from tirgeo_ros.core.camera.projection_covariance import rays_to
+from tirgeo_ros.core.camera.projection_covariance import FrameConfidence, rays_to
 from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.map.visibility import VisibleLines
@@ -18,7 +18,7 @@ from tirgeo_ros.core.overlay.uncertainty_rendering import (
     FAINTEST,
     MOST_ELLIPSES,
     Anchors,
-    Confidence,
+    marked,
     with_marks,
 )
 
@@ -53,12 +53,12 @@ def radius_px(sigma_m):
 
 
 def confidence(**changes):
-    return Confidence(dataclasses.replace(PLAIN, **changes))
+    return dataclasses.replace(PLAIN, **changes)
 
 
 def faded_lines(one, pose, lines, sigma_m=None):
     none = anchors_at(pose, [])
-    return one.marked(one.frame(CAMERA, pose), lines, none, MARK_PX, sigma_m)[:2]
+    return marked(one, FrameConfidence(one, CAMERA, pose), lines, none, MARK_PX, sigma_m)[:2]
 
 
 def faded(sigma_m, pose=None, **changes):
@@ -132,8 +132,8 @@ def test_cut_lines_are_the_same_lines():
 
 
 def ellipses_of(one, pose, anchors, sigma_m=None):
-    frame = one.frame(CAMERA, pose)
-    return one.marked(frame, seen_from(pose), anchors, MARK_PX, sigma_m)
+    frame = FrameConfidence(one, CAMERA, pose)
+    return marked(one, frame, seen_from(pose), anchors, MARK_PX, sigma_m)
 
 
 def anchors_at(pose, uv):
@@ -187,15 +187,15 @@ def test_what_the_first_order_does_not_tell_is_uncertain():
 
 
 def test_labels_have_their_ellipses_before_other_marks():
-    """As many as there may be, all in one corner; one of them is a mark that is seen too."""
-    pose = pose_at()
-    uv = np.random.default_rng(5).uniform(0, 1, (500, 2)) * [639, 511]
+    """As many as there may be; one of them is a mark that is seen too."""
+    pose = pose_at(down_deg=40.0)
+    uv = np.random.default_rng(5).uniform(0.2, 1, (500, 2)) * [639, 511]
     marks = seen_from(pose, *[[point] for point in uv])
-    corner = anchors_at(pose, np.random.default_rng(6).uniform(0, 50, (30, 2)))
-    labelled = corner._replace(owner=np.arange(30) + 499)
-    chosen = with_marks(labelled, marks, CAMERA)
+    labelled = anchors_at(pose, np.random.default_rng(6).uniform(200, 250, (30, 2)))
+    labelled = labelled._replace(owner=np.arange(30) + 499)
+    chosen = with_marks(labelled, marks)
     numbers = chosen.owner.tolist()
-    assert len(set(numbers)) == len(numbers) <= MOST_ELLIPSES
-    assert (chosen.uv[:, 30:] > 50).any(axis=0).all()  # elsewhere
-    few = with_marks(labelled, seen_from(pose, [(300, 200)]), CAMERA)
+    assert len(set(numbers)) == len(numbers) == MOST_ELLIPSES
+    assert chosen.rays[2, 30:].min() >= np.sort(marks.rays[2])[-MOST_ELLIPSES]  # the nearest
+    few = with_marks(labelled, seen_from(pose, [(300, 200)]))
     assert few.owner.tolist() == [*range(499, 529), 0]

@@ -75,11 +75,6 @@ def _lengths(lines: VisibleLines) -> Array:
     return np.asarray(np.maximum(*np.abs(step, out=step)))
 
 
-def each(sigma_m: Array | None, line: IntArray | BoolArray) -> Array | None:
-    """Return the values of lines (lines,) for samples on them."""
-    return None if sigma_m is None else sigma_m[line]
-
-
 def cut(lines: Polylines, some: Samples, value: Array) -> tuple[Polylines, IntArray]:
     """Cut the lines where the value of the interval between two samples changes.
 

@@ -12,9 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import (
-    CameraRates,
     FrameConfidence,
     ellipse_95,
     matrices,
@@ -23,9 +21,8 @@ from tirgeo_ros.core.camera.projection_covariance import (
 from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.map.polylines import Polylines, runs
 from tirgeo_ros.core.map.visibility import VisibleLines
-from tirgeo_ros.core.overlay.line_sampling import each, fading
+from tirgeo_ros.core.overlay.line_sampling import fading
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
-from tirgeo_ros.core.types.poses import CameraPose
 
 #: Number of equal steps in which opacity falls from 1 to FAINTEST, at the configured radius.
 FADE_STEPS = 3
@@ -62,93 +59,60 @@ class Marked(NamedTuple):
     uncertain: BoolArray  # (anchors,) the ellipse is over half the picture long, or not known
 
 
-class Confidence:
-    """Draw the overlay's uncertainty as configured."""
+def marked(
+    config: ConfidenceConfig,
+    frame: FrameConfidence,
+    lines: VisibleLines,
+    anchors: Anchors,
+    mark_radius_px: float,
+    sigma_m: Array | None = None,
+) -> Marked:
+    """Return faded lines, and the ellipses of anchors that are clearly larger than a mark.
 
-    def __init__(self, config: ConfidenceConfig) -> None:
-        self._config = config
-
-    def frame(
-        self, camera: Camera, pose: CameraPose, rates: CameraRates | None = None
-    ) -> FrameConfidence:
-        """Return the errors of one frame, from pose and rates at its exposure."""
-        return FrameConfidence(self._config, camera, pose, rates)
-
-    def marked(
-        self,
-        frame: FrameConfidence,
-        lines: VisibleLines,
-        anchors: Anchors,
-        mark_radius_px: float,
-        sigma_m: Array | None = None,
-    ) -> Marked:
-        """Return faded lines, and the ellipses of anchors that are clearly larger than a mark.
-
-        ``sigma_m`` (features,) is the standard deviation of the map's layers, nan if not given.
-        With ``lines: none`` they are returned unchanged. Without ``ellipses`` there are no
-        outlines, but ``uncertain`` is still computed.
-        """
-        fades = self._config.lines != "none" and len(lines)
-        rays, owner, count = anchors.rays, anchors.owner, len(anchors.owner)
-        if fades:
-            of_lines, owners, cut_by = fading(lines)
-            rays = np.concatenate([rays, of_lines], axis=1)
-            owner = np.concatenate([owner, owners])
-        # One call for all points: for so few, most of the time is call overhead.
-        spread, linear = frame.spread(rays, each(sigma_m, owner), closely=count)
-        ellipses = self._ellipses(frame.camera, anchors, spread[:, :count], linear, mark_radius_px)
-        if not fades:
-            return Marked(lines, np.ones(len(lines)), *ellipses)
-        radius_px = radius_95(spread[:, count:])
-        # fmin turns nan, an unknown radius, into the faintest step.
-        step = np.fmin(np.floor(radius_px * (FADE_STEPS / self._config.fade_px)), FADE_STEPS)
-        return Marked(*cut_by(1 - step * ((1 - FAINTEST) / FADE_STEPS)), *ellipses)
-
-    def _ellipses(
-        self,
-        camera: Camera,
-        anchors: Anchors,
-        spread: Array,
-        linear: BoolArray,
-        mark_radius_px: float,
-    ) -> tuple[Polylines, BoolArray]:
-        semi_px, angle = ellipse_95(matrices(spread))
-        most_px = min(camera.width, camera.height) / 4
-        uncertain = ~(linear & (semi_px[:, 0] <= most_px))
-        drawn = anchors.mark & (semi_px[:, 0] >= MARK_TIMES * mark_radius_px)  # nan: not drawn
-        chosen = np.flatnonzero(drawn & self._config.ellipses)
-        semi_px, owner = semi_px[chosen], anchors.owner[chosen]
-        uv, within_px = anchors.uv[:, chosen], np.minimum(semi_px, most_px)
-        dashes = ellipse_dashes(uv, within_px, angle[chosen], owner, uncertain[chosen])
-        return dashes, uncertain
-
-
-def with_marks(labelled: Anchors, marks: VisibleLines, camera: Camera) -> Anchors:
-    """Return the anchors of labels and those of other marks: all marks, if they are not too many.
-
-    Else one in each part of the picture that has none yet, up to MOST_ELLIPSES in total.
+    ``sigma_m`` (features,) is the standard deviation of the map's layers, nan if not given.
+    With ``lines: none`` they are returned unchanged. Without ``ellipses`` there are no outlines,
+    but ``uncertain`` is still computed.
     """
-    if not len(marks):
-        return labelled
+    fades = config.lines != "none" and len(lines)
+    rays, owner, count = anchors.rays, anchors.owner, len(anchors.owner)
+    if fades:
+        of_lines, owners, cut_by = fading(lines)
+        rays = np.concatenate([rays, of_lines], axis=1)
+        owner = np.concatenate([owner, owners])
+    # One call for all points: for so few, most of the time is call overhead.
+    spread, linear = frame.spread(rays, None if sigma_m is None else sigma_m[owner], count)
+    semi_px, angle = ellipse_95(matrices(spread[:, :count]))
+    most_px = min(frame.camera.width, frame.camera.height) / 4
+    uncertain = ~(linear & (semi_px[:, 0] <= most_px))
+    drawn = anchors.mark & (semi_px[:, 0] >= MARK_TIMES * mark_radius_px)  # nan: not drawn
+    chosen = np.flatnonzero(drawn & config.ellipses)
+    dashes = ellipse_dashes(
+        anchors.uv[:, chosen],
+        np.minimum(semi_px[chosen], most_px),
+        angle[chosen],
+        anchors.owner[chosen],
+        uncertain[chosen],
+    )
+    if not fades:
+        return Marked(lines, np.ones(len(lines)), dashes, uncertain)
+    radius_px = radius_95(spread[:, count:])
+    # fmin turns nan, an unknown radius, into the faintest step.
+    step = np.fmin(np.floor(radius_px * (FADE_STEPS / config.fade_px)), FADE_STEPS)
+    return Marked(*cut_by(1 - step * ((1 - FAINTEST) / FADE_STEPS)), dashes, uncertain)
+
+
+def with_marks(labelled: Anchors, marks: VisibleLines) -> Anchors:
+    """Return the anchors of labels and those of the nearest other marks, ``MOST_ELLIPSES``."""
     others = np.flatnonzero(~np.isin(marks.owner, labelled.owner))
-    uv = np.concatenate([labelled.uv, marks.points[:, others]], axis=1)
-    kept, labels = _spread_out(uv, camera), len(labelled.owner)
-    others = others[(kept[kept >= labels] - labels)[: max(MOST_ELLIPSES - labels, 0)]]
-    rays = np.concatenate([labelled.rays, marks.rays[:, others]], axis=1)
-    uv = np.concatenate([labelled.uv, marks.points[:, others]], axis=1)
-    owner = np.concatenate([labelled.owner, marks.owner[others]])
-    return Anchors(uv, rays, owner, np.concatenate([labelled.mark, np.ones(len(others), bool)]))
-
-
-def _spread_out(uv: Array, camera: Camera) -> IntArray:
-    """Return the indices of all points (2, N), or, if too many, of the first in each cell."""
-    if uv.shape[1] <= MOST_ELLIPSES:
-        return np.arange(uv.shape[1])
-    side = np.sqrt(camera.width * camera.height / MOST_ELLIPSES)
-    across = np.ceil(camera.width / side)
-    cell = np.floor(uv[0] / side) + across * np.floor(uv[1] / side)
-    _, first = np.unique(cell, return_index=True)
-    return np.sort(first)[:MOST_ELLIPSES]
+    most = max(MOST_ELLIPSES - len(labelled.owner), 0)
+    if len(others) > most:
+        others = np.sort(others[np.argsort(-marks.rays[2, others])[:most]])
+    return Anchors(
+        np.concatenate([labelled.uv, marks.points[:, others]], axis=1),
+        np.concatenate([labelled.rays, marks.rays[:, others]], axis=1),
+        np.concatenate([labelled.owner, marks.owner[others]]),
+        np.concatenate([labelled.mark, np.ones(len(others), bool)]),
+    )
 
 
 def ellipse_dashes(
