@@ -93,17 +93,6 @@ def test_the_covariance_is_what_the_error_is(steps_ahead):
     np.testing.assert_allclose(found.covariance, found.covariance.T, rtol=1e-12)
 
 
-def test_a_prediction_is_better_than_the_newest_pose():
-    rng = np.random.default_rng(7)
-    held, gone_on = [], []
-    for _ in range(100):
-        truth, seen = wandering(rng, 66)
-        found = predicted(seen[:61], truth[-1].stamp_ns, GAP_S)
-        held.append(error_of(seen[60], truth[-1]))
-        gone_on.append(error_of(found, truth[-1]))
-    assert (np.square(gone_on).sum(axis=0) < np.square(held).sum(axis=0) / 4).all()
-
-
 def test_few_poses_are_trusted_less():
     """With three poses no trial is possible: both ends of the line may be wrong."""
     q_nc = np.array([1.0, 0, 0, 0])

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from terrains import graticule
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Reason
-from tirgeo_ros.core.ground.dem import Slopes, Terrain, graticule
+from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.dem_intersection import first_hit
 from tirgeo_ros.core.types.errors import ElevationError
 
@@ -57,11 +58,6 @@ def first_below(surface, position_n, ray_n, longest_m, step_m=0.05):
         return math.nan
     k = under[0]
     return ways[k - 1] + step_m * above[k - 1] / (above[k - 1] - above[k])
-
-
-def place_of(point_n):
-    latitude, longitude, _ = PLANE.geodetic_from_ned(point_n)
-    return float(latitude), float(longitude)
 
 
 HILLS = terrain_of(hills)
@@ -165,40 +161,6 @@ def test_infinite_heights_are_gaps_and_any_layout_in_memory_serves():
     assert (turned.lowest_m, turned.highest_m) == (0.0, 14.0)
     assert turned.at(np.array(0.0), np.array(1.0)) == heights.T[::-1][1, 0]
     assert np.isnan(turned.at(np.array(2.5), np.array(0.5)))
-
-
-def test_a_grid_across_the_antimeridian():
-    terrain = Terrain(np.arange(4.0).reshape(2, 2), graticule((-1.0, 179.0), (2.0, 2.0), 2))
-    heights = terrain.height_m(np.zeros(2), np.radians([179.5, -179.5]))
-    np.testing.assert_allclose(heights, [1.25, 1.75])
-
-
-def test_the_slopes_of_the_hills_and_the_size_of_a_cell():
-    point_n = np.array([12.0, -33.0, 0.0])
-    slopes = Slopes(
-        HILLS, *place_of(point_n), np.eye(3)
-    )  # axes differ by 1e-5 rad from the plane's
-    assert slopes.cell_m == pytest.approx(1, rel=0.02)
-    north, east = 12 / 70, -33 / 90
-    expected = -8 * np.array(
-        [np.cos(north) * np.cos(east) / 70, -np.sin(north) * np.sin(east) / 90]
-    )
-    for step_m in (1.0, 5.0):
-        normal_n = slopes.normal_n(step_m)
-        # a central difference over 5 m of a wave of 70 m is off by a sixth of (5 / 70)^2; the
-        # radii of ``metres`` are rounded to 0.3 %
-        np.testing.assert_allclose(normal_n[:2], expected, rtol=8e-3)
-        assert normal_n[2] == -1
-
-
-def test_slopes_on_the_rim_are_of_the_side_that_is_there():
-    ramp = Terrain(np.arange(9.0).reshape(3, 3), graticule(SOUTH_WEST_DEG, STEP_DEG, 3))
-    corner = PLANE.ned_from_geodetic(*np.radians(np.add(SOUTH_WEST_DEG, 1e-8)), 0.0)
-    normal_n = Slopes(ramp, *place_of(corner), np.eye(3)).normal_n(1.0)
-    # 3 m a row of 1.00 m, southwards; 1 m a column of 1.00 m, eastwards
-    np.testing.assert_allclose(normal_n, [3, -1, -1], rtol=0.02)
-    one = Terrain(np.zeros((2, 2)), graticule(SOUTH_WEST_DEG, STEP_DEG, 2))
-    assert Slopes(one, *place_of(corner), np.eye(3)).normal_n(9.0).tolist() == [0, 0, -1]
 
 
 @pytest.mark.parametrize(

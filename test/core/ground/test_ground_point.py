@@ -10,6 +10,7 @@ import pytest
 from camera_poses import camera_pose
 from hypothesis import given
 from hypothesis import strategies as st
+from terrains import graticule
 
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.camera.projection_covariance import CHI2_95, CameraRates, pixel_jacobian
@@ -17,7 +18,7 @@ from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import quat_from_rotvec, quat_multiply
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Reason, locate
-from tirgeo_ros.core.ground.dem import Terrain, graticule
+from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.ground_point import (
     MOST_SHARE,
     Located,

@@ -1,12 +1,10 @@
 """Levels of detail: within their tolerance, whole in every combination, and few where far."""
 
 import numpy as np
-import pytest
 
 from tirgeo_ros.core.map.level_of_detail import (
     TOLERANCES_M,
     Details,
-    worths,
 )
 from tirgeo_ros.core.map.polylines import Polylines
 
@@ -32,35 +30,6 @@ def distance_to(line, points):
     squared = np.maximum((step**2).sum(axis=1), 1e-300)
     along = np.clip((off * step).sum(axis=2) / squared, 0, 1)
     return np.linalg.norm(off - along[..., None] * step, axis=2).min(axis=1)
-
-
-def douglas_peucker(line, tolerance):
-    """By recursion, as the textbook has it: which vertices stay."""
-    stay = np.zeros(len(line), bool)
-    stay[[0, -1]] = True
-
-    def split(a, b):
-        if b - a < 2:
-            return
-        off = distance_to(line[[a, b]], line[a + 1 : b])
-        if off.max() > tolerance:
-            middle = a + 1 + int(off.argmax())
-            stay[middle] = True
-            split(a, middle)
-            split(middle, b)
-
-    split(0, len(line) - 1)
-    return stay
-
-
-@pytest.mark.parametrize("tolerance", TOLERANCES_M[[1, 5, 8, 9, 10]])
-def test_worths_are_those_of_douglas_and_peucker(tolerance):
-    lines = walks(5, 50)
-    stays = worths(lines) > tolerance
-    for number, line in enumerate(lines.split()):
-        np.testing.assert_array_equal(
-            stays[number * 50 : number * 50 + 50], douglas_peucker(line, tolerance)
-        )
 
 
 def test_every_level_is_within_its_tolerance_and_keeps_its_ends():

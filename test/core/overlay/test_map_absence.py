@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from camera_poses import camera_pose
 from overlays import GREY, LATENCY, MS, PLANE, SQUARE_N, START, geo, pose_at, ready
+from terrains import graticule
 
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.ground.dem import Terrain, graticule
+from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.map.layers import GeoFeature, LayerStyle, MapLayer
 from tirgeo_ros.core.overlay.map_absence import MapAbsence
 from tirgeo_ros.core.overlay.map_renderer import DrawingVerdict, lay_layers

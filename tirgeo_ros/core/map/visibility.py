@@ -20,7 +20,7 @@ from tirgeo_ros.core.map.clipping import (
     clip_to_disc,
     clip_to_planes,
     closed,
-    cut_rings_to_disc,
+    cone,
     cut_rings_to_planes,
     disc,
 )
@@ -171,10 +171,11 @@ class View:
         lines = eye.sees(Polylines(lines.points, lines.starts[starts], rings.owner[seen]))
         # Rings wholly in view are not clipped, and already end where they begin.
         inner, outer = lines.parted(int(whole.sum()))
-        flat = _flat(cut_rings_to_planes(outer, self._normals_c[:-1], self._offsets))
+        outer = cut_rings_to_planes(outer, self._normals_c[:-1], self._offsets)
         if self._reaches_past_lens:
-            flat = cut_rings_to_disc(flat, self.camera.max_radius)
-        return self._seen(joined(_flat(inner), closed(flat)))
+            planes = cone(self.camera.max_radius)
+            outer = cut_rings_to_planes(outer, planes, np.zeros(len(planes)))
+        return self._seen(joined(_flat(inner), closed(_flat(outer))))
 
     def _eye(self, pose: CameraPose, far_m: float) -> _Eye:
         rotation_cn = matrix_from_quat(pose.q_nc).T
