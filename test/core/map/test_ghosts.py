@@ -162,11 +162,7 @@ AROUND = [[-30, -30, 0], [-30, 30, 0], [30, 30, 0], [30, -30, 0], [-30, -30, 0]]
 @pytest.mark.parametrize(
     ("line", "pitch_deg"),
     [
-        pytest.param(
-            [[-30, -30, 0], [-30, 30, 0], [30, 30, 0], [30, -30, 0], [-30, -30, 0]],
-            -35,
-            id="around",
-        ),
+        pytest.param(AROUND, -35, id="around the camera"),
         pytest.param([[-50, 3, 0], [1e5, 3, 0]], 0, id="to the vanishing point"),
         pytest.param([[-50, 3, 0], [1e4, 3, -2e3]], 0, id="through the horizon"),
         pytest.param([[10, 15, -28], [10, 15, -12]], 0, id="beyond the fold"),

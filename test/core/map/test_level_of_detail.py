@@ -2,25 +2,18 @@
 
 import numpy as np
 
-from tirgeo_ros.core.map.level_of_detail import (
-    TOLERANCES_M,
-    Details,
-)
+from tirgeo_ros.core.map.level_of_detail import TOLERANCES_M, Details
 from tirgeo_ros.core.map.polylines import Polylines
 
 
-def walks(count, vertices, seed=1, step=1.0):
-    rng = np.random.default_rng(seed)
+def walks(count, vertices):
+    rng = np.random.default_rng(1)
     parts = [
-        rng.uniform(-500, 500, 3) + np.cumsum(rng.normal(0, step, (vertices, 3)), axis=0)
+        rng.uniform(-500, 500, 3) + np.cumsum(rng.normal(0, 1, (vertices, 3)), axis=0)
         for _ in range(count)
     ]
     starts = np.arange(count + 1) * vertices
     return Polylines(np.concatenate(parts).T, starts, np.arange(count))
-
-
-def details_of(lines, layer=None):
-    return Details.of(lines, np.zeros(len(lines), int) if layer is None else layer)
 
 
 def distance_to(line, points):
@@ -33,7 +26,7 @@ def distance_to(line, points):
 
 
 def test_every_level_is_within_its_tolerance_and_keeps_its_ends():
-    details = details_of(walks(20, 200))
+    details = Details.of(walks(20, 200), np.zeros(20, int))
     every = np.arange(len(details.owner))
     full = details.lines(every, np.zeros_like(every)).split()
     for level, tolerance in enumerate(TOLERANCES_M):
@@ -46,7 +39,7 @@ def test_every_level_is_within_its_tolerance_and_keeps_its_ends():
 
 
 def test_culling_by_blocks_finds_what_culling_by_boxes_finds():
-    details = details_of(walks(3000, 4))
+    details = Details.of(walks(3000, 4), np.zeros(3000, int))
     normals, offsets = np.array([[1.0, 0, 0], [0.0, 0.6, 0.8]]), np.array([100.0, -50.0])
     found, whole = details.seen(normals, offsets)
     np.testing.assert_array_equal(found, details.boxes.within(normals, offsets))

@@ -1,8 +1,4 @@
-"""Anywhere on Earth: both hemispheres, over the antimeridian, near the poles, below the ellipsoid.
-
-A flight's random numbers do not depend on where it is flown, so the filter's errors must be those
-of the same flight at home, but for what the Earth changes in truth (its rotation, gravity).
-"""
+"""Anywhere on Earth: both hemispheres, over the antimeridian, near the poles, below the ellipsoid."""
 
 from __future__ import annotations
 
@@ -35,7 +31,6 @@ PLACES = {
 DURATION_S = 40.0
 SETTLED_S = 15.0
 SEED = 8
-HOME = (39.85, 116.70, 11.5)  # the heading is the place's
 
 
 @functools.lru_cache(maxsize=16)
