@@ -1,4 +1,4 @@
-"""Anywhere on Earth: both hemispheres, over the antimeridian, near the poles, below the ellipsoid."""
+"""Anywhere on Earth: over the antimeridian, near the poles, below the ellipsoid."""
 
 from __future__ import annotations
 
