@@ -243,10 +243,15 @@ def _morton(centres: Array) -> IntArray:
 
 def ends(lines: Polylines, across: Array) -> Polylines:
     """Reduce each line to the two points where ``across`` (V,) is smallest and largest."""
-    line = np.repeat(np.arange(len(lines)), np.diff(lines.starts))
-    order = np.lexsort((across, line))
-    chosen = np.stack([order[lines.starts[:-1]], order[lines.starts[1:] - 1]], axis=1).ravel()
-    points = lines.points.take(chosen, axis=1)
+    first, count = lines.starts[:-1], np.diff(lines.starts)
+    chosen = np.empty((len(lines), 2), np.int64)
+    for length in np.flatnonzero(np.bincount(count)).tolist():
+        which = np.flatnonzero(count == length)
+        begin = first[which]
+        values = across[begin[:, None] + np.arange(length)]
+        chosen[which, 0] = begin + values.argmin(axis=1)
+        chosen[which, 1] = begin + values.argmax(axis=1)
+    points = lines.points.take(chosen.ravel(), axis=1)
     return Polylines(points, 2 * np.arange(len(lines) + 1), lines.owner)
 
 

@@ -7,11 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tirgeo_ros.core.map.layers import Colour
 from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.map.visibility import VisibleLines
 from tirgeo_ros.core.overlay.label_anchors import AnchorFinder
 from tirgeo_ros.core.overlay.line_renderer import mark_radius_px
-from tirgeo_ros.core.overlay.text_rendering import TEXT_BGR, Box, Colour, stamp, text_px
+from tirgeo_ros.core.overlay.text_rendering import TEXT_BGR, Box, stamp, text_px
 from tirgeo_ros.core.overlay.uncertainty_rendering import Anchors
 from tirgeo_ros.core.types.arrays import Array, Pixels
 

@@ -9,11 +9,11 @@ from functools import lru_cache
 
 import cv2
 
+from tirgeo_ros.core.map.layers import Colour
 from tirgeo_ros.core.overlay.text_rendering import (
     LONGEST,
     TEXT_BGR,
     Box,
-    Colour,
     TextBitmap,
     line_px,
     passing_stamp,

@@ -16,10 +16,9 @@ import cv2
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from tirgeo_ros.core.map.layers import Colour
 from tirgeo_ros.core.types.arrays import Pixels
 from tirgeo_ros.core.types.errors import cut
-
-Colour = tuple[int, int, int]
 
 TEXT_BGR: Colour = (255, 255, 255)
 LONGEST = 60  # characters
