@@ -239,12 +239,11 @@ def _pen_px(width_px: int, scale: float) -> int:
 def _draw(mask: Pixels, lines: Polylines, shift_px: float, fade: IntArray) -> None:
     """Draw the faintest lines first, so that a faint line does not weaken a strong one."""
     rows = _fixed_point(lines.points[:2] - shift_px if shift_px else lines.points[:2])
-    runs = lines.split_rows(rows)
     for step in np.flatnonzero(np.bincount(fade)).tolist():
         level = _FULL if step == FADES else round(_FULL / _STRONGER * step / FADES)
         if level:
-            alike = [runs[i] for i in np.flatnonzero(fade == step).tolist()]
-            cv2.polylines(mask, alike, False, (level,), 1, cv2.LINE_AA, _SHIFT)
+            runs = lines.runs_of(rows, np.flatnonzero(fade == step))
+            cv2.polylines(mask, runs, False, (level,), 1, cv2.LINE_AA, _SHIFT)
 
 
 def _fixed_point(uv: Array) -> npt.NDArray[np.int32]:
