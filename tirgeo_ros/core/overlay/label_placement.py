@@ -66,13 +66,13 @@ class Labels:
         labels, rows = [], []
         columns = features.feature, features.mark, features.inside, features.uv.T, features.half.T
         rows_of = zip(*(each.tolist() for each in columns), strict=True)
-        for row, (number, is_mark, inside, uv, half) in enumerate(rows_of):
+        for row, (number, is_mark, inside, (u, v), half) in enumerate(rows_of):
             size = stamp(self._texts[number], room.text_px, TEXT_BGR).size
             last = places.get(number)
             if is_mark:
-                wish = wish_beside(*uv, size, room.mark_px)
+                wish = wish_beside(u, v, size, room.mark_px)
             else:
-                wish = _wish_on(uv, half, size, last, inside=inside)
+                wish = _wish_on((u, v), half, size, last, inside=inside)
             found = room.find(wish, last)
             if found is None:
                 continue
@@ -113,8 +113,8 @@ def wish_beside(u: float, v: float, size: tuple[int, int], mark_px: float) -> Pl
 
 
 def _wish_on(
-    uv: list[float],
-    half: list[float],
+    uv: tuple[float, float],
+    half: Sequence[float],
     size: tuple[int, int],
     last: LabelPlace | None,
     *,

@@ -66,7 +66,7 @@ class ToneMapper:
             grey = np.asarray(self._local.apply(grey), np.uint8)
         if self._map is not None:
             return np.asarray(cv2.applyColorMap(grey, self._map), np.uint8)
-        grey = cv2.bitwise_not(grey) if self._inverted else grey
+        grey = np.invert(grey) if self._inverted else grey
         return np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), np.uint8)
 
 
