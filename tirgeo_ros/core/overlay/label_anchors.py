@@ -113,8 +113,9 @@ def _anchors(parts: VisibleLines, number: IntArray, outline: BoolArray) -> tuple
     total = np.add.reduceat(points * weight, begins, axis=1)
     places = total / np.add.reduceat(weight, begins)
     inside = outline[row[:-1]]
-    _move_inside(places, points, row, np.flatnonzero(links & inside))
-    _move_to_lines(places, points, row, np.flatnonzero(links & ~inside))
+    for move, begin in ((_move_inside, links & inside), (_move_to_lines, links & ~inside)):
+        if begin.any():
+            move(places, points, row, np.flatnonzero(begin))
     return places, (high - low) / 2
 
 
