@@ -9,7 +9,6 @@ from statistics import median
 import cv2
 import numpy as np
 
-from dev.bench_town import town
 from dev.judging import Figure
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.config import OverlayConfig
@@ -17,12 +16,12 @@ from tirgeo_ros.core.frames.axes import BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_matrix, rotation_y
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import locate
-from tirgeo_ros.core.map.layers import GeoFeature, MapLayer
+from tirgeo_ros.core.map.layers import GeoFeature, LayerStyle, MapLayer
 from tirgeo_ros.core.map.polylines import Polylines
 from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.map.visibility import View
 from tirgeo_ros.core.overlay.overlay import Overlay
-from tirgeo_ros.core.types.arrays import Pixels
+from tirgeo_ros.core.types.arrays import Array, Pixels
 from tirgeo_ros.core.types.poses import CameraPose
 
 _CORNERS = 10  # vertices of an outline
@@ -32,6 +31,19 @@ PLANE = TangentPlane(0.6955, 2.0368, 11.5)
 ABOVE_M, PITCH_DEG = 20.0, -30.0  # of the camera that looks at the beds
 _FRAME_NS = 100_000_000
 _REPEATS = 60
+#: Six tenths of the vertices are of buildings of 4, 6 or 12 corners and 8 to 20 m, anyhow placed
+#: and turned; the rest are of winding roads right across the town, a vertex each 4 m.
+_BUILDINGS = 0.6
+_ROAD_VERTICES = 2000
+_SPACING_M = 7.9  # side of the town over the square root of its vertices
+_SHAPES = (
+    [[0, 0], [0, 1], [1, 1], [1, 0]],
+    [[0, 0], [0, 1], [0.5, 1], [0.5, 0.5], [1, 0.5], [1, 0]],
+    [
+        *([0, 0], [0, 1], [0.2, 1], [0.2, 1.1], [0.4, 1.1], [0.4, 1]),
+        *([1, 1], [1, 0.6], [1.1, 0.6], [1.1, 0.3], [1, 0.3], [1, 0]),
+    ],
+)
 
 
 def overlay_times() -> Iterator[Figure]:
@@ -88,6 +100,46 @@ def beds() -> MapLayer:
         "beds",
         [GeoFeature(label, True, place) for label, place in zip(labels, places)],  # noqa: B905 as long as each other
     )
+
+
+def town(vertices: int, plane: TangentPlane) -> list[MapLayer]:
+    """About so many vertices, around the plane's origin; not filled, without labels."""
+    rng = np.random.default_rng(1)
+    side_m = _SPACING_M * vertices**0.5
+    corners = np.mean([len(shape) for shape in _SHAPES])
+    buildings = [_building(rng, side_m) for _ in range(int(vertices * _BUILDINGS / corners))]
+    count = max(int(vertices * (1 - _BUILDINGS) / _ROAD_VERTICES), 1)
+    roads = [_road(rng, side_m, across=bool(i % 2)) for i in range(count)]
+    return [
+        MapLayer("roads", _features(roads, plane, closed=False)),
+        MapLayer(
+            "buildings", _features(buildings, plane, closed=True), LayerStyle((255, 255, 255))
+        ),
+    ]
+
+
+def _building(rng: np.random.Generator, side_m: float) -> Array:
+    corners = (np.array(_SHAPES[rng.integers(len(_SHAPES))]) - 0.5) * rng.uniform(8, 20, 2)
+    turn = rng.uniform(0, 2 * np.pi)
+    ahead, aside = np.cos(turn), np.sin(turn)
+    turned = corners @ np.array([[ahead, aside], [-aside, ahead]])
+    return np.asarray(turned + rng.uniform(-side_m / 2, side_m / 2, 2))
+
+
+def _road(rng: np.random.Generator, side_m: float, *, across: bool) -> Array:
+    along = np.linspace(-side_m / 2, side_m / 2, _ROAD_VERTICES)
+    aside = np.cumsum(rng.normal(0, 0.3, _ROAD_VERTICES))
+    road = np.column_stack([along, aside + rng.uniform(-side_m / 2, side_m / 2)])
+    return np.asarray(road[:, ::-1] if across else road)
+
+
+def _features(parts: list[Array], plane: TangentPlane, *, closed: bool) -> list[GeoFeature]:
+    flat = np.concatenate(parts)
+    points_n = np.column_stack([flat, np.zeros(len(flat))])
+    latitude, longitude, _ = plane.geodetic_from_ned(points_n)
+    places = np.column_stack([latitude, longitude, np.full(len(flat), plane.height_m)])
+    cuts = np.cumsum([len(part) for part in parts])[:-1]
+    return [GeoFeature("", closed, points) for points in np.split(places, cuts)]
 
 
 def _in_view(lines: Polylines, pose: CameraPose) -> tuple[Polylines, int]:

@@ -46,6 +46,7 @@ _STATUS = NavigationStatus("ekf_heading", FilterState.RUNNING, "", FixStatus.FIX
 _NAME = re.compile(r"_(\d+)_(\d+)_\d+_\d+$")
 _SUFFIXES = {".jpg", ".jpeg", ".png", ".tif", ".tiff"}
 _FRAME_NS = 100_000_000
+_NAMES = "Linde", "\u00c9rable", "\u6a31\u82b1", "Eiche", "\u0414\u0443\u0431", ""  # of trees
 _YELLOW, _CYAN, _GREEN, _ORANGE = (0, 255, 255), (255, 220, 60), (90, 230, 60), (40, 150, 255)
 
 
@@ -58,26 +59,22 @@ def contact_sheet(
     can be read.
     """
     rows = []
-    for path in _pictures(folder):
-        drawn = list(_in_palettes(path, *_named_pose(path, height_m, depression_deg)))
+    paths = sorted(path for path in folder.glob("*") if path.suffix.lower() in _SUFFIXES)
+    if not paths:
+        raise VideoError(f"{folder}: no pictures (JPEG, PNG, TIFF) in this folder")
+    for path in paths:
+        told = _NAME.search(path.stem)
+        pose_of = (float(told[1]), float(told[2])) if told else (height_m, depression_deg)
+        drawn = list(_in_palettes(path, *pose_of))
         for palette, image in zip(PALETTES, drawn, strict=True):
             if singles is not None:
                 _write(singles / f"{path.stem}_{palette}.png", image)
-        rows.append(np.hstack([_on_phone(image) for image in drawn]))
+        size = PHONE_PX, round(drawn[0].shape[0] * PHONE_PX / drawn[0].shape[1])
+        on_phone = [cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in drawn]
+        rows.append(np.hstack(on_phone))
     width = max(row.shape[1] for row in rows)
-    return np.vstack([np.pad(row, ((0, 4), (0, width - row.shape[1]), (0, 0))) for row in rows])
-
-
-def _pictures(folder: Path) -> list[Path]:
-    found = sorted(path for path in folder.glob("*") if path.suffix.lower() in _SUFFIXES)
-    if not found:
-        raise VideoError(f"{folder}: no pictures (JPEG, PNG, TIFF) in this folder")
-    return found
-
-
-def _named_pose(path: Path, height_m: float, depression_deg: float) -> tuple[float, float]:
-    told = _NAME.search(path.stem)
-    return (float(told[1]), float(told[2])) if told else (height_m, depression_deg)
+    padded = [np.pad(row, ((0, 4), (0, width - row.shape[1]), (0, 0))) for row in rows]
+    return np.asarray(np.vstack(padded), np.uint8)
 
 
 def _in_palettes(path: Path, height_m: float, depression_deg: float) -> Iterator[Pixels]:
@@ -88,7 +85,10 @@ def _in_palettes(path: Path, height_m: float, depression_deg: float) -> Iterator
     if picture is None:
         raise VideoError(f"{path}: not a picture that can be read")
     camera = _scaled(XT2, picture.shape[1], picture.shape[0])
-    pose = _pose(height_m, depression_deg)
+    attitude = rotation_z(_HEADING) @ rotation_y(-math.radians(depression_deg)) @ BODY_OPTICAL
+    sigmas = np.concatenate([np.full(3, _SIGMA_M), _SIGMA_RAD])
+    place_n = np.array([0.0, 0.0, -height_m])
+    pose = CameraPose(0, place_n, quat_from_matrix(attitude), np.diag(sigmas**2))
     layers = _map(camera, pose)
     for palette in PALETTES:
         config = OverlayConfig(palette=palette, ground_height_m=_GROUND_M, video_latency_s=0.0)
@@ -125,76 +125,45 @@ def _scaled(camera: Camera, width: int, height: int) -> Camera:
     )
 
 
-def _pose(height_m: float, depression_deg: float) -> CameraPose:
-    attitude = rotation_z(_HEADING) @ rotation_y(-math.radians(depression_deg)) @ BODY_OPTICAL
-    sigmas = np.concatenate([np.full(3, _SIGMA_M), _SIGMA_RAD])
-    place = np.array([0.0, 0.0, -height_m])
-    return CameraPose(0, place, quat_from_matrix(attitude), np.diag(sigmas**2))
-
-
 def _map(camera: Camera, pose: CameraPose) -> list[MapLayer]:
     """Parcels, ways and trees on the ground that is seen, sized to be seen well in its middle."""
-    places = _PLACES * [camera.width, camera.height]
+    places = np.array([[0.5, 0.5], [0.65, 0.5]]) * [camera.width, camera.height]
     points, reasons = locate(camera, pose, places, _PLANE, _GROUND_M)
-    middle = points[0]
     if reasons[0] is not None:
         raise VideoError(f"the camera looks at no ground ({reasons[0].value}); point it lower")
-    unit_m = float(np.linalg.norm(points[1] - middle))
-    rng = np.random.default_rng(7)
-    trees = middle[:2] + unit_m * rng.uniform([-3, -4], [4, 4], (24, 2))
-    names = ("Linde", "\u00c9rable", "\u6a31\u82b1", "Eiche", "\u0414\u0443\u0431", "")
-    return [
-        MapLayer("beds", _parcels(middle, unit_m), LayerStyle(_GREEN, 1, _GREEN, 0.25)),
-        MapLayer("ways", _ways(middle, unit_m), LayerStyle(_ORANGE, 3)),
-        MapLayer("fence", [_fence(middle, unit_m)], LayerStyle(_CYAN, 1)),
-        MapLayer(
-            "trees",
-            [_feature(names[i % len(names)], tree[None]) for i, tree in enumerate(trees)],
-            LayerStyle(_YELLOW, 1),
-            sigma_m=0.3,
-        ),
-    ]
-
-
-#: The middle of the picture, and a place beside it, in shares of its width and height.
-_PLACES = np.array([[0.5, 0.5], [0.65, 0.5]])
-
-
-def _parcels(middle: Array, unit_m: float) -> list[GeoFeature]:
-    names = ("Gr\u00fcnfl\u00e4che 1", "Rosenbeet", "Wiese", "Beet 12")
+    middle, unit_m = points[0, :2], float(np.linalg.norm(points[1] - points[0]))
+    trees = np.random.default_rng(7).uniform([-3, -4], [4, 4], (24, 2))
     corners = np.array([[-0.4, -0.4], [-0.4, 0.4], [0.4, 0.4], [0.4, -0.4]])
-    return [
-        _feature(name, middle[:2] + unit_m * (corners + place), closed=True)
-        for name, place in zip(
-            names, [[0.5, 0.5], [0.5, -0.6], [-0.6, 0.5], [1.6, 0.5]], strict=True
-        )
-    ]
-
-
-def _ways(middle: Array, unit_m: float) -> list[GeoFeature]:
+    parcels = {
+        "Gr\u00fcnfl\u00e4che 1": (0.5, 0.5),
+        "Rosenbeet": (0.5, -0.6),
+        "Wiese": (-0.6, 0.5),
+        "Beet 12": (1.6, 0.5),
+    }
     along = np.linspace(-5, 6, 60)
-    winding = np.stack([along, 0.35 * np.sin(1.3 * along) - 0.05], -1)
-    across = np.stack([0.15 * np.sin(along) - 0.05, along], -1)
+    ways = {
+        "Hauptweg": np.stack([along, 0.35 * np.sin(1.3 * along) - 0.05], -1),
+        "Querweg": np.stack([0.15 * np.sin(along) - 0.05, along], -1),
+    }
+    fence = np.array([[-1.6, -1.8], [-1.6, 1.6], [2.6, 1.9], [2.9, -1.5]])
+
+    def feature(label: str, places: Array, *, closed: bool = False) -> GeoFeature:
+        return _feature(label, middle + unit_m * places, closed=closed)
+
+    beds = [feature(name, corners + place, closed=True) for name, place in parcels.items()]
+    marks = [feature(_NAMES[i % len(_NAMES)], tree[None]) for i, tree in enumerate(trees)]
     return [
-        _feature("Hauptweg", middle[:2] + unit_m * winding),
-        _feature("Querweg", middle[:2] + unit_m * across),
+        MapLayer("beds", beds, LayerStyle(_GREEN, 1, _GREEN, 0.25)),
+        MapLayer("ways", [feature(*way) for way in ways.items()], LayerStyle(_ORANGE, 3)),
+        MapLayer("fence", [feature("Park", fence, closed=True)], LayerStyle(_CYAN, 1)),
+        MapLayer("trees", marks, LayerStyle(_YELLOW, 1), sigma_m=0.3),
     ]
-
-
-def _fence(middle: Array, unit_m: float) -> GeoFeature:
-    ring = np.array([[-1.6, -1.8], [-1.6, 1.6], [2.6, 1.9], [2.9, -1.5]])
-    return _feature("Park", middle[:2] + unit_m * ring, closed=True)
 
 
 def _feature(label: str, places_n: Array, *, closed: bool = False) -> GeoFeature:
     down = np.zeros(len(places_n))
     geodetic = _PLANE.geodetic_from_ned(np.column_stack([places_n, down]))
     return GeoFeature(label, closed, np.stack(geodetic, -1))
-
-
-def _on_phone(image: Pixels) -> Pixels:
-    height = round(image.shape[0] * PHONE_PX / image.shape[1])
-    return np.asarray(cv2.resize(image, (PHONE_PX, height), interpolation=cv2.INTER_AREA))
 
 
 def _write(path: Path, image: Pixels) -> None:
@@ -205,19 +174,15 @@ def _write(path: Path, image: Pixels) -> None:
     path.write_bytes(data.tobytes())
 
 
-def _parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Make a sheet; the exit code."""
     parser = argparse.ArgumentParser(prog="contact_sheet", description=__doc__)
     parser.add_argument("folder", type=Path, help="thermal pictures")
     parser.add_argument("-o", "--output", type=Path, required=True, help="the sheet (PNG)")
     parser.add_argument("--singles", type=Path, help="folder for the pictures in full size")
     parser.add_argument("--height", type=float, default=60.0, help="above ground, m")
     parser.add_argument("--depression", type=float, default=40.0, help="of the camera, deg")
-    return parser.parse_args(arguments)
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Make a sheet; the exit code."""
-    asked = _parsed(arguments)
+    asked = parser.parse_args(arguments)
     try:
         sheet = contact_sheet(asked.folder, asked.height, asked.depression, asked.singles)
         _write(asked.output, sheet)

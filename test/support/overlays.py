@@ -30,10 +30,8 @@ SQUARE_N = np.array([[30, -6, 0], [30, 6, 0], [42, 6, 0], [42, -6, 0]], float)
 MOVED_N = np.array([2.0, 3.0, 0.0])
 
 
-def geo(points_n, label="", *, height=True):
+def geo(points_n, label=""):
     points = np.column_stack(PLANE.geodetic_from_ned(np.asarray(points_n, float)))
-    if not height:
-        points[:, 2] = np.nan
     return GeoFeature(label, closed=len(points_n) > 2, points=points)
 
 

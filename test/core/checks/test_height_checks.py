@@ -4,10 +4,11 @@ import math
 
 import numpy as np
 import pytest
+from terrains import graticule
 
 from tirgeo_ros.core.checks.height_checks import HeightChecks
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.dem import Terrain, graticule
+from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.core.types.poses import BodyPose
 

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from map_files import write_shapefile
 from overlays import PLANE, SQUARE_N, geo
+from terrains import graticule
 
 from tirgeo_ros.core.checks.map_checks import MapChecks, dem_findings, map_findings
-from tirgeo_ros.core.ground.dem import Terrain, graticule
+from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.map.layers import GeoFeature, LayerStyle, MapLayer
 from tirgeo_ros.core.overlay.map_renderer import lay_layers
 from tirgeo_ros.core.types.finding import Severity

@@ -26,14 +26,6 @@ longitudes = st.floats(-math.pi, math.pi)
 heights = st.floats(-400, 9000)
 near = st.floats(-5e3, 5e3)
 
-#: Poles and their neighbourhood, the date line from both sides, the equator.
-CORNERS = [
-    (sign * (HALF_PI - off), lon)
-    for sign in (-1, 1)
-    for off in (0.0, 1e-12, 1e-9, 1e-6, 1e-3)
-    for lon in (0.0, math.pi, -math.pi, 2.0)
-] + [(0.0, 0.0), (0.0, math.pi), (-0.0, -math.pi), (0.7, np.nextafter(math.pi, 0))]
-
 
 def proj_ecef(lat, lon, height):
     return np.array(ECEF_OF_GEODETIC.transform(lon, lat, height, radians=True))
@@ -58,25 +50,16 @@ def axes_by_differences(lat, lon, height):
     return np.stack([v / np.linalg.norm(v) for v in (north, east, down)], -1)
 
 
-# Earth-fixed coordinates
-
-
 @given(latitudes, longitudes, heights)
 def test_earth_fixed_position_is_projs(lat, lon, height):
     found = geodesy.ecef_from_geodetic(lat, lon, height)
     np.testing.assert_allclose(found, proj_ecef(lat, lon, height), rtol=0, atol=ECEF_M)
 
 
-@pytest.mark.parametrize(("lat", "lon"), CORNERS)
-@pytest.mark.parametrize("height", [-400.0, 0.0, 9000.0])
-def test_corners_of_the_globe_come_back(lat, lon, height):
-    position = geodesy.ecef_from_geodetic(lat, lon, height)
-    np.testing.assert_allclose(position, proj_ecef(lat, lon, height), rtol=0, atol=ECEF_M)
-    again = geodesy.ecef_from_geodetic(*geodesy.geodetic_from_ecef(position))
-    np.testing.assert_allclose(again, position, rtol=0, atol=ECEF_M)
-
-
 @given(latitudes, longitudes, heights)
+@example(HALF_PI - 1e-9, math.pi, 0.0)
+@example(-HALF_PI, -math.pi, 0.0)
+@example(-0.0, -math.pi, 0.0)
 def test_geodetic_position_comes_back(lat, lon, height):
     found = geodesy.geodetic_from_ecef(geodesy.ecef_from_geodetic(lat, lon, height))
     assert float(found[0]) == pytest.approx(lat, abs=1e-15)  # 1e-15 rad are 6 nm
@@ -100,9 +83,6 @@ def test_batches_equal_their_elements(shape):
         assert back[index] == pytest.approx([lat[index], lon[index], height[index]], abs=ECEF_M)
 
 
-# Radii and gravity
-
-
 @given(st.floats(-1.5, 1.5), longitudes)
 def test_radii_are_those_of_the_surface(lat, lon):
     """The way on the surface per radian, from PROJ's positions."""
@@ -124,40 +104,11 @@ def test_gravity_on_the_ellipsoid_as_published(lat_deg, expected):
     assert geodesy.gravity_down(math.radians(lat_deg), 0.0) == pytest.approx(expected, abs=5e-9)
 
 
-@given(latitudes)
-def test_gravity_falls_with_height(lat):
-    """The free-air gradient on the ellipsoid, 0.3086 mGal/m (0.30877 to 0.30834 over latitude)."""
-    gradient = (geodesy.gravity_down(lat, 10.0) - geodesy.gravity_down(lat, -10.0)) / 20
-    assert gradient == pytest.approx(-3.086e-6, rel=1.5e-3)
-
-
-# Local axes
-
-
 @given(st.floats(-1.5, 1.5), longitudes, heights)
 def test_local_axes_are_the_ways_of_the_coordinates(lat, lon, height):
     found = geodesy.rotation_ecef_from_ned(lat, lon)
     # Rounding 1e-9 m over 2 x 4.5 m (east at 1.5 rad).
     np.testing.assert_allclose(found, axes_by_differences(lat, lon, height), atol=1e-9)
-
-
-@given(latitudes, longitudes)
-def test_up_in_the_plane_is_that_of_the_local_axes(lat, lon):
-    plane = TangentPlane(0.4, -1.1, 90.0)
-    up_n = plane.up_n(np.array([lat, 0.4]), np.array([lon, -1.1]))
-    np.testing.assert_allclose(up_n[0], -plane.rotation_from_local(lat, lon)[:, 2], atol=1e-15)
-    np.testing.assert_allclose(up_n[1], [0, 0, -1], atol=1e-15)
-
-
-@given(latitudes, longitudes)
-def test_quaternion_of_the_local_axes(lat, lon):
-    q = geodesy.quat_ecef_from_ned(lat, lon)
-    rotation = geodesy.rotation_ecef_from_ned(lat, lon)
-    np.testing.assert_allclose(matrix_from_quat(q), rotation, atol=2e-15)
-    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=2e-15)
-
-
-# The tangent plane
 
 
 @given(latitudes, longitudes, heights, near, near, st.floats(-400, 400))
@@ -176,31 +127,10 @@ def test_plane_is_projs_topocentric_frame(lat, lon, height, north, east, down):
     np.testing.assert_allclose(found, expected, rtol=0, atol=4 * ECEF_M)
 
 
-def test_plane_is_continuous_over_the_date_line():
-    plane = TangentPlane(0.3, math.pi - 1e-5, 20.0)
-    beyond = plane.ned_from_geodetic(0.3, -math.pi + 1e-5, 20.0)
-    _, transverse = geodesy.radii_of_curvature(0.3)
-    # 2e-5 rad of a parallel: chord against arc 1e-10 / 6 of 122 m.
-    assert beyond[1] == pytest.approx((transverse + 20) * math.cos(0.3) * 2e-5, abs=2e-8)
-    assert float(plane.geodetic_from_ned(beyond)[1]) == pytest.approx(-math.pi + 1e-5, abs=1e-14)
-
-
-# A solution as a pose in the plane
-
-
 def solution_at(plane, ned, euler, covariance):
     lat, lon, height = (float(x) for x in plane.geodetic_from_ned(np.array(ned)))
-    return NavSolution(
-        5,
-        lat,
-        lon,
-        height,
-        np.ones(3),
-        quat_from_euler(*euler),
-        np.zeros(3),
-        (0, 0, 0),
-        covariance,
-    )
+    motion = np.ones(3), quat_from_euler(*euler), np.zeros(3), (0, 0, 0)
+    return NavSolution(5, lat, lon, height, *motion, covariance)
 
 
 @given(st.floats(-1.48, 1.48), longitudes, near, near, st.floats(-3, 3), st.floats(-1.5, 1.5))

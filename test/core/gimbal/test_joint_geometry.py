@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -43,21 +42,6 @@ def test_joint_angles_give_the_matrix_anywhere(order, first, middle, last):
     said = dict(zip(TURNS, joint_angles(matrix, order), strict=True))
     np.testing.assert_allclose(turned(order, **said), matrix, atol=ROUNDING)
     assert abs(said[order.split("-")[1]]) <= math.pi / 2
-
-
-@pytest.mark.parametrize("order", JOINT_ORDERS)
-def test_joint_angles_of_a_batch_are_those_of_each(order):
-    given_angles = np.random.default_rng(4).uniform(-1.4, 1.4, (3, 3))
-    yaw, roll, pitch = given_angles.T
-    matrices = turned(order, yaw=yaw, roll=roll, pitch=pitch)
-    np.testing.assert_allclose(joint_angles(matrices, order), given_angles, atol=1e-12)
-
-
-@given(orders, angles, angles, angles)
-def test_a_chain_is_the_turns_in_their_order(order, yaw, roll, pitch):
-    q_bg, _ = chain(JointSample(0, yaw, roll, pitch), order)
-    expected = turned(order, yaw=yaw, roll=roll, pitch=pitch)
-    np.testing.assert_allclose(matrix_from_quat(np.array(q_bg)), expected, atol=ROUNDING)
 
 
 @given(orders, angles, angles, angles)

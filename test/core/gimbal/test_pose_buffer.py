@@ -75,24 +75,6 @@ def test_gap_is_not_bridged_but_its_ends_stand():
     assert isinstance(history.at(200_000_001), BodyPose)
 
 
-def test_bounded_by_time():
-    history: PoseBuffer[BodyPose] = PoseBuffer(span_s=1.0)
-    for k in range(1000):
-        history.add(body(k * STEP_NS))
-    assert len(history) == 101
-    assert history.at(999 * STEP_NS - 1_000_000_001) is Miss.TOO_OLD
-    assert isinstance(history.at(999 * STEP_NS - 1_000_000_000), BodyPose)
-
-
-def test_the_latest_poses():
-    history: PoseBuffer[BodyPose] = PoseBuffer()
-    assert history.latest(1.0) == []
-    for k in range(5):
-        history.add(body(k * STEP_NS))
-    assert [pose.stamp_ns for pose in history.latest(0.02)] == [k * STEP_NS for k in (2, 3, 4)]
-    assert len(history.latest(1.0)) == 5
-
-
 def test_stamp_going_back_starts_again():
     history: PoseBuffer[BodyPose] = PoseBuffer()
     history.add(body(5 * STEP_NS))

@@ -6,14 +6,13 @@ import math
 
 import numpy as np
 import pytest
-from camera_poses import camera_pose as pose_at
 from hypothesis import given
 from hypothesis import strategies as st
+from terrains import graticule
 
-from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.backprojection import Reason, locate
-from tirgeo_ros.core.ground.dem import Slopes, Terrain, graticule
+from tirgeo_ros.core.ground.backprojection import Reason
+from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.dem_intersection import first_hit
 from tirgeo_ros.core.types.errors import ElevationError
 
@@ -59,11 +58,6 @@ def first_below(surface, position_n, ray_n, longest_m, step_m=0.05):
         return math.nan
     k = under[0]
     return ways[k - 1] + step_m * above[k - 1] / (above[k - 1] - above[k])
-
-
-def place_of(point_n):
-    latitude, longitude, _ = PLANE.geodetic_from_ned(point_n)
-    return float(latitude), float(longitude)
 
 
 HILLS = terrain_of(hills)
@@ -138,18 +132,6 @@ def test_why_a_ray_meets_nothing(position_n, ray_n, stop):
     assert first_hit(HILLS, PLANE, np.array(position_n, float), ray_n) is stop
 
 
-def test_straight_down_on_a_node_and_along_a_line_of_the_grid():
-    lat, lon = np.radians([SOUTH_WEST_DEG[k] + 250 * STEP_DEG[k] for k in (0, 1)])
-    position_n = PLANE.ned_from_geodetic(lat, lon, 80.0)
-    down = PLANE.ned_from_geodetic(lat, lon, 0.0) - position_n
-    found = first_hit(HILLS, PLANE, position_n, down / np.linalg.norm(down))
-    assert found == pytest.approx(80.0 - hills(lat, lon), abs=1e-4)
-    north = PLANE.ned_from_geodetic(lat + 1e-5, lon, 20.0) - position_n
-    north /= np.linalg.norm(north)
-    found = first_hit(HILLS, PLANE, position_n, north)
-    assert found == pytest.approx(first_below(hills, position_n, north, 200.0), abs=0.01)
-
-
 def test_a_gap_under_the_ray_is_told_and_one_behind_the_point_is_not():
     def holed(lat, lon):
         north, east = metres(lat, lon)
@@ -161,34 +143,6 @@ def test_a_gap_under_the_ray_is_told_and_one_behind_the_point_is_not():
     assert first_hit(gap, PLANE, position_n, steep) == pytest.approx(40 / np.sin(np.pi / 3), 1e-3)
     assert first_hit(gap, PLANE, position_n, flat) is Reason.GAP
     assert isinstance(first_hit(gap, PLANE, position_n, ray_of(-20, 30)), float)
-
-
-def test_a_far_ray_follows_the_earths_curvature():
-    coarse = Terrain(np.full((3, 3), 100.0), graticule((39.0, 116.0), (1.0, 1.0), 3))
-    position_n, ray_n = np.array([0.0, 0.0, -370.0]), ray_of(-1.5, 45)
-    found = first_hit(coarse, PLANE, position_n, ray_n)
-    assert found > 11_000
-    height = PLANE.geodetic_from_ned(position_n + found * ray_n)[2]
-    assert height == pytest.approx(100.0, abs=1e-4)
-
-
-def test_pixels_are_located_on_the_hills():
-    uv = np.random.default_rng(4).uniform([0, 0], [639, 511], (50, 2))
-    points, reasons = locate(XT2, pose_at([0, 0, -40], 3, -35, 120), uv, PLANE, HILLS)
-    assert reasons == [None] * 50
-    lat, lon, height = PLANE.geodetic_from_ned(points)
-    np.testing.assert_allclose(height, hills(lat, lon), atol=1e-3)
-
-
-@given(column=st.floats(0, 1), row=st.floats(0, 1))
-def test_heights_are_bilinear(column, row):
-    terrain = Terrain(np.array([[1.0, 2.0], [4.0, 8.0]]), graticule((0.0, 0.0), (1.0, 1.0), 2))
-    expected = (1 - row) * (1 + column) + row * (4 + 4 * column)
-    assert terrain.at(np.array(column), np.array(row)) == pytest.approx(expected, abs=1e-12)
-    latitude, longitude = math.radians(1 - row), math.radians(column)
-    # on the rim the degrees' rounding may fall outside
-    if 0.001 < column < 0.999 and 0.001 < row < 0.999:
-        assert terrain.height_m(latitude, longitude) == pytest.approx(expected, abs=1e-9)
 
 
 def test_heights_outside_and_beside_gaps_are_nan():
@@ -207,40 +161,6 @@ def test_infinite_heights_are_gaps_and_any_layout_in_memory_serves():
     assert (turned.lowest_m, turned.highest_m) == (0.0, 14.0)
     assert turned.at(np.array(0.0), np.array(1.0)) == heights.T[::-1][1, 0]
     assert np.isnan(turned.at(np.array(2.5), np.array(0.5)))
-
-
-def test_a_grid_across_the_antimeridian():
-    terrain = Terrain(np.arange(4.0).reshape(2, 2), graticule((-1.0, 179.0), (2.0, 2.0), 2))
-    heights = terrain.height_m(np.zeros(2), np.radians([179.5, -179.5]))
-    np.testing.assert_allclose(heights, [1.25, 1.75])
-
-
-def test_the_slopes_of_the_hills_and_the_size_of_a_cell():
-    point_n = np.array([12.0, -33.0, 0.0])
-    slopes = Slopes(
-        HILLS, *place_of(point_n), np.eye(3)
-    )  # axes differ by 1e-5 rad from the plane's
-    assert slopes.cell_m == pytest.approx(1, rel=0.02)
-    north, east = 12 / 70, -33 / 90
-    expected = -8 * np.array(
-        [np.cos(north) * np.cos(east) / 70, -np.sin(north) * np.sin(east) / 90]
-    )
-    for step_m in (1.0, 5.0):
-        normal_n = slopes.normal_n(step_m)
-        # a central difference over 5 m of a wave of 70 m is off by a sixth of (5 / 70)^2; the
-        # radii of ``metres`` are rounded to 0.3 %
-        np.testing.assert_allclose(normal_n[:2], expected, rtol=8e-3)
-        assert normal_n[2] == -1
-
-
-def test_slopes_on_the_rim_are_of_the_side_that_is_there():
-    ramp = Terrain(np.arange(9.0).reshape(3, 3), graticule(SOUTH_WEST_DEG, STEP_DEG, 3))
-    corner = PLANE.ned_from_geodetic(*np.radians(np.add(SOUTH_WEST_DEG, 1e-8)), 0.0)
-    normal_n = Slopes(ramp, *place_of(corner), np.eye(3)).normal_n(1.0)
-    # 3 m a row of 1.00 m, southwards; 1 m a column of 1.00 m, eastwards
-    np.testing.assert_allclose(normal_n, [3, -1, -1], rtol=0.02)
-    one = Terrain(np.zeros((2, 2)), graticule(SOUTH_WEST_DEG, STEP_DEG, 2))
-    assert Slopes(one, *place_of(corner), np.eye(3)).normal_n(9.0).tolist() == [0, 0, -1]
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ import pytest
 from camera_poses import camera_pose
 from hypothesis import given
 from hypothesis import strategies as st
+from terrains import graticule
 
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.camera.projection_covariance import CHI2_95, CameraRates, pixel_jacobian
@@ -17,12 +18,11 @@ from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import quat_from_rotvec, quat_multiply
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Reason, locate
-from tirgeo_ros.core.ground.dem import Terrain, graticule
+from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.ground_point import (
     MOST_SHARE,
     Located,
     Refusal,
-    ellipse_of,
     place,
     point_covariance,
 )
@@ -142,15 +142,6 @@ def test_flatter_rays_are_less_sure_and_then_refused():
 
 
 @pytest.mark.parametrize(
-    "uv", [(-0.6, 10.0), (639.6, 10.0), (10.0, -0.6), (10.0, 511.6), (np.nan, 1.0)]
-)
-def test_a_pixel_outside_the_picture_is_refused(uv):
-    answer = place(XT2, pose_at([0, 0, -50], 0, -90, 0), uv, PLANE, 30.0, CONFIG)
-    assert isinstance(answer, Refusal)
-    assert answer.reason is Reason.OUTSIDE_PICTURE
-
-
-@pytest.mark.parametrize(
     "covariance",
     [np.full((6, 6), np.nan), np.full((6, 6), np.inf), np.diag([1e-2] * 3 + [1e-6, 1e-6, -1e-6])],
 )
@@ -159,14 +150,3 @@ def test_a_pose_of_unknown_covariance_is_refused(covariance):
     answer = place(XT2, pose, (320.0, 256.0), PLANE, 30.0, CONFIG)
     assert isinstance(answer, Refusal)
     assert answer.reason is Reason.UNCERTAIN_POSE
-
-
-def test_the_ellipse_of_a_covariance():
-    turn = math.radians(150)  # towards the south-east: the same as 330 deg
-    axes = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
-    covariance = np.zeros((3, 3))
-    covariance[:2, :2] = axes @ np.diag([9.0, 4.0]) @ axes.T
-    major, minor, azimuth = ellipse_of(covariance)
-    scale = math.sqrt(CHI2_95)
-    assert (major, minor) == (pytest.approx(3 * scale), pytest.approx(2 * scale))
-    assert azimuth == pytest.approx(turn)

@@ -25,13 +25,13 @@ def pose_at(height_m=20.0, pitch=-30.0, roll=0.0, yaw=0.0):
     return camera_pose([0.0, 0.0, -height_m], roll, pitch, yaw)
 
 
-def map_of(*rings, style=FILL):
+def map_of(*rings):
     """One feature; its rings (N, 2) are north, east on the plane."""
     features = [
         GeoFeature("", True, np.column_stack(PLANE.geodetic_from_ned(flat(ring))), group=0)
         for ring in rings
     ]
-    return VectorMap.from_layers([MapLayer("", features, style)], PLANE)
+    return VectorMap.from_layers([MapLayer("", features, FILL)], PLANE)
 
 
 def flat(ring):
@@ -51,9 +51,9 @@ def filled(camera, vector_map, pose):
     return image
 
 
-def wanted(camera, rings, pose, step=1):
-    """(h, w) by the crossings of a ray along the ground from each ``step``-th pixel's place."""
-    columns, rows = np.meshgrid(*(np.arange(0, n, step) for n in (camera.width, camera.height)))
+def wanted(camera, rings, pose):
+    """(h, w) by the crossings of a ray along the ground from each pixel's place."""
+    columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
     rays_c = camera.rays(np.column_stack([columns.ravel(), rows.ravel()]))
     rays_n = rays_c @ matrix_from_quat(pose.q_nc).T
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -97,20 +97,6 @@ def test_a_polygon_around_the_camera_fills_all_of_the_ground(camera):
     assert (want > 0).sum() > 1e5
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(12))
-def test_random_polygons(seed):
-    rng = np.random.default_rng(seed)
-    camera = list(CAMERAS.values())[seed % 2]
-    north, east = rng.uniform(-30, 80), rng.uniform(-40, 40)
-    outer = ring_about(north, east, rng.uniform(5, 80), 30, 0.5, seed)
-    inner = ring_about(north, east, rng.uniform(1, 30), 12, 0.3, seed)
-    pose = pose_at(
-        rng.uniform(5, 60), rng.uniform(-90, 5), rng.normal(0, 15), rng.uniform(-90, 90)
-    )
-    assert_filled_as_wanted(camera, [outer, inner], pose)
-
-
 FOLDING_RATIONALLY = Camera(
     640, 512, 420.0, 420.0, 320.0, 256.0, (0.0, -0.1, 0.0, 0.0, 0.0, 0.2, 0.1, 0.0)
 )
@@ -119,9 +105,9 @@ INK = np.ones((7, 7), np.uint8)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("camera", [FOLDING, FOLDING_RATIONALLY], ids=["brown", "rational"])
-@pytest.mark.parametrize("seed", range(15))
-def test_no_ink_along_the_rim_of_a_lens_that_folds(camera, seed):
+@pytest.mark.parametrize("camera", [*CAMERAS.values(), FOLDING_RATIONALLY])
+@pytest.mark.parametrize("seed", range(12))
+def test_random_polygons(camera, seed):
     rng = np.random.default_rng(seed)
     north, east = rng.uniform(-30, 80), rng.uniform(-40, 40)
     outer = ring_about(north, east, rng.uniform(5, 80), 30, 0.5, seed)
@@ -130,21 +116,11 @@ def test_no_ink_along_the_rim_of_a_lens_that_folds(camera, seed):
         rng.uniform(5, 60), rng.uniform(-90, 5), rng.normal(0, 15), rng.uniform(-90, 90)
     )
     got, want = filled(camera, map_of(outer, inner), pose), wanted(camera, [outer, inner], pose)
+    inside = np.full(got.shape, 255, np.uint8)
     reached = View(camera).reached
-    assert reached is not None
-    # Of the rim two pixels are given up, and half of one to the polygon that stands for it.
-    well_within = cv2.erode(reached, EDGE)
-    assert not ((got > 0) & (cv2.dilate(want, INK) == 0)).any()
-    assert not ((want > 0) & (well_within > 0) & (cv2.dilate(got, EDGE) == 0))[2:-2, 2:-2].any()
-
-
-@pytest.mark.slow
-def test_a_shore_of_many_vertices_is_simplified_where_it_is_out_of_view():
-    rings = [ring_about(0, 0, 300, 40_000, 0.01)]
-    pose = pose_at(height_m=60)
-    areas = View(XT2).areas(map_of(*rings), pose)
-    assert 10 < areas.points.shape[1] < 4000
-    want = wanted(XT2, [rings[0][::10]], pose, step=4)
-    got = filled(XT2, map_of(*rings), pose)[::4, ::4]
-    assert ((got > 0) != (want > 0)).mean() < 0.005  # of 1 % roughness every tenth corner is left
-    assert (want > 0).mean() > 0.5
+    if reached is not None:
+        # Of the rim two pixels are given up, and half of one to the polygon that stands for it.
+        inside = cv2.erode(reached, EDGE)
+    # Contours beside the image have ink in it.
+    assert not ((got > 0) & (cv2.dilate(want, INK) == 0))[2:-2, 2:-2].any()
+    assert not ((want > 0) & (inside > 0) & (cv2.dilate(got, EDGE) == 0))[2:-2, 2:-2].any()

@@ -11,8 +11,8 @@ from overlays import PLANE, geo
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.map.distance import (
-    NearestFeature,
     likely_mistake,
+    nearest_feature,
 )
 from tirgeo_ros.core.map.layers import GeoFeature, MapLayer
 from tirgeo_ros.core.overlay.map_renderer import lay_layers
@@ -20,8 +20,8 @@ from tirgeo_ros.core.overlay.map_renderer import lay_layers
 HERE = TangentPlane(math.radians(48.1), math.radians(11.5), 500.0)  # UTM zone 32
 
 
-def whereabouts(*features):
-    return NearestFeature(lay_layers([MapLayer("m", features)], PLANE, 25.0).map)
+def map_of(*features):
+    return lay_layers([MapLayer("m", features)], PLANE, 25.0).map
 
 
 def place_n(latitude_deg, longitude_deg, plane=HERE):
@@ -48,15 +48,11 @@ def test_the_nearest_feature_of_a_large_map():
         steps = rng.normal(0, 30, (int(rng.integers(1, 4)), 3)) * [1, 1, 0]
         middle = np.append(rng.uniform(300, 3000, 2), 0.0)
         features_n.append(middle + np.cumsum(steps, axis=0))
-    seen = whereabouts(*(GeoFeature("", False, geo(p).points) for p in features_n))
+    seen = map_of(*(GeoFeature("", False, geo(p).points) for p in features_n))
     for at in ([0.0, 0, -60], [1500, 1500, -60], [3000, -200, -120], [-5000, 900, -20]):
-        found = seen.nearest(np.array(at))
+        found = nearest_feature(seen, np.array(at))
         # the Earth bends by 2 m at 5 km, the dense points are 10 cm apart
         assert found.distance_m == pytest.approx(nearest_of_all(features_n, np.array(at)), abs=0.1)
-
-
-def test_a_map_without_parts_is_nowhere():
-    assert whereabouts().nearest(np.zeros(3)) is None
 
 
 def test_a_map_90_degrees_away_is_10_000_km_away():
@@ -64,7 +60,8 @@ def test_a_map_90_degrees_away_is_10_000_km_away():
     south_rad = HERE.latitude_rad - math.pi / 2
     point = GeoFeature("", False, np.array([[south_rad, HERE.longitude_rad, 0.0]]))
     laid = lay_layers([MapLayer("m", [point])], HERE, 0.0)
-    found = NearestFeature(laid.map).nearest(np.zeros(3))
+    found = nearest_feature(laid.map, np.zeros(3))
+    assert nearest_feature(map_of(), np.zeros(3)) is None
     assert found.distance_m == pytest.approx(10_002_000, rel=5e-3)
 
 
@@ -84,8 +81,3 @@ def test_a_map_90_degrees_away_is_10_000_km_away():
 )
 def test_what_put_a_map_so_far_away(latitude_deg, longitude_deg, question):
     assert likely_mistake(HERE, place_n(latitude_deg, longitude_deg)) == question
-
-
-def test_a_zone_across_the_antimeridian():
-    fiji = TangentPlane(math.radians(-17.0), math.radians(-179.0), 0.0)
-    assert likely_mistake(fiji, place_n(-17.0, 175.0, fiji)) == "is it UTM zone 1 instead of 60?"

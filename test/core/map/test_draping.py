@@ -102,4 +102,3 @@ def test_too_fine_a_model_is_touched_less_often(monkeypatch):
     monkeypatch.setattr(draping, "MOST_VERTICES", 50)
     got = draped(feature([[-450, 0], [450, 0]]))
     assert 40 < got.lines.points.shape[1] < 70
-    assert "every 3.6 cells" in got.notes[0]

@@ -1,7 +1,6 @@
 """Polylines in one block: selecting, cutting, subdividing, against plain loops."""
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -66,14 +65,3 @@ def test_subdivided_lines_keep_their_points_and_stay_straight(lengths, seed):
             for k in range(n)
         ]
         np.testing.assert_allclose(line, [*wanted, other[-1]], atol=1e-15)
-
-
-@pytest.mark.parametrize("lengths", [[4] * 90, [4] * 90 + [2] * 70 + [9, 5, 5], [3, 1], []])
-def test_runs_of_some_lines_are_the_lines_in_any_order(lengths):
-    starts = np.cumsum([0, *lengths])
-    rows = np.arange(2 * starts[-1]).reshape(-1, 2)
-    lines = Polylines(rows.T.astype(float), starts, np.arange(len(lengths)))
-    for which in (np.arange(len(lengths)), np.arange(0, len(lengths), 2)):
-        wanted = [rows[starts[i] : starts[i + 1]].tolist() for i in which]
-        got = [run.tolist() for run in lines.runs_of(rows, which)]
-        assert sorted(got) == sorted(wanted)

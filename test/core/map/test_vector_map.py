@@ -41,21 +41,6 @@ def test_a_map_without_heights_needs_the_ground_height():
         laid(features)
 
 
-def test_outlines_end_where_they_begin():
-    twice_closed = feature([*SQUARE, SQUARE[0]], closed=True)
-    got = laid([feature(SQUARE, closed=True), twice_closed, feature(SQUARE)])
-    assert [len(line) for line in got.lines.split()] == [5, 5, 4]
-    np.testing.assert_array_equal(got.lines.split()[0][0], got.lines.split()[0][-1])
-
-
-def test_a_point_is_a_mark_and_nothing_is_nothing():
-    empty = GeoFeature("", closed=False, points=np.empty((0, 3)))
-    got = laid([feature([[1, 2, 3]], label="P"), empty])
-    assert len(got.lines) == 0
-    np.testing.assert_allclose(got.marks.points, [[1], [2], [3]], atol=1e-7)
-    assert got.labels[got.marks.owner[0]] == "P"
-
-
 def test_parts_of_a_group_share_one_label():
     features = [
         feature(SQUARE, label="Beet", group=4),

@@ -8,9 +8,6 @@ from tirgeo_ros.core.map.polylines import Polylines
 from tirgeo_ros.core.overlay.line_renderer import (
     FADES,
     LineRenderer,
-    drawing_scale,
-    mark_radius_px,
-    marks_as_lines,
 )
 
 GREY = 128
@@ -54,9 +51,6 @@ def ink(image):
     return np.column_stack([u, v]), strength[v, u]
 
 
-# lines
-
-
 @pytest.mark.parametrize("slope", [-2.0, -0.3, 0.0, 0.7, 5.0])
 @pytest.mark.parametrize("width", [1, 2, 3, 4, 5])
 def test_the_ink_lies_on_the_line(slope, width):
@@ -82,38 +76,6 @@ def test_a_line_is_as_wide_as_its_layer_says(width):
     assert np.count_nonzero(image[:, 300, 2] > 200) == width
 
 
-@pytest.mark.parametrize(
-    ("size", "scale", "width"), [((512, 640), 1, 1), ((1024, 1280), 2, 3), ((1536, 1920), 3, 4)]
-)
-def test_lines_are_wider_on_a_larger_picture(size, scale, width):
-    """As wide as the blurred line of 640 px, enlarged: scale times 1.7, less the blur's 0.7."""
-    assert drawing_scale(picture(*size)) == scale
-    row = 300 + (width % 2 == 0) / 2
-    image = drawn(polylines([[20.0, row], [600.0, row]]), image=picture(*size))
-    assert np.count_nonzero(image[:, 300, 2] > 200) == width
-
-
-def test_lines_have_a_dark_halo_and_leave_the_rest():
-    image = drawn(polylines([[20.0, 100.0], [280.0, 100.0]]))
-    assert image[100, 30:270, 1:].min() > 200
-    assert image[100, 30:270, 0].max() == 0  # yellow: no blue is left
-    for row in (98, 99, 101, 102):
-        assert image[row, 30:270, 0].max() < 0.7 * GREY  # blue, for the ink is blurred
-    assert image[[98, 102], 30:270].max() < 0.7 * GREY
-    assert (image[:97] == GREY).all()
-    assert (image[104:] == GREY).all()
-
-
-@pytest.mark.parametrize("colour", [(0, 0, 255), (40, 140, 255), (255, 255, 255), (7, 90, 3)])
-@pytest.mark.parametrize("ground", [0, 128, 255])
-def test_the_middle_of_a_line_has_its_layers_colour_on_any_ground(colour, ground):
-    image = np.full((512, 640, 3), ground, np.uint8)
-    drawn(polylines([[20, 100], [600, 100]]), LayerStyle(line_bgr=colour, width_px=3), image=image)
-    most = np.array(colour) + (1 - FULL) * ground + 1  # what the halo left, and rounding
-    assert (image[100, 50:590] >= FULL * np.array(colour) - 1).all()
-    assert (image[100, 50:590] <= most).all()
-
-
 def test_upper_layers_lie_over_lower_ones():
     red, blue = LayerStyle((0, 0, 255), 3), LayerStyle((255, 0, 0), 3)
     cross = polylines([[20.0, 100.0], [280.0, 100.0]], [[150.0, 20.0], [150.0, 180.0]])
@@ -123,19 +85,6 @@ def test_upper_layers_lie_over_lower_ones():
         assert image[100, 150].argmax() == np.argmax(wanted)
         assert image[100, 150].max() >= FULL * 255
         assert np.partition(image[100, 150], 1)[1] <= (1 - FULL) * 255
-
-
-def test_layers_of_one_pen_are_drawn_together_at_the_uppermost():
-    red, blue = LayerStyle((0, 0, 255), 3), LayerStyle((255, 0, 0), 3)
-    lines = polylines(
-        [[20.0, 100.0], [280.0, 100.0]],
-        [[150.0, 20.0], [150.0, 180.0]],
-        [[200.0, 20.0], [200.0, 180.0]],
-    )
-    image = drawn(lines, red, blue, red, layer=[0, 1, 2], image=picture(512, 640))
-    for v, u, main in ((100, 150, 2), (50, 200, 2), (50, 150, 0)):
-        assert image[v, u].argmax() == main
-        assert image[v, u, main] >= FULL * 255
 
 
 def test_an_uncertain_line_fades_and_its_halo_with_it():
@@ -148,32 +97,6 @@ def test_an_uncertain_line_fades_and_its_halo_with_it():
     assert (np.diff(halo) > 10).all()
     assert len(yellow) == FADES + 1
 
-
-def test_a_faint_line_does_not_weaken_a_strong_one():
-    strong, faint = [[20.0, 100.0], [280.0, 100.0]], [[150.0, 20.0], [150.0, 180.0]]
-    for order, opacity in (([strong, faint], [1.0, 0.25]), ([faint, strong], [0.25, 1.0])):
-        image = drawn(polylines(*order), opacity=np.array(opacity))
-        assert image[100, 140:160, 1].min() > 200
-
-
-# marks
-
-
-@pytest.mark.parametrize("size", [(256, 320), (512, 640), (1024, 1280)])
-def test_a_mark_is_open_in_its_middle(size):
-    image = picture(*size)
-    radius = mark_radius_px(image)
-    drawn(marks_as_lines(polylines([[150.0, 100.0]]), radius), image=image)
-    pixels, _ = ink(image)
-    assert (image[99:102, 150] == GREY).all()  # what is marked stays to be seen
-    assert (image[100, 149:152] == GREY).all()
-    np.testing.assert_allclose(pixels.mean(axis=0), [150, 100], atol=0.3)
-    reach = np.abs(pixels - [150, 100]).sum(axis=1).max()
-    # The ink of one pixel reaches 2 to either side; on the largest, three pixels, as much again.
-    assert radius <= reach <= radius + (4 if size[1] > 640 else 2)
-
-
-# areas
 
 GREEN = LayerStyle(fill_bgr=(0, 200, 0), fill_opacity=0.25)
 MIXED = [96, 146, 96]  # three quarters of the grey and one of the green
@@ -192,18 +115,6 @@ def test_a_hole_stays_open_and_an_island_in_it_is_filled():
     assert abs(int(image[30, 30, 1]) - 146) <= 1
     assert (image[60, 60] == GREY).all()
     assert abs(int(image[95, 95, 1]) - 146) <= 1
-
-
-def test_areas_of_two_layers_mix_and_an_unfilled_layer_is_left():
-    rings = polylines(square(20, 20, 100), square(60, 60, 100), square(10, 10, 180))
-    red = LayerStyle(fill_bgr=(0, 0, 255), fill_opacity=0.5)
-    image = filled(rings, GREEN, red, YELLOW, layer=[0, 1, 2])
-    wanted = 0.5 * np.array(MIXED) + 0.5 * np.array([0, 0, 255])
-    assert np.abs(image[80, 80] - wanted).max() <= 2
-    assert (image[12, 12] == GREY).all()
-
-
-# both
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (5, 300), (300, 5)])

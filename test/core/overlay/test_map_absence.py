@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from camera_poses import camera_pose
-from overlays import GREY, LATENCY, MS, PLANE, SQUARE_N, START, geo, ink_on, pose_at, ready
+from overlays import GREY, LATENCY, MS, PLANE, SQUARE_N, START, geo, pose_at, ready
+from terrains import graticule
 
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.ground.dem import Terrain, graticule
+from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.map.layers import GeoFeature, LayerStyle, MapLayer
 from tirgeo_ros.core.overlay.map_absence import MapAbsence
 from tirgeo_ros.core.overlay.map_renderer import DrawingVerdict, lay_layers
@@ -78,19 +79,6 @@ def test_a_map_beside_the_elevation_model_lies_on_no_ground():
     assert why == "none of the map lies on the elevation model"
 
 
-def test_it_is_looked_for_again_once_the_camera_has_moved():
-    laid = lay_layers([MapLayer("m", [geo([[300.0, 0.0, 0.0]])])], PLANE, 25.0)
-    absence = MapAbsence(laid.map, PLANE)
-    looks = []
-    found = absence._whereabouts.nearest
-    absence._whereabouts.nearest = lambda position_n: (looks.append(0), found(position_n))[1]
-    for k in range(50):
-        absence.why(XT2, pose_at(START, north=0.2 * k), 100.0)  # 10 m, of 300
-    assert len(looks) == 1
-    assert "200 m" in absence.why(XT2, pose_at(START, north=100.0), 100.0)
-    assert absence.why(XT2, looking(30, 90), 1000.0).endswith("the camera looks east")
-
-
 def test_the_notice_stands_in_the_picture_and_the_verdict_above_it():
     overlay = ready([geo([[-210, 210, 0]])], ground_height_m=25.0)
     pictures = []
@@ -109,17 +97,3 @@ def test_the_notice_stands_in_the_picture_and_the_verdict_above_it():
     assert red[:30].sum() > 30  # the verdict has the first line
     assert told[:20].sum() == 0 < told[20:60].sum()
     assert red[480:].sum() > 10  # and leads the status line
-
-
-@pytest.mark.parametrize("severity", [Severity.CAUTION, Severity.STOP])
-def test_a_verdict_hides_no_map_and_no_other_notice(severity):
-    overlay = ready(ground_height_m=25.0)
-    overlay.set_verdict(DrawingVerdict(severity, "CAUTION: something"))
-    overlay.add_frame(START + LATENCY, GREY, START)
-    result = overlay.take(START + 10_000 * MS)
-    assert result.notice == "NO MAP: no pose at this frame"
-    overlay.add_pose(pose_at(START + 20_000 * MS))
-    overlay.add_frame(START + 20_000 * MS + LATENCY, GREY, START)
-    result = overlay.take(START)
-    assert result.notice == ""
-    assert len(ink_on(result.image[60:])) > 400

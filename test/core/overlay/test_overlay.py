@@ -13,7 +13,6 @@ from overlays import (
     PLANE,
     SQUARE_N,
     START,
-    STRIP_TOP,
     WAIT,
     assert_on,
     distances,
@@ -30,10 +29,9 @@ from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.map.layers import LayerStyle, MapLayer
+from tirgeo_ros.core.map.layers import MapLayer
 from tirgeo_ros.core.overlay.map_renderer import lay_layers
 from tirgeo_ros.core.overlay.overlay import Overlay
-from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.core.types.verdicts import FilterState
 
 
@@ -175,22 +173,6 @@ def test_what_no_pose_can_help_is_said_at_once():
     assert empty.take(START).notice == "NO MAP: the map has no features"
 
 
-@pytest.mark.parametrize("state", list(FilterState))
-def test_a_map_is_drawn_where_there_is_a_pose_and_the_status_line_tells_the_state(state):
-    """A status may be a second old; a filter that does not navigate gives no pose."""
-    pictures = []
-    for told in (FilterState.RUNNING, state):
-        overlay = ready()
-        overlay.set_status(status(told, "rtk/heading" if told is not FilterState.RUNNING else ""))
-        overlay.add_pose(pose_at(START))
-        overlay.add_frame(START + LATENCY, GREY, START + LATENCY)
-        pictures.append(overlay.take(START + LATENCY).image)
-    np.testing.assert_array_equal(pictures[0][:STRIP_TOP], pictures[1][:STRIP_TOP])
-    assert (pictures[0][STRIP_TOP:] != pictures[1][STRIP_TOP:]).any() == (
-        state is not FilterState.RUNNING
-    )
-
-
 def test_a_new_plane_forgets_poses_in_the_old_one():
     overlay = ready()
     overlay.add_pose(pose_at(START))
@@ -204,42 +186,7 @@ def test_a_new_plane_forgets_poses_in_the_old_one():
     assert overlay.take(START + WAIT).notice == "NO MAP: no pose at this frame"
 
 
-def test_a_map_without_heights():
-    flat = [geo(SQUARE_N, height=False)]
-    with pytest.raises(ConfigError, match="set ground_height_m"):
-        Overlay(OverlayConfig(), [MapLayer("map", flat)])
-    overlay = ready(features=flat, ground_height_m=25.0)
-    assert_on(pictured(overlay).image, pose_at(START))
-
-
-def test_labels_and_marks_are_drawn():
-    named = [geo(SQUARE_N, "Grünfläche"), geo([[36, 0, 0]], "P1")]
-    pictures = []
-    for features in (named, [geo(SQUARE_N), geo([[36, 0, 0]])], [geo(SQUARE_N)]):
-        overlay = ready(features=features, confidence=PLAIN)
-        pictures.append(pictured(overlay).image)
-    white = [(picture[:490] > 200).all(axis=2).sum() for picture in pictures]
-    assert white[0] > 50
-    assert white[1] == white[2] == 0
-    assert len(ink_on(pictures[1])) > len(ink_on(pictures[2]))
-
-
 NORTH_N = np.array([1.0, 0.0, 0.0])
-
-
-def layered(*layers, **config):
-    overlay = Overlay(OverlayConfig(confidence=PLAIN, **config), layers)
-    overlay.set_plane(PLANE)
-    overlay.set_camera(XT2)
-    return pictured(overlay).image
-
-
-@pytest.mark.parametrize(("scale_m_px", "drawn"), [((0.0, 0.05), 1), ((0.05, 0.06), 0)])
-def test_layers_are_drawn_at_their_scales(scale_m_px, drawn):
-    """The middle looks 30 deg down from 20 m: 40 m away, 40 / 803.6 = 0.0498 m to a pixel."""
-    layer = MapLayer("beds", [geo(SQUARE_N)], LayerStyle(scale_m_px=scale_m_px))
-    image = layered(layer, ground_height_m=25.0)
-    assert (len(ink_on(image[60:])) > 400) == drawn  # under the notice that it is not
 
 
 def test_a_located_point_stays_drawn_with_its_ellipse():

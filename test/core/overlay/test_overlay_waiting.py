@@ -1,5 +1,6 @@
 """Frames that wait for their poses: which comes out, when, and with what pose."""
 
+import cv2
 import numpy as np
 import pytest
 from overlays import (
@@ -16,6 +17,7 @@ from overlays import (
     true_outline,
 )
 
+from tirgeo_ros.core.overlay.frame_queue import Frame, FrameQueue
 from tirgeo_ros.core.types.verdicts import FilterState
 
 
@@ -164,3 +166,49 @@ def test_a_long_latency_keeps_poses_long_enough():
     stamp = START + 5_900 * MS
     overlay.add_frame(stamp, GREY, stamp)
     assert overlay.take(stamp).notice == ""
+
+
+def queue_of(*frames):
+    """The queue after pictures, or after plain ones at stamps (s)."""
+    queue = FrameQueue()
+    for each in frames:
+        plain = not isinstance(each, np.ndarray)
+        pixels, stamp_s = (np.zeros((4, 5), np.uint8), each) if plain else (each, 1.0)
+        queue.put(Frame(round(stamp_s * 1e9), pixels, 0))
+    return queue
+
+
+def test_older_frames_are_replaced_and_at_most_a_second_of_video_waits():
+    queue = queue_of(1.0, 1.1, 1.2, 1.3)
+    queue.take(list(queue)[1])
+    assert [frame.stamp_ns for frame in queue] == [1_300_000_000]  # newer ones go on waiting
+    assert {name: n for name, n in queue.counts.items() if n} == {"replaced": 2}
+    queue = queue_of(*(0.1 * i for i in range(1, 101)))
+    assert (len(queue), queue.counts["replaced"]) == (30, 70)
+    queue = queue_of(5.0, 4.5, 5.0)
+    assert (len(queue), queue.counts["out_of_order"]) == (1, 2)
+
+
+@pytest.mark.parametrize(
+    ("shape", "kind", "counted"),
+    [
+        ((4, 5, 3), np.uint16, "invalid"),
+        ((4, 5), np.int16, "invalid"),
+        ((4, 5), float, "invalid"),
+        ((4, 5, 4), np.uint8, "invalid"),
+        ((4, 5, 1), np.uint8, "invalid"),
+        ((20,), np.uint8, "invalid"),
+        ((0, 5), np.uint8, "invalid"),
+        ((1, 70_000), np.uint8, "too_large"),
+        ((65_501, 1, 3), np.uint8, "too_large"),
+    ],
+)
+def test_what_is_no_picture_is_counted(shape, kind, counted):
+    queue = queue_of(np.zeros(shape, kind))
+    assert (len(queue), queue.counts[counted]) == (0, 1)
+
+
+def test_the_largest_picture_can_be_sent_as_jpeg():
+    widest = np.zeros((1, 65_500), np.uint8)
+    assert len(queue_of(widest)) == 1
+    assert cv2.imencode(".jpg", widest)[0]

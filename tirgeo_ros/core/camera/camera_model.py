@@ -25,7 +25,6 @@ T = TypeVar("T", Array, float)
 #: Points nearer than this along the optical axis are not projected.
 NEAR_M = 0.1
 
-_BLOCK = 8192  # array length that fits in the processor's cache
 _SIZES = (0, 4, 5, 8)  # none, Brown, Brown with k3, rational
 _WIDEST_RADIUS = 20.0  # 87 deg from the axis: no plane image reaches farther
 _FOLD_MARGIN = 0.98
@@ -137,14 +136,8 @@ class Camera:
 
         ``x`` and ``y`` have any one shape (...); the points must lie within ``max_radius``.
         """
-        uv = np.empty((2, *x.shape))
-        for start in range(0, x.size, _BLOCK):
-            part = slice(start, start + _BLOCK)
-            distorted = _distort(self._k, x[part], y[part])
-            for axis, scale, middle in ((0, self.fx, self.cx), (1, self.fy, self.cy)):
-                np.multiply(distorted[axis], scale, out=uv[axis, part])
-                uv[axis, part] += middle
-        return uv
+        x, y = _distort(self._k, x, y)
+        return np.stack([self.fx * x + self.cx, self.fy * y + self.cy])
 
     def slopes(self, x: T, y: T) -> tuple[T, T, T, T]:
         """Return du/dx, du/dy, dv/dx, dv/dy (px) of ``pixels``; arrays of any shape, or floats."""
@@ -164,7 +157,7 @@ class Camera:
             x, y = x / depth, y / depth
             valid = ahead & (x * x + y * y <= self.max_radius**2)
         uv = np.full((len(z), 2), np.nan)
-        uv[valid, 0], uv[valid, 1] = self.pixels(x[valid], y[valid])
+        uv[valid] = self.pixels(x[valid], y[valid]).T
         return uv, valid
 
     def rays(self, uv: Array) -> Array:
@@ -176,13 +169,9 @@ class Camera:
         uv = np.asarray(uv, float).reshape(-1, 2)
         if len(uv) == 1:
             return self._ray(*uv[0].tolist())
-        rays = np.ones((len(uv), 3))
-        for start in range(0, len(uv), _BLOCK):
-            part = slice(start, start + _BLOCK)
-            xd, yd = (uv[part, 0] - self.cx) / self.fx, (uv[part, 1] - self.cy) / self.fy
-            rays[part, 0], rays[part, 1] = self._undistort(xd, yd)
-        rays[np.isnan(rays[:, 0])] = np.nan
-        return rays
+        distorted = (uv - [self.cx, self.cy]) / [self.fx, self.fy]
+        x, y = self._undistort(distorted[:, 0], distorted[:, 1])
+        return np.stack([x, y, np.where(np.isnan(x), np.nan, 1.0)], axis=1)
 
     def _ray(self, u: float, v: float) -> Array:
         """Return ``rays`` (1, 3) of one pixel, computed in floats: a fifth of the time."""

@@ -56,10 +56,7 @@ def largest_bend(camera: Camera, radius: float) -> float:
 def largest_scale(camera: Camera, radius: float) -> float:
     """Return an upper bound, up to ``radius``, of pixels per angle between two rays (px/rad)."""
     x, y = _rings(radius)
-    h = 1e-4
-    by_x = camera.pixels(x + h, y) - camera.pixels(x - h, y)
-    by_y = camera.pixels(x, y + h) - camera.pixels(x, y - h)
-    gradient = np.moveaxis(np.stack([by_x, by_y], 1), -1, 0) / (2 * h)
+    gradient = np.stack(camera.slopes(x, y), axis=-1).reshape(-1, 2, 2)
     # At radius r a small angle spans at most 1 + r^2 times as much on the plane z = 1.
     scale = np.linalg.norm(gradient, ord=2, axis=(1, 2)) * (1 + x * x + y * y)
     return float(scale.max())

@@ -44,15 +44,14 @@ from tirgeo_ros.core.types.poses import CameraPose
 #: 95 % quantile of chi-square with two degrees of freedom, 5.991: the squared radius, in standard
 #: deviations, that holds 95 % of a two-dimensional normal distribution.
 CHI2_95 = -2 * math.log(0.05)
-#: The same in one dimension: 95 % lie within this many standard deviations of the mean.
-SIGMAS_95 = 1.959963984540054
 #: First order is enough up to this relative standard deviation of a point's depth, and up to this
 #: relative change of the lens's derivatives within the ellipse. With both, the ellipse of 95 %
 #: holds 93 to 97 % of simulated errors.
 MOST_DEPTH_SIGMA, MOST_BEND = 0.1, 0.2
 _ROUNDING = 1e-4  # rounding error of correlations in float32 messages and sums
 _LEAST_VARIANCE = 1e-18
-_BLOCK = 2500  # points: NumPy runs larger matrix products in threads, which is slower here
+#: Points at a time: NumPy runs larger matrix products in threads, which is slower here.
+_BLOCK = 2500
 _LEAST_RADIUS2 = 1e-12  # squared radius on the plane z = 1: about a thousandth of a pixel
 
 
@@ -155,19 +154,14 @@ class FrameConfidence:
         """
         count = rays.shape[1]
         sigma = None if sigma_m is None else np.broadcast_to(np.asarray(sigma_m, float), count)
-        if count <= _BLOCK:
-            found = self._spread(rays, sigma, closely)
-        else:  # in blocks that fit in the processor's cache
-            parts = [slice(start, start + _BLOCK) for start in range(0, count, _BLOCK)]
-            done = [
-                self._spread(
-                    rays[:, part],
-                    None if sigma is None else sigma[part],
-                    max(closely - part.start, 0),
-                )
-                for part in parts
-            ]
-            found = np.concatenate(done, axis=1)
+        parts = [slice(start, start + _BLOCK) for start in range(0, max(count, 1), _BLOCK)]
+        done = [
+            self._spread(
+                rays[:, part], None if sigma is None else sigma[part], max(closely - part.start, 0)
+            )
+            for part in parts
+        ]
+        found = np.concatenate(done, axis=1)
         return found[:3], found[3, :closely] > 0
 
     def _spread(self, rays: Array, sigma_m: Array | None, closely: int) -> Array:
@@ -208,18 +202,6 @@ class FrameConfidence:
         change = np.array(self.camera.slopes(rays[0] * scale, rays[1] * scale)) - here
         bent = (change * change).sum(axis=0) > MOST_BEND**2 * (here * here).sum(axis=0)
         return np.asarray(linear & inside & ~bent)
-
-    def half_width_95(
-        self, rays: Array, normals: Array, sigma_m: Array | float | None = None
-    ) -> Array:
-        """Return the half-widths (N,), px, of the band around a line that holds 95 % of errors.
-
-        ``rays`` (3, N) are points of the line, ``normals`` (2, N) its unit normals in pixels.
-        """
-        uu, uv, vv = self.spread(rays, sigma_m)[0]
-        u, v = normals
-        across = u * u * uu + 2 * u * v * uv + v * v * vv
-        return np.asarray(SIGMAS_95 * np.sqrt(np.maximum(across, 0.0)))
 
 
 def _outermost(rays: Array, spread: Spread, max_radius: float) -> tuple[BoolArray, Array]:

@@ -11,9 +11,9 @@ from tirgeo_ros.core.frames.wgs84 import SEMI_MAJOR_AXIS_M
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.map.distance import (
     ELSEWHERE_M,
-    NearestFeature,
     distance_words,
     likely_mistake,
+    nearest_feature,
     way_words,
 )
 from tirgeo_ros.core.map.draping import Ground
@@ -64,7 +64,7 @@ def map_findings(laid: DrapedMap, ground: Ground) -> list[Finding]:
     if not laid.features:
         return [_nothing("the map has no features", _MAP)]
     found = _ground_findings(laid, ground)
-    nearest = NearestFeature(laid.map, laid.first_n).nearest(np.zeros(3))
+    nearest = nearest_feature(laid.map, np.zeros(3), laid.first_n)
     if nearest is not None and nearest.distance_m > _FAR_M:
         severity = Severity.STOP if nearest.distance_m > ELSEWHERE_M else Severity.CAUTION
         way = way_words(nearest.distance_m, nearest.azimuth_rad)

@@ -32,9 +32,8 @@ class ConfidenceConfig:
     ellipses: bool = param(True, "draw the 95 % ellipse at points and labels")
     lines: str = param(
         "fade",
-        "how lines of uncertain position are drawn: fade, band (the 95 % band along them) or "
-        "none (like all others)",
-        choices=("fade", "band", "none"),
+        "how lines of uncertain position are drawn: fade or none (like all others)",
+        choices=("fade", "none"),
     )
     fade_px: float = param(
         60.0, "95 % radius at which a line has faded to its faintest", ("px", 1, 1e4)

@@ -8,7 +8,6 @@ poses of the last second are predicted in the same way from the poses before the
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from tirgeo_ros.core.frames.rotations import (
     quat_multiply,
     rotvec_from_quat,
 )
-from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
+from tirgeo_ros.core.types.arrays import Array, IntArray
 from tirgeo_ros.core.types.poses import CameraPose
 
 #: The length of the fitted line, and the least span that a fit needs. On simulated flights a
@@ -41,53 +40,41 @@ def predicted(poses: Sequence[CameraPose], stamp_ns: int, max_gap_s: float) -> C
     Its covariance is the last pose's plus that of the extrapolation. None if the poses after the
     last gap longer than ``max_gap_s`` span less than 0.05 s.
     """
-    poses = _unbroken(poses, max_gap_s)
+    stamps = np.array([pose.stamp_ns for pose in poses], np.int64)
+    gaps = np.flatnonzero(np.diff(stamps) > max_gap_s * 1e9)
+    first = int(gaps[-1]) + 1 if len(gaps) else 0
+    poses, stamps = poses[first:], stamps[first:]
     if len(poses) < 2:
         return None
-    last = poses[-1]
-    ahead_s = (stamp_ns - last.stamp_ns) * 1e-9
-    track = _Track.through(poses)
-    if not track.is_fitted[-1]:
+    last, times_s, places = poses[-1], (stamps - stamps[-1]) * 1e-9, _places(poses)
+    first_of = np.searchsorted(times_s, times_s - FIT_S - _ROUNDING_S)
+    first_of = np.minimum(first_of, np.maximum(np.arange(len(times_s)) - 1, 0))
+    is_fitted = times_s - times_s[first_of] >= _LEAST_FIT_S - _ROUNDING_S
+    if not is_fitted[-1]:
         return None
-    step = track.rates[-1] * ahead_s
+    rates = _slopes(times_s, places, first_of)
+    ahead_s = (stamp_ns - last.stamp_ns) * 1e-9
+    step = rates[-1] * ahead_s
     turned = quat_multiply(quat_from_rotvec(step[3:]), last.q_nc)
-    covariance = last.covariance + _spread(track, ahead_s, last.covariance)
+    tried = np.flatnonzero((times_s <= -ahead_s) & is_fitted)
+    met = [np.interp(times_s[tried] + ahead_s, times_s, column) for column in places.T]
+    missed = np.stack(met, axis=-1) - places[tried] - rates[tried] * ahead_s
+    covariance = last.covariance + _spread(missed, ahead_s, last.covariance)
     return CameraPose(stamp_ns, last.position_n + step[:3], turned, covariance)
 
 
-def _unbroken(poses: Sequence[CameraPose], max_gap_s: float) -> Sequence[CameraPose]:
-    """Return the poses after the last gap."""
-    stamps = np.array([pose.stamp_ns for pose in poses], np.int64)
-    gaps = np.flatnonzero(np.diff(stamps) > max_gap_s * 1e9)
-    return poses[int(gaps[-1]) + 1 :] if len(gaps) else poses
+def _places(poses: Sequence[CameraPose]) -> Array:
+    """Return (N, 6) positions and angles in NED, relative to the last and to the first pose.
 
-
-@dataclass(frozen=True)
-class _Track:
-    """Hold the positions and angles of N poses, and the fitted rates at each."""
-
-    times_s: Array  # (N,) relative to the last pose
-    places: Array  # (N, 6) position and angle in NED
-    rates: Array  # (N, 6) slopes of the lines that end at each pose
-    is_fitted: BoolArray  # (N,) whether that line is long enough
-
-    @classmethod
-    def through(cls, poses: Sequence[CameraPose]) -> _Track:
-        """Return the track of poses; its angles are sums of the turns from each pose to the next.
-
-        Over a tenth of a second their differences are the turn itself, to second order.
-        """
-        stamps = np.array([pose.stamp_ns for pose in poses], np.int64)
-        q_nc = np.array([pose.q_nc for pose in poses])
-        turns = rotvec_from_quat(quat_multiply(q_nc[1:], quat_conjugate(q_nc[:-1])))
-        places = np.zeros((len(poses), 6))
-        places[:, :3] = [pose.position_n - poses[-1].position_n for pose in poses]
-        places[1:, 3:] = turns.cumsum(axis=0)
-        times_s = (stamps - stamps[-1]) * 1e-9
-        first = np.searchsorted(times_s, times_s - FIT_S - _ROUNDING_S)
-        first = np.minimum(first, np.maximum(np.arange(len(times_s)) - 1, 0))
-        is_fitted = times_s - times_s[first] >= _LEAST_FIT_S - _ROUNDING_S
-        return cls(times_s, places, _slopes(times_s, places, first), is_fitted)
+    The angles are sums of the turns from each pose to the next. Over a tenth of a second their
+    differences are the turn itself, to second order.
+    """
+    q_nc = np.array([pose.q_nc for pose in poses])
+    turns = rotvec_from_quat(quat_multiply(q_nc[1:], quat_conjugate(q_nc[:-1])))
+    places = np.zeros((len(poses), 6))
+    places[:, :3] = [pose.position_n - poses[-1].position_n for pose in poses]
+    places[1:, 3:] = turns.cumsum(axis=0)
+    return places
 
 
 def _slopes(times_s: Array, places: Array, first: IntArray) -> Array:
@@ -105,19 +92,15 @@ def _slopes(times_s: Array, places: Array, first: IntArray) -> Array:
     return above / np.where(below > _ROUNDING_S, below, np.inf)
 
 
-def _spread(track: _Track, ahead_s: float, covariance: Array) -> Array:
+def _spread(missed: Array, ahead_s: float, covariance: Array) -> Array:
     """Return the (6, 6) mean square error of a prediction over ``ahead_s``, plus a floor.
 
-    Each prediction is compared with the pose interpolated at its time. With too few poses to
-    compare, both ends of the line are assumed to have independent errors with the last pose's
-    covariance.
+    ``missed`` (N, 6) are the errors of predictions from past poses over the same time. With too
+    few of them, both ends of the fitted line are assumed to have independent errors with the last
+    pose's covariance.
     """
     floor = np.repeat([_ACCELERATION, _ANGULAR_ACCELERATION], 3) * ahead_s**2 / 2
     spread = np.diag(floor**2)
-    times_s = track.times_s
-    tried = np.flatnonzero((times_s <= -ahead_s) & track.is_fitted)
-    if len(tried) < _FEWEST_TRIALS:
+    if len(missed) < _FEWEST_TRIALS:
         return spread + 2 * (ahead_s / _LEAST_FIT_S) ** 2 * covariance
-    met = [np.interp(times_s[tried] + ahead_s, times_s, column) for column in track.places.T]
-    missed = np.stack(met, axis=-1) - track.places[tried] - track.rates[tried] * ahead_s
-    return np.asarray(spread + missed.T @ missed / len(tried))
+    return np.asarray(spread + missed.T @ missed / len(missed))

@@ -104,27 +104,6 @@ def _range(heights: npt.NDArray[np.floating]) -> tuple[float, float]:
     return float(np.fmin.reduce(heights, None)), float(np.fmax.reduce(heights, None))
 
 
-def graticule(
-    south_west_deg: tuple[float, float], step_deg: tuple[float, float], rows: int
-) -> GridOf:
-    """Return ``grid_of`` for a grid along meridians and parallels, its first row in the north.
-
-    The first two arguments are (latitude, longitude): the grid's south-western node and its step.
-    ``rows`` is its number of rows.
-    """
-    south, west = south_west_deg
-    step_lat, step_lon = step_deg
-
-    def grid_of(latitude_rad: Array, longitude_rad: Array) -> tuple[Array, Array]:
-        turned = np.degrees(longitude_rad) - west
-        # Wrap to [-90, 270) deg east of the grid's west edge, for grids across the antimeridian
-        # and grids from 0 to 360.
-        turned = (turned + 90.0) % 360.0 - 90.0
-        return turned / step_lon, rows - 1 - (np.degrees(latitude_rad) - south) / step_lat
-
-    return grid_of
-
-
 class Slopes:
     """Measure the terrain's slope around one place, given by latitude and longitude (rad).
 

@@ -78,24 +78,19 @@ def cut_rings_to_planes(rings: Polylines, normals: Array, offsets: Array) -> Pol
     return rings
 
 
-def cut_rings_to_disc(rings: Polylines, radius: float) -> Polylines:
-    """Return the part of the rings' insides within a radius of the origin, in the first two axes.
+def cone(radius: float) -> Array:
+    """Return the normals (64, 3) of planes through the camera that hold an inscribed polygon.
 
-    The disc is approximated by an inscribed polygon of 64 sides, which loses 0.1 % of the radius
-    between its corners.
+    The polygon of 64 sides lies in the disc of a radius on the plane z = 1. Between its corners
+    0.1 % of the radius is lost.
     """
-    inner = radius * math.cos(math.pi / _DISC_SIDES)
-    far = np.hypot(*rings.points[:2]) > inner
-    if not far.any():
-        return rings
     turn = np.arange(_DISC_SIDES) * (2 * math.pi / _DISC_SIDES)
-    normals = np.zeros((_DISC_SIDES, len(rings.points)))
-    normals[:, 0], normals[:, 1] = -np.cos(turn), -np.sin(turn)
-    return cut_rings_to_planes(rings, normals, np.full(_DISC_SIDES, -inner))
+    inner = np.full(_DISC_SIDES, radius * math.cos(math.pi / _DISC_SIDES))
+    return np.stack([-np.cos(turn), -np.sin(turn), inner], axis=1)
 
 
 def disc(radius: float) -> Polylines:
-    """Return the polygon, one ring (2, V), to which ``cut_rings_to_disc`` clips."""
+    """Return the polygon, one ring (2, V), in which the planes of ``cone`` meet z = 1."""
     turn = (np.arange(_DISC_SIDES) + 0.5) * (2 * math.pi / _DISC_SIDES)
     points = radius * np.stack([np.cos(turn), np.sin(turn)])
     return Polylines(points, np.array([0, _DISC_SIDES]), np.zeros(1, np.int64))

@@ -7,17 +7,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tirgeo_ros.core.frames.heading import azimuth
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.frames.wgs84 import SEMI_MAJOR_AXIS_M, ecef_from_geodetic
-from tirgeo_ros.core.map.level_of_detail import Boxes
 from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.types.arrays import Array
 
 #: A map farther away than this does not belong to the flight.
 ELSEWHERE_M = 20_000.0
 
-_RUN = 64  # points in a box
-_CANDIDATES = 16  # boxes to search: the nearest box may not have the nearest feature
+_CANDIDATES = 16  # pieces of lines to search: the nearest box may not have the nearest line
 _HINT_M = 50_000.0  # a guessed mistake is likely if undoing it brings the map this near
 _ZONE_DEG = 6.0  # width of a UTM zone
 _WORDS = ["north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west"]
@@ -31,40 +30,26 @@ class Nearest(NamedTuple):
     point_n: Array  # (3,) in the map's plane, m
 
 
-class NearestFeature:
-    """Find the nearest point of one map, with the help of boxes around its parts."""
+def nearest_feature(
+    vector_map: VectorMap, position_n: Array, first_n: Array | None = None
+) -> Nearest | None:
+    """Return the map's point nearest to a position (3,), NED, m.
 
-    def __init__(self, vector_map: VectorMap, first_n: Array | None = None) -> None:
-        """Prepare the boxes; ``first_n`` (3,) is used if no part of the map has a place."""
-        self._first = [] if first_n is None else [first_n[:, None]]
-        self._details = vector_map.details
-        self._marks = vector_map.marks.points
-        starts = np.append(np.arange(0, self._marks.shape[1], _RUN), self._marks.shape[1])
-        self._mark_boxes = Boxes.around(self._marks, self._marks, starts)
-
-    def nearest(self, position_n: Array) -> Nearest | None:
-        """Return the point nearest to a position (3,), NED, m; None if the map has no place."""
-        details, points = self._details, []
-        for piece in _nearest_of(details.boxes, position_n):
-            first = details.first[0, piece]
-            vertices = details.points[:, first : first + details.count[0, piece]]
-            points.append(_on_segments(vertices, position_n))
-        runs = _nearest_of(self._mark_boxes, position_n)
-        points += [self._marks[:, _RUN * run : _RUN * (run + 1)] for run in runs]
-        points = points or self._first
-        if not points:
+    ``first_n`` (3,) is used if no part of the map has a place; None without it.
+    """
+    details, points = vector_map.details, [vector_map.marks.points]
+    for piece in np.argsort(details.boxes.distance(position_n))[:_CANDIDATES].tolist():
+        first = details.first[0, piece]
+        vertices = details.points[:, first : first + details.count[0, piece]]
+        points.append(_on_segments(vertices, position_n))
+    found = np.concatenate(points, axis=1)
+    if not found.size:
+        if first_n is None:
             return None
-        found = np.concatenate(points, axis=1)
-        away = found - position_n[:, None]
-        point = found[:, np.argmin((away[:2] ** 2).sum(axis=0))]
-        north, east, _ = (point - position_n).tolist()
-        return Nearest(_over_ground(point - position_n), math.atan2(east, north), point)
-
-
-def _nearest_of(boxes: Boxes, position_n: Array) -> list[int]:
-    if not boxes.bounds.shape[1]:
-        return []
-    return [int(i) for i in np.argsort(boxes.distance(position_n))[:_CANDIDATES]]
+        found = first_n[:, None]
+    away = found - position_n[:, None]
+    away_n = away[:, np.argmin((away[:2] ** 2).sum(axis=0))]
+    return Nearest(_over_ground(away_n), azimuth(away_n), position_n + away_n)
 
 
 def _on_segments(vertices: Array, position_n: Array) -> Array:
@@ -111,23 +96,24 @@ def likely_mistake(plane: TangentPlane, place_n: Array) -> str:
     """
     latitude, longitude, _ = (float(each) for each in plane.geodetic_from_ned(place_n))
     origin = plane.latitude_rad, plane.longitude_rad
-    if _apart_m(origin, (longitude, latitude)) < _HINT_M:
-        return "are latitude and longitude swapped?"
-    for latitude_sign, longitude_sign, name in (
-        (1, -1, "longitude"),
-        (-1, 1, "latitude"),
-        (-1, -1, "latitude and longitude"),
-    ):
-        if _apart_m(origin, (latitude_sign * latitude, longitude_sign * longitude)) < _HINT_M:
-            return f"is the sign of {name} wrong?"
     zones = round(math.degrees(origin[1] - longitude) / _ZONE_DEG)
-    moved = latitude, longitude + math.radians(zones * _ZONE_DEG)
-    if zones and _apart_m(origin, moved) < _HINT_M:
-        zone = int(math.floor(math.degrees(longitude) / _ZONE_DEG) + 30) % 60 + 1
-        return f"is it UTM zone {(zone + zones - 1) % 60 + 1} instead of {zone}?"
-    if _apart_m((0.0, 0.0), (latitude, longitude)) < _HINT_M:
-        return "are its coordinates metres of a local system?"
-    return ""
+    zone = int(math.floor(math.degrees(longitude) / _ZONE_DEG) + 30) % 60 + 1
+    wrong_sign = "is the sign of {} wrong?".format
+    corrections = (
+        ((longitude, latitude), "are latitude and longitude swapped?"),
+        ((latitude, -longitude), wrong_sign("longitude")),
+        ((-latitude, longitude), wrong_sign("latitude")),
+        ((-latitude, -longitude), wrong_sign("latitude and longitude")),
+        (
+            (latitude, longitude + math.radians(zones * _ZONE_DEG)),
+            f"is it UTM zone {(zone + zones - 1) % 60 + 1} instead of {zone}?" if zones else "",
+        ),
+    )
+    for corrected, question in corrections:
+        if question and _apart_m(origin, corrected) < _HINT_M:
+            return question
+    local = _apart_m((0.0, 0.0), (latitude, longitude)) < _HINT_M
+    return "are its coordinates metres of a local system?" if local else ""
 
 
 def _apart_m(one: tuple[float, float], other: tuple[float, float]) -> float:

@@ -1,9 +1,8 @@
 """Project the visible part of a map: cull, clip in the camera frame, then apply the lens model.
 
 Pieces of lines are drawn at the coarsest level of detail within half a pixel of the line. If few
-vertices are in view, all are drawn; if very many, the tolerance grows to 1 or 2 px. Of pieces
-smaller than a pixel one is drawn for each pixel. Pieces lower than half a row become spans of that
-row. Both limits grow with the tolerance.
+vertices are in view, all are drawn; if very many, the tolerance grows to 1 or 2 px. Pieces lower
+than the tolerance become spans of a row.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from tirgeo_ros.core.map.clipping import (
     clip_to_disc,
     clip_to_planes,
     closed,
-    cut_rings_to_disc,
+    cone,
     cut_rings_to_planes,
     disc,
 )
@@ -110,14 +109,9 @@ class View:
         details, eye = vector_map.details, self._eye(pose, far_m)
         piece, whole = details.seen(eye.normals, eye.offsets)
         boxes = details.boxes.take(piece)
-        distance_m = boxes.distance(eye.position_n)
-        level, detail_px = self._levels(details, piece, distance_m)
+        level, detail_px = self._levels(details, piece, boxes.distance(eye.position_n))
         row = self._in_a_row(boxes, whole, eye, detail_px)
-        cut_off = ~whole
-        if detail_px:
-            keep = self._dots(vector_map, piece, boxes, distance_m, eye, 2 * detail_px)
-            whole, row, cut_off = whole & keep, row & keep, cut_off & keep
-        inner, outer = np.flatnonzero(whole & ~row), np.flatnonzero(cut_off)
+        inner, outer = np.flatnonzero(whole & ~row), np.flatnonzero(~whole)
         some = np.concatenate([inner, outer])
         lines, cut = eye.sees(details.lines(piece[some], level[some])).parted(len(inner))
         # Only pieces partly in view are clipped: most lie wholly in view, and clipping takes as
@@ -177,10 +171,11 @@ class View:
         lines = eye.sees(Polylines(lines.points, lines.starts[starts], rings.owner[seen]))
         # Rings wholly in view are not clipped, and already end where they begin.
         inner, outer = lines.parted(int(whole.sum()))
-        flat = _flat(cut_rings_to_planes(outer, self._normals_c[:-1], self._offsets))
+        outer = cut_rings_to_planes(outer, self._normals_c[:-1], self._offsets)
         if self._reaches_past_lens:
-            flat = cut_rings_to_disc(flat, self.camera.max_radius)
-        return self._seen(joined(_flat(inner), closed(flat)))
+            planes = cone(self.camera.max_radius)
+            outer = cut_rings_to_planes(outer, planes, np.zeros(len(planes)))
+        return self._seen(joined(_flat(inner), closed(_flat(outer))))
 
     def _eye(self, pose: CameraPose, far_m: float) -> _Eye:
         rotation_cn = matrix_from_quat(pose.q_nc).T
@@ -200,37 +195,6 @@ class View:
             if details.vertices(piece, level).sum() <= _MANY_VERTICES:
                 break
         return level, detail_px
-
-    def _dots(
-        self,
-        vector_map: VectorMap,
-        piece: IntArray,
-        boxes: Boxes,
-        distance_m: Array,
-        eye: _Eye,
-        dot_px: float,
-    ) -> BoolArray:
-        """Return (N,) which pieces to keep: those smaller than a dot are thinned to one a dot.
-
-        A dot is a square of ``dot_px``. Only pieces that are drawn alike replace each other. Small
-        pieces with their centre outside the image are kept.
-        """
-        keep = np.ones(len(piece), bool)
-        size = 2 * np.sqrt(np.einsum("ij,ij->j", boxes.halves, boxes.halves))
-        small = np.flatnonzero(size * self._px_per_rad < dot_px * distance_m)
-        if not len(small):
-            return keep
-        centres_c = eye.rotation_cn @ boxes.centres[:, small] - eye.offset_c[:, None]
-        uv, valid = self.camera.project(centres_c.T)
-        valid[valid] = self.inside(uv[valid].T)
-        small = small[valid]
-        column, row = np.rint(uv[valid].T / dot_px).astype(np.int64)
-        sheet = _sheet(vector_map, vector_map.details.owner[piece[small]])
-        cell = (sheet * (self.camera.height + 2) + row) * (self.camera.width + 2) + column
-        _, first = np.unique(cell, return_index=True)
-        keep[small] = False
-        keep[small[first]] = True
-        return keep
 
     def _seen(self, flat: Polylines) -> VisibleLines:
         flat = self._bent(flat)

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tirgeo_ros.core.map.polylines import runs
 from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.map.visibility import VisibleLines
+from tirgeo_ros.core.overlay.line_sampling import picked
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 
 _LEAST_WEIGHT_PX = 1e-9  # of a vertex: the visible part of a line may have zero length
@@ -64,9 +64,11 @@ class AnchorFinder:
         kept = line[row[line_owner] >= 0]
         outline = self._outline[chosen] & ~is_mark
         if len(kept):
-            parts = _Parts.of(lines, kept, row[lines.owner[kept]])
-            at = parts.numbers
-            points[:, at], half[:, at] = parts.anchors(outline)
+            number = row[lines.owner[kept]]
+            order = np.argsort(number, kind="stable")
+            parts, number = picked(lines, kept[order]), number[order]
+            at = np.unique(number)
+            points[:, at], half[:, at] = _anchors(parts, number, outline[at])
         return Features(chosen, is_mark, outline, points[:2], points[2:], half)
 
     def _first(
@@ -90,85 +92,66 @@ def _columns(seen: VisibleLines, vertex: IntArray) -> Array:
     return np.concatenate([seen.points.take(vertex, axis=1), seen.rays.take(vertex, axis=1)])
 
 
-@dataclass(frozen=True, slots=True)
-class _Parts:
-    """Hold parts of lines in the order of their features."""
+def _anchors(parts: VisibleLines, number: IntArray, outline: BoolArray) -> tuple[Array, Array]:
+    """Return the label anchors (5, F) of F features, and half their extents (2, F).
 
-    points: Array  # (5, V) pixels and rays
-    linked: BoolArray  # (V,) whether a segment leads to the next vertex
-    row: IntArray  # (V,) index into the F features
-    numbers: IntArray  # (F,) the features' numbers
-    begins: IntArray  # (F,) index of each feature's first vertex
+    ``number`` (lines,) is each part's feature, in rising order; ``outline`` (F,) are closed ones.
+    An anchor is the mean of the visible part, weighted by length, so that it moves smoothly as
+    parts come into view. That of a line is moved to the line, that of an outline into it.
+    """
+    fresh = np.append(True, number[1:] != number[:-1])
+    begins = parts.starts[:-1][fresh]
+    row = np.repeat(np.cumsum(fresh) - 1, np.diff(parts.starts))
+    points, links = np.concatenate([parts.points, parts.rays]), parts.links()
+    low = np.minimum.reduceat(points[:2], begins, axis=1)
+    high = np.maximum.reduceat(points[:2], begins, axis=1)
+    # A vertex weighs as much as half the segments on both sides.
+    length = np.hypot(*(points[:2, 1:] - points[:2, :-1])) * links
+    weight = np.full(points.shape[1], _LEAST_WEIGHT_PX)
+    weight[1:] += length
+    weight[:-1] += length
+    total = np.add.reduceat(points * weight, begins, axis=1)
+    places = total / np.add.reduceat(weight, begins)
+    inside = outline[row[:-1]]
+    for move, begin in ((_move_inside, links & inside), (_move_to_lines, links & ~inside)):
+        if begin.any():
+            move(places, points, row, np.flatnonzero(begin))
+    return places, (high - low) / 2
 
-    @classmethod
-    def of(cls, lines: VisibleLines, which: IntArray, number: IntArray) -> _Parts:
-        """Return the parts of the lines ``which``; ``number`` is the feature of each line."""
-        order = np.argsort(number, kind="stable")
-        which, number = which[order], number[order]
-        first = lines.starts[which]
-        vertex, starts = runs(first, lines.starts[which + 1] - first)
-        fresh = np.append(True, number[1:] != number[:-1])
-        linked = np.ones(len(vertex), bool)
-        linked[starts[1:] - 1] = False
-        row = np.repeat(np.cumsum(fresh) - 1, np.diff(starts))
-        return cls(_columns(lines, vertex), linked, row, number[fresh], starts[:-1][fresh])
 
-    def anchors(self, outline: BoolArray) -> tuple[Array, Array]:
-        """Return the label anchors (5, F) and half the features' extents (2, F).
+def _move_to_lines(places: Array, points: Array, row: IntArray, first: IntArray) -> None:
+    """Move places (5, F) to the nearest points of the segments that begin at these vertices.
 
-        The anchor of an outline is inside it, that of a line on it. Both are near the mean of the
-        visible part, weighted by length, so that they move smoothly as parts come into view.
-        """
-        low = np.minimum.reduceat(self.points[:2], self.begins, axis=1)
-        high = np.maximum.reduceat(self.points[:2], self.begins, axis=1)
-        places, half = self._middle(), (high - low) / 2
-        inside = outline[self.numbers]
-        if inside.any():
-            self._move_inside(places, np.flatnonzero(self.linked & inside[self.row]))
-        if not inside.all():
-            self._move_nearest(places, np.flatnonzero(self.linked & ~inside[self.row]))
-        return places, half
+    ``row`` (V,) is the place of each of the vertices ``points`` (5, V).
+    """
+    start, of = points.take(first, axis=1), row[first]
+    along, to_place = points.take(first + 1, axis=1) - start, places[:2, of] - start[:2]
+    squared = (along[:2] * along[:2]).sum(axis=0) + 1e-9
+    share = np.clip((along[:2] * to_place).sum(axis=0) / squared, 0.0, 1.0)
+    point = start + share * along
+    away = ((point[:2] - places[:2, of]) ** 2).sum(axis=0)
+    farthest_first = np.argsort(-away, kind="stable")  # the nearest is written last and stays
+    places[:, of[farthest_first]] = point[:, farthest_first]
 
-    def _middle(self) -> Array:
-        """Return the mean (5, F); a vertex weighs as much as half the segments on both sides."""
-        step = self.points[:2, 1:] - self.points[:2, :-1]
-        length = np.hypot(*step) * self.linked[:-1]
-        weight = np.full(self.points.shape[1], _LEAST_WEIGHT_PX)
-        weight[1:] += length
-        weight[:-1] += length
-        total = np.add.reduceat(self.points * weight, self.begins, axis=1)
-        return np.asarray(total / np.add.reduceat(weight, self.begins))
 
-    def _move_nearest(self, places: Array, first: IntArray) -> None:
-        """Move places to the nearest points of the segments that begin at these vertices."""
-        start, row = self.points.take(first, axis=1), self.row[first]
-        along, to_place = self.points.take(first + 1, axis=1) - start, places[:2, row] - start[:2]
-        squared = (along[:2] * along[:2]).sum(axis=0) + 1e-9
-        share = np.clip((along[:2] * to_place).sum(axis=0) / squared, 0.0, 1.0)
-        point = start + share * along
-        away = ((point[:2] - places[:2, row]) ** 2).sum(axis=0)
-        farthest_first = np.argsort(-away, kind="stable")  # the nearest is written last and stays
-        places[:, row[farthest_first]] = point[:, farthest_first]
+def _move_inside(places: Array, points: Array, row: IntArray, first: IntArray) -> None:
+    """Move places that are outside their outlines into them, along their pixel rows.
 
-    def _move_inside(self, places: Array, first: IntArray) -> None:
-        """Move places (5, F) that are outside their outlines into them, along their pixel rows.
-
-        ``first`` are the first vertices of the outlines' segments. Where the picture cuts an
-        outline, the row may cross it an odd number of times, or an odd number of times on each
-        side. Then inside and outside cannot be told apart, and the place stays.
-        """
-        above = self.points[1] <= places[1].take(self.row)
-        across = first[above[first] != above[first + 1]]
-        row, start = self.row[across], self.points.take(across, axis=1)
-        rise = self.points.take(across + 1, axis=1) - start
-        point = start + (places[1, row] - start[1]) / rise[1] * rise
-        count = places.shape[1]
-        before = np.bincount(row, point[0] <= places[0, row], count)
-        off = (before % 2 == 0) & (np.bincount(row, minlength=count) % 2 == 0)
-        left = np.flatnonzero(off[row])
-        if len(left):
-            order = left[np.lexsort((point[0, left], row[left]))]
-            begin, end = point[:, order[::2]], point[:, order[1::2]]
-            # To the middle of the widest span, which is written last and stays.
-            widest = np.argsort(end[0] - begin[0], kind="stable")
-            places[:, row[order[::2]][widest]] = ((begin + end) / 2)[:, widest]
+    The arguments are as in ``_move_to_lines``. Where the picture cuts an outline, the pixel row
+    may cross it an odd number of times, or an odd number of times on each side. Then inside and
+    outside cannot be told apart, and the place stays.
+    """
+    above = points[1] <= places[1].take(row)
+    across = first[above[first] != above[first + 1]]
+    of, start = row[across], points.take(across, axis=1)
+    rise = points.take(across + 1, axis=1) - start
+    point = start + (places[1, of] - start[1]) / rise[1] * rise
+    count = places.shape[1]
+    before = np.bincount(of, point[0] <= places[0, of], count)
+    off = (before % 2 == 0) & (np.bincount(of, minlength=count) % 2 == 0)
+    left = np.flatnonzero(off[of])
+    order = left[np.lexsort((point[0, left], of[left]))]
+    begin, end = point[:, order[::2]], point[:, order[1::2]]
+    # To the middle of the widest span, which is written last and stays.
+    widest = np.argsort(end[0] - begin[0], kind="stable")
+    places[:, of[order[::2]][widest]] = ((begin + end) / 2)[:, widest]

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from tirgeo_ros.core.map.layers import Colour
 from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.map.visibility import VisibleLines
-from tirgeo_ros.core.overlay.label_anchors import AnchorFinder, Features
+from tirgeo_ros.core.overlay.label_anchors import AnchorFinder
 from tirgeo_ros.core.overlay.line_renderer import mark_radius_px
-from tirgeo_ros.core.overlay.text_rendering import TEXT_BGR, Box, Colour, stamp, text_px
+from tirgeo_ros.core.overlay.text_rendering import TEXT_BGR, Box, stamp, text_px
 from tirgeo_ros.core.overlay.uncertainty_rendering import Anchors
 from tirgeo_ros.core.types.arrays import Array, Pixels
 
@@ -63,15 +64,20 @@ class Labels:
         room = FreeSpace(image, marks.points[:2], taken)
         places, self._places = self._places, {}
         labels, rows = [], []
-        for row, seen in enumerate(_Feature.all_of(features)):
-            size = stamp(self._texts[seen.number], room.text_px, TEXT_BGR).size
-            last = places.get(seen.number)
-            wish = _wish(seen, size, room.mark_px, last)
+        columns = features.feature, features.mark, features.inside, features.uv.T, features.half.T
+        rows_of = zip(*(each.tolist() for each in columns), strict=True)
+        for row, (number, is_mark, inside, (u, v), half) in enumerate(rows_of):
+            size = stamp(self._texts[number], room.text_px, TEXT_BGR).size
+            last = places.get(number)
+            if is_mark:
+                wish = wish_beside(u, v, size, room.mark_px)
+            else:
+                wish = _wish_on((u, v), half, size, last, inside=inside)
             found = room.find(wish, last)
             if found is None:
                 continue
-            self._places[seen.number] = LabelPlace(wish.places, found[0])
-            labels.append(Label(seen.number, found[1]))
+            self._places[number] = LabelPlace(wish.places, found[0])
+            labels.append(Label(number, found[1]))
             rows.append(row)
             if len(labels) == MOST:
                 break
@@ -85,23 +91,6 @@ class LabelPlace(NamedTuple):
 
     places: _Places
     number: int
-
-
-class _Feature(NamedTuple):
-    """Hold one row of ``Features`` as plain numbers."""
-
-    number: int
-    mark: bool
-    inside: bool
-    u: float
-    v: float
-    half_u: float
-    half_v: float
-
-    @classmethod
-    def all_of(cls, seen: Features) -> Iterator[_Feature]:
-        numbers = [each.tolist() for each in (seen.feature, seen.mark, seen.inside)]
-        return map(cls, *numbers, *seen.uv.tolist(), *seen.half.tolist())
 
 
 class PlacementRequest(NamedTuple):
@@ -123,19 +112,23 @@ def wish_beside(u: float, v: float, size: tuple[int, int], mark_px: float) -> Pl
     return PlacementRequest(u, v, *size, half_u, half_v, True, _BESIDE)
 
 
-def _wish(
-    seen: _Feature, size: tuple[int, int], mark_px: float, last: LabelPlace | None
+def _wish_on(
+    uv: tuple[float, float],
+    half: Sequence[float],
+    size: tuple[int, int],
+    last: LabelPlace | None,
+    *,
+    inside: bool,
 ) -> PlacementRequest:
-    if seen.mark:
-        return wish_beside(seen.u, seen.v, size, mark_px)
+    """Return the wish of a label on its line or inside its outline, or under a small outline."""
     half_u, half_v = size[0] / 2, size[1] / 2
     places: _Places = _ALONG
-    if seen.inside:
+    if inside:
         fits = _STAYS_WITHIN if last is not None and last.places is _WITHIN else 1.0
         places = _WITHIN
-        if seen.half_u < fits * half_u or seen.half_v < fits * half_v:
-            half_u, half_v, places = half_u + seen.half_u, half_v + seen.half_v, _UNDER
-    return PlacementRequest(seen.u, seen.v, *size, half_u, half_v, False, places)
+        if half[0] < fits * half_u or half[1] < fits * half_v:
+            half_u, half_v, places = half_u + half[0], half_v + half[1], _UNDER
+    return PlacementRequest(*uv, *size, half_u, half_v, False, places)
 
 
 class FreeSpace:

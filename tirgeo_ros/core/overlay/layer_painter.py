@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.camera.projection_covariance import CameraRates
+from tirgeo_ros.core.camera.projection_covariance import CameraRates, FrameConfidence
 from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.map.layers import LayerStyle
 from tirgeo_ros.core.map.polylines import joined
@@ -16,11 +16,11 @@ from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.map.visibility import View, VisibleLines
 from tirgeo_ros.core.overlay.label_placement import UNCERTAIN_BGR, Labels
 from tirgeo_ros.core.overlay.line_renderer import LineRenderer, mark_radius_px, marks_as_lines
-from tirgeo_ros.core.overlay.line_sampling import each, picked
+from tirgeo_ros.core.overlay.line_sampling import picked
 from tirgeo_ros.core.overlay.text_rendering import TEXT_BGR, Box, stamp, text_px
 from tirgeo_ros.core.overlay.uncertainty_rendering import (
     ELLIPSE_BGR,
-    Confidence,
+    marked,
     with_marks,
 )
 from tirgeo_ros.core.types.arrays import Pixels
@@ -56,7 +56,7 @@ class LayerPainter:
         sigmas = np.array(given, float)[vector_map.layer]
         self._sigmas = None if np.isnan(sigmas).all() else sigmas
         self._painter = painter or LineRenderer()
-        self._confidence = Confidence(config)
+        self._config = config
         self._labels = Labels(vector_map)
         #: Whether some layers have a limited scale range.
         self.minds_scale = any(some != LayerStyle().scale_m_px for some in ranges)
@@ -90,17 +90,14 @@ class LayerPainter:
         """
         areas, lines, marks, _ = seen
         of = self._map.layer
-        frame = self._confidence.frame(view.camera, pose, rates)
-        sigmas = each(self._sigmas, lines.owner)
+        frame = FrameConfidence(self._config, view.camera, pose, rates)
         self._painter.areas(image, areas, of[areas.owner], self._styles, view.reached)
-        self._confidence.paint_bands(image, frame, lines, of[lines.owner], self._styles, sigmas)
         labels, points = self._labels.place(image, lines, marks, taken)
-        anchors = with_marks(points, marks, view.camera)
-        marked = self._confidence.marked(
-            frame, lines, anchors, mark_radius_px(image), self._sigmas
+        anchors, radius_px = with_marks(points, marks), mark_radius_px(image)
+        lines_px, opacity, outlines, unknown = marked(
+            self._config, frame, lines, anchors, radius_px, self._sigmas
         )
-        lines_px, opacity, outlines, unknown = marked
-        diamonds = marks_as_lines(marks, mark_radius_px(image))
+        diamonds = marks_as_lines(marks, radius_px)
         # Ellipses first, so that the marks, which are the true places, are drawn over them.
         self._painter.thin_strokes(image, outlines, ELLIPSE_BGR)
         ink = joined(lines_px, diamonds)

@@ -11,17 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.camera.projection_covariance import FrameConfidence
 from tirgeo_ros.core.map.polylines import Polylines, joined, runs
 from tirgeo_ros.core.map.visibility import VisibleLines
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 
 #: The uncertainty changes little over this length of a line.
 STEP_PX = 48.0
-#: A narrower band (half-width) is hidden by the line itself.
-LEAST_BAND_PX = 2.0
-# Cosine of half the turn at a vertex, below which the band becomes narrower there.
-_SHARPEST = 0.5
 
 
 class Samples(NamedTuple):
@@ -80,11 +75,6 @@ def _lengths(lines: VisibleLines) -> Array:
     return np.asarray(np.maximum(*np.abs(step, out=step)))
 
 
-def each(sigma_m: Array | None, line: IntArray | BoolArray) -> Array | None:
-    """Return the values of lines (lines,) for samples on them."""
-    return None if sigma_m is None else sigma_m[line]
-
-
 def cut(lines: Polylines, some: Samples, value: Array) -> tuple[Polylines, IntArray]:
     """Cut the lines where the value of the interval between two samples changes.
 
@@ -104,43 +94,6 @@ def cut(lines: Polylines, some: Samples, value: Array) -> tuple[Polylines, IntAr
     index = np.arange(starts[-1]) + np.repeat(begin - starts[:-1], count)
     owner = lines.owner[some.line[first]]
     return Polylines(lines.points[:2].take(index, axis=1), starts, owner), first
-
-
-def ribbons(
-    frame: FrameConfidence,
-    lines: VisibleLines,
-    some: Samples,
-    sigma_m: Array | None,
-    most_px: float,
-) -> Array:
-    """Return the corners (S - 1, 4, 2) of the band between each sample and the next, pixels.
-
-    nan between two lines, and where the line itself hides the band.
-    """
-    uv = lines.points.take(some.vertex, axis=1)
-    normals, sharpness = _normals(uv, some.links())
-    half = frame.half_width_95(lines.rays.take(some.vertex, axis=1), normals, sigma_m)
-    half = np.fmin(half, most_px)  # fmin turns nan, an unknown width, into the largest
-    aside = normals * (half / sharpness)
-    corners = np.stack([uv + aside, uv - aside]).transpose(2, 0, 1)  # (S, 2, 2)
-    quads = np.concatenate([corners[:-1], corners[1:, ::-1]], axis=1)
-    seen = some.links() & (np.maximum(half[:-1], half[1:]) >= LEAST_BAND_PX)
-    return np.where(seen[:, None, None], quads, np.nan)
-
-
-def _normals(uv: Array, links: BoolArray) -> tuple[Array, Array]:
-    """Return unit normals (2, S) of lines at samples, and the cosine of half the turn there."""
-    step = np.where(links, np.diff(uv, axis=1), 0.0)
-    step /= np.maximum(np.hypot(*step), 1e-9)
-    none = np.zeros((2, 1))
-    before, after = np.hstack([none, step]), np.hstack([step, none])
-    ends = ~(before.any(axis=0) & after.any(axis=0))
-    along = before + after
-    length = np.hypot(*along)
-    back = length < 1e-6  # a line that turns back on itself
-    along = np.where(back, after, along) / np.where(back, 1.0, length)
-    sharpness = np.where(ends, 1.0, np.clip(length / 2, _SHARPEST, 1.0))
-    return np.stack([-along[1], along[0]]), sharpness
 
 
 def fading(

@@ -11,10 +11,11 @@ from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.map.distance import (
     ELSEWHERE_M,
-    NearestFeature,
+    Nearest,
     compass_word,
     distance_words,
     likely_mistake,
+    nearest_feature,
     way_words,
 )
 from tirgeo_ros.core.map.vector_map import VectorMap
@@ -24,53 +25,43 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.poses import CameraPose
 
 _MOVED_M, _MOVED_PART = 1.0, 0.05  # of the distance to the map
-_TURNED = math.cos(math.radians(2.0))  # of the optical axis
 _GRID = 5  # pixels along each side of the picture
 
 
 class MapAbsence:
-    """Explain why one map is not in view; recompute once the camera has moved or turned."""
+    """Explain why one map is not in view; search it again once the camera has moved."""
 
     def __init__(
         self, vector_map: VectorMap, plane: TangentPlane, first_n: Array | None = None
     ) -> None:
         """Set the map; ``first_n`` (3,) is a point of it, used if nothing lies on the ground."""
-        self._whereabouts = NearestFeature(vector_map, first_n)
+        self._map, self._first_n = vector_map, first_n
         self._off_ground = not (len(vector_map.lines) or len(vector_map.marks))
         self._plane = plane
-        self._last_answer: tuple[Camera, Array, Array, float, str] | None = None
+        self._searched_from_n = np.full(3, np.inf)
+        self._nearest: Nearest | None = None
 
     def why(self, camera: Camera, pose: CameraPose, far_m: float) -> str:
         """Return the reason for a pose in the map's plane; ground is drawn up to ``far_m``."""
-        axis = matrix_from_quat(pose.q_nc)[:, 2]
-        if self._last_answer is not None:
-            seen_by, position_n, before, reach_m, words = self._last_answer
-            moved_m = float(np.linalg.norm(pose.position_n - position_n))
-            if seen_by == camera and moved_m < reach_m and float(axis @ before) > _TURNED:
-                return words
-        distance_m, words = self._why(camera, pose, far_m)
-        reach_m = max(_MOVED_M, _MOVED_PART * distance_m)
-        self._last_answer = camera, pose.position_n, axis, reach_m, words
-        return words
-
-    def _why(self, camera: Camera, pose: CameraPose, far_m: float) -> tuple[float, str]:
-        nearest = self._whereabouts.nearest(pose.position_n)
-        if nearest is None:
-            return math.inf, "it has no place"
-        distance_m, azimuth_rad, point_n = nearest
+        moved_m = math.dist(pose.position_n, self._searched_from_n)
+        near_m = self._nearest.distance_m if self._nearest else 0.0
+        if moved_m > max(_MOVED_M, _MOVED_PART * near_m):
+            self._nearest = nearest_feature(self._map, pose.position_n, self._first_n)
+            self._searched_from_n = pose.position_n
+        if self._nearest is None:
+            return "it has no place"
+        distance_m, azimuth_rad, point_n = self._nearest
+        lead = f"map {way_words(distance_m, azimuth_rad)}"
         if distance_m > ELSEWHERE_M:
             question = likely_mistake(self._plane, point_n)
-            lead = f"map {way_words(distance_m, azimuth_rad)}"
-            return distance_m, f"{lead}; {question}" if question else lead
+            return f"{lead}; {question}" if question else lead
         if self._off_ground:
-            return distance_m, "none of the map lies on the elevation model"
+            return "none of the map lies on the elevation model"
         if _looks_above_horizon(camera, pose):
-            return distance_m, "the camera looks above the horizon"
-        lead = f"map {way_words(distance_m, azimuth_rad)}"
+            return "the camera looks above the horizon"
         if distance_m > far_m:
-            return distance_m, f"{lead}; it is drawn up to {distance_words(far_m)}"
-        looks = compass_word(camera_heading_rad(pose))
-        return distance_m, f"{lead}; the camera looks {looks}"
+            return f"{lead}; it is drawn up to {distance_words(far_m)}"
+        return f"{lead}; the camera looks {compass_word(camera_heading_rad(pose))}"
 
 
 def _looks_above_horizon(camera: Camera, pose: CameraPose) -> bool:

@@ -209,15 +209,30 @@ class Overlay:
     def _finished(
         self, frame: Frame, now_ns: int, pose: CameraPose | Miss, obstacle: str
     ) -> OverlayResult:
-        exposure_ns, predicted_s = frame.stamp_ns - self._latency_ns, 0.0
+        exposure_ns, predicted_s, above_m = frame.stamp_ns - self._latency_ns, 0.0, math.nan
         if not obstacle and pose is Miss.TOO_NEW:
             pose, predicted_s = self._predicted(exposure_ns)
         if not obstacle and isinstance(pose, Miss):
             obstacle = self._why_no_pose(pose, exposure_ns)
         image = self._picture(frame)
-        if obstacle or isinstance(pose, Miss):
-            return self._without_map(frame, image, now_ns, obstacle)
-        return self._with_map(frame, image, now_ns, pose, predicted_s)
+        shown_pose = None if obstacle or isinstance(pose, Miss) else pose
+        if shown_pose is None:
+            notice = self._without_map(frame, image, obstacle)
+        else:
+            notice, above_m = self._with_map(frame, image, shown_pose)
+            self._results["predicted"] += predicted_s > 0
+        fields = status_line(
+            self._status,
+            (now_ns - frame.stamp_ns) * 1e-9,
+            self.frames.rate_hz,
+            predicted_s,
+            self.frames.counts["replaced"],
+            above_m,
+            self._verdict.severity,
+        )
+        paint_status(image, fields)
+        camera = self._drawing.camera
+        return OverlayResult(frame.stamp_ns, image, shown_pose, notice, camera, predicted_s)
 
     def _predicted(self, exposure_ns: int) -> tuple[CameraPose | Miss, float]:
         """Return a pose extrapolated from the last ones, and by how much, s; a Miss if too far.
@@ -237,9 +252,8 @@ class Overlay:
         fits = self._camera and image.shape[:2] == (self._camera.height, self._camera.width)
         return self._rectifier.rectified(image) if self._rectifier and fits else image
 
-    def _without_map(
-        self, frame: Frame, image: Pixels, now_ns: int, obstacle: str
-    ) -> OverlayResult:
+    def _without_map(self, frame: Frame, image: Pixels, obstacle: str) -> str:
+        """Write why there is no map; return the notice."""
         self._results["notices"] += 1
         notice = f"NO MAP YET: {obstacle}" if obstacle == _READING else f"NO MAP: {obstacle}"
         severity, words = self._verdict
@@ -249,44 +263,20 @@ class Overlay:
             verdict.paint(image)
             below = verdict.box.bottom
         paint_notice(image, notice, below)
-        self._paint_status(image, frame, now_ns)
-        camera = self._drawing.camera
-        if camera is not None:
-            self.clicks.show(frame.stamp_ns, camera, None)
-        return OverlayResult(frame.stamp_ns, image, None, notice, camera)
+        if self._drawing.camera is not None:
+            self.clicks.show(frame.stamp_ns, self._drawing.camera, None)
+        return notice
 
-    def _with_map(
-        self, frame: Frame, image: Pixels, now_ns: int, pose: CameraPose, predicted_s: float
-    ) -> OverlayResult:
-        camera = self._drawing.camera
-        assert camera is not None
+    def _with_map(self, frame: Frame, image: Pixels, pose: CameraPose) -> tuple[str, float]:
+        """Draw the map; return a notice if none of it is in view, and the height above ground."""
+        assert self._drawing.camera is not None
         self._results["drawn"] += 1
-        self._results["predicted"] += predicted_s > 0
         rates = self._rates(pose)
-        self.clicks.show(frame.stamp_ns, camera, pose, rates)
-        markers = self.clicks.markers()
-        drawn = self._drawing.draw(image, pose, rates, markers, self._verdict)
-        self._paint_status(image, frame, now_ns, predicted_s, drawn.above_m)
-        notice = f"NO MAP IN VIEW: {drawn.absence}" if drawn.absence else ""
-        return OverlayResult(frame.stamp_ns, image, pose, notice, camera, predicted_s)
+        self.clicks.show(frame.stamp_ns, self._drawing.camera, pose, rates)
+        drawn = self._drawing.draw(image, pose, rates, self.clicks.markers(), self._verdict)
+        return f"NO MAP IN VIEW: {drawn.absence}" if drawn.absence else "", drawn.above_m
 
     def _rates(self, pose: CameraPose) -> CameraRates | None:
         """Return the camera's rates up to a pose; None if they are not known."""
         before = self.poses.at(pose.stamp_ns - _RATES_NS)
         return None if isinstance(before, Miss) else CameraRates.between(before, pose)
-
-    def _paint_status(
-        self,
-        image: Pixels,
-        frame: Frame,
-        now_ns: int,
-        predicted_s: float = 0.0,
-        above_m: float = math.nan,
-    ) -> None:
-        age_s = (now_ns - frame.stamp_ns) * 1e-9
-        dropped = self.frames.counts["replaced"]
-        rate_hz = self.frames.rate_hz
-        fields = status_line(
-            self._status, age_s, rate_hz, predicted_s, dropped, above_m, self._verdict.severity
-        )
-        paint_status(image, fields)

@@ -62,9 +62,7 @@ def ground_sample_m(
 ) -> float:
     """Return the ground length, m, that the picture's middle pixel spans along its row, or nan."""
     u, v = (camera.width - 1) / 2, (camera.height - 1) / 2
-    row = _Row.of(camera, u - 0.5, u + 0.5, v, 2)
-    away_m = _away_m(row, _height_m(camera, pose, plane, ground, row.middle), pose)
-    return float(away_m[-1])
+    return float(_away_m(camera, pose, plane, ground, (u - 0.5, u + 0.5, v, 2))[1][-1])
 
 
 def scale_bar(
@@ -75,56 +73,51 @@ def scale_bar(
     Its length is the largest of 1, 2 and 5 times a power of ten, m, that fits into a quarter of
     the picture's width. On an elevation model the ground is assumed level along the bar.
     """
-    part = _Row.of(camera, left, left + _LONGEST_PART * camera.width, row, _SAMPLES)
-    away_m = _away_m(part, _height_m(camera, pose, plane, ground, part.middle), pose)
+    part = left, left + _LONGEST_PART * camera.width, row, _SAMPLES
+    u, away_m = _away_m(camera, pose, plane, ground, part)
     if not (away_m[1:] > away_m[:-1]).all():  # nan compares false
         return None
     power = 10.0 ** math.floor(math.log10(away_m[-1]))
     length_m = max(step * power for step in (1, 2, 5) if step * power <= away_m[-1])
-    right = float(np.interp(length_m, away_m, part.u))
+    right = float(np.interp(length_m, away_m, u))
     is_long = right - left >= _SHORTEST_PART * camera.width
     return ScaleBar(left, right, row, length_m) if is_long else None
 
 
-@dataclass(frozen=True)
-class _Row:
-    """Hold some pixels of a row."""
-
-    u: Array  # (N,)
-    rays: Array  # (N, 3) in the optical frame, z = 1
-    middle: Array  # (2,) one of them
-
-    @staticmethod
-    @lru_cache(maxsize=8)
-    def of(camera: Camera, left: float, right: float, row: float, count: int) -> _Row:
-        """Return the pixels, cached: each frame needs the same, and undistortion is slow."""
-        uv = np.column_stack([np.linspace(left, right, count), np.full(count, row)])
-        return _Row(uv[:, 0], camera.rays(uv), uv[count // 2])
+@lru_cache(maxsize=8)  # each frame needs the same, and undistortion is slow
+def _row(camera: Camera, left: float, right: float, row: float, count: int) -> tuple[Array, Array]:
+    """Return pixels (N, 2) at equal steps along a row, and their rays (N, 3), z = 1."""
+    uv = np.column_stack([np.linspace(left, right, count), np.full(count, row)])
+    return uv, camera.rays(uv)
 
 
-def _away_m(row: _Row, height_m: float, pose: CameraPose) -> Array:
-    """Return (N,) distances from the row's first ground point, m; all nan if not all see ground.
+def _away_m(
+    camera: Camera,
+    pose: CameraPose,
+    plane: TangentPlane,
+    ground: Ground,
+    part: tuple[float, float, float, int],
+) -> tuple[Array, Array]:
+    """Return the columns (N,) of a part of a row, and distances (N,) from its first ground point.
 
-    The ground is flat here: neglecting the curvature of the earth and the map's plane changes a
-    length by less than 0.1 %, seen from 100 m up, 1 km from the map's origin.
+    ``part`` is its first and last column, its row and N. All distances are nan if not all of it
+    sees ground. The ground is flat here, on an elevation model at the height of the middle pixel:
+    neglecting the curvature of the earth and the map's plane changes a length by less than 0.1 %,
+    seen from 100 m up, 1 km from the map's origin.
     """
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ways = height_m / (row.rays @ matrix_from_quat(pose.q_nc)[2])
-        points_c = ways[:, None] * row.rays
-    if not ((ways > 0) & np.isfinite(ways)).all():
-        return np.full(len(ways), np.nan)
-    away = points_c - points_c[0]
-    return np.asarray(np.sqrt((away * away).sum(axis=1)))
-
-
-def _height_m(
-    camera: Camera, pose: CameraPose, plane: TangentPlane, ground: Ground, uv: Array
-) -> float:
-    """Return the camera's height over the ground, m; on a DEM, over a pixel's (2,) hit."""
+    uv, rays = _row(camera, *part)
     if isinstance(ground, Terrain):
-        points, _ = locate(camera, pose, uv[None], plane, ground)
-        return float(points[0, 2] - pose.position_n[2])
-    return height_above_m(pose, plane, ground)
+        points, _ = locate(camera, pose, uv[len(uv) // 2, None], plane, ground)
+        height_m = float(points[0, 2] - pose.position_n[2])
+    else:
+        height_m = height_above_m(pose, plane, ground)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ways = height_m / (rays @ matrix_from_quat(pose.q_nc)[2])
+        points_c = ways[:, None] * rays
+    if not ((ways > 0) & np.isfinite(ways)).all():
+        return uv[:, 0], np.full(len(ways), np.nan)
+    away = points_c - points_c[0]
+    return uv[:, 0], np.sqrt((away * away).sum(axis=1))
 
 
 def height_above_m(pose: CameraPose, plane: TangentPlane, ground: Ground) -> float:

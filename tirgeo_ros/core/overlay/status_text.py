@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import math
 
+from tirgeo_ros.core.map.layers import Colour
 from tirgeo_ros.core.overlay.text_boxes import NOTICE_BGR, Field
-from tirgeo_ros.core.overlay.text_rendering import TEXT_BGR, Colour
+from tirgeo_ros.core.overlay.text_rendering import TEXT_BGR
 from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.core.types.measurements import FixStatus
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus

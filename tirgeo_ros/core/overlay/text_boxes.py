@@ -9,11 +9,11 @@ from functools import lru_cache
 
 import cv2
 
+from tirgeo_ros.core.map.layers import Colour
 from tirgeo_ros.core.overlay.text_rendering import (
     LONGEST,
     TEXT_BGR,
     Box,
-    Colour,
     TextBitmap,
     line_px,
     passing_stamp,
@@ -40,7 +40,7 @@ class Field:
     text: str
     colour: Colour = TEXT_BGR
     detail: str = ""  # follows the text; cut if the line is too long
-    spare: bool = False  # left out first if the line is too long
+    spare: bool = False  # left out first if the line is too long; they are the last fields
 
 
 def status_box(image: Pixels) -> Box:
@@ -71,35 +71,30 @@ def fitted(fields: Sequence[Field], width_px: int, size_px: int) -> list[Field]:
     The first field stays.
     """
     kept = list(fields)
-    if _excess_px(kept, width_px, size_px) <= 0:
-        return kept
-    for spare in [field for field in reversed(fields) if field.spare]:
-        if _excess_px(kept, width_px, size_px) > 0:
-            kept.remove(spare)
+
+    def excess_px() -> int:
+        gaps = round(_GAP_PARTS * size_px) * (len(kept) - 1) + 2 * round(_EDGE_PARTS * size_px)
+        return sum(_written(each, size_px).size[0] for each in kept) + gaps - width_px
+
+    while excess_px() > 0 and kept[-1].spare:
+        kept.pop()
     for number, field in enumerate(kept):
-        excess_px = _excess_px(kept, width_px, size_px)
-        if excess_px > 0 and field.detail:
-            kept[number] = _cut(field, _written(field, size_px).size[0] - excess_px, size_px)
-    while len(kept) > 1 and _excess_px(kept, width_px, size_px) > 0:
+        excess = excess_px()
+        if excess > 0 and field.detail:
+            kept[number] = _cut(field, _written(field, size_px).size[0] - excess, size_px)
+    while len(kept) > 1 and excess_px() > 0:
         kept.pop()
     return kept
 
 
-def _excess_px(fields: Sequence[Field], width_px: int, size_px: int) -> int:
-    written = sum(_written(field, size_px).size[0] for field in fields)
-    between = round(_GAP_PARTS * size_px) * (len(fields) - 1)
-    return written + between + 2 * round(_EDGE_PARTS * size_px) - width_px
-
-
 def _cut(field: Field, width_px: int, size_px: int) -> Field:
     """Return the field with as much of its detail as fits, or with none."""
-
-    def cut_at(length: int) -> Field:
-        return replace(field, detail=field.detail[:length].rstrip(" ,:") + "\u2026")
-
-    lengths = range(_LEAST_DETAIL, min(len(field.detail), LONGEST))
-    fits = bisect_right(lengths, width_px, key=lambda n: _written(cut_at(n), size_px).size[0])
-    return cut_at(lengths[fits - 1]) if fits else replace(field, detail="")
+    cut_fields = [
+        replace(field, detail=field.detail[:length].rstrip(" ,:") + "\u2026")
+        for length in range(_LEAST_DETAIL, min(len(field.detail), LONGEST))
+    ]
+    fits = bisect_right(cut_fields, width_px, key=lambda each: _written(each, size_px).size[0])
+    return cut_fields[fits - 1] if fits else replace(field, detail="")
 
 
 def _written(field: Field, size_px: int) -> TextBitmap:

@@ -1,13 +1,12 @@
 """Render text in any script as small bitmaps, each rendered once and then copied to pictures.
 
 OpenCV 5 writes UTF-8 with its own typeface. OpenCV 4 writes only ASCII, so there Pillow is used,
-with a typeface of the system, or with ASCII only if the system has none.
+with a typeface of the system.
 """
 
 from __future__ import annotations
 
 import contextlib
-import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -15,11 +14,11 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
+from PIL import Image, ImageDraw, ImageFont
 
+from tirgeo_ros.core.map.layers import Colour
 from tirgeo_ros.core.types.arrays import Pixels
-from tirgeo_ros.core.types.errors import ConfigError, cut
-
-Colour = tuple[int, int, int]
+from tirgeo_ros.core.types.errors import cut
 
 TEXT_BGR: Colour = (255, 255, 255)
 LONGEST = 60  # characters
@@ -140,10 +139,7 @@ def composed(width: int, height: int, parts: Sequence[tuple[TextBitmap, int, int
 
 
 def coverage(text: str, size_px: int) -> Pixels:
-    """Return the coverage of a text by ink, (h, w), 0 to 255, with a margin for the halo.
-
-    Raises ConfigError if neither OpenCV 5 nor Pillow is installed.
-    """
+    """Return the coverage of a text by ink, (h, w), 0 to 255, with a margin for the halo."""
     if hasattr(cv2, "FontFace"):
         return _by_opencv(cv2, text, size_px)
     return _by_pillow(text, size_px)
@@ -170,14 +166,7 @@ def _opencv_face(cv: Any) -> Any:
 
 
 def _by_pillow(text: str, size_px: int) -> Pixels:
-    try:
-        from PIL import Image, ImageDraw  # noqa: PLC0415  # needed with OpenCV 4 alone
-    except ImportError:
-        raise ConfigError(
-            "labels need OpenCV 5 or Pillow; install one: pip install pillow"
-        ) from None
-    font, universal = _pillow_font(size_px)
-    text = text if universal else _plain(text)
+    font = _pillow_font(size_px)
     left, top, right, bottom = map(round, font.getbbox(text, anchor="ls"))
     sheet, base = _sheet(size_px, right - left, top, bottom)
     image = Image.fromarray(sheet)
@@ -187,17 +176,9 @@ def _by_pillow(text: str, size_px: int) -> Pixels:
 
 
 @lru_cache(maxsize=8)
-def _pillow_font(size_px: int) -> tuple[Any, bool]:
-    """Return a system typeface, else Pillow's own, and whether it covers more than ASCII."""
-    from PIL import ImageFont  # noqa: PLC0415
-
+def _pillow_font(size_px: int) -> Any:
+    """Return a system typeface, else Pillow's own, which has few letters beyond ASCII."""
     for name in _SYSTEM_FONTS:
         with contextlib.suppress(OSError):
-            return ImageFont.truetype(name, size_px), True
-    return ImageFont.load_default(size_px), False
-
-
-def _plain(text: str) -> str:
-    """Return the text in ASCII: letters without accents, a question mark for the rest."""
-    bare = (c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c))
-    return "".join(c if c.isascii() else "?" for c in bare)
+            return ImageFont.truetype(name, size_px)
+    return ImageFont.load_default(size_px)

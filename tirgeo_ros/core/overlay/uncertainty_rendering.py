@@ -1,4 +1,4 @@
-"""Draw the overlay's own uncertainty: lines that fade or have a band, and ellipses.
+"""Draw the overlay's own uncertainty: lines that fade, and ellipses.
 
 A faded line shows that a feature exists, but no longer where. Ellipses are drawn only at points,
 dashed, in a colour of their own, and left out where the mark is about as large. Where an ellipse
@@ -8,27 +8,21 @@ its feature is ``uncertain``: its label is grey.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 
-from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import (
-    CameraRates,
     FrameConfidence,
     ellipse_95,
     matrices,
     radius_95,
 )
 from tirgeo_ros.core.config.overlay import ConfidenceConfig
-from tirgeo_ros.core.map.layers import LayerStyle
 from tirgeo_ros.core.map.polylines import Polylines, runs
 from tirgeo_ros.core.map.visibility import VisibleLines
-from tirgeo_ros.core.overlay.line_sampling import each, fading, ribbons, sampled
-from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray, Pixels
-from tirgeo_ros.core.types.poses import CameraPose
+from tirgeo_ros.core.overlay.line_sampling import fading
+from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 
 #: Number of equal steps in which opacity falls from 1 to FAINTEST, at the configured radius.
 FADE_STEPS = 3
@@ -39,8 +33,6 @@ MARK_TIMES = 1.5
 #: The largest number of ellipses, the same as of labels.
 MOST_ELLIPSES = 40
 
-_BAND_STEP_PX = 16.0
-_BAND_OPACITY = 0.25
 #: Not the default colour of any layer or click: an ellipse is an uncertainty, not a place.
 ELLIPSE_BGR = (255, 175, 215)
 _CORNERS = 48  # of an ellipse
@@ -67,123 +59,60 @@ class Marked(NamedTuple):
     uncertain: BoolArray  # (anchors,) the ellipse is over half the picture long, or not known
 
 
-class Confidence:
-    """Draw the overlay's uncertainty as configured."""
+def marked(
+    config: ConfidenceConfig,
+    frame: FrameConfidence,
+    lines: VisibleLines,
+    anchors: Anchors,
+    mark_radius_px: float,
+    sigma_m: Array | None = None,
+) -> Marked:
+    """Return faded lines, and the ellipses of anchors that are clearly larger than a mark.
 
-    def __init__(self, config: ConfidenceConfig) -> None:
-        self._config = config
-
-    def frame(
-        self, camera: Camera, pose: CameraPose, rates: CameraRates | None = None
-    ) -> FrameConfidence:
-        """Return the errors of one frame, from pose and rates at its exposure."""
-        return FrameConfidence(self._config, camera, pose, rates)
-
-    def marked(
-        self,
-        frame: FrameConfidence,
-        lines: VisibleLines,
-        anchors: Anchors,
-        mark_radius_px: float,
-        sigma_m: Array | None = None,
-    ) -> Marked:
-        """Return faded lines, and the ellipses of anchors that are clearly larger than a mark.
-
-        ``sigma_m`` (features,) is the standard deviation of the map's layers, nan if not given.
-        Lines with a band fade too: a strong line in the middle of a broad band would still be
-        trusted. If lines are configured to show nothing, they are returned unchanged. If ellipses
-        are switched off, there are no outlines, but ``uncertain`` is still computed.
-        """
-        fades = self._config.lines != "none" and len(lines)
-        rays, owner, count = anchors.rays, anchors.owner, len(anchors.owner)
-        if fades:
-            of_lines, owners, cut_by = fading(lines)
-            rays = np.concatenate([rays, of_lines], axis=1)
-            owner = np.concatenate([owner, owners])
-        # One call for all points: for so few, most of the time is call overhead.
-        spread, linear = frame.spread(rays, each(sigma_m, owner), closely=count)
-        ellipses = self._ellipses(frame.camera, anchors, spread[:, :count], linear, mark_radius_px)
-        if not fades:
-            return Marked(lines, np.ones(len(lines)), *ellipses)
-        radius_px = radius_95(spread[:, count:])
-        # fmin turns nan, an unknown radius, into the faintest step.
-        step = np.fmin(np.floor(radius_px * (FADE_STEPS / self._config.fade_px)), FADE_STEPS)
-        return Marked(*cut_by(1 - step * ((1 - FAINTEST) / FADE_STEPS)), *ellipses)
-
-    def paint_bands(
-        self,
-        image: Pixels,
-        frame: FrameConfidence,
-        lines: VisibleLines,
-        layer: IntArray,
-        styles: Sequence[LayerStyle],
-        sigma_m: Array | None = None,
-    ) -> None:
-        """Tint (h, w, 3) the bands that hold the true line with 95 %, if bands are configured.
-
-        ``layer`` (lines,) is the index of each line's style, whose colour the band has. No band
-        is wider than half the picture.
-        """
-        if self._config.lines != "band" or not len(lines):
-            return
-        lines, some = sampled(lines, _BAND_STEP_PX)
-        most_px = min(image.shape[:2]) / 4
-        quads = ribbons(frame, lines, some, each(sigma_m, some.line), most_px)
-        of_quad = layer[some.line[:-1]]
-        wide = np.isfinite(quads).all(axis=(1, 2))
-        for number in np.unique(of_quad[wide]).tolist():
-            mask = np.zeros(image.shape[:2], np.uint8)  # blend once where quads overlap
-            for quad in np.rint(quads[wide & (of_quad == number)]).astype(np.int32):
-                cv2.fillConvexPoly(mask, quad, (255,))
-            cv2.copyTo(cv2.convertScaleAbs(image, alpha=1 - _BAND_OPACITY), mask, image)
-            light = np.array([*styles[number].line_bgr, 0.0]) * _BAND_OPACITY
-            cv2.add(image, light, dst=image, mask=mask)
-
-    def _ellipses(
-        self,
-        camera: Camera,
-        anchors: Anchors,
-        spread: Array,
-        linear: BoolArray,
-        mark_radius_px: float,
-    ) -> tuple[Polylines, BoolArray]:
-        semi_px, angle = ellipse_95(matrices(spread))
-        most_px = min(camera.width, camera.height) / 4
-        uncertain = ~(linear & (semi_px[:, 0] <= most_px))
-        drawn = anchors.mark & (semi_px[:, 0] >= MARK_TIMES * mark_radius_px)  # nan: not drawn
-        chosen = np.flatnonzero(drawn & self._config.ellipses)
-        semi_px, owner = semi_px[chosen], anchors.owner[chosen]
-        uv, within_px = anchors.uv[:, chosen], np.minimum(semi_px, most_px)
-        dashes = ellipse_dashes(uv, within_px, angle[chosen], owner, uncertain[chosen])
-        return dashes, uncertain
-
-
-def with_marks(labelled: Anchors, marks: VisibleLines, camera: Camera) -> Anchors:
-    """Return the anchors of labels and those of other marks: all marks, if they are not too many.
-
-    Else one in each part of the picture that has none yet, up to MOST_ELLIPSES in total.
+    ``sigma_m`` (features,) is the standard deviation of the map's layers, nan if not given.
+    With ``lines: none`` they are returned unchanged. Without ``ellipses`` there are no outlines,
+    but ``uncertain`` is still computed.
     """
-    if not len(marks):
-        return labelled
+    fades = config.lines != "none" and len(lines)
+    rays, owner, count = anchors.rays, anchors.owner, len(anchors.owner)
+    if fades:
+        of_lines, owners, cut_by = fading(lines)
+        rays = np.concatenate([rays, of_lines], axis=1)
+        owner = np.concatenate([owner, owners])
+    # One call for all points: for so few, most of the time is call overhead.
+    spread, linear = frame.spread(rays, None if sigma_m is None else sigma_m[owner], count)
+    semi_px, angle = ellipse_95(matrices(spread[:, :count]))
+    most_px = min(frame.camera.width, frame.camera.height) / 4
+    uncertain = ~(linear & (semi_px[:, 0] <= most_px))
+    drawn = anchors.mark & (semi_px[:, 0] >= MARK_TIMES * mark_radius_px)  # nan: not drawn
+    chosen = np.flatnonzero(drawn & config.ellipses)
+    dashes = ellipse_dashes(
+        anchors.uv[:, chosen],
+        np.minimum(semi_px[chosen], most_px),
+        angle[chosen],
+        anchors.owner[chosen],
+        uncertain[chosen],
+    )
+    if not fades:
+        return Marked(lines, np.ones(len(lines)), dashes, uncertain)
+    radius_px = radius_95(spread[:, count:])
+    # fmin turns nan, an unknown radius, into the faintest step.
+    step = np.fmin(np.floor(radius_px * (FADE_STEPS / config.fade_px)), FADE_STEPS)
+    return Marked(*cut_by(1 - step * ((1 - FAINTEST) / FADE_STEPS)), dashes, uncertain)
+
+
+def with_marks(labelled: Anchors, marks: VisibleLines) -> Anchors:
+    """Return the anchors of labels and those of the nearest other marks, ``MOST_ELLIPSES``."""
     others = np.flatnonzero(~np.isin(marks.owner, labelled.owner))
-    uv = np.concatenate([labelled.uv, marks.points[:, others]], axis=1)
-    kept, labels = _spread_out(uv, camera), len(labelled.owner)
-    others = others[(kept[kept >= labels] - labels)[: max(MOST_ELLIPSES - labels, 0)]]
-    rays = np.concatenate([labelled.rays, marks.rays[:, others]], axis=1)
-    uv = np.concatenate([labelled.uv, marks.points[:, others]], axis=1)
-    owner = np.concatenate([labelled.owner, marks.owner[others]])
-    return Anchors(uv, rays, owner, np.concatenate([labelled.mark, np.ones(len(others), bool)]))
-
-
-def _spread_out(uv: Array, camera: Camera) -> IntArray:
-    """Return the indices of all points (2, N), or, if too many, of the first in each cell."""
-    if uv.shape[1] <= MOST_ELLIPSES:
-        return np.arange(uv.shape[1])
-    side = np.sqrt(camera.width * camera.height / MOST_ELLIPSES)
-    across = np.ceil(camera.width / side)
-    cell = np.floor(uv[0] / side) + across * np.floor(uv[1] / side)
-    _, first = np.unique(cell, return_index=True)
-    return np.sort(first)[:MOST_ELLIPSES]
+    most = max(MOST_ELLIPSES - len(labelled.owner), 0)
+    if len(others) > most:
+        others = np.sort(others[np.argsort(-marks.rays[2, others])[:most]])
+    return Anchors(
+        np.concatenate([labelled.uv, marks.points[:, others]], axis=1),
+        np.concatenate([labelled.rays, marks.rays[:, others]], axis=1),
+        np.concatenate([labelled.owner, marks.owner[others]]),
+        np.concatenate([labelled.mark, np.ones(len(others), bool)]),
+    )
 
 
 def ellipse_dashes(

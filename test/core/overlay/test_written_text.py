@@ -1,0 +1,201 @@
+"""The words on the picture: for every state of the filter, cut to fit, legible, in any script."""
+
+import dataclasses
+import math
+import time
+import tracemalloc
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tirgeo_ros.core.overlay import text_rendering as text
+from tirgeo_ros.core.overlay.status_text import status_line
+from tirgeo_ros.core.overlay.text_boxes import Field, fitted, paint_notice, paint_status
+from tirgeo_ros.core.overlay.text_rendering import TEXT_BGR, coverage, stamp
+from tirgeo_ros.core.types.measurements import FixStatus
+from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
+
+PLAIN = NavigationStatus("ekf_heading", FilterState.RUNNING, "", FixStatus.FIXED, 0.002, {}, {})
+
+
+def status(**changes):
+    return dataclasses.replace(PLAIN, **changes)
+
+
+def texts(fields):
+    return [field.text + field.detail for field in fields]
+
+
+@pytest.mark.parametrize(
+    ("state", "reason", "state_s", "words"),
+    [
+        (FilterState.DEGRADED, "rtk/heading", 12.4, "degraded 12 s: rtk/heading"),
+        (FilterState.WAITING, "no rtk/fix", 250.0, "waiting 4 min: no rtk/fix"),
+        (FilterState.LOST, "position sigma 11 m", 99.0, "lost 99 s: position sigma 11 m"),
+    ],
+)
+def test_a_state_that_is_not_running_comes_first(state, reason, state_s, words):
+    fields = status_line(status(state=state, reason=reason, state_s=state_s), 0.083, 8.0)
+    assert texts(fields)[:2] == [words, "ekf_heading"]
+    assert fields[0].colour != TEXT_BGR
+
+
+def test_what_is_known_is_shown():
+    assert texts(status_line(None, 0.05, 9.0)) == ["no filter status", "age 50 ms", "video 9.0 Hz"]
+    assert texts(status_line(PLAIN, 0.083, math.nan, above_m=46.6, dropped=2)) == [
+        "ekf_heading",
+        "RTK fixed",
+        "47 m above ground",
+        "heading sigma 0.11 deg",
+        "age 83 ms",
+        "video starts",
+        "dropped 2",
+    ]
+    below = status_line(PLAIN, 0.083, 29.97, above_m=-46.0)
+    assert "46 m below ground" in texts(below)
+    assert {field.colour for field in below} != {TEXT_BGR}
+
+
+@pytest.mark.parametrize("state", list(FilterState))
+def test_state_method_and_fix_are_whole_on_a_thermal_picture(state):
+    """640 px and the text as large as it is there: the words that matter stay."""
+    told = status(
+        state=state,
+        reason="rtk/fix, rtk/vel, rtk/heading, gps/fix",
+        state_s=5999.0,
+        heading_sigma_rad=0.17,
+    )
+    kept = texts(fitted(status_line(told, 9.999, 60.0), 640, 15))
+    assert {"ekf_heading", "RTK fixed", "heading sigma 9.74 deg"} <= set(kept)
+
+
+LINE = [
+    Field("degraded 12 s", detail=": no rtk/fix, no rtk/vel, no rtk/heading"),
+    Field("ekf_heading"),
+    Field("RTK none"),
+    Field("heading sigma 0.11 deg"),
+    Field("frame age 83 ms", spare=True),
+    Field("video 9.0 Hz", spare=True),
+]
+
+
+@pytest.mark.parametrize(("width", "shown"), [(1280, 6), (560, 4), (320, 3), (120, 1), (8, 1)])
+def test_the_status_line_fits_the_picture(width, shown):
+    kept = fitted(LINE, width, 12)
+    assert [field.text for field in kept] == [field.text for field in LINE[:shown]]
+    image = np.full((20, width, 3), 128, np.uint8)
+    paint_status(image, LINE)
+    assert width < 100 or not (image[:, -2:] > 240).all(axis=2).any()
+
+
+def test_a_long_notice_takes_several_lines():
+    notice = "NO MAP: lost: position sigma 10.2 m, heading sigma 11.3 deg, and nothing to measure"
+    for width in (640, 320, 160):
+        rows = []
+        for words in (notice, "NO MAP:"):
+            image = np.full((512, width, 3), 128, np.uint8)
+            paint_notice(image, words)
+            changed = (image != 128).any(axis=2)
+            assert not changed[:, [0, -1]].any()
+            rows.append(np.flatnonzero(changed.any(axis=1)).size)
+        assert rows[0] > rows[1]
+
+
+def luminance(bgr):
+    """Relative luminance of an sRGB colour (IEC 61966-2-1)."""
+    unit = np.array(bgr) / 255
+    linear = np.where(unit <= 0.04045, unit / 12.92, ((unit + 0.055) / 1.055) ** 2.4)
+    return float(linear @ [0.0722, 0.7152, 0.2126])
+
+
+@pytest.mark.parametrize("ground", [(255, 255, 255), (0, 255, 255), (0, 0, 0)])
+def test_every_colour_of_the_text_stands_out_from_its_strip(ground):
+    """4.5 to 1: level AA of WCAG 2 for small text."""
+    image = np.full((512, 640, 3), ground, np.uint8)
+    paint_status(image, [])
+    under = luminance(image[-1, 320])
+    states = [status_line(status(state=state), 0.0, 8.0, 0.1) for state in FilterState]
+    for colour in {field.colour for fields in states for field in fields}:
+        assert (luminance(colour) + 0.05) / (under + 0.05) >= 4.5
+
+
+@pytest.mark.parametrize("letters", ["x" * 20_000, "word " * 4_000])
+def test_a_text_from_outside_is_cut_before_it_is_measured(letters):
+    """It took a second for every few hundred letters; now a frame's time and no more."""
+    image = np.zeros((512, 640, 3), np.uint8)
+    begin_s = time.monotonic()
+    told = status(method=letters, state=FilterState.LOST, reason=letters, state_s=1.0)
+    paint_status(image, status_line(told, 0.1, 8.0))
+    paint_notice(image, f"NO MAP: {letters}")
+    assert time.monotonic() - begin_s < 5.0
+    assert image.any()
+
+
+def paint(seconds):
+    reason = ": rtk/fix refused: older than max_delay_s or the alignment, rtk/vel refused as well"
+    for second in seconds:
+        picture = np.zeros((512, 640, 3), np.uint8)
+        paint_status(picture, [Field(f"degraded {second} s", detail=reason), Field("RTK fixed")])
+        paint_notice(picture, f"NO MAP: pose {second / 10:.1f} s old, and rtk/fix is missing")
+
+
+def test_an_hour_of_seconds_is_not_remembered():
+    paint(range(100))
+    tracemalloc.start()
+    try:
+        paint(range(100, 130))
+        before, _ = tracemalloc.get_traced_memory()
+        paint(range(130, 400))
+        after, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    # The texts that were remembered before change for newer ones, of other lengths at the most.
+    assert after - before < 1_000_000
+
+
+BY_OPENCV = pytest.param(
+    lambda words, size_px: text._by_opencv(cv2, words, size_px),
+    marks=pytest.mark.skipif(not hasattr(cv2, "FontFace"), reason="OpenCV 4 has no typeface"),
+)
+
+
+@pytest.mark.parametrize("render", [BY_OPENCV, text._by_pillow])
+def test_accents_are_letters_and_not_boxes(render):
+    """The accented letter is the plain one and something above it."""
+    plain, accented = render("u", 24), render("\u00fc", 24)
+    assert plain.shape[0] == accented.shape[0]
+    body = np.flatnonzero(plain.max(axis=1) > 60)[[0, -1]]
+    same = plain[body[0] + 1 : body[1]].astype(int) - accented[body[0] + 1 : body[1]]
+    assert np.abs(same).max() <= 60
+    assert accented[: body[0] - 1].max() > 120
+
+
+@pytest.mark.skipif(not hasattr(cv2, "FontFace"), reason="OpenCV 4 has no typeface of its own")
+def test_chinese():
+    one, other = coverage("\u82b1", 24), coverage("\u575b", 24)
+    assert one.shape != other.shape or np.abs(one.astype(int) - other).max() > 200
+
+
+def test_control_characters_and_length():
+    np.testing.assert_array_equal(stamp("a\nb", 12, TEXT_BGR).ink, stamp("a b", 12, TEXT_BGR).ink)
+    assert stamp("m" * 500, 12, TEXT_BGR).size[0] < stamp("m" * 61, 12, TEXT_BGR).size[0] + 1
+    assert stamp("", 12, TEXT_BGR).ink.max() == 0
+
+
+@given(left=st.integers(-80, 80), top=st.integers(-40, 60))
+def test_laying_a_stamp_anywhere_touches_only_its_place(left, top):
+    rng = np.random.default_rng(1)
+    image = rng.integers(0, 255, (40, 60, 3), np.uint8)
+    made = stamp("Abc", 12, TEXT_BGR)
+    assert (made.keep.astype(int) + made.ink <= 255).all()  # no overflow on any picture
+    width, height = made.size
+    canvas = np.zeros((200, 300, 3), np.uint8)
+    canvas[100:140, 100:160] = image
+    place = np.s_[100 + top : 100 + top + height, 100 + left : 100 + left + width]
+    wanted = canvas.astype(float)
+    wanted[place] = canvas[place] * (made.keep / 255) + made.ink
+    made.lay(image, left, top)
+    np.testing.assert_allclose(image, wanted[100:140, 100:160], atol=0.5 + 1e-9)  # rounding
