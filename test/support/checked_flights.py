@@ -93,19 +93,12 @@ def checked(
     config: EkfConfig,
     change: Change = lambda arrived: arrived,
     given: Collection[str] | None = None,
-    *,
-    filtered: bool = False,
 ) -> list[Finding]:
-    """Return what the checks find at the end of a flight; ``filtered``: they hear the filter."""
+    """Return what the checks find at the end of a flight."""
     checks = NavigationChecks(config, given)
-    registration = Registration(config, GimbalConfig()) if filtered else None
     for arrived in map(change, flight):
-        if arrived is None:
-            continue
-        checks.take(*arrived)
-        solution = registration.take(arrived.sample).solution if registration else None
-        if solution is not None:
-            checks.solution(solution)
+        if arrived is not None:
+            checks.take(*arrived)
     return checks.findings()
 
 

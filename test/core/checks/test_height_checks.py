@@ -80,13 +80,6 @@ def test_a_hover_is_no_rest():
     assert found(HOME_M - GEOID_M, [*[20.0] * 100, *CLIMB[::-1], *CLIMB]) == []
 
 
-def test_heights_in_flight():
-    [high] = found(HOME_M - 600.0, [40.0] * 60, speed_m_s=5.0)
-    assert high.check == "far_above_ground"
-    [low] = found(HOME_M + 39.0, [40.0] * 60, speed_m_s=5.0)
-    assert low.check == "near_ground"
-
-
 def test_without_ground_or_model_nothing_is_said():
     assert found(None, FLIGHT) == []
     far = Terrain(np.full((3, 3), 0.0), graticule((10.0, 10.0), (0.1, 0.1), 3))

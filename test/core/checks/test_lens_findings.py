@@ -37,10 +37,3 @@ def test_what_cannot_be_is_told(changes, check):
 
 def test_a_lens_that_folds_within_the_picture_is_told():
     assert checks_of(replace(BOSON, distortion=(-1.2, 0.0, 0.0, 0.0))) == ["lens_folds"]
-
-
-@pytest.mark.parametrize("size", [(1280, 1024), (320, 256), (1920, 1536)])
-def test_the_size_that_a_calibration_is_of_is_named(size):
-    width, height = size
-    [finding] = lens_findings(replace(BOSON, width=width, height=height), "")
-    assert "K is that of 640x512" in finding.evidence

@@ -197,9 +197,8 @@ def test_a_jump_of_a_clock_is_told_with_its_size(flight, config):
     assert "jumped by -0.30 s" in found["stamp_jump"].evidence
 
 
-@pytest.mark.parametrize("filtered", [False, True])
-def test_the_sample_flight_is_clean(filtered, flight, config):
-    assert checked(flight, config, given=(), filtered=filtered) == []
+def test_the_sample_flight_is_clean(flight, config):
+    assert checked(flight, config, given=()) == []
 
 
 def test_places_that_nobody_gave(flight):
@@ -216,7 +215,7 @@ def test_places_that_nobody_gave(flight):
 
 def test_without_the_autopilots_attitude_the_course_tells(flight, config):
     bare = changed("imu/data", autopilot_q_nb=lambda _: None)
-    assert checked(flight, config, bare, filtered=True) == []
+    assert checked(flight, config, bare) == []
 
     def change(arrived):
         return heading(plus_deg=180)(bare(arrived))
@@ -295,5 +294,5 @@ def test_real_flights_have_notes_at_most(shared):
     paths = sorted((shared / "real_flights").glob("*.mcap"))
     assert paths
     for path in paths:
-        found = checked(recorded(path), config, filtered=True)
+        found = checked(recorded(path), config)
         assert [one.line for one in found if one.severity is not NOTE] == [], path.name

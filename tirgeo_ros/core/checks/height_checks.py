@@ -8,7 +8,6 @@ lower before or after. A flight that neither begins nor ends on the ground gives
 from __future__ import annotations
 
 import math
-from collections import Counter
 
 import numpy as np
 
@@ -32,16 +31,8 @@ _LOWER_M = 0.5  # the rest is no more than this above the flight's lowest point
 _RESTS_M = (-2.0, 3.0)
 _RESTS_ON_TERRAIN_M = (-6.0, 8.0)  # for elevation models from satellites
 _BELOW_M = 2.0
-_HIGHEST_M = 500.0
-_LOWEST_M, _FLIES_M_S = 2.0, 3.0
 _LASTS = 8  # consecutive samples: two seconds
 _LARGEST_UNDULATION_M = 110.0
-_EVIDENCE = {
-    "below_ground": "{:.1f} m below the ground",
-    "far_above_ground": "{:.0f} m above ground",
-    "near_ground": "flies {:.1f} m above ground",
-    "height_at_rest": "at rest, at the lowest place of the flight, {:.1f} m above ground (0 to 2)",
-}
 
 
 def ground_parameter(ground: Ground | None) -> str:
@@ -51,7 +42,7 @@ def ground_parameter(ground: Ground | None) -> str:
 
 
 class HeightChecks:
-    """Check poses; ``above_m`` is the newest height above ground, nan if unknown."""
+    """Check poses in ``plane`` over a ground."""
 
     def __init__(self, ground: Ground | None) -> None:
         self.plane: TangentPlane | None = None
@@ -61,8 +52,8 @@ class HeightChecks:
         self._rest: tuple[int, Array, float] | None = None  # start, position, height above ground
         self._rested: tuple[float, float] | None = None  # height in the plane, height above ground
         self._lowest_m, self._highest_m = math.inf, -math.inf  # in the plane
-        self._counts: Counter[str] = Counter()  # of samples in succession, by check
-        self._worst: dict[str, float] = {}
+        self._below = 0  # number of the newest samples that are below the ground
+        self._below_m = math.nan
 
     def pose(self, pose: BodyPose | CameraPose) -> None:
         """Take a pose, in order of time."""
@@ -82,23 +73,16 @@ class HeightChecks:
         speed_m_s = way_m / ((pose.stamp_ns - before[0]) * 1e-9)
         self._update_rest(pose.stamp_ns, pose.position_n, speed_m_s)
         sigma_m = math.sqrt(max(float(pose.covariance[2, 2]), 0.0))
-        self._count("below_ground", self.above_m < -_BELOW_M - 4 * sigma_m)
-        self._count("far_above_ground", self.above_m > _HIGHEST_M)
-        flies_low = speed_m_s > _FLIES_M_S and -_BELOW_M < self.above_m < _LOWEST_M - 3 * sigma_m
-        self._count("near_ground", flies_low)
+        is_below = self.above_m < -_BELOW_M - 4 * sigma_m
+        self._below = self._below + 1 if is_below else 0
+        if self._below == _LASTS:
+            self._below_m = -self.above_m
 
     def _above_m(self, plane: TangentPlane, position_n: Array) -> float:
         latitude, longitude, height_m = plane.geodetic_from_ned(position_n)
         if isinstance(self._ground, Terrain):
             return float(height_m - self._ground.height_m(latitude, longitude))
         return float(height_m) - (math.nan if self._ground is None else self._ground)
-
-    def _count(self, name: str, seen: bool) -> None:
-        if name in self._worst:
-            return
-        self._counts[name] = self._counts[name] + 1 if seen else 0
-        if self._counts[name] >= _LASTS:
-            self._worst[name] = self.above_m
 
     def _update_rest(self, stamp_ns: int, position_n: Array, speed_m_s: float) -> None:
         height_m = -float(position_n[2])
@@ -114,23 +98,25 @@ class HeightChecks:
 
     def findings(self) -> list[Finding]:
         """Return the findings so far."""
-        found = [self._finding(check, above_m) for check, above_m in self._worst.items()]
+        found = []
+        if not math.isnan(self._below_m):
+            evidence = f"{self._below_m:.1f} m below the ground"
+            found.append(self._finding("below_ground", Severity.STOP, evidence, self._below_m))
         climbed = self._highest_m - self._lowest_m >= _CLIMBS_M
         if climbed and self._rested and self._rested[0] <= self._lowest_m + _LOWER_M:
             above_m = self._rested[1]
-            low, high = _RESTS_ON_TERRAIN_M if isinstance(self._ground, Terrain) else _RESTS_M
-            if not low <= above_m <= high and not math.isnan(above_m):
-                found.append(self._finding("height_at_rest", above_m))
+            terrain = isinstance(self._ground, Terrain)
+            low, high = _RESTS_ON_TERRAIN_M if terrain else _RESTS_M
+            if above_m < low or above_m > high:
+                severity = Severity.STOP if above_m < 0 or terrain else Severity.CAUTION
+                evidence = f"at rest, at the flight's lowest place, {above_m:.1f} m above ground"
+                found.append(self._finding("height_at_rest", severity, evidence, above_m))
         return found
 
-    def _finding(self, check: str, above_m: float) -> Finding:
-        terrain = isinstance(self._ground, Terrain)
-        name = "dem_undulation_m" if terrain else "ground_height_m"
+    def _finding(self, check: str, severity: Severity, evidence: str, off_m: float) -> Finding:
+        name = "dem_undulation_m" if isinstance(self._ground, Terrain) else "ground_height_m"
         mend = f"see that the ground's height is that of this place, and {name} is ellipsoidal"
-        if 5.0 < abs(above_m) < _LARGEST_UNDULATION_M:
+        if 5.0 < abs(off_m) < _LARGEST_UNDULATION_M:
             geoid = "one above sea level is off by the geoid's height"
             mend = f"{name}: heights are ellipsoidal; {geoid}"
-        wrong = check == "height_at_rest" and (above_m < 0 or terrain)
-        severity = Severity.STOP if wrong or check == "below_ground" else Severity.CAUTION
-        evidence = _EVIDENCE[check].format(abs(above_m) if check == "below_ground" else above_m)
         return Finding(check, severity, evidence, ground_parameter(self._ground), mend)

@@ -14,9 +14,6 @@ _ASIDE = 0.1
 _NARROWEST_DEG, _WIDEST_DEG = 5.0, 120.0
 _SQUARE = 0.1  # largest relative difference of fx and fy: the pixels of sensors are square
 _FOLDS = 0.1  # share of the picture in which the lens model is not defined
-#: Ratios between the picture sizes that cameras offer.
-_RATIOS = (0.25, 1 / 3, 0.4, 0.5, 0.6, 0.625, 2 / 3, 0.75, 0.8, 1.25, 4 / 3, 1.5, 1.6, 2, 2.5, 4)
-_NEAR_RATIO = 0.1  # tolerance, because principal points are off centre too
 _FROM_LENS = "run tirgeo calibrate lens on pictures of this camera"
 
 
@@ -40,9 +37,7 @@ def lens_findings(camera: Camera, lens: str, size: tuple[int, int] | None = None
             f"principal point {camera.cx:.0f}, {camera.cy:.0f} lies "
             f"{math.hypot(right, down):.0f} px from the middle of {camera.width}x{camera.height}"
         )
-        other = _other_size(camera)
-        severity = Severity.STOP if other else Severity.CAUTION
-        tell("principal_point", severity, evidence + (f": K is that of {other}" if other else ""))
+        tell("principal_point", Severity.CAUTION, evidence)
     view_deg = 2 * math.degrees(math.atan(camera.width / 2 / camera.fx))
     if not _NARROWEST_DEG <= view_deg <= _WIDEST_DEG:
         evidence = f"field of view {view_deg:.1f} deg, by a focal length of {camera.fx:.0f} px"
@@ -58,13 +53,3 @@ def lens_findings(camera: Camera, lens: str, size: tuple[int, int] | None = None
         evidence = f"the lens model folds within the picture: {share:.0%} of it has no place"
         tell("lens_folds", Severity.CAUTION, evidence)
     return found
-
-
-def _other_size(camera: Camera) -> str:
-    """Return the picture size that the principal point is the middle of, or an empty string."""
-    ratio = 2 * camera.cx / camera.width
-    nearest = min(_RATIOS, key=lambda one: abs(math.log(one / max(ratio, 1e-6))))
-    alike = abs(2 * camera.cy / camera.height / nearest - 1) < _NEAR_RATIO
-    if not alike or abs(ratio / nearest - 1) >= _NEAR_RATIO:
-        return ""
-    return f"{camera.width * nearest:.0f}x{camera.height * nearest:.0f}"

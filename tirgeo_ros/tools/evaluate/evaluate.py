@@ -29,7 +29,7 @@ from tirgeo_ros.tools.evaluate.stills import overlay_stills
 from tirgeo_ros.tools.evaluate.t_test import paired_tests
 from tirgeo_ros.tools.evaluate.verdict import place_notes
 from tirgeo_ros.tools.presentation.progress import Report, silent
-from tirgeo_ros.tools.replay import FlightChecks, setting_of
+from tirgeo_ros.tools.replay.flight_checks import FlightChecks
 from tirgeo_ros.tools.replay.flight_poses import FlightPoses, RecordedFlight
 from tirgeo_ros.tools.replay.flight_topics import done_without, resolved
 from tirgeo_ros.tools.replay.recorded_flight import TruePoses, load_truth
@@ -160,10 +160,9 @@ class _Flight:
         self._reader, self._given, self._namespace = reader, given, namespace
         last = setups[-1]  # whose parameters are checked
         camera = given_camera(last.configs.overlay)
-        setting = setting_of(
+        self.checks = FlightChecks(
             last.configs, reader, files, namespace, ground=last.ground, camera=camera
         )
-        self.checks = FlightChecks(setting)
         self.recorded = RecordedFlight(
             reader, namespace, pictures=True, camera=camera, checks=self.checks
         )

@@ -25,7 +25,7 @@ from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
 from tirgeo_ros.io.bags.cdr import header_stamp_ns
 from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.tools.presentation.progress import Report
-from tirgeo_ros.tools.replay import FlightChecks
+from tirgeo_ros.tools.replay.flight_checks import FlightChecks
 from tirgeo_ros.tools.replay.flight_topics import PICTURES, inputs_of, resolved
 from tirgeo_ros.tools.replay.registration import SAMPLES, Registered, Registration, Sample
 

@@ -26,7 +26,8 @@ from tirgeo_ros.io.pictures.camera_file import given_camera
 from tirgeo_ros.io.surveys.ground_point_files import Answered, cot, geojson, kml
 from tirgeo_ros.io.surveys.survey import Observation, load_observations
 from tirgeo_ros.tools.presentation.progress import Report, silent
-from tirgeo_ros.tools.replay import FlightChecks, finding_items, setting_of
+from tirgeo_ros.tools.replay.finding_lines import finding_items
+from tirgeo_ros.tools.replay.flight_checks import FlightChecks
 from tirgeo_ros.tools.replay.flight_poses import FlightPoses, RecordedFlight
 from tirgeo_ros.tools.replay.node_configs import node_configs
 
@@ -67,9 +68,7 @@ def locate_pixels(
     reader = BagReader(bag_in)
     fitted, notes = configs.fitting(reader, namespace)
     camera_given = given_camera(overlay)
-    checks = FlightChecks(
-        setting_of(fitted, reader, params, namespace, ground=ground, camera=camera_given)
-    )
+    checks = FlightChecks(fitted, reader, params, namespace, ground=ground, camera=camera_given)
     latency_ns = round(overlay.video_latency_s * 1e9)
     instants_ns = [one.stamp_ns - latency_ns for one in seen]
     recorded = RecordedFlight(reader, namespace, camera=camera_given, checks=checks)

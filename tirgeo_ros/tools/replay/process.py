@@ -11,11 +11,10 @@ import math
 import os
 import time
 from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import replace
-from itertools import islice
+from collections.abc import Sequence
 
 from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.types.errors import BagError, ConfigError, MessageError
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, BagWriter, Cdr
 from tirgeo_ros.io.elevation.elevation_model import ground_of
@@ -26,13 +25,12 @@ from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
 from tirgeo_ros.io.pictures.camera_file import given_camera
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.presentation.video import VideoFile
-from tirgeo_ros.tools.replay import FlightChecks, finding_items, setting_of
-from tirgeo_ros.tools.replay.flight_topics import done_without, inputs_of, prefix, resolved
-from tirgeo_ros.tools.replay.message_pipeline import Pipeline, Settings
-from tirgeo_ros.tools.replay.node_configs import node_configs
+from tirgeo_ros.tools.replay.finding_lines import finding_items
+from tirgeo_ros.tools.replay.flight_checks import FlightChecks
+from tirgeo_ros.tools.replay.flight_topics import done_without, inputs_of, resolved
+from tirgeo_ros.tools.replay.message_pipeline import Pipeline
+from tirgeo_ros.tools.replay.node_configs import NodeConfigs, node_configs
 
-#: Number of messages decoded together, for the same reason as in ``message_pipeline``.
-_BLOCK = 32
 #: Of the messages that only the checks want, every tenth is decoded: 5 a second at 50 Hz.
 _LOOKED_AT = 10
 
@@ -85,26 +83,26 @@ def process(
         camera=known is None,
         gimbal=images,
     )
-    settings = Settings(ekf, gimbal, overlay, raw_images=raw_images)
+    layers, ground, drawn = None, None, None
     if map_path:
         layers = load_layers(map_path, overlay.style, overlay.label_field, network=overlay.network)
-        settings = replace(settings, layers=layers, ground=ground_of(overlay), camera=known)
+        ground = ground_of(overlay)
+        terrain = ground if isinstance(ground, Terrain) else None
+        drawn = Overlay(overlay, layers, terrain)
+        if known is not None:
+            drawn.set_camera(known)
+        notes += [
+            *(terrain.notes if terrain else ()),
+            *(n for one in layers for n in one.left_out),
+        ]
     checks = FlightChecks(
-        setting_of(
-            fitted,
-            reader,
-            params,
-            namespace,
-            ground=settings.ground,
-            layers=settings.layers,
-            camera=known,
-        )
+        fitted, reader, params, namespace, ground=ground, layers=layers, camera=known
     )
     begun_s = time.perf_counter()
     with contextlib.ExitStack() as stack:
         film = stack.enter_context(VideoFile(video)) if video is not None else None
         writer = stack.enter_context(BagWriter(bag_out))
-        run = _Run(reader, settings, writer, film, namespace, checks)
+        run = _Run(reader, fitted, drawn, writer, film, namespace, checks, raw_images=raw_images)
         run.through(topics, progress)
         if not run.read:
             because = f": {reader.damage}" if reader.damage else ""
@@ -112,15 +110,15 @@ def process(
     elapsed_s = time.perf_counter() - begun_s
     if not any(name.startswith("gimbal/") for name in topics.values()):
         notes.append("the bag has no gimbal topic: no camera poses")
-    summary = run.summary(elapsed_s, notes)
-    summary["warning"] = _warning(reader, topics, ekf.method, namespace)
-    summary["findings"] = finding_items(checks.findings())  # damage is in the summary's error
-    return {"input": os.fspath(bag_in), "output": os.fspath(bag_out)} | summary
-
-
-def _warning(reader: BagReader, topics: dict[str, str], method: str, namespace: str) -> str | None:
-    absent = [resolved(name, namespace) for name in done_without(topics.values(), method)]
-    return f"{reader.path} has no {', '.join(absent)}: done without" if absent else None
+    absent = [resolved(name, namespace) for name in done_without(topics.values(), ekf.method)]
+    warning = f"{reader.path} has no {', '.join(absent)}: done without" if absent else None
+    return {
+        "input": os.fspath(bag_in),
+        "output": os.fspath(bag_out),
+        "warning": warning,
+        "findings": finding_items(checks.findings()),  # damage is in the summary's error
+        **run.summary(elapsed_s, notes),
+    }
 
 
 class _Run:
@@ -129,29 +127,34 @@ class _Run:
     def __init__(
         self,
         reader: BagReader,
-        settings: Settings,
+        configs: NodeConfigs,
+        overlay: Overlay | None,
         writer: BagWriter,
         film: VideoFile | None,
         namespace: str,
         checks: FlightChecks,
+        *,
+        raw_images: bool,
     ) -> None:
         self.read: Counter[str] = Counter()
         self._written: Counter[str] = Counter()
         self._writer, self._film = writer, film
         self._names = {topic: resolved(topic, namespace) for topic in TOPIC_TYPES}
         self._reader = reader
-        self._settings = settings
         self._cdr = Cdr()
         self._undecoded: Counter[str] = Counter()
-        self._span_ns = (0, 0)
+        self._first_ns: int | None = None
+        self._last_ns = 0
         self._unwanted = 0
         self.pipeline = Pipeline(
-            settings,
+            configs,
+            overlay,
             self._cdr.types,
             self._write,
             None if film is None else film.add,
-            prefix(namespace),
+            namespace,
             checks,
+            raw_images=raw_images,
         )
 
     def _write(self, topic: str, message: object, log_time_ns: int) -> None:
@@ -162,71 +165,53 @@ class _Run:
 
     def through(self, topics: dict[str, str], progress: Report) -> None:
         """Process every message of the topics (resolved name -> contract topic)."""
-        for block in self._blocks(topics, progress):
-            early = [
-                self._decoded(message) if self.pipeline.wants(topics[message.topic]) else None
-                for message in block
-            ]
-            for message, decoded in zip(block, early, strict=True):
-                self._take(topics[message.topic], message, decoded)
+        first_ns, last_ns = self._reader.span_ns
+        for message in self._reader.messages(topics):
+            self._first_ns = message.log_time_ns if self._first_ns is None else self._first_ns
+            self._last_ns = message.log_time_ns
+            progress(self.duration_s, (last_ns - first_ns) * 1e-9)
+            self._take(topics[message.topic], message)
         if self.read:
-            self.pipeline.finish(self._span_ns[1])
+            self.pipeline.finish(self._last_ns)
 
-    def _take(self, topic: str, message: BagMessage, decoded: object | None) -> None:
-        """Process a message; ``decoded`` is None if it was not wanted when its block began."""
-        if not self.pipeline.wants(topic):
-            self._look_at(topic, message)
+    @property
+    def duration_s(self) -> float:
+        """Return the time from the first to the newest message."""
+        return 0.0 if self._first_ns is None else (self._last_ns - self._first_ns) * 1e-9
+
+    def _take(self, topic: str, message: BagMessage) -> None:
+        """Process a message; of those that only the checks want, decode every tenth."""
+        is_wanted = self.pipeline.wants(topic)
+        self._unwanted += not is_wanted
+        if not is_wanted and self._unwanted % _LOOKED_AT:
             return
-        if decoded is None:
-            decoded = self._decoded(message)
-        if decoded is None:
-            self._undecoded[message.topic] += 1
+        try:
+            decoded = self._cdr.deserialize(message.data, message.typename)
+        except MessageError:
+            self._undecoded[message.topic] += is_wanted
+            return
+        if not is_wanted:
+            self.pipeline.look_at(topic, decoded, message.log_time_ns)
             return
         self.read[message.topic] += 1
         self.pipeline.take(topic, decoded, message.log_time_ns)
-
-    def _look_at(self, topic: str, message: BagMessage) -> None:
-        """Pass every tenth of the messages that nothing else wants to the checks."""
-        self._unwanted += 1
-        if self._unwanted % _LOOKED_AT == 0:
-            decoded = self._decoded(message)
-            if decoded is not None:
-                self.pipeline.look_at(topic, decoded, message.log_time_ns)
-
-    def _decoded(self, message: BagMessage) -> object | None:
-        try:
-            decoded: object = self._cdr.deserialize(message.data, message.typename)
-        except MessageError:
-            return None
-        return decoded
-
-    def _blocks(self, topics: Collection[str], progress: Report) -> Iterator[list[BagMessage]]:
-        messages = self._reader.messages(topics)
-        total_s = _seconds(self._reader.span_ns)
-        begun_ns: int | None = None
-        while block := list(islice(messages, _BLOCK)):
-            begun_ns = block[0].log_time_ns if begun_ns is None else begun_ns
-            self._span_ns = (begun_ns, block[-1].log_time_ns)
-            progress(_seconds(self._span_ns) or 0.0, total_s)
-            yield block
 
     def summary(self, elapsed_s: float, notes: Sequence[str]) -> dict[str, object]:
         """Return what was read, computed and refused.
 
         ``notes`` come before the run's own notes.
         """
-        duration_s = _seconds(self._span_ns) or 0.0
         navigation = self.pipeline.registration.navigation.status()
         composer = self.pipeline.registration.composer
         overlay, film = self.pipeline.overlay, self._film
         return {
             "method": navigation.method,
             "composition": composer.composition,
-            "duration_s": duration_s,
+            "duration_s": self.duration_s,
             "elapsed_s": elapsed_s,
-            "speed": duration_s / elapsed_s,
+            "speed": self.duration_s / elapsed_s,
             "read": dict(self.read),
-            "undecodable": dict(self._undecoded),
+            "undecodable": {topic: n for topic, n in self._undecoded.items() if n},
             "unreadable": dict(self.pipeline.unreadable),
             "unreadable_because": dict(self.pipeline.unreadable_because),
             "stamped_at_arrival": self.pipeline.arrivals.counts,
@@ -238,17 +223,10 @@ class _Run:
             "heading_sigma_deg": math.degrees(navigation.heading_sigma_rad),
             "gimbal": composer.counts,
             "overlay": overlay.counts if overlay is not None else {},
-            "notes": [*notes, *self._notes()],
+            "notes": [*notes, *(overlay.notes if overlay else ())],
             "video": None if film is None else {"frames": film.frames, "rate_hz": film.rate_hz},
             "error": self._error(navigation.reason),
         }
-
-    def _notes(self) -> list[str]:
-        """Return one line for each part of map or ground that is not drawn as its files say."""
-        layers, ground = self._settings.layers or (), self._settings.ground
-        notes = list(ground.notes) if isinstance(ground, Terrain) else []
-        notes += [note for layer in layers for note in layer.left_out]
-        return notes + list(self.pipeline.overlay.notes if self.pipeline.overlay else ())
 
     def _error(self, reason: str) -> str | None:
         """Return what makes the run a failure although there is an output, or None."""
@@ -257,7 +235,3 @@ class _Run:
         if not any(name.endswith("tirgeo/odometry") for name in self._written):
             return f"{self._reader.path}: no pose could be made: {reason or 'see verdicts'}"
         return None
-
-
-def _seconds(span_ns: tuple[int, int] | None) -> float | None:
-    return None if span_ns is None else (span_ns[1] - span_ns[0]) * 1e-9
