@@ -155,18 +155,26 @@ def picture_findings(
     ground: Ground | None = None,
     lens: Callable[[Camera], Camera] = lambda camera: camera,
     bodies: bool = False,
+    each_second: bool = False,
 ) -> list[Finding]:
-    """What the checks of the pictures find in a flight, with other parameters or another lens."""
+    """What the checks of the pictures find in a flight, with other parameters or another lens.
+
+    ``each_second``: what they find at any second, else what they find at the end.
+    """
     overlay = overlay or flight.configs.overlay
     checks = PictureChecks(overlay, overlay.ground_height_m if ground is None else ground, None)
+    found, asked_ns = [], 0
     for kind, what, arrival_ns in flight.events:
+        if each_second and arrival_ns - asked_ns >= 10**9:
+            asked_ns = arrival_ns
+            found += checks.findings()
         if kind == "camera":
             checks.camera(lens(what))
         elif kind == "frame":
             checks.frame(*what, arrival_ns)
         elif kind in ("plane", "pose") or (kind == "body" and bodies):
             getattr(checks, kind)(what)
-    return checks.findings()
+    return [*found, *checks.findings()]
 
 
 def recomposed(

@@ -58,12 +58,3 @@ def test_sizes_that_change_stop():
     [(check, severity)] = checked(size=lambda k: SIZE if k else (320, 256))
     assert check == "picture_sizes"
     assert severity is Severity.STOP
-
-
-def test_few_pictures_a_second_are_a_note():
-    stamps = FrameStamps()
-    for k in range(30):
-        stamps.frame(START_NS + k * 10**9, SIZE, START_NS + k * 10**9)
-    [finding] = stamps.findings()
-    assert finding.check == "picture_rate"
-    assert finding.severity is Severity.NOTE

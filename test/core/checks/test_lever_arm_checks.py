@@ -18,8 +18,6 @@ from tirgeo_ros.core.checks.navigation_checks import NavigationChecks
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.frames.rotations import quat_from_euler
 from tirgeo_ros.core.types.finding import Severity
-from tirgeo_ros.tools.simulate.flight import fly
-from tirgeo_ros.tools.simulate.scenario import Scenario
 
 LEVER_FLU_M = np.array((-0.10, 0.32, 0.38))  # the scenario's
 
@@ -148,20 +146,6 @@ def test_a_flight_without_turns_or_tilts_says_nothing():
     found = solved([Normal.of(path, (times_s, fixes), (times_s, fixes))] * 6)
     assert found is not None
     assert (found.lever_sigma_b > 5).all()  # what is believed before: 10 m
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(6))
-def test_another_antenna_and_another_baseline(seed):
-    base = Scenario()
-    lever_m = (0.3, -0.2, 0.5)
-    rtk = replace(base.rtk, lever_arm_m=lever_m, second_antenna_m=(0.3, 0.8, 0.5))
-    flown = fly(replace(base, rtk=rtk), seed)
-    config = fitting_config(flown)
-    found = place_found(simulated(flown), config)
-    off = flu_from_frd(found.lever_b) - np.array(lever_m)
-    assert (np.abs(off) < 5 * found.lever_sigma_b).all()
-    assert checked(simulated(flown), config, given=()) == []
 
 
 def test_the_imus_own_axes_are_taken_off(flown, arrived):

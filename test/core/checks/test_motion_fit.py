@@ -101,10 +101,3 @@ def test_a_planted_error_comes_back(changes, error, planted):
     values = np.zeros(6)
     values[error] = planted
     check(fitted(**{"ground": 100.0, "believed": 100.0} | changes), values)
-
-
-@pytest.mark.slow
-def test_a_slope_is_looked_up_in_its_model():
-    ground = slope(10.0)
-    check(fitted(ground, ground), np.zeros(6))
-    assert fitted(ground, 100.0).after > 1.5 * fitted(ground, ground).after

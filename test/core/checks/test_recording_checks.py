@@ -66,13 +66,6 @@ def test_what_is_absent_is_a_fault(topics, values, expected):
     assert "; ".join(f"{one.severity.name} {one.parameter}" for one in found) == expected
 
 
-def test_a_topic_of_another_type_names_both():
-    wrong = WHOLE | {"/rtk/fix": "PoseStamped"}
-    (finding,) = recording_findings(RecordedTopics(wrong, CONTRACT))
-    assert finding.check == "type_of_rtk_fix"
-    assert finding.evidence == "/rtk/fix is a PoseStamped, and should be a NavSatFix"
-
-
 def test_another_namespace_is_one_fault_that_says_which():
     (finding,) = recording_findings(RecordedTopics(OF_UAV1, CONTRACT))
     assert finding.parameter == "--namespace"

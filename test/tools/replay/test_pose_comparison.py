@@ -61,11 +61,3 @@ def test_another_plane_is_the_same_place_and_back_again():
         assert back.position_n == pytest.approx(pose.position_n, abs=1e-7)
         assert differences([back], [pose]).angle_rad[0] < 1e-9
         assert back.covariance == pytest.approx(pose.covariance)
-
-
-def test_planes_a_kilometre_apart_are_turned_by_the_convergence():
-    pose = poses(1)[0]
-    turned = differences([in_plane(pose, HERE, NEAR)], [pose]).rotation_n[0]
-    # About the vertical by the meridians' convergence, d(longitude) sin(latitude), to 1e-3 of it.
-    convergence = (NEAR.longitude_rad - HERE.longitude_rad) * math.sin(HERE.latitude_rad)
-    assert abs(turned[2]) == pytest.approx(convergence, rel=1e-3)
