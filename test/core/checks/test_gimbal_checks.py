@@ -58,12 +58,12 @@ def test_a_flight_that_is_right_says_nothing(sample, reported):
 @pytest.mark.parametrize(
     ("fault", "words"),
     [
-        (exchanged, "are under gimbal_yaw_joint, gimbal_pitch_joint, gimbal_roll_joint:"),
-        (exchanged_and_turned, "gimbal_roll_joint, gimbal_roll_joint with the other sign"),
-        (in_degrees, "in degrees, not in radians"),
-        (pitch_turned, "gimbal_pitch_joint with the other sign"),
-        (yaw_turned, "gimbal_yaw_joint with the other sign"),
-        (roll_turned, "gimbal_roll_joint with the other sign"),
+        (exchanged, "are gimbal_yaw_joint, gimbal_pitch_joint, gimbal_roll_joint:"),
+        (exchanged_and_turned, "are gimbal_yaw_joint, gimbal_pitch_joint, -gimbal_roll_joint:"),
+        (in_degrees, "gimbal_pitch_joint, in degrees:"),
+        (pitch_turned, "gimbal_roll_joint, -gimbal_pitch_joint:"),
+        (yaw_turned, "are -gimbal_yaw_joint, "),
+        (roll_turned, "joint, -gimbal_roll_joint, "),
     ],
 )
 def test_a_mistake_in_the_joints_is_named(sample, fault, words):

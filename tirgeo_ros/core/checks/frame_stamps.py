@@ -89,7 +89,7 @@ class FrameStamps:
         apart = (stamps - poses) * 1e-9 * (known & (poses != 0))
         steps = np.diff(stamps[known]) * 1e-9
         for check, off_s, wrong in (
-            ("picture_stamps_zero", stamps, ~known),
+            ("picture_stamps_zero", stamps * 1e-9, ~known),
             ("picture_stamps_ahead", early, early > _AHEAD_S),
             ("picture_stamps_late", -early, -early > _LATE_S),
             ("picture_clock", apart, np.abs(apart) > _APART_S),

@@ -168,15 +168,10 @@ class _Reading(NamedTuple):
 
     @property
     def words(self) -> str:
-        """Return a description of the mistakes for the operator."""
-        names = [_NAMES[one] for one in self.axes]
-        parts = ["the joint angles are in degrees, not in radians"] if self.degrees else []
-        if self.axes != (0, 1, 2):
-            parts.append("yaw, roll, pitch are under " + ", ".join(names))
-        turned = [name for name, sign in zip(names, self.signs, strict=True) if sign < 0]
-        if turned:
-            parts.append(f"{' and '.join(turned)} with the other sign")
-        return ", ".join(parts)
+        """Return a description for the operator."""
+        signs = ("-" if sign < 0 else "" for sign in self.signs)
+        read = ", ".join(sign + _NAMES[one] for sign, one in zip(signs, self.axes, strict=True))
+        return f"yaw, roll, pitch are {read}{', in degrees' if self.degrees else ''}"
 
 
 _READINGS = sorted(
@@ -198,7 +193,8 @@ def _other_order(joints: Array, reported: Array, rotations_bg: Array) -> str | N
     The angles of one attitude in two orders differ by amounts that change with the attitude. If
     the joints differ from the ``reported`` angles by these amounts, they are in the other order.
     """
-    off, lefts = _about_mean_yaw(joints - reported), {}
+    off = _about_mean_yaw(joints - reported)
+    lefts: dict[str, float] = {}
     for order in JOINT_ORDERS:
         between = _about_mean_yaw(joint_angles(rotations_bg, order) - reported)
         if (between**2).sum(axis=1).mean() > _LEAST_BETWEEN_RAD**2:

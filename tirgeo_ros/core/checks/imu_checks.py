@@ -84,7 +84,9 @@ def _force_findings(force_b: Array, rate_b: Array, q_nb: Array) -> list[Finding]
         evidence = f"the specific force is {size:.3g} m/s2 in the mean, not 9.8"
         return [_force("force_unit", Severity.STOP, evidence, mend)]
     known = np.isfinite(q_nb[:, 0])
-    up_b = -matrix_from_quat(q_nb[known])[:, 2].mean(axis=0) if known.any() else (0, 0, -1)
+    up_b = np.array((0.0, 0.0, -1.0))
+    if known.any():
+        up_b = -matrix_from_quat(q_nb[known])[:, 2].mean(axis=0)
     cosine = float(mean_b @ up_b / (np.linalg.norm(mean_b) * np.linalg.norm(up_b)))
     if cosine < math.cos(_LARGEST_ANGLE_RAD):
         numbers = ", ".join(f"{value:+.1f}" for value in flu_from_frd(mean_b))

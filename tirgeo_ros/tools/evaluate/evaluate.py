@@ -170,7 +170,7 @@ class _Flight:
         self._runs = [run for setup in setups if (run := self._begun(setup, truth)) is not None]
         if self._runs:
             self._runs[-1].poses.checks = self.checks
-        self.recorded.add(self.series)
+        self.recorded.add(self.series.topics, self.series.take)
         self._check_any(self._runs)
 
     def _begun(self, setup: MethodSetup, truth: TruePoses | None) -> _Run | None:

@@ -152,7 +152,7 @@ def _rows(rows: Sequence[Sequence[float] | Array], width: int) -> Array:
 
 @final
 class SensorSeries:
-    """Collect the instruments' data over a flight; a Taker."""
+    """Collect the instruments' data over a flight."""
 
     topics = ("imu/data", "rtk/fix", "gps/fix", "gimbal/attitude")
 

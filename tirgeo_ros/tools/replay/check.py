@@ -94,7 +94,7 @@ def check(
         all_pixels=True,
     )
     flight = _Flight(Registration(fitted.ekf, fitted.gimbal), checks, layers, ground)
-    recorded.add(flight)
+    recorded.add(SAMPLES, flight.take)
     recorded.read_all(progress)
     found += [*damage_findings(reader.damage), *checks.findings(), *flight.no_ground]
     status = flight.registration.navigation.status()
@@ -139,9 +139,7 @@ def _flow(arrivals_ns: Sequence[int]) -> dict[str, float | None]:
 
 
 class _Flight:
-    """Run the samples through filter and gimbal, and lay the map in each new plane; a Taker."""
-
-    topics = tuple(SAMPLES)
+    """Run the samples through filter and gimbal, and lay the map in each new plane."""
 
     def __init__(
         self,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections import defaultdict
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from itertools import islice
 from typing import Any, Protocol
@@ -35,17 +35,6 @@ WHOLE_FLIGHT_S = 1e9
 _NEAR_NS = 1_000_000_000
 #: The camera's motion is measured from this much before an instant to this much after it.
 _MOTION_NS = 50_000_000
-
-
-class Taker(Protocol):
-    """Define an object that takes the samples of a flight."""
-
-    @property
-    def topics(self) -> Collection[str]:
-        """Return the contract topics whose samples it wants."""
-
-    def take(self, sample: Sample) -> None:
-        """Take a sample, in order of arrival."""
 
 
 class Watcher(Protocol):
@@ -85,7 +74,7 @@ class RecordedFlight:
         self._given_camera = self._camera = camera
         self._needs_camera = needs_camera
         self._checks = checks
-        self._takers: defaultdict[str, list[Taker]] = defaultdict(list)
+        self._takers: defaultdict[str, list[Callable[[Sample], None]]] = defaultdict(list)
         self._arrivals = Arrivals()
         self._cdr = Cdr()
 
@@ -131,7 +120,7 @@ class RecordedFlight:
         *,
         baseline_step_rad: float = 0.0,
     ) -> FlightPoses:
-        """Add a registration as a taker and return it.
+        """Add a registration, which takes the samples, and return it.
 
         Raise BagError if a needed topic is absent. ``baseline_step_rad``: use the headings that
         the aircraft would have measured with its antenna baseline turned by this angle, clockwise
@@ -141,13 +130,13 @@ class RecordedFlight:
             self._reader, ekf.method, gimbal.composition, self._namespace, pictures=False
         )
         poses = FlightPoses(ekf, gimbal, instants_ns, topics.values(), watcher, baseline_step_rad)
-        self.add(poses)
+        self.add(poses.topics, poses.take)
         return poses
 
-    def add(self, taker: Taker) -> None:
-        """Pass the samples of a taker's topics to it."""
-        for topic in taker.topics:
-            self._takers[topic].append(taker)
+    def add(self, topics: Collection[str], take: Callable[[Sample], None]) -> None:
+        """Pass the samples of contract topics to ``take``, in order of arrival."""
+        for topic in topics:
+            self._takers[topic].append(take)
 
     def has(self, topic: str) -> bool:
         """Return whether the bag has a contract topic with its type."""
@@ -190,8 +179,8 @@ class RecordedFlight:
         if checks is not None:
             checks.sample(topic, sample, arrival_ns)
         sample = self._arrivals.stamped(topic, sample, arrival_ns)
-        for taker in self._takers[topic]:
-            taker.take(sample)
+        for take in self._takers[topic]:
+            take(sample)
 
     def _take_picture(self, topic: str, message: BagMessage) -> None:
         """Pass a picture to the checks; decode it only if they want its pixels."""

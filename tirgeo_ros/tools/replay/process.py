@@ -14,6 +14,8 @@ from collections import Counter
 from collections.abc import Sequence
 
 from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.map.draping import Ground
+from tirgeo_ros.core.map.layers import MapLayer
 from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.types.errors import BagError, ConfigError, MessageError
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, BagWriter, Cdr
@@ -83,7 +85,9 @@ def process(
         camera=known is None,
         gimbal=images,
     )
-    layers, ground, drawn = None, None, None
+    layers: list[MapLayer] | None = None
+    ground: Ground | None = None
+    drawn: Overlay | None = None
     if map_path:
         layers = load_layers(map_path, overlay.style, overlay.label_field, network=overlay.network)
         ground = ground_of(overlay)

@@ -39,7 +39,7 @@ def six_lines(result: Mapping[str, Any]) -> str:
 
 
 def _read(result: Mapping[str, Any]) -> Line:
-    duration, elapsed, speed = map(three, map(result.get, ("duration_s", "elapsed_s", "speed")))
+    duration, elapsed, speed = (three(result[one]) for one in ("duration_s", "elapsed_s", "speed"))
     number = sum(result["read"].values())
     text = (
         f"{duration} s of {result['input']} in {elapsed} s, {speed}x real time; {number} messages"
