@@ -83,9 +83,6 @@ def test_a_map_beside_the_model():
     checks = {f.check: f for f in map_findings(laid(geo(SQUARE_N), ground=elsewhere), elsewhere)}
     assert set(checks) == {"dem_elsewhere", "map_empty"}
     assert checks["map_empty"].severity is Severity.STOP
-    some = laid(geo(SQUARE_N), geo(SQUARE_N + 3000 * NORTH_N), ground=model())
-    assert only(map_findings(some, model())).check == "map_off_dem"
-    assert only(map_findings(some, model())).severity is Severity.NOTE
 
 
 def test_a_file_that_names_no_system_is_noted(tmp_path):

@@ -147,9 +147,9 @@ PLANTED = {
     "heading + 90 deg": (heading(plus_deg=90), STOP, "heading_offset", SECOND, "across"),
     "heading + 180 deg": (heading(plus_deg=180), STOP, "heading_offset", SECOND, "swapped"),
     "heading + 20 deg": (heading(plus_deg=20), CAUTION, "heading_offset", SECOND, "measure both"),
-    "azimuth for ENU yaw": (heading(azimuth), STOP, "heading_sign", HEADING, "90 deg less"),
-    "heading in degrees": (heading(in_degrees), STOP, "heading_jumps", HEADING, "degrees for"),
-    "heading repeated": (heading(lambda _: 0.3), STOP, "heading_stuck", HEADING, "repeats one"),
+    "azimuth for ENU yaw": (heading(azimuth), STOP, "heading_turns", HEADING, "90 deg less"),
+    "heading in degrees": (heading(in_degrees), STOP, "heading_turns", HEADING, "degrees for"),
+    "heading repeated": (heading(lambda _: 0.3), STOP, "heading_turns", HEADING, "repeated"),
     "heading silent": (lost(HEADING), CAUTION, "no_rtk_heading", HEADING, "method to ekf"),
     "RTK above sea level": (higher("rtk/fix", -47), CAUTION, "height_datum", GEOID, "sea level"),
     "GPS above sea level": (higher("gps/fix", 9), CAUTION, "height_datum", GEOID, "sea level"),
@@ -231,8 +231,8 @@ def test_without_the_autopilots_attitude_headings_tell_of_the_gyroscopes(flight,
         return changed("imu/data", angular_rate_b=lambda w: np.degrees(w) * 0.7)(arrived)
 
     found = {one.check: one for one in checked(flight, config, change)}
-    assert found["heading_unit"].severity is STOP
-    assert "imu/data angular_velocity" in found["heading_unit"].parameter
+    assert found["heading_turns"].severity is STOP
+    assert "imu/data angular_velocity" in found["heading_turns"].parameter
 
 
 def test_numbers_that_are_none_do_no_harm(flight, config):

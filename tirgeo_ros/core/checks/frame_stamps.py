@@ -1,22 +1,20 @@
-"""Check the frames' time stamps, their rate and their sizes."""
+"""Check the frames' time stamps."""
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import deque
 
 import numpy as np
 
 from tirgeo_ros.core.types.finding import Finding, Severity
 
-NOTE, CAUTION, STOP = Severity
+_, CAUTION, STOP = Severity
 _TOPIC = "thermal/image_raw"
 _KEPT = 3000  # the newest frames
-_FEWEST = 20  # frames before anything but changing sizes is reported
+_FEWEST = 20  # frames before anything is reported
 _SHARE = 0.1  # of the frames: a fault that is more frequent is reported
 #: Limits of a stamp's differences: from its arrival, and from the newest pose's stamp.
 _AHEAD_S, _LATE_S, _APART_S = 0.1, 1.0, 2.0
-_SLOWEST_HZ = 2.0
-_SHOWN = 3
 _CLOCK = "let camera and aircraft keep one clock"
 #: For each fault: severity, evidence and mend.
 _FAULTS = {
@@ -49,40 +47,31 @@ _FAULTS = {
 
 
 class FrameStamps:
-    """Check the stamps and sizes of frames."""
+    """Check the stamps of frames."""
 
     def __init__(self) -> None:
         self._pose_ns = 0  # stamp of the newest pose since the last frame, or 0
         # of each frame: its stamp, its arrival and that pose, ns; 0 where unknown
         self._frames: deque[tuple[int, int, int]] = deque(maxlen=_KEPT)
-        self._sizes: Counter[tuple[int, int]] = Counter()
 
     def pose(self, stamp_ns: int) -> None:
         """Take the stamp of a camera pose."""
         self._pose_ns = stamp_ns
 
-    def frame(self, stamp_ns: int, size: tuple[int, int] | None, arrival_ns: int) -> None:
-        """Take a frame's stamp, its size (width, height) or None, and its arrival time.
+    def frame(self, stamp_ns: int, arrival_ns: int) -> None:
+        """Take a frame's stamp and its arrival time.
 
         An arrival time of 0 means unknown, because a clock that is played with a bag is 0 until
         its first message.
         """
-        if size is not None:
-            self._sizes[size] += 1
         self._frames.append((stamp_ns, arrival_ns, self._pose_ns))
         self._pose_ns = 0  # compare only with a pose that came since the last frame
 
     def findings(self) -> list[Finding]:
         """Return the findings so far."""
         found = []
-        if len(self._sizes) > 1:
-            most = ", ".join(f"{w}x{h} ({n})" for (w, h), n in self._sizes.most_common(_SHOWN))
-            mend = "let the camera send one size: that of its calibration"
-            found.append(
-                Finding("picture_sizes", STOP, f"pictures of {most} pixels", _TOPIC, mend)
-            )
         if len(self._frames) < _FEWEST:
-            return found
+            return []
         stamps, arrivals, poses = np.array(self._frames, np.int64).T
         known = stamps != 0
         early = (stamps - arrivals) * 1e-9 * (known & (arrivals != 0))
@@ -100,9 +89,4 @@ class FrameStamps:
                 mean = f"{off_s[wrong].mean():.2f}"
                 evidence = text.format(count=wrong.sum(), frames=len(stamps), mean=mean)
                 found.append(Finding(check, severity, evidence, _TOPIC, mend))
-        flowing = steps[steps > 0]
-        if flowing.size and flowing.mean() > 1 / _SLOWEST_HZ:
-            evidence = f"{1 / flowing.mean():.1f} pictures a second"
-            mend = "see what the camera's driver sends; 5 to 30 a second are usual"
-            found.append(Finding("picture_rate", NOTE, evidence, _TOPIC, mend))
         return found

@@ -30,7 +30,7 @@ _LEAST_TURNED_RAD = math.radians(40)  # sum of the turns that is needed for a fi
 #: Largest rms residual of the turns under a correct explanation, relative to the turns' rms.
 _EXPLAINED = 0.3
 #: Rms difference between changes of heading and of the gyroscopes at which the heading jumps.
-_JUMPING_RAD = math.radians(15)
+_JUMPING_RAD, _LEAST_JUMPS = math.radians(15), 8
 _LEAST_CONSTANT = 0.9  # length of the mean unit vector of an offset: 26 deg rms
 #: A compass errs by 10 deg near steel or without its declination.
 _OFF_RAD, _WRONG_RAD = math.radians(15), math.radians(45)
@@ -103,7 +103,7 @@ class HeadingChecks:
         changes, turns = wrap_pi(changes[near]), turns[near]
         moved = np.maximum(np.abs(changes), np.abs(turns)) >= _TURNED_RAD
         turned_rad = float(np.abs(turns[moved]).sum())
-        found = _changing(changes[moved], turns[moved], len(changes)) or self._offset(
+        found = _changing(changes[moved], turns[moved]) or self._offset(
             rows[np.isfinite(rows[:, 0])], turned_rad
         )
         return [found] if found else []
@@ -136,35 +136,28 @@ class HeadingChecks:
         return _stop("heading_offset", evidence, mend, _SECOND)
 
 
-def _changing(changes: Array, turns: Array, pairs: int) -> Finding | None:
-    """Check changes of the heading against the gyroscopes' turns (N,), rad; ``pairs``: in all."""
-    unlike = float(((changes - turns) ** 2).sum())
-    squares = float((turns**2).sum())
+def _changing(changes: Array, turns: Array) -> Finding | None:
+    """Check changes of the heading against the gyroscopes' turns (N,), rad."""
+    unlike, squares = float(((changes - turns) ** 2).sum()), float((turns**2).sum())
     if unlike <= _EXPLAINED**2 * squares:
         return None
-    turned_rad, own = float(np.abs(turns).sum()), float((changes**2).sum())
-    evidence = f"while the gyroscopes turned by {math.degrees(turned_rad):.0f} deg"
-    slope = float(changes @ turns) / max(own, 1e-12)  # gyroscope turn / change
-    left = squares - slope * float(changes @ turns)
-    explained = left < _EXPLAINED**2 * squares
-    if turned_rad > _LEAST_TURNED_RAD and own < 1e-12:
-        text = f"{evidence}, rtk/heading stayed the same"
-        return _stop("heading_stuck", text, "the receiver or its driver repeats one value")
-    if turned_rad > _LEAST_TURNED_RAD and explained and not 0.7 < slope < 1.3:
-        text = f"{evidence}, rtk/heading turned by {1 / slope:+.3g} of that"
-        if -1.3 < slope < -0.7:
-            mend = "its yaw must be ENU, counter-clockwise from east: 90 deg less the azimuth"
-            return _stop("heading_sign", text, mend)
-        where = "imu/data angular_velocity, rtk/heading"
-        mend = "is one of both in degrees? Both are in radians"
-        return _stop("heading_unit", text, mend, where)
-    rms = math.sqrt(unlike / pairs)
-    if pairs >= 8 and rms > _JUMPING_RAD:
-        text = f"rtk/heading jumps by {math.degrees(rms):.0f} deg a second {evidence}"
-        mend = "degrees for radians in its quaternion, or a receiver without a solution"
-        return _stop("heading_jumps", text, mend)
-    return None
+    turned_rad = float(np.abs(turns).sum())
+    slope = float(changes @ turns) / max(squares, 1e-12)
+    left = max(float((changes**2).sum()) - slope**2 * squares, 0.0)
+    is_explained = left < _EXPLAINED**2 * squares
+    is_jumping = len(turns) >= _LEAST_JUMPS and math.sqrt(unlike / len(turns)) > _JUMPING_RAD
+    if not is_jumping and (turned_rad < _LEAST_TURNED_RAD or not is_explained):
+        return None
+    jumps_deg = math.degrees(math.sqrt(left / len(turns)))
+    evidence = (
+        f"while the gyroscopes turned by {math.degrees(turned_rad):.0f} deg, rtk/heading turned "
+        f"by {slope:+.2f} of that, and jumped by {jumps_deg:.0f} deg"
+    )
+    mend = "degrees for radians, a value that is repeated, or a receiver without a solution?"
+    if is_explained and slope < -0.7:
+        mend = "its yaw must be ENU, counter-clockwise from east: 90 deg less the azimuth"
+    return _stop("heading_turns", evidence, mend, "rtk/heading, imu/data angular_velocity")
 
 
-def _stop(check: str, evidence: str, mend: str, where: str = "rtk/heading") -> Finding:
+def _stop(check: str, evidence: str, mend: str, where: str) -> Finding:
     return Finding(check, Severity.STOP, evidence, where, mend)

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.finding import Finding, Severity
 
 #: Largest offset of the principal point, in picture widths: no lens is mounted further off.
 _ASIDE = 0.1
 _NARROWEST_DEG, _WIDEST_DEG = 5.0, 120.0
-_SQUARE = 0.1  # largest relative difference of fx and fy: the pixels of sensors are square
-_FOLDS = 0.1  # share of the picture in which the lens model is not defined
 _FROM_LENS = "run tirgeo calibrate lens on pictures of this camera"
 
 
@@ -42,14 +38,4 @@ def lens_findings(camera: Camera, lens: str, size: tuple[int, int] | None = None
     if not _NARROWEST_DEG <= view_deg <= _WIDEST_DEG:
         evidence = f"field of view {view_deg:.1f} deg, by a focal length of {camera.fx:.0f} px"
         tell("field_of_view", Severity.STOP, evidence)
-    ratio = camera.fx / camera.fy
-    if abs(ratio - 1) > _SQUARE:
-        evidence = f"focal lengths {camera.fx:.0f} and {camera.fy:.0f} px: pixels {ratio:.2f} to 1"
-        tell("focal_ratio", Severity.CAUTION, evidence)
-    axes = np.linspace(0, camera.width - 1, 9), np.linspace(0, camera.height - 1, 9)
-    grid = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
-    share = float(np.isnan(camera.rays(grid)[:, 0]).mean())
-    if share >= _FOLDS:
-        evidence = f"the lens model folds within the picture: {share:.0%} of it has no place"
-        tell("lens_folds", Severity.CAUTION, evidence)
     return found

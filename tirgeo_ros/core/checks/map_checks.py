@@ -98,8 +98,4 @@ def _ground_findings(laid: DrapedMap, ground: Ground) -> list[Finding]:
     lost, whole = laid.map.without_ground, len(laid.map.labels)
     if lost and lost == whole:
         return [*found, _nothing("none of the map lies on the elevation model", _DEM)]
-    if lost:
-        evidence = f"{lost} of {whole} features lie where the elevation model has no height"
-        mend = "give a model that covers the map: they are not drawn there"
-        found.append(Finding("map_off_dem", Severity.NOTE, evidence, _DEM, mend))
     return found

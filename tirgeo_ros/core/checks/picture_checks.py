@@ -21,9 +21,6 @@ from tirgeo_ros.core.streams.sanity_checks import pose_fault
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose
 
-_FEWEST = 20  # pairs of pictures: eight seconds
-_FROZEN = 0.9  # share of the pairs
-
 
 class PictureChecks:
     """Take frames and poses as the overlay gets them; return findings at any time.
@@ -87,12 +84,12 @@ class PictureChecks:
 
     def passed(self, stamp_ns: int, arrival_ns: int) -> None:
         """Take a frame of which only the stamp is known."""
-        self._stamps.frame(stamp_ns, None, arrival_ns)
+        self._stamps.frame(stamp_ns, arrival_ns)
 
     def frame(self, stamp_ns: int, pixels: npt.NDArray[Any], arrival_ns: int) -> None:
         """Take a frame (h, w) uint8 or uint16, or (h, w, 3) uint8."""
         height, width = pixels.shape[:2]
-        self._stamps.frame(stamp_ns, (width, height), arrival_ns)
+        self._stamps.frame(stamp_ns, arrival_ns)
         camera = self._camera
         if camera is not None and (width, height) != (camera.width, camera.height):
             self._size = width, height
@@ -106,13 +103,7 @@ class PictureChecks:
         found = [*self._heights.findings(), *self._stamps.findings()]
         if self._camera is not None:
             found += self._lens_findings(self._camera)
-        tracker = self._tracker
-        if tracker.pairs >= _FEWEST and tracker.frozen > _FROZEN * tracker.pairs:
-            same = f"{tracker.frozen} of {tracker.pairs} pictures are the same as the one before"
-            evidence, where = f"{same}, bit by bit", "thermal/image_raw"
-            mend = "see that the video is live and not the last picture again and again"
-            found.append(Finding("pictures_frozen", Severity.CAUTION, evidence, where, mend))
-        if self._default and tracker.pairs:
+        if self._default and self._tracker.pairs:
             evidence = f"latency of the video at its default, {self._latency_s:g} s"
             where = "overlay_node video_latency_s"
             mend = "measure it with tirgeo calibrate boresight, and set it"

@@ -38,10 +38,10 @@ class Tracks(NamedTuple):
 
 
 class PictureTracker:
-    """Take frames, return tracks when a pair is complete; ``frozen`` counts identical pairs."""
+    """Take frames, return tracks when a pair is complete; ``pairs`` counts them."""
 
     def __init__(self) -> None:
-        self.pairs = self.frozen = 0
+        self.pairs = 0
         self._first: tuple[int, RawPixels] | None = None  # stamp and reduced picture
         self._begun_ns: int | None = None
 
@@ -74,9 +74,6 @@ class PictureTracker:
         if before.std() < _LEAST_CONTRAST:
             return None
         self.pairs += 1
-        if np.array_equal(before, after):
-            self.frozen += 1
-            return None
         found = _followed(before, after)
         if found is None:
             return None

@@ -18,8 +18,8 @@ from tirgeo_ros.core.types.measurements import VelocitySample
 
 _STEP_NS, _LONGEST_NS = 1_000_000_000, 4_000_000_000
 _KEPT, _LEAST_NUMBER = 60, 4  # intervals
-#: Least rms speed, well above that of position errors of some decimetres; of the vertical one too.
-_LEAST_M_S, _LEAST_UP_M_S = 1.0, 0.4
+#: Least rms speed, well above that of position errors of some decimetres.
+_LEAST_M_S = 1.0
 #: Share of the squares that remains under a wrong and under a right explanation.
 _WRONG, _RIGHT = 0.5, 0.15
 _LARGEST_RATIO = 1.5  # of the speeds
@@ -57,11 +57,11 @@ class VelocityChecks:
             self._pairs.append((way_n, np.mean(inside, axis=0)))
 
     def findings(self) -> list[Finding]:
-        """Return the fault of the horizontal axes, else that of the vertical one."""
+        """Return the fault of the horizontal axes, or of the unit."""
         if len(self._pairs) < _LEAST_NUMBER:
             return []
         ways, own = map(np.array, zip(*self._pairs, strict=True))
-        found = self._horizontal(ways[:, :2], own[:, :2]) or self._vertical(ways[:, 2], own[:, 2])
+        found = self._horizontal(ways[:, :2], own[:, :2])
         return [found] if found else []
 
     def _horizontal(self, ways: Array, own: Array) -> Finding | None:
@@ -89,18 +89,6 @@ class VelocityChecks:
             mend = "send m/s (3.6 times as much is km/h, 1.94 knots), of this receiver, in ENU"
             return self._stop("unit", evidence, mend)
         return None
-
-    def _vertical(self, ways: Array, own: Array) -> Finding | None:
-        moves, says = (math.sqrt((one**2).mean()) for one in (ways, own))
-        if min(moves, says) < _LEAST_UP_M_S:
-            return None
-        likeness = float((ways * own).mean()) / (moves * says)
-        if likeness > -math.sqrt(1 - _RIGHT):
-            return None
-        evidence = (
-            f"{self._topic} climbs where {self._positions} sinks (correlation {likeness:+.2f})"
-        )
-        return self._stop("up", evidence, "z is up: reverse its sign")
 
     def _stop(self, what: str, evidence: str, mend: str) -> Finding:
         check = f"{self._topic.replace('/', '_')}_{what}"
