@@ -154,7 +154,6 @@ def picture_findings(
     overlay: OverlayConfig | None = None,
     ground: Ground | None = None,
     lens: Callable[[Camera], Camera] = lambda camera: camera,
-    bodies: bool = False,
     each_second: bool = False,
 ) -> list[Finding]:
     """What the checks of the pictures find in a flight, with other parameters or another lens.
@@ -172,7 +171,7 @@ def picture_findings(
             checks.camera(lens(what))
         elif kind == "frame":
             checks.frame(*what, arrival_ns)
-        elif kind in ("plane", "pose") or (kind == "body" and bodies):
+        elif kind in ("plane", "pose"):
             getattr(checks, kind)(what)
     return [*found, *checks.findings()]
 

@@ -41,9 +41,8 @@ def dem(height_m):
     return Terrain(heights, graticule((39.84, 116.69), (0.005, 0.005), 5))
 
 
-@pytest.mark.parametrize("bodies", [True, False])
-def test_the_sample_flight_is_right(flight, bodies):
-    assert picture_findings(flight, bodies=bodies, each_second=True) == []
+def test_the_sample_flight_is_right(flight):
+    assert picture_findings(flight, each_second=True) == []
 
 
 @pytest.mark.parametrize("latency_s", [0.0, 0.1, 0.15, 0.25])

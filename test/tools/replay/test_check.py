@@ -126,7 +126,7 @@ def test_the_groups_see_all_of_a_flight(short, sample, stand_ins):
     assert pictures.calls["frame"] == numbers["thermal/image_raw/compressed"]["messages"]
     assert pictures.calls["camera"] == numbers["thermal/camera_info"]["messages"]
     assert pictures.calls["plane"] == 1
-    assert 0 < gimbal.calls["body"] == pictures.calls["body"]
+    assert gimbal.calls["body"] > 0
     assert pictures.calls["pose"] > 0
 
 

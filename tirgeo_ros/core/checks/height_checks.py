@@ -14,12 +14,10 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.gimbal.pose_buffer import attitude_of
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.streams.sanity_checks import pose_fault
 from tirgeo_ros.core.types.finding import Finding, Severity
-from tirgeo_ros.core.types.poses import BodyPose, CameraPose
+from tirgeo_ros.core.types.poses import CameraPose
 
 _EVERY_NS = 250_000_000
 _KEPT = 7200  # poses: half an hour
@@ -28,7 +26,7 @@ _STILL_M_S = 0.05  # filtered RTK noise is slower; a hover of half a minute is f
 _STILL_M = 0.05  # range of the places of a rest
 _CLIMBS_M = 5.0  # height range of the flight that proves that the rest was not a hover
 _LOWER_M = 0.5  # the rest is no more than this above the flight's lowest point
-#: Plausible heights of the body above ground at rest, by legs, roofs and errors of the ground.
+#: Plausible heights of the camera above ground at rest, by legs, roofs and errors of the ground.
 _RESTS_M = (-2.0, 3.0)
 _RESTS_ON_TERRAIN_M = (-6.0, 8.0)  # for elevation models from satellites
 _BELOW_M = 2.0
@@ -52,11 +50,9 @@ class HeightChecks:
         # time s, position NED m, height above ground m, its sigma m
         self._rows: deque[tuple[float, ...]] = deque(maxlen=_KEPT)
 
-    def pose(self, pose: BodyPose | CameraPose) -> None:
+    def pose(self, pose: CameraPose) -> None:
         """Take a pose, in order of time."""
         if self._newest_ns is not None and 0 <= pose.stamp_ns - self._newest_ns < _EVERY_NS:
-            return
-        if pose_fault(pose.position_n, attitude_of(pose), pose.covariance):
             return
         self._newest_ns, ground = pose.stamp_ns, self._ground
         if self.plane is None or ground is None:

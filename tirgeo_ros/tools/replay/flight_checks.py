@@ -138,7 +138,6 @@ class FlightChecks:
             self._map.plane(plane)
         if found.body is not None:
             self._gimbal.body(found.body)
-            self._pictures.body(found.body)
         for pose in found.cameras:
             self._pictures.pose(pose)
 
