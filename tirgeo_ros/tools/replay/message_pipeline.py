@@ -1,84 +1,116 @@
 """Run messages of a flight through the whole node graph, in log-time order.
 
-This is ``tirgeo process`` without its files: the core objects of ekf_node, gimbal_node and
-overlay_node, with the conversions that those nodes use. The log time of an output is that of the
-input that caused it.
+These are the core objects of ekf_node, gimbal_node and overlay_node, with the conversions that
+those nodes use. The log time of an output is that of the input that caused it.
 """
 
 from __future__ import annotations
 
 import contextlib
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import cv2
-import numpy as np
-import numpy.typing as npt
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.streams.arrival_stamps import Arrivals
 from tirgeo_ros.core.streams.rates import RateLimit
-from tirgeo_ros.core.types.errors import TirgeoError
+from tirgeo_ros.core.types.errors import MessageError, TirgeoError
 from tirgeo_ros.io import messages as convert
-from tirgeo_ros.io.messages import DiagnosticItem, Messages
+from tirgeo_ros.io.bags.bag import BagMessage, BagReader, BagWriter, Cdr
+from tirgeo_ros.io.messages import TOPIC_TYPES, DiagnosticItem, Messages
+from tirgeo_ros.tools.presentation.progress import Report
+from tirgeo_ros.tools.presentation.video import VideoFile
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
-from tirgeo_ros.tools.replay.flight_topics import CAMERA_INFO, prefix
+from tirgeo_ros.tools.replay.flight_topics import CAMERA_INFO, prefix, resolved
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs
 from tirgeo_ros.tools.replay.registration import SAMPLES, Registered, Registration
 
 DIAGNOSTICS_PERIOD_NS = 1_000_000_000
+#: Of the messages that only the checks want, every tenth is decoded: 5 a second at 50 Hz.
+_LOOKED_AT = 10
 
 
 class Pipeline:
-    """Run the chain from sensor messages to overlay, and count messages that cannot be read."""
+    """Run the chain from sensor messages to overlay.
+
+    ``read``, ``undecoded`` and ``written`` count messages by name in the bag, ``unreadable`` those
+    of contract topics that cannot be used, and ``states_s`` the seconds in each filter state.
+    """
 
     def __init__(
         self,
         configs: NodeConfigs,
         overlay: Overlay | None,
-        types: Callable[[str], type],
-        write: Callable[[str, object, int], None],
-        film: Callable[[int, npt.NDArray[np.uint8]], None] | None,
+        writer: BagWriter,
+        film: VideoFile | None,
         namespace: str,
         checks: FlightChecks,
         *,
         raw_images: bool = False,
     ) -> None:
-        """Set up the chain.
-
-        ``types`` returns the class of a message type, as for ``Messages``. ``write`` takes an
-        output's topic of the contract, message and log time (ns), ``film`` the stamp (ns) and the
-        pixels (h, w, 3) BGR of an overlay picture. ``checks`` get all inputs and outputs, and
-        change nothing of them.
-        """
+        """Set up the chain; ``checks`` get all inputs and outputs, and change nothing of them."""
         self.registration = Registration(configs.ekf, configs.gimbal)
         self.overlay = overlay
+        self.read: Counter[str] = Counter()
+        self.undecoded: Counter[str] = Counter()
+        self.written: Counter[str] = Counter()
         self.unreadable: Counter[str] = Counter()
         self.unreadable_because: dict[str, str] = {}  # the newest reason
         self.states_s: Counter[str] = Counter()
         self.arrivals = Arrivals()
+        self.duration_s = 0.0  # from the first to the newest message
         self._fix_rate = RateLimit(configs.ekf.fix_rate_hz)
         self._jpeg_quality, self._raw_images = configs.overlay.jpeg_quality, raw_images
         self._checks = checks
-        self._messages = Messages(types)
-        self._write, self._film = write, film
-        self._names = prefix(namespace)
+        self._cdr = Cdr()
+        self._messages = Messages(self._cdr.types)
+        self._writer, self._film = writer, film
+        self._prefix = prefix(namespace)
+        self._names = {topic: resolved(topic, namespace) for topic in TOPIC_TYPES}
         self._plane: TangentPlane | None = None
         self._diagnosed_ns: int | None = None
+        self._unwanted = 0
 
-    def wants(self, topic: str) -> bool:
-        """Return whether a message of a topic can still change an output."""
-        return topic != "gimbal/attitude" or self.registration.composer.composition == "paper"
+    def through(self, reader: BagReader, topics: Mapping[str, str], progress: Report) -> None:
+        """Process every message of the topics (resolved name -> contract topic)."""
+        begin_ns, end_ns = reader.span_ns
+        first_ns = last_ns = 0
+        for message in reader.messages(topics):
+            last_ns = message.log_time_ns
+            first_ns = first_ns or last_ns
+            self.duration_s = (last_ns - first_ns) * 1e-9
+            progress(self.duration_s, (end_ns - begin_ns) * 1e-9)
+            self._take(topics[message.topic], message)
+        if self.read:
+            self._finish(last_ns)
 
-    def look_at(self, topic: str, message: Any, log_time_ns: int) -> None:
-        """Pass a message that ``wants`` refuses to the checks."""
-        with contextlib.suppress(TirgeoError):
-            self._checks.sample(topic, SAMPLES[topic](message), log_time_ns)
+    def _take(self, topic: str, message: BagMessage) -> None:
+        """Process a message; of those that only the checks want, decode every tenth."""
+        # A reported attitude changes no output once the joints are trusted.
+        composition = self.registration.composer.composition
+        is_wanted = topic != "gimbal/attitude" or composition == "paper"
+        self._unwanted += not is_wanted
+        if not is_wanted and self._unwanted % _LOOKED_AT:
+            return
+        log_time_ns = message.log_time_ns
+        try:
+            decoded = self._cdr.deserialize(message.data, message.typename)
+        except MessageError:
+            if is_wanted:
+                self.undecoded[message.topic] += 1
+            return
+        if is_wanted:
+            self.read[message.topic] += 1
+            self._process(topic, decoded, log_time_ns)
+        else:
+            with contextlib.suppress(TirgeoError):
+                self._checks.sample(topic, SAMPLES[topic](decoded), log_time_ns)
 
-    def take(self, topic: str, message: Any, log_time_ns: int) -> None:
+    def _process(self, topic: str, message: Any, log_time_ns: int) -> None:
         """Process a message of a contract topic; count one that cannot be used."""
         found: Registered | None = None
         try:
@@ -105,12 +137,18 @@ class Pipeline:
             self._diagnosed_ns = log_time_ns - late_ns % DIAGNOSTICS_PERIOD_NS
             self._publish_diagnostics(log_time_ns)
 
-    def finish(self, log_time_ns: int) -> None:
+    def _finish(self, log_time_ns: int) -> None:
         """Output the frames that still wait for their poses, and the last diagnostics."""
         if self.overlay is not None:
             for deadline_ns in self.overlay.deadlines_ns:
                 self._draw(log_time_ns, deadline_ns)
         self._publish_diagnostics(log_time_ns)
+
+    def _write(self, topic: str, message: object, log_time_ns: int) -> None:
+        """Write an output under its resolved name."""
+        name = self._names[topic]
+        self._writer.write(name, TOPIC_TYPES[topic], message, log_time_ns)
+        self.written[name] += 1
 
     def _locate(self, message: Any, log_time_ns: int) -> None:
         if self.overlay is None:
@@ -164,7 +202,7 @@ class Pipeline:
         if result is None:
             return
         if self._film is not None:
-            self._film(result.stamp_ns, result.image)
+            self._film.add(result.stamp_ns, result.image)
         quality = [cv2.IMWRITE_JPEG_QUALITY, self._jpeg_quality]
         jpeg = cv2.imencode(".jpg", result.image, quality)[1].tobytes()
         compressed = self._messages.compressed(result.stamp_ns, jpeg)
@@ -176,7 +214,7 @@ class Pipeline:
     def _publish_diagnostics(self, log_time_ns: int) -> None:
         status = self.registration.navigation.status()
         self.states_s[status.state.value] += 1
-        name = f"{self._names}ekf_node: navigation"
+        name = f"{self._prefix}ekf_node: navigation"
         items = [self._messages.navigation_diagnostic(name, status)]
         items[0].values.update(self.arrivals.diagnostics)
         composer, overlay = self.registration.composer, self.overlay
@@ -189,4 +227,4 @@ class Pipeline:
 
     def _counts(self, name: str, counts: Mapping[str, int | str], message: str) -> DiagnosticItem:
         values = {key: str(number) for key, number in counts.items()}
-        return DiagnosticItem(self._names + name, 0, message, values)
+        return DiagnosticItem(self._prefix + name, 0, message, values)
