@@ -59,15 +59,14 @@ class ImuChecks:
         if len(self._blocks) < _LEAST_SECONDS * _SECOND:
             return []
         blocks = list(self._blocks)[-(len(self._blocks) // _SECOND) * _SECOND :]
-        attitudes = [(math.nan,) * 4 if q is None else q for q in (b[4] for b in blocks)]
-        force_b, rate_b, q_nb = (
-            np.array([b[2] for b in blocks]),
-            np.array([b[3] for b in blocks]),
-            np.array(attitudes),
+        force_b, rate_b = (
+            np.array([b.force_b for b in blocks]),
+            np.array([b.rate_b for b in blocks]),
         )
+        attitudes = [b.autopilot_q_nb for b in blocks]
+        q_nb = np.array([np.full(4, math.nan) if q is None else q for q in attitudes])
         steps_s = np.array([b.step_s if b.joined else math.nan for b in blocks])
-        found = (*_force_findings(force_b, rate_b, q_nb), *_gyro_findings(rate_b, q_nb, steps_s))
-        return list(found)
+        return [*_force_findings(force_b, rate_b, q_nb), *_gyro_findings(rate_b, q_nb, steps_s)]
 
 
 def _force_findings(force_b: Array, rate_b: Array, q_nb: Array) -> list[Finding]:
