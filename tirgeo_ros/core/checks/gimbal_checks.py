@@ -122,9 +122,11 @@ class GimbalChecks:
             where = "gimbal_node joint_order"
             mend = f"set it to {other}, or send the angles of a gimbal {self._order}"
             return [Finding("joint_order", self._severity, evidence, where, mend)]
-        costs = [(_cost(one.angles(joints), reported), one) for one in _READINGS]
-        least, before = min(cost for cost, _ in costs), costs[0][0]
-        if least < _SHARE * before:
+        limit = _SHARE * _cost(joints, reported)
+        possible = _READINGS if limit > 3 * _FLOOR_RAD2 else ()  # no reading costs less
+        costs = [(_cost(one.angles(joints), reported), one) for one in possible]
+        least = min((cost for cost, _ in costs), default=math.inf)
+        if least < limit:
             best = next(one for cost, one in costs if cost <= _ALIKE * least)
             evidence = _evidence(best.words, joints, reported, best.angles(joints), reported)
             mend = (
