@@ -85,6 +85,7 @@ class GimbalNode(Node):
         sample = self._stamped("imu/data", imu_sample(message))
         if sample.autopilot_q_nb is not None:
             self._publish(self._composer.add_autopilot(sample.stamp_ns, sample.autopilot_q_nb))
+            self._setup.take(self._checks.autopilot, sample.stamp_ns, sample.autopilot_q_nb)
 
     def _stamped(self, topic: str, sample: Any) -> Any:
         return self._arrivals.stamped(topic, sample, self.get_clock().now().nanoseconds)

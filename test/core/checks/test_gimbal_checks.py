@@ -38,13 +38,15 @@ def turned(axis):
 pitch_turned, yaw_turned, roll_turned = map(turned, ("pitch_rad", "yaw_rad", "roll_rad"))
 
 
-def found(sample, fault, *, reported=True, config=None, given=None):
+def found(sample, fault, *, reported=True, autopilot=True, config=None, given=None):
     checks = GimbalChecks(config or GimbalConfig(), given)
     for kind, what, _ in checked_flight(sample).events:
         if kind == "gimbal/joint_states":
             checks.joints(fault(what))
         elif kind == "gimbal/attitude" and reported:
             checks.reported(what)
+        elif kind == "imu/data" and autopilot:
+            checks.autopilot(what.stamp_ns, what.autopilot_q_nb)
         elif kind == "body":
             checks.body(what)
     return checks.findings()
@@ -66,8 +68,9 @@ def test_a_flight_that_is_right_says_nothing(sample, reported):
         (roll_turned, "joint, -gimbal_roll_joint, "),
     ],
 )
-def test_a_mistake_in_the_joints_is_named(sample, fault, words):
-    [finding] = found(sample, fault)
+@pytest.mark.parametrize("autopilot", [True, False])
+def test_a_mistake_in_the_joints_is_named(sample, fault, words, autopilot):
+    [finding] = found(sample, fault, autopilot=autopilot)
     assert finding.check == "joint_angles"
     assert finding.severity is Severity.STOP
     assert words in finding.evidence

@@ -123,6 +123,7 @@ def test_the_groups_see_all_of_a_flight(short, sample, stand_ins):
     assert navigation.calls["take"] == sensed
     assert gimbal.calls["joints"] == numbers["gimbal/joint_states"]["messages"]
     assert gimbal.calls["reported"] == numbers["gimbal/attitude"]["messages"]
+    assert gimbal.calls["autopilot"] == numbers["imu/data"]["messages"]
     assert pictures.calls["frame"] == numbers["thermal/image_raw/compressed"]["messages"]
     assert pictures.calls["camera"] == numbers["thermal/camera_info"]["messages"]
     assert pictures.calls["plane"] == 1

@@ -71,6 +71,7 @@ class GimbalChecks:
         self._severity = Severity.NOTE if config.composition == "paper" else Severity.STOP
         self._yaw_zero_rad, self._order = config.yaw_zero_rad, config.joint_order
         self._joints: StampedBuffer[Array] = StampedBuffer(_HISTORY_S)
+        self._autopilot: StampedBuffer[Array] = StampedBuffer(_HISTORY_S)
         self._bodies: StampedBuffer[Array] = StampedBuffer(_HISTORY_S)
         self._waiting: CameraAttitudeSample | None = None  # until later data have come
         self._pairs: deque[tuple[Array, Array]] = deque(maxlen=_KEPT)  # joints, reported q_bg
@@ -82,8 +83,13 @@ class GimbalChecks:
             zero = (self._yaw_zero_rad, 0.0, 0.0)
             self._joints.put(sample.stamp_ns, np.subtract(angles, zero))
 
+    def autopilot(self, stamp_ns: int, q_nb: Array) -> None:
+        """Take the autopilot's attitude (4,), whose errors the reported attitudes share."""
+        if usable_attitude(q_nb):
+            self._autopilot.put(stamp_ns, q_nb)
+
     def body(self, pose: BodyPose) -> None:
-        """Take a body pose."""
+        """Take a body pose, which is used where the autopilot's attitude is missing."""
         if usable_attitude(pose.q_nb):
             self._bodies.put(pose.stamp_ns, pose.q_nb)
 
@@ -95,10 +101,13 @@ class GimbalChecks:
         self._waiting = sample if usable_attitude(sample.q_ng) else None
         if before is None:
             return
-        joints, bodies = (h.around(before.stamp_ns) for h in (self._joints, self._bodies))
-        if not isinstance(joints, Miss) and not isinstance(bodies, Miss):
+        joints = self._joints.around(before.stamp_ns)
+        body = self._autopilot.around(before.stamp_ns)
+        if isinstance(body, Miss):
+            body = self._bodies.around(before.stamp_ns)
+        if not isinstance(joints, Miss) and not isinstance(body, Miss):
             start, end, share = joints
-            q_bg = quat_multiply(quat_conjugate(slerp(*bodies)), before.q_ng)
+            q_bg = quat_multiply(quat_conjugate(slerp(*body)), before.q_ng)
             self._pairs.append((start if share < 0.5 else end, q_bg))
 
     def findings(self) -> list[Finding]:

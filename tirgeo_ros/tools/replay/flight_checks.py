@@ -29,7 +29,7 @@ from tirgeo_ros.core.map.layers import MapLayer
 from tirgeo_ros.core.overlay.map_renderer import DrapedMap
 from tirgeo_ros.core.streams.arrival_stamps import Arrivals
 from tirgeo_ros.core.types.finding import Finding, Severity, sorted_findings
-from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
+from tirgeo_ros.core.types.measurements import CameraAttitudeSample, ImuSample, JointSample
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.messages import SENSED_TOPICS, TOPIC_TYPES
 from tirgeo_ros.io.parameters.parameter_file import Files, ParameterFile
@@ -128,6 +128,9 @@ class FlightChecks:
             self._gimbal.reported(self._arrivals.stamped(topic, sample, arrival_ns))
         else:
             self._navigation.take(topic, sample, arrival_ns)
+        if isinstance(sample, ImuSample) and sample.autopilot_q_nb is not None:
+            stamp_ns = self._arrivals.stamp_ns(topic, sample.stamp_ns, arrival_ns)
+            self._gimbal.autopilot(stamp_ns, sample.autopilot_q_nb)
 
     @_later
     def registered(self, found: Registered, plane: TangentPlane | None) -> None:
