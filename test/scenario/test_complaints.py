@@ -37,36 +37,24 @@ def changed(start_s: float, end_s: float, change) -> Run:
     return replace(good(), published=published, errors=errors(calm(), published))
 
 
-def higher(solution: NavSolution) -> NavSolution:
-    return solution._replace(height_m=solution.height_m + 0.1)
-
-
-def surer(solution: NavSolution) -> NavSolution:
-    return solution._replace(covariance=solution.covariance / 100)
-
-
-def not_positive(solution: NavSolution) -> NavSolution:
-    covariance = solution.covariance.copy()
+def covariance_not_positive(covariance):
+    covariance = covariance.copy()
     covariance[0, 1] = covariance[1, 0] = 2 * math.sqrt(covariance[0, 0] * covariance[1, 1])
-    return solution._replace(covariance=covariance)
-
-
-def no_number(solution: NavSolution) -> NavSolution:
-    return solution._replace(angular_rate_b=np.array([0.0, math.nan, 0.0]))
-
-
-def test_nothing_to_complain_of():
-    assert complaints(ROW, good()) == []
+    return covariance
 
 
 @pytest.mark.parametrize(
     ("start_s", "change", "words"),
     [
-        (26.0, higher, "meanwhile: position"),
-        (40.0, higher, "afterwards: position"),
-        (20.0, surer, "sigmas at"),
-        (20.0, not_positive, "not positive"),
-        (20.0, no_number, "not finite"),
+        (26.0, lambda s: s._replace(height_m=s.height_m + 0.1), "meanwhile: position"),
+        (40.0, lambda s: s._replace(height_m=s.height_m + 0.1), "afterwards: position"),
+        (20.0, lambda s: s._replace(covariance=s.covariance / 100), "sigmas at"),
+        (
+            20.0,
+            lambda s: s._replace(covariance=covariance_not_positive(s.covariance)),
+            "not positive",
+        ),
+        (20.0, lambda s: s._replace(angular_rate_b=np.full(3, math.nan)), "not finite"),
         (40.0, lambda _: None, "solutions in 15.0 s"),
     ],
 )
@@ -76,12 +64,8 @@ def test_each_tampering_is_seen(start_s, change, words):
 
 
 def test_states_and_resets_are_seen():
+    assert complaints(ROW, good()) == []
     assert complaints(replace(ROW, states=RUNNING + DEGRADED), good()) == ["states running"]
     assert "0 resets" in complaints(replace(ROW, resets=1), good())[0]
     lost = replace(good(), changes=[*good().changes, (30.0, FilterState.LOST)])
     assert "lost" in complaints(ROW, lost)
-
-
-def test_a_solution_of_no_instant_is_seen():
-    stray = replace(good(), astray=good().published[:1])
-    assert "never was" in complaints(ROW, stray)[0]

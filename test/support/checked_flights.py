@@ -93,19 +93,12 @@ def checked(
     config: EkfConfig,
     change: Change = lambda arrived: arrived,
     given: Collection[str] | None = None,
-    *,
-    filtered: bool = False,
 ) -> list[Finding]:
-    """Return what the checks find at the end of a flight; ``filtered``: they hear the filter."""
+    """Return what the checks find at the end of a flight."""
     checks = NavigationChecks(config, given)
-    registration = Registration(config, GimbalConfig()) if filtered else None
     for arrived in map(change, flight):
-        if arrived is None:
-            continue
-        checks.take(*arrived)
-        solution = registration.take(arrived.sample).solution if registration else None
-        if solution is not None:
-            checks.solution(solution)
+        if arrived is not None:
+            checks.take(*arrived)
     return checks.findings()
 
 
@@ -161,19 +154,26 @@ def picture_findings(
     overlay: OverlayConfig | None = None,
     ground: Ground | None = None,
     lens: Callable[[Camera], Camera] = lambda camera: camera,
-    bodies: bool = False,
+    each_second: bool = False,
 ) -> list[Finding]:
-    """What the checks of the pictures find in a flight, with other parameters or another lens."""
+    """What the checks of the pictures find in a flight, with other parameters or another lens.
+
+    ``each_second``: what they find at any second, else what they find at the end.
+    """
     overlay = overlay or flight.configs.overlay
     checks = PictureChecks(overlay, overlay.ground_height_m if ground is None else ground, None)
+    found, asked_ns = [], 0
     for kind, what, arrival_ns in flight.events:
+        if each_second and arrival_ns - asked_ns >= 10**9:
+            asked_ns = arrival_ns
+            found += checks.findings()
         if kind == "camera":
             checks.camera(lens(what))
         elif kind == "frame":
             checks.frame(*what, arrival_ns)
-        elif kind in ("plane", "pose") or (kind == "body" and bodies):
+        elif kind in ("plane", "pose"):
             getattr(checks, kind)(what)
-    return checks.findings()
+    return [*found, *checks.findings()]
 
 
 def recomposed(

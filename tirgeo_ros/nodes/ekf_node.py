@@ -112,8 +112,6 @@ class EkfNode(GraphNode):
         if self._state_log.note(status):
             self.report([self._item(status)])
         self._setup.take(self._checks.take, topic, came, arrival_ns)
-        if step.solution is not None:
-            self._setup.take(self._checks.solution, step.solution)
 
     def _publish(self, solution: NavSolution) -> None:
         plane = self._navigation.plane

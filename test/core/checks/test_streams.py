@@ -6,18 +6,23 @@ from dataclasses import replace
 
 import pytest
 
-from tirgeo_ros.core.checks.rate_checks import Stream, rate_findings
 from tirgeo_ros.core.checks.stamp_checks import StampChecks
+from tirgeo_ros.core.checks.stream_checks import Stream, stream_findings
 from tirgeo_ros.core.config import EkfConfig, RtkConfig
 from tirgeo_ros.core.types.finding import Severity
+from tirgeo_ros.core.types.measurements import PressureSample
 
 S = 1_000_000_000
+
+
+def at(stamp_ns):
+    return PressureSample(stamp_ns, 1e5, 1.0)
 
 
 def test_a_rate_is_that_between_gaps():
     stream = Stream(0.2)
     for k in [*range(100), *range(150, 250)]:
-        stream.add(k * S // 100, k * S // 100)
+        stream.add(at(k * S // 100), k * S // 100)
     assert stream.rate_hz == pytest.approx(100)
     assert (stream.gaps, stream.longest_ns) == (1, 51 * S // 100)
 
@@ -29,10 +34,10 @@ def aged(ages_s, config=EkfConfig()):  # noqa: B008 - frozen
     for second, age_s in enumerate(ages_s, start=10):
         for k in range(5):
             arrival_ns = second * S + k * S // 5
-            imu.add(arrival_ns, arrival_ns)
-            rtk.add(arrival_ns - round(age_s * 1e9), arrival_ns)
+            imu.add(at(arrival_ns), arrival_ns)
+            rtk.add(at(arrival_ns - round(age_s * 1e9)), arrival_ns)
             checks.take("rtk/fix", rtk, imu)
-    return {one.check: one for one in checks.findings({"rtk/fix": rtk, "imu/data": imu})}
+    return {one.check: one for one in checks.findings()}
 
 
 def test_delays_that_a_link_has_are_no_fault():
@@ -54,15 +59,13 @@ def test_a_recording_played_at_another_speed_without_its_clock():
     checks = StampChecks(EkfConfig())
     for k in range(400):
         stamp_ns, arrival_ns = 10 * S + k * S // 5, 90 * S + 3 * k * S // 5
-        imu.add(stamp_ns, arrival_ns)
-        rtk.add(stamp_ns - S // 10, arrival_ns)
+        imu.add(at(stamp_ns), arrival_ns)
+        rtk.add(at(stamp_ns - S // 10), arrival_ns)
         checks.take("rtk/fix", rtk, imu)
-    assert checks.findings({"rtk/fix": rtk, "imu/data": imu}) == []
+    assert checks.findings() == []
 
 
-def test_a_clock_that_drifts_or_jumps():
-    drifting = aged([0.05 + 0.005 * k for k in range(60)])
-    assert set(drifting) == {"stamp_drift"}
+def test_a_clock_that_jumps():
     jumped = aged([0.05] * 20 + [0.35] * 20)
     assert set(jumped) == {"stamp_jump"}
     assert "+0.30 s" in jumped["stamp_jump"].evidence
@@ -71,9 +74,9 @@ def test_a_clock_that_drifts_or_jumps():
 def test_two_publishers_are_told_by_their_order():
     stream = Stream(0.2)
     for k in range(100):
-        stream.add(k * S // 100, k * S // 100)
-        stream.add(k * S // 100 - 1, k * S // 100)
-    found = rate_findings({"imu/data": stream}, EkfConfig(), S)
+        stream.add(at(k * S // 100), k * S // 100)
+        stream.add(at(k * S // 100 - 1), k * S // 100)
+    found = stream_findings({"imu/data": stream}, EkfConfig(), S)
     assert "stamp_order" in [one.check for one in found]
 
 
@@ -91,5 +94,5 @@ def test_two_publishers_are_told_by_their_order():
 )
 def test_topics_that_a_method_needs(method, present, absent):
     config, streams = replace(EkfConfig(), method=method), dict.fromkeys(present, Stream(1.0))
-    assert rate_findings(streams, config, 5 * S) == []  # it may still come
-    assert [one.check for one in rate_findings(streams, config, 10 * S)] == absent
+    assert stream_findings(streams, config, 5 * S) == []  # it may still come
+    assert [one.check for one in stream_findings(streams, config, 10 * S)] == absent

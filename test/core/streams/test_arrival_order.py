@@ -31,13 +31,6 @@ def test_a_lane_keeps_its_order_where_the_clock_of_arrivals_was_set_back():
     assert rest(order) == ["fix 7", "imu 100", "imu 5", "imu 6"]
 
 
-def test_what_arrived_in_one_instant_comes_out_as_it_was_put():
-    order = order_of(9, "imu", "fix")
-    for lane in ("fix", "imu", "fix"):
-        order.put(lane, 0, lane)
-    assert rest(order) == ["fix", "imu", "fix"]
-
-
 def test_a_full_lane_gives_up_its_oldest_and_no_other_lanes():
     order = order_of(2, "imu", "fix")
     order.put("fix", 1, "fix 1")

@@ -10,11 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tirgeo_ros.core.frames.rotations import quat_from_rotvec
 from tirgeo_ros.core.streams.sanity_checks import (
     fault_of,
     joints_fault,
-    place_fault,
     pose_fault,
     usable_attitude,
 )
@@ -41,11 +39,6 @@ def put(array, index, value):
     changed = np.array(array)
     changed[index] = value
     return changed
-
-
-@pytest.mark.parametrize("sample", [IMU, POSITION, VELOCITY, HEADING])
-def test_good_samples_have_no_fault(sample):
-    assert fault_of(sample) == ""
 
 
 @pytest.mark.parametrize("bad", [NAN, INF, -INF])
@@ -77,6 +70,7 @@ OUT_OF_RANGE = "latitude or longitude is out of range"
 @pytest.mark.parametrize(
     ("sample", "values", "fault"),
     [
+        *((sample, {}, "") for sample in (IMU, POSITION, VELOCITY, HEADING)),
         (IMU, {"specific_force_b": np.array([0.0, -400.0, 0.0])}, ""),
         (IMU, {"specific_force_b": np.array([0.0, 400.4, 0.0])}, "force or rate is out of range"),
         (IMU, {"angular_rate_b": np.array([0.0, 70.0, 0.0])}, ""),
@@ -135,11 +129,6 @@ def test_no_real_covariance_is_refused(seed, scale):
     assert fault_of(dataclasses.replace(POSITION, covariance_n=covariance)) == ""
 
 
-@given(st.lists(st.floats(-4, 4), min_size=3, max_size=3).map(np.array), st.sampled_from([-1, 1]))
-def test_rotations_are_usable(rotvec, sign):
-    assert usable_attitude(sign * quat_from_rotvec(rotvec))
-
-
 @pytest.mark.parametrize(
     ("q", "usable"),
     [
@@ -192,7 +181,3 @@ def test_a_pose(axis, x_m, q, variance, fault):
 def test_a_joint_has_an_angle(bad):
     assert joints_fault((0.0, -math.pi, 100.0)) == ""
     assert joints_fault((0.0, 0.0, bad)) == "angle is not finite or no angle"
-
-
-def test_an_origin_may_be_where_no_receiver_is():
-    assert place_fault(0.0, 0.0, 0.0) == ""

@@ -30,7 +30,3 @@ def test_the_worst_comes_first_and_each_check_once():
 )
 def test_one_line_says_whether_to_fly(findings, line):
     assert verdict_line(findings) == line
-
-
-def test_a_line_has_evidence_parameter_and_mend():
-    assert STOP.line == "it is 2, not 1: a_node a_parameter: set it to 1"

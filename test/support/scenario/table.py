@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
 from scenario.deliveries import ALL, GPS, RTK, Fault
 from scenario.time_faults import (
     between,
@@ -29,15 +30,13 @@ from scenario.value_faults import (
     covariance_not_a_number,
     faster,
     fix,
-    force_off,
     frozen,
     moved,
-    no_attitude,
     not_a_number,
-    rate_off,
     rtk_without_fix,
     saturated,
     turned,
+    values,
     wandering,
 )
 
@@ -129,7 +128,9 @@ ABSENT = (
     always("rtk heading absent", drop(HEADING), STARTING + DEGRADED, COARSE),
     always("gps absent", drop(*GPS), STARTING + RUNNING, ALIGNED),
     always("rtk and gps absent", drop(*RTK, *GPS), WAITING, GOOD),
-    always("attitude absent", no_attitude(), STARTING + RUNNING, ALIGNED),
+    always(
+        "attitude absent", values(IMU, autopilot_q_nb=lambda _: None), STARTING + RUNNING, ALIGNED
+    ),
     Row("rtk comes late", drop(*RTK), STARTING + DEGRADED + RUNNING, COARSE, -1, 20),
     Row("rtk heading comes late", drop(HEADING), STARTING + DEGRADED + RUNNING, COARSE, -1, 20),
     Row("imu comes late", drop(IMU), STARTING + RUNNING, ALIGNED, -1, 10),
@@ -192,8 +193,16 @@ BIASED = (
     Row("headings 10 deg off", turned(10), LACKING, UNTURNED),
     Row("velocities 0.5 m/s off", faster(0.5, 0, 0, VELOCITY), LACKING),
     Row("gps 20 m off", moved(20, 0, 0, GPS[0]), resets=2),
-    Row("gyroscope 0.05 deg/s off", rate_off(0, 0, 0.05), bounds=STEPPED),
-    Row("accelerometer 0.05 m/s2 off", force_off(0.05, 0, 0), bounds=STEPPED),
+    Row(
+        "gyroscope 0.05 deg/s off",
+        values(IMU, angular_rate_b=lambda w: w + np.radians([0, 0, 0.05])),
+        bounds=STEPPED,
+    ),
+    Row(
+        "accelerometer 0.05 m/s2 off",
+        values(IMU, specific_force_b=lambda f: f + np.array([0.05, 0, 0])),
+        bounds=STEPPED,
+    ),
 )
 BROKEN = (
     Row("rtk is NaN", not_a_number(*RTK), LACKING, BY_GPS),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scenario.deliveries import RTK, Deliveries, Delivery, Fault, Interval, each
@@ -45,66 +46,54 @@ def frozen(*sources: Source) -> Fault:
     return fault
 
 
+def values(*sources: Source, **changes: Callable[[Any], Any]) -> Fault:
+    """Fields of samples are functions of themselves."""
+
+    def change(sample: Any) -> Any:
+        new = {name: function(getattr(sample, name)) for name, function in changes.items()}
+        return replace(sample, **new)
+
+    return _changed(sources, change)
+
+
 def moved(north_m: float, east_m: float, down_m: float, source: Source) -> Fault:
     """Positions elsewhere, with the covariance of good ones."""
-    return _values((source,), lambda s: shifted(s, np.array([north_m, east_m, down_m])))
+    return _changed((source,), lambda s: shifted(s, np.array([north_m, east_m, down_m])))
 
 
 def faster(north_m_s: float, east_m_s: float, down_m_s: float, source: Source) -> Fault:
     """Velocities off by a vector."""
-    off_n = np.array([north_m_s, east_m_s, down_m_s])
-    return _values((source,), lambda s: replace(s, velocity_n=s.velocity_n + off_n))
+    return values(source, velocity_n=lambda v: v + np.array([north_m_s, east_m_s, down_m_s]))
 
 
 def turned(angle_deg: float) -> Fault:
     """Headings off by an angle; 180: the antennas are taken for each other."""
     angle = math.radians(angle_deg)
-    return _values(
-        (Source.RTK_HEADING,),
-        lambda s: replace(s, heading_rad=(s.heading_rad + angle) % (2 * math.pi)),
-    )
-
-
-def force_off(x: float, y: float, z: float) -> Fault:
-    """The accelerometer off by a vector, FRD, m/s2."""
-    off_b = np.array([x, y, z])
-    return _values(
-        (Source.IMU,), lambda s: replace(s, specific_force_b=s.specific_force_b + off_b)
-    )
-
-
-def rate_off(x_deg: float, y_deg: float, z_deg: float) -> Fault:
-    """The gyroscope off by a vector, FRD, deg/s."""
-    off_b = np.radians([x_deg, y_deg, z_deg])
-    return _values((Source.IMU,), lambda s: replace(s, angular_rate_b=s.angular_rate_b + off_b))
+    return values(Source.RTK_HEADING, heading_rad=lambda rad: (rad + angle) % (2 * math.pi))
 
 
 def saturated() -> Fault:
     """Every axis of the IMU at the end of its scale, 16 g and 2000 deg/s."""
-    force_b, rate_b = np.full(3, 16 * _G), np.full(3, math.radians(2000))
-    return _values(
-        (Source.IMU,), lambda s: replace(s, specific_force_b=force_b, angular_rate_b=rate_b)
+    return values(
+        Source.IMU,
+        specific_force_b=lambda f: np.full_like(f, 16 * _G),
+        angular_rate_b=lambda w: np.full_like(w, math.radians(2000)),
     )
-
-
-def no_attitude() -> Fault:
-    """An IMU whose messages have no orientation."""
-    return _values((Source.IMU,), lambda s: replace(s, autopilot_q_nb=None))
 
 
 def not_a_number(*sources: Source) -> Fault:
     """NaN for values."""
-    return _values(sources, _nan_values)
+    return _changed(sources, _nan_values)
 
 
 def covariance_not_a_number(*sources: Source) -> Fault:
     """NaN for variances."""
-    return _values(sources, _nan_variance)
+    return _changed(sources, _nan_variance)
 
 
 def fix(status: FixStatus) -> Fault:
     """The RTK receiver gives its fixes another status, and nothing else."""
-    return _values((Source.RTK_POSITION,), lambda s: replace(s, status=status))
+    return values(Source.RTK_POSITION, status=lambda _: status)
 
 
 def wandering(status: FixStatus, sigma_m: float, time_s: float, claimed_m: float) -> Fault:
@@ -152,7 +141,7 @@ def shifted(sample: PositionSample, off_n: np.ndarray) -> PositionSample:
     )
 
 
-def _values(sources: tuple[Source, ...], change: Callable) -> Fault:
+def _changed(sources: tuple[Source, ...], change: Callable) -> Fault:
     return each(sources, lambda delivery: [replace(delivery, sample=change(delivery.sample))])
 
 

@@ -125,8 +125,9 @@ def test_the_groups_see_all_of_a_flight(short, sample, stand_ins):
     assert gimbal.calls["reported"] == numbers["gimbal/attitude"]["messages"]
     assert gimbal.calls["autopilot"] == numbers["imu/data"]["messages"]
     assert pictures.calls["frame"] == numbers["thermal/image_raw/compressed"]["messages"]
-    assert pictures.calls["camera"] == pictures.calls["plane"] == 1
-    assert 0 < navigation.calls["solution"] == gimbal.calls["body"] == pictures.calls["body"]
+    assert pictures.calls["camera"] == numbers["thermal/camera_info"]["messages"]
+    assert pictures.calls["plane"] == 1
+    assert gimbal.calls["body"] > 0
     assert pictures.calls["pose"] > 0
 
 
@@ -136,7 +137,7 @@ def test_another_namespace(sample, tmp_path, capsys):
     out, err = capsys.readouterr()
     assert "did you mean --namespace uav1?" in out
     assert "no pose" not in out  # that follows from it
-    assert err.startswith("tirgeo check: NO GO: no input topic under /; under /uav1 are 10 of")
+    assert err.startswith("tirgeo check: NO GO: no input topic under /; there are 10 in other")
 
 
 def test_a_flight_without_a_pose_says_why(sample, tmp_path):
@@ -220,7 +221,7 @@ def test_locate_and_evaluate_tell_of_them(verb, sample, stand_ins, tmp_path, cap
     assert f"tirgeo {verb}: CAUTION: 0.6 s late: rtk.delay_s: set it to 0.6\n" in err
     assert "it shakes" not in err
     navigation, gimbal, pictures = stand_ins.values()
-    assert 0 < navigation.calls["solution"] == gimbal.calls["body"]
+    assert 0 < gimbal.calls["body"] < navigation.calls["take"]
     # The stand-in follows none.
     assert pictures.calls["passed"] == (270 if verb == "evaluate" else 0)
     assert pictures.calls["frame"] == 0

@@ -5,13 +5,11 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
 from process_bags import rewritten
 
-from tirgeo_ros.core.camera.projection_covariance import CHI2_95
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.types.errors import BagError, ConfigError, SurveyError
 from tirgeo_ros.io.bags.bag import BagReader
@@ -102,27 +100,6 @@ def test_the_survey_lies_within_the_ellipses(sample, located):
         inside.append(math.hypot(along, across) <= 1)
     # of 24 draws at 95 %, fewer than 20 happen once in a hundred times
     assert sum(inside) >= 20
-
-
-def test_kml_and_cursor_on_target_hold_the_same_points(located):
-    folder, summary = located
-    found = [f for f in points_of(folder / "points.geojson") if f["geometry"]]
-    events = list(ET.parse(folder / "points.xml").iter("event"))
-    assert len(events) == len(found) == summary["located"]
-    for event, feature in zip(events, found, strict=True):
-        point = event.find("point").attrib
-        longitude, latitude, height_m = feature["geometry"]["coordinates"]
-        assert (float(point["lon"]), float(point["lat"])) == (longitude, latitude)
-        assert float(point["hae"]) == pytest.approx(height_m, abs=1e-3)
-        major_m = feature["properties"]["ellipse_major_m"]
-        assert float(point["ce"]) == pytest.approx(major_m / math.sqrt(CHI2_95), abs=1e-3)
-    marks = ET.parse(folder / "points.kml").iter("{http://www.opengis.net/kml/2.2}Placemark")
-    assert len(list(marks)) == summary["pixels"]
-    assert sorted(p.name for p in folder.iterdir()) == [
-        "points.geojson",
-        "points.kml",
-        "points.xml",
-    ]
 
 
 def test_the_command_and_its_json(inputs, sample, tmp_path, capsys):

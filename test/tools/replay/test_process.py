@@ -37,15 +37,6 @@ def test_same_input_same_bytes(whole, cut, options, tmp_path):
     assert (tmp_path / "again.mcap").read_bytes() == (whole[0] / "out.mcap").read_bytes()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("size", [1, 7])
-def test_size_of_the_blocks_changes_nothing(whole, cut, options, tmp_path, monkeypatch, size):
-    monkeypatch.setattr("tirgeo_ros.tools.replay.process._BLOCK", size)
-    monkeypatch.setattr("tirgeo_ros.tools.replay.message_pipeline._BLOCK", size)
-    process(cut, tmp_path / "out.mcap", raw_images=True, **options)
-    assert (tmp_path / "out.mcap").read_bytes() == (whole[0] / "out.mcap").read_bytes()
-
-
 def test_an_output_that_cannot_be_written_stops_the_run(cut, options, tmp_path, monkeypatch):
     def write(_writer, topic, *_rest):
         if topic == "/tirgeo/odometry":

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 
@@ -12,7 +10,6 @@ from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
 from tirgeo_ros.io.messages import TOPIC_TYPES, ground_point
 from tirgeo_ros.io.parameters.parameter_file import load_config
-from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.replay.process import process
 
 CDR = Cdr()
@@ -105,13 +102,6 @@ def test_an_elevation_model_stands_before_the_parameters_height(clicked, sample,
     assert located(output)[1][2] == pytest.approx(-2.0, abs=0.002)
 
 
-def test_two_grounds_are_one_too_many(clicked, tmp_path, capsys):
-    words = ["--dem", "a.tif", "--ground-height", "3", "-o", str(tmp_path / "out.mcap")]
-    with pytest.raises(SystemExit, match="2"):
-        main(["process", str(clicked[0]), *words])
-    assert "--dem and --ground-height are two grounds" in capsys.readouterr().err
-
-
 def kml(path, sample):
     """A line at the sample's origin, one 3 deg away, and a link that is not followed."""
     north, east, _ = load_config(sample / "params.yaml", "ekf_node", EkfConfig).origin_lat_lon_h
@@ -124,21 +114,6 @@ def kml(path, sample):
     head = '<kml xmlns="http://www.opengis.net/kml/2.2"><Document>'
     path.write_text(f"{head}{marks}{link}</Document></kml>")
     return path
-
-
-@pytest.mark.slow
-def test_what_of_the_map_is_left_out_is_in_the_summary(clicked, sample, tmp_path, capsys):
-    path = kml(tmp_path / "map.kml", sample)
-    words = ["process", str(clicked[0]), "-o", str(tmp_path / "out.mcap"), "--map", str(path)]
-    words += ["--params", str(sample / "params.yaml")]
-    note = f"{path}: 1 NetworkLink left out"
-    assert main([*words, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["notes"] == [note]
-    assert main(words) == 0
-    assert capsys.readouterr().out.splitlines()[-1].endswith(f"; {note}")
-    assert main([*words, "-v"]) == 0
-    line = next(row for row in capsys.readouterr().out.splitlines() if row.startswith("notes"))
-    assert line.split(maxsplit=1)[1] == note
 
 
 def test_a_map_that_goes_beyond_the_elevation_model_is_in_the_summary(clicked, sample, tmp_path):

@@ -82,18 +82,6 @@ def soon(path, more=""):
     return path
 
 
-@pytest.mark.parametrize("by_file", [False, True])
-def test_a_method_that_somebody_says_is_kept(cut, sample, tmp_path, by_file):
-    """Said by its option or in the last of the files, also where it is the default's name."""
-    bag = rewritten(cut, tmp_path / "in.mcap", without=["/rtk/heading"])
-    said = soon(tmp_path / "method.yaml", ", method: ekf_heading" if by_file else "")
-    params = [sample / "params.yaml", said]
-    method = None if by_file else "ekf_heading"
-    out = tmp_path / "out.mcap"
-    summary = process(bag, out, params=params, method=method, images=False)
-    assert (summary["method"], summary["notes"]) == ("ekf_heading", [])
-
-
 def test_poses_of_the_body_need_no_gimbal(cut, options, tmp_path, poses_only):
     """The odometry is the same to the last bit; camera poses there are none."""
     gimbal = ("/gimbal/joint_states", "/gimbal/attitude")

@@ -7,7 +7,6 @@ import math
 
 import pytest
 
-from tirgeo_ros.tools.cli import process as verb
 from tirgeo_ros.tools.replay.process_summary import six_lines
 
 NAMES = ["read", "state", "poses", "frames", "refused", "output"]
@@ -92,22 +91,9 @@ def test_what_is_wrong_stands_first_with_a_mark(result, change, name, words):
     assert sorted(names(text)) == sorted(NAMES)
 
 
-def test_single_refusals_of_many_are_told_and_not_wrong(result):
-    verdicts = {"rtk_position used": 995, "rtk_position gated": 5, "gps_velocity standby": 300}
-    text = six_lines(result | {"verdicts": verdicts})
-    assert wrong(text) == []
-    assert text.splitlines()[4] == "  refused  rtk_position 5 of 1000 gated"
-
-
 def test_the_output_names_the_video_and_the_notes(result):
     change = {"video": {"frames": 256, "rate_hz": 9.0003}, "notes": ["method ekf: no heading"]}
     last = six_lines(result | change).splitlines()[-1]
     assert last.endswith("26.4 MB, and a video of 256 frames at 9 Hz; method ekf: no heading")
     last = six_lines(result | {"notes": ["one", "two", "three"]}).splitlines()[-1]
     assert last.endswith("26.4 MB; one (and 2 more, with -v)")
-
-
-def test_v_has_the_rest(result):
-    text = verb.describe_all(result)
-    assert text.startswith(verb.describe(result) + "\n\n")
-    assert "verdicts.rtk_position used" in text

@@ -1,38 +1,55 @@
-"""Check the gimbal's set-up with joint angles and reported camera attitudes."""
+"""Check the gimbal's joint angles against the reported camera attitudes.
+
+Both are yaw, roll, pitch of the same chain, so a mistake in axes, signs, unit or order of the
+joints is one of few readings of the numbers. All of them are tried. The mean difference of yaw is
+ignored there, because the gimbal's north may be biased.
+"""
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import deque
 from collections.abc import Collection
+from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.checks.gimbal_joint_findings import joint_findings
 from tirgeo_ros.core.config import GimbalConfig
+from tirgeo_ros.core.frames.heading import wrap_pi
 from tirgeo_ros.core.frames.rotations import (
     matrix_from_quat,
     quat_conjugate,
     quat_multiply,
     slerp,
 )
-from tirgeo_ros.core.gimbal.joint_geometry import camera_turn
+from tirgeo_ros.core.gimbal.joint_geometry import joint_angles
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedBuffer
 from tirgeo_ros.core.streams.sanity_checks import joints_fault, usable_attitude
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding, Severity
+from tirgeo_ros.core.types.joint_orders import JOINT_ORDERS
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
 from tirgeo_ros.core.types.poses import BodyPose
 
 _EVERY_NS = 200_000_000  # interval between the compared instants
-_ATTITUDES_NS = 15_000_000  # body attitudes are taken at most this often
 _HISTORY_S = 1.0
-_KEPT = 300  # instants: one minute
-_FEWEST = 25  # instants: five seconds
-_MOST = 0.9  # share of the instants at which a fault is reported
-_SKY_RAD = math.radians(5.0)  # above the horizon
-_TILT_RAD = math.radians(15.0)  # largest tilt of a picture that should be level
-_JOINTS, _REPORTED = "gimbal/joint_states", "gimbal/attitude"
+_KEPT, _FEWEST = 300, 25  # instants: one minute, five seconds
+_NAMES = ("gimbal_yaw_joint", "gimbal_roll_joint", "gimbal_pitch_joint")
+#: Mean square difference without a mistake, from errors of the reported attitudes and of the
+#: body's, and from the gimbal's wander: Table 8's 0.27 and 0.48 deg rms, 0.5 deg of the
+#: body's tilt, and stamps that are 20 ms apart.
+_FLOOR_RAD2 = math.radians(0.8) ** 2
+_LARGEST_RAD2 = 0.25  # limit for one sample, so that a flight's start does not dominate
+#: Another reading of the angles must leave less than this share of the squares.
+_SHARE = 0.25
+_LEAST_BETWEEN_RAD = math.radians(0.7)  # rms difference between two orders that can be told apart
+_EXPLAINED = 0.7  # share of the squares that the right order explains
+_ALIKE = 1.5  # readings within this factor of the least are equal: the simplest is chosen
+#: Largest constant difference without a finding; yaw includes the gimbal's north bias (3 deg).
+_OFF_RAD = np.radians((12.0, 3.0, 3.0))
+_UNLIKE_RAD = math.radians(5.0)  # rms; above it the two do not agree at all
+_TOPIC = "gimbal/joint_states"
 _NEVER_CALIBRATED = Finding(
     "boresight_default",
     Severity.CAUTION,
@@ -46,136 +63,184 @@ class GimbalChecks:
     """Take samples in order of arrival; return findings at any time.
 
     ``given`` are the parameters of gimbal_node that were set explicitly, None if not known.
-    ``overlaid`` is whether a map is drawn with these poses.
     """
 
-    def __init__(
-        self,
-        config: GimbalConfig,
-        given: Collection[str] | None = None,
-        *,
-        overlaid: bool = True,
-    ) -> None:
+    def __init__(self, config: GimbalConfig, given: Collection[str] | None = None) -> None:
         untouched = given is not None and "boresight_rpy_deg" not in given
-        self._askew = overlaid and untouched and not np.any(config.boresight_rpy_deg)
-        self._used = config.composition != "paper"
-        self._yaw_zero_rad = config.yaw_zero_rad
-        self._order = config.joint_order
+        self._askew = untouched and not np.any(config.boresight_rpy_deg)
+        self._severity = Severity.NOTE if config.composition == "paper" else Severity.STOP
+        self._yaw_zero_rad, self._order = config.yaw_zero_rad, config.joint_order
         self._joints: StampedBuffer[Array] = StampedBuffer(_HISTORY_S)
         self._autopilot: StampedBuffer[Array] = StampedBuffer(_HISTORY_S)
         self._bodies: StampedBuffer[Array] = StampedBuffer(_HISTORY_S)
-        self._waiting: dict[str, tuple[int, Array]] = {}  # by topic: the next sample to check
-        self._pairs: deque[tuple[Array, Array]] = deque(maxlen=_KEPT)  # joints, reported R_bg
-        self._looks: dict[str, deque[tuple[float, float]]] = {}  # elevation, tilt, rad
-        self._sizes: deque[float] = deque(maxlen=_KEPT)  # larger of |roll| and |pitch|, rad
+        self._waiting: CameraAttitudeSample | None = None  # until later data have come
+        self._pairs: deque[tuple[Array, Array]] = deque(maxlen=_KEPT)  # joints, reported q_bg
 
     def joints(self, sample: JointSample) -> None:
         """Take joint angles; computed ones, which no encoder measured, are ignored."""
         angles = (sample.yaw_rad, sample.roll_rad, sample.pitch_rad)
-        if sample.computed or joints_fault(angles):
-            return
-        found = np.array(angles)
-        found[0] -= self._yaw_zero_rad
-        self._joints.put(sample.stamp_ns, found)
-        self._look(_JOINTS, sample.stamp_ns, found)
-
-    def reported(self, sample: CameraAttitudeSample) -> None:
-        """Take the camera attitude that the flight controller reports."""
-        if usable_attitude(sample.q_ng):
-            self._look(_REPORTED, sample.stamp_ns, sample.q_ng)
+        if not (sample.computed or joints_fault(angles)):
+            zero = (self._yaw_zero_rad, 0.0, 0.0)
+            self._joints.put(sample.stamp_ns, np.subtract(angles, zero))
 
     def autopilot(self, stamp_ns: int, q_nb: Array) -> None:
-        """Take the autopilot's attitude (4,)."""
-        if _due(self._autopilot, stamp_ns) and usable_attitude(q_nb):
+        """Take the autopilot's attitude (4,), whose errors the reported attitudes share."""
+        if usable_attitude(q_nb):
             self._autopilot.put(stamp_ns, q_nb)
 
     def body(self, pose: BodyPose) -> None:
         """Take a body pose, which is used where the autopilot's attitude is missing."""
-        heard_ns = self._autopilot.newest_ns
-        if heard_ns is not None and abs(pose.stamp_ns - heard_ns) < _HISTORY_S * 1e9:
-            return
-        if _due(self._bodies, pose.stamp_ns) and usable_attitude(pose.q_nb):
+        if usable_attitude(pose.q_nb):
             self._bodies.put(pose.stamp_ns, pose.q_nb)
 
-    def _look(self, topic: str, stamp_ns: int, entry: Array) -> None:
-        """Check the waiting sample once later data have arrived; a few times a second."""
-        before = self._waiting.get(topic)
-        if before is not None and 0 <= stamp_ns - before[0] < _EVERY_NS:
+    def reported(self, sample: CameraAttitudeSample) -> None:
+        """Take the camera attitude that the flight controller reports."""
+        before = self._waiting
+        if before is not None and 0 <= sample.stamp_ns - before.stamp_ns < _EVERY_NS:
             return
-        self._waiting[topic] = stamp_ns, entry
+        self._waiting = sample if usable_attitude(sample.q_ng) else None
         if before is None:
             return
-        if topic == _REPORTED:
-            self._compare(*before)
-            self._add_look(topic, before[1])
-            return
-        yaw, roll, pitch = before[1].tolist()
-        self._sizes.append(max(abs(roll), abs(pitch)))
-        q_nb = self._attitude(before[0])
-        if q_nb is not None:
-            q_bg = camera_turn(JointSample(0, yaw, roll, pitch), self._order)
-            self._add_look(topic, quat_multiply(q_nb, q_bg))
-
-    def _attitude(self, stamp_ns: int) -> Array | None:
-        for history in (self._autopilot, self._bodies):
-            around = history.around(stamp_ns)
-            if not isinstance(around, Miss):
-                return slerp(*around)
-        return None
-
-    def _compare(self, stamp_ns: int, q_ng: Array) -> None:
-        around, q_nb = self._joints.around(stamp_ns), self._attitude(stamp_ns)
-        if isinstance(around, Miss) or q_nb is None:
-            return
-        start, end, share = around
-        q_bg = quat_multiply(quat_conjugate(q_nb), q_ng)
-        seen = start if share < 0.5 else end
-        self._pairs.append((seen, matrix_from_quat(q_bg)))
-
-    def _add_look(self, topic: str, q_ng: Array) -> None:
-        axes_n = matrix_from_quat(q_ng)
-        up, tilt = math.asin(-axes_n[2, 0].clip(-1, 1)), math.asin(axes_n[2, 1].clip(-1, 1))
-        self._looks.setdefault(topic, deque(maxlen=_KEPT)).append((up, tilt))
+        joints = self._joints.around(before.stamp_ns)
+        body = self._autopilot.around(before.stamp_ns)
+        if isinstance(body, Miss):
+            body = self._bodies.around(before.stamp_ns)
+        if not isinstance(joints, Miss) and not isinstance(body, Miss):
+            start, end, share = joints
+            q_bg = quat_multiply(quat_conjugate(slerp(*body)), before.q_ng)
+            self._pairs.append((start if share < 0.5 else end, q_bg))
 
     def findings(self) -> list[Finding]:
         """Return the findings so far."""
         found = []
         if len(self._pairs) >= _FEWEST:
             joints, reported = map(np.array, zip(*self._pairs, strict=True))
-            found = joint_findings(joints, reported, self._order, used=self._used)
-        if not found and len(self._sizes) >= _FEWEST and np.median(self._sizes) > math.tau:
-            size = np.median(self._sizes)
-            evidence = f"roll or pitch of the gimbal is {size:.1f} rad, more than a turn"
-            severity = Severity.STOP if self._used else Severity.NOTE
-            mend = "send radians; these look like degrees"
-            found = [Finding("joint_angles", severity, evidence, _JOINTS, mend)]
-        if not found:
-            found = [one for topic in self._looks for one in self._look_findings(topic)]
-        return [*found, _NEVER_CALIBRATED] if self._askew and self._waiting else found
+            found = self._compared(joints, matrix_from_quat(reported))
+        has_gimbal = self._waiting is not None or self._joints.newest_ns is not None
+        return [*found, _NEVER_CALIBRATED] if self._askew and has_gimbal else found
 
-    def _look_findings(self, topic: str) -> list[Finding]:
-        if len(self._looks[topic]) < _FEWEST:
-            return []
-        up, tilt = np.array(self._looks[topic]).T
-        found = []
-        if (up > _SKY_RAD).mean() > _MOST:
-            evidence = f"the camera looks {_deg(up)} above the horizon all the time"
-            mend = "see that its pitch is negative downwards in the core, positive in the topic"
-            found.append(Finding("camera_up", Severity.STOP, evidence, topic, mend))
-        if (np.abs(tilt) > _TILT_RAD).mean() > _MOST:
-            evidence = (
-                f"the picture is tilted by {_deg(np.abs(tilt))} all the time, with the camera "
-                f"{_deg(up)} up"
+    def _compared(self, joints: Array, rotations_bg: Array) -> list[Finding]:
+        """Compare angles (N, 3) yaw, roll, pitch, rad, with reported ``R_bg`` (N, 3, 3)."""
+        reported = joint_angles(rotations_bg, self._order)
+        other = _other_order(joints, reported, rotations_bg)
+        if other:
+            words = f"the joints are those of a gimbal {other}, not {self._order}"
+            evidence = _evidence(
+                words, joints, reported, joints, joint_angles(rotations_bg, other)
             )
-            mend = "see that gimbal_roll_joint and gimbal_pitch_joint are not exchanged"
-            found.append(Finding("camera_tilt", Severity.CAUTION, evidence, topic, mend))
-        return found
+            where = "gimbal_node joint_order"
+            mend = f"set it to {other}, or send the angles of a gimbal {self._order}"
+            return [Finding("joint_order", self._severity, evidence, where, mend)]
+        limit = _SHARE * _cost(joints, reported)
+        possible = _READINGS if limit > 3 * _FLOOR_RAD2 else ()  # no reading costs less
+        costs = [(_cost(one.angles(joints), reported), one) for one in possible]
+        least = min((cost for cost, _ in costs), default=math.inf)
+        if least < limit:
+            best = next(one for cost, one in costs if cost <= _ALIKE * least)
+            evidence = _evidence(best.words, joints, reported, best.angles(joints), reported)
+            mend = (
+                "send radians by these names: yaw about up, roll about forward, then pitch about "
+                "left"
+            )
+            return [Finding("joint_angles", self._severity, evidence, _TOPIC, mend)]
+        mean, spread = _differences(joints, reported)
+        if not ((np.abs(mean) > _OFF_RAD) | (spread > _UNLIKE_RAD)).any():
+            return []
+        off, within = (
+            ", ".join(f"{angle:+.1f}" for angle in np.degrees(each).tolist())
+            for each in (mean, spread)
+        )
+        evidence = (
+            f"the joints are ({off}) deg off the reported attitude (yaw, roll, pitch), with a "
+            f"standard deviation of ({within})"
+        )
+        where = f"{_TOPIC}, gimbal_node yaw_zero_deg, north.bias_deg"
+        mend = "mend the joints' zeros, or their stamps; it is no matter of the boresight"
+        return [Finding("joints_unlike", Severity.CAUTION, evidence, where, mend)]
 
 
-def _due(history: StampedBuffer[Array], stamp_ns: int) -> bool:
-    newest_ns = history.newest_ns
-    return newest_ns is None or not 0 <= stamp_ns - newest_ns < _ATTITUDES_NS
+class _Reading(NamedTuple):
+    """Hold one reading of the three numbers: which is which angle, signs, and the unit."""
+
+    axes: tuple[int, ...]
+    signs: tuple[float, ...]
+    degrees: bool
+
+    @property
+    def mistakes(self) -> int:
+        """Return how many of axes, signs and unit are wrong."""
+        moved = sum(one != axis for axis, one in enumerate(self.axes))
+        return moved + self.signs.count(-1.0) + self.degrees
+
+    def angles(self, joints: Array) -> Array:
+        """Return (N, 3) yaw, roll, pitch, rad, of the numbers (N, 3) as received."""
+        unit = math.pi / 180 if self.degrees else 1.0
+        return np.asarray(joints[:, self.axes] * np.array(self.signs) * unit)
+
+    @property
+    def words(self) -> str:
+        """Return a description for the operator."""
+        signs = ("-" if sign < 0 else "" for sign in self.signs)
+        read = ", ".join(sign + _NAMES[one] for sign, one in zip(signs, self.axes, strict=True))
+        return f"yaw, roll, pitch are {read}{', in degrees' if self.degrees else ''}"
 
 
-def _deg(angles_rad: Array) -> str:
-    return f"{math.degrees(float(np.median(angles_rad))):.0f} deg"
+_READINGS = sorted(
+    itertools.starmap(
+        _Reading,
+        itertools.product(
+            itertools.permutations(range(3)),
+            itertools.product((1.0, -1.0), repeat=3),
+            (False, True),
+        ),
+    ),
+    key=lambda one: one.mistakes,
+)
+
+
+def _other_order(joints: Array, reported: Array, rotations_bg: Array) -> str | None:
+    """Return the other order that explains angles (N, 3) by reported R_bg (N, 3, 3), or None.
+
+    The angles of one attitude in two orders differ by amounts that change with the attitude. If
+    the joints differ from the ``reported`` angles by these amounts, they are in the other order.
+    """
+    off = _about_mean_yaw(joints - reported)
+    lefts: dict[str, float] = {}
+    for order in JOINT_ORDERS:
+        between = _about_mean_yaw(joint_angles(rotations_bg, order) - reported)
+        if (between**2).sum(axis=1).mean() > _LEAST_BETWEEN_RAD**2:
+            lefts[order] = float((_about_mean_yaw(off - between) ** 2).sum())
+    best = min(lefts, key=lambda order: lefts[order], default=None)
+    is_explained = best and lefts[best] < (1 - _EXPLAINED) * (off**2).sum()
+    return best if is_explained else None
+
+
+def _about_mean_yaw(off: Array) -> Array:
+    """Return differences (N, 3) wrapped to half a turn, yaw's relative to its mean."""
+    off = wrap_pi(off)
+    off[:, 0] = wrap_pi(off[:, 0] - np.angle(np.exp(1j * off[:, 0]).mean()))
+    return np.asarray(off)
+
+
+def _cost(angles: Array, reported: Array) -> float:
+    """Return the sum of the axes' mean square differences, yaw's relative to its mean."""
+    off = _about_mean_yaw(angles - reported)
+    squares = np.minimum(off**2, _LARGEST_RAD2).mean(axis=0)
+    return float(np.maximum(squares, _FLOOR_RAD2).sum())
+
+
+def _differences(joints: Array, reported: Array) -> tuple[Array, Array]:
+    """Return (3,) mean and (3,) standard deviation of joints minus reported angles (N, 3), rad."""
+    mean = np.angle(np.exp(1j * (joints - reported)).mean(axis=0))
+    return mean, np.asarray(wrap_pi(joints - reported - mean).std(axis=0))
+
+
+def _evidence(words: str, *angles: Array) -> str:
+    before, after = _sizes(*angles[:2]), _sizes(*angles[2:])
+    beside = f"{before} deg beside the reported attitude (yaw, roll, pitch)"
+    return f"{words}: {beside}, {after} deg when mended"
+
+
+def _sizes(joints: Array, reported: Array) -> str:
+    sizes_deg = np.degrees(np.hypot(*_differences(joints, reported)))
+    return ", ".join(f"{angle:.1f}" for angle in sizes_deg.tolist())

@@ -8,193 +8,125 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import NamedTuple
+
+import numpy as np
 
 from tirgeo_ros.core.checks.imu_blocks import ImuMean
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.frames.heading import azimuth, wrapped
-from tirgeo_ros.core.frames.rotations import rotation_of
+from tirgeo_ros.core.frames.heading import azimuth, heading_of, wrap_pi
+from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedBuffer
-from tirgeo_ros.core.streams.sanity_checks import usable_attitude
-from tirgeo_ros.core.types.arrays import Vector
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.measurements import HeadingSample, VelocitySample
 
-_KEPT_S = 3.0  # of IMU blocks: as long as a heading may be late
-_PAIR_NS = 1_000_000_000
-_LONGEST_PAIR_NS = 3_000_000_000
+_LATEST_S = 3.0  # a heading may be this late
+_STEP_NS, _LONGEST_S = 1_000_000_000, 3.0  # between the headings that are compared
+_KEPT = 120  # headings: two minutes
+_LEAST_HEADINGS, _LEAST_COURSES = 5, 20
 #: A smaller change is ignored: headings in whole degrees change by one degree by rounding.
 _TURNED_RAD = math.radians(5)
 _LEAST_TURNED_RAD = math.radians(40)  # sum of the turns that is needed for a finding
 #: Largest rms residual of the turns under a correct explanation, relative to the turns' rms.
 _EXPLAINED = 0.3
 #: Rms difference between changes of heading and of the gyroscopes at which the heading jumps.
-_JUMPING_RAD = math.radians(15)
-_MEMORY = 100  # samples of a running mean
-_LEAST_NUMBER, _LEAST_CONSTANT = 15, 0.9  # samples; length of the mean unit vector (26 deg rms)
+_JUMPING_RAD, _LEAST_JUMPS = math.radians(15), 8
+_LEAST_CONSTANT = 0.9  # length of the mean unit vector of an offset: 26 deg rms
 #: A compass errs by 10 deg near steel or without its declination.
 _OFF_RAD, _WRONG_RAD = math.radians(15), math.radians(45)
 _SIGMAS = 5.0
 _QUARTER_RAD = math.radians(20)  # an offset within this of a multiple of 90 deg is that multiple
-_FORWARD_M_S, _LEAST_COURSES = 2.0, 100
+_FORWARD_M_S = 2.0
 _SECOND = "ekf_node aircraft.second_antenna_m"
-
-
-class _Turn(NamedTuple):
-    turned_rad: float  # rotation about the vertical, by the gyroscopes since the start
-    autopilot_rad: float  # the autopilot's heading; nan without
-
-
-class _Circle:
-    """Track the running mean of directions."""
-
-    def __init__(self) -> None:
-        self.number = 0
-        self._cosine = self._sine = 0.0
-
-    def add(self, angle_rad: float) -> None:
-        self.number += 1
-        share = 1 / min(self.number, _MEMORY)
-        self._cosine += share * (math.cos(angle_rad) - self._cosine)
-        self._sine += share * (math.sin(angle_rad) - self._sine)
-
-    @property
-    def mean_rad(self) -> float:
-        return math.atan2(self._sine, self._cosine)
-
-    @property
-    def constant(self) -> bool:
-        return math.hypot(self._cosine, self._sine) > _LEAST_CONSTANT
 
 
 class HeadingChecks:
     """Check headings against blocks of the IMU and velocities."""
 
     def __init__(self, config: EkfConfig) -> None:
-        self._rotation_bi = config.aircraft.rotation_bi
         sigma_rad = math.radians(config.autopilot.attitude_sigma_deg[2])
         self._off_rad = max(_OFF_RAD, _SIGMAS * sigma_rad)
-        self._turns: StampedBuffer[_Turn] = StampedBuffer(_KEPT_S)
+        # rotation about the vertical since the start, and the autopilot's heading or nan
+        self._turns: StampedBuffer[tuple[float, float]] = StampedBuffer(_LATEST_S)
         self._turned_rad = 0.0
-        self._waiting: deque[HeadingSample] = deque(maxlen=20)
-        self._before: tuple[HeadingSample, float] | None = None  # with the rotation at its stamp
-        self._autopilot, self._course = _Circle(), _Circle()
-        self._newest: HeadingSample | None = None
-        # over pairs: |turn|; squares of gyro turn and of heading change; product
-        self._sum = dict.fromkeys(("turned", "gyro", "own", "both"), 0.0)
-        self._pairs = 0
+        self._waiting: deque[HeadingSample] = deque(maxlen=4)
+        self._taken_ns = -_STEP_NS
+        self._course_rad = math.nan
+        # stamp s, heading, rotation by the gyroscopes, the autopilot's heading, course; rad
+        self._rows: deque[tuple[float, ...]] = deque(maxlen=_KEPT)
 
     def block(self, block: ImuMean) -> None:
         """Take the next block of the IMU."""
-        rate_b = block.rate_b
-        if self._rotation_bi is not None:
-            x, y, z = (self._rotation_bi @ rate_b).tolist()
-            rate_b = x, y, z
-        down_b: Vector = (0.0, 0.0, 1.0)
-        autopilot_rad = math.nan
-        if block.autopilot_q_nb is not None and usable_attitude(block.autopilot_q_nb):
-            rotation = rotation_of(block.autopilot_q_nb.tolist())
-            down_b = rotation[6:9]
-            autopilot_rad = azimuth((rotation[0], rotation[3], 0.0))
+        down_b, autopilot_rad = np.array((0.0, 0.0, 1.0)), math.nan
+        if block.autopilot_q_nb is not None:
+            down_b = matrix_from_quat(block.autopilot_q_nb)[2]
+            autopilot_rad = heading_of(block.autopilot_q_nb)
         if not block.joined:
             self._turns.clear()
-            self._before = None
-        self._turned_rad += block.step_s * sum(a * b for a, b in zip(rate_b, down_b, strict=True))
-        self._turns.put(block.stamp_ns, _Turn(self._turned_rad, autopilot_rad))
+            self._rows.append((math.nan,) * 5)  # no turn is known across the gap
+        self._turned_rad += block.step_s * float(block.rate_b @ down_b)
+        self._turns.put(block.stamp_ns, (self._turned_rad, autopilot_rad))
         while self._waiting and self._waiting[0].stamp_ns <= block.stamp_ns:
-            self._match(self._waiting.popleft())
+            self._add(self._waiting.popleft())
 
     def heading(self, sample: HeadingSample) -> None:
-        """Take a heading; it waits until the IMU's blocks reach its stamp."""
+        """Take a heading, one a second; it waits until the IMU's blocks reach its stamp."""
         if math.isfinite(sample.heading_rad):
-            self._newest = sample
-            self._waiting.append(sample)
-            if sample.stamp_ns <= (self._turns.newest_ns or 0):
-                self._match(self._waiting.pop())
+            if not 0 <= sample.stamp_ns - self._taken_ns < _STEP_NS:
+                self._taken_ns = sample.stamp_ns
+                self._waiting.append(sample)
+            if self._waiting and self._waiting[-1].stamp_ns <= (self._turns.newest_ns or 0):
+                self._add(self._waiting.pop())
 
     def velocity(self, sample: VelocitySample) -> None:
         """Take a velocity; its course is used where there is no autopilot."""
-        north, east = sample.velocity_n.tolist()[:2]
-        if self._newest is not None and math.hypot(north, east) > _FORWARD_M_S:
-            self._course.add(self._newest.heading_rad - azimuth((north, east)))
+        north, east = sample.velocity_n[:2].tolist()
+        is_moving = math.hypot(north, east) > _FORWARD_M_S
+        self._course_rad = azimuth((north, east)) if is_moving else math.nan
 
-    def _match(self, sample: HeadingSample) -> None:
+    def _add(self, sample: HeadingSample) -> None:
         around = self._turns.around(sample.stamp_ns)
-        if isinstance(around, Miss):
-            return
-        first, last, share = around
-        turned_rad = first.turned_rad + share * (last.turned_rad - first.turned_rad)
-        if not math.isnan(last.autopilot_rad):
-            self._autopilot.add(sample.heading_rad - last.autopilot_rad)
-        if self._before is None or sample.stamp_ns <= self._before[0].stamp_ns:
-            self._before = sample, turned_rad
-        elif sample.stamp_ns - self._before[0].stamp_ns >= _PAIR_NS:
-            before, turned_before = self._before
-            self._before = sample, turned_rad
-            if sample.stamp_ns - before.stamp_ns < _LONGEST_PAIR_NS:
-                change = wrapped(sample.heading_rad - before.heading_rad)
-                self._pair(change, turned_rad - turned_before)
-
-    def _pair(self, change: float, turned: float) -> None:
-        self._pairs += 1
-        sums = self._sum
-        if abs(turned) < _TURNED_RAD and abs(change) < _TURNED_RAD:
-            return
-        sums["turned"] += abs(turned)
-        sums["gyro"] += turned * turned
-        sums["own"] += change * change
-        sums["both"] += change * turned
+        if not isinstance(around, Miss):
+            (first, _), (last, autopilot_rad), share = around
+            turned_rad = first + share * (last - first)
+            own = (sample.stamp_ns * 1e-9, sample.heading_rad)
+            self._rows.append((*own, turned_rad, autopilot_rad, self._course_rad))
 
     def findings(self) -> list[Finding]:
         """Return a fault of the heading's changes, or if they are right, of its mean."""
-        found = self._changing() or self._offset()
+        if not self._rows:
+            return []
+        rows = np.array(self._rows)
+        steps_s, changes, turns = np.diff(rows[:, :3], axis=0).T
+        near = (steps_s > 0) & (steps_s < _LONGEST_S)  # false for nan
+        # Turns are not wrapped: nothing that flies turns 180 deg/s.
+        changes, turns = wrap_pi(changes[near]), turns[near]
+        moved = np.maximum(np.abs(changes), np.abs(turns)) >= _TURNED_RAD
+        turned_rad = float(np.abs(turns[moved]).sum())
+        found = _changing(changes[moved], turns[moved]) or self._offset(
+            rows[np.isfinite(rows[:, 0])], turned_rad
+        )
         return [found] if found else []
 
-    def _changing(self) -> Finding | None:
-        sums = self._sum
-        # Differences are not wrapped: nothing that flies turns 180 deg/s.
-        unlike = max(sums["own"] + sums["gyro"] - 2 * sums["both"], 0.0)
-        if unlike <= _EXPLAINED**2 * sums["gyro"]:
-            return None  # the heading turns as the gyroscopes do
-        evidence = f"while the gyroscopes turned by {math.degrees(sums['turned']):.0f} deg"
-        long = sums["turned"] > _LEAST_TURNED_RAD
-        if long and sums["own"] < 1e-12:
-            text = f"{evidence}, rtk/heading stayed the same"
-            return _stop("heading_stuck", text, "the receiver or its driver repeats one value")
-        slope = sums["both"] / sums["own"] if sums["own"] > 0 else 0.0  # gyroscope turn / change
-        left = sums["gyro"] - slope * sums["both"]
-        explained = long and left < _EXPLAINED**2 * sums["gyro"]
-        if explained and -1.3 < slope < -0.7:
-            text = f"{evidence}, rtk/heading turned the other way (slope {1 / slope:+.2f})"
-            mend = "its yaw must be ENU, counter-clockwise from east: 90 deg less the azimuth"
-            return _stop("heading_sign", text, mend)
-        if explained and not 0.7 < slope < 1.3:
-            text = f"{evidence}, rtk/heading turned by {1 / slope:+.3f} of that"
-            where = "imu/data angular_velocity, rtk/heading"
-            return _stop(
-                "heading_unit", text, "is one of both in degrees? Both are in radians", where
-            )
-        rms = math.sqrt(unlike / max(self._pairs, 1))
-        if self._pairs >= 8 and rms > _JUMPING_RAD:
-            text = f"rtk/heading jumps by {math.degrees(rms):.0f} deg a second {evidence}"
-            mend = "degrees for radians in its quaternion, or a receiver without a solution"
-            return _stop("heading_jumps", text, mend)
-        return None
-
-    def _offset(self) -> Finding | None:
-        circle, name = self._autopilot, "the autopilot's heading"
-        if not circle.number:
-            circle, name = self._course, "the course over ground"
-            if circle.number < _LEAST_COURSES or self._sum["turned"] < _LEAST_TURNED_RAD:
+    def _offset(self, rows: Array, turned_rad: float) -> Finding | None:
+        autopilot, course = (rows[:, 1] - rows[:, k] for k in (3, 4))
+        name, least, offsets = "the autopilot's heading", _LEAST_HEADINGS, autopilot
+        if not np.isfinite(autopilot).any():
+            if turned_rad < _LEAST_TURNED_RAD:
                 return None
-        off = circle.mean_rad
-        if circle.number < _LEAST_NUMBER or not circle.constant or abs(off) < self._off_rad:
+            name, least, offsets = "the course over ground", _LEAST_COURSES, course
+        offsets = offsets[np.isfinite(offsets)]
+        if len(offsets) < least:
+            return None
+        mean = np.exp(1j * offsets).mean()
+        off = float(np.angle(mean))
+        if abs(mean) < _LEAST_CONSTANT or abs(off) < self._off_rad:
             return None
         evidence = f"rtk/heading is {math.degrees(off):+.0f} deg from {name}"
-        quarter = math.pi / 2 * round(off / (math.pi / 2))
-        if abs(off) < _WRONG_RAD or (circle is self._course and abs(off) < _OFF_RAD * 3):
+        if abs(off) < _WRONG_RAD:
             mend = "measure both antennas; or is it the compass, or its declination?"
             return Finding("heading_offset", Severity.CAUTION, evidence, _SECOND, mend)
+        quarter = math.pi / 2 * round(off / (math.pi / 2))
         if abs(off - quarter) > _QUARTER_RAD:
             mend = "measure both antennas; or is its yaw not ENU (90 deg less the azimuth)?"
         elif abs(quarter) > 2:
@@ -204,5 +136,28 @@ class HeadingChecks:
         return _stop("heading_offset", evidence, mend, _SECOND)
 
 
-def _stop(check: str, evidence: str, mend: str, where: str = "rtk/heading") -> Finding:
+def _changing(changes: Array, turns: Array) -> Finding | None:
+    """Check changes of the heading against the gyroscopes' turns (N,), rad."""
+    unlike, squares = float(((changes - turns) ** 2).sum()), float((turns**2).sum())
+    if unlike <= _EXPLAINED**2 * squares:
+        return None
+    turned_rad = float(np.abs(turns).sum())
+    slope = float(changes @ turns) / max(squares, 1e-12)
+    left = max(float((changes**2).sum()) - slope**2 * squares, 0.0)
+    is_explained = left < _EXPLAINED**2 * squares
+    is_jumping = len(turns) >= _LEAST_JUMPS and math.sqrt(unlike / len(turns)) > _JUMPING_RAD
+    if not is_jumping and (turned_rad < _LEAST_TURNED_RAD or not is_explained):
+        return None
+    jumps_deg = math.degrees(math.sqrt(left / len(turns)))
+    evidence = (
+        f"while the gyroscopes turned by {math.degrees(turned_rad):.0f} deg, rtk/heading turned "
+        f"by {slope:+.2f} of that, and jumped by {jumps_deg:.0f} deg"
+    )
+    mend = "degrees for radians, a value that is repeated, or a receiver without a solution?"
+    if is_explained and slope < -0.7:
+        mend = "its yaw must be ENU, counter-clockwise from east: 90 deg less the azimuth"
+    return _stop("heading_turns", evidence, mend, "rtk/heading, imu/data angular_velocity")
+
+
+def _stop(check: str, evidence: str, mend: str, where: str) -> Finding:
     return Finding(check, Severity.STOP, evidence, where, mend)

@@ -8,40 +8,30 @@ lower before or after. A flight that neither begins nor ends on the ground gives
 from __future__ import annotations
 
 import math
-from collections import Counter
+from collections import deque
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.gimbal.pose_buffer import attitude_of
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.streams.sanity_checks import pose_fault
-from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding, Severity
-from tirgeo_ros.core.types.poses import BodyPose, CameraPose
+from tirgeo_ros.core.types.poses import CameraPose
 
 _EVERY_NS = 250_000_000
-_LONGEST_GAP_NS = 1_000_000_000
-_REST_S = 3.0
+_KEPT = 7200  # poses: half an hour
+_REST, _LONGEST_S = 13, 6.0  # poses of a rest, 3 s or more; with gaps it may last no longer
 _STILL_M_S = 0.05  # filtered RTK noise is slower; a hover of half a minute is faster
-_STILL_M = 0.05  # distance from where the rest began
+_STILL_M = 0.05  # range of the places of a rest
 _CLIMBS_M = 5.0  # height range of the flight that proves that the rest was not a hover
 _LOWER_M = 0.5  # the rest is no more than this above the flight's lowest point
-#: Plausible heights of the body above ground at rest, by legs, roofs and errors of the ground.
+#: Plausible heights of the camera above ground at rest, by legs, roofs and errors of the ground.
 _RESTS_M = (-2.0, 3.0)
 _RESTS_ON_TERRAIN_M = (-6.0, 8.0)  # for elevation models from satellites
 _BELOW_M = 2.0
-_HIGHEST_M = 500.0
-_LOWEST_M, _FLIES_M_S = 2.0, 3.0
 _LASTS = 8  # consecutive samples: two seconds
 _LARGEST_UNDULATION_M = 110.0
-_EVIDENCE = {
-    "below_ground": "{:.1f} m below the ground",
-    "far_above_ground": "{:.0f} m above ground",
-    "near_ground": "flies {:.1f} m above ground",
-    "height_at_rest": "at rest, at the lowest place of the flight, {:.1f} m above ground (0 to 2)",
-}
 
 
 def ground_parameter(ground: Ground | None) -> str:
@@ -51,86 +41,60 @@ def ground_parameter(ground: Ground | None) -> str:
 
 
 class HeightChecks:
-    """Check poses; ``above_m`` is the newest height above ground, nan if unknown."""
+    """Check poses in ``plane`` over a ground."""
 
     def __init__(self, ground: Ground | None) -> None:
         self.plane: TangentPlane | None = None
-        self.above_m = math.nan
         self._ground = ground
-        self._sampled: tuple[int, Array] | None = None
-        self._rest: tuple[int, Array, float] | None = None  # start, position, height above ground
-        self._rested: tuple[float, float] | None = None  # height in the plane, height above ground
-        self._lowest_m, self._highest_m = math.inf, -math.inf  # in the plane
-        self._counts: Counter[str] = Counter()  # of samples in succession, by check
-        self._worst: dict[str, float] = {}
+        self._newest_ns: int | None = None
+        # time s, position NED m, height above ground m, its sigma m
+        self._rows: deque[tuple[float, ...]] = deque(maxlen=_KEPT)
 
-    def pose(self, pose: BodyPose | CameraPose) -> None:
+    def pose(self, pose: CameraPose) -> None:
         """Take a pose, in order of time."""
-        before = self._sampled
-        if before is not None and 0 <= pose.stamp_ns - before[0] < _EVERY_NS:
+        if self._newest_ns is not None and 0 <= pose.stamp_ns - self._newest_ns < _EVERY_NS:
             return
-        if pose_fault(pose.position_n, attitude_of(pose), pose.covariance):
+        self._newest_ns, ground = pose.stamp_ns, self._ground
+        if self.plane is None or ground is None:
             return
-        self._sampled = pose.stamp_ns, pose.position_n
-        if self.plane is None or self._ground is None:
-            return
-        self.above_m = self._above_m(self.plane, pose.position_n)
-        if before is None or not 0 < pose.stamp_ns - before[0] < _LONGEST_GAP_NS:
-            self._rest = None
-            return
-        way_m = float(np.linalg.norm(pose.position_n - before[1]))
-        speed_m_s = way_m / ((pose.stamp_ns - before[0]) * 1e-9)
-        self._update_rest(pose.stamp_ns, pose.position_n, speed_m_s)
+        latitude, longitude, height_m = self.plane.geodetic_from_ned(pose.position_n)
+        level = ground.height_m(latitude, longitude) if isinstance(ground, Terrain) else ground
         sigma_m = math.sqrt(max(float(pose.covariance[2, 2]), 0.0))
-        self._count("below_ground", self.above_m < -_BELOW_M - 4 * sigma_m)
-        self._count("far_above_ground", self.above_m > _HIGHEST_M)
-        flies_low = speed_m_s > _FLIES_M_S and -_BELOW_M < self.above_m < _LOWEST_M - 3 * sigma_m
-        self._count("near_ground", flies_low)
-
-    def _above_m(self, plane: TangentPlane, position_n: Array) -> float:
-        latitude, longitude, height_m = plane.geodetic_from_ned(position_n)
-        if isinstance(self._ground, Terrain):
-            return float(height_m - self._ground.height_m(latitude, longitude))
-        return float(height_m) - (math.nan if self._ground is None else self._ground)
-
-    def _count(self, name: str, seen: bool) -> None:
-        if name in self._worst:
-            return
-        self._counts[name] = self._counts[name] + 1 if seen else 0
-        if self._counts[name] >= _LASTS:
-            self._worst[name] = self.above_m
-
-    def _update_rest(self, stamp_ns: int, position_n: Array, speed_m_s: float) -> None:
-        height_m = -float(position_n[2])
-        self._lowest_m = min(self._lowest_m, height_m)
-        self._highest_m = max(self._highest_m, height_m)
-        rest = self._rest
-        still = speed_m_s < _STILL_M_S
-        if not still or rest is None or np.abs(position_n - rest[1]).max() > _STILL_M:
-            self._rest = (stamp_ns, position_n, self.above_m) if still else None
-            return
-        if stamp_ns - rest[0] >= _REST_S * 1e9 and height_m <= self._lowest_m + _LOWER_M:
-            self._rested = height_m, self.above_m
+        place = pose.position_n.tolist()
+        self._rows.append((pose.stamp_ns * 1e-9, *place, float(height_m - level), sigma_m))
 
     def findings(self) -> list[Finding]:
         """Return the findings so far."""
-        found = [self._finding(check, above_m) for check, above_m in self._worst.items()]
-        climbed = self._highest_m - self._lowest_m >= _CLIMBS_M
-        if climbed and self._rested and self._rested[0] <= self._lowest_m + _LOWER_M:
-            above_m = self._rested[1]
-            low, high = _RESTS_ON_TERRAIN_M if isinstance(self._ground, Terrain) else _RESTS_M
-            if not low <= above_m <= high and not math.isnan(above_m):
-                found.append(self._finding("height_at_rest", above_m))
+        if len(self._rows) < _REST:
+            return []
+        found = []
+        rows = np.array(self._rows)
+        above_m, heights_m = rows[:, 4], -rows[:, 3]
+        below = sliding_window_view(above_m < -_BELOW_M - 4 * rows[:, 5], _LASTS).all(axis=1)
+        if below.any():
+            off_m = -float(above_m[_LASTS - 1 :][below][0])
+            evidence = f"{off_m:.1f} m below the ground"
+            found.append(self._finding("below_ground", Severity.STOP, evidence, off_m))
+        steps = np.diff(rows[:, :4], axis=0)
+        slow = np.linalg.norm(steps[:, 1:], axis=1) < _STILL_M_S * steps[:, 0]
+        spans = np.ptp(sliding_window_view(rows[:, :4], _REST, axis=0), axis=2)
+        rests = sliding_window_view(slow, _REST - 1).all(axis=1)
+        rests &= (spans[:, 0] < _LONGEST_S) & (spans[:, 1:].max(axis=1) < _STILL_M)
+        rests &= heights_m[_REST - 1 :] <= heights_m.min() + _LOWER_M
+        if rests.any() and np.ptp(heights_m) >= _CLIMBS_M:
+            off_m = float(above_m[_REST - 1 :][rests][-1])
+            terrain = isinstance(self._ground, Terrain)
+            low, high = _RESTS_ON_TERRAIN_M if terrain else _RESTS_M
+            if off_m < low or off_m > high:
+                severity = Severity.STOP if off_m < 0 or terrain else Severity.CAUTION
+                evidence = f"at rest, at the flight's lowest place, {off_m:.1f} m above ground"
+                found.append(self._finding("height_at_rest", severity, evidence, off_m))
         return found
 
-    def _finding(self, check: str, above_m: float) -> Finding:
-        terrain = isinstance(self._ground, Terrain)
-        name = "dem_undulation_m" if terrain else "ground_height_m"
+    def _finding(self, check: str, severity: Severity, evidence: str, off_m: float) -> Finding:
+        name = "dem_undulation_m" if isinstance(self._ground, Terrain) else "ground_height_m"
         mend = f"see that the ground's height is that of this place, and {name} is ellipsoidal"
-        if 5.0 < abs(above_m) < _LARGEST_UNDULATION_M:
+        if 5.0 < abs(off_m) < _LARGEST_UNDULATION_M:
             geoid = "one above sea level is off by the geoid's height"
             mend = f"{name}: heights are ellipsoidal; {geoid}"
-        wrong = check == "height_at_rest" and (above_m < 0 or terrain)
-        severity = Severity.STOP if wrong or check == "below_ground" else Severity.CAUTION
-        evidence = _EVIDENCE[check].format(abs(above_m) if check == "below_ground" else above_m)
         return Finding(check, severity, evidence, ground_parameter(self._ground), mend)

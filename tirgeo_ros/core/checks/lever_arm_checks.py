@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Collection, Container
-from typing import NamedTuple
 
 import numpy as np
 
@@ -12,19 +11,16 @@ from tirgeo_ros.core.checks.imu_blocks import ImuMean
 from tirgeo_ros.core.checks.lever_arm_fit import (
     ImuPath,
     LeverArmEstimate,
-    LeverArmWindow,
-    equations,
+    Normal,
     integrated,
     solved,
 )
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.navigation.delays import Delays
-from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.measurements import Source
-from tirgeo_ros.core.types.poses import NavSolution
 
 #: Blocks of a window, 4 s. With 2 s the lever arm shows in half the time, but delays look like it.
 _BLOCKS = 80
@@ -32,8 +28,7 @@ _STEP = 40  # blocks from one window's start to the next one's
 _WAIT = 10  # blocks to wait for measurements of a window that arrive late
 _KEPT = 60  # windows: two minutes
 _PATHS = 15  # windows that can be computed again: half a minute
-#: Measurements are kept for these windows and this much longer, at most as many as come at 40 Hz.
-_LONGER_NS, _AIDS = 6_000_000_000, 1600
+_AIDS = 800  # measurements that are kept: 40 s at 20 Hz
 #: The equations are linear in the delay only within _LINEAR_S of the one for which they are made.
 #: Larger delays are found by iteration, up to _LONGEST_S and in _STEPS.
 _LINEAR_S, _LONGEST_S, _STEPS = 0.1, 1.0, 4
@@ -42,18 +37,11 @@ _SIGMAS, _LEAST_M = 5.0, 0.15
 _MANY, _SIGMAS_OF_FEW = 15, 8.0
 #: Delays that give a note and a caution; 0.15 s are 45 cm at 3 m/s.
 _LEAST_S, _WRONG_S = 0.05, 0.15
-_NEAR_NS = 500_000_000
 _LEVER = "aircraft.rtk_antenna_m"
 _SECOND = "aircraft.second_antenna_m"
 
 
-class _Stretch(NamedTuple):
-    """Hold a window's path, integrated from the IMU."""
-
-    start_ns: int
-    end_ns: int
-    path: ImuPath
-    overlaps: bool  # whether it overlaps the previous one by half
+_Aids = deque[tuple[int, Array]]  # stamps without the configured delays, values (3,)
 
 
 class LeverChecks:
@@ -61,27 +49,19 @@ class LeverChecks:
 
     def __init__(self, config: EkfConfig, given: Collection[str] | None) -> None:
         self._given = given
-        aircraft = config.aircraft
-        self._rotation_bi = aircraft.rotation_bi
+        aircraft, delays = config.aircraft, Delays.from_config(config)
         self._lever_b, self._sigma_b = aircraft.rtk_lever_b, aircraft.rtk_lever_sigma_b
-        delays = Delays.from_config(config)
         self._late_ns = [
             delays.aid_ns[source] - delays.imu_ns
             for source in (Source.RTK_POSITION, Source.RTK_VELOCITY)
         ]
         self._blocks: list[ImuMean] = []
-        self._aids: tuple[deque[tuple[int, Array]], ...] = deque(maxlen=_AIDS), deque(maxlen=_AIDS)
-        self._stretches: deque[_Stretch] = deque(maxlen=_PATHS)
-        self._windows: deque[LeverArmWindow] = deque(maxlen=_KEPT)
+        self._aids: tuple[_Aids, _Aids] = deque(maxlen=_AIDS), deque(maxlen=_AIDS)
+        self._stretches: deque[tuple[int, int, ImuPath]] = deque(maxlen=_PATHS)  # from, to (ns)
+        self._windows: deque[Normal] = deque(maxlen=_KEPT)
         self._delay_s = 0.0  # the delay for which the windows' equations are made
-        self._solution: NavSolution | None = None
         self._found: LeverArmEstimate | None = None
         self._fresh = True
-        self._overlaps = False  # whether the next window overlaps the previous one
-
-    def solution(self, solution: NavSolution) -> None:
-        """Take the filter's solution; its attitude starts windows if the autopilot has none."""
-        self._solution = solution
 
     def position(self, stamp_ns: int, position_n: Array) -> None:
         """Take a fixed position (3,) in any NED plane, m."""
@@ -92,51 +72,34 @@ class LeverChecks:
         self._aids[1].append((stamp_ns - self._late_ns[1], velocity_n))
 
     def block(self, block: ImuMean) -> None:
-        """Take the next block of the IMU."""
-        block = block._replace(autopilot_q_nb=self._attitude(block))
+        """Take the next block of the IMU; windows begin with the autopilot's attitude."""
         if not block.joined or (not self._blocks and block.autopilot_q_nb is None):
-            self._blocks, self._overlaps = [], False
+            self._blocks = []
             return
         self._blocks.append(block)
         if len(self._blocks) == 1 + _BLOCKS + _WAIT:
-            self._fit(self._blocks[: 1 + _BLOCKS])
+            self._add_window(self._blocks[: 1 + _BLOCKS])
             self._blocks = self._blocks[_STEP:]
 
-    def _attitude(self, block: ImuMean) -> Array | None:
-        """Return the attitude (4,) at a new block's end: the autopilot's, else the filter's."""
-        if usable_attitude(block.autopilot_q_nb):
-            return block.autopilot_q_nb
-        own = self._solution
-        return own.q_nb if own and abs(own.stamp_ns - block.stamp_ns) < _NEAR_NS else None
-
-    def _fit(self, blocks: list[ImuMean]) -> None:
-        """Add a window; it starts at the end of the first block."""
+    def _add_window(self, blocks: list[ImuMean]) -> None:
+        """Add a window, which begins at the end of the first block."""
         start = blocks[0]
-        overlaps, self._overlaps = self._overlaps, start.autopilot_q_nb is not None
         if start.autopilot_q_nb is None:
             return
-        path = integrated(blocks[1:], start.autopilot_q_nb, self._rotation_bi, self._lever_b)
-        stretch = _Stretch(start.stamp_ns, blocks[-1].stamp_ns, path, overlaps)
-        self._stretches.append(stretch)
-        # The smallest: after a clock that jumped back, the first one is not the oldest.
-        needed_ns = min(kept.start_ns for kept in self._stretches) - _LONGER_NS
-        for aids in self._aids:
-            while aids and aids[0][0] < needed_ns:
-                aids.popleft()
-        self._windows.append(self._window(stretch, self._delay_s))
+        path = integrated(blocks[1:], start.autopilot_q_nb, self._lever_b)
+        self._stretches.append((start.stamp_ns, blocks[-1].stamp_ns, path))
+        self._windows.append(self._window(*self._stretches[-1], self._delay_s))
         self._fresh = False
 
-    def _window(self, stretch: _Stretch, delay_s: float) -> LeverArmWindow:
+    def _window(self, start_ns: int, end_ns: int, path: ImuPath, delay_s: float) -> Normal:
         """Return a window's equations, made for stamps that are late by ``delay_s``."""
-        begin_ns = stretch.start_ns + round(delay_s * 1e9)
-        end_ns = stretch.end_ns + round(delay_s * 1e9)
-        normals = []
-        for aids, velocities in zip(self._aids, (False, True), strict=True):
-            inside = [aid for aid in aids if begin_ns < aid[0] < end_ns]
-            times_s = np.array([stamp_ns - begin_ns for stamp_ns, _ in inside]) * 1e-9
-            values = np.array([value for _, value in inside])
-            normals.append(equations(stretch.path, times_s, values, velocities=velocities))
-        return LeverArmWindow(normals[0], normals[1], stretch.overlaps)
+        late_ns = round(delay_s * 1e9)
+        both = []
+        for aids in self._aids:
+            inside = [aid for aid in aids if start_ns < aid[0] - late_ns < end_ns]
+            times_s = np.array([stamp_ns - late_ns - start_ns for stamp_ns, _ in inside]) * 1e-9
+            both.append((times_s, np.array([value for _, value in inside])))
+        return Normal.of(path, *both)
 
     @property
     def found(self) -> LeverArmEstimate | None:
@@ -152,7 +115,7 @@ class LeverChecks:
             if found is None or abs(found.delays_s[0]) < _LINEAR_S:
                 break
             delay_s = self._delay_s + float(found.delays_s[0])
-            windows = [self._window(stretch, delay_s) for stretch in self._stretches]
+            windows = [self._window(*stretch, delay_s) for stretch in self._stretches]
             before, after = solved(list(self._windows)[-len(windows) :]), solved(windows)
             if before is None or after is None or abs(delay_s) > _LONGEST_S:
                 break
@@ -170,8 +133,8 @@ class LeverChecks:
         if self.found is not None:
             names = (("rtk/fix", "rtk.delay_s"), ("rtk/vel", "rtk.velocity_delay_s"))
             delays = (_delay(*name, self.found, kind) for kind, name in enumerate(names))
-            found = [*self._lever(self.found), *(one for one in delays if one)]
-        return [unset, *(one for one in found if one.check != unset.check)] if unset else found
+            found = [one for one in (unset or self._lever(self.found), *delays) if one]
+        return found or ([unset] if unset else [])
 
     def _unset(self, topics: Container[str]) -> Finding | None:
         """Return a finding if there are two antennas and nobody set their places."""
@@ -185,25 +148,25 @@ class LeverChecks:
         mend = "measure both from the IMU with a tape (forward, left, up)"
         return Finding("antenna_place", severity, evidence, f"{_LEVER}, {_SECOND}", mend)
 
-    def _lever(self, found: LeverArmEstimate) -> list[Finding]:
+    def _lever(self, found: LeverArmEstimate) -> Finding | None:
         off = found.lever_b - self._lever_b
         sigma = np.hypot(found.lever_sigma_b, self._sigma_b)
         if not (np.abs(off) > np.maximum(_sigmas(found) * sigma, _LEAST_M)).any():
-            return []
+            return None
         set_m = flu_from_frd(self._lever_b)
         configured = ", ".join(f"{value:+.2f}" for value in set_m)
-        place = _place_text(found)
-        evidence = f"the flight puts the RTK antenna at {place}, not at ({configured})"
+        evidence = (
+            f"the flight puts the RTK antenna at {_place_text(found)}, not at ({configured})"
+        )
         turned = np.abs(set_m + flu_from_frd(found.lever_b)) < 0.5 * np.abs(set_m)
         turned &= np.abs(set_m) > _LEAST_M
         names = " and ".join(np.array(("forward", "left", "up"))[turned])
-        mend = (
-            f"is the sign of {names} wrong?" if names else "measure it from the IMU, with a tape"
-        )
-        severity = Severity.CAUTION if self._lever_b.any() else Severity.NOTE
-        if self._given is not None and _LEVER in self._given:
-            severity = Severity.CAUTION
-        return [Finding("antenna_place", severity, evidence, f"ekf_node {_LEVER}", mend)]
+        mend = "measure it from the IMU, with a tape"
+        if names:
+            mend = f"is the sign of {names} wrong?"
+        is_set = self._lever_b.any() or (self._given is not None and _LEVER in self._given)
+        severity = Severity.CAUTION if is_set else Severity.NOTE
+        return Finding("antenna_place", severity, evidence, f"ekf_node {_LEVER}", mend)
 
 
 def _sigmas(found: LeverArmEstimate) -> float:

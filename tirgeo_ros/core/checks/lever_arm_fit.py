@@ -9,12 +9,15 @@ one power less.
 
 Each window begins in the middle of the previous one, so each value is in two windows and counts
 half. The sigmas come from the windows' scatter.
+
+The five unknowns: lever arm (m, FRD), minus the delay of positions (s), minus the extra delay of
+velocities (s).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,23 +28,13 @@ from tirgeo_ros.core.types.arrays import Array
 _GRAVITY_N = np.array((0.0, 0.0, 9.81))
 _LEAST_ROWS = 8
 _CUBIC, _QUADRATIC = 3, 2
+Aids = tuple[Array, Array]  # times in s (N,), values (N, 3)
 #: With fewer windows their scatter gives no useful sigma.
 _LEAST_WINDOWS = 6
 _ONCE = 0.5  # weight of a value that is in two windows
-#: Prior information for the lever arm (m), the delay (s), and the velocities' extra delay (s). It
-#: keeps unobservable unknowns at 0. A receiver measures both at once; some smooth the velocity.
-_PRIOR = 1 / np.array((10.0, 10.0, 10.0, 2.0, 0.05)) ** 2
-#: Maps these five unknowns to the four of positions and to the four of velocities.
-_PARTS = np.eye(4, 5), np.eye(4, 5) + np.outer(np.eye(4)[3], np.eye(5)[4])
-
-
-class Normal(NamedTuple):
-    """Hold one window's normal equations for the lever arm (m, FRD) and minus the delay (s)."""
-
-    matrix: Array  # (4, 4)
-    right: Array  # (4,)
-    squares: float
-    degrees: int
+#: Prior information (diagonal) keeps unobservable unknowns at 0. A receiver measures position and
+#: velocity at once; some smooth the velocity.
+_PRIOR = np.diag(1 / np.array((10.0, 10.0, 10.0, 2.0, 0.05)) ** 2)
 
 
 class ImuPath(NamedTuple):
@@ -65,16 +58,12 @@ class ImuPath(NamedTuple):
         return np.asarray(self.times_s - 0.5 * np.diff(self.times_s, prepend=0.0))
 
 
-def integrated(
-    blocks: Sequence[ImuMean], q_nb: Array, rotation_bi: Array | None, lever_b: Array
-) -> ImuPath:
+def integrated(blocks: Sequence[ImuMean], q_nb: Array, lever_b: Array) -> ImuPath:
     """Return the path over consecutive blocks; ``q_nb`` (4,) is the attitude before the first.
 
     ``lever_b`` (3,) is an estimate of the lever arm; its motion is small compared with the path.
     """
-    forces, rates = (np.array([b[k] for b in blocks]) for k in (2, 3))
-    if rotation_bi is not None:
-        forces, rates = forces @ rotation_bi.T, rates @ rotation_bi.T
+    forces, rates = np.array([b.force_b for b in blocks]), np.array([b.rate_b for b in blocks])
     steps_s = np.array([b.step_s for b in blocks])
     halves = matrix_from_rotvec(0.5 * steps_s[:, None] * rates)
     rotation = matrix_from_quat(q_nb)
@@ -95,36 +84,52 @@ def integrated(
     return ImuPath(times_s, middle_nb, rates, velocity, position, antenna, pull)
 
 
-def equations(
-    path: ImuPath, times_s: Array, values_n: Array, *, velocities: bool
-) -> Normal | None:
-    """Return the equations for positions (N, 3), in any NED plane, or for ``velocities``, NED.
+class Normal(NamedTuple):
+    """Hold one window's normal equations: those of positions, then those of velocities."""
 
-    ``times_s`` (N,) are times of the path. The unknowns of the window's start are projected out.
-    None with too few values, or with times that do not rise.
+    matrices: Array  # (2, 5, 5)
+    rights: Array  # (2, 5)
+    squares: Array  # (2,)
+    degrees: Array  # (2,) of freedom; 0 where there are no equations
+
+    @classmethod
+    def of(cls, path: ImuPath, positions: Aids, velocities: Aids) -> Normal:
+        """Return the equations for aids of a window: times of the path (N,) and values (N, 3).
+
+        Positions are in any NED plane.
+        """
+        both = [_rows(path, *positions, 0), _rows(path, *velocities, 1)]
+        return cls(*map(np.array, zip(*both, strict=True)))
+
+
+def _rows(path: ImuPath, times_s: Array, values_n: Array, kind: int) -> tuple[Any, ...]:
+    """Return matrix, right side, squares and degrees of positions (0) or velocities (1).
+
+    The unknowns of the window's start are projected out. All are zero with too few values, or
+    with times that do not rise.
     """
     number = len(times_s)
     if number < _LEAST_ROWS or not (np.diff(times_s) > 0).all():
-        return None
+        return np.zeros((5, 5)), np.zeros(5), 0.0, 0
     middles_s = path.middles_s
     lever, antenna = _between(middles_s, path.rotation_nb, times_s), path.antenna_velocity_n
     moved, powers = path.position_n, _CUBIC
-    if velocities:
+    if kind:
         lever = lever @ skew(_between(middles_s, path.rate_b, times_s))
         moved, antenna, powers = path.velocity_n, path.antenna_acceleration_n, _QUADRATIC
     moved = _between(path.times_s, moved, times_s)
     late = _between(middles_s, antenna, times_s)
-    design = np.concatenate((lever, late[:, :, None]), axis=2)  # (N, 3, 4)
+    design = np.zeros((number, 3, 5))
+    design[:, :, :3], design[:, :, 3], design[:, :, 4] = lever, late, kind * late
     scaled = 2 * (times_s - times_s.mean()) / (times_s[-1] - times_s[0])
     columns = [np.kron((scaled**k)[:, None], np.eye(3)) for k in range(powers + 1)]
     # A heading error turns the integral.
     turned = np.stack((-moved[:, 1], moved[:, 0], np.zeros(number)), axis=1)
     basis = np.linalg.qr(np.hstack([*columns, turned.reshape(-1, 1)]))[0]
-    rows, values = design.reshape(3 * number, 4), (values_n - moved).ravel()
-    rows = rows - basis @ (basis.T @ rows)
-    values = values - basis @ (basis.T @ values)
+    rows, values = design.reshape(3 * number, 5), (values_n - moved).ravel()
+    rows, values = rows - basis @ (basis.T @ rows), values - basis @ (basis.T @ values)
     degrees = 3 * number - basis.shape[1]
-    return Normal(rows.T @ rows, rows.T @ values, float(values @ values), degrees)
+    return rows.T @ rows, rows.T @ values, float(values @ values), degrees
 
 
 def _between(known_s: Array, values: Array, times_s: Array) -> Array:
@@ -133,14 +138,6 @@ def _between(known_s: Array, values: Array, times_s: Array) -> Array:
     share = (times_s - known_s[at - 1]) / (known_s[at] - known_s[at - 1])
     share = share.reshape(-1, *[1] * (values.ndim - 1))
     return np.asarray((1 - share) * values[at - 1] + share * values[at])
-
-
-class LeverArmWindow(NamedTuple):
-    """Hold a window's equations, None where there are none."""
-
-    positions: Normal | None
-    velocities: Normal | None
-    overlaps: bool  # whether it begins in the middle of the previous one
 
 
 class LeverArmEstimate(NamedTuple):
@@ -154,63 +151,33 @@ class LeverArmEstimate(NamedTuple):
     misfit: float  # product of the residual variances of positions and of velocities
 
 
-def solved(windows: Sequence[LeverArmWindow]) -> LeverArmEstimate | None:
+def solved(windows: Sequence[Normal]) -> LeverArmEstimate | None:
     """Return the solution of consecutive windows, or None if there are too few.
 
     Each sigma is the larger of the one from the residuals and the one from the scatter between
     windows, because tilts have larger errors than white noise. The scatter is the sandwich
-    estimator of White (Econometrica 48, 1980), with the covariance of overlapping neighbours as in
-    Newey and West (Econometrica 55, 1987).
+    estimator of White (Econometrica 48, 1980), with the covariance of neighbours, which overlap
+    by half, as in Newey and West (Econometrica 55, 1987).
     """
-    variances = [_variance(normals) for normals in zip(*(w[:2] for w in windows), strict=True)]
-    matrices, rights, overlaps = [], [], []
-    before = False  # whether the previous window has equations
-    for window in windows:
-        matrix, right = _joined(window, variances)
-        if matrix.any():
-            matrices.append(matrix)
-            rights.append(right)
-            overlaps.append(before and window.overlaps)
-        before = bool(matrix.any())
-    if len(matrices) < _LEAST_WINDOWS:
+    windows = [one for one in windows if one.degrees.any()]
+    number = len(windows)
+    if number < _LEAST_WINDOWS:
         return None
-    inverse = np.linalg.inv(sum(matrices) + np.diag(_PRIOR))
-    found = inverse @ sum(rights)
-    left = np.array([r - m @ found for m, r in zip(matrices, rights, strict=True)])
-    scatter = inverse @ _scatter(left, np.array(overlaps)) @ inverse
-    scatter *= len(left) / (len(left) - 4)
+    matrices, rights, squares, degrees = map(np.array, zip(*windows, strict=True))
+    used = (degrees > 0).sum(axis=0) >= _LEAST_WINDOWS
+    right = rights.sum(axis=0)
+    alone = np.linalg.solve(matrices.sum(axis=0) + _PRIOR, right[..., None])[..., 0]
+    rest = np.maximum(squares.sum(axis=0) - (right * alone).sum(axis=1), 1e-12)
+    variances = rest / np.maximum(degrees.sum(axis=0) - 4, 1)  # of one value about the best fit
+    weights = np.where(used, _ONCE / variances, 0.0)
+    matrix = np.einsum("k,wkij->wij", weights, matrices)
+    right = np.einsum("k,wki->wi", weights, rights)
+    inverse = np.linalg.inv(matrix.sum(axis=0) + _PRIOR)
+    found = inverse @ right.sum(axis=0)
+    left = right - matrix @ found
+    shared = left[1:].T @ left[:-1]
+    spread = left.T @ left + 0.5 * (shared + shared.T)  # Bartlett's weight
+    scatter = inverse @ spread @ inverse * (number / (number - 4))
     sigma = np.sqrt(np.maximum(inverse.diagonal(), scatter.diagonal()))
-    misfit = float(np.prod([one for one in variances if one is not None]))
-    return LeverArmEstimate(found[:3], sigma[:3], -found[3:], sigma[3:], len(left), misfit)
-
-
-def _joined(window: LeverArmWindow, variances: Sequence[float | None]) -> tuple[Array, Array]:
-    """Return the joint equations (5, 5), (5,) of positions and velocities."""
-    matrix, right = np.zeros((5, 5)), np.zeros(5)
-    for normal, variance, part in zip(window[:2], variances, _PARTS, strict=True):
-        if normal is not None and variance is not None:
-            weight = _ONCE / variance
-            matrix += weight * (part.T @ normal.matrix @ part)
-            right += weight * (part.T @ normal.right)
-    return matrix, right
-
-
-def _scatter(left: Array, overlaps: Array) -> Array:
-    """Return the covariance (5, 5) of the sum of the equations' residuals (N, 5).
-
-    ``overlaps`` (N,) marks those that share half of their values with the previous one.
-    """
-    later = overlaps.nonzero()[0]
-    shared = left[later].T @ left[later - 1]
-    return np.asarray(left.T @ left + 0.5 * (shared + shared.T))  # Bartlett's weight
-
-
-def _variance(normals: Sequence[Normal | None]) -> float | None:
-    """Return the variance of one value about the best fit to all windows."""
-    there = [one for one in normals if one is not None]
-    if len(there) < _LEAST_WINDOWS:
-        return None
-    matrix = np.sum([one.matrix for one in there], axis=0) + np.diag(_PRIOR[:4])
-    right = np.sum([one.right for one in there], axis=0)
-    squares = sum(one.squares for one in there) - float(right @ np.linalg.solve(matrix, right))
-    return max(squares, 1e-12) / (sum(one.degrees for one in there) - 4)
+    misfit = float(np.prod(variances[used]))
+    return LeverArmEstimate(found[:3], sigma[:3], -found[3:], sigma[3:], number, misfit)

@@ -7,11 +7,9 @@ import math
 import numpy as np
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.frames.wgs84 import SEMI_MAJOR_AXIS_M
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.map.distance import (
     ELSEWHERE_M,
-    distance_words,
     likely_mistake,
     nearest_feature,
     way_words,
@@ -24,7 +22,6 @@ from tirgeo_ros.core.types.finding import Finding, Severity, sorted_findings
 _FAR_M = 10_000.0
 #: Part of the map readers' remark on a file that names no coordinate system.
 _NO_SYSTEM = "taken for WGS84"
-_STEP_RAD = 1e-5  # 64 m: short compared with a model, long compared with rounding in its grid
 _MAP, _DEM = "overlay_node map", "overlay_node dem"
 
 
@@ -85,12 +82,12 @@ def dem_findings(ground: Ground, plane: TangentPlane) -> list[Finding]:
     latitude, longitude = np.array(plane.latitude_rad), np.array(plane.longitude_rad)
     if math.isfinite(ground.height_m(latitude, longitude)):
         return []
-    beside_m = _beside_m(ground, plane)
-    where = f"it ends {distance_words(beside_m)} from there" if beside_m else "it has a gap there"
     place = f"({math.degrees(plane.latitude_rad):.5f}, {math.degrees(plane.longitude_rad):.5f})"
-    evidence = f"the elevation model has no height at the place of take-off {place}; {where}"
+    evidence = f"the elevation model has no height at the place of take-off {place}"
     mend = "give a model of this place; are its latitude and longitude, or its UTM zone, right?"
-    severity = Severity.STOP if beside_m > _FAR_M else Severity.CAUTION
+    at = np.array(ground.grid_of(latitude, longitude))  # column, row
+    gap = np.all((at >= 0) & (at <= np.array(ground.heights_m.shape[::-1]) - 1))
+    severity = Severity.CAUTION if gap else Severity.STOP
     return [Finding("dem_elsewhere", severity, evidence, _DEM, mend)]
 
 
@@ -104,23 +101,4 @@ def _ground_findings(laid: DrapedMap, ground: Ground) -> list[Finding]:
     lost, whole = laid.map.without_ground, len(laid.map.labels)
     if lost and lost == whole:
         return [*found, _nothing("none of the map lies on the elevation model", _DEM)]
-    if lost:
-        evidence = f"{lost} of {whole} features lie where the elevation model has no height"
-        mend = "give a model that covers the map: they are not drawn there"
-        found.append(Finding("map_off_dem", Severity.NOTE, evidence, _DEM, mend))
     return found
-
-
-def _beside_m(terrain: Terrain, plane: TangentPlane) -> float:
-    """Return the distance of the plane's origin from the model's grid, m: 0 inside, or nan."""
-    steps = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]) * _STEP_RAD
-    nodes = terrain.grid_of(plane.latitude_rad + steps[0], plane.longitude_rad + steps[1])
-    at, north, east = np.array(nodes, float).T  # (column, row) of the origin and of both steps
-    off = at - at.clip(0.0, np.array(terrain.heights_m.shape[::-1]) - 1.0)
-    # Grid nodes per metre to the north and east; their inverse gives the metres back to the grid.
-    nodes_per_m = np.column_stack([north - at, (east - at) / math.cos(plane.latitude_rad)])
-    nodes_per_m /= _STEP_RAD * SEMI_MAJOR_AXIS_M
-    try:
-        return float(np.linalg.norm(np.linalg.solve(nodes_per_m, off)))
-    except np.linalg.LinAlgError:
-        return math.nan

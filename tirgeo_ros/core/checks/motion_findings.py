@@ -43,16 +43,54 @@ def motion_findings(
             "see that the pictures' stamps are of the aircraft's clock, that the video is live, "
             "and that the gimbal's angles have the right axes and signs"
         )
-        return [_finding(fit, "picture_motion", evidence, where, mend)]
+        return [Finding("picture_motion", Severity.CAUTION, evidence, where, mend)]
+    sigmas = fit.sigmas
+    true_s = latency_s + fit.values[LATENCY]
+    true_px = focal_px * math.exp(fit.values[FOCAL])
+    true_m = fit.above_m * math.exp(fit.values[HEIGHT])
+    off_m = fit.above_m - true_m
+    if abs(off_m) <= max(_LEAST_HEIGHT_M, _SIGNIFICANT * fit.height_sigma_m):
+        ground = ""
+    off_deg = np.degrees(flu_from_frd(fit.values[BORESIGHT])).tolist()
+    angles = ", ".join(f"{angle:+.1f}" for angle in off_deg)
+    lag = f"{true_s:.3f} s (sigma {sigmas[LATENCY]:.3f}), not by {latency_s:.3f}"
+    focal = f"{true_px:.0f} px (sigma {true_px * sigmas[FOCAL]:.0f}), not {focal_px:.0f}"
+    height = f"{true_m:.0f} m (sigma {true_m * sigmas[HEIGHT]:.1f}), not from {fit.above_m:.0f} m"
+    aside = f"roll, pitch, yaw {angles}; sigma {math.degrees(sigmas[BORESIGHT].max()):.1f}"
+    move = f"{'raise' if off_m > 0 else 'lower'} the ground by {abs(off_m):.0f} m"
+    errors = (
+        (
+            "video_latency",
+            "overlay_node video_latency_s",
+            f"the pictures lag the camera's poses by {lag}",
+            f"set it to {true_s:.3f}, or run tirgeo calibrate boresight",
+        ),
+        (
+            "focal_length",
+            lens,
+            f"the pictures turn as with a focal length of {focal}",
+            "run tirgeo calibrate lens, with the pictures' size and zoom",
+        ),
+        (
+            "ground_by_motion",
+            ground,
+            f"the ground passes as from {height} above it",
+            f"{move}: heights are ellipsoidal, not above sea level",
+        ),
+        (
+            "boresight_by_motion",
+            "gimbal_node boresight_rpy_deg",
+            f"the camera looks {math.hypot(*off_deg):.1f} deg aside of its poses ({aside})",
+            "add these angles, or run tirgeo calibrate boresight; or the principal point is wrong",
+        ),
+    )
     found = []
-    if _is_significant(fit, LATENCY):
-        found.append(_latency(fit, latency_s))
-    if _is_significant(fit, FOCAL):
-        found.append(_focal(fit, focal_px, lens))
-    if ground and _is_significant(fit, HEIGHT):
-        found += _height(fit, ground)
-    if _is_significant(fit, 3):
-        found.append(_boresight(fit))
+    for one, (check, where, evidence, mend) in enumerate(errors):
+        if where and _is_significant(fit, one):
+            is_wrong = one in (FOCAL, HEIGHT) and abs(fit.values[one]) > _WRONG
+            severity = Severity.STOP if is_wrong else Severity.CAUTION
+            text = f"{evidence} ({fit.pairs} pairs of pictures)"
+            found.append(Finding(check, severity, text, where, mend))
     return found
 
 
@@ -63,58 +101,3 @@ def _is_significant(fit: MotionFit, one: int) -> bool:
     sure = (np.abs(fit.values[part]) > least) & ~np.array(fit.assumed[part])
     enough = _IMPROVEMENT[one] * fit.after + max(fit.after - _GOOD_PX, 0.0)
     return bool(sure.any() and fit.without[one] > enough)
-
-
-def _finding(
-    fit: MotionFit, check: str, evidence: str, where: str, mend: str, wrong: float = 0.0
-) -> Finding:
-    severity = Severity.STOP if abs(wrong) > _WRONG else Severity.CAUTION
-    return Finding(check, severity, f"{evidence} ({fit.pairs} pairs of pictures)", where, mend)
-
-
-def _latency(fit: MotionFit, latency_s: float) -> Finding:
-    true_s, sigma_s = latency_s + fit.values[LATENCY], fit.sigmas[LATENCY]
-    evidence = (
-        f"the pictures lag the camera's poses by {true_s:.3f} s (sigma {sigma_s:.3f}), not by "
-        f"{latency_s:.3f}"
-    )
-    mend = f"set it to {true_s:.3f}, or run tirgeo calibrate boresight"
-    return _finding(fit, "video_latency", evidence, "overlay_node video_latency_s", mend)
-
-
-def _focal(fit: MotionFit, focal_px: float, lens: str) -> Finding:
-    value = float(fit.values[FOCAL])
-    true_px = focal_px * math.exp(value)
-    evidence = (
-        f"the pictures turn as with a focal length of {true_px:.0f} px (sigma "
-        f"{true_px * fit.sigmas[FOCAL]:.0f}), not {focal_px:.0f}"
-    )
-    mend = "run tirgeo calibrate lens, with the pictures' size and zoom"
-    return _finding(fit, "focal_length", evidence, lens, mend, value)
-
-
-def _height(fit: MotionFit, ground: str) -> list[Finding]:
-    value = float(fit.values[HEIGHT])
-    above_m = fit.above_m * math.exp(value)
-    off_m = fit.above_m - above_m
-    if abs(off_m) <= max(_LEAST_HEIGHT_M, _SIGNIFICANT * fit.height_sigma_m):
-        return []
-    evidence = (
-        f"the ground passes as from {above_m:.0f} m (sigma {above_m * fit.sigmas[HEIGHT]:.1f}), "
-        f"not from {fit.above_m:.0f} m above it"
-    )
-    move = f"{'raise' if off_m > 0 else 'lower'} the ground by {abs(off_m):.0f} m"
-    mend = f"{move}: heights are ellipsoidal, not above sea level"
-    return [_finding(fit, "ground_by_motion", evidence, ground, mend, value)]
-
-
-def _boresight(fit: MotionFit) -> Finding:
-    off_deg = np.degrees(flu_from_frd(fit.values[BORESIGHT])).tolist()
-    numbers = ", ".join(f"{angle:+.1f}" for angle in off_deg)
-    evidence = (
-        f"the camera looks {math.hypot(*off_deg):.1f} deg aside of its poses (roll, pitch, yaw "
-        f"{numbers}; sigma {math.degrees(fit.sigmas[BORESIGHT].max()):.1f})"
-    )
-    mend = "add these angles, or run tirgeo calibrate boresight; or the principal point is wrong"
-    where = "gimbal_node boresight_rpy_deg"
-    return _finding(fit, "boresight_by_motion", evidence, where, mend)

@@ -91,30 +91,23 @@ class _Scene:
 
     def residuals(self, x: Array) -> Array:
         """Return (N, 2) px: measured minus predicted, with the errors ``x`` (6,) corrected."""
-        start, end = self._matrices(x)
+        # A latency larger than assumed means an earlier exposure.
+        place = np.clip((-x[LATENCY] - OFFSETS_S[0]) / STEP_S, 0, len(OFFSETS_S) - 1.001)
+        low, share = int(place), place % 1
+        pose = self.poses[:, :, low] * (1 - share) + self.poses[:, :, low + 1] * share
+        q = pose[..., 3:] / np.linalg.norm(pose[..., 3:], axis=-1, keepdims=True)
+        rotations = matrix_from_quat(q) @ matrix_from_rotvec(BODY_OPTICAL.T @ x[BORESIGHT])
+        start, end = rotations[:, 0], rotations[:, 1]  # R_nc (P, 3, 3)
         scale = np.exp(x[FOCAL])
         rays = np.append(self.first / scale, np.ones((len(self.first), 1)), axis=1)
-        turn = np.swapaxes(end[0], 1, 2) @ start[0]
-        shift = np.einsum("pji,pj->pi", end[0], end[1] - start[1])
-        down = np.einsum("ni,ni->n", start[0][self.pair, 2], rays)
+        turn = np.swapaxes(end, 1, 2) @ start
+        shift = np.einsum("pji,pj->pi", end, pose[:, 1, :3] - pose[:, 0, :3])
+        down = np.einsum("ni,ni->n", start[self.pair, 2], rays)
         nearness = np.maximum(down, 0.0) / (self.above_m * np.exp(x[HEIGHT]))
         seen = np.einsum("nij,nj->ni", turn[self.pair], rays)
         seen -= shift[self.pair] * nearness[:, None]
         foretold = seen[:, :2] / np.maximum(seen[:, 2:], 0.1) * scale
         return np.asarray((self.second - foretold) * self.focal_px)
-
-    def _matrices(self, x: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-        """Return ``R_nc`` (P, 3, 3) and positions (P, 3) of both pictures."""
-        # A latency larger than assumed means an earlier exposure.
-        place = np.clip((-x[LATENCY] - OFFSETS_S[0]) / STEP_S, 0, len(OFFSETS_S) - 1.001)
-        low = int(place)
-        pose = self.poses[:, :, low] * (low + 1 - place) + self.poses[:, :, low + 1] * (
-            place - low
-        )
-        q = pose[..., 3:] / np.linalg.norm(pose[..., 3:], axis=-1, keepdims=True)
-        askew = matrix_from_rotvec(BODY_OPTICAL.T @ x[BORESIGHT])
-        rotations = matrix_from_quat(q) @ askew
-        return (rotations[:, 0], pose[:, 0, :3]), (rotations[:, 1], pose[:, 1, :3])
 
     def means(self, values: Array) -> Array:
         """Return the means over each pair: (N, ...) to (P, ...)."""
@@ -127,13 +120,10 @@ class _Scene:
         return float(np.sqrt((self.means(residuals) ** 2).sum(1).mean()))
 
 
-def fit_motion(
-    pairs: Sequence[PicturePair], focal_px: float, before: MotionFit | None = None
-) -> MotionFit:
-    """Fit the errors to ten or more pairs; start from zero or from the previous fit ``before``."""
+def fit_motion(pairs: Sequence[PicturePair], focal_px: float) -> MotionFit:
+    """Fit the errors to ten or more pairs."""
     scene = _Scene(pairs, focal_px)
-    starts = [np.zeros(6), *([before.values] if before else [])]
-    start = min(starts, key=lambda x: _cost(scene, x, _LOOSE))
+    start = np.zeros(6)
     if _cost(scene, start, _LOOSE) > _FITS_PX:
         start = _searched(scene)
     values, sigmas = _fitted(scene, start, _LOOSE)
@@ -153,7 +143,7 @@ def fit_motion(
         sigmas,
         tuple(assumed.tolist()),
         len(pairs),
-        scene.pair_rms(scene.residuals(np.zeros(6))),
+        without(slice(None)),
         scene.pair_rms(scene.residuals(values)),
         scene.pair_rms((scene.second - scene.first) * focal_px),
         tuple(without(one) for one in (LATENCY, FOCAL, HEIGHT, BORESIGHT)),
@@ -175,35 +165,21 @@ def _searched(scene: _Scene) -> Array:
 def _fitted(scene: _Scene, x: Array, prior: Array) -> tuple[Array, Array]:
     """Return errors and their sigmas, started at ``x``; ``prior`` (6,) are sigmas about zero."""
     for _ in range(_MOST_STEPS):
-        residuals = scene.residuals(x)
-        slopes = np.stack(
-            [(residuals - scene.residuals(x + step)) / step.sum() for step in np.diag(_STEPS)],
-            axis=-1,
-        )
-        normal, blocks = _normal_equations(scene, residuals, slopes)
+        normal, blocks = _normal_equations(scene, x)
         inverse = np.linalg.inv(normal + np.diag(prior**-2))
         step = inverse @ (blocks.sum(0) - x / prior**2)
         step *= min(1.0, float((_LARGEST_STEP / np.maximum(np.abs(step), 1e-12)).min()))
-        better = _better(scene, x, step, prior)
-        if better is None:
+        places = [x + share * step for share in _SHARES]
+        for place in places:
+            place[LATENCY] = np.clip(place[LATENCY], -REACH_S, REACH_S)
+        best = _cost(scene, x, prior)
+        better = next((one for one in places if _cost(scene, one, prior) < best), None)
+        if better is None or (np.abs(step) < 0.1 * _STEPS).all():
             break
         x = better
     spread = blocks.T @ blocks + np.diag(prior**-2)
     covariance = inverse @ spread @ inverse
     return x, np.sqrt(np.maximum(covariance.diagonal(), inverse.diagonal()))
-
-
-def _better(scene: _Scene, x: Array, step: Array, prior: Array) -> Array | None:
-    """Return the point a step, or part of it, away if its cost is smaller; else None."""
-    if (np.abs(step) < 0.1 * _STEPS).all():
-        return None
-    best = _cost(scene, x, prior)
-    for share in _SHARES:
-        there = x + share * step
-        there[LATENCY] = np.clip(there[LATENCY], -REACH_S, REACH_S)
-        if _cost(scene, there, prior) < best:
-            return there
-    return None
 
 
 def _cost(scene: _Scene, x: Array, prior: Array) -> float:
@@ -213,20 +189,21 @@ def _cost(scene: _Scene, x: Array, prior: Array) -> float:
     return float(sizes + np.abs(residuals).mean() + 1e-3 * ((x / prior) ** 2).sum())
 
 
-def _normal_equations(scene: _Scene, residuals: Array, slopes: Array) -> tuple[Array, Array]:
+def _normal_equations(scene: _Scene, x: Array) -> tuple[Array, Array]:
     """Return the information (6, 6), and each pair's contribution (P, 6) to the right side."""
+    residuals = scene.residuals(x)
+    slopes = np.stack(
+        [(residuals - scene.residuals(x + step)) / step.sum() for step in np.diag(_STEPS)],
+        axis=-1,
+    )
     mean, mean_slopes = scene.means(residuals), scene.means(slopes)
-    rest = residuals - mean[scene.pair]
-    rest_slopes = slopes - mean_slopes[scene.pair]
-    normal = np.zeros((6, 6))
+    rest, rest_slopes = residuals - mean[scene.pair], slopes - mean_slopes[scene.pair]
+    weights = np.append(_weights(mean), _weights(rest))
+    parts, part_slopes = np.concatenate((mean, rest)), np.concatenate((mean_slopes, rest_slopes))
+    normal = np.einsum("n,nij,nik->jk", weights, part_slopes, part_slopes)
     blocks = np.zeros((len(mean), 6))
-    for part, slope, pair in (
-        (mean, mean_slopes, np.arange(len(mean))),
-        (rest, rest_slopes, scene.pair),
-    ):
-        weight = _weights(part)
-        normal += np.einsum("n,nij,nik->jk", weight, slope, slope)
-        np.add.at(blocks, pair, np.einsum("n,ni,nij->nj", weight, part, slope))
+    pair = np.append(np.arange(len(mean)), scene.pair)
+    np.add.at(blocks, pair, np.einsum("n,ni,nij->nj", weights, parts, part_slopes))
     return normal, blocks
 
 

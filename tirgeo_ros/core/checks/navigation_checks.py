@@ -7,15 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from tirgeo_ros.core.checks.covariance_checks import CovarianceChecks
-from tirgeo_ros.core.checks.force_checks import ForceChecks
-from tirgeo_ros.core.checks.gyro_checks import GyroChecks
 from tirgeo_ros.core.checks.heading_checks import HeadingChecks
 from tirgeo_ros.core.checks.imu_blocks import ImuBlocks
+from tirgeo_ros.core.checks.imu_checks import ImuChecks
 from tirgeo_ros.core.checks.lever_arm_checks import LeverChecks
 from tirgeo_ros.core.checks.position_checks import PositionChecks
-from tirgeo_ros.core.checks.rate_checks import Stream, longest_step_s, rate_findings
 from tirgeo_ros.core.checks.stamp_checks import StampChecks
+from tirgeo_ros.core.checks.stream_checks import IMU, Stream, longest_step_s, stream_findings
 from tirgeo_ros.core.checks.velocity_checks import VelocityChecks
 from tirgeo_ros.core.checks.vibration_checks import VibrationChecks
 from tirgeo_ros.core.config import EkfConfig
@@ -31,15 +29,13 @@ from tirgeo_ros.core.types.measurements import (
     Source,
     VelocitySample,
 )
-from tirgeo_ros.core.types.poses import NavSolution
 
-_IMU = "imu/data"
 #: A clock that goes back by more starts another recording: all checks are reset.
 _BACK_NS = 10_000_000_000
 
 
 class NavigationChecks:
-    """Take the filter's inputs in their order of arrival, and its solutions.
+    """Take the filter's inputs in their order of arrival.
 
     ``given`` are the parameters that were set explicitly (``aircraft.rtk_antenna_m``), None if
     not known.
@@ -52,13 +48,10 @@ class NavigationChecks:
     def _begin(self, config: EkfConfig) -> None:
         self._streams: dict[str, Stream] = {}
         self._first_ns = self._arrived_ns = 0
-        self._blocks = ImuBlocks()
-        self._force, self._gyro = ForceChecks(config.aircraft), GyroChecks(config.aircraft)
+        self._blocks = ImuBlocks(config.aircraft.rotation_bi)
+        self._imu, self._heading = ImuChecks(), HeadingChecks(config)
         self._vibration = VibrationChecks(config.imu)
-        self._heading = HeadingChecks(config)
-        self._positions = PositionChecks(config)
-        self._stamps = StampChecks(config)
-        self._covariances = CovarianceChecks(config)
+        self._positions, self._stamps = PositionChecks(config), StampChecks(config)
         self._velocities = {
             Source.RTK_VELOCITY: VelocityChecks("rtk/vel", "rtk/fix"),
             Source.GPS_VELOCITY: VelocityChecks("gps/vel", "gps/fix"),
@@ -74,54 +67,45 @@ class NavigationChecks:
         if topic not in self._streams:
             self._streams[topic] = Stream(longest_step_s(topic, self._config))
         stream = self._streams[topic]
-        stream.add(sample.stamp_ns, arrival_ns)
+        stream.add(sample, arrival_ns)
         if isinstance(sample, ImuSample):
             self._vibration.add(sample)
             block = self._blocks.add(sample)
             if block is not None:
-                for check in (self._force, self._gyro, self._heading, self._levers):
+                for check in (self._imu, self._heading, self._levers):
                     check.block(block)
             return
-        if _IMU in self._streams:
-            self._stamps.take(topic, stream, self._streams[_IMU])
-        if isinstance(sample, PositionSample | VelocitySample | HeadingSample):
-            self._aid(topic, sample)
+        if IMU in self._streams:
+            self._stamps.take(topic, stream, self._streams[IMU])
+        self._aid(sample)
 
-    def solution(self, solution: NavSolution) -> None:
-        """Take a solution that the filter publishes."""
-        self._levers.solution(solution)
-
-    def findings(self) -> list[Finding]:
-        """Return the findings from all samples so far, the most severe first."""
-        gyro = self._gyro.findings()
-        units = [*self._force.findings(), *gyro]
-        found = [
-            *units,
-            *([] if gyro else self._heading.findings()),  # headings are compared with gyroscopes
-            *self._positions.findings(),
-            *(one for check in self._velocities.values() for one in check.findings()),
-            *self._stamps.findings(self._streams),
-            *rate_findings(self._streams, self._config, self._arrived_ns - self._first_ns),
-            *self._covariances.findings(),
-            *([] if units else self._vibration.findings()),  # its unit would be wrong too
-        ]
-        if not any(one.severity is Severity.STOP for one in found):  # the fit trusts all inputs
-            found += self._levers.findings(self._streams)
-        return sorted_findings(found)
-
-    def _aid(self, topic: str, sample: PositionSample | VelocitySample | HeadingSample) -> None:
-        self._covariances.take(topic, sample)
+    def _aid(self, sample: NavigationInput) -> None:
         if isinstance(sample, HeadingSample):
             self._heading.heading(sample)
-        elif isinstance(sample, VelocitySample):
-            if fault_of(sample):
-                return
+        elif isinstance(sample, PositionSample):
+            self._position(sample)
+        elif isinstance(sample, VelocitySample) and not fault_of(sample):
             self._velocities[sample.source].velocity(sample)
             if sample.source is Source.RTK_VELOCITY:
                 self._heading.velocity(sample)
                 self._levers.velocity(sample.stamp_ns, sample.velocity_n)
-        else:
-            self._position(sample)
+
+    def findings(self) -> list[Finding]:
+        """Return the findings from all samples so far, the most severe first."""
+        imu = self._imu.findings()
+        found = [
+            *imu,
+            # Headings are compared with the gyroscopes.
+            *([] if any("gyro" in one.check for one in imu) else self._heading.findings()),
+            *self._positions.findings(),
+            *(one for check in self._velocities.values() for one in check.findings()),
+            *self._stamps.findings(),
+            *stream_findings(self._streams, self._config, self._arrived_ns - self._first_ns),
+            *([] if imu else self._vibration.findings()),  # its unit would be wrong too
+        ]
+        if not any(one.severity is Severity.STOP for one in found):  # the fit trusts all inputs
+            found += self._levers.findings(self._streams)
+        return sorted_findings(found)
 
     def _position(self, sample: PositionSample) -> None:
         self._positions.position(sample)
@@ -130,8 +114,8 @@ class NavigationChecks:
         place = sample.latitude_rad, sample.longitude_rad, sample.height_m
         self._plane = self._plane or TangentPlane(*place)  # at the first position
         position_n = self._plane.ned_from_geodetic(*place)
-        rtk = sample.source is Source.RTK_POSITION
-        velocity = Source.RTK_VELOCITY if rtk else Source.GPS_VELOCITY
+        is_rtk = sample.source is Source.RTK_POSITION
+        velocity = Source.RTK_VELOCITY if is_rtk else Source.GPS_VELOCITY
         self._velocities[velocity].position(sample.stamp_ns, position_n)
-        if rtk and sample.status is FixStatus.FIXED:
+        if is_rtk and sample.status is FixStatus.FIXED:
             self._levers.position(sample.stamp_ns, position_n)

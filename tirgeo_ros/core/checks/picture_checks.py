@@ -10,8 +10,8 @@ import numpy.typing as npt
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.checks.frame_stamps import FrameStamps
 from tirgeo_ros.core.checks.height_checks import HeightChecks, ground_parameter
-from tirgeo_ros.core.checks.lens_findings import lens_findings
 from tirgeo_ros.core.checks.motion_findings import motion_findings
+from tirgeo_ros.core.checks.parameter_checks import lens_findings
 from tirgeo_ros.core.checks.picture_motion import PictureMotion
 from tirgeo_ros.core.checks.picture_tracks import PictureTracker
 from tirgeo_ros.core.config import OverlayConfig
@@ -19,10 +19,7 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.streams.sanity_checks import pose_fault
 from tirgeo_ros.core.types.finding import Finding, Severity
-from tirgeo_ros.core.types.poses import BodyPose, CameraPose
-
-_FEWEST = 20  # pairs of pictures: eight seconds
-_FROZEN = 0.9  # share of the pairs
+from tirgeo_ros.core.types.poses import CameraPose
 
 
 class PictureChecks:
@@ -45,7 +42,6 @@ class PictureChecks:
         self._ground = ground_parameter(ground)
         self._camera: Camera | None = None
         self._heights = HeightChecks(ground)
-        self._bodies = False
         self._stamps = FrameStamps()
         self._tracker = PictureTracker()
         self._motion = PictureMotion(config.video_latency_s, ground)
@@ -64,22 +60,12 @@ class PictureChecks:
             self._motion.plane = self._heights.plane = plane
             self._motion.forget()
 
-    def body(self, pose: BodyPose) -> None:
-        """Take a body pose, if there are any; heights are then the body's."""
-        self._bodies = True
-        self._heights.pose(pose)
-
     def pose(self, pose: CameraPose) -> None:
         """Take a camera pose, in order of time."""
-        if self._camera is None and self._bodies:
+        if not pose_fault(pose.position_n, pose.q_nc, pose.covariance):
             self._stamps.pose(pose.stamp_ns)
-            return  # without a camera no picture can be compared with the motion
-        if pose_fault(pose.position_n, pose.q_nc, pose.covariance):
-            return
-        self._stamps.pose(pose.stamp_ns)
-        if not self._bodies:
             self._heights.pose(pose)
-        self._motion.pose(pose)
+            self._motion.pose(pose)
 
     def wants_pixels(self, stamp_ns: int, arrival_ns: int) -> bool:
         """Return whether a frame's pixels are needed; for the others call ``passed``."""
@@ -87,12 +73,12 @@ class PictureChecks:
 
     def passed(self, stamp_ns: int, arrival_ns: int) -> None:
         """Take a frame of which only the stamp is known."""
-        self._stamps.frame(stamp_ns, None, arrival_ns)
+        self._stamps.frame(stamp_ns, arrival_ns)
 
     def frame(self, stamp_ns: int, pixels: npt.NDArray[Any], arrival_ns: int) -> None:
         """Take a frame (h, w) uint8 or uint16, or (h, w, 3) uint8."""
         height, width = pixels.shape[:2]
-        self._stamps.frame(stamp_ns, (width, height), arrival_ns)
+        self._stamps.frame(stamp_ns, arrival_ns)
         camera = self._camera
         if camera is not None and (width, height) != (camera.width, camera.height):
             self._size = width, height
@@ -106,13 +92,7 @@ class PictureChecks:
         found = [*self._heights.findings(), *self._stamps.findings()]
         if self._camera is not None:
             found += self._lens_findings(self._camera)
-        tracker = self._tracker
-        if tracker.pairs >= _FEWEST and tracker.frozen > _FROZEN * tracker.pairs:
-            same = f"{tracker.frozen} of {tracker.pairs} pictures are the same as the one before"
-            evidence, where = f"{same}, bit by bit", "thermal/image_raw"
-            mend = "see that the video is live and not the last picture again and again"
-            found.append(Finding("pictures_frozen", Severity.CAUTION, evidence, where, mend))
-        if self._default and tracker.pairs:
+        if self._default and self._tracker.pairs:
             evidence = f"latency of the video at its default, {self._latency_s:g} s"
             where = "overlay_node video_latency_s"
             mend = "measure it with tirgeo calibrate boresight, and set it"

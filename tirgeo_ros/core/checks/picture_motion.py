@@ -37,9 +37,9 @@ _POSES_S = 2.0  # time for which poses are kept
 _LARGEST_RAD2 = math.radians(3.0) ** 2
 _WAITING = 8  # pairs, at most
 _LEAST_ABOVE_M = 1.0
-_UNKNOWN_M = 50.0  # assumed height above ground if nothing gives it; the fit then finds it
 _FLATTEST = 0.2  # least downward component of a ray: terrain is not looked up further away
-_STEPS = 3  # iterations of a ray's intersection with terrain
+_STEPS = 4  # iterations of a ray's intersection with terrain
+_UNKNOWN_M = 50.0  # assumed height above ground if nothing gives it; the fit then finds it
 
 
 class PictureMotion:
@@ -132,17 +132,16 @@ class PictureMotion:
         ground = self._ground
         if ground is None:
             return np.full(len(rays), _UNKNOWN_M)
-        latitude, longitude, height_m = plane.geodetic_from_ned(pose[:3])
+        *_, height_m = plane.geodetic_from_ned(pose[:3])
         if not isinstance(ground, Terrain):
             return np.full(len(rays), float(height_m) - ground)
-        above_m = np.full(len(rays), float(height_m - ground.height_m(latitude, longitude)))
-        q = pose[3:] / np.linalg.norm(pose[3:])
-        rays_n = np.append(rays, np.ones((len(rays), 1)), axis=1) @ matrix_from_quat(q).T
-        flat = np.maximum(rays_n[:, 2:], _FLATTEST)  # keeps a ray towards the sky near
+        rotation_nc = matrix_from_quat(pose[3:] / np.linalg.norm(pose[3:]))
+        rays_n = np.append(rays, np.ones((len(rays), 1)), axis=1) @ rotation_nc.T
+        rays_n /= np.maximum(rays_n[:, 2:], _FLATTEST)  # keeps a ray towards the sky near
+        above_m = np.zeros(len(rays))
         for _ in range(_STEPS):
-            hits = pose[:3] + rays_n / flat * above_m[:, None]
-            latitude, longitude, _ = plane.geodetic_from_ned(hits)
-            above_m = height_m - ground.height_m(latitude, longitude)
+            places = plane.geodetic_from_ned(pose[:3] + rays_n * above_m[:, None])
+            above_m = height_m - ground.height_m(*places[:2])
         return np.asarray(above_m)
 
     def fit(self) -> MotionFit | None:
@@ -150,7 +149,7 @@ class PictureMotion:
         pairs = [*self._turning, *self._straight]
         due = len(pairs) >= _FEWEST and self._new >= (_NEW if self._fit else 1)
         if due and self.camera is not None:
-            self._fit = fit_motion(pairs, self.camera.fx, self._fit)
+            self._fit = fit_motion(pairs, self.camera.fx)
             self._new = 0
         return self._fit
 

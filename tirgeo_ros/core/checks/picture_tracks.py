@@ -10,9 +10,8 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from tirgeo_ros.core.types.arrays import Array, Pixels
+from tirgeo_ros.core.types.arrays import Array, Pixels, RawPixels
 
 _EVERY_NS = 400_000_000
 #: Time between the two pictures of a pair: long enough to move, short enough to be tracked.
@@ -38,89 +37,85 @@ class Tracks(NamedTuple):
     second: Array  # (N, 2)
 
 
-class _Small(NamedTuple):
-    stamp_ns: int
-    grey: Pixels
-    scale: int
-    ends: tuple[float, float] | None  # range of values of a 16-bit picture that maps to 0..255
-
-
 class PictureTracker:
-    """Take frames, return tracks when a pair is complete; ``frozen`` counts identical pairs."""
+    """Take frames, return tracks when a pair is complete; ``pairs`` counts them."""
 
     def __init__(self) -> None:
-        self.pairs = self.frozen = 0
-        self._first: _Small | None = None
+        self.pairs = 0
+        self._first: tuple[int, RawPixels] | None = None  # stamp and reduced picture
         self._begun_ns: int | None = None
 
-    def take(self, stamp_ns: int, pixels: npt.NDArray[Any]) -> Tracks | None:
+    def take(self, stamp_ns: int, pixels: RawPixels) -> Tracks | None:
         """Take a frame (h, w) uint8 or uint16, or (h, w, 3) uint8."""
         if not self.wants(stamp_ns):
             return None
+        scale = -(-pixels.shape[1] // _WIDTH)
+        small = _reduced(pixels, scale)
         first, self._first = self._first, None
-        if first is not None and 0 < stamp_ns - first.stamp_ns <= _LONGEST_NS:
-            return self._tracks(first, _small(stamp_ns, pixels, first.ends))
-        self._first = _small(stamp_ns, pixels, None)
-        self._begun_ns = stamp_ns
+        if first is not None and 0 < stamp_ns - first[0] <= _LONGEST_NS:
+            return self._tracks(*first, stamp_ns, small, scale)
+        self._first, self._begun_ns = (stamp_ns, small), stamp_ns
         return None
 
     def wants(self, stamp_ns: int) -> bool:
         """Return whether a frame with this stamp would be used."""
         if self._first is not None:
-            apart_ns = stamp_ns - self._first.stamp_ns
+            apart_ns = stamp_ns - self._first[0]
             if 0 < apart_ns <= _LONGEST_NS:
                 return apart_ns >= _SHORTEST_NS
         return self._begun_ns is None or not 0 <= stamp_ns - self._begun_ns < _EVERY_NS
 
-    def _tracks(self, first: _Small, second: _Small) -> Tracks | None:
-        if first.grey.shape != second.grey.shape or min(first.grey.shape) < _SMALLEST:
+    def _tracks(
+        self, first_ns: int, first: RawPixels, second_ns: int, second: RawPixels, scale: int
+    ) -> Tracks | None:
+        if first.shape != second.shape or min(first.shape) < _SMALLEST:
             return None
-        if first.grey.std() < _LEAST_CONTRAST:
+        before, after = _grey(first, second)
+        if before.std() < _LEAST_CONTRAST:
             return None
         self.pairs += 1
-        if np.array_equal(first.grey, second.grey):
-            self.frozen += 1
-            return None
-        found = _followed(first.grey, second.grey)
+        found = _followed(before, after)
         if found is None:
             return None
-        middle = 0.5 * (first.scale - 1)  # offset of a reduced pixel's centre in the whole picture
-        start, end = (points * first.scale + middle for points in found)
-        return Tracks(first.stamp_ns, second.stamp_ns, start, end)
+        middle = 0.5 * (scale - 1)  # offset of a reduced pixel's centre in the whole picture
+        start, end = (points * scale + middle for points in found)
+        return Tracks(first_ns, second_ns, start, end)
 
 
-def _small(stamp_ns: int, pixels: npt.NDArray[Any], ends: tuple[float, float] | None) -> _Small:
-    """Reduce a frame to a small grey picture; each of its pixels averages ``scale`` squared."""
+def _reduced(pixels: RawPixels, scale: int) -> RawPixels:
+    """Reduce a frame to a small one; each of its pixels averages ``scale`` squared."""
     if pixels.ndim == 3:
         pixels = pixels[..., 1]
-    scale = -(-pixels.shape[1] // _WIDTH)
     size = (max(pixels.shape[1] // scale, 1), max(pixels.shape[0] // scale, 1))
     part = pixels[: size[1] * scale, : size[0] * scale]
-    small = cv2.resize(part, size, interpolation=cv2.INTER_AREA)
-    if small.dtype == np.uint16:
-        if ends is None:
-            low, high = np.percentile(small, (1.0, 99.0))
-            ends = float(low), float(max(high, low + _LEAST_SPAN))
-        small = np.clip((small - ends[0]) * (255.0 / (ends[1] - ends[0])), 0, 255)
-    return _Small(stamp_ns, np.asarray(small, np.uint8), scale, ends)
+    return np.asarray(cv2.resize(part, size, interpolation=cv2.INTER_AREA))
 
 
-def _lucas_kanade(first: Pixels, second: Pixels, points: Any) -> tuple[Any, Any]:
-    """Return the new places of points (N, 1, 2), and (N, 1) whether they were found."""
-    there, found, _ = cv2.calcOpticalFlowPyrLK(
-        first, second, points, np.empty(0), winSize=_WINDOW, maxLevel=_LEVELS
-    )
-    return there, found
+def _grey(first: RawPixels, second: RawPixels) -> tuple[Pixels, Pixels]:
+    """Return a pair of pictures in 8 bits; the range of the first, of 16, serves both."""
+    if first.dtype != np.uint16:
+        return first, second
+    low, high = np.percentile(first, (1.0, 99.0))
+    factor = 255.0 / max(high - low, _LEAST_SPAN)
+    eight = (np.stack((first, second)) - low) * factor
+    before, after = np.clip(eight, 0, 255).astype(np.uint8)
+    return before, after
 
 
 def _followed(first: Pixels, second: Pixels) -> tuple[Array, Array] | None:
     """Return points (N, 2) in both reduced pictures; None if too few can be tracked."""
-    apart = max(first.shape) / 9
-    points = cv2.goodFeaturesToTrack(first, _POINTS, _QUALITY, apart)
+
+    def moved(start: Pixels, end: Pixels, points: Any) -> tuple[Any, Any]:
+        there, found, _ = cv2.calcOpticalFlowPyrLK(
+            start, end, points, np.empty(0), winSize=_WINDOW, maxLevel=_LEVELS
+        )
+        return there, found
+
+    points = cv2.goodFeaturesToTrack(first, _POINTS, _QUALITY, max(first.shape) / 9)
     if points is None or len(points) < _FEWEST:
         return None
-    there, found = _lucas_kanade(first, second, points)
-    back, again = _lucas_kanade(second, first, there)
+    there, found = moved(first, second, points)
+    back, again = moved(second, first, there)
     good = (found & again)[:, 0] > 0
     good &= np.abs(back - points).max(axis=(1, 2)) < _COMES_BACK
     way = np.linalg.norm(there - points, axis=(1, 2))

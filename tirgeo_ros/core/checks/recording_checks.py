@@ -5,7 +5,7 @@ The topics are those of a recording or of a running graph.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from tirgeo_ros.core.types.finding import Finding, Severity
@@ -41,37 +41,80 @@ class RecordedTopics:
         names = self.contract.items()
         return {topic for topic, kind in names if self.topics.get(self.name(topic)) == kind}
 
-    @property
-    def elsewhere(self) -> dict[str, list[str]]:
-        """Return the other namespaces that have input topics, with these topics."""
-        found: dict[str, list[str]] = {}
-        for name, kind in self.topics.items():
-            for topic, wanted in self.contract.items():
-                space = name.removesuffix(f"/{topic}").strip("/")
-                if name.endswith(f"/{topic}") and kind == wanted and name != self.name(topic):
-                    found.setdefault(space, []).append(topic)
-        return found
+    def elsewhere(self, wanted: Sequence[str]) -> list[tuple[str, str]]:
+        """Return ``wanted`` input topics with the names that they have in other namespaces."""
+        return [
+            (topic, name)
+            for name, kind in self.topics.items()
+            for topic in wanted
+            if name.endswith(f"/{topic}") and kind == self.contract[topic]
+            if name != self.name(topic)
+        ]
 
 
 def recording_findings(recording: RecordedTopics) -> list[Finding]:
     """Return what is wrong with a recording's or a graph's topics."""
-    namespace = _namespace(recording)
-    if namespace is not None:
-        return [namespace]  # all other findings would follow from it
+    contract = list(recording.contract)
+    others = recording.elsewhere(contract)
+    if others and not any(recording.name(topic) in recording.topics for topic in contract):
+        spaces = [name.rsplit("/", topic.count("/") + 1)[0] for topic, name in others]
+        space = max(spaces, key=spaces.count).strip("/")
+        evidence = (
+            f"no input topic under {recording.name('')}; there are {len(others)} in other "
+            f"namespaces, most of them in /{space}"
+        )
+        mend = f"did you mean --namespace {space or '/'}?"
+        # All other findings would follow from it.
+        return [Finding("namespace", Severity.STOP, evidence, "--namespace", mend)]
     needed: list[tuple[str, ...]] = [("imu/data",), _POSITIONS]
     if recording.there.intersection(_PICTURES):
         needed += [_GIMBAL] if recording.has_camera else [_GIMBAL, (_CAMERA_INFO,)]
     found = needed_findings(recording, needed)
-    return [*found, *_no_pictures(recording, {finding.parameter for finding in found})]
+    seen = {*recording.there, *(finding.parameter for finding in found)}
+    if recording.wants_pictures and not seen.intersection(_PICTURES):
+        odd = recording.there.intersection((_CAMERA_INFO, *_GIMBAL))
+        severity = Severity.CAUTION if odd else Severity.NOTE
+        severity = Severity.STOP if recording.has_map else severity
+        evidence = f"no picture: neither {' nor '.join(map(recording.name, _PICTURES))}"
+        mend = "record the camera's topic; poses alone need no picture"
+        found.append(Finding("no_pictures", severity, evidence, "thermal/image_raw", mend))
+    return found
 
 
 def needed_findings(recording: RecordedTopics, needed: Sequence[Sequence[str]]) -> list[Finding]:
     """Return topics of wrong type, and groups of ``needed`` topics of which none is there."""
     missed = [topics for topics in needed if not recording.there.intersection(topics)]
-    types = _wrong_types(recording, {topic for topics in missed for topic in topics})
-    wrong = {finding.parameter for finding in types}
+    found = []
+    for topic, wanted in recording.contract.items():
+        name = recording.name(topic)
+        kind = recording.topics.get(name, wanted)
+        if kind != wanted:
+            is_needed = any(topic in topics for topics in missed)
+            severity = Severity.STOP if is_needed else Severity.CAUTION
+            evidence = f"{name} is a {kind or 'message of no type'}, and should be a {wanted}"
+            check, mend = (
+                f"type_of_{topic.replace('/', '_')}",
+                "convert or remap the driver's topic",
+            )
+            found.append(Finding(check, severity, evidence, topic, mend))
+    wrong = {finding.parameter for finding in found}
     absent = [_absent(recording, topics) for topics in missed if not wrong.intersection(topics)]
-    return [*types, *absent]
+    return [*found, *absent]
+
+
+def _absent(recording: RecordedTopics, topics: Sequence[str]) -> Finding:
+    names = " nor ".join(map(recording.name, topics))
+    near = [name for _, name in recording.elsewhere(topics)]
+    hint = f" (there is {', '.join(near)})" if near else ""
+    place, mend = ("graph", "publish it") if recording.live else ("bag", "record it")
+    if near:
+        mend += ", or remap it" if recording.live else ", or give --namespace or a remapping"
+    if _CAMERA_INFO in topics:
+        option = "the parameter camera" if recording.live else "--camera"
+        mend += f", or give its calibration with {option}"
+    check = f"no_{topics[0].replace('/', '_')}"
+    evidence = f"the {place} has {'neither ' if len(topics) > 1 else 'no '}{names}{hint}"
+    return Finding(check, Severity.STOP, evidence, " or ".join(topics), mend)
 
 
 def damage_findings(damage: str | None) -> list[Finding]:
@@ -80,67 +123,6 @@ def damage_findings(damage: str | None) -> list[Finding]:
         return []
     mend = "record again, or use what is left: gaps in it restart the filter"
     return [Finding("damaged_bag", Severity.CAUTION, damage, "IN.mcap", mend)]
-
-
-def _namespace(recording: RecordedTopics) -> Finding | None:
-    """Return a finding if the topics are in another namespace only, else None."""
-    if any(recording.name(topic) in recording.topics for topic in recording.contract):
-        return None
-    spaces = recording.elsewhere
-    if not spaces:
-        return None
-    space = max(spaces, key=lambda name: len(spaces[name]))
-    where = f"under /{space} are {len(spaces[space])} of its topics"
-    here = f"no input topic under {recording.name('')}"
-    mend = f"did you mean --namespace {space or '/'}?"
-    return Finding("namespace", Severity.STOP, f"{here}; {where}", "--namespace", mend)
-
-
-def _wrong_types(recording: RecordedTopics, missed: Collection[str]) -> list[Finding]:
-    found = []
-    for topic, wanted in recording.contract.items():
-        name = recording.name(topic)
-        kind = recording.topics.get(name, wanted)
-        if kind != wanted:
-            severity = Severity.STOP if topic in missed else Severity.CAUTION
-            evidence = f"{name} is a {kind or 'message of no type'}, and should be a {wanted}"
-            check, mend = f"type_of_{topic.replace('/', '_')}", "convert or remap the driver's"
-            found.append(Finding(check, severity, evidence, topic, f"{mend} topic"))
-    return found
-
-
-def _absent(recording: RecordedTopics, topics: Sequence[str]) -> Finding:
-    names = " nor ".join(map(recording.name, topics))
-    near = [
-        f"/{space}/{topic}".replace("//", "/")
-        for space, found in recording.elsewhere.items()
-        for topic in found
-        if topic in topics
-    ]
-    hint = f" (there is {', '.join(near)})" if near else ""
-    mend = "publish it" if recording.live else "record it"
-    if near:
-        mend += ", or remap it" if recording.live else ", or give --namespace or a remapping"
-    if _CAMERA_INFO in topics:
-        option = "the parameter camera" if recording.live else "--camera"
-        mend += f", or give its calibration with {option}"
-    check = f"no_{topics[0].replace('/', '_')}"
-    place = "graph" if recording.live else "bag"
-    evidence = f"the {place} has {'neither ' if len(topics) > 1 else 'no '}{names}{hint}"
-    return Finding(check, Severity.STOP, evidence, " or ".join(topics), mend)
-
-
-def _no_pictures(recording: RecordedTopics, wrong: set[str]) -> list[Finding]:
-    """Return a finding if there are no pictures: a fault with a map, odd with a camera."""
-    seen = recording.there.intersection(_PICTURES) or wrong.intersection(_PICTURES)
-    if seen or not recording.wants_pictures:
-        return []
-    odd = recording.there.intersection((_CAMERA_INFO, *_GIMBAL))
-    severity = Severity.CAUTION if odd else Severity.NOTE
-    severity = Severity.STOP if recording.has_map else severity
-    evidence = f"no picture: neither {' nor '.join(map(recording.name, _PICTURES))}"
-    mend = "record the camera's topic; poses alone need no picture"
-    return [Finding("no_pictures", severity, evidence, "thermal/image_raw", mend)]
 
 
 def unreadable_findings(
@@ -165,9 +147,6 @@ def unreadable_findings(
 def no_pose_findings(status: NavigationStatus) -> list[Finding]:
     """Return the finding that a whole flight gave no pose."""
     why = f"{status.state.value}{': ' if status.reason else ''}{status.reason}"
-    refused = {key: n for key, n in status.counts.items() if key[1] not in ("used", "waiting")}
-    most = max(refused, key=lambda key: refused[key]) if refused else None
-    more = f"; {refused[most]} x {most[0]} {most[1]}" if most else ""
     mend = "fly with fixes and some motion, or see the findings beside this one"
-    evidence = f"the filter made no pose: {why}{more}"
+    evidence = f"the filter made no pose: {why}"
     return [Finding("no_pose", Severity.STOP, evidence, f"ekf_node method {status.method}", mend)]

@@ -71,7 +71,7 @@ def measured_flight(
     """Compute Equation 22 from a bag, and the camera's track. Raise BagError."""
     reader, recording = BagReader(bag), Recording()
     flight = RecordedFlight(reader, namespace, camera=camera)
-    flight.add(recording)
+    flight.add(recording.topics, recording.take)
     flight.read_all(progress)
     ekf = config_from(EkfConfig, values_of(ekf) | {"method": "ekf_heading"})
     bodies, cameras, plane = _poses(recording.samples, ekf, gimbal)

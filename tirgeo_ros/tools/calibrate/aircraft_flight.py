@@ -74,7 +74,7 @@ def read_aircraft(reader: BagReader, namespace: str, max_gap_s: float) -> ReadAi
             raise BagError(
                 f"{reader.path}: needed topic absent: {resolved(topic, namespace)}{hint}"
             )
-    flight.add(found)
+    flight.add(found.topics, found.take)
     flight.read_all(silent)
     if flight.refused:
         found.left_out["unreadable messages"] = flight.refused

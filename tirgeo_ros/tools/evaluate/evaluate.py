@@ -30,7 +30,7 @@ from tirgeo_ros.tools.evaluate.summary import check_folder
 from tirgeo_ros.tools.evaluate.t_test import paired_tests
 from tirgeo_ros.tools.evaluate.verdict import place_note
 from tirgeo_ros.tools.presentation.progress import Report, silent
-from tirgeo_ros.tools.replay import FlightChecks, setting_of
+from tirgeo_ros.tools.replay.flight_checks import FlightChecks
 from tirgeo_ros.tools.replay.flight_poses import FlightPoses, RecordedFlight
 from tirgeo_ros.tools.replay.flight_topics import done_without, resolved
 from tirgeo_ros.tools.replay.node_configs import node_configs
@@ -89,8 +89,9 @@ def evaluate(
     last = setups[-1]  # whose parameters are checked and whose map is drawn
     layers = _layers(last.configs.overlay, map_path)
     reader, lens = BagReader(bag), given_camera(last.configs.overlay)
-    setting = setting_of(last.configs, reader, files, namespace, ground=last.ground, camera=lens)
-    checks = FlightChecks(setting)
+    checks = FlightChecks(
+        last.configs, reader, files, namespace, ground=last.ground, camera=lens
+    )
     flight = RecordedFlight(reader, namespace, pictures=True, camera=lens, checks=checks)
     true_poses = None if truth is None else load_truth(Path(truth))
     missing: dict[str, str] = {}
@@ -99,7 +100,7 @@ def evaluate(
     runs = _left([run for run in begun if run is not None], missing, reader)
     runs[-1].poses.checks = checks
     sensors = SensorSeries()
-    flight.add(sensors)
+    flight.add(sensors.topics, sensors.take)
     flight.read_all(progress)
     for run in runs:
         if run.poses.plane is None or not run.series.has_poses:

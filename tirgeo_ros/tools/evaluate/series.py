@@ -50,7 +50,7 @@ class Series:
 
 
 class SensorSeries(Series):
-    """Collect the instruments' data over a flight; a Taker.
+    """Collect the instruments' data over a flight.
 
     The kinds are ``rtk_position`` and ``gps_position`` (latitude, longitude, rad), ``autopilot``
     and ``gimbal`` (roll, pitch, yaw of body and camera body, rad).

@@ -3,29 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
 
 from tirgeo_ros.core.types.finding import Finding, Severity
 
-#: Names of a severity's findings: singular, plural.
-_NAMES = {
-    Severity.STOP: ("fault", "faults"),
-    Severity.CAUTION: ("caution", "cautions"),
-    Severity.NOTE: ("note", "notes"),
-}
+_NAMES = {Severity.STOP: "fault", Severity.CAUTION: "caution", Severity.NOTE: "note"}
 
 
 def finding_items(findings: Iterable[Finding]) -> list[dict[str, object]]:
     """Return findings as items for JSON."""
-    return [
-        {
-            "check": one.check,
-            "severity": one.severity.name.lower(),
-            "evidence": one.evidence,
-            "parameter": one.parameter,
-            "mend": one.mend,
-        }
-        for one in findings
-    ]
+    return [asdict(one) | {"severity": one.severity.name.lower()} for one in findings]
 
 
 def finding_lines(items: Iterable[Mapping[str, object]]) -> list[str]:
@@ -41,8 +28,8 @@ def tally_line(findings: Sequence[Finding]) -> str:
     """Return ``GO``, or ``NO GO`` and the numbers of faults and cautions."""
     lead = "NO GO" if any(one.severity is Severity.STOP for one in findings) else "GO"
     counts = [
-        f"{number} {_NAMES[severity][number > 1]}"
-        for severity in _NAMES
+        f"{number} {name}{'s' if number > 1 else ''}"
+        for severity, name in _NAMES.items()
         if (number := sum(one.severity is severity for one in findings))
     ]
     return f"{lead}: {', '.join(counts)}" if counts else lead

@@ -6,10 +6,9 @@ The checks change nothing of that data: they only return findings.
 from __future__ import annotations
 
 import functools
-import math
 import traceback
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -17,21 +16,31 @@ from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.checks.gimbal_checks import GimbalChecks
 from tirgeo_ros.core.checks.map_checks import MapChecks
 from tirgeo_ros.core.checks.navigation_checks import NavigationChecks
+from tirgeo_ros.core.checks.parameter_checks import parameter_findings
 from tirgeo_ros.core.checks.picture_checks import PictureChecks
-from tirgeo_ros.core.checks.recording_checks import unreadable_findings
+from tirgeo_ros.core.checks.recording_checks import (
+    RecordedTopics,
+    recording_findings,
+    unreadable_findings,
+)
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.map.draping import Ground
+from tirgeo_ros.core.map.layers import MapLayer
 from tirgeo_ros.core.overlay.map_renderer import DrapedMap
 from tirgeo_ros.core.streams.arrival_stamps import Arrivals
 from tirgeo_ros.core.types.finding import Finding, Severity, sorted_findings
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, ImuSample, JointSample
-from tirgeo_ros.tools.replay.check_setting import CheckSetting
+from tirgeo_ros.io.bags.bag import BagReader
+from tirgeo_ros.io.messages import SENSED_TOPICS, TOPIC_TYPES
+from tirgeo_ros.io.parameters.parameter_file import Files, ParameterFile
+from tirgeo_ros.tools.replay.flight_topics import CAMERA_INFO, PICTURES
+from tirgeo_ros.tools.replay.node_configs import NodeConfigs
 from tirgeo_ros.tools.replay.registration import Registered, Sample
 
 F = TypeVar("F", bound=Callable[..., None])
 
 
-#: Number of calls that are run together. Work of one kind in a row uses the processor's caches
-#: better.
+#: Calls that are run together: work of one kind in a row uses the processor's caches better.
 _BLOCK = 128
 
 
@@ -40,117 +49,98 @@ def _later(method: F) -> F:
 
     @functools.wraps(method)
     def call(self: FlightChecks, *arguments: Any) -> None:
-        self._waiting.append((method, arguments))
-        if len(self._waiting) >= _BLOCK:
+        self.waiting.append((method, arguments))
+        if len(self.waiting) >= _BLOCK:
             self.catch_up()
 
     return cast("F", call)
 
 
-class CheckedSamples:
-    """Count messages by topic, with their time span and the longest gap between two of them."""
-
-    def __init__(self) -> None:
-        self.size: tuple[int, int] | None = None  # of the newest picture: width, height
-        self._topics: dict[str, list[int]] = {}  # number, first, newest, longest gap (ns)
-
-    def message(self, topic: str, arrival_ns: int) -> None:
-        """Count a message by its arrival (ns)."""
-        entry = self._topics.get(topic)
-        if entry is None:
-            self._topics[topic] = [1, arrival_ns, arrival_ns, 0]
-            return
-        entry[0] += 1
-        entry[3] = max(entry[3], arrival_ns - entry[2])
-        entry[2] = arrival_ns
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """Return the number of messages by topic."""
-        return {topic: entry[0] for topic, entry in self._topics.items()}
-
-    @property
-    def topics(self) -> dict[str, dict[str, float | None]]:
-        """Return number, rate (Hz) and longest gap (s) of each topic."""
-        return {
-            topic: {
-                "messages": number,
-                "rate_hz": (number - 1) / ((last - first) * 1e-9) if last > first else None,
-                "longest_gap_s": gap * 1e-9,
-            }
-            for topic, (number, first, last, gap) in sorted(self._topics.items())
-        }
-
-
 class FlightChecks:
-    """Feed all groups of checks. For each sample call ``sample``, then ``registered``."""
+    """Feed all groups of checks. For each sample call ``sample``, then ``registered``.
 
-    def __init__(self, setting: CheckSetting) -> None:
-        self._waiting: list[tuple[Callable[..., None], tuple[Any, ...]]] = []
-        self._seen = CheckedSamples()
-        self._found = setting.found
-        ground, given = setting.ground, setting.given
-        self._navigation = NavigationChecks(setting.ekf, given)
-        self._gimbal = GimbalChecks(setting.gimbal, given)
-        self._pictures = PictureChecks(setting.overlay, ground, given)
-        self._map = MapChecks(math.nan if ground is None else ground)
+    A given ``camera`` overrides the bag's; ``pictures``: the bag must have some.
+    """
+
+    def __init__(
+        self,
+        configs: NodeConfigs,
+        reader: BagReader,
+        params: Files,
+        namespace: str,
+        *,
+        ground: Ground | None = None,
+        layers: Sequence[MapLayer] | None = None,
+        camera: Camera | None = None,
+        pictures: bool = False,
+    ) -> None:
+        ekf, gimbal, overlay, given = configs
+        self.waiting: list[tuple[Callable[..., None], tuple[Any, ...]]] = []
+        self._navigation = NavigationChecks(ekf, given)
+        self._gimbal = GimbalChecks(gimbal, given)
+        self._pictures = PictureChecks(overlay, ground, given)
+        self._map = MapChecks(ground)
         self._arrivals = Arrivals()
-        self._camera: Camera | None = None
         self._plane: TangentPlane | None = None
+        self.picture_size: tuple[int, int] | None = None  # of the newest: width, height
+        self.arrivals_ns: dict[str, list[int]] = {}  # of messages, by topic
         self._refused: Counter[str] = Counter()
         self._reasons: dict[str, str] = {}
-        self._failed: Counter[str] = Counter()
-        if setting.camera is not None:
-            self.camera(setting.camera)
-
-    @property
-    def seen(self) -> CheckedSamples:
-        """Return the counts of the checked messages."""
-        self.catch_up()
-        return self._seen
+        self.failed: Counter[str] = Counter()  # exceptions in the checks
+        if camera is not None:
+            self._pictures.camera(camera)
+        recording = RecordedTopics(
+            reader.topics(),
+            {topic: TOPIC_TYPES[topic] for topic in (*SENSED_TOPICS, *PICTURES, CAMERA_INFO)},
+            namespace,
+            has_camera=camera is not None,
+            has_map=layers is not None,
+            wants_pictures=pictures,
+        )
+        seen = recording.there.intersection((*PICTURES, "gimbal/joint_states", "gimbal/attitude"))
+        unused = ParameterFile(params).elsewhere(namespace)
+        self.found = [
+            *recording_findings(recording),
+            *parameter_findings(given, unused, namespace, pictures=bool(seen)),
+        ]
 
     def catch_up(self) -> None:
-        """Run all queued calls."""
-        waiting, self._waiting = self._waiting, []
+        """Run all queued calls; count an exception as a fault of the check instead of raising."""
+        waiting, self.waiting = self.waiting, []
         for method, arguments in waiting:
-            self._guarded(method, arguments)
+            try:
+                method(self, *arguments)
+            except Exception as error:  # noqa: BLE001, PERF203 no flight is lost by a check
+                place = traceback.extract_tb(error.__traceback__)[-1]
+                where = f"{Path(place.filename).name}:{place.lineno}"
+                self.failed[f"{type(error).__name__}: {error} ({where})"] += 1
 
-    def _guarded(self, method: Callable[..., None], arguments: tuple[Any, ...]) -> None:
-        """Run a check; count an exception as a fault of the check instead of raising it."""
-        try:
-            method(self, *arguments)
-        except Exception as error:  # noqa: BLE001 nobody's flight is lost by a check
-            self.failed(error)
+    def _count(self, topic: str, arrival_ns: int) -> None:
+        self.arrivals_ns.setdefault(topic, []).append(arrival_ns)
 
     @_later
     def sample(self, topic: str, sample: Sample, arrival_ns: int) -> None:
         """Take a sample of a contract topic, with the original stamp of its message."""
-        self._seen.message(topic, arrival_ns)
-        if not isinstance(sample, JointSample | CameraAttitudeSample):
-            self._navigation.take(topic, sample, arrival_ns)
-        self._gimbal_sample(self._arrivals.stamped(topic, sample, arrival_ns))
-
-    def _gimbal_sample(self, sample: Sample) -> None:
-        if isinstance(sample, ImuSample):
-            if sample.autopilot_q_nb is not None:
-                self._gimbal.autopilot(sample.stamp_ns, sample.autopilot_q_nb)
-        elif isinstance(sample, JointSample):
-            self._gimbal.joints(sample)
+        self._count(topic, arrival_ns)
+        if isinstance(sample, JointSample):
+            self._gimbal.joints(self._arrivals.stamped(topic, sample, arrival_ns))
         elif isinstance(sample, CameraAttitudeSample):
-            self._gimbal.reported(sample)
+            self._gimbal.reported(self._arrivals.stamped(topic, sample, arrival_ns))
+        else:
+            self._navigation.take(topic, sample, arrival_ns)
+        if isinstance(sample, ImuSample) and sample.autopilot_q_nb is not None:
+            stamp_ns = self._arrivals.stamp_ns(topic, sample.stamp_ns, arrival_ns)
+            self._gimbal.autopilot(stamp_ns, sample.autopilot_q_nb)
 
     @_later
     def registered(self, found: Registered, plane: TangentPlane | None) -> None:
         """Take what filter and gimbal computed from a sample, and the poses' tangent plane."""
-        if found.solution is not None:
-            self._navigation.solution(found.solution)
         if plane is not None and plane is not self._plane:
             self._plane = plane
             self._pictures.plane(plane)
             self._map.plane(plane)
         if found.body is not None:
             self._gimbal.body(found.body)
-            self._pictures.body(found.body)
         for pose in found.cameras:
             self._pictures.pose(pose)
 
@@ -160,21 +150,10 @@ class FlightChecks:
         self._map.map(laid)
 
     @_later
-    def camera(self, camera: Camera, arrival_ns: int | None = None) -> None:
-        """Take a calibration; one without a time of arrival comes from a file."""
-        if arrival_ns is not None:
-            self._seen.message("thermal/camera_info", arrival_ns)
-        if camera != self._camera:
-            self._camera = camera
-            self._pictures.camera(camera)
-
-    def frame(self, topic: str, stamp_ns: int, pixels: Any, arrival_ns: int) -> None:
-        """Take a picture with the stamp of its message.
-
-        It is checked at once, because it may be drawn on later.
-        """
-        self._frame(topic, stamp_ns, pixels, arrival_ns)
-        self.catch_up()
+    def camera(self, camera: Camera, arrival_ns: int) -> None:
+        """Take a calibration of the bag."""
+        self._count(CAMERA_INFO, arrival_ns)
+        self._pictures.camera(camera)
 
     def wants_pixels(self, stamp_ns: int, arrival_ns: int) -> bool:
         """Return whether a picture is to be decoded; give the others to ``passed``."""
@@ -183,13 +162,18 @@ class FlightChecks:
     @_later
     def passed(self, topic: str, stamp_ns: int, arrival_ns: int) -> None:
         """Take the stamp and arrival (ns) of a picture that was not decoded."""
-        self._seen.message(topic, arrival_ns)
+        self._count(topic, arrival_ns)
         self._pictures.passed(stamp_ns, arrival_ns)
+
+    def frame(self, topic: str, stamp_ns: int, pixels: Any, arrival_ns: int) -> None:
+        """Take a picture with the stamp of its message; check it before it is drawn on."""
+        self._frame(topic, stamp_ns, pixels, arrival_ns)
+        self.catch_up()
 
     @_later
     def _frame(self, topic: str, stamp_ns: int, pixels: Any, arrival_ns: int) -> None:
-        self._seen.message(topic, arrival_ns)
-        self._seen.size = (pixels.shape[1], pixels.shape[0])
+        self._count(topic, arrival_ns)
+        self.picture_size = (pixels.shape[1], pixels.shape[0])
         self._pictures.frame(stamp_ns, pixels, arrival_ns)
 
     def refused(self, topic: str, reason: str) -> None:
@@ -200,25 +184,20 @@ class FlightChecks:
     def findings(self) -> list[Finding]:
         """Return all findings, the worst first."""
         self.catch_up()
-        found = [*self._found]
-        found += unreadable_findings(self._seen.counts, self._refused, self._reasons)
-        try:
-            for group in (self._navigation, self._gimbal, self._pictures, self._map):
-                found += group.findings()
-        except Exception as error:  # noqa: BLE001 as above
-            self.failed(error)
-        return sorted_findings([*found, *self._failures()])
+        found = list(self.found)
+        counts = {topic: len(arrivals) for topic, arrivals in self.arrivals_ns.items()}
+        found += unreadable_findings(counts, self._refused, self._reasons)
+        for group in (self._navigation, self._gimbal, self._pictures, self._map):
+            self._ask(group.findings, found)
+        self.catch_up()
+        if self.failed:
+            kind, number = self.failed.most_common(1)[0]
+            evidence = f"a check failed {number} times: {kind}"
+            mend = "report it with this flight; other findings stand"
+            where = "tirgeo itself"
+            found.append(Finding("check_failed", Severity.CAUTION, evidence, where, mend))
+        return sorted_findings(found)
 
-    def failed(self, error: Exception) -> None:
-        """Count a fault of a check."""
-        place = traceback.extract_tb(error.__traceback__)[-1]
-        where = f"{Path(place.filename).name}:{place.lineno}"
-        self._failed[f"{type(error).__name__}: {error} ({where})"] += 1
-
-    def _failures(self) -> list[Finding]:
-        if not self._failed:
-            return []
-        kind, number = self._failed.most_common(1)[0]
-        evidence = f"a check failed {number} times: {kind}"
-        mend = "report it with this flight; other findings stand"
-        return [Finding("check_failed", Severity.CAUTION, evidence, "tirgeo itself", mend)]
+    @_later
+    def _ask(self, findings: Callable[[], list[Finding]], found: list[Finding]) -> None:
+        found += findings()

@@ -1,10 +1,10 @@
-"""Compute camera poses at chosen instants of a recorded flight, with the nodes' core objects."""
+"""Read a recorded flight once, and compute camera poses with the nodes' core objects."""
 
 from __future__ import annotations
 
 from bisect import bisect_left
 from collections import defaultdict
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from itertools import islice
 from typing import Any, Protocol
@@ -25,28 +25,16 @@ from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
 from tirgeo_ros.io.bags.cdr import header_stamp_ns
 from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.tools.presentation.progress import Report
-from tirgeo_ros.tools.replay import FlightChecks
-from tirgeo_ros.tools.replay.flight_topics import PICTURES, inputs_of, resolved
+from tirgeo_ros.tools.replay.flight_checks import FlightChecks
+from tirgeo_ros.tools.replay.flight_topics import CAMERA_INFO, PICTURES, inputs_of, resolved
 from tirgeo_ros.tools.replay.registration import SAMPLES, Registered, Registration, Sample
 
-_CAMERA_INFO = "thermal/camera_info"
 _TRIED = 10  # pictures to try for their size, as the first ones may be damaged
 WHOLE_FLIGHT_S = 1e9
 #: Poses this near an instant are kept: more than the longest gap that is interpolated across.
 _NEAR_NS = 1_000_000_000
 #: The camera's motion is measured from this much before an instant to this much after it.
 _MOTION_NS = 50_000_000
-
-
-class Taker(Protocol):
-    """Define an object that takes the samples of a flight."""
-
-    @property
-    def topics(self) -> Collection[str]:
-        """Return the contract topics whose samples it wants."""
-
-    def take(self, sample: Sample) -> None:
-        """Take a sample, in order of arrival."""
 
 
 class Watcher(Protocol):
@@ -79,16 +67,14 @@ class RecordedFlight:
         needs_camera: bool = True,
         all_pixels: bool = False,
     ) -> None:
-        self._checks = checks
-        self._needs_camera = needs_camera
-        self._all_pixels = all_pixels
-        self._given_camera = self._camera = camera
         self.read = self.refused = 0
         self.picture_stamps_ns: list[int] = []
-        self._reader = reader
-        self._namespace = namespace
-        self._pictures = pictures
-        self._takers: defaultdict[str, list[Taker]] = defaultdict(list)
+        self._reader, self._namespace = reader, namespace
+        self._pictures, self._all_pixels = pictures, all_pixels
+        self._given_camera = self._camera = camera
+        self._needs_camera = needs_camera
+        self._checks = checks
+        self._takers: defaultdict[str, list[Callable[[Sample], None]]] = defaultdict(list)
         self._arrivals = Arrivals()
         self._cdr = Cdr()
 
@@ -100,13 +86,13 @@ class RecordedFlight:
         the bag's pictures.
         """
         if self._camera is None:
-            raise BagError(f"{self._reader.path}: no thermal/camera_info could be used")
+            raise BagError(f"{self._reader.path}: no {CAMERA_INFO} could be used")
         size = self._picture_size()
         fault = size_fault(self._camera, *size) if size else ""
         if fault:
             raise CameraError(
                 f"{self._reader.path}: {fault}: give the calibration of these pictures (--camera, "
-                "or thermal/camera_info)"
+                f"or {CAMERA_INFO})"
             )
         return self._camera
 
@@ -134,7 +120,7 @@ class RecordedFlight:
         *,
         baseline_step_rad: float = 0.0,
     ) -> FlightPoses:
-        """Add a registration as a taker and return it.
+        """Add a registration, which takes the samples, and return it.
 
         Raise BagError if a needed topic is absent. ``baseline_step_rad``: use the headings that
         the aircraft would have measured with its antenna baseline turned by this angle, clockwise
@@ -144,16 +130,16 @@ class RecordedFlight:
             self._reader, ekf.method, gimbal.composition, self._namespace, pictures=False
         )
         poses = FlightPoses(ekf, gimbal, instants_ns, topics.values(), watcher, baseline_step_rad)
-        self.add(poses)
+        self.add(poses.topics, poses.take)
         return poses
 
-    def add(self, taker: Taker) -> None:
-        """Add a taker, which gets the samples of those of its topics that the bag has."""
-        for topic in taker.topics:
-            self._takers[topic].append(taker)
+    def add(self, topics: Collection[str], take: Callable[[Sample], None]) -> None:
+        """Pass the samples of contract topics to ``take``, in order of arrival."""
+        for topic in topics:
+            self._takers[topic].append(take)
 
     def has(self, topic: str) -> bool:
-        """Return whether the bag has a contract topic with the right type."""
+        """Return whether the bag has a contract topic with its type."""
         name = resolved(topic, self._namespace)
         return self._reader.topics().get(name) == TOPIC_TYPES[topic]
 
@@ -162,7 +148,12 @@ class RecordedFlight:
 
         Raise BagError if no topic has the camera's calibration.
         """
-        topics = self._topics()
+        if self._needs_camera and self._given_camera is None and not self.has(CAMERA_INFO):
+            hint = "" if self._namespace else "; is there a --namespace?"
+            name = resolved(CAMERA_INFO, self._namespace)
+            raise BagError(f"{self._reader.path}: needed topic absent: {name}{hint}")
+        wanted = [CAMERA_INFO, *self._takers, *(PICTURES if self._pictures else ())]
+        topics = {resolved(name, self._namespace): name for name in wanted if self.has(name)}
         first_ns, last_ns = self._reader.span_ns
         for message in self._reader.messages(topics):
             progress((message.log_time_ns - first_ns) * 1e-9, (last_ns - first_ns) * 1e-9)
@@ -173,44 +164,35 @@ class RecordedFlight:
                 if self._checks is not None:
                     self._checks.refused(topics[message.topic], str(error))
 
-    def _topics(self) -> dict[str, str]:
-        """Return the topics that are read: resolved name -> contract topic."""
-        if self._needs_camera and self._given_camera is None and not self.has(_CAMERA_INFO):
-            hint = "" if self._namespace else "; is there a --namespace?"
-            name = resolved(_CAMERA_INFO, self._namespace)
-            raise BagError(f"{self._reader.path}: needed topic absent: {name}{hint}")
-        wanted = [_CAMERA_INFO, *self._takers, *(PICTURES if self._pictures else ())]
-        return {resolved(name, self._namespace): name for name in wanted if self.has(name)}
-
     def _take(self, topic: str, message: BagMessage) -> None:
         if topic in PICTURES:
-            stamp_ns = header_stamp_ns(message.data)
-            self.picture_stamps_ns.append(stamp_ns)
-            self._look_at_picture(topic, stamp_ns, message)
+            self._take_picture(topic, message)
             return
-        decoded = self._decoded(message)
+        decoded, checks, arrival_ns = self._decoded(message), self._checks, message.log_time_ns
         self.read += 1
-        if topic == _CAMERA_INFO:
+        if topic == CAMERA_INFO:
             self._camera = self._given_camera or convert.camera(decoded)
-            if self._checks is not None:
-                self._checks.camera(self._camera, message.log_time_ns)
+            if checks is not None:
+                checks.camera(self._camera, arrival_ns)
             return
         sample = SAMPLES[topic](decoded)
-        if self._checks is not None:
-            self._checks.sample(topic, sample, message.log_time_ns)
-        sample = self._arrivals.stamped(topic, sample, message.log_time_ns)
-        for taker in self._takers[topic]:
-            taker.take(sample)
+        if checks is not None:
+            checks.sample(topic, sample, arrival_ns)
+        sample = self._arrivals.stamped(topic, sample, arrival_ns)
+        for take in self._takers[topic]:
+            take(sample)
 
-    def _look_at_picture(self, topic: str, stamp_ns: int, message: BagMessage) -> None:
+    def _take_picture(self, topic: str, message: BagMessage) -> None:
         """Pass a picture to the checks; decode it only if they want its pixels."""
+        stamp_ns, arrival_ns = header_stamp_ns(message.data), message.log_time_ns
+        self.picture_stamps_ns.append(stamp_ns)
         if self._checks is None:
             return
-        if not (self._all_pixels or self._checks.wants_pixels(stamp_ns, message.log_time_ns)):
-            self._checks.passed(topic, stamp_ns, message.log_time_ns)
-            return
-        pixels = convert.pixels(topic, self._decoded(message))
-        self._checks.frame(topic, stamp_ns, pixels, message.log_time_ns)
+        if self._all_pixels or self._checks.wants_pixels(stamp_ns, arrival_ns):
+            pixels = convert.pixels(topic, self._decoded(message))
+            self._checks.frame(topic, stamp_ns, pixels, arrival_ns)
+        else:
+            self._checks.passed(topic, stamp_ns, arrival_ns)
 
 
 class FlightPoses:
@@ -227,9 +209,9 @@ class FlightPoses:
     ) -> None:
         self.topics = topics
         self.checks: FlightChecks | None = None
-        self._baseline_step_rad = baseline_step_rad
         self.registration = Registration(ekf, gimbal, watcher.heard if watcher else None)
         self.cameras: PoseBuffer[CameraPose] = PoseBuffer(WHOLE_FLIGHT_S)
+        self._baseline_step_rad = baseline_step_rad
         self._watcher = watcher
         self._instants_ns = sorted(instants_ns)
 
@@ -245,7 +227,9 @@ class FlightPoses:
             sample = replace(sample, heading_rad=heading_rad)
         found = self.registration.take(sample)
         for pose in found.cameras:
-            if self._is_near(pose.stamp_ns):
+            after = bisect_left(self._instants_ns, pose.stamp_ns - _NEAR_NS)
+            nearest = self._instants_ns[after : after + 1]
+            if nearest and nearest[0] <= pose.stamp_ns + _NEAR_NS:
                 self.cameras.add(pose)
         if self._watcher is not None:
             self._watcher.took(sample, found)
@@ -255,11 +239,6 @@ class FlightPoses:
     def at(self, stamp_ns: int) -> tuple[CameraPose, CameraRates | None] | None:
         """Return the pose at one of the instants and the camera's motion there, or None."""
         return pose_at(self.cameras, stamp_ns)
-
-    def _is_near(self, stamp_ns: int) -> bool:
-        """Return whether one of the instants is within 1 s."""
-        after = bisect_left(self._instants_ns, stamp_ns - _NEAR_NS)
-        return any(one <= stamp_ns + _NEAR_NS for one in self._instants_ns[after : after + 1])
 
 
 def pose_at(

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 
+from tirgeo_ros.core.navigation.aiding.aids import METHOD_SOURCES
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.bag import BagReader
-from tirgeo_ros.io.messages import TOPIC_TYPES
-from tirgeo_ros.tools.replay.registration import METHOD_TOPICS
+from tirgeo_ros.io.messages import NAVIGATION_INPUTS, TOPIC_TYPES
 
+CAMERA_INFO = "thermal/camera_info"
+#: Method -> the topics that it uses.
+METHOD_TOPICS: Mapping[str, tuple[str, ...]] = {
+    method: tuple(NAVIGATION_INPUTS[source][0] for source in sources)
+    for method, sources in METHOD_SOURCES.items()
+}
 PICTURES = ("thermal/image_raw", "thermal/image_raw/compressed")
 #: By composition; if there is more than one topic, one is enough.
 _GIMBAL: dict[str, tuple[str, ...]] = {
@@ -56,10 +62,17 @@ def inputs_of(
     positions = tuple(name for name in METHOD_TOPICS[method] if name in _POSITIONS)
     needed = [("imu/data",), positions, *([_GIMBAL[composition]] if gimbal else ())]
     if pictures:
-        needed += [PICTURES, *([("thermal/camera_info",)] if camera else ())]
-        wanted += ["tirgeo/locate/pixel", *(["thermal/camera_info"] if camera else ())]
+        needed += [PICTURES, *([(CAMERA_INFO,)] if camera else ())]
+        wanted += ["tirgeo/locate/pixel", *([CAMERA_INFO] if camera else ())]
         wanted += [name for name in PICTURES if name in there][:1]
-    _check_present(reader, needed, there, namespace)
+    absent = [
+        " or ".join(resolved(name, namespace) for name in names)
+        for names in needed
+        if not there.intersection(names)
+    ]
+    if absent:
+        hint = "" if namespace else "; is there a --namespace?"
+        raise BagError(f"{reader.path}: needed topic absent: {', '.join(absent)}{hint}")
     found = {resolved(name, namespace): name for name in wanted if name in there}
     for topic, name in found.items():
         if present[topic] != TOPIC_TYPES[name]:
@@ -96,16 +109,3 @@ def done_without(found: Collection[str], method: str) -> list[str]:
         for name in METHOD_TOPICS[method]
         if name not in found and (method == "raw" or name in _OF_HEADINGS)
     ]
-
-
-def _check_present(
-    reader: BagReader, needed: list[tuple[str, ...]], there: Collection[str], namespace: str
-) -> None:
-    absent = [
-        " or ".join(resolved(name, namespace) for name in names)
-        for names in needed
-        if not set(names).intersection(there)
-    ]
-    if absent:
-        hint = "" if namespace else "; is there a --namespace?"
-        raise BagError(f"{reader.path}: needed topic absent: {', '.join(absent)}{hint}")

@@ -6,14 +6,12 @@ as those of the nodes and of ``tirgeo process``.
 
 from __future__ import annotations
 
-import dataclasses
 import os
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from statistics import median
 
-from tirgeo_ros.core.camera.camera_model import Camera
-from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.ground.backprojection import Ground, Reason
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.ground_point import Located, Refusal, place
@@ -26,8 +24,9 @@ from tirgeo_ros.io.pictures.camera_file import given_camera
 from tirgeo_ros.io.surveys.ground_point_files import Answered, cot, geojson, kml
 from tirgeo_ros.io.surveys.survey import Observation, load_observations
 from tirgeo_ros.tools.presentation.progress import Report, silent
-from tirgeo_ros.tools.replay import FlightChecks, finding_items, setting_of
-from tirgeo_ros.tools.replay.flight_poses import FlightPoses, RecordedFlight
+from tirgeo_ros.tools.replay.finding_lines import finding_items
+from tirgeo_ros.tools.replay.flight_checks import FlightChecks
+from tirgeo_ros.tools.replay.flight_poses import RecordedFlight
 from tirgeo_ros.tools.replay.node_configs import node_configs
 
 
@@ -67,84 +66,79 @@ def locate_pixels(
     reader = BagReader(bag_in)
     fitted, notes = configs.fitting(reader, namespace)
     camera_given = given_camera(overlay)
-    checks = FlightChecks(
-        setting_of(fitted, reader, params, namespace, ground=ground, camera=camera_given)
-    )
+    checks = FlightChecks(fitted, reader, params, namespace, ground=ground, camera=camera_given)
     latency_ns = round(overlay.video_latency_s * 1e9)
-    instants_ns = [one.stamp_ns - latency_ns for one in seen]
     recorded = RecordedFlight(reader, namespace, camera=camera_given, checks=checks)
-    flight = recorded.registered(fitted.ekf, fitted.gimbal, instants_ns)
+    flight = recorded.registered(
+        fitted.ekf, fitted.gimbal, [one.stamp_ns - latency_ns for one in seen]
+    )
     flight.checks = checks
     recorded.read_all(progress)
     known = recorded.camera
-    answers = [Answered(one.id, _answer(known, flight, one, ground, overlay)) for one in seen]
+
+    def answer(one: Observation) -> Located | Refusal:
+        found = flight.at(one.stamp_ns - latency_ns)
+        if found is None or flight.plane is None:
+            return Refusal(one.stamp_ns, (one.u, one.v), Reason.NO_POSE)
+        pose, rates = found
+        confidence = overlay.confidence
+        placed = place(known, pose, (one.u, one.v), flight.plane, ground, confidence, rates)
+        return replace(placed, stamp_ns=one.stamp_ns)
+
+    answers = [Answered(one.id, answer(one)) for one in seen]
     forms = {output: geojson, kml_out: kml, cot_out: cot}
     write_files({path: form(answers) for path, form in forms.items() if path}, SurveyError)
-    summary = _summary(answers, ground)
-    summary["error"] = _error(reader, answers)
     navigation = flight.registration.navigation.status()
-    composition = flight.registration.composer.composition
     return {
         "input": os.fspath(bag_in),
         "output": [os.fspath(path) for path in forms if path],
         "method": navigation.method,
-        "composition": composition,
+        "composition": flight.registration.composer.composition,
         "notes": notes,
         "state": navigation.state.value,
         "messages": recorded.read,
         "messages_refused": recorded.refused,
         "findings": finding_items(checks.findings()),
-    } | summary
-
-
-def _answer(
-    camera: Camera, flight: FlightPoses, seen: Observation, ground: Ground, overlay: OverlayConfig
-) -> Located | Refusal:
-    uv = (seen.u, seen.v)
-    found = flight.at(seen.stamp_ns - round(overlay.video_latency_s * 1e9))
-    if found is None or flight.plane is None:
-        return Refusal(seen.stamp_ns, uv, Reason.NO_POSE)
-    pose, rates = found
-    answer = place(camera, pose, uv, flight.plane, ground, overlay.confidence, rates)
-    return dataclasses.replace(answer, stamp_ns=seen.stamp_ns)
+        "error": _error(reader, answers),
+        **_summary(answers, ground),
+    }
 
 
 def _summary(answers: Sequence[Answered], ground: Ground) -> dict[str, object]:
     """Return the numbers of pixels, the median length of the ellipses (m), and the warnings."""
-    found = [one.answer for one in answers if isinstance(one.answer, Located)]
-    refused = [one.answer for one in answers if isinstance(one.answer, Refusal)]
-    reasons = Counter(one.reason.value for one in refused)
+    lengths = [one.answer.ellipse.major_m for one in answers if isinstance(one.answer, Located)]
+    reasons = _reasons(answers)
     notes = list(ground.notes) if isinstance(ground, Terrain) else []
-    if refused and found:
-        why = ", ".join(f"{number} x {reason}" for reason, number in reasons.most_common())
-        notes.append(f"{len(refused)} of {len(answers)} pixels refused: {why}")
-    lengths = [one.ellipse.major_m for one in found]
+    if reasons and lengths:
+        why = ", ".join(f"{number} x {reason.value}" for reason, number in reasons.most_common())
+        notes.append(f"{reasons.total()} of {len(answers)} pixels refused: {why}")
     return {
         "pixels": len(answers),
-        "located": len(found),
-        "refused": dict(reasons),
+        "located": len(lengths),
+        "refused": {reason.value: number for reason, number in reasons.items()},
         "ellipse_major_m_median": median(lengths) if lengths else None,
         "warning": "; ".join(notes) or None,
     }
+
+
+def _reasons(answers: Sequence[Answered]) -> Counter[Reason]:
+    return Counter(one.answer.reason for one in answers if isinstance(one.answer, Refusal))
 
 
 def _error(reader: BagReader, answers: Sequence[Answered]) -> str | None:
     """Return what makes the run a failure although there is an output, or None."""
     if reader.damage is not None:
         return f"{reader.path}: {reader.damage}; the points are made from these"
-    reasons = Counter(one.answer.reason for one in answers if isinstance(one.answer, Refusal))
+    reasons = _reasons(answers)
     if not answers or reasons.total() < len(answers):
         return None
     most = reasons.most_common(1)[0][0]
-    stamps = f"; {_stamps(reader, answers)}" if most is Reason.NO_POSE else ""
-    return f"{reader.path}: none of {len(answers)} pixels could be located: {most.value}{stamps}"
-
-
-def _stamps(reader: BagReader, answers: Sequence[Answered]) -> str:
-    """Return the times of the pixels and of the bag as text, so that a person can compare them."""
+    error = f"{reader.path}: none of {len(answers)} pixels could be located: {most.value}"
+    if most is not Reason.NO_POSE:
+        return error
     asked_ns = [one.answer.stamp_ns for one in answers]
     first_ns, last_ns = reader.span_ns
     return (
-        f"their stamps are {min(asked_ns)} to {max(asked_ns)} ns, and the bag was recorded from "
-        f"{first_ns} to {last_ns}"
+        f"{error}; their stamps are {min(asked_ns)} to {max(asked_ns)} ns, and the bag was "
+        f"recorded from {first_ns} to {last_ns}"
     )

@@ -10,31 +10,25 @@ import contextlib
 import math
 import os
 import time
-from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import replace
-from itertools import islice
 
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.types.errors import BagError, ConfigError, MessageError
-from tirgeo_ros.io.bags.bag import BagMessage, BagReader, BagWriter, Cdr
+from tirgeo_ros.core.map.draping import Ground
+from tirgeo_ros.core.map.layers import MapLayer
+from tirgeo_ros.core.overlay.overlay import Overlay
+from tirgeo_ros.core.types.errors import BagError, ConfigError
+from tirgeo_ros.io.bags.bag import BagReader, BagWriter
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs
 from tirgeo_ros.io.maps import load_layers, map_files
-from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
 from tirgeo_ros.io.pictures.camera_file import given_camera
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.presentation.video import VideoFile
-from tirgeo_ros.tools.replay import FlightChecks, finding_items, setting_of
-from tirgeo_ros.tools.replay.flight_topics import done_without, inputs_of, prefix, resolved
-from tirgeo_ros.tools.replay.message_pipeline import Pipeline, Settings
+from tirgeo_ros.tools.replay.finding_lines import finding_items
+from tirgeo_ros.tools.replay.flight_checks import FlightChecks
+from tirgeo_ros.tools.replay.flight_topics import done_without, inputs_of, resolved
+from tirgeo_ros.tools.replay.message_pipeline import Pipeline
 from tirgeo_ros.tools.replay.node_configs import node_configs
-
-#: Number of messages decoded together, for the same reason as in ``message_pipeline``.
-_BLOCK = 32
-#: Of the messages that only the checks want, every tenth is decoded: 5 a second at 50 Hz.
-_LOOKED_AT = 10
 
 
 def process(
@@ -85,179 +79,67 @@ def process(
         camera=known is None,
         gimbal=images,
     )
-    settings = Settings(ekf, gimbal, overlay, raw_images=raw_images)
+    layers: list[MapLayer] | None = None
+    ground: Ground | None = None
+    drawn: Overlay | None = None
     if map_path:
         layers = load_layers(map_path, overlay.style, overlay.label_field, network=overlay.network)
-        settings = replace(settings, layers=layers, ground=ground_of(overlay), camera=known)
+        ground = ground_of(overlay)
+        terrain = ground if isinstance(ground, Terrain) else None
+        drawn = Overlay(overlay, layers, terrain)
+        if known is not None:
+            drawn.set_camera(known)
+        notes += [
+            *(terrain.notes if terrain else ()),
+            *(n for one in layers for n in one.left_out),
+        ]
     checks = FlightChecks(
-        setting_of(
-            fitted,
-            reader,
-            params,
-            namespace,
-            ground=settings.ground,
-            layers=settings.layers,
-            camera=known,
-        )
+        fitted, reader, params, namespace, ground=ground, layers=layers, camera=known
     )
     begun_s = time.perf_counter()
     with contextlib.ExitStack() as stack:
         film = stack.enter_context(VideoFile(video)) if video is not None else None
         writer = stack.enter_context(BagWriter(bag_out))
-        run = _Run(reader, settings, writer, film, namespace, checks)
-        run.through(topics, progress)
+        run = Pipeline(fitted, drawn, writer, film, namespace, checks, raw_images=raw_images)
+        run.through(reader, topics, progress)
         if not run.read:
             because = f": {reader.damage}" if reader.damage else ""
             raise BagError(f"{bag_in}: no message could be read{because}")
     elapsed_s = time.perf_counter() - begun_s
     if not any(name.startswith("gimbal/") for name in topics.values()):
         notes.append("the bag has no gimbal topic: no camera poses")
-    summary = run.summary(elapsed_s, notes)
-    summary["warning"] = _warning(reader, topics, ekf.method, namespace)
-    summary["findings"] = finding_items(checks.findings())  # damage is in the summary's error
-    return {"input": os.fspath(bag_in), "output": os.fspath(bag_out)} | summary
-
-
-def _warning(reader: BagReader, topics: dict[str, str], method: str, namespace: str) -> str | None:
-    absent = [resolved(name, namespace) for name in done_without(topics.values(), method)]
-    return f"{reader.path} has no {', '.join(absent)}: done without" if absent else None
-
-
-class _Run:
-    """Make one pass through a bag."""
-
-    def __init__(
-        self,
-        reader: BagReader,
-        settings: Settings,
-        writer: BagWriter,
-        film: VideoFile | None,
-        namespace: str,
-        checks: FlightChecks,
-    ) -> None:
-        self.read: Counter[str] = Counter()
-        self._written: Counter[str] = Counter()
-        self._writer, self._film = writer, film
-        self._names = {topic: resolved(topic, namespace) for topic in TOPIC_TYPES}
-        self._reader = reader
-        self._settings = settings
-        self._cdr = Cdr()
-        self._undecoded: Counter[str] = Counter()
-        self._span_ns = (0, 0)
-        self._unwanted = 0
-        self.pipeline = Pipeline(
-            settings,
-            self._cdr.types,
-            self._write,
-            None if film is None else film.add,
-            prefix(namespace),
-            checks,
-        )
-
-    def _write(self, topic: str, message: object, log_time_ns: int) -> None:
-        """Write an output under its resolved name."""
-        name = self._names[topic]
-        self._writer.write(name, TOPIC_TYPES[topic], message, log_time_ns)
-        self._written[name] += 1
-
-    def through(self, topics: dict[str, str], progress: Report) -> None:
-        """Process every message of the topics (resolved name -> contract topic)."""
-        for block in self._blocks(topics, progress):
-            early = [
-                self._decoded(message) if self.pipeline.wants(topics[message.topic]) else None
-                for message in block
-            ]
-            for message, decoded in zip(block, early, strict=True):
-                self._take(topics[message.topic], message, decoded)
-        if self.read:
-            self.pipeline.finish(self._span_ns[1])
-
-    def _take(self, topic: str, message: BagMessage, decoded: object | None) -> None:
-        """Process a message; ``decoded`` is None if it was not wanted when its block began."""
-        if not self.pipeline.wants(topic):
-            self._look_at(topic, message)
-            return
-        if decoded is None:
-            decoded = self._decoded(message)
-        if decoded is None:
-            self._undecoded[message.topic] += 1
-            return
-        self.read[message.topic] += 1
-        self.pipeline.take(topic, decoded, message.log_time_ns)
-
-    def _look_at(self, topic: str, message: BagMessage) -> None:
-        """Pass every tenth of the messages that nothing else wants to the checks."""
-        self._unwanted += 1
-        if self._unwanted % _LOOKED_AT == 0:
-            decoded = self._decoded(message)
-            if decoded is not None:
-                self.pipeline.look_at(topic, decoded, message.log_time_ns)
-
-    def _decoded(self, message: BagMessage) -> object | None:
-        try:
-            decoded: object = self._cdr.deserialize(message.data, message.typename)
-        except MessageError:
-            return None
-        return decoded
-
-    def _blocks(self, topics: Collection[str], progress: Report) -> Iterator[list[BagMessage]]:
-        messages = self._reader.messages(topics)
-        total_s = _seconds(self._reader.span_ns)
-        begun_ns: int | None = None
-        while block := list(islice(messages, _BLOCK)):
-            begun_ns = block[0].log_time_ns if begun_ns is None else begun_ns
-            self._span_ns = (begun_ns, block[-1].log_time_ns)
-            progress(_seconds(self._span_ns) or 0.0, total_s)
-            yield block
-
-    def summary(self, elapsed_s: float, notes: Sequence[str]) -> dict[str, object]:
-        """Return what was read, computed and refused.
-
-        ``notes`` come before the run's own notes.
-        """
-        duration_s = _seconds(self._span_ns) or 0.0
-        navigation = self.pipeline.registration.navigation.status()
-        composer = self.pipeline.registration.composer
-        overlay, film = self.pipeline.overlay, self._film
-        return {
-            "method": navigation.method,
-            "composition": composer.composition,
-            "duration_s": duration_s,
-            "elapsed_s": elapsed_s,
-            "speed": duration_s / elapsed_s,
-            "read": dict(self.read),
-            "undecodable": dict(self._undecoded),
-            "unreadable": dict(self.pipeline.unreadable),
-            "unreadable_because": dict(self.pipeline.unreadable_because),
-            "stamped_at_arrival": self.pipeline.arrivals.counts,
-            "written": dict(self._written),
-            "state": navigation.state.value,
-            "reason": navigation.reason,
-            "states_s": dict(self.pipeline.states_s),
-            "verdicts": {f"{a} {b}": number for (a, b), number in navigation.counts.items()},
-            "heading_sigma_deg": math.degrees(navigation.heading_sigma_rad),
-            "gimbal": composer.counts,
-            "overlay": overlay.counts if overlay is not None else {},
-            "notes": [*notes, *self._notes()],
-            "video": None if film is None else {"frames": film.frames, "rate_hz": film.rate_hz},
-            "error": self._error(navigation.reason),
-        }
-
-    def _notes(self) -> list[str]:
-        """Return one line for each part of map or ground that is not drawn as its files say."""
-        layers, ground = self._settings.layers or (), self._settings.ground
-        notes = list(ground.notes) if isinstance(ground, Terrain) else []
-        notes += [note for layer in layers for note in layer.left_out]
-        return notes + list(self.pipeline.overlay.notes if self.pipeline.overlay else ())
-
-    def _error(self, reason: str) -> str | None:
-        """Return what makes the run a failure although there is an output, or None."""
-        if self._reader.damage is not None:
-            return f"{self._reader.path}: {self._reader.damage}; the output is made from these"
-        if not any(name.endswith("tirgeo/odometry") for name in self._written):
-            return f"{self._reader.path}: no pose could be made: {reason or 'see verdicts'}"
-        return None
-
-
-def _seconds(span_ns: tuple[int, int] | None) -> float | None:
-    return None if span_ns is None else (span_ns[1] - span_ns[0]) * 1e-9
+    absent = [resolved(name, namespace) for name in done_without(topics.values(), ekf.method)]
+    warning = f"{reader.path} has no {', '.join(absent)}: done without" if absent else None
+    status, composer = run.registration.navigation.status(), run.registration.composer
+    error = None
+    if reader.damage is not None:
+        error = f"{reader.path}: {reader.damage}; the output is made from these"
+    elif not any(name.endswith("tirgeo/odometry") for name in run.written):
+        error = f"{reader.path}: no pose could be made: {status.reason or 'see verdicts'}"
+    return {
+        "input": os.fspath(bag_in),
+        "output": os.fspath(bag_out),
+        "warning": warning,
+        "findings": finding_items(checks.findings()),  # damage is in the summary's error
+        "method": status.method,
+        "composition": composer.composition,
+        "duration_s": run.duration_s,
+        "elapsed_s": elapsed_s,
+        "speed": run.duration_s / elapsed_s,
+        "read": dict(run.read),
+        "undecodable": dict(run.undecoded),
+        "unreadable": dict(run.unreadable),
+        "unreadable_because": dict(run.unreadable_because),
+        "stamped_at_arrival": run.arrivals.counts,
+        "written": dict(run.written),
+        "state": status.state.value,
+        "reason": status.reason,
+        "states_s": dict(run.states_s),
+        "verdicts": {f"{a} {b}": number for (a, b), number in status.counts.items()},
+        "heading_sigma_deg": math.degrees(status.heading_sigma_rad),
+        "gimbal": composer.counts,
+        "overlay": drawn.counts if drawn is not None else {},
+        "notes": [*notes, *(drawn.notes if drawn is not None else ())],
+        "video": None if film is None else {"frames": film.frames, "rate_hz": film.rate_hz},
+        "error": error,
+    }

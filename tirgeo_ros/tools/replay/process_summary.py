@@ -6,10 +6,11 @@ import math
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from tirgeo_ros.core.types.verdicts import Outcome
 from tirgeo_ros.tools.presentation.progress import three
+from tirgeo_ros.tools.replay.flight_topics import PICTURES
 
 #: Outcomes of a measurement that are not reported.
 _QUIET = {
@@ -23,69 +24,62 @@ _QUIET = {
 #: A larger refused share of one kind of measurement is not chance: gates are at 4 and 5 sigma.
 _MOST_REFUSED = 0.01
 _GOOD_STATES = ("running", "degraded")
-_PICTURES = ("thermal/image_raw", "thermal/image_raw/compressed")
 
 
-class SummaryLine(NamedTuple):
-    """Hold one line, and whether it reports a problem."""
-
-    name: str
-    text: str
-    is_wrong: bool = False
+Line = tuple[str, str, bool]  # name, text, whether it reports a problem
 
 
 def six_lines(result: Mapping[str, Any]) -> str:
-    """Return six lines: read, state, poses, frames, refused, output."""
+    """Return six lines, those that report a problem first: read, state, poses and so on."""
     lines = [make(result) for make in (_read, _state, _poses, _frames, _refused, _output)]
-    lines.sort(key=lambda line: not line.is_wrong)  # stable
+    lines.sort(key=lambda line: not line[2])  # stable
     return "\n".join(
-        f"{'!' if line.is_wrong else ' '} {line.name:<9}{line.text}" for line in lines
+        f"{'!' if is_wrong else ' '} {name:<9}{text}" for name, text, is_wrong in lines
     )
 
 
-def _read(result: Mapping[str, Any]) -> SummaryLine:
+def _read(result: Mapping[str, Any]) -> Line:
+    duration, elapsed, speed = (three(result[one]) for one in ("duration_s", "elapsed_s", "speed"))
     number = sum(result["read"].values())
     text = (
-        f"{three(result['duration_s'])} s of {result['input']} in {three(result['elapsed_s'])} s"
+        f"{duration} s of {result['input']} in {elapsed} s, {speed}x real time; {number} messages"
     )
-    return SummaryLine("read", f"{text}, {three(result['speed'])}x real time; {number} messages")
+    return "read", text, False
 
 
-def _state(result: Mapping[str, Any]) -> SummaryLine:
+def _state(result: Mapping[str, Any]) -> Line:
     """Return the final state with its reason, and the seconds in each state from diagnostics."""
-    times = sorted(result["states_s"].items(), key=lambda item: -item[1])
+    times = Counter(result["states_s"]).most_common()
     said = ", ".join(f"{state} {seconds} s" for state, seconds in times)
     reason = f" ({result['reason']})" if result["reason"] else ""
     text = f"{result['state']} at the end{reason}, by {result['method']}; in all {said}"
-    return SummaryLine("state", text, result["state"] not in _GOOD_STATES)
+    return "state", text, result["state"] not in _GOOD_STATES
 
 
-def _poses(result: Mapping[str, Any]) -> SummaryLine:
-    body, camera = (_written(result, name) for name in ("odometry", "camera_pose"))
+def _poses(result: Mapping[str, Any]) -> Line:
+    body, camera = (
+        sum(n for topic, n in result["written"].items() if topic.endswith(f"tirgeo/{name}"))
+        for name in ("odometry", "camera_pose")
+    )
     sigma_deg = result["heading_sigma_deg"]
     heading = f", heading to {three(sigma_deg)} deg" if math.isfinite(sigma_deg) else ""
-    text = f"{body} of the body, {camera} of the camera{heading}"
-    return SummaryLine("poses", text, not body or (bool(result["overlay"]) and not camera))
+    is_wrong = not body or (bool(result["overlay"]) and not camera)
+    return "poses", f"{body} of the body, {camera} of the camera{heading}", is_wrong
 
 
-def _written(result: Mapping[str, Any], name: str) -> int:
-    found = (n for topic, n in result["written"].items() if topic.endswith(f"tirgeo/{name}"))
-    return sum(found)
-
-
-def _frames(result: Mapping[str, Any]) -> SummaryLine:
+def _frames(result: Mapping[str, Any]) -> Line:
     """Return how many frames show the map, and how many show a notice instead."""
     counts = result["overlay"]
     if not counts:
-        return SummaryLine("frames", "not drawn: no map was given, or no images asked for")
+        return "frames", "not drawn: no map was given, or no images asked for", False
     drawn, notices = counts["drawn"], counts["notices"]
-    read = sum(n for topic, n in result["read"].items() if topic.endswith(_PICTURES))
+    read = sum(n for topic, n in result["read"].items() if topic.endswith(PICTURES))
     lost = f", {read - drawn - notices} lost" if read > drawn + notices else ""
     text = f"{drawn} of {read} with the map, {notices} with a notice why not{lost}"
-    return SummaryLine("frames", text, drawn < notices or bool(lost))
+    return "frames", text, drawn < notices or bool(lost)
 
 
-def _refused(result: Mapping[str, Any]) -> SummaryLine:
+def _refused(result: Mapping[str, Any]) -> Line:
     """Return refused measurements by source and outcome, and messages by topic with a reason."""
     taken: Counter[str] = Counter()
     refused: dict[str, list[tuple[str, int]]] = {}
@@ -109,14 +103,14 @@ def _refused(result: Mapping[str, Any]) -> SummaryLine:
         sum(n for _, n in found) > _MOST_REFUSED * taken[source]
         for source, found in refused.items()
     )
-    return SummaryLine("refused", "; ".join(parts) or "nothing", many or bool(unreadable))
+    return "refused", "; ".join(parts) or "nothing", many or bool(unreadable)
 
 
-def _output(result: Mapping[str, Any]) -> SummaryLine:
+def _output(result: Mapping[str, Any]) -> Line:
     size = f"{three(Path(result['output']).stat().st_size / 1e6)} MB"
     film = result["video"]
     video = f", and a video of {film['frames']} frames at {film['rate_hz']:.3g} Hz" if film else ""
     notes = result["notes"]
     more = f" (and {len(notes) - 1} more, with -v)" if len(notes) > 1 else ""
     noted = f"; {notes[0]}{more}" if notes else ""
-    return SummaryLine("output", f"{result['output']}, {size}{video}{noted}")
+    return "output", f"{result['output']}, {size}{video}{noted}", False

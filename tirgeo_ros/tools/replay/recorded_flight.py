@@ -23,18 +23,12 @@ from tirgeo_ros.tools.replay.flight_poses import WHOLE_FLIGHT_S, RecordedFlight
 from tirgeo_ros.tools.replay.registration import SAMPLES, Sample
 
 
+@dataclass(frozen=True)
 class Recording:
-    """Hold a flight's samples in order of arrival, and its camera; a Taker."""
+    """Hold a flight's samples in order of arrival, and its camera."""
 
+    samples: list[Sample]
     camera: Camera
-    topics = tuple(SAMPLES)
-
-    def __init__(self) -> None:
-        self.samples: list[Sample] = []
-
-    def take(self, sample: Sample) -> None:
-        """Take the next sample."""
-        self.samples.append(sample)
 
 
 def load_recording(
@@ -49,12 +43,11 @@ def load_recording(
     A given ``camera`` overrides the bag's. Raise BagError without thermal/camera_info, CameraError
     if the calibration has another size than the pictures.
     """
-    found = Recording()
+    samples: list[Sample] = []
     flight = RecordedFlight(BagReader(path), namespace, camera=camera)
-    flight.add(found)
+    flight.add(SAMPLES, samples.append)
     flight.read_all(progress)
-    found.camera = flight.camera
-    return found
+    return Recording(samples, flight.camera)
 
 
 @dataclass(frozen=True)

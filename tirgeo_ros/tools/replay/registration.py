@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig
 from tirgeo_ros.core.gimbal.composer import GimbalComposer
-from tirgeo_ros.core.navigation.aiding.aids import METHOD_SOURCES
 from tirgeo_ros.core.navigation.estimator import Navigation
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
@@ -26,12 +25,6 @@ Sample = NavigationInput | JointSample | CameraAttitudeSample
 
 #: Topic -> the function that converts its messages to samples.
 SAMPLES: Mapping[str, Callable[[Any], Sample]] = convert.SENSED_SAMPLES
-
-#: Method -> the topics that it uses.
-METHOD_TOPICS: Mapping[str, tuple[str, ...]] = {
-    method: tuple(convert.NAVIGATION_INPUTS[source][0] for source in sources)
-    for method, sources in METHOD_SOURCES.items()
-}
 
 
 class Registered(NamedTuple):

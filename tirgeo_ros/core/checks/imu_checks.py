@@ -1,0 +1,149 @@
+"""Check the IMU's units, signs and axes: the force against gravity, rates against the attitude.
+
+The mean specific force over seconds is nearly the reaction to gravity: 9.8 m/s2, upwards.
+Rotations over a quarter of a second, from the gyroscopes and from the attitude in ``imu/data``,
+are compared by their correlations, so slow errors of the attitude do not matter.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+
+from tirgeo_ros.core.checks.imu_blocks import ImuMean
+from tirgeo_ros.core.frames.axes import flu_from_frd
+from tirgeo_ros.core.frames.rotations import (
+    matrix_from_quat,
+    quat_conjugate,
+    quat_multiply,
+    rotvec_from_quat,
+)
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.finding import Finding, Severity
+
+_KEPT = 1200  # blocks: a minute
+_SECOND, _QUARTER = 20, 5  # blocks in a second, and in a quarter of one
+_LEAST_SECONDS = 4
+_GRAVITY = 9.81
+#: The mean force in flight is between half of gravity and twice gravity; in g it is about 1.
+_LEAST, _LARGEST, _LEAST_G, _LARGEST_G = 4.9, 19.6, 0.7, 1.6
+#: A mean acceleration of 0.5 g turns the mean force by 27 deg; wrong axes turn it by 90 deg.
+_LARGEST_ANGLE_RAD = math.radians(45)
+#: Limits of a quiet second, without turns or shocks, where the force's size is gravity's.
+_QUIET_RAD_S, _QUIET_M_S2 = 0.05, 0.5
+#: A larger relative error is a fault: 3 % is 0.3 m/s2, 15 times ``imu.accel_turn_on_bias``.
+_LARGEST_SHARE = 0.03
+_LEAST_PAIRS = 24
+#: Least rms rate at which an axis is judged. Noise does not correlate.
+_LEAST_RAD_S = math.radians(1.0)
+_SURE, _UNSURE = 0.8, 0.5  # correlations; 24 pairs of noise reach 0.8 with probability 1e-5
+_IN_DEGREES = (40.0, 80.0)
+_AXES = ("forward (roll)", "left (pitch)", "up (yaw)")
+_TURN_AXES = "turn the axes to forward, left, up, or set aircraft.imu_rpy_deg"
+
+
+class ImuChecks:
+    """Check the IMU's blocks of the last minute."""
+
+    def __init__(self) -> None:
+        self._blocks: deque[ImuMean] = deque(maxlen=_KEPT)
+
+    def block(self, block: ImuMean) -> None:
+        """Take the next block."""
+        self._blocks.append(block)
+
+    def findings(self) -> list[Finding]:
+        """Return at most one finding on the force and one on the gyroscopes."""
+        if len(self._blocks) < _LEAST_SECONDS * _SECOND:
+            return []
+        blocks = list(self._blocks)[-(len(self._blocks) // _SECOND) * _SECOND :]
+        force_b, rate_b = (
+            np.array([b.force_b for b in blocks]),
+            np.array([b.rate_b for b in blocks]),
+        )
+        attitudes = [b.autopilot_q_nb for b in blocks]
+        q_nb = np.array([np.full(4, math.nan) if q is None else q for q in attitudes])
+        steps_s = np.array([b.step_s if b.joined else math.nan for b in blocks])
+        return [*_force_findings(force_b, rate_b, q_nb), *_gyro_findings(rate_b, q_nb, steps_s)]
+
+
+def _force_findings(force_b: Array, rate_b: Array, q_nb: Array) -> list[Finding]:
+    """Check blocks (N, 3), (N, 3), (N, 4) of whole seconds."""
+    forces = force_b.reshape(-1, _SECOND, 3)
+    mean_b = force_b.mean(axis=0)
+    size = float(np.linalg.norm(forces.mean(axis=1), axis=1).mean())
+    if not _LEAST < size < _LARGEST:
+        mend = f"divide it by {size / _GRAVITY:.4g}: the unit is m/s2"
+        if _LEAST_G < size < _LARGEST_G and np.linalg.norm(mean_b) > _LEAST_G:
+            mend = "it is in g: multiply it by 9.80665"
+        elif size < _LEAST:
+            mend = "gravity was taken off: send the accelerometers' readings"
+        evidence = f"the specific force is {size:.3g} m/s2 in the mean, not 9.8"
+        return [_force("force_unit", Severity.STOP, evidence, mend)]
+    known = np.isfinite(q_nb[:, 0])
+    up_b = np.array((0.0, 0.0, -1.0))
+    if known.any():
+        up_b = -matrix_from_quat(q_nb[known])[:, 2].mean(axis=0)
+    cosine = float(mean_b @ up_b / (np.linalg.norm(mean_b) * np.linalg.norm(up_b)))
+    if cosine < math.cos(_LARGEST_ANGLE_RAD):
+        numbers = ", ".join(f"{value:+.1f}" for value in flu_from_frd(mean_b))
+        evidence = (
+            f"the mean specific force is ({numbers}) m/s2 forward, left, up, not (0, 0, +9.8)"
+        )
+        reversed_mend = "the sign is wrong: at rest z is +9.8 (axes forward, left, up)"
+        mend = reversed_mend if cosine < -math.cos(_LARGEST_ANGLE_RAD) else _TURN_AXES
+        return [_force("force_axes", Severity.STOP, evidence, mend)]
+    turning = np.linalg.norm(rate_b, axis=1).reshape(-1, _SECOND).mean(axis=1)
+    quiet = (turning < _QUIET_RAD_S) & (forces.std(axis=1).max(axis=1) < _QUIET_M_S2)
+    quiet_sizes = np.linalg.norm(forces[quiet].mean(axis=1), axis=1)
+    if len(quiet_sizes) < _LEAST_SECONDS:
+        return []
+    size = float(np.median(quiet_sizes))
+    if abs(size / _GRAVITY - 1) < _LARGEST_SHARE:
+        return []
+    evidence = f"the specific force is {size:.2f} m/s2 in {len(quiet_sizes)} s without turns"
+    mend = "it should be 9.81: calibrate the accelerometers (scale, bias)"
+    return [_force("force_scale", Severity.CAUTION, evidence, mend)]
+
+
+def _force(check: str, severity: Severity, evidence: str, mend: str) -> Finding:
+    return Finding(check, severity, evidence, "imu/data linear_acceleration", mend)
+
+
+def _gyro_findings(rate_b: Array, q_nb: Array, steps_s: Array) -> list[Finding]:
+    """Check rates (N, 3) over steps (N,), nan after a gap, against attitudes (N, 4)."""
+    seconds = steps_s.reshape(-1, _QUARTER).sum(axis=1)[1:, None]
+    own = (rate_b * steps_s[:, None]).reshape(-1, _QUARTER, 3).sum(axis=1)[1:] / seconds
+    ends = q_nb[_QUARTER - 1 :: _QUARTER]
+    turned = rotvec_from_quat(quat_multiply(quat_conjugate(ends[:-1]), ends[1:])) / seconds
+    known = np.isfinite(own + turned).all(axis=1)
+    own, turned = own[known], turned[known]
+    if len(own) < _LEAST_PAIRS:
+        return []
+    sizes, true_sizes = (np.sqrt((rates**2).mean(axis=0)) for rates in (own, turned))
+    scale = np.maximum(np.outer(sizes, true_sizes), 1e-12)
+    same = own.T @ turned / len(own) / scale  # correlations (3, 3) [gyroscope, attitude]
+    judged = [k for k in range(3) if true_sizes[k] > _LEAST_RAD_S]
+    ratios = sizes / np.maximum(true_sizes, 1e-6)
+    found = (_gyro_fault(k, same[:, k], float(ratios[k])) for k in judged)
+    return [one for one in found if one][:1]
+
+
+def _gyro_fault(axis: int, same: Array, ratio: float) -> Finding | None:
+    """Return an axis' fault or None; ``same`` (3,) is its correlation with each gyroscope axis."""
+    best, topic = int(np.argmax(np.abs(same))), "imu/data angular_velocity"
+    against = f"(correlation with the orientation in imu/data {same[axis]:+.2f})"
+    if _IN_DEGREES[0] < ratio < _IN_DEGREES[1] and same[axis] > _SURE:
+        evidence = f"the gyroscopes turn {ratio:.1f} times as fast as the orientation in imu/data"
+        mend = "they are in deg/s: multiply them by 0.0174533"
+        return Finding("gyro_unit", Severity.STOP, evidence, topic, mend)
+    if same[axis] < -_SURE:
+        evidence = f"the gyroscope {_AXES[axis]} has the wrong sign {against}"
+        mend = "axes are forward, left, up, positive counter-clockwise seen from their tips"
+        return Finding("gyro_axes", Severity.STOP, evidence, topic, mend)
+    if abs(same[axis]) < _UNSURE and abs(same[best]) > _SURE:
+        evidence = f"turns about {_AXES[axis]} are on the gyroscope {_AXES[best]} {against}"
+        return Finding("gyro_axes", Severity.STOP, evidence, topic, _TURN_AXES)
+    return None
