@@ -89,9 +89,7 @@ def evaluate(
     last = setups[-1]  # whose parameters are checked and whose map is drawn
     layers = _layers(last.configs.overlay, map_path)
     reader, lens = BagReader(bag), given_camera(last.configs.overlay)
-    checks = FlightChecks(
-        last.configs, reader, files, namespace, ground=last.ground, camera=lens
-    )
+    checks = FlightChecks(last.configs, reader, files, namespace, ground=last.ground, camera=lens)
     flight = RecordedFlight(reader, namespace, pictures=True, camera=lens, checks=checks)
     true_poses = None if truth is None else load_truth(Path(truth))
     missing: dict[str, str] = {}
