@@ -81,8 +81,9 @@ def _has_no_covariance(sample: NavigationInput) -> bool:
         return sample.variance_rad2 <= 0
     if isinstance(sample, PositionSample) and sample.status is FixStatus.NONE:
         return False
-    known = isinstance(sample, PositionSample | VelocitySample)
-    return known and bool(sample.covariance_n.diagonal().min() <= 0)
+    if not isinstance(sample, PositionSample | VelocitySample):
+        return False
+    return bool(sample.covariance_n.diagonal().min() <= 0)
 
 
 def longest_step_s(topic: str, config: EkfConfig) -> float:

@@ -65,14 +65,14 @@ class Parameter:
             raise self._error(f"needs {wanted} numbers, has {len(numbers)}")
         return numbers
 
-    def _checked_scalar(self, value: object, kind: type) -> bool | int | float | str:
+    def _checked_scalar(self, value: object, kind: Any) -> bool | int | float | str:
         if type(value) is not kind and not (kind is float and type(value) is int):
             raise self._error(f"{value!r} is not of type {_KIND_NAMES[kind]}")
         if self.choices and value not in self.choices:
             raise self._error(f"{value!r} is not one of {', '.join(self.choices)}")
         if kind in (int, float):
             self._check_range(float(cast("float", value)))
-        return kind(value)  # type: ignore[no-any-return]
+        return cast("bool | int | float | str", kind(value))
 
     def _check_range(self, value: float) -> None:
         if math.isinf(value):
@@ -110,7 +110,9 @@ def group(kind: type[T]) -> T:
     return dataclasses.field(default_factory=kind)
 
 
-_hints = cache(get_type_hints)  # annotations are texts until they are looked up, which is slow
+@cache
+def _hints(kind: Any) -> dict[str, Any]:
+    return get_type_hints(kind)  # looks up the annotations, which are texts: slow
 
 
 @cache
@@ -158,10 +160,11 @@ def _known(name: str, known: Mapping[str, Parameter], renamed: Mapping[str, str]
 
 def _build(kind: type[T], values: Mapping[str, Value], prefix: str) -> T:
     arguments: dict[str, object] = {}
-    for item in dataclasses.fields(kind):  # type: ignore[arg-type]
+    fields: Any = kind
+    for item in dataclasses.fields(fields):
         name = prefix + item.name
         if "parameter" not in item.metadata:
-            arguments[item.name] = _build(_hints(kind)[item.name], values, name + ".")
+            arguments[item.name] = _build(_hints(fields)[item.name], values, name + ".")
         elif name in values:
             arguments[item.name] = values[name]
     return kind(**arguments)

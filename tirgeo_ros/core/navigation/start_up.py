@@ -23,7 +23,7 @@ from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 #: Bounds on the held samples of a source, per second of holding time.
 _MOST_IMU_HZ, _MOST_OTHER_HZ = 1000, 100
-_PLACE = {Source.IMU: -1, **PLACE}  # within an instant: the IMU before the measurements
+_PLACE = {Source.IMU: -1} | PLACE  # within an instant: the IMU before the measurements
 _Entry = tuple[int, int, int, NavigationInput]  # stamp, place in the instant, arrival
 
 

@@ -30,7 +30,7 @@ from typing import IO, Any
 
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.map.draping import check_heights
+from tirgeo_ros.core.map.draping import Ground, check_heights
 from tirgeo_ros.core.map.layers import MapLayer
 from tirgeo_ros.core.overlay.map_renderer import DrapedMap, lay_layers
 from tirgeo_ros.core.types.errors import MapError, TirgeoError
@@ -223,7 +223,7 @@ class _Work:
     """Hold the map that was read, in the process."""
 
     kept: list[MapLayer] = field(default_factory=list)
-    ground_m: float = math.nan
+    ground: Ground = math.nan
 
     def layers(self, map_text: str, style: str, label_field: str, network: bool) -> list[MapLayer]:
         return read_layers(map_text, style, label_field, network=network)
@@ -232,10 +232,10 @@ class _Work:
         network = config.network
         self.kept = read_layers(config.map, config.style, config.label_field, network=network)
         found = ground_of(config)
-        self.ground_m = math.nan if found is None else found
-        check_heights(self.kept, self.ground_m)
+        self.ground = math.nan if found is None else found
+        check_heights(self.kept, self.ground)
         left_out = tuple(note for layer in self.kept for note in layer.left_out)
         return MapContents(sum(len(layer.features) for layer in self.kept), left_out)
 
     def layout(self, plane: TangentPlane) -> DrapedMap:
-        return lay_layers(self.kept, plane, self.ground_m)
+        return lay_layers(self.kept, plane, self.ground)

@@ -126,7 +126,7 @@ class Wanted:
 
 def _comparisons(text: str) -> Iterator[_Comparison | None]:
     """Yield the comparisons of a text; None where it is none."""
-    at, more = 0, True
+    at, more = 0, "and"
     while more:
         found = _COMPARISON.match(text, at)
         if found is None:

@@ -28,8 +28,7 @@ from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.tools.presentation.progress import Report
 from tirgeo_ros.tools.replay.flight_poses import RecordedFlight
-from tirgeo_ros.tools.replay.recorded_flight import Recording
-from tirgeo_ros.tools.replay.registration import Registration, Sample
+from tirgeo_ros.tools.replay.registration import SAMPLES, Registration, Sample
 
 #: The heading is compared with the filter's only from this time on, s.
 _SETTLED_S = 20.0
@@ -69,15 +68,14 @@ def measured_flight(
     camera: Camera | None = None,
 ) -> MeasuredFlight:
     """Compute Equation 22 from a bag, and the camera's track. Raise BagError."""
-    reader, recording = BagReader(bag), Recording()
+    reader, samples = BagReader(bag), list[Sample]()
     flight = RecordedFlight(reader, namespace, camera=camera)
-    flight.add(recording.topics, recording.take)
+    flight.add(SAMPLES, samples.append)
     flight.read_all(progress)
     ekf = config_from(EkfConfig, values_of(ekf) | {"method": "ekf_heading"})
-    bodies, cameras, plane = _poses(recording.samples, ekf, gimbal)
+    bodies, cameras, plane = _poses(samples, ekf, gimbal)
     if plane is None or not bodies or len(cameras) < 2:
         raise BagError(f"{bag}: no pose could be made of this flight")
-    samples = recording.samples
     imu = [s for s in samples if isinstance(s, ImuSample) and s.autopilot_q_nb is not None]
     positions = [s for s in samples if isinstance(s, PositionSample)]
     apart_n = gps_less_rtk_n(positions, imu, plane, ekf)

@@ -88,7 +88,7 @@ def calibrate_gimbal(
         raise CalibrationError("gimbal: pictures do not tell their camera; give --camera")
     check_outputs((*paths, camera), (output, plot), CalibrationError)
     if video is None:
-        pictures = (
+        pictures: Iterator[Taken] = (
             taken._replace(stamp_ns=round(number * 1e9 / rate_hz))
             for number, taken in enumerate(pictures_of_files(paths, progress))
         )

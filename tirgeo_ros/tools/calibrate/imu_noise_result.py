@@ -159,7 +159,7 @@ def _table(heads: Mapping[str, str], rows: Sequence[Mapping[str, str]]) -> str:
     """Return rows, title -> text, in columns; a sensor's below its head."""
     lines = []
     for sensor, head in heads.items():
-        own = [row | {"axis": row["axis"][-1]} for row in rows if row["axis"].startswith(sensor)]
+        own = [{**row, "axis": row["axis"][-1]} for row in rows if row["axis"].startswith(sensor)]
         shown = [[*own[0]], *([*row.values()] for row in own)]
         widths = [max(map(len, column)) for column in zip(*shown, strict=True)]
         lines.append(f"{sensor}: {head}")

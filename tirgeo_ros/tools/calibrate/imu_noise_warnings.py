@@ -158,7 +158,7 @@ def _fit(fits: Sequence[NoiseFit]) -> Iterator[str]:
 
 def check_alive(where: str, sizes: Array) -> None:
     """Raise CalibrationError for axes whose sizes of change (n, 6) are all zero."""
-    dead = _channels(~sizes.any(axis=0))
+    dead = _channels((sizes == 0).all(axis=0).tolist())
     if dead:
         raise CalibrationError(f"{where}: {dead}: never changes; record what the IMU measures")
 

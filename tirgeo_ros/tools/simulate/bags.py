@@ -125,12 +125,12 @@ def _true_body(messages: Messages, flight: SimulatedFlight, window: range) -> It
     places = truth.latitude_rad, truth.longitude_rad, truth.height_m
     rows = zip(truth.stamp_ns, *(x.tolist() for x in places), truth.velocity_n, strict=True)
     yield window.start, "tirgeo/origin", messages.origin(plane, window.start)
-    for k, row in enumerate(rows):
-        stamp_ns = row[0]
+    for k, (stamp_ns, lat, lon, height, velocity_n) in enumerate(rows):
         if stamp_ns not in window:  # also for the order: none comes before the origin
             continue
         solution = NavSolution(
-            *row, truth.q_nb[k], truth.angular_rate_b[k], (0.0, 0.0, 0.0), np.zeros((9, 9))
+            *(stamp_ns, lat, lon, height, velocity_n),
+            *(truth.q_nb[k], truth.angular_rate_b[k], (0.0, 0.0, 0.0), np.zeros((9, 9))),
         )
         pose = plane.body_pose(solution)
         yield stamp_ns, "tirgeo/odometry", messages.odometry(solution, pose)

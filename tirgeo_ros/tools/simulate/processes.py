@@ -85,8 +85,8 @@ def gauss_markov(
     ``time_s`` (k,) are correlation times and ``std`` (k,) standard deviations. This is the exact
     discrete form of a driving noise of ``std * sqrt(2 / time_s)``.
     """
-    decay = np.exp(-step_s / np.asarray(time_s, float))
-    shocks = rng.standard_normal((count, len(decay))) * std
+    decay: Array = np.exp(-step_s / np.asarray(time_s, float))
+    shocks: Array = rng.standard_normal((count, len(decay))) * np.asarray(std, float)
     shocks[1:] *= np.sqrt(1 - decay**2)
     out = np.empty_like(shocks)
     value = np.zeros(len(decay))

@@ -56,7 +56,7 @@ class Renderer:
         place = position_p.astype(np.float32)
         height, loss = self._relief.met(place, rays_p)
         seen = loss > height / _FAR_M
-        depth = height / np.where(seen, loss, np.float32(1))
+        depth = np.asarray(height / np.where(seen, loss, np.float32(1)), np.float32)
         north = (place[0] + depth * rays_p[:, 0]).reshape(self._shape)
         east = (place[1] + depth * rays_p[:, 1]).reshape(self._shape)
         picture = self._sampled(north, east, self._footprints(depth, rays_p))

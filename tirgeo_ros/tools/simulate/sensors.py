@@ -73,7 +73,7 @@ class Autopilot:
     def euler_rad(self, motion: Motion, rotation_nb: Array) -> Array:
         """Return the reported roll, pitch, yaw (N, 3)."""
         errors = np.concatenate([self._tilt(motion.t_s), self._heading(motion.t_s)], axis=-1)
-        return euler_from_matrix(rotation_nb) + errors
+        return np.asarray(euler_from_matrix(rotation_nb) + errors)
 
 
 def imu_samples(
@@ -212,8 +212,8 @@ def _fixes(
     rows = zip(epochs.stamp_ns, places, velocity_n + errors_n[1], strict=True)
     return [
         (
-            PositionSample(stamp, sources[0], status, *place, covariance),
+            PositionSample(stamp, sources[0], status, phi, lam, h, covariance),
             VelocitySample(stamp, sources[1], velocity, of_velocity),
         )
-        for stamp, place, velocity in rows
+        for stamp, (phi, lam, h), velocity in rows
     ]

@@ -46,7 +46,7 @@ class Target:
     size_m: float  # side of a person, diameter of a fire, length of a vehicle
     heading_rad: float
 
-    def covers(self, along: Array, across: Array) -> npt.NDArray[np.bool_]:
+    def covers(self, along: Floats, across: Floats) -> npt.NDArray[np.bool_]:
         """Return whether it covers places, m along and across its heading from its middle."""
         if self.kind == "fire":
             return np.asarray(along**2 + across**2 < (self.size_m / 2) ** 2)
@@ -81,9 +81,13 @@ def targets_text(targets: list[Target], plane: TangentPlane, relief: Relief = LE
     """Return the targets as GeoJSON points with ``id``, ``kind``, contrast (K) and size (m)."""
     features = []
     for one in targets:
-        about = {"id": one.id, "kind": one.kind}
-        numbers = {"warmer_k": round(one.warmer_k, 3), "size_m": round(one.size_m, 3)}
-        features.append(point_feature(about | numbers, one.center, plane, relief))
+        about: dict[str, object] = {
+            "id": one.id,
+            "kind": one.kind,
+            "warmer_k": round(one.warmer_k, 3),
+            "size_m": round(one.size_m, 3),
+        }
+        features.append(point_feature(about, one.center, plane, relief))
     return collection(features)
 
 

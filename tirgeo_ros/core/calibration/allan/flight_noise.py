@@ -51,8 +51,8 @@ class Pieces(NamedTuple):
 
     def where(self, these: BoolArray) -> Pieces:
         """Return the pieces selected by a mask (n,)."""
-        chosen: list[Any] = [column[these] for column in self[:-1]]
-        return Pieces(*chosen, self.frequencies_hz)
+        chosen: Any = [column[these] for column in self[:-1]]
+        return Pieces._make([*chosen, self.frequencies_hz])
 
     def above_motion(self) -> BoolArray:
         """Return (f,) which frequencies are used; the last one's band is only half as wide."""

@@ -17,7 +17,7 @@ from tirgeo_ros.core.types.measurements import FixStatus, Source
 
 #: The sources of measurements, in the order in which those of one instant are used.
 AID_SOURCES = tuple(s for s in Source if s is not Source.IMU)
-PLACE = {source: place for place, source in enumerate(AID_SOURCES)}
+PLACE: dict[Source, int] = {source: place for place, source in enumerate(AID_SOURCES)}
 NEVER_NS = -(1 << 62)
 #: An aid that returns after a silence corrects the drift since then in this many equal steps.
 EASE_STEPS = 5

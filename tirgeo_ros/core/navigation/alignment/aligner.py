@@ -194,7 +194,7 @@ class Aligner:
     def _align(self, plan: _Plan, length_s: float) -> Alignment:
         """Return the alignment of one window; raises NotAlignedError."""
         positions, velocities = self._motion(plan, length_s)
-        stamps = [s.stamp_ns for s in (*positions, *velocities)]
+        stamps = [s.stamp_ns for track in (positions, velocities) for s in track]
         first, last = min(stamps), max(stamps)
         imu = self._samples.imu_over(first, last)
         readings: list[HeadingSample] = []

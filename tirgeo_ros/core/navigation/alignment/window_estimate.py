@@ -79,7 +79,7 @@ class Measured(NamedTuple):
     @property
     def last_ns(self) -> int:
         """Return the newest stamp of a position or velocity: that of the state."""
-        return max(s.stamp_ns for s in (*self.positions, *self.velocities))
+        return max(s.stamp_ns for track in (self.positions, self.velocities) for s in track)
 
     @property
     def plane(self) -> TangentPlane:
@@ -229,7 +229,9 @@ def _headings(
         return heading_observations(measured.readings, config)
     slow = np.radians(config.autopilot.attitude_sigma_deg[2])
     if gyros_unknown:
-        first_ns = min(s.stamp_ns for s in (*measured.positions, *measured.velocities))
+        first_ns = min(
+            s.stamp_ns for track in (measured.positions, measured.velocities) for s in track
+        )
         usable = _usable(measured.imu, first_ns, measured.last_ns)
         if usable:
             white, time_s = _AZIMUTH_NOISE_RAD**2, _AZIMUTH_TIME_S
