@@ -21,11 +21,11 @@ OVERLAY, TOPICS = "/overlay_node: overlay", "/overlay_node: topics"
 #: What the diagnostics call it, and what it is.
 FATES = {
     "drawn": "drawn",
-    "notices": "given out with a notice in the map's place",
-    "replaced": "gave way to a newer one while they waited for a pose",
-    "frames_missed": "gave way to a newer one in the queue, or lost by the transport",
-    "out_of_order": "refused: not newer than the one before",
-    "invalid": "refused: no picture",
+    "notices": "published with a notice instead of the map",
+    "replaced": "replaced by a newer frame while waiting for a pose",
+    "frames_missed": "replaced in the queue, or lost by the transport",
+    "out_of_order": "rejected: not newer than the previous one",
+    "invalid": "rejected: not a picture",
 }
 #: Reports, one a second.
 _LONG = 20

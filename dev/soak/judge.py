@@ -37,7 +37,7 @@ class Figure:
 
     @property
     def missed(self) -> bool:
-        """Whether it is not what is asked; what is no number is not."""
+        """Whether it is not what is asked; what is not a number is not."""
         return self.asked is not None and not self.value <= self.asked
 
 
@@ -63,7 +63,7 @@ def leftover_figures(
     yield Figure("segments left in shared memory", len(left_files) - len(ports), "", 0)
     yield Figure("  files of ports left there", len(ports))
     yield Figure("processes left", len(left_processes), "", 0)
-    yield Figure("nodes that ended by themselves or not well", len(by_themselves), "", 0)
+    yield Figure("nodes that ended by themselves or with an error", len(by_themselves), "", 0)
 
 
 def frame_figures(found: Balance) -> Iterator[Figure]:
@@ -72,8 +72,8 @@ def frame_figures(found: Balance) -> Iterator[Figure]:
     for key, words in FATES.items():
         yield Figure(f"  {words}", found.fates[key])
     yield Figure("  sent while overlay_node was down or had not found the sender", found.down)
-    yield Figure("  after the last word of a life that was killed", found.died)
-    yield Figure("  last and first of a sender that was killed and its follower", found.changed)
+    yield Figure("  after the last report of a killed overlay_node", found.died)
+    yield Figure("  last and first frames of a killed player and its successor", found.changed)
     yield Figure("  without account", found.unaccounted + abs(found.sent - found.told), "", 0)
     yield Figure("reports that contradict themselves", len(found.contradictions), "", 0)
     yield Figure("lives of overlay_node of 20 s and more without a line", found.blind, "", 0)
@@ -125,7 +125,7 @@ def table(figures: Sequence[Figure]) -> list[str]:
 
 
 def as_json(figures: Sequence[Figure]) -> list[dict[str, object]]:
-    """The figures for a file; what is no number is null."""
+    """The figures for a file; what is not a number is null."""
     return [
         asdict(figure) | {
             "value": figure.value if math.isfinite(figure.value) else None,

@@ -143,7 +143,7 @@ class Chokes(Interpreter):
 
 
 class Spreads(Interpreter):
-    """Hands on what is no number."""
+    """Hands on what is not a number."""
 
     def take(self, reading):
         wrong = np.array([0.0, math.nan, -9.8])

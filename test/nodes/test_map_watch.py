@@ -129,7 +129,7 @@ def test_what_a_reader_says_that_fails_is_told_and_no_more_than_a_page(
         monkeypatch.setattr(sys, "executable", str(broken))
         write_line(Path(config.map), 0.002)
         until(lambda: watch.changed() or watch.error)
-        assert "its reader ended (exit code 1)" in watch.error
+        assert "the process that reads it ended (exit code 1)" in watch.error
         assert len(watch.error) < 4500
         said = [line for line in told.texts() if "KeyError: a fault of ours" in line]
         assert said

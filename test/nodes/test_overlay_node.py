@@ -106,7 +106,7 @@ def test_a_map_that_changes_is_read_again_and_a_wrong_one_is_not(flight):
     flown.until(lambda: flown.diagnostics().get("reloads") == "1")
     assert off_px(flown.shown(), SQUARE_N + NORTH_N) < 1.5
     path.write_text(path.read_text()[:50])
-    flown.until(lambda: "no map that can be read" in flown.diagnostics().get("", ""))
+    flown.until(lambda: "not a readable map" in flown.diagnostics().get("", ""))
     flown.until(lambda: "map_unreadable" in flown.diagnostics("/overlay_node: set-up"))
     assert off_px(flown.shown(), SQUARE_N + NORTH_N) < 1.5
     time.sleep(1.0)
@@ -141,7 +141,9 @@ def test_a_reader_that_dies_is_told_and_a_changed_map_is_read_all_the_same(overl
     node, path = overlay
     os.kill(reader_of(node.pid), signal.SIGKILL)
     flown = take_off()
-    flown.until(lambda: "its reader ended (exit code -9)" in flown.diagnostics().get("", ""))
+    flown.until(
+        lambda: "the process that reads it ended (exit code -9)" in flown.diagnostics().get("", "")
+    )
     assert str(path) in flown.diagnostics()[""]
     write_map(path, SQUARE_N + NORTH_N)
     assert off_px(flown.shown(), SQUARE_N + NORTH_N) < 1.5

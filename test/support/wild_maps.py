@@ -86,7 +86,7 @@ READ = {
                 **named("EPSG:32633+5773"),
             )
         ),
-        ["heights of .* are none above the ellipsoid: left out"],
+        ["heights of .* are not above the ellipsoid: left out"],
     ),
     "GeoJSON, a feature a line": (
         "a.geojsonl",
@@ -146,7 +146,7 @@ ELSEWHERE = {
         "a.geojson",
         text(collection(feature(coordinates=[[179.9, 1.0], [180.1, 1.0]]))),
         [[179.9, 1.0], [-179.9, 1.0]],
-        ["longitudes beyond 180 are taken as those less 360"],
+        ["360 is subtracted from longitudes beyond 180"],
     ),
 }
 #: Name of the file, how it is written, and the message, which says what to do.
@@ -200,8 +200,8 @@ REFUSED = {
         geopackage(-1),
         f"layer main: .*Undefined Cartesian.* is a Engineering CRS, .*{NAMED}",
     ),
-    "MBTiles": ("a.mbtiles", mbtiles, "no map that can be read: .*save it as a GeoPackage"),
-    "spreadsheet": ("a.xlsx", spreadsheet, "no map that can be read"),
+    "MBTiles": ("a.mbtiles", mbtiles, "not a readable map: .*save it as a GeoPackage"),
+    "spreadsheet": ("a.xlsx", spreadsheet, "not a readable map"),
     "CSV without places": (
         "a.csv",
         csv("name,street", "a,b"),

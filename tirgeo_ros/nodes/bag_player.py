@@ -53,10 +53,11 @@ class BagPlayer(GraphNode):
             raise ConfigError("parameter bag: no bag given: set it to an MCAP file")
         if self._config.live and self._config.rate != 1:
             rate = self._config.rate
-            raise ConfigError(f"parameter rate: a live bag plays at 1, not at {rate:g}")
+            raise ConfigError(f"parameter rate: a live bag plays at rate 1, not {rate:g}")
         if self._config.serial_port and not self._config.live:
             raise ConfigError(
-                "parameter serial_port: bytes are stamped as they come, so it needs live: true"
+                "parameter serial_port: needs live: true, because bytes are stamped when they "
+                "arrive"
             )
         self._reader = BagReader(Path(self._config.bag))
         topics, wanted = self._reader.topics(), self._config.topics

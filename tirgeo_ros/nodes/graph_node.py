@@ -97,8 +97,9 @@ class GraphNode(Node):
                 if self.monitor.failed(name, f"{type(error).__name__} at {file}:{place.lineno}"):
                     frames = "".join(traceback.format_tb(error.__traceback__))
                     self.get_logger().error(
-                        f"{name}: a fault in this program; the node goes on, and counts it from "
-                        f"here on. Please report:\n{frames}{type(error).__name__}: {shown(error)}"
+                        f"{name}: a fault in this program. The node goes on and "
+                        f"counts repetitions. Please report it:\n{frames}{type(error).__name__}: "
+                        f"{shown(error)}"
                     )
             else:
                 return True

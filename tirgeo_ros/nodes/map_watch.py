@@ -85,7 +85,7 @@ class MapWatch:
         if isinstance(result, TirgeoError):
             self.counts["reload_errors"] += 1
             if str(result) != self.error:
-                self._node.log(WARN, f"the map stays as it was: {result}")
+                self._node.log(WARN, f"the previous map stays in use: {result}")
             self.error = str(result)
             return None
         self.error = ""

@@ -60,10 +60,10 @@ class SerialAircraft:
     def losses(self) -> str:
         """Return what of the flight was not transmitted, in one line, or an empty string."""
         counts = dict(self._aircraft.counts)
-        found = {"samples that make no sense": counts.get("invalid", 0)}
+        found = {"invalid samples": counts.get("invalid", 0)}
         found["of imu/data not later than the one before"] = counts.get("imu_not_later", 0)
         found |= {f"unreadable messages of {topic}": n for topic, n in self._unreadable.items()}
-        found[f"bytes that nobody read from {self.terminal.path}"] = self.terminal.dropped
+        found[f"bytes not read by anybody from {self.terminal.path}"] = self.terminal.dropped
         return ", ".join(f"{number} {what}" for what, number in found.items() if number)
 
     def _samples(

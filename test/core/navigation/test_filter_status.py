@@ -112,7 +112,7 @@ def test_lost_after_resets_that_do_not_help():
     for second in range(3):
         assert health().lost(control, covariance_of()) == ""
         control = control.with_reset(Source.RTK_POSITION, NOW_NS + second * SECOND_NS, 2.5)
-    expected = "reset again and again: position moved by 2.50 m"
+    expected = "reset repeatedly: position moved by 2.50 m"
     assert health().lost(control, covariance_of()) == expected
     assert health().spoiled(control, covariance_of())
 

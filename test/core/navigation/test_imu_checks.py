@@ -89,7 +89,7 @@ def test_a_longer_gap_begins_another_time_and_says_so(gap_s):
     clock = started()
     first = clock.check(live(100, 0.99 + gap_s))
     assert (first.outcome, first.use) == (Outcome.WAITING, ())
-    assert first.reason == f"{gap_s:.3f} s after the one before: the next decides"
+    assert first.reason == f"{gap_s:.3f} s after the previous one: the next one decides"
     second = clock.check(live(101, 1.0 + gap_s))
     assert (second.outcome, second.begins) == (Outcome.GAP, True)
     assert second.reason == f"no imu/data for {gap_s + 0.01:.3f} s"

@@ -86,7 +86,7 @@ OUT_OF_RANGE = "latitude or longitude is out of range"
         (
             POSITION,
             {"latitude_rad": 0.0, "longitude_rad": 0.0},
-            "position is 0, 0: receivers say so when they have none",
+            "position is 0, 0, which receivers send when they have none",
         ),
         (POSITION, {"height_m": -430.0}, ""),
         (POSITION, {"height_m": 9000.0}, ""),
@@ -146,8 +146,8 @@ def test_what_is_an_attitude(q, usable):
     assert usable_attitude(q) is usable
 
 
-NOWHERE = "position is not finite, or not on this earth"
-NO_ATTITUDE = "attitude is no unit quaternion"
+NOWHERE = "position is not finite, or not on the Earth"
+NO_ATTITUDE = "attitude is not a unit quaternion"
 
 
 @pytest.mark.parametrize(
@@ -180,4 +180,4 @@ def test_a_pose(axis, x_m, q, variance, fault):
 @pytest.mark.parametrize("bad", [NAN, INF, 1e7, -1e200])
 def test_a_joint_has_an_angle(bad):
     assert joints_fault((0.0, -math.pi, 100.0)) == ""
-    assert joints_fault((0.0, 0.0, bad)) == "angle is not finite or no angle"
+    assert joints_fault((0.0, 0.0, bad)) == "angle is not finite or out of range"

@@ -253,5 +253,5 @@ def test_the_stamp_of_a_header(little_endian):
 
 @pytest.mark.parametrize("length", [0, 1, 4, 11])
 def test_bytes_that_end_before_it_hold_none(length):
-    with pytest.raises(MessageError, match=f"^{length} bytes hold no header"):
+    with pytest.raises(MessageError, match=f"^{length} bytes are too few for a header"):
         header_stamp_ns(bytes(length))

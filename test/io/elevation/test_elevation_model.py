@@ -103,7 +103,7 @@ def test_what_a_person_should_know(rasterio, tmp_path):
     terrain = load_terrain(path)
     assert at(terrain, WEST + 4, NORTH - 4) == pytest.approx(30.48, abs=1e-4)
     bands_note, unit_note, datum_note = terrain.notes
-    assert "2 bands; the first one is taken" in bands_note
+    assert "2 bands; the first is used" in bands_note
     assert "heights in ft" in unit_note
     assert "EGM96" in datum_note
     assert "set dem_undulation_m" in datum_note

@@ -90,7 +90,7 @@ def test_tiles_that_do_not_fit_are_named(rasterio, tmp_path):
     second.write_bytes(second.read_bytes()[:20_000])
     with pytest.raises(ElevationError, match=r"tile1\.tif: cannot be read as a raster"):
         load_terrain(f"{first},{second}")
-    with pytest.raises(ElevationError, match=r"' , ': names no elevation model"):
+    with pytest.raises(ElevationError, match=r"' , ': does not name an elevation model"):
         load_terrain(" , ")
 
 

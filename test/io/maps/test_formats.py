@@ -16,7 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from map_files import HOLE, RING, fill_geopackage, gpb, wkb, write_geopackage, write_shapefile
 from wild_map_files import LINE as KML_LINE
-from wild_map_files import collection, feature, kml, mark
+from wild_map_files import collection, feature, kml, mark, named
 
 from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.io.maps import load_layers
@@ -152,7 +152,7 @@ def test_any_junk_is_a_map_error_or_a_map(tmp_path_factory, kind, junk):
 def test_what_pyogrio_cannot_read_and_where_it_is_absent(tmp_path, monkeypatch):
     path = tmp_path / "a.xyz"
     path.write_bytes(b"\0\1\2 no map at all")
-    with pytest.raises(MapError, match=r"a.xyz: no map that can be read: not recogn") as caught:
+    with pytest.raises(MapError, match=r"a.xyz: not a readable map: not recogn") as caught:
         read_layers(str(path))
     assert "\n" not in str(caught.value)
     monkeypatch.setitem(sys.modules, "pyogrio", None)
@@ -256,10 +256,28 @@ def test_an_entity_bomb(path):
     pairs = itertools.pairwise(names)
     entities = "".join(f'<!ENTITY {b} "{f"&{a};" * 10}">' for a, b in pairs)
     path.write_text(f'<!DOCTYPE kml [<!ENTITY a "aaaa">{entities}]><kml>&j;</kml>')
-    with pytest.raises(MapError, match="no map that can be read"):
+    with pytest.raises(MapError, match="not a readable map"):
         read_layers(str(path))
 
 
 def test_an_id_is_a_property(path):
     path.write_text(json.dumps(feature("Point", RING[0], id="w7")))
     assert read_layers(str(path), "", "id")[0].features[0].label == "w7"
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.kml", kml(mark("a", KML_LINE.replace(",", ",x", 1))), "is not lon,lat"),
+        (
+            "a.geojson",
+            collection(feature(), **named("EPSG:99999")),
+            "unknown coordinate reference system 'EPSG:99999'",
+        ),
+    ],
+)
+def test_what_gdal_would_draw_in_a_wrong_place_is_refused(tmp_path, name, content, message):
+    path = tmp_path / name
+    path.write_text(content)
+    with pytest.raises(MapError, match=message):
+        load_layers(str(path))

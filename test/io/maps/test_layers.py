@@ -129,7 +129,7 @@ def test_a_line_of_no_length_is_counted(folder):
     (layer,) = read_layers(str(path))
     assert [len(f.points) for f in layer.features] == [2]
     assert layer.left_out == (
-        f"{path}: layer a: part of feature 1: a line of no length; left out",
+        f"{path}: layer a: part of feature 1: a line without length; left out",
     )
 
 
@@ -178,7 +178,7 @@ def test_a_condition_on_what_is_not_there(kinds, styled):
     (note,) = layer.left_out
     assert note.startswith(f"{sheet}: layer 2: where: no feature of {kinds}: layer kinds is so: ")
     assert note.endswith("kind is pump, well")
-    with pytest.raises(ConfigError, match=r"style.yaml: it draws no feature of the map: .*pump"):
+    with pytest.raises(ConfigError, match=r"style.yaml: it matches no feature of the map: .*pump"):
         styled("layers: [{where: kind == hydrant}]", "kinds.geojson")
 
 

@@ -77,7 +77,7 @@ def test_what_the_reading_raises_is_raised_here(child, config):
     with pytest.raises(ConfigError, match="1 of 1 features have no height; set ground_height_m"):
         child.read(OverlayConfig(map=config.map))
     Path(config.map).write_text("{")
-    with pytest.raises(MapError, match=r"map\.geojson: no map that can be read"):
+    with pytest.raises(MapError, match=r"map\.geojson: not a readable map"):
         child.read(config)
     with pytest.raises(MapError, match=r"nowhere\.geojson"):
         child.read(OverlayConfig(map=str(Path(config.map).with_name("nowhere.geojson"))))
@@ -115,6 +115,6 @@ def test_a_reading_is_stopped_from_another_thread(child, config, tmp_path):
     child.stop()
     thread.join(10.0)
     assert not thread.is_alive()
-    assert "slow.geojson: its reader ended (exit code -9)" in str(raised[0])
+    assert "slow.geojson: the process that reads it ended (exit code -9)" in str(raised[0])
     with pytest.raises(MapError, match=r"map\.geojson: not read: stopped"):
         child.read(config)

@@ -69,7 +69,7 @@ def test_a_file_with_the_system(written, tmp_path):
 
 
 BAD = {
-    "no list": ("layers: 3", "no style sheet: it needs a list under layers:"),
+    "no list": ("layers: 3", "not a style sheet: it needs a list under layers:"),
     "a list": ("- a", "no style sheet"),
     "no layers": ("layers: []", "the list of layers is empty"),
     "root": ("layers: [{}]\nlayer: 3", "unknown key layer .did you mean layers"),

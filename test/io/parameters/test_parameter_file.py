@@ -132,7 +132,7 @@ def test_texts_that_look_like_something_else(write):
         ("ekf_node:\n  publish_rate_hz: 3.0\n", "ekf_node/publish_rate_hz holds no ros__param"),
         ("ekf_node:\n  ros__parameters: 3\n", "ros__parameters holds no parameters"),
         ("ros__parameters: {method: rtk}\n", "unknown node ros__parameters"),
-        ("- 1\n", "no parameter file: it needs NODE: ros__parameters: NAME: VALUE"),
+        ("- 1\n", "not a parameter file: it needs NODE: ros__parameters: NAME: VALUE"),
         ("", "no parameter file"),
         ("a: [1, 2\n", "line 2: not YAML"),
         ("a: !!python/object:os.system {}\n", "line 1: not YAML: could not determine a constr"),

@@ -63,7 +63,7 @@ def test_geojson_points_in_order_and_then_ellipses():
 def test_a_refused_pixel_has_no_geometry_but_a_reason():
     refused = json.loads(geojson(ANSWERS))["features"][1]
     assert refused["geometry"] is None
-    assert refused["properties"]["reason"] == "the pixel looks over the horizon"
+    assert refused["properties"]["reason"] == "the pixel is above the horizon"
     assert refused["properties"]["stamp_ns"] == STAMP_NS + 5
     assert refused["properties"]["height_m"] is None
 

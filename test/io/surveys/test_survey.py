@@ -91,7 +91,7 @@ def test_broken_features_are_numbered(tmp_path, broken):
     path = tmp_path / "s.geojson"
     features = [feature(), broken]
     path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
-    with pytest.raises(SurveyError, match=f"^{path}: feature 2 is no Point with longitude"):
+    with pytest.raises(SurveyError, match=f"^{path}: feature 2 is not a Point with longitude"):
         load_survey(path)
 
 

@@ -39,8 +39,8 @@ def test_the_forms_agree_for_a_pinhole_camera_and_factors_add_up_in_squares():
     [
         ({"height_m": 0.0}, "the camera is 0 m above the ground"),
         ({"depression_deg": -5.0}, "the camera looks down by -5 deg: give above 0 to 90"),
-        ({"roll_error_deg": -1.0}, "roll_error_deg is -1: give 0 or more"),
-        ({"east_error_m": math.nan}, "east_error_m is nan: give 0 or more"),
+        ({"roll_error_deg": -1.0}, "roll_error_deg is -1: must be 0 or more"),
+        ({"east_error_m": math.nan}, "east_error_m is nan: must be 0 or more"),
     ],
 )
 def test_what_makes_no_sense_is_refused(values, said):
@@ -109,7 +109,7 @@ def test_a_flight_without_gps_and_with_messages_that_cannot_be_read(sample, tmp_
     assert command.main(arguments) == 0
     told, complaint = capsys.readouterr()
     assert "nan" not in told
-    assert told.count("not recorded; that of the paper is taken") == 3  # east, north, height
+    assert told.count("not recorded; the paper's camera is assumed") == 3  # east, north, height
     assert "nogps.mcap: " in complaint
     assert " messages could not be used" in complaint
 

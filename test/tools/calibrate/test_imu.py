@@ -175,7 +175,7 @@ def test_stamps_beyond_use_are_refused(tmp_path):
     for stamps, reason in (
         (bursts, "stamps jitter by"),
         (lossy, "missing or not finite"),
-        (slow, "25 samples a second leave too little above 8 Hz"),
+        (slow, "25 samples a second are too few above 8 Hz"),
     ):
         bag = bag_of(tmp_path / "a.mcap", values, START_NS + stamps)
         with pytest.raises(CalibrationError, match=reason):

@@ -151,7 +151,7 @@ def test_warnings_name_mistakes_and_what_lies_outside(tmp_path):
 
 def test_refusals(tmp_path):
     given = files(tmp_path)
-    with pytest.raises(MapError, match="WGS 84 is no plane in metres; give a projected one"):
+    with pytest.raises(MapError, match="WGS 84 is not a projected system in metres; give one"):
         calibrate_map(**given, crs="EPSG:4326")
     with pytest.raises(MapError, match="would take the place of"):
         calibrate_map(**given, plot=given["points"])

@@ -102,7 +102,7 @@ def test_what_observations_and_survey_do_not_share_is_told(sample, tmp_path):
     assert (
         "1 of 27 observations are of points that are not in the survey, and left out: Q7" in notes
     )
-    assert "1 of 27 observations have a stamp that is no picture's: up to 0.004 s" in notes
+    assert "1 of 27 observations have no picture's stamp: they are up to 0.004 s" in notes
     assert "7 surveyed points were never observed: P03, P04, P05, P17, P18 and 2 more" in notes
     assert sum(point["observations"] for point in summary(found)["points"].values()) == 26
 

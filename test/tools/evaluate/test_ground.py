@@ -119,6 +119,6 @@ def test_a_survey_of_other_points_is_told(tmp_path):
         load_experiment(tmp_path / "survey.csv", tmp_path / "none.csv", "utm")
     renamed = [Observation(f"X{one.id}", one.stamp_ns, one.u, one.v) for one in seen]
     save_observations(tmp_path / "seen.csv", renamed)
-    said = r"seen\.csv: none of its 2 observations is of a point of .*survey\.csv"
+    said = r"seen\.csv: none of its 2 observations is of a point in .*survey\.csv"
     with pytest.raises(SurveyError, match=said):
         load_experiment(tmp_path / "survey.csv", tmp_path / "seen.csv", "utm")

@@ -52,11 +52,11 @@ def test_absent_topics_are_named_and_nothing_is_written(
     [
         ((), "ekf_heading", None, None),
         (("/rtk/heading",), "ekf", None, "method ekf: the bag has no /rtk/heading"),
-        (("/rtk/vel",), "ekf_heading", "has no /rtk/vel: done without", None),
+        (("/rtk/vel",), "ekf_heading", "has no /rtk/vel: continuing without it", None),
         (
             ALL_RTK,
             "ekf",
-            "has no /rtk/fix, /rtk/vel: done without",
+            "has no /rtk/fix, /rtk/vel: continuing without it",
             f"{', '.join(ALL_RTK)}; it flies on ordinary GPS",
         ),
     ],

@@ -149,7 +149,7 @@ class FlightRuns:
 
 def _run(values: Array, white: list[White], beliefs: list[tuple[int, StateEstimate]]) -> FilterRun:
     if not white or not np.all(np.isfinite(white[-1].error)):
-        raise CalibrationError("the filter finds no measurement to use; 'tirgeo check' tells why")
+        raise CalibrationError("the filter finds no measurement to use; 'tirgeo check' says why")
     stamps = np.repeat([one.stamp_ns for one in white], [len(one.error) for one in white])
     return FilterRun(
         values,

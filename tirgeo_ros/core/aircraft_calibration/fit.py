@@ -137,7 +137,7 @@ def fit(runs: FlightRuns, hold: Collection[str], heard: Told = lambda _: None) -
     run = search.settled(values, free, Floors(), _MOST_STEPS)
     if free and np.max(np.abs(search.step(run, free) / search.scale(run, free))) > 1.0:
         raise CalibrationError(
-            "the fit does not settle: are the topics those of one aircraft, and the IMU's axes "
+            "the fit does not converge: are the topics those of one aircraft, and the IMU's axes "
             "those of base_link?"
         )
     sigma, left_out = _sigma(search, run, free)

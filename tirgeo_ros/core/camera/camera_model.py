@@ -91,7 +91,7 @@ class Camera:
         large = max(map(abs, (self.fx, self.fy, self.cx, self.cy))) > _LARGEST_PX
         if large or max(map(abs, self.distortion), default=0.0) > _LARGEST_COEFFICIENT:
             raise CameraError(
-                "camera: the calibration has impossible numbers; calibrate the lens again"
+                "camera: the calibration has impossible values; calibrate the lens again"
             )
         if self.width * self.height > _MOST_PIXELS:
             raise CameraError(f"camera: no camera has {self.width}x{self.height} pixels")
@@ -121,7 +121,7 @@ class Camera:
         farthest = np.hypot(*((corners - [self.cx, self.cy]) / [self.fx, self.fy]).T).max()
         if self._radii[0][-1] > _TOO_FAR * farthest:
             raise CameraError(
-                f"camera: the lens model {self.distortion} bends too steeply to be undone; "
+                f"camera: the lens model {self.distortion} is too steep to be inverted; "
                 "calibrate the lens again"
             )
         return math.inf

@@ -31,7 +31,9 @@ class Rectifier:
         """Compute the tables; raise CameraError if the picture has too many pixels for them."""
         if camera.width * camera.height > _MOST_PIXELS:
             size = f"{camera.width}x{camera.height}"
-            raise CameraError(f"camera: {size} pixels are too many to rectify: set rectify false")
+            raise CameraError(
+                f"camera: {size} pixels are too many to rectify: set rectify to false"
+            )
         self.camera = Camera(
             camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy
         )

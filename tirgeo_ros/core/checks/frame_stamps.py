@@ -15,13 +15,13 @@ _FEWEST = 20  # frames before anything is reported
 _SHARE = 0.1  # of the frames: a fault that is more frequent is reported
 #: Limits of a stamp's differences: from its arrival, and from the newest pose's stamp.
 _AHEAD_S, _LATE_S, _APART_S = 0.1, 1.0, 2.0
-_CLOCK = "let camera and aircraft keep one clock"
+_CLOCK = "use one clock for camera and aircraft"
 #: For each fault: severity, evidence and mend.
 _FAULTS = {
     "picture_stamps_zero": (
         CAUTION,
         "{count} of {frames} pictures have no stamp",
-        "let the driver stamp them; as it is, video_latency_s counts to their arrival",
+        "let the driver stamp them; until then video_latency_s must include the time to arrival",
     ),
     "picture_stamps_ahead": (
         CAUTION,
@@ -41,7 +41,7 @@ _FAULTS = {
     "picture_stamps_back": (
         CAUTION,
         "{count} of {frames} stamps of pictures do not grow",
-        "see that one driver alone sends pictures, each once and in order",
+        "check that only one driver sends pictures, each once and in order",
     ),
 }
 

@@ -53,9 +53,9 @@ _TOPIC = "gimbal/joint_states"
 _NEVER_CALIBRATED = Finding(
     "boresight_default",
     Severity.CAUTION,
-    "the boresight was never calibrated: the ellipses do not hold its error",
+    "the boresight was never calibrated: the ellipses do not include its error",
     "gimbal_node boresight_rpy_deg",
-    "run tirgeo calibrate boresight, or set it to zeros where the camera is known to be true",
+    "run tirgeo calibrate boresight, or set it to zeros if the camera is known to be aligned",
 )
 
 

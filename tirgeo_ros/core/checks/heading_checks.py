@@ -132,7 +132,7 @@ class HeadingChecks:
         elif abs(quarter) > 2:
             mend = "the antennas are swapped: exchange rtk_antenna_m and second_antenna_m"
         else:
-            mend = "the baseline lies across: measure both antennas, or take out a constant of 90"
+            mend = "the baseline lies across: measure both antennas, or remove a constant of 90"
         return _stop("heading_offset", evidence, mend, _SECOND)
 
 

@@ -93,7 +93,9 @@ class HeightChecks:
 
     def _finding(self, check: str, severity: Severity, evidence: str, off_m: float) -> Finding:
         name = "dem_undulation_m" if isinstance(self._ground, Terrain) else "ground_height_m"
-        mend = f"see that the ground's height is that of this place, and {name} is ellipsoidal"
+        mend = (
+            f"check that the ground's height is that of this place, and that {name} is ellipsoidal"
+        )
         if 5.0 < abs(off_m) < _LARGEST_UNDULATION_M:
             geoid = "one above sea level is off by the geoid's height"
             mend = f"{name}: heights are ellipsoidal; {geoid}"

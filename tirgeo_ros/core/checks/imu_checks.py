@@ -79,8 +79,8 @@ def _force_findings(force_b: Array, rate_b: Array, q_nb: Array) -> list[Finding]
         if _LEAST_G < size < _LARGEST_G and np.linalg.norm(mean_b) > _LEAST_G:
             mend = "it is in g: multiply it by 9.80665"
         elif size < _LEAST:
-            mend = "gravity was taken off: send the accelerometers' readings"
-        evidence = f"the specific force is {size:.3g} m/s2 in the mean, not 9.8"
+            mend = "gravity was removed: send the accelerometers' own readings"
+        evidence = f"the specific force is {size:.3g} m/s2 on average, not 9.8"
         return [_force("force_unit", Severity.STOP, evidence, mend)]
     known = np.isfinite(q_nb[:, 0])
     up_b = np.array((0.0, 0.0, -1.0))

@@ -141,9 +141,9 @@ class LeverChecks:
         given, two = self._given, "rtk/heading" in topics
         if self._lever_b.any() or not two or (given is not None and _LEVER in given):
             return None
-        evidence = "rtk/heading comes, and the antennas' places are still at zero"
+        evidence = "rtk/heading is received, but the antennas' positions are still zero"
         if self.found is not None:
-            evidence += f"; this flight says about {_place_text(self.found)}"
+            evidence += f"; this flight suggests about {_place_text(self.found)}"
         severity = Severity.NOTE if given is None else Severity.CAUTION
         mend = "measure both from the IMU with a tape (forward, left, up)"
         return Finding("antenna_place", severity, evidence, f"{_LEVER}, {_SECOND}", mend)
@@ -156,7 +156,7 @@ class LeverChecks:
         set_m = flu_from_frd(self._lever_b)
         configured = ", ".join(f"{value:+.2f}" for value in set_m)
         evidence = (
-            f"the flight puts the RTK antenna at {_place_text(found)}, not at ({configured})"
+            f"by this flight the RTK antenna is at {_place_text(found)}, not at ({configured})"
         )
         turned = np.abs(set_m + flu_from_frd(found.lever_b)) < 0.5 * np.abs(set_m)
         turned &= np.abs(set_m) > _LEAST_M
@@ -185,7 +185,7 @@ def _delay(topic: str, name: str, found: LeverArmEstimate, kind: int) -> Finding
         f"parameters have it (sigma {sigma_s:.2f} s)"
     )
     severity = Severity.CAUTION if abs(delay_s) > _WRONG_S else Severity.NOTE
-    mend = "mend the stamps, or find the delay with tirgeo calibrate aircraft"
+    mend = "correct the stamps, or find the delay with tirgeo calibrate aircraft"
     check = f"{topic.replace('/', '_')}_delay"
     return Finding(check, severity, evidence, f"ekf_node {name}", mend)
 

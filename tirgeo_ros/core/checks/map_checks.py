@@ -45,7 +45,7 @@ class MapChecks:
     def failed(self, why: str) -> None:
         """Take the reason why the newest map was not read or draped; the previous one stays."""
         severity = Severity.CAUTION if self._laid else Severity.STOP
-        mend = "mend the file: it is read again when it changes"
+        mend = "correct the file: it is read again when it changes"
         self._unread = [Finding("map_unreadable", severity, why, _MAP, mend)]
 
     def findings(self) -> list[Finding]:
@@ -67,10 +67,12 @@ def map_findings(laid: DrapedMap, ground: Ground) -> list[Finding]:
         way = way_words(nearest.distance_m, nearest.azimuth_rad)
         question = likely_mistake(laid.plane, np.asarray(nearest.point_n))
         evidence = f"map is {way}{'; ' if question else ''}{question}"
-        mend = "give the map of this place, in its own system (crs in the style sheet)"
+        mend = "give a map of this place, in its own coordinate system (crs in the style sheet)"
         found.append(Finding("map_elsewhere", severity, evidence, _MAP, mend))
     remarks = [line for layer in laid.map.layers for line in layer.left_out if _NO_SYSTEM in line]
-    mend = "save it in WGS84 (EPSG:4326), or name its system under crs in the style sheet"
+    mend = (
+        "save it in WGS84 (EPSG:4326), or name its coordinate system under crs in the style sheet"
+    )
     unknown = [Finding("map_system_unknown", Severity.NOTE, one, _MAP, mend) for one in remarks]
     return sorted_findings([*found, *unknown])
 
@@ -92,7 +94,10 @@ def dem_findings(ground: Ground, plane: TangentPlane) -> list[Finding]:
 
 
 def _nothing(evidence: str, parameter: str) -> Finding:
-    mend = "see that its file has lines, outlines or points, and the style sheet names its layers"
+    mend = (
+        "check that its file has lines, outlines or points, and that the style sheet names its "
+        "layers"
+    )
     return Finding("map_empty", Severity.STOP, evidence, parameter, mend)
 
 

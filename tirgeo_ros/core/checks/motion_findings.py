@@ -35,13 +35,14 @@ def motion_findings(
     """
     if fit.after > max(_LEAST_UNEXPLAINED_PX, _UNEXPLAINED * max(fit.moved, fit.before)):
         evidence = (
-            f"the pictures move otherwise than the camera's poses: by {fit.moved:.1f} px from one "
+            f"the pictures move differently from the camera's poses: by {fit.moved:.1f} px from "
+            "one "
             f"to the next, {fit.before:.1f} px beside what the poses say"
         )
         where = "gimbal/joint_states, thermal/image_raw"
         mend = (
-            "see that the pictures' stamps are of the aircraft's clock, that the video is live, "
-            "and that the gimbal's angles have the right axes and signs"
+            "check that the pictures are stamped by the aircraft's clock, that the video "
+            "is live, and that the gimbal's angles have the right axes and signs"
         )
         return [Finding("picture_motion", Severity.CAUTION, evidence, where, mend)]
     sigmas = fit.sigmas
@@ -68,7 +69,7 @@ def motion_findings(
         (
             "focal_length",
             lens,
-            f"the pictures turn as with a focal length of {focal}",
+            f"the pictures turn as if the focal length were {focal}",
             "run tirgeo calibrate lens, with the pictures' size and zoom",
         ),
         (
@@ -80,7 +81,7 @@ def motion_findings(
         (
             "boresight_by_motion",
             "gimbal_node boresight_rpy_deg",
-            f"the camera looks {math.hypot(*off_deg):.1f} deg aside of its poses ({aside})",
+            f"the camera looks {math.hypot(*off_deg):.1f} deg away from its poses ({aside})",
             "add these angles, or run tirgeo calibrate boresight; or the principal point is wrong",
         ),
     )

@@ -71,7 +71,7 @@ class PositionChecks:
         found = []
         if np.percentile(np.abs(apart[:, 2]), 10) > limit[2]:
             off = f"{-down:+.1f} m above rtk/fix"
-            mend = "one height has another unit or datum"
+            mend = "one height has a different unit or datum"
             if abs(down) < _LARGEST_UNDULATION_M:
                 mend = (
                     "one is above sea level: all heights are ellipsoidal; switch the receiver, "
@@ -89,7 +89,7 @@ class PositionChecks:
         rtk, gps = self._newest[Source.RTK_POSITION], self._newest[Source.GPS_POSITION]
         evidence = f"rtk/fix and gps/fix are {across_m / 1e3:.0f} km apart"
         apart = rtk.latitude_rad - gps.longitude_rad, rtk.longitude_rad - gps.latitude_rad
-        mend = "one is of another place: look at its driver (degrees, signs) and its base"
+        mend = "one is of another place: check its driver (degrees, signs) and its base"
         if max(map(abs, apart)) < _SWAPPED_RAD:
             mend = "latitude and longitude of one are swapped"
         where = "rtk/fix, gps/fix latitude, longitude"

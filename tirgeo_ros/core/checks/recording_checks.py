@@ -76,7 +76,7 @@ def recording_findings(recording: RecordedTopics) -> list[Finding]:
         severity = Severity.CAUTION if odd else Severity.NOTE
         severity = Severity.STOP if recording.has_map else severity
         evidence = f"no picture: neither {' nor '.join(map(recording.name, _PICTURES))}"
-        mend = "record the camera's topic; poses alone need no picture"
+        mend = "record the camera's topic; only poses need no pictures"
         found.append(Finding("no_pictures", severity, evidence, "thermal/image_raw", mend))
     return found
 
@@ -121,7 +121,7 @@ def damage_findings(damage: str | None) -> list[Finding]:
     """Return what could not be read of a bag; ``damage`` is None if all was read."""
     if damage is None:
         return []
-    mend = "record again, or use what is left: gaps in it restart the filter"
+    mend = "record again, or use what is readable: gaps restart the filter"
     return [Finding("damaged_bag", Severity.CAUTION, damage, "IN.mcap", mend)]
 
 
@@ -147,6 +147,6 @@ def unreadable_findings(
 def no_pose_findings(status: NavigationStatus) -> list[Finding]:
     """Return the finding that a whole flight gave no pose."""
     why = f"{status.state.value}{': ' if status.reason else ''}{status.reason}"
-    mend = "fly with fixes and some motion, or see the findings beside this one"
+    mend = "fly with RTK fixes and some motion, or see the other findings"
     evidence = f"the filter made no pose: {why}"
     return [Finding("no_pose", Severity.STOP, evidence, f"ekf_node method {status.method}", mend)]

@@ -24,7 +24,7 @@ _AHEAD_S, _STEP_S = -0.1, 0.15
 _SECOND_NS = 1_000_000_000
 #: After a longer silence the IMU's age is not used.
 _OLD_NS = 500_000_000
-_ONE_CLOCK = "stamp both with one clock"
+_ONE_CLOCK = "stamp both with the same clock"
 
 
 class StampChecks:
@@ -67,7 +67,7 @@ class StampChecks:
         recent = {t: list(a)[-_WINDOWS:] for t, a in self._medians_s.items() if len(a) >= _WINDOWS}
         ahead = {t: -max(a) for t, a in recent.items() if max(a) < _AHEAD_S}
         late = {t: min(a) for t, a in recent.items() if min(a) > self._max_delay_s}
-        limit = f"later than max_delay_s, {self._max_delay_s:g} s, is refused"
+        limit = f"what is later than max_delay_s, {self._max_delay_s:g} s, is refused"
         found = (
             _worst(
                 *("stamp_ahead", Severity.STOP, ahead),
@@ -82,7 +82,7 @@ class StampChecks:
             _worst(
                 *("stamp_jump", Severity.CAUTION, self._jumped_s),
                 "stamps of {topic} jumped by {off:+.2f} s against {others}",
-                f"{_ONE_CLOCK}, and let none be set in flight",
+                f"{_ONE_CLOCK}, and set no clock in flight",
             ),
         )
         return [one for one in found if one]

@@ -28,9 +28,13 @@ _LEAST_UNSTAMPED, _LEAST_UNKNOWN = 3, 10  # samples
 #: Topics whose gaps are reported: the check, its severity and the mend.
 _GAPS = {
     IMU: ("imu_gaps", CAUTION, "the filter starts again after each: look at link and recorder"),
-    "rtk/fix": ("rtk_gaps", NOTE, "look at the receiver's sky, corrections and link"),
+    "rtk/fix": (
+        "rtk_gaps",
+        NOTE,
+        "check the receiver's view of the sky, its corrections and its link",
+    ),
 }
-_REMAP = "look at the driver, the topic's name and its namespace"
+_REMAP = "check the driver, the topic's name and its namespace"
 #: What is taken where a topic's covariance is 0.
 _TAKEN = {
     "rtk/fix": "rtk.position_sigma_floor_m",
@@ -114,10 +118,10 @@ def _absent(streams: Mapping[str, Stream], method: str, waited_s: float) -> list
         missed.append((NOTE if fallback else STOP, "rtk/fix", f": {what}", _REMAP))
     elif method == "ekf_heading" and "rtk/heading" not in streams:
         mend = f"{_REMAP}; with one antenna set ekf_node method to ekf"
-        what = ": north comes from turns or the autopilot"
+        what = ": the heading comes from turns or the autopilot"
         missed.append((CAUTION, "rtk/heading", what, mend))
     elif "rtk/vel" not in streams:
-        missed.append((NOTE, "rtk/vel", ": attitude and heading are less sure", _REMAP))
+        missed.append((NOTE, "rtk/vel", ": attitude and heading are less certain", _REMAP))
     return [
         Finding(
             f"no_{topic.replace('/', '_')}",
@@ -143,7 +147,7 @@ def _rates(streams: Mapping[str, Stream]) -> list[Finding]:
     }
     if slow:
         text = ", ".join(f"{topic} at {rate:.1f} Hz" for topic, rate in slow.items())
-        evidence, mend = f"too few come: {text}, not 2 or more", "set the receiver's rate to 5 Hz"
+        evidence, mend = f"too few: {text}, not 2 or more", "set the receiver's rate to 5 Hz"
         found.append(Finding("rtk_rate", CAUTION, evidence, next(iter(slow)), mend))
     return found
 
@@ -176,12 +180,12 @@ def _shares(streams: Mapping[str, Stream], config: EkfConfig) -> list[Finding]:
 
     back = listed(lambda s: s.back, lambda s: max(3, _MOST_BACK * s.count))
     if back:
-        evidence = f"stamps are not later than the ones before: {', '.join(back.values())}"
-        mend = "is there more than one publisher, or a clock of coarse steps?"
+        evidence = f"stamps are not later than the previous ones: {', '.join(back.values())}"
+        mend = "is there more than one publisher, or a clock with coarse steps?"
         found.append(Finding("stamp_order", CAUTION, evidence, next(iter(back)), mend))
     unstamped = listed(lambda s: s.unstamped, lambda _: _LEAST_UNSTAMPED)
     if unstamped:
-        evidence = f"stamps are 0: {', '.join(unstamped.values())}; the time of arrival is taken"
+        evidence = f"stamps are 0: {', '.join(unstamped.values())}; the time of arrival is used"
         mend = "let the driver stamp with the time of measurement, or set the delay to arrival"
         names = {IMU: "imu.delay_s"} | {s.topic: aid.delay for s, aid in AIDS.items() if aid.delay}
         where = f"ekf_node {', '.join(sorted({names[t] for t in unstamped if t in names}))}"

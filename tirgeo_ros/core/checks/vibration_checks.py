@@ -63,7 +63,7 @@ class VibrationChecks:
         counts = self._clipping.counts
         if sum(counts.values()) >= max(_LEAST_CLIPPED, _MOST_CLIPPED * self._count):
             listed = ", ".join(f"{name} {number}" for name, number in counts.items())
-            evidence = f"imu/data is at the end of its range: {listed} of {self._count} samples"
+            evidence = f"imu/data reaches the end of its range: {listed} of {self._count} samples"
             mend = "damp the IMU's mount or choose a larger range; balance the rotors"
             found.append(Finding("imu_clipping", Severity.CAUTION, evidence, "imu/data", mend))
         return found

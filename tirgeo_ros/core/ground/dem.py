@@ -44,18 +44,20 @@ class Terrain:
         """Check the heights and compute their range."""
         heights = np.asarray(self.heights_m)
         if heights.ndim != 2 or min(heights.shape) < 2:
-            raise ElevationError(f"elevation model of shape {heights.shape}: 2 x 2 are the fewest")
+            raise ElevationError(
+                f"elevation model of shape {heights.shape}: at least 2 x 2 are needed"
+            )
         heights = np.ascontiguousarray(heights)  # no copy if it already is
         lowest, highest = _range(heights)
         if math.isinf(lowest) or math.isinf(highest):
             heights = np.where(np.isinf(heights), np.nan, heights)
             lowest, highest = _range(heights)
         if math.isnan(lowest):
-            raise ElevationError("elevation model without a height: all of it is no data")
+            raise ElevationError("elevation model without a single height: all of it is no-data")
         if lowest < _LOWEST_M or highest > _HIGHEST_M:
             raise ElevationError(
-                f"elevation model with heights from {lowest:g} to {highest:g} m; is its no-data "
-                "value declared?"
+                f"elevation model with heights from {lowest:g} to {highest:g} m: is "
+                "its no-data value declared?"
             )
         object.__setattr__(self, "heights_m", heights)
         object.__setattr__(self, "lowest_m", lowest)

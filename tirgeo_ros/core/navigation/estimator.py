@@ -230,7 +230,7 @@ class Navigation:
             self._health.hear(sample)
         same = self._repeats.compared(sample)
         if same is Same.MEASUREMENT:
-            return Verdict(source, Outcome.REPEATED, "the value of the one before")
+            return Verdict(source, Outcome.REPEATED, "the same value as the previous sample")
         if not self._filtering:
             verdict = self._passthrough.add_aiding(sample)
         elif self._ekf is not None:

@@ -64,7 +64,7 @@ class ImuClock:
             math.dist(force_b, self._force_b) > _SPIKE_M_S2
             or math.dist(rate_b, self._rate_b) > _SPIKE_RAD_S
         ):
-            return Checked(Outcome.GATED, "no aircraft turns or jolts like that")
+            return Checked(Outcome.GATED, "no aircraft turns or accelerates like that")
         checked = _continuous(sample)
         if not 0 < ahead_ns <= self._hold_ns:
             checked = self._discontinuous(sample, newest_ns, ahead_ns)
@@ -84,7 +84,7 @@ class ImuClock:
         ahead_s = ahead_ns * 1e-9
         if ahead_ns > 0:
             if not goes_on:
-                reason = f"{ahead_s:.3f} s after the one before: the next decides"
+                reason = f"{ahead_s:.3f} s after the previous one: the next one decides"
                 return Checked(Outcome.WAITING, reason)
             if both[0].stamp_ns - newest_ns <= self._max_gap_ns:
                 return Checked(Outcome.USED, "", both)
@@ -94,7 +94,7 @@ class ImuClock:
         if -ahead_ns > self._max_gap_ns and self._odd_number >= enough:
             reason = f"imu/data went back by {-ahead_s:.3f} s"
             return Checked(Outcome.TIME_JUMP, reason, both, begins=True)
-        return Checked(Outcome.OUT_OF_ORDER, "stamp not later than the one before")
+        return Checked(Outcome.OUT_OF_ORDER, "stamp not later than the previous one")
 
     def _unless_frozen(
         self, checked: Checked, stamp_ns: int, force_b: list[float], rate_b: list[float]
@@ -107,7 +107,7 @@ class ImuClock:
             self._repeated += 1
             long = stamp_ns - self._changed_ns >= _FROZEN_NS
             if self._alive >= _ALIVE_NUMBER and self._repeated >= _FROZEN_NUMBER and long:
-                return Checked(Outcome.REPEATED, "imu/data says the same again and again")
+                return Checked(Outcome.REPEATED, "imu/data repeats the same reading")
         self.newest_ns, self._force_b, self._rate_b = stamp_ns, force_b, rate_b
         self._held, self._odd_number = None, 0
         return checked

@@ -29,7 +29,7 @@ class MapOrigin:
             lat, lon, height_m = config.origin_lat_lon_h
             wrong = "" if abs(height_m) < LARGEST_HEIGHT_M else f"{height_m:g} m is no height"
             if abs(lat) > 90 or abs(lon) > 180:
-                wrong = f"{lat:g}, {lon:g} deg is no latitude and longitude"
+                wrong = f"{lat:g}, {lon:g} deg is not a latitude and longitude"
             if wrong:
                 raise ConfigError(f"parameter origin_lat_lon_h: {wrong} on earth")
             self.plane = TangentPlane(math.radians(lat), math.radians(lon), height_m)

@@ -134,7 +134,7 @@ class TurnOnBiases:
             self._suspected_ns = now_ns
         lately = now_ns - self._suspected_ns < _SURE_S * 1e9
         if lately and found.window.before_s[0] < _LONG_WINDOW_S:
-            raise NotAlignedError("imu/data: looks longer for its biases", 4)
+            raise NotAlignedError("imu/data: alignment takes longer, to find the biases", 4)
 
     def _loosely(self, measured: Measured, prior: Biases) -> Fitted:
         """Fit a window, also to the autopilot's turn; raises where biases do not explain it."""

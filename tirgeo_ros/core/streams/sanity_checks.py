@@ -55,10 +55,10 @@ def pose_fault(position_n: Array, q: Array, covariance: Array) -> str:
     norm must be 1 within 1e-3, which allows for the rounding in messages and sums.
     """
     if not _within(position_n.tolist(), _LARGEST_DISTANCE_M):
-        return "position is not finite, or not on this earth"
+        return "position is not finite, or not on the Earth"
     w, x, y, z = q.tolist()
     if not abs(w * w + x * x + y * y + z * z - 1) < 1e-3:  # "not <" also catches NaN and infinity
-        return "attitude is no unit quaternion"
+        return "attitude is not a unit quaternion"
     # No entry of a covariance exceeds its largest variance: this bounds the sum of the squares.
     if not np.vdot(covariance, covariance) < covariance.size * _LARGEST_VARIANCE**2:
         return "covariance is not finite"
@@ -67,7 +67,7 @@ def pose_fault(position_n: Array, q: Array, covariance: Array) -> str:
 
 def joints_fault(angles_rad: tuple[float, float, float]) -> str:
     """Return why joint angles (rad) cannot be used, or an empty string if they can."""
-    return "" if _within(angles_rad, _LARGEST_ANGLE_RAD) else "angle is not finite or no angle"
+    return "" if _within(angles_rad, _LARGEST_ANGLE_RAD) else "angle is not finite or out of range"
 
 
 def usable_attitude(q: Array | None) -> bool:
@@ -100,7 +100,7 @@ def place_fault(latitude_rad: float, longitude_rad: float, height_m: float) -> s
 
 def _position_fault(sample: PositionSample) -> str:
     if sample.latitude_rad == 0 and sample.longitude_rad == 0:
-        return "position is 0, 0: receivers say so when they have none"
+        return "position is 0, 0, which receivers send when they have none"
     return place_fault(sample.latitude_rad, sample.longitude_rad, sample.height_m)
 
 

@@ -253,7 +253,7 @@ def _in_time_order(
             if room < 0:
                 raise BagError(
                     f"{name}: more than {_MOST_WAITING >> 20} MiB of messages overlap in time; "
-                    "write it anew in order of time, in chunks of a megabyte (mcap sort)"
+                    "rewrite it in order of time, in chunks of a megabyte (mcap sort)"
                 )
             waiting.append(placed)
         waiting.sort()

@@ -43,7 +43,7 @@ def header_stamp_ns(data: bytes) -> int:
     try:
         seconds, nanoseconds = struct.unpack_from("<iI" if data[1] else ">iI", data, 4)
     except (IndexError, struct.error):
-        raise MessageError(f"{len(data)} bytes hold no header") from None
+        raise MessageError(f"{len(data)} bytes are too few for a header") from None
     return int(seconds) * 1_000_000_000 + int(nanoseconds)
 
 
@@ -84,7 +84,7 @@ class Cdr:
         surplus = len(data) - 4 - end
         if surplus > _MOST_SURPLUS:
             raise MessageError(
-                f"{topic or typename}: {surplus} bytes are left over behind a {typename}"
+                f"{topic or typename}: {surplus} bytes are left over after a {typename}"
             )
         return message
 

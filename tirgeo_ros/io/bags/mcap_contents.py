@@ -225,7 +225,7 @@ def _messages(records: bytes, offset: int, found: McapContents) -> Iterator[RawM
             if channel in found.channels:
                 yield channel, log_time, records[at + _MESSAGE.size : at + length]
             else:
-                found.losses[offset] = f"messages at byte {offset} are of no known topic"
+                found.losses[offset] = f"messages at byte {offset} belong to no known topic"
         elif opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
             found.add(opcode, records[at : at + length])
         at += length

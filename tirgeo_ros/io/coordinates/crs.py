@@ -18,10 +18,7 @@ _REMEDY = (
     "in the style sheet"
 )
 #: Remark for positions whose datum is not stated.
-ASSUMED = (
-    "taken for WGS84, which is right to 2 m for a datum of today, and 100 m off or more for an "
-    "old one"
-)
+ASSUMED = "taken as WGS84: within 2 m for a modern datum, 100 m off or more for an old one"
 _WGS84_AXIS_M = 6378137.0
 #: A datum shift that is less exact than this is reported. EPSG gives 1 m to most datums of
 #: tectonic plates (ETRS89 and the like), in which RTK services work too, and 2 or 3 m to some
@@ -86,15 +83,13 @@ def to_wgs84(points: Array, name: str, where: str) -> tuple[Array, tuple[str, ..
     remarks: tuple[str, ...] = ()
     if system.is_compound:
         if np.isfinite(laid[:, 2]).any():
-            remarks = (
-                f"{where}: heights of {system.name} are none above the ellipsoid: left out",
-            )
+            remarks = (f"{where}: heights of {system.name} are not above the ellipsoid: left out",)
         laid[:, 2] = np.nan
     try:
         transformer = pyproj.Transformer.from_crs(system.to_2d(), "EPSG:4326", always_xy=True)
     except ProjError:
         raise MapError(
-            f"{where}: there is no way from {system.name} to WGS84: is it of the Earth?"
+            f"{where}: cannot be transformed from {system.name} to WGS84: is it of the Earth?"
         ) from None
     laid[:, 0], laid[:, 1] = transformer.transform(points[:, 0], points[:, 1])
     if len(laid):
@@ -117,7 +112,7 @@ def _shift_remarks(
         return _ballpark_remarks(system, where)
     exact = _PLATE_M if _of_a_plate(system) else _EXACT_M
     if step.accuracy > exact:
-        return (f"{where}: from {system.name} to WGS84 is known to {step.accuracy:g} m only",)
+        return (f"{where}: from {system.name} to WGS84 is known only to {step.accuracy:g} m",)
     return ()
 
 
@@ -144,7 +139,7 @@ def _ballpark_remarks(system: pyproj.CRS, where: str) -> tuple[str, ...]:
     """
     if not _as_large(system):
         raise MapError(
-            f"{where}: the way from the datum of {system.name} to WGS84 is not known; "
+            f"{where}: the transformation from the datum of {system.name} to WGS84 is not known; "
             f"give its EPSG code or +towgs84 under crs in the style sheet"
         )
     datum = system.datum.name if system.datum else ""

@@ -41,7 +41,9 @@ class Plane:
 def _named(name: str) -> pyproj.CRS:
     system = checked_system(name, "--crs").to_2d()
     if not system.is_projected or any(axis.unit_name != "metre" for axis in system.axis_info):
-        raise MapError(f"--crs {name}: {system.name} is no plane in metres; give a projected one")
+        raise MapError(
+            f"--crs {name}: {system.name} is not a projected system in metres; give one"
+        )
     return system
 
 

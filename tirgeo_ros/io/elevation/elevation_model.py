@@ -50,7 +50,7 @@ def load_terrain(dem: PathLike, undulation_m: float = 0.0, *, network: bool = Fa
     """
     paths = named_files(os.fspath(dem))
     if not paths:
-        raise ElevationError(f"{os.fspath(dem)!r}: names no elevation model")
+        raise ElevationError(f"{os.fspath(dem)!r}: does not name an elevation model")
     try:
         with bounded_memory():
             return read_map(partial(_loaded, paths, undulation_m), network=network)
@@ -102,10 +102,10 @@ def _tile(path: str, source: Any, undulation_m: float) -> tuple[Tile, list[tuple
     if not all(map(math.isfinite, (c, f, a * e - b * d))) or not a * e - b * d:
         raise ElevationError(f"{path}: its pixels cover no ground; place it (gdal_edit -a_ullr)")
     if source.dtypes[0].startswith("complex"):
-        raise ElevationError(f"{path}: complex numbers are no heights")
+        raise ElevationError(f"{path}: complex numbers are not heights")
     system = _system(path, source)
     unit_m, unit_note = _unit(source)
-    bands = f"{source.count} bands; the first one is taken" if source.count > 1 else ""
+    bands = f"{source.count} bands; the first is used" if source.count > 1 else ""
     notes = [bands, unit_note, _datum_note(system, undulation_m)]
     scale, offset_m = source.scales[0] * unit_m, source.offsets[0] * unit_m + undulation_m
     return Tile(path, source, scale, offset_m), [(path, note) for note in notes if note]
@@ -132,8 +132,8 @@ def _terrain(rasterio: Any, tiles: list[Tile], notes: tuple[str, ...]) -> Terrai
         raise ElevationError(f"{name}: {error}") from None
     except pyproj.exceptions.ProjError:
         raise ElevationError(
-            f"{name}: there is no way from WGS84 to its coordinate system {system.name!r}: is it "
-            "of the Earth?"
+            f"{name}: cannot be transformed from WGS84 to its coordinate system {system.name!r}: "
+            "is it of the Earth?"
         ) from None
 
 
@@ -185,7 +185,7 @@ def _unit(source: Any) -> tuple[float, str]:
     if unit_m is None and name:
         return 1.0, f"heights in {name!r}, which is not known; they are taken as metres"
     if unit_m not in {None, 1.0}:
-        return unit_m or 1.0, f"heights in {name}; they are turned into metres"
+        return unit_m or 1.0, f"heights in {name}; they are converted to metres"
     return 1.0, ""
 
 

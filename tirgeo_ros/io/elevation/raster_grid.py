@@ -55,8 +55,8 @@ def read_grid(tiles: Sequence[Tile], guard: Guard) -> tuple[Heights, Any]:
     rows = max(each.row + each.tile.source.height for each in placed)
     if rows * columns > _MOST_NODES:
         raise ElevationError(
-            f"{tiles[0].name}: {columns} x {rows} pixels, and at most {_MOST_NODES / 1e6:g} "
-            "million are taken; cut out the flight's surroundings (gdal_translate -projwin)"
+            f"{tiles[0].name}: {columns} x {rows} pixels, more than the {_MOST_NODES / 1e6:g} "
+            "million allowed; cut out the area of the flight (gdal_translate -projwin)"
         )
     heights = np.full((rows, columns), np.nan, np.result_type(*map(_dtype, tiles)))
     for each in reversed(placed):
@@ -71,8 +71,8 @@ def _corner(tile: Tile, first: Tile) -> tuple[int, int]:
     source = tile.source
     if source.crs != first.source.crs:
         raise ElevationError(
-            f"{tile.name}: another coordinate system than that of {first.name}; bring the tiles "
-            "into one (gdalwarp -t_srs)"
+            f"{tile.name}: a different coordinate system from that of {first.name}; "
+            "convert the tiles to one (gdalwarp -t_srs)"
         )
     to_grid = ~first.source.transform * source.transform
     places = [(0, 0), (source.width, 0), (0, source.height)]
@@ -81,7 +81,7 @@ def _corner(tile: Tile, first: Tile) -> tuple[int, int]:
     corner = moves[0].round()
     if np.abs(moves - corner).max() > _OFF_PIXELS:
         raise ElevationError(
-            f"{tile.name}: its pixels are not on the grid of {first.name}; make one model of the "
+            f"{tile.name}: its pixels are not on the grid of {first.name}; merge the "
             "tiles (gdalwarp A.tif B.tif OUT.tif)"
         )
     column, row = corner.astype(int).tolist()

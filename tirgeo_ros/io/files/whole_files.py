@@ -34,8 +34,7 @@ def check_outputs(
         places = _places(path)
         for place in places & taken.keys():
             raise error(
-                f"{os.fspath(path)}: would take the place of {taken[place]}; "
-                "give the output another name"
+                f"{os.fspath(path)}: would overwrite {taken[place]}; give the output another name"
             )
         taken |= dict.fromkeys(places, f"the output {os.fspath(path)}")
 

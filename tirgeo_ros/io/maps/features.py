@@ -91,12 +91,12 @@ def _on_earth(table: Table, crs: str) -> tuple[Shapes, tuple[str, ...]]:
 
     left = _without(replace(shapes, points=points), bad, faults, why)
     if most:
-        doubt = "its place is in doubt, as most others are off the Earth"
+        doubt = "its place is uncertain, since most others are not on the Earth"
         left = _without(left, np.ones(len(left.points), bool), faults, lambda _: doubt)
     x, y, z = left.points.T
     around = once_around(x)
     if (np.abs(around - x) > 1).any():
-        remarks += (f"{table.where}: longitudes beyond 180 are taken as those less 360",)
+        remarks += (f"{table.where}: 360 is subtracted from longitudes beyond 180",)
     return replace(left, points=np.column_stack([np.radians(y), np.radians(around), z])), remarks
 
 
@@ -135,7 +135,7 @@ def _without_repeats(shapes: Shapes, faults: dict[int, str]) -> Shapes:
     before, after = np.diff(shapes.starts), np.bincount(part[keep], minlength=len(shapes.feature))
     flat = (after == 1) & (before > 1)
     for number in shapes.feature[flat].tolist():
-        faults.setdefault(number, "a line of no length")
+        faults.setdefault(number, "a line without length")
     starts = np.concatenate([[0], np.cumsum(after)])
     return _selected(replace(shapes, points=points[keep], starts=starts), ~flat)
 

@@ -51,7 +51,7 @@ class LabelRule:
                 fields.append(name)
                 texts.append("")
         except ValueError as error:
-            raise ConfigError(f"{source}: {text!r} is no label: {error}") from None
+            raise ConfigError(f"{source}: {text!r} is not a label: {error}") from None
         return cls(tuple(fields), tuple(texts), source)
 
     def columns(self, known: Collection[str], where: str) -> tuple[str | None, ...]:

@@ -54,7 +54,7 @@ def _told_once(layers: list[MapLayer], style: str) -> list[MapLayer]:
     """
     notes = list(dict.fromkeys(note for layer in layers for note in layer.left_out))
     if layers and not any(layer.features for layer in layers):
-        raise ConfigError(f"{style}: it draws no feature of the map: {'; '.join(notes)}")
+        raise ConfigError(f"{style}: it matches no feature of the map: {'; '.join(notes)}")
     untold = set(notes)
     told = []
     for layer in layers:
@@ -75,7 +75,7 @@ def _sources(map_text: str, style: str) -> list[_Source]:
         sources = [(path, None) for path in paths if path.resolve() not in drawn]
     for entry in entries:
         if entry.file is None and not paths:
-            raise ConfigError(f"{entry.where}: has no file, and the parameter map names none")
+            raise ConfigError(f"{entry.where}: has no file, and the parameter map is empty")
         sources += [(path, entry) for path in ([entry.file] if entry.file else paths)]
     return sources
 

@@ -43,7 +43,7 @@ _RUN = "from tirgeo_ros.io.maps.map_process import main; main()"
 _SAID_BYTES = 4000  # of a child's last output; a traceback has as many
 _PR_SET_PDEATHSIG = 1  # of prctl (linux/prctl.h)
 _TOO_LARGE = (
-    f"the map does not fit into memory ({MOST_BYTES >> 20} MB); cut out the flight's surroundings"
+    f"the map does not fit into memory ({MOST_BYTES >> 20} MB); cut out the area of the flight"
 )
 _TOO_LONG = (
     f"reading it takes more than {MOST_S} s of computing, as a view that computes without end "
@@ -188,7 +188,7 @@ def _fault(code: int, said: str) -> str:
         return _TOO_LARGE
     crashed = "; is the file damaged?" if code in {-signal.SIGSEGV, -signal.SIGABRT} else ""
     last = f": {said.splitlines()[-1]}" if said else ""
-    return f"its reader ended (exit code {code}){crashed}{last}"
+    return f"the process that reads it ended (exit code {code}){crashed}{last}"
 
 
 def main() -> None:

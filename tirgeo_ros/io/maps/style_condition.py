@@ -103,7 +103,7 @@ class Condition:
             f"{name} is {', '.join(sorted({shown_value(row.get(name)) for row in rows} - {''}))}"
             for name in dict.fromkeys(filter(None, self.columns(known)))
         ]
-        return f"{self.source}: no feature of {where} is so: {'; '.join(found)}"[:_LONGEST]
+        return f"{self.source}: no feature of {where} matches: {'; '.join(found)}"[:_LONGEST]
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,7 +24,7 @@ _PLAIN = (
     Parameter("file", "", "map of the layer"),
     Parameter("layer", "", "table or folder of the map"),
     Parameter("width", _DEFAULT.width_px, "width of lines", "px", 1, 5),
-    Parameter("fill_opacity", _DEFAULT.fill_opacity, "how much the fill hides", "", 0, 1),
+    Parameter("fill_opacity", _DEFAULT.fill_opacity, "opacity of the fill", "", 0, 1),
     Parameter("sigma", 0.0, "standard deviation of the positions", "m", 0, 1000),
 )
 _MOST_LAYERS = 200  # each reads its file
@@ -56,7 +56,7 @@ def load_style_sheet(path: str | Path) -> list[SheetLayer]:
     root = load_yaml(path)
     layers = root.get("layers") if isinstance(root, Mapping) else None
     if not isinstance(layers, list):
-        raise ConfigError(f"{path}: no style sheet: it needs a list under layers:")
+        raise ConfigError(f"{path}: not a style sheet: it needs a list under layers:")
     _check_keys(root, ("layers",), str(path))
     if not layers:
         raise ConfigError(f"{path}: the list of layers is empty")
@@ -70,7 +70,7 @@ def load_style_sheet(path: str | Path) -> list[SheetLayer]:
 
 def _layer(entry: Any, where: str, folder: Path) -> SheetLayer:
     if not isinstance(entry, Mapping):
-        raise ConfigError(f"{where}: is no list of keys, as file: and colour: are")
+        raise ConfigError(f"{where}: is not a mapping of keys such as file: and colour:")
     _check_keys(entry, _KEYS, where)
     values = {
         each.name: _plain(entry[each.name], each, where) for each in _PLAIN if each.name in entry
@@ -92,7 +92,7 @@ def _layer(entry: Any, where: str, folder: Path) -> SheetLayer:
         text = _words(entry["label"], f"{where}: label", "neither a field nor false")
         label = LabelRule.parsed(text, f"{where}: label")
     if "where" in entry:
-        text = _words(entry["where"], f"{where}: where", "no condition, as kind == hydrant is")
+        text = _words(entry["where"], f"{where}: where", "not a condition such as kind == hydrant")
         condition = Condition.parsed(text, f"{where}: where")
     file = folder / values["file"] if "file" in values else None
     crs, crs_file = _crs(entry["crs"], where, folder) if "crs" in entry else ("", None)
@@ -116,7 +116,7 @@ def _plain(value: Any, known: Parameter, where: str) -> Any:
     except ConfigError as error:
         raise ConfigError(f"{where}: {str(error).removeprefix('parameter ')}") from None
     if isinstance(checked, float) and math.isnan(checked):
-        raise ConfigError(f"{where}: {known.name}: {value} is no number")
+        raise ConfigError(f"{where}: {known.name}: {value} is not a number")
     return checked
 
 
@@ -130,7 +130,7 @@ def _colour(entry: Mapping[str, Any], key: str, where: str) -> Colour:
         bytes((red, green, blue))  # ValueError beyond 255
     except (ValueError, TypeError, AttributeError):
         raise ConfigError(
-            f'{where}: {key}: {value!r} is no colour; give a name (red) or "#rrggbb"'
+            f'{where}: {key}: {value!r} is not a colour; give a name (red) or "#rrggbb"'
         ) from None
     return blue, green, red
 
@@ -143,7 +143,7 @@ def _scale(value: Any, where: str) -> tuple[float, float]:
     except (TypeError, ValueError):
         pass
     raise ConfigError(
-        f"{where}: scale: {value!r} is not two numbers, the lesser first, in metres a pixel"
+        f"{where}: scale: {value!r} must be two numbers, the smaller first, in metres per pixel"
     )
 
 
@@ -158,7 +158,7 @@ def _crs(value: Any, where: str, folder: Path) -> tuple[str, Path | None]:
     """Return the text of a coordinate system, and the file that it comes from."""
     if isinstance(value, int) and not isinstance(value, bool):
         value = f"EPSG:{value}"
-    text = _words(value, f"{where}: crs", "no code, WKT, PROJ text or .prj file")
+    text = _words(value, f"{where}: crs", "not an EPSG code, WKT, PROJ string or .prj file")
     file = folder / text if text.lower().endswith((".prj", ".wkt")) else None
     try:
         if file:

@@ -46,6 +46,11 @@ _COLUMNS = {
 NAMES = ("name", "id")  # properties by which messages name a feature
 _CSV = (".csv", ".tsv", ".txt")
 _KML = (".kml", ".kmz")
+#: A block of coordinates with a character that is in no number: GDAL reads such a number as 0.
+_NO_NUMBERS = re.compile(rb"<coordinates>[^<]*?([^\s<]*[^<\s\d.,eE+-][^\s<]*)")
+#: The name in the ``crs`` member of GeoJSON before RFC 7946: GDAL takes one it does not know for
+#: WGS84.
+_CRS_MEMBER = re.compile(rb'"crs"\s*:\s*\{[^{}]*"properties"\s*:\s*\{[^{}]*"name"\s*:\s*"([^"]*)"')
 #: Maps that are looked for in a zip.
 _ZIPPED = (".shp", ".gpkg", ".geojson", ".json", ".kml", ".gml")
 
@@ -91,6 +96,7 @@ def read_tables(path: Path, layer: str, wanted: Wanted) -> list[Table]:
         raise MapError(f"{path}: maps are read by pyogrio: pip install pyogrio") from None
     try:
         _check_whole(path)
+        _check_numbers(path)
         with bounded_time():
             return _tables(pyogrio, path, layer, wanted)
     except (MapError, ConfigError, MemoryError):
@@ -101,7 +107,7 @@ def read_tables(path: Path, layer: str, wanted: Wanted) -> list[Table]:
         line = " ".join(str(error).partition("; It might help")[0].split())
         line = line.removeprefix(f"'{path}' ")[:160]
         raise MapError(
-            f"{path}: no map that can be read: {line}{elsewhere(f'{path} {line}')}; save it as a "
+            f"{path}: not a readable map: {line}{elsewhere(f'{path} {line}')}; save it as a "
             "GeoPackage or as GeoJSON (UTF-8)"
         ) from None
 
@@ -115,6 +121,30 @@ def _check_whole(path: Path) -> None:
     size = path.stat().st_size
     if size < length:
         raise MapError(f"{path}: a damaged shapefile: {size} bytes, and its header says {length}")
+
+
+def _check_numbers(path: Path) -> None:
+    """Refuse a KML or KMZ with coordinates that are not numbers."""
+    if path.suffix.lower() == ".kml":
+        texts = [path.read_bytes()]
+    elif path.suffix.lower() == ".kmz":
+        with zipfile.ZipFile(path) as archive:
+            names = [name for name in archive.namelist() if name.lower().endswith(".kml")]
+            texts = [archive.read(name) for name in names]
+    else:
+        return
+    for found in filter(None, map(_NO_NUMBERS.search, texts)):
+        raise MapError(
+            f"{path}: {found[1][:40].decode(errors='replace')!r} is not lon,lat[,height]"
+        )
+
+
+def _crs_member(place: str) -> str | None:
+    """Return the name of a GeoJSON's own system; None if it names none."""
+    if not place.lower().endswith((".geojson", ".json")) or place.startswith("/vsi"):
+        return None
+    found = _CRS_MEMBER.search(Path(place).read_bytes())
+    return found[1].decode(errors="replace") if found else None
 
 
 def _tables(pyogrio: Any, path: Path, layer: str, wanted: Wanted) -> list[Table]:
@@ -155,7 +185,7 @@ def _table(pyogrio: Any, path: Path, place: str, name: str, wanted: Wanted) -> T
         info = pyogrio.read_info(place, layer=name)
     if info["features"] > MOST_FEATURES:
         raise MapError(
-            f"{where}: more than {MOST_FEATURES} features; cut out the flight's surroundings"
+            f"{where}: more than {MOST_FEATURES} features; cut out the area of the flight"
         )
     fields = list(map(str, info["fields"]))
     columns = {*wanted.columns(fields, where), *filter(None, table_names(NAMES, fields))}
@@ -168,7 +198,8 @@ def _table(pyogrio: Any, path: Path, place: str, name: str, wanted: Wanted) -> T
     remarks = dict.fromkeys(
         f"{where}: {each.message}" for each in told if _LOST.search(str(each.message))
     )
-    table = Table(where, name, meta["crs"], shapes, rows or [{}] * len(blobs), fields, faults)
+    crs = _crs_member(place) or meta["crs"]
+    table = Table(where, name, crs, shapes, rows or [{}] * len(blobs), fields, faults)
     table.notes += itertools.islice(remarks, _MOST_WARNINGS)
     if place.lower().endswith(_KML):
         if np.nan_to_num(shapes.points[:, 2]).any():

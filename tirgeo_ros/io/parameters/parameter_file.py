@@ -146,7 +146,7 @@ def _fits(pattern: str, full_name: str) -> bool:
 def _sections(path: PathLike) -> Iterator[Section]:
     tree = load_yaml(path)
     if not isinstance(tree, Mapping):
-        raise ConfigError(f"{path}: no parameter file: it needs NODE: {_MARK}: NAME: VALUE")
+        raise ConfigError(f"{path}: not a parameter file: it needs NODE: {_MARK}: NAME: VALUE")
     yield from _nested_sections(path, "", tree)
 
 

@@ -65,7 +65,9 @@ def load_camera(path: PathLike) -> Camera:
     except ConfigError as error:
         raise CameraError(str(error)) from None
     if not isinstance(tree, Mapping):
-        raise CameraError(f"{path}: no calibration file: it needs image_width, camera_matrix, ...")
+        raise CameraError(
+            f"{path}: not a calibration file: it needs image_width, camera_matrix, ..."
+        )
     message = SimpleNamespace(
         width=_number(path, tree, "image_width"),
         height=_number(path, tree, "image_height"),

@@ -61,7 +61,7 @@ def _matched(points: PathLike, survey: PathLike) -> ControlPoints:
     places = {point.id: point for point in load_survey(survey)}
     used = [name for name in marks if name in places]
     if not used:
-        raise SurveyError(f"{points}: no id of it is in {survey}")
+        raise SurveyError(f"{points}: none of its ids is in {survey}")
     radians = [(places[name].longitude_rad, places[name].latitude_rad) for name in used]
     pixels = np.array([(marks[name].column, marks[name].row) for name in used])
     unused = [name for name in [*marks, *places] if not (name in marks and name in places)]
@@ -83,7 +83,7 @@ def _qgis(path: PathLike, points_crs: str | None) -> ControlPoints:
     flat = np.column_stack([values[:, :2], np.zeros(len(values))])
     degrees, _ = to_wgs84(flat, crs, str(path))
     if not np.isfinite(degrees).all() or (np.abs(degrees[:, 1]) > 90).any():
-        raise SurveyError(f"{path}: a point is no place in {crs[:40]}")
+        raise SurveyError(f"{path}: a point is not a place in {crs[:40]}")
     return ControlPoints(list(rows), downward(values[:, 2:]), degrees[:, :2])
 
 
@@ -94,7 +94,7 @@ def _rows(path: PathLike, lines: Sequence[str]) -> dict[str, tuple[float, ...]]:
     pixels = next((pair for pair in _QGIS_PIXELS if set(pair) <= set(header)), None)
     if pixels is None or not {_QGIS_X, _QGIS_Y} <= set(header):
         raise SurveyError(
-            f"{path}: no .points file of QGIS (mapX,mapY,sourceX,sourceY); "
+            f"{path}: not a .points file of QGIS (mapX,mapY,sourceX,sourceY); "
             "with a CSV id,column,row give --survey too"
         )
     found: dict[str, tuple[float, ...]] = {}

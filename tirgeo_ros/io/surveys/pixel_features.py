@@ -46,7 +46,7 @@ class PixelFeatures:
                 _mapped(feature.get("geometry"), lambda place: pairs.append(_position(place)))
             except _NO_POSITIONS:
                 raise MapError(
-                    f"{self._path}: feature {number} has coordinates that are no column and row"
+                    f"{self._path}: feature {number} has coordinates that are not column and row"
                 ) from None
             self._owners += [number - 1] * (len(pairs) - before)
         self.pixels: Array = downward(np.array(pairs, float).reshape(-1, 2))  # (n, 2)
@@ -82,7 +82,7 @@ class PixelFeatures:
             raise MapError(f"{self._path}: not GeoJSON: {error}") from None
         features = root.get("features") if isinstance(root, dict) else None
         if not isinstance(features, list) or not all(isinstance(f, dict) for f in features):
-            raise MapError(f"{self._path}: no GeoJSON FeatureCollection; export one in pixels")
+            raise MapError(f"{self._path}: not a GeoJSON FeatureCollection; export one in pixels")
         return features
 
 

@@ -109,7 +109,7 @@ def check_rows(path: PathLike, rows: int) -> None:
     """Refuse more rows than can be processed at once."""
     if rows > MOST_ROWS:
         raise SurveyError(
-            f"{path}: {rows} rows, and at most {MOST_ROWS} are taken: split the file"
+            f"{path}: {rows} rows, more than the {MOST_ROWS} allowed: split the file"
         )
 
 
@@ -122,7 +122,7 @@ def _geojson_points(path: PathLike, text: str) -> list[SurveyPoint]:
         raise SurveyError(f"{path}: not JSON: {error}") from None
     features = document.get("features") if isinstance(document, dict) else None
     if not isinstance(features, list):
-        raise SurveyError(f"{path}: no GeoJSON FeatureCollection of points")
+        raise SurveyError(f"{path}: not a GeoJSON FeatureCollection of points")
     check_rows(path, len(features))
     return [_point_of_feature(path, number, f) for number, f in enumerate(features, 1)]
 
@@ -135,7 +135,7 @@ def _point_of_feature(path: PathLike, number: int, feature: Any) -> SurveyPoint:
         return _point(name, latitude, longitude, height)
     except (KeyError, TypeError, ValueError, OverflowError):
         raise SurveyError(
-            f"{path}: feature {number} is no Point with longitude, latitude, height and a "
+            f"{path}: feature {number} is not a Point with longitude, latitude, height and a "
             "property id"
         ) from None
 
@@ -158,7 +158,7 @@ def _csv_rows(
         return [made(*(row[name] for name in columns)) for row in reader]
     except (TypeError, ValueError, csv.Error):
         raise SurveyError(
-            f"{path}: line {reader.line_num} does not read {','.join(columns)}"
+            f"{path}: line {reader.line_num} does not match {','.join(columns)}"
         ) from None
 
 
@@ -197,7 +197,7 @@ def _refuse_repeated(path: PathLike, points: Sequence[SurveyPoint] | Sequence[Ma
     seen: set[str] = set()
     for point in points:
         if point.id in seen:
-            raise SurveyError(f"{path}: point {point.id} stands twice; give each its own id")
+            raise SurveyError(f"{path}: point {point.id} appears twice; give each its own id")
         seen.add(point.id)
 
 

@@ -53,7 +53,7 @@ class Setting:
 
     camera: Camera = XT2
     height_m: float = 20.0  # of the camera above the ground
-    depression_deg: float = 30.0  # of the optical axis below the horizon
+    depression_deg: float = 30.0  # angle of the optical axis below the horizon
     speed_m_s: float = 3.0  # ahead
     east_error_m: float = 1.2846
     north_error_m: float = 0.9342
@@ -69,11 +69,11 @@ class Setting:
         """Check that the camera sees ground, and that the errors are valid."""
         if not 0 < self.height_m < math.inf:
             raise CalibrationError(
-                f"the camera is {self.height_m:g} m above the ground: give more"
+                f"the camera is {self.height_m:g} m above the ground: give a height above 0"
             )
         for name, value in self.errors.items():
             if not 0 <= value < math.inf:
-                raise CalibrationError(f"{name} is {value:g}: give 0 or more")
+                raise CalibrationError(f"{name} is {value:g}: must be 0 or more")
         if not 0 < self.depression_deg <= 90:
             raise CalibrationError(
                 f"the camera looks down by {self.depression_deg:g} deg: give above 0 to 90"

@@ -39,7 +39,7 @@ class Track(NamedTuple):
     """Hold the view of a flight's camera by the filter: medians."""
 
     height_m: float  # ellipsoidal, of the camera
-    depression_deg: float  # of the optical axis below the horizon
+    depression_deg: float  # angle of the optical axis below the horizon
     speed_m_s: float
     covariance_a: Array  # (6, 6) mean over the poses, along ahead, right, down
 

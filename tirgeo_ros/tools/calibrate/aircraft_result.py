@@ -155,11 +155,12 @@ def _notes(aircraft: AircraftConfig, found: AircraftFit) -> list[str]:
     if "baseline_azimuth" in found.told:
         if aircraft.baseline_b is None:
             notes.append(
-                f"headings do not tell how far the antennas are apart: {_LENGTH_M:g} m is written"
+                f"headings do not determine how far apart the antennas are: {_LENGTH_M:g} m is "
+                "written"
             )
         notes.append(
-            "aircraft.second_antenna_m mends headings where the aircraft's messages are read "
-            "(dji_node, tirgeo import); those in this bag stay as they are"
+            "aircraft.second_antenna_m corrects headings where the aircraft's messages "
+            "are read (dji_node, tirgeo import); those in this bag stay as they are"
         )
     worst, nis = max(found.after.nis().items(), key=lambda item: item[1])
     if nis > 2.0:

@@ -70,12 +70,12 @@ def calibrate_allan(
     check_alive(read.where, curve.variances)
     if curve.span_s < LEAST_REST_S:
         raise CalibrationError(
-            f"{read.where}: {curve.span_s:.0f} s in one piece do not show the noise; record "
-            "hours at rest"
+            f"{read.where}: {curve.span_s:.0f} s without a gap are too short for the "
+            "noise; record hours at rest"
         )
     moving = "" if moved else movement(seconds, from_s)
     if moving:
-        raise CalibrationError(f"{reader.path}: {moving}; --moved writes them all the same")
+        raise CalibrationError(f"{reader.path}: {moving}; --moved writes them anyway")
     fits = [fit_noise(curve, channel) for channel in range(6)]
     axes = rest_axes(fits)
     parameters = parameters_of(fits)

@@ -27,7 +27,7 @@ from tirgeo_ros.tools.replay.flight_topics import PICTURES, resolved
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".webp")
 _CAMERA_INFO = "thermal/camera_info"
 #: Why a picture without pixels is not used.
-UNREADABLE = Refused(RefusalReason.UNREADABLE, "it is no picture of 8 or 16 bits")
+UNREADABLE = Refused(RefusalReason.UNREADABLE, "it is not a picture of 8 or 16 bits")
 _ANY_DEPTH = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR
 
 

@@ -31,8 +31,8 @@ IF_TOLD = "gimbal_north"
 #: Standard deviation per axis (px) of an operator's click on a point in a thermal picture.
 CLICK_SIGMA_PX = 1.0
 _FOLLOWED = (
-    "gimbal_north is followed by the flight's own readings (gimbal_node north.*), which leave "
-    "nothing to find; leave it out"
+    "gimbal_north is followed by the flight's own readings (gimbal_node north.*), so there is "
+    "nothing to estimate; leave it out"
 )
 
 
@@ -93,8 +93,8 @@ def calibrate_boresight(
 def _check_wanted(wanted: Sequence[str], configs: NodeConfigs) -> None:
     if "ground_height" in wanted and configs.overlay.dem:
         raise CalibrationError(
-            "ground_height: overlay_node takes the ground from its dem; take that out of the "
-            "parameters, or ground_height out of the list"
+            "ground_height: overlay_node takes the ground from its dem; remove dem from "
+            "the parameters, or ground_height from the list"
         )
     if {"gimbal_north", "heading_offset"} <= set(wanted):
         raise CalibrationError(
@@ -138,7 +138,8 @@ def _fitted(
     if left is not None and found.noise_factor > 1:
         raise CalibrationError(
             f"{', '.join(left.names)}: residuals {found.noise_factor:.1f} times as large as "
-            "clicks and poses are expected to be off leave too much open: are lens, survey, lever "
+            "clicks and poses are expected to be off leave too much unexplained: are lens, "
+            "survey, lever "
             "arms and what is held right?"
         )
     _refuse(left)
@@ -154,7 +155,7 @@ def _doubt_of_north(read: ReadFlight, wanted: Sequence[str]) -> str:
         return ""
     if IF_TOLD not in found.names:
         return "this flight leaves too much uncertain for it"
-    return f"{found.reason}; the boresight takes in what it is off, and holds for this tilt"
+    return f"{found.reason}; the boresight includes its error, and holds for this tilt only"
 
 
 def _doubt_foreseen(

@@ -71,7 +71,7 @@ def read_flight(
     usual = passes.pop("")
     if usual.plane is None:
         raise CalibrationError(
-            f"{reader.path}: the filter made no pose of this flight; 'tirgeo process' tells why"
+            f"{reader.path}: the filter made no pose of this flight; 'tirgeo process' says why"
         )
     composer = usual.registration.composer
     follows_north = not composer.sees_joints and composer.counts.get("north_used", 0) > 0

@@ -171,7 +171,7 @@ def boresight_lines(result: Mapping[str, Any]) -> list[str]:
         f"residuals: {pixels['before']:.2f} px before, {pixels['after']:.2f} px after (rms)",
         (
             f"on the ground: {ground['before']:.3f} m before, {ground['after']:.3f} m after, "
-            f"{ground['leave_one_point_out']:.3f} m each point by the others alone (rmse)"
+            f"{ground['leave_one_point_out']:.3f} m for each point by the others alone (rmse)"
         ),
         (
             f"{result['observations']} observations of {result['points']} points in "

@@ -85,7 +85,7 @@ def calibrate_gimbal(
     """
     paths, video = opened(inputs, namespace)
     if camera is None and video is None:
-        raise CalibrationError("gimbal: pictures do not tell their camera; give --camera")
+        raise CalibrationError("gimbal: pictures have no camera calibration; give --camera")
     check_outputs((*paths, camera), (output, plot), CalibrationError)
     if video is None:
         pictures: Iterator[Taken] = (
@@ -144,7 +144,7 @@ def _attitudes(
     if len(rows) < _FEWEST:
         raise CalibrationError(
             f"gimbal: {len(rows)} pictures of {len(lost) + len(rows)} show the board, {_FEWEST} "
-            f"are the fewest: {reasons(lost) or 'take a longer video'}"
+            f"are needed: {reasons(lost) or 'take a longer video'}"
         )
     names, stamps_ns, angles, sigmas, errors = zip(*rows, strict=True)
     return BoardAttitudes(
@@ -172,8 +172,8 @@ def _summary(found: BoardAttitudes, lost: Mapping[str, Refused]) -> dict[str, ob
     noisy = [AXES[k] for k in np.flatnonzero(found.noise_deg > _NOISY * found.std_deg)]
     if noisy:
         notes.append(
-            f"the picture's noise makes much of the {' and '.join(noisy)}: "
-            "let the board fill more of the picture, seen at an angle"
+            f"much of the {' and '.join(noisy)} comes from the picture's "
+            "noise: let the board fill more of the picture, seen at an angle"
         )
     return {
         "pictures": total,

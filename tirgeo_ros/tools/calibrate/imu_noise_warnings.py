@@ -50,7 +50,7 @@ def movement(seconds: Seconds, from_s: float) -> str:
         if finish_s - begin_s >= LEAST_REST_S
         else "record it lying still; for a flight use tirgeo calibrate imu"
     )
-    return f"the IMU moved at {named}{more}: noise measured across that is wrong; {advice}"
+    return f"the IMU moved at {named}{more}: noise measured across this is wrong; {advice}"
 
 
 def rest_warnings(
@@ -173,7 +173,7 @@ def check_flight(read: ReadImu, pieces: Pieces) -> None:
     at_rest = few and resting_s > recorded_s - 2 * LEAST_FLIGHT_S
     needed = f"{LEAST_FLIGHT_S:.0f} s of flight are needed"
     faults = {
-        f"{read.rate_hz:.3g} samples a second leave too little above {MOTION_HZ:.0f} Hz; record "
+        f"{read.rate_hz:.3g} samples a second are too few above {MOTION_HZ:.0f} Hz; record "
         "at 50 Hz or more": read.rate_hz < _LEAST_HZ,
         f"stamps jitter by {jitter_s * 1e3:.2g} ms where samples are {step_s * 1e3:.2g} ms apart; "
         "record with the sensor's own stamps": jitter_s > _SHAKY_IN_FLIGHT * step_s,
@@ -192,7 +192,7 @@ def flight_warnings(read: ReadImu, flying: Pieces, clipped: Mapping[str, int]) -
     """Yield the warnings of a record in flight."""
     if clipped:
         named = ", ".join(f"{name} ({number} samples)" for name, number in clipped.items())
-        yield f"{named}: clipped: the vibration exceeds the range, and is more than is seen"
+        yield f"{named}: clipped: the vibration exceeds the range and is larger than measured"
     spectra = np.median(flying.spectra[:, flying.above_motion()], axis=0)
     lower, upper = np.array_split(spectra, [len(spectra) // 2])
     fallen = _channels(np.median(lower, axis=0) > _SLOPED * np.median(upper, axis=0))
@@ -200,6 +200,6 @@ def flight_warnings(read: ReadImu, flying: Pieces, clipped: Mapping[str, int]) -
         middle_hz = (MOTION_HZ + flying.frequencies_hz[-1]) / 2
         yield (
             f"{fallen}: less noise above {middle_hz:.0f} Hz than below: perhaps the sensor's own "
-            f"filter; below {MOTION_HZ:.0f} Hz there may be more noise than is written"
+            f"filter; below {MOTION_HZ:.0f} Hz there may be more noise than reported"
         )
     yield from _sample_warnings(read)

@@ -82,7 +82,7 @@ def read_imu(
             break
     if not any(np.isfinite(values).all(axis=1).any() for _, values in blocks):
         raise CalibrationError(
-            f"{where}: none of {number} messages has a sample; look at --from and --to"
+            f"{where}: none of {number} messages has a sample; check --from and --to"
         )
     stamps_ns = np.concatenate([stamps for stamps, _ in blocks])
     values = np.concatenate([values for _, values in blocks])

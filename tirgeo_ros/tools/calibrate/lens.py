@@ -164,5 +164,5 @@ def _warning(fit: LensFit, covered: float) -> str | None:
         if name in {"k3", "k4", "k5", "k6"} and sigma > _LOOSE * abs(value)
     ]
     if loose:
-        notes.append(f"{', '.join(loose)} cannot be told from the others: leave them out")
+        notes.append(f"{', '.join(loose)} cannot be separated from the others: leave them out")
     return "; ".join(notes) or None

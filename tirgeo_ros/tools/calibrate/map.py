@@ -115,13 +115,13 @@ def _warnings(
         sigma = f": up to {residuals.sigma_m * times:.2g} m (one sigma) by the points' own errors"
         worst = "" if math.isnan(residuals.sigma_m) else f"{sigma} alone"
         yield (
-            f"{features.features_with(outside)} of {features.count} features reach outside the "
-            f"hull of the control points, where the polynomial runs away{worst}"
+            f"{features.features_with(outside)} of {features.count} features reach outside "
+            f"the hull of the control points, where the polynomial diverges{worst}"
         )
     if math.isnan(residuals.sigma_m):
         yield (
-            f"{len(control.names)} points leave no redundancy at order {found.order}: residuals "
-            "of zero say nothing; measure more"
+            f"{len(control.names)} points leave no redundancy at order {found.order}: "
+            "residuals of zero mean nothing; measure more"
         )
     gross = _gross(control, residuals)
     if gross:
@@ -129,7 +129,7 @@ def _warnings(
     if control.unused:
         some = ", ".join(control.unused[:_NAMED])
         more = f" and {len(control.unused) - _NAMED} more" if len(control.unused) > _NAMED else ""
-        yield f"in one of the two files alone, and not used: {some}{more}"
+        yield f"in only one of the two files, and not used: {some}{more}"
 
 
 def _gross(control: ControlPoints, residuals: Residuals) -> list[str]:

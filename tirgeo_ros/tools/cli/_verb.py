@@ -141,7 +141,7 @@ def call(
     """
     given = vars(args)
     if given.get("dem") is not None and given.get("ground_height") is not None:
-        raise UsageError("--dem and --ground-height are two grounds: give one")
+        raise UsageError("give either --dem or --ground-height, not both")
     if "from_s" in given and not 0 <= args.from_s < args.to_s:
         raise UsageError("--from must be 0 or more, and less than --to")
     named = {name: given[name] for name in keywords.split()}

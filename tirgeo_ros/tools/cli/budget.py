@@ -21,8 +21,8 @@ from tirgeo_ros.tools.cli._verb import NUMBER, PARAMETERS, call
 
 #: Option, metavar, help text, name of the value.
 _VALUES = (
-    ("--height", "M", "of the camera above the ground", "height_m"),
-    ("--tilt", "DEG", "of the optical axis below the horizon", "depression_deg"),
+    ("--height", "M", "height of the camera above the ground", "height_m"),
+    ("--tilt", "DEG", "angle of the optical axis below the horizon", "depression_deg"),
     ("--speed", "M_S", "speed over ground, for errors of time", "speed_m_s"),
     ("--east-error", "M", "of the camera's position", "east_error_m"),
     ("--north-error", "M", "of the camera's position", "north_error_m"),
@@ -62,8 +62,8 @@ def describe(result: dict[str, Any]) -> str:
     sky = 1 - result["ground_share"]
     if sky > 0:
         parts.append(
-            f"{sky:.0%} of the picture lies over the horizon and is left out; just below it "
-            "errors grow without bound: take the median"
+            f"{sky:.0%} of the picture lies above the horizon and is left out; just below "
+            "the horizon errors grow without bound: use the median"
         )
     if "rows_of_the_filter" in result:
         parts.append(f"by the filter's own covariance, m\n{_table(result['rows_of_the_filter'])}")

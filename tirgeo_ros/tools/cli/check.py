@@ -17,7 +17,7 @@ from typing import Any
 
 from tirgeo_ros.tools.cli._verb import FLIGHT, GROUND, PARAMETERS, call
 
-OPTIONS = (*FLIGHT, *PARAMETERS, *GROUND, ("--map", "MAP", "the map that is to be drawn"))
+OPTIONS = (*FLIGHT, *PARAMETERS, *GROUND, ("--map", "MAP", "map that will be drawn"))
 VERBOSE = "what was checked, topic by topic"
 
 

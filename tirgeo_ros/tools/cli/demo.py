@@ -18,7 +18,7 @@ from typing import Any
 from tirgeo_ros.tools.cli._verb import METHODS, NUMBER, UsageError
 from tirgeo_ros.tools.presentation.progress import Progress, three
 
-_SERIAL = "the aircraft speaks DJI's serial protocol to dji_node, on a pseudo-terminal"
+_SERIAL = "simulate the aircraft's serial port: DJI's protocol to dji_node over a pseudo-terminal"
 OPTIONS = (
     ("-o --output", "DIR", "default: %(default)s", {"default": Path("demo")}),
     ("--bag", "IN.mcap", "another flight"),
@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     given = (args.bag, args.output, args.params, args.map, args.method, args.rate)
     setup = demo_setup(*given, serial=args.serial)
     domain = setup.environment["ROS_DOMAIN_ID"]
-    sys.stderr.write(f"the nodes are in ROS_DOMAIN_ID={domain}, here alone\n")
+    sys.stderr.write(f"the nodes use ROS_DOMAIN_ID={domain} on this machine only\n")
     with Progress("playing", unit="s") as bar:
         return demonstrate(setup, bar)
 
@@ -77,9 +77,9 @@ def _seen(result: dict[str, Any]) -> str:
     """Return what is to be seen there."""
     drawn = result["overlay"].get("drawn", 0)
     if not drawn:
-        return "no frame has the map: the reason is in each of them"
+        return "no frame shows the map; each frame says why"
     return (
-        "There the map lies on what the camera sees: its lines on the edges of paths and beds, in "
+        "The map's lines should lie on the edges of paths and beds, in "
         f"{drawn} frames from {_number(result['first_map_after_s'])} s on."
     )
 

@@ -33,7 +33,7 @@ def parser_of(modules: Sequence[ModuleType]) -> argparse.ArgumentParser:
     """Return the command's parser, with a subparser for each verb's module."""
     parser = argparse.ArgumentParser(
         prog="tirgeo",
-        description="A map on a drone's thermal video, placed by sensors alone.",
+        description="Draw a map on a drone's thermal video, from its sensors alone.",
         epilog="tirgeo VERB --help describes a verb, with an example.",
     )
     parser.add_argument("--version", action="version", version=tirgeo_ros.__version__)

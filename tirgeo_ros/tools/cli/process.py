@@ -29,7 +29,7 @@ OPTIONS = (
     ("--raw-images", None, "write the overlay raw as well"),
     ("--video", "OUT.mp4", "the overlay as a video, H.264 (.mp4) or VP9 (.webm)"),
 )
-VERBOSE = "after the six lines a line for each key of the result"
+VERBOSE = "after the summary, a line for each key of the result"
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     from tirgeo_ros.tools.replay.process import process  # noqa: PLC0415 heavy
 
     if args.no_images and (args.video or args.raw_images):
-        raise UsageError("--no-images goes with neither --video nor --raw-images")
+        raise UsageError("--no-images excludes --video and --raw-images")
     names = "params map method camera dem ground_height raw_images video namespace"
     images = not args.no_images
     return call(process, args, "processing, s", "bag output", names, images=images)

@@ -16,11 +16,11 @@ from tirgeo_ros.core.types.joint_orders import JOINT_ORDERS
 from tirgeo_ros.tools.cli._verb import NEEDED, NUMBER, UsageError, call
 
 _ORDER_HELP = (
-    "fly a gimbal whose joints follow each other in this order from the aircraft to the camera, "
+    "simulate a gimbal with this order of joints, from the aircraft to the camera, "
     f"instead of the scenario's: {', '.join(JOINT_ORDERS)}. The angles in the bag and joint_order "
     "in params.yaml are those of that gimbal; the camera moves as before"
 )
-_BAROMETER_HELP = "fly with a barometer: baro/pressure at this rate, instead of the scenario's"
+_BAROMETER_HELP = "simulate a barometer: baro/pressure at this rate, instead of the scenario's"
 _MOST_HZ = 50  # as in the scenario
 OPTIONS = (
     ("scenario", "SCENARIO", "YAML file"),

@@ -121,7 +121,7 @@ def evaluate(
         [
             *setup_notes(setups, heights_m),
             *(
-                f"{run.setup.method}: {_names(absent, namespace)} absent: done without"
+                f"{run.setup.method}: {_names(absent, namespace)} absent: continuing without it"
                 for run in runs
                 if (absent := done_without(run.poses.topics, run.setup.configs.ekf.method))
             ),
@@ -201,7 +201,7 @@ def _result(run: _Run, camera: Camera, given: Experiment) -> MethodResult:
 def _error(reader: BagReader, methods: Sequence[MethodResult]) -> str | None:
     """Return what makes the run a failure although there is a result, or None."""
     if reader.damage is not None:
-        return f"{reader.path}: {reader.damage}; the numbers are made from these"
+        return f"{reader.path}: {reader.damage}; the numbers come from the rest"
     if not any(one.located for one in methods):
         reason = methods[-1].refused[0].reason
         return f"{reader.path}: no observation could be located: {reason}"

@@ -58,7 +58,7 @@ def load_experiment(survey: PathLike, observations: PathLike, projection: str) -
         raise SurveyError(f"{os.fspath(observations)}: has no observations")
     if not {point.id for point in points} & {one.id for one in seen}:
         raise SurveyError(
-            f"{os.fspath(observations)}: none of its {len(seen)} observations is of a point of "
+            f"{os.fspath(observations)}: none of its {len(seen)} observations is of a point in "
             f"{os.fspath(survey)}: the ids must be the same"
         )
     return experiment_of(points, seen, projection)
@@ -168,8 +168,8 @@ def input_notes(given: Experiment, image_stamps_ns: Sequence[int]) -> list[str]:
     ]
     if any(apart_ns):
         notes.append(
-            f"{np.count_nonzero(apart_ns)} of {total} observations have a stamp that is no "
-            f"picture's: up to {max(apart_ns) * 1e-9:.3g} s from the nearest one"
+            f"{np.count_nonzero(apart_ns)} of {total} observations have no picture's "
+            f"stamp: they are up to {max(apart_ns) * 1e-9:.3g} s from the nearest one"
         )
     return notes
 

@@ -87,5 +87,8 @@ def setup_notes(setups: Sequence[MethodSetup], survey_heights_m: Sequence[float]
                 f"{min(off):+.2f} to {max(off):+.2f} m from it"
             )
     if setups[-1].method == CALIBRATED:
-        notes.append(f"{CALIBRATED}: a measure only on points that its boresight is not from")
+        notes.append(
+            f"{CALIBRATED}: the accuracy is meaningful only on points that were not used for its "
+            "boresight"
+        )
     return list(dict.fromkeys(notes))

@@ -36,8 +36,8 @@ def plots(found: Evaluation) -> Iterator[Plot]:
     if methods:
         yield Plot(
             "Errors of the control points",
-            "From each surveyed point (cross) to where its observations were located, the vectors "
-            "lengthened as the titles say. Mean over the points of Equation 24 in the titles "
+            "Vectors from each surveyed point (cross) to its located observations, "
+            "enlarged as the titles say. Mean over the points of Equation 24 in the titles "
             "(Figures 23 to 26 of the paper).",
             [_vectors(found, method) for method in methods],
         )

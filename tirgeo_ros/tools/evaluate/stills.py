@@ -29,8 +29,8 @@ _QUALITY = 85
 _CLICK_BGR, _CLICK_PX = (0, 140, 255), 13
 _CONTROL = LayerStyle(line_bgr=(120, 255, 120), width_px=2)
 _CAPTION = (
-    "{names} at {time_s:.3f} s. Orange crosses: where it was clicked. Green diamonds: where "
-    "{method} puts the surveyed points. Yellow, or as its style says: the map by {method}"
+    "{names} at {time_s:.3f} s. Orange crosses: where it was clicked. Green diamonds: "
+    "the surveyed points by {method}. Yellow, or as its style says: the map by {method}"
 )
 
 

@@ -81,13 +81,13 @@ def is_honest(share: float, pictures: int) -> bool:
 def _why(best: MethodResult, pictures: int) -> str:
     """Return what the errors have in common, and what to do about it."""
     if pictures < _LEAST_PICTURES:
-        return ": too few pictures to tell what they share"
+        return ": too few pictures to find a common cause"
     moves = [one.moves for one in best.located if one.moves is not None]
     systematic = find_systematic(moves, pictures)
     if systematic is None:
         return (
-            ", each in another direction: the sensors' sigmas are too small, or points were "
-            "confused"
+            ", each in a different direction: the sensors' sigmas are too small, or "
+            "points were mixed up"
         )
     causes, size = systematic[0], systematic[1].tolist()
     if causes[0] == "boresight":

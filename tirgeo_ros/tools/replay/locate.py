@@ -128,7 +128,7 @@ def _reasons(answers: Sequence[Answered]) -> Counter[Reason]:
 def _error(reader: BagReader, answers: Sequence[Answered]) -> str | None:
     """Return what makes the run a failure although there is an output, or None."""
     if reader.damage is not None:
-        return f"{reader.path}: {reader.damage}; the points are made from these"
+        return f"{reader.path}: {reader.damage}; the points come from the rest"
     reasons = _reasons(answers)
     if not answers or reasons.total() < len(answers):
         return None

@@ -63,7 +63,7 @@ def process(
     )
     map_path = (configs.overlay.map if map is None else os.fspath(map)) if images else ""
     if (raw_images or video is not None) and not map_path:
-        raise ConfigError("overlay images are asked for without a map or without images")
+        raise ConfigError("overlay images need a map and images")
     given = [bag_in, *paths_of(params), *configs.files, *map_files(map_path)]
     check_outputs(given, (bag_out, video), BagError)
     reader = BagReader(bag_in)
@@ -109,11 +109,13 @@ def process(
     if not any(name.startswith("gimbal/") for name in topics.values()):
         notes.append("the bag has no gimbal topic: no camera poses")
     absent = [resolved(name, namespace) for name in done_without(topics.values(), ekf.method)]
-    warning = f"{reader.path} has no {', '.join(absent)}: done without" if absent else None
+    warning = (
+        f"{reader.path} has no {', '.join(absent)}: continuing without it" if absent else None
+    )
     status, composer = run.registration.navigation.status(), run.registration.composer
     error = None
     if reader.damage is not None:
-        error = f"{reader.path}: {reader.damage}; the output is made from these"
+        error = f"{reader.path}: {reader.damage}; the output is made from the rest"
     elif not any(name.endswith("tirgeo/odometry") for name in run.written):
         error = f"{reader.path}: no pose could be made: {status.reason or 'see verdicts'}"
     return {

@@ -71,7 +71,7 @@ def _frames(result: Mapping[str, Any]) -> Line:
     """Return how many frames show the map, and how many show a notice instead."""
     counts = result["overlay"]
     if not counts:
-        return "frames", "not drawn: no map was given, or no images asked for", False
+        return "frames", "not drawn: no map given, or --no-images", False
     drawn, notices = counts["drawn"], counts["notices"]
     read = sum(n for topic, n in result["read"].items() if topic.endswith(PICTURES))
     lost = f", {read - drawn - notices} lost" if read > drawn + notices else ""

@@ -26,7 +26,7 @@ _LAST_SECOND = 2**31 - 10  # a ROS stamp holds 2**31 - 1; the rest is for late a
 class Scenario:
     """Hold the parameters of a whole flight."""
 
-    name: str = param("paper_flight", "what the flight is called")
+    name: str = param("paper_flight", "name of the flight")
     seed: int = param(2205, "of all random numbers", ("", 0, 2**31))
     start_utc: str = param("2021-10-20T12:00:00Z", "first instant, ISO 8601")
     duration_s: float = param(107.0, "length of the flight", ("s", 1, 7200))
@@ -83,7 +83,7 @@ def load_scenario(path: str | os.PathLike[str]) -> Scenario:
     except ConfigError as error:
         raise ScenarioError(str(error)) from None
     if not isinstance(tree, Mapping):
-        raise ScenarioError(f"{path}: holds no scenario (a mapping of keys to values)")
+        raise ScenarioError(f"{path}: is not a scenario (a mapping of keys to values)")
     return scenario_from(dict(_flat(tree, "")), str(path))
 
 
@@ -115,8 +115,9 @@ def _check(scenario: Scenario) -> None:
         low, high = getattr(scenario.park, name)
         if high - low < scenario.park.cell_m:
             raise ScenarioError(
-                f"park.{name}: {low:g} to {high:g} holds no cell of {scenario.park.cell_m:g} m; "
-                "give the lower end first"
+                f"park.{name}: {low:g} to {high:g} is smaller than one cell of "
+                f"{scenario.park.cell_m:g} "
+                "m; give the lower end first"
             )
 
 

@@ -98,7 +98,7 @@ class BarometerScenario:
     rate_hz: float = param(0.0, "readings per second; 0 = no barometer", ("Hz", 0, 50))
     noise_m: float = param(0.2, "white noise", ("m", 0, 100))
     drift: float = param(0.05, "random walk of the weather", ("m/sqrt(s)", 0, 10))
-    offset_m: float = param(60.0, "at the start, by the weather", ("m", -1000, 1000))
+    offset_m: float = param(60.0, "error at the start, caused by the weather", ("m", -1000, 1000))
 
 
 @dataclass(frozen=True, slots=True)

@@ -68,7 +68,7 @@ class ParkScenario:
 
     north_m: tuple[float, ...] = param((-76.0, 106.0), "edges of the beds", ("m", -1e4, 1e4))
     east_m: tuple[float, ...] = param((-36.0, 104.0), "edges of the beds", ("m", -1e4, 1e4))
-    cell_m: float = param(14.0, "one bed is laid in a square of this", ("m", 6, 100))
+    cell_m: float = param(14.0, "each bed lies in a square of this side", ("m", 6, 100))
     margin_m: float = param(50.0, "grass painted around the beds", ("m", 0, 2000))
     resolution_m: float = param(0.05, "of the painted ground", ("m", 0.01, 1))
     slope_deg: float = param(0.0, "the ground rises by this", ("deg", 0, 30))
@@ -85,7 +85,7 @@ _targets: Any = partial(
 class SceneScenario:
     """Hold what a search looks for, warmer than the ground."""
 
-    people: int = param(0, "at seeded places, beside the given ones", ("", 0, 100))
+    people: int = param(0, "at seeded places, in addition to the given ones", ("", 0, 100))
     people_at: tuple[float, ...] = _targets((31.0, 41.0, 12.0, 0.5))
     fires: int = param(0, "at seeded places", ("", 0, 100))
     fires_at: tuple[float, ...] = _targets(())
@@ -103,7 +103,7 @@ class SurveyScenario:
     after_s: float = param(20.0, "of the first click", ("s", 0, 7200))
     sigma_m: tuple[float, ...] = param((0.01, 0.01, 0.02), "north, east, down", ("m", 0, 100))
     click_sigma_px: float = param(0.5, "error of a click, per axis", ("px", 0, 50))
-    #: An operator clicks between these rows, and this far from the left and right edge.
+    #: An operator clicks between these rows, and at least this far from the left and right edge.
     rows_px: tuple[float, ...] = param((180.0, 490.0), "rows", ("px", 0, 1e4))
     side_px: float = param(40.0, "columns from the edge", ("px", 0, 1e4))
-    apart_s: float = param(1.0, "least time between clicks on a point", ("s", 0, 100))
+    apart_s: float = param(1.0, "shortest time between clicks on a point", ("s", 0, 100))

@@ -125,7 +125,7 @@ def test_three_resets_within_ten_seconds_are_hopeless(last_s, hopeless):
         assert control.hopeless(2.0) == ""
     control = control.with_reset(Source.RTK_POSITION, ns(last_s), 1.0)
     control = control.with_reset(Source.BAROMETER, ns(last_s), 40.0)  # not the one to name
-    why = "reset again and again: position moved by 1.00 m"
+    why = "reset repeatedly: position moved by 1.00 m"
     assert control.hopeless(2.0) == (why if hopeless else "")
 
 

@@ -116,7 +116,7 @@ def _places(times_ns: IntArray) -> tuple[float, Array]:
     within = steps <= _SPLIT_NS
     if within.sum() + 1 < _FEWEST:
         raise CalibrationError(
-            f"{within.sum() + 1} samples are too few to tell their rate; record longer"
+            f"{within.sum() + 1} samples are too few to find their rate; record longer"
         )
     usual = float(np.median(steps[within]))
     for _ in range(2):

@@ -189,7 +189,7 @@ def _solved(
         else:
             if robust:
                 raise CalibrationError(
-                    "the fit does not settle: do most observations have the right id, stamp and "
+                    "the fit does not converge: do most observations have the right id, stamp and "
                     "pixel?"
                 )
     return correction, sight, used & np.isfinite(sight.residual[:, 0])
@@ -207,8 +207,8 @@ def _check_latency(flight: SightedFlight, correction: Array) -> None:
     change_s = correction[PARAMETERS.index("latency")]
     if not abs(change_s) <= _MOST_LATENCY_S:
         raise CalibrationError(
-            f"latency: leads to {flight.latency_s + change_s:.2f} s, beyond all reason; are the "
-            "observations' stamps those of the pictures' headers?"
+            f"latency: leads to {flight.latency_s + change_s:.2f} s, which is impossible; are "
+            "the observations' stamps those of the pictures' headers?"
         )
 
 

@@ -30,11 +30,11 @@ _ADVICE = {
         "fly at two heights or two tilts, or --hold ground_height",
     ),
     "latency": (
-        "the camera moved alike in all pictures, or hardly",
-        "fly legs in several directions and click in turns too, or --hold latency",
+        "the camera moved in the same way in all pictures, or hardly at all",
+        "fly legs in several directions and click during turns too, or --hold latency",
     ),
 }
-_FEW = "too few observations", "click more points in more pictures, all over the picture"
+_FEW = "too few observations", "click more points, in more pictures and all over the picture"
 
 
 @dataclass(frozen=True)
@@ -58,9 +58,9 @@ def check_numbers(sightings: Sequence[PointSighting]) -> None:
     pictures = len({seen.stamp_ns for seen in sightings})
     if points < LEAST_POINTS or pictures < LEAST_PICTURES:
         raise CalibrationError(
-            f"{points} surveyed points in {pictures} pictures with a pose: it takes "
-            f"{LEAST_POINTS} points and {LEAST_PICTURES} pictures at least, better 20 points in "
-            "three pictures each, all over the picture and the flight"
+            f"{points} surveyed points in {pictures} pictures with a pose: at "
+            f"least {LEAST_POINTS} points and {LEAST_PICTURES} pictures are needed, better 20 "
+            "points in three pictures each, all over the picture and the flight"
         )
 
 

@@ -91,7 +91,7 @@ class RefusalReason(Enum):
     UNCLEAN = "squares not clean"
     SMALL = "too small"
     OBLIQUE = "too oblique"
-    UNEVEN = "corners not on a plane"
+    UNEVEN = "corners are not on a plane"
     DUPLICATE = "as another view"
     OUTLIER = "does not fit the others"
     OTHER_SIZE = "another picture size"

@@ -68,7 +68,8 @@ def _blurred(fit: CornerFit, side: float) -> Refused | None:
     smear = float(np.sqrt(abs(across[0] ** 2 - across[1] ** 2)))
     if smear > _MOST_SMEAR_PX:
         return Refused(
-            RefusalReason.SMEARED, f"one way more blurred than the other by {smear:.1f} px"
+            RefusalReason.SMEARED,
+            f"more blurred in one direction than in the other, by {smear:.1f} px",
         )
     blur, most = float(across.max()), min(_MOST_BLUR_PX, _MOST_BLUR * side)
     if blur > most:
@@ -89,7 +90,9 @@ def _faint(sharp: npt.NDArray[np.float32], fit: CornerFit) -> Refused | None:
     left = float(np.sqrt(max(np.median(fit.left) ** 2 - noise**2, 0.0)))
     if left > max(_MOST_STRUCTURE * contrast, noise / 2):
         share = 100 * left / contrast
-        return Refused(RefusalReason.UNCLEAN, f"{share:.0f} % of the contrast is of no square")
+        return Refused(
+            RefusalReason.UNCLEAN, f"{share:.0f} % of the contrast is not from the squares"
+        )
     return None
 
 
@@ -114,7 +117,7 @@ def _oblique(steps: Array) -> Refused | None:
         return None
     angle = np.degrees(np.arccos(cosine))
     return Refused(
-        RefusalReason.OBLIQUE, f"seen at {angle:.0f} deg from its normal; up to 70 serve"
+        RefusalReason.OBLIQUE, f"seen at {angle:.0f} deg from its normal; at most 70 can be used"
     )
 
 

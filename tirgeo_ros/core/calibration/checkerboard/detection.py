@@ -121,6 +121,6 @@ def _not_found(grey: RawPixels, board: Checkerboard) -> Refused:
     if not found[0]:
         return Refused(RefusalReason.NO_BOARD, "none is seen")
     rows, columns = found[2].shape[:2]
-    seen = f"{columns}x{rows} corners are seen, {board.columns}x{board.rows} were looked for"
+    seen = f"{columns}x{rows} corners were found, not {board.columns}x{board.rows}"
     more = max(rows, columns) > max(board.size) or min(rows, columns) > min(board.size)
     return Refused(RefusalReason.OTHER_BOARD if more else RefusalReason.PARTIAL, seen)

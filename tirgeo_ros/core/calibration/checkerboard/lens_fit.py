@@ -108,8 +108,8 @@ def fit_lens(
         if len(left) < FEWEST_VIEWS:
             gone = f" after {len(refused)} that do not fit" if refused else ""
             raise CalibrationError(
-                f"lens: {len(left)} usable views are left{gone}, {FEWEST_VIEWS} are the fewest "
-                "and 20 are good; take more, all over the picture, with the board tilted"
+                f"lens: {len(left)} usable views are left{gone}; at least {FEWEST_VIEWS} "
+                "are needed, 20 are good. Take more, all over the picture, with the board tilted"
             )
         fit = _fitted(left, board, size, model)
         rms_px = fit.view_rms_px
@@ -199,11 +199,11 @@ def _check_determined(fit: LensFit) -> None:
     tilt, sigma = fit.tilt_rad, fit.sigma[:2] / fit.values[:2]
     if tilt < _LEAST_TILT_RAD:
         raise CalibrationError(
-            f"lens: all views are seen from one side, within {np.degrees(tilt):.0f} deg; the "
-            "focal length cannot be told from the distance: tilt the board by 20 to 45 deg"
+            f"lens: all views are from one side, within {np.degrees(tilt):.0f} deg; focal "
+            "length and distance cannot be separated: tilt the board by 20 to 45 deg"
         )
     if not (sigma < _MOST_FOCAL_SIGMA).all():
         raise CalibrationError(
-            f"lens: the focal length is known to {100 * sigma.max():.1f} % alone; take more "
-            "views, larger in the picture and with the board tilted by 20 to 45 deg"
+            f"lens: the focal length is known only to {100 * sigma.max():.1f} %; "
+            "take more views, larger in the picture and with the board tilted by 20 to 45 deg"
         )

@@ -239,7 +239,7 @@ class AidStatus(NamedTuple):
         """Return why only a restart of the filter helps, or an empty string."""
         rtk = self.rtk_resets
         if len(rtk) == _HOPELESS_RESETS and rtk[-1].stamp_ns - rtk[0].stamp_ns <= _HOPELESS_NS:
-            return f"reset again and again: {rtk[-1]}"
+            return f"reset repeatedly: {rtk[-1]}"
         # Two measurements of different kinds do not fail together. Where the state runs away,
         # their refused innovations do not agree with themselves either, so all refusals are
         # counted.

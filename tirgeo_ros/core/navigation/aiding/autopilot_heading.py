@@ -64,7 +64,7 @@ class AutopilotHeadingAid(Aid):
     ) -> Modelled:
         """Return the measurement: a turn about the vertical alone, for tilt is known better."""
         if not self._is_worth(belief.covariance):
-            reason = "the heading is known better"
+            reason = "the filter's heading is more precise"
             return Verdict(self.source, Outcome.STANDBY, reason), belief
         off = wrapped(sample.heading_rad - azimuth(rotation_of(belief.state.q_nb)[0::3]))
         design = np.zeros((1, len(belief.covariance)))

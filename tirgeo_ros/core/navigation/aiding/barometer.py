@@ -119,7 +119,12 @@ class BarometerAid(Aid):
             left_m2 = max((1 - gain) * lasting_m2, own_m2)
             reference = Reference(stamp_ns, height_m, offset_m, left_m2, stamp_ns)
         verdict = Verdict(
-            self.source, Outcome.STANDBY, "the height is known better", ratio, (off_m,), nis
+            self.source,
+            Outcome.STANDBY,
+            "the filter's height is more precise",
+            ratio,
+            (off_m,),
+            nis,
         )
         return verdict, _noted(belief, reference)
 

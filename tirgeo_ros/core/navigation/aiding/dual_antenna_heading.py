@@ -125,7 +125,7 @@ class HeadingAid(Aid):
         going_on = control.track(Source.RTK_HEADING).recent(now_ns, self._timeout_ns)
         fixed_s = (now_ns - control.fixed_since_ns) * 1e-9
         if not going_on and fixed_s < self._heading.start_after_s:
-            return f"rtk/fix is fixed for {fixed_s:.1f} s only"
+            return f"rtk/fix has been fixed for only {fixed_s:.1f} s"
         return ""
 
     def measured(self, sample: HeadingSample, belief: StateEstimate, _rate_b: Vector) -> Modelled:
@@ -136,7 +136,7 @@ class HeadingAid(Aid):
         u = rotate(rotation_of(belief.state.q_nb), self._baseline.direction_b)
         design = heading_design(self._states, u)
         if design is None:
-            reason = "the antenna baseline stands upright"
+            reason = "the antenna baseline is vertical"
             return Verdict(self.source, Outcome.INVALID, reason), belief
         reported = sample.heading_rad - belief.control.receivers.heading_error_rad
         predicted = azimuth(u) + self._baseline.reported_less_azimuth_rad
@@ -191,5 +191,5 @@ class HeadingAid(Aid):
         mean = track.mean_rad + _MEAN_SHARE * (off - track.mean_rad)
         scatter = math.sqrt(own + noise * _MEAN_SHARE / (2 - _MEAN_SHARE))
         if not reason and abs(mean) > _MEAN_GATE_SIGMA * scatter:
-            reason = f"off by {math.degrees(mean):+.1f} deg in the mean"
+            reason = f"off by {math.degrees(mean):+.1f} deg on average"
         return track._replace(mean_rad=mean), reason

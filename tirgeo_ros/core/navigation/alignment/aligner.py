@@ -113,7 +113,7 @@ class Aligner:
         samples = self._samples
         samples.add(sample)
         if samples.frozen:
-            self.reason = "imu/data is frozen: the same reading again and again"
+            self.reason = "imu/data is frozen: it repeats the same reading"
         elif not samples.ready:
             self.reason = "needs imu/data"
         elif not isinstance(sample, ImuSample):

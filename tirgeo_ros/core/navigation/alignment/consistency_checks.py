@@ -31,8 +31,8 @@ _AUTOPILOT_TILT_RAD = np.radians(10.0)  # possible error of an autopilot in a ha
 _AUTOPILOT_SIGMAS = 5.0
 _DOUBT_ENDS_NS = 1_000_000_000
 _LOOK_AT_ANTENNAS = (
-    ": antennas swapped, or is aircraft.second_antenna_m elsewhere? (a compass that errs by so "
-    "much: autopilot.attitude_sigma_deg)"
+    ": are the antennas swapped, or aircraft.second_antenna_m wrong? (for a compass with such "
+    "errors set autopilot.attitude_sigma_deg)"
 )
 _UNITS = {
     ObservationKind.POSITION: "m",
@@ -127,7 +127,7 @@ def checked(found: WindowFit, seen: Sequence[AlignmentObservation]) -> WindowFit
     if not found.settled:
         raise NotAlignedError("imu/data does not fit the motion measured")
     if found.rotation_nb[2, 2] <= 0:
-        raise NotAlignedError("imu/data says upside down: check its axes and signs")
+        raise NotAlignedError("imu/data is upside down: check its axes and signs")
     if found.tilt_sigma_rad > _LARGEST_TILT_SIGMA_RAD:
         raise NotAlignedError("the motion is not measured well enough to find the tilt", 4)
     return found

@@ -20,12 +20,13 @@ from tirgeo_ros.tools.cli._verb import FLIGHT, NAMESPACE, PARAMS, call, names_of
 _DELAYS = ("position_delay", "velocity_delay", "heading_delay")
 _NAMES = ("antenna", "baseline", *_DELAYS, "level", "rtk")
 _HOLD_HELP = (
-    f"with commas, of {', '.join(_NAMES)}: as --params has them. Only differences of delays are "
-    "seen: by itself the IMU's stays; rtk holds that of positions and finds the IMU's"
+    f"values of {', '.join(_NAMES)} to keep, separated by commas. Only differences of delays can "
+    "be "
+    "found: by default the IMU's delay is kept; rtk keeps that of positions and finds the IMU's"
 )
 OPTIONS = (
     *FLIGHT,
-    ("-o --output", "YAML", "the parameters (without: shown only)"),
+    ("-o --output", "YAML", "parameter file to write (default: show only)"),
     *PARAMS,
     *NAMESPACE,
     ("--hold", "NAMES", _HOLD_HELP, {"type": names_of(_NAMES), "default": []}),

@@ -24,9 +24,9 @@ OPTIONS = (
     ("--topic", "TOPIC", _TOPIC_HELP, WORD | {"default": "imu/data"}),
     *NAMESPACE,
     *WINDOW,
-    ("--plot", "PNG", "the plot's place (default: beside the YAML)"),
-    ("--csv", "CSV", "the curves as numbers too"),
-    ("--moved", None, "write the figures of a record that moved, too"),
+    ("--plot", "PNG", "where to write the plot (default: beside the YAML)"),
+    ("--csv", "CSV", "write the curves as numbers too"),
+    ("--moved", None, "write the figures even if the IMU moved"),
 )
 
 

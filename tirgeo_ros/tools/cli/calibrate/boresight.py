@@ -38,7 +38,7 @@ def _pixels(text: str) -> float:
     return value
 
 
-_SIGMA_HELP = "how well a point was hit, one standard deviation per axis (%(default)s)"
+_SIGMA_HELP = "standard deviation of a click, per axis (%(default)s)"
 _SIGMA = {"type": _pixels, "default": 1.0, "dest": "click_sigma_px"}
 _LIST = {"type": names_of(_NAMES)}
 OPTIONS = (

@@ -18,16 +18,16 @@ from tirgeo_ros.tools.cli._lines import each_not_used, not_used
 from tirgeo_ros.tools.cli._verb import BOARD, NUMBER, UsageError, call
 
 _RATE_HELP = (
-    "pictures a second: looked at in a bag, or that files were taken at (default %(default)g)"
+    "pictures a second: how many of a bag are used, or the rate of the files (default %(default)g)"
 )
 OPTIONS = (
     *BOARD,
     ("--camera", "YAML", "calibration file (default: the bag's own)"),
     ("--rate", "HZ", _RATE_HELP, NUMBER | {"default": 10.0, "dest": "rate_hz"}),
     ("-o --output", "CSV", "the angles over time"),
-    ("--plot", "PNG", "the angles as a picture"),
+    ("--plot", "PNG", "plot of the angles"),
 )
-VERBOSE = "each picture that was not used, with its reason"
+VERBOSE = "list each picture that was not used, with its reason"
 _COLUMNS = {
     "std_deg": "std",
     "noise_deg": "of noise",

@@ -19,11 +19,11 @@ from tirgeo_ros.tools.cli._verb import FLIGHT, NAMESPACE, PARAMS, WINDOW, call
 
 OPTIONS = (
     *FLIGHT,
-    ("-o --output", "YAML", "the parameters (without: shown only)"),
+    ("-o --output", "YAML", "parameter file to write (default: show only)"),
     *PARAMS,
     *NAMESPACE,
     *WINDOW,
-    ("--plot", "PNG", "the plot's place (default: beside the YAML)"),
+    ("--plot", "PNG", "where to write the plot (default: beside the YAML)"),
 )
 
 

@@ -19,19 +19,22 @@ from tirgeo_ros.tools.cli._verb import BOARD, NEEDED, NUMBER, WORD, UsageError, 
 
 _MODELS = {"choices": ("plumb_bob", "rational"), "default": "plumb_bob"}
 _MODEL_HELP = "k1 k2 p1 p2, or with k3 to k6 as a quotient: %(choices)s (default %(default)s)"
-_EVERY_HELP = "of a bag, look at the sharpest picture of so many seconds (default %(default)s)"
+_EVERY_HELP = (
+    "in a bag, use the sharpest picture in each interval of this many seconds (default "
+    "%(default)s)"
+)
 _VIEWS_HELP = "use the N most different views (default %(default)s)"
 OPTIONS = (
     *BOARD,
     ("-o --output", "YAML", "the calibration", NEEDED),
-    ("--plot", "PNG", "corners and errors as a picture"),
+    ("--plot", "PNG", "plot of corners and errors"),
     ("--model", "MODEL", _MODEL_HELP, _MODELS),
     ("--k3", None, "estimate k3 too"),
     ("--name", "NAME", "camera_name of the file", WORD | {"default": "thermal"}),
     ("--every", "S", _EVERY_HELP, NUMBER | {"default": 0.5}),
     ("--max-views", "N", _VIEWS_HELP, {"type": int, "default": 60}),
 )
-VERBOSE = "each picture that was not used, with its reason"
+VERBOSE = "list each picture that was not used, with its reason"
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:

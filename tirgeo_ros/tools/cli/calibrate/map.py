@@ -26,13 +26,13 @@ OPTIONS = (
     ("--points", "FILE", _POINTS_HELP, NEEDED),
     ("--survey", "GCPS", "GeoJSON points, or CSV id,lat,lon,h"),
     ("-o --output", "GEOJSON", "the map", NEEDED),
-    ("--order", "ORDER", "of the polynomial: %(choices)s (default: 3)", _ORDERS),
+    ("--order", "ORDER", "order of the polynomial: %(choices)s (default: 3)", _ORDERS),
     ("--crs", "CRS", "plane of the fit (default: the UTM zone of the points)", WORD),
-    ("--points-crs", "CRS", "of a .points file that does not name it", WORD),
-    ("--residuals", "CSV", "a line for each point"),
+    ("--points-crs", "CRS", "coordinate system of a .points file that does not name it", WORD),
+    ("--residuals", "CSV", "print a line for each point"),
     ("--plot", "PNG", "residuals as arrows"),
-    ("--image", "ORTHO", "lay this picture too (needs rasterio)"),
-    ("--geotiff", "TIF", "where to (default: beside the GeoJSON)"),
+    ("--image", "ORTHO", "georeference this picture too (needs rasterio)"),
+    ("--geotiff", "TIF", "where to write it (default: beside the GeoJSON)"),
 )
 #: Columns of the residuals: title, key, format.
 _COLUMNS = (
@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     from tirgeo_ros.tools.calibrate.map import calibrate_map  # noqa: PLC0415 heavy
 
     if args.survey is not None and args.points_crs is not None:
-        raise UsageError("--points-crs is for a .points file, which goes without --survey")
+        raise UsageError("--points-crs needs a .points file and no --survey")
     if args.geotiff is not None and args.image is None:
         raise UsageError("--geotiff needs the picture: --image")
     geotiff = args.geotiff or args.output.with_suffix(".tif")
