@@ -63,7 +63,7 @@ def test_a_shift_of_datum_and_how_well_it_is_known():
 def test_a_datum_that_is_not_known():
     points, remarks = laid("+proj=utm +zone=33 +ellps=GRS80", [500000.0, 0.0, NAN])
     np.testing.assert_allclose(points[0, :2], [15.0, 0.0], atol=1e-9)
-    assert "names no datum: taken for WGS84, which is right to 2 m for a datum" in remarks[0]
+    assert "names no datum: taken as WGS84: within 2 m for a modern datum" in remarks[0]
     for name in ("+proj=utm +zone=33 +ellps=bessel", "+proj=longlat +ellps=bessel", "EPSG:4610"):
         with pytest.raises(
             MapError, match=r"a.map: the way from the datum of .* give its EPSG code or"
@@ -107,9 +107,9 @@ GEOGCS = (
         ("WGS84", ""),
         ("D_WGS_1984", ""),
         ("D_China_2000", ""),
-        ("Unknown based on WGS 84 ellipsoid", "site names no datum: taken for WGS84"),
-        ("Not_specified_based_on_GRS_1980_ellipsoid", "site names no datum: taken for WGS84"),
-        ("my mine", "a.map: the datum 'my mine' of site is not known: taken for WGS84"),
+        ("Unknown based on WGS 84 ellipsoid", "site names no datum: taken as WGS84"),
+        ("Not_specified_based_on_GRS_1980_ellipsoid", "site names no datum: taken as WGS84"),
+        ("my mine", "a.map: the datum 'my mine' of site is not known: taken as WGS84"),
     ],
 )
 def test_names_of_datums_without_a_code(datum, told):

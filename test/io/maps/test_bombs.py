@@ -37,8 +37,10 @@ VIEWS = {
     ),
     "a geometry of a gigabyte": (
         "SELECT fid, zeroblob(1000000000) AS geom, name FROM b",
-        "does not fit into memory|the process that reads it ended (exit code -11); is the file "
-        "damaged?",
+        (
+            "does not fit into memory|the process that reads it ended (exit code -11); is the "
+            "file damaged?"
+        ),
     ),
     "a label of nearly a gigabyte": (
         "SELECT fid, geom, hex(zeroblob(490000000)) AS name FROM b",

@@ -21,7 +21,7 @@ from tirgeo_ros.core.types.finding import Finding, Severity, sorted_findings
 #: Farther than a multirotor flies, and than a map is drawn.
 _FAR_M = 10_000.0
 #: Part of the map readers' remark on a file that names no coordinate system.
-_NO_SYSTEM = "taken for WGS84"
+_NO_SYSTEM = "taken as WGS84"
 _MAP, _DEM = "overlay_node map", "overlay_node dem"
 
 

@@ -134,9 +134,8 @@ def _check_numbers(path: Path) -> None:
     else:
         return
     for found in filter(None, map(_NO_NUMBERS.search, texts)):
-        raise MapError(
-            f"{path}: {found[1][:40].decode(errors='replace')!r} is not lon,lat[,height]"
-        )
+        text = found[1][:40].decode(errors="replace")
+        raise MapError(f"{path}: {text!r} is not lon,lat[,height]")
 
 
 def _crs_member(place: str) -> str | None:
