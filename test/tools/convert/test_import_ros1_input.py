@@ -208,6 +208,6 @@ def test_options_of_the_other_kind(folder):
     path = wrapper_bag(Flight(duration_s=0.2)).write(folder / "options.bag")
     with pytest.raises(ConfigError, match=r"a ROS 1 bag; --packages, --key and --start-time"):
         import_flight(path, folder / "o.mcap", capture=CaptureOptions(key="00"))
-    with pytest.raises(BagError, match="would take the place of the input"):
+    with pytest.raises(BagError, match="would overwrite the input"):
         import_flight(path, path)
     assert path.exists()
