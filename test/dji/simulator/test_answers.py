@@ -102,20 +102,15 @@ def test_packages_need_an_activation_and_are_checked(host):
     host.code(Activate(1, (3, 2, 41, 13)))
     host.code(Activate(1, (3, 2, 41, 13)))
     assert host.code(MatchVersion()) == 0
-    assert host.code(MatchVersion(7)) == 2
     assert host.code(imu_topics) == 0
     assert host.code(imu_topics) == 4
-    assert host.code(imu_topics._replace(id=1)) == 0x24
-    assert host.code(package(5, 50, "VELOCITY")) == 3
-    assert host.code(package(1, 100, "VELOCITY", "RTK_YAW")) == 6
-    assert host.code(package(1, 50)) == 0x20
     assert host.code(AddPackage(1, 50, True, (0xDEADBEEF,))) == 0x22
     assert host.code(package(1, 5, "RTK_CONNECT_STATUS")) == 0x22  # not of this firmware
     assert host.code(RemovePackage(3)) == 5
     assert host.code(RemovePackage(0)) == 0
     assert host.code(imu_topics) == 0
     assert host.code(ResetPackages()) == 0
-    assert not list(host.aircraft.desk.packages)
+    assert not host.aircraft.desk.packages
 
 
 def test_dji_nodes_own_host_gets_what_it_asks_for():

@@ -23,7 +23,6 @@ from tirgeo_ros.dji.protocol.broadcast_parts import (
     RtkPosition,
     Time,
 )
-from tirgeo_ros.dji.protocol.commands import encode_request
 from tirgeo_ros.dji.protocol.subscription import (
     USUAL_PACKAGES,
     Package,
@@ -179,47 +178,27 @@ def test_subscribed_satellites_and_gimbal(telemetry):
     assert gimbal == GimbalReading(5_000_000_000, *map(math.radians, (1.0, -30.0, 170.0)))
 
 
-@pytest.mark.parametrize("known_by", ["RTK", "GPS_FUSED", "broadcast", "the poles"])
-def test_a_gps_position_with_its_latitude_first_is_found_out(telemetry, known_by):
-    values = {}
-    raw = GpsPosition(469480000, 74474000, 0)
-    latitude, longitude = BERN
-    if known_by == "RTK":
-        values["RTK_POSITION"] = RtkPosition(BERN[1], BERN[0], 0.0)
-    elif known_by == "GPS_FUSED":
+GPS_ALONE = Package.of(4, 5, with_timestamp=True, names=("GPS_POSITION",))
+
+
+@pytest.mark.parametrize("known_by", ["GPS_FUSED", "broadcast", "the poles"])
+def test_a_gps_position_with_its_latitude_first_is_found_out(clocks, known_by):
+    telemetry = Telemetry(clocks, PackageTable([*USUAL_PACKAGES, GPS_ALONE]))
+    raw, (latitude, longitude) = GpsPosition(469480000, 74474000, 0), BERN
+    if known_by == "GPS_FUSED":
         push(telemetry, 1, GPS_FUSED=GpsFused(math.radians(7.4), math.radians(46.9), 0.0, 9))
-        values["RTK_POSITION"] = RtkPosition(BERN[1], BERN[0], 0.0)
     elif known_by == "broadcast":
         there = Position(math.radians(46.9), math.radians(7.4), 0.0, 0.0, 5)
         beside = RelativePosition(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0)
         time = Time(1, 0, 0, 0, 0)
         read(telemetry, Broadcast(time=time, position=there, relative_position=beside))
-        telemetry = _with_gps_alone(telemetry)
-    else:
+    else:  # 100 deg cannot be a latitude
         raw, latitude, longitude = GpsPosition(469480000, 1000000000, 0), 46.948, 100.0
-        telemetry = _with_gps_alone(telemetry)
-    if known_by in ("broadcast", "the poles"):
-        (gps,) = _gps_push(telemetry, raw)
-        # 100 deg cannot be a latitude, so here x is the longitude's place taken by the latitude
-    else:
-        _, gps = push(telemetry, 0, GPS_POSITION=raw, **values)
+    value = encode_push(Push(GPS_ALONE, 5000, 0, {"GPS_POSITION": raw}))
+    (gps,) = telemetry.read(frame_of(2, 5, value), ARRIVAL_NS)
     found = gps.place.latitude_rad, gps.place.longitude_rad
     assert found == pytest.approx((math.radians(latitude), math.radians(longitude)), abs=1e-9)
     assert telemetry.counts["axes_swapped"] == 1
-
-
-GPS_ALONE = Package.of(9, 5, with_timestamp=True, names=("GPS_POSITION",))
-
-
-def _with_gps_alone(telemetry):
-    add = frame_of(0x0B, 1, encode_request(GPS_ALONE.request)[2:], session=2, sequence=7)
-    assert telemetry.read(add, ARRIVAL_NS) == []
-    return telemetry
-
-
-def _gps_push(telemetry, raw):
-    value = encode_push(Push(GPS_ALONE, 5000, 0, {"GPS_POSITION": raw}))
-    return telemetry.read(frame_of(2, 5, value), ARRIVAL_NS)
 
 
 def test_raw_acceleration_by_subscription_is_in_metres(telemetry):

@@ -75,7 +75,7 @@ def test_what_is_wrong_is_told_and_the_rest_imported(folder, capsys):
     }
     assert err.count("\n") == 1
     for told in (
-        "no usable messages of rtk_yaw or A3_RTK, of gimbal_angle or gimbal",
+        "no usable messages of rtk_yaw, of gimbal_angle",
         "/dji_sdk/rtk_yaw: 7 of type std_msgs/msg/Float32, not std_msgs/msg/Int16",
         "/dji_sdk/rtk_position: 7 of 12 refused (no position yet: 0, 0 deg)",
         "geoid_undulation_m is not set",

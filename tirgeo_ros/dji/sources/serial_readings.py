@@ -1,8 +1,7 @@
 """Convert frames of the serial link to readings, each with its own time.
 
-Broadcast (set 02, id 00) and subscription (02, 05) are read; from a capture of both directions,
-the content of the packages as well. The aircraft's units, axes and field orders are converted here
-to those of ``dji.sources.readings``.
+Broadcast (set 02, id 00) and subscription (02, 05) are read. The aircraft's units, axes and field
+orders are converted here to those of ``dji.sources.readings``.
 """
 
 from __future__ import annotations
@@ -12,7 +11,6 @@ from collections import Counter
 from typing import Any, NamedTuple, Protocol
 
 from tirgeo_ros.dji.clocks.steady_stamps import SteadyStamps
-from tirgeo_ros.dji.host.overheard_traffic import HostTraffic
 from tirgeo_ros.dji.link.framing import ProtocolFrame
 from tirgeo_ros.dji.protocol.broadcast import decode_broadcast
 from tirgeo_ros.dji.protocol.broadcast_parts import (
@@ -24,7 +22,6 @@ from tirgeo_ros.dji.protocol.broadcast_parts import (
     HardSync,
     Rtk,
 )
-from tirgeo_ros.dji.protocol.plausibility import doubtful
 from tirgeo_ros.dji.protocol.subscription import PackageTable, decode_push
 from tirgeo_ros.dji.sources.readings import (
     AccelerationUnit,
@@ -66,14 +63,12 @@ class Telemetry:
     Counted: ``broadcast``, ``subscription``, ``other`` frames; ``unknown_layout``: broadcasts
     whose length fits no layout; ``unknown_package``: pushes that do not fit their package, as far
     as it is known; ``untimed``: broadcasts without the aircraft's time, stamped at arrival;
-    ``implausible``: pushes with impossible values, which are left out; ``axes_swapped``:
-    GPS_POSITION with the latitude first.
+    ``axes_swapped``: GPS_POSITION with the latitude first.
     """
 
     def __init__(self, clocks: Clocks, packages: PackageTable) -> None:
         self._clocks = clocks
         self._packages = packages
-        self._traffic = HostTraffic(packages)
         self._steady: dict[int, SteadyStamps] = {}  # of packages without a time, by id
         # the aircraft's position, from fields whose order is certain
         self._known: GeodeticPlace | None = None
@@ -85,7 +80,6 @@ class Telemetry:
             return self._read_broadcast(frame.value, arrival_ns)
         if frame.cmd_set == PUSH_SET and frame.cmd_id == _SUBSCRIPTION:
             return self._read_push(frame.value, arrival_ns)
-        self._traffic.take(frame)
         self.counts["other"] += 1
         return []
 
@@ -126,9 +120,6 @@ class Telemetry:
         else:
             stamp_ns = self._clocks.subscription.stamp_ns(push.time_ms, arrival_ns)
         values = push.values
-        if implausible := doubtful(push):  # many of them where the package table is wrong
-            self.counts["implausible"] += 1
-            values = {name: value for name, value in values.items() if name not in implausible}
         readings: list[Reading] = []
         tick: HardSync | None = values.get("HARD_SYNC")
         if tick is not None:  # not by the push's own time, which is truncated to milliseconds

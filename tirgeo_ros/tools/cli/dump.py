@@ -6,10 +6,8 @@ infinities as null. One line of counts goes to stderr. Bytes in no frame are ski
 a capture may begin and end within a frame, and a cable may lose bytes, so the exit code is 0 as
 soon as there is a frame, and 1 where there is none.
 
-What a subscription package holds is taken from the requests for packages if the capture has both
-directions, else from --packages, else it is the usual five of DJI's ROS wrapper. A push with a
-value that its package cannot have (a quaternion that is no rotation) names it under 'implausible':
-then the table of packages is wrong.
+What a subscription package holds is taken from --packages, else it is the usual five of DJI's
+ROS wrapper.
 
 example:
   tirgeo dump capture.bin | head -3
@@ -66,7 +64,6 @@ def _summary(counts: dict[str, int], kinds: dict[str, int]) -> str:
         "bytes skipped": counts["skipped_bytes"],
         "damaged or cut": counts["bad_crc32"] + counts["truncated"],
         "unreadable": counts["unreadable"],
-        "implausible": counts["implausible"],
         "not decrypted": kinds.get("encrypted", 0),
     }
     return "; ".join([found, *[f"{number} {name}" for name, number in rest.items() if number]])

@@ -8,17 +8,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from tirgeo_ros.core.types.errors import BagError, MessageError
-from tirgeo_ros.dji.sources.ros1 import (
-    FEEDS,
-    NEEDED,
-    WRAPPERS,
-    Ros1Decoder,
-    Ros1Setup,
-    Ros1Survey,
-    notes_of,
-    types_of,
-    used,
-)
+from tirgeo_ros.dji.sources.ros1 import WRAPPERS, Ros1Decoder, Ros1Setup, Ros1Survey
+from tirgeo_ros.dji.sources.ros1_messages import NEEDED, TOPICS
 from tirgeo_ros.io.bags.bag import Cdr
 from tirgeo_ros.io.bags.ros1_bag import Ros1Bag, Ros1Message
 from tirgeo_ros.io.messages import TOPIC_TYPES
@@ -45,7 +36,7 @@ class _Topic:
 
     topic: str
     typename: str
-    expected: tuple[str, ...]  # types
+    expected: str  # type
     feeds: tuple[str, ...]  # topics of the contract
     messages: int = 0
     refused: int = 0
@@ -56,9 +47,8 @@ class _Topic:
         """Return what is wrong with the topic, in words, or None."""
         if not self.refused:
             return None
-        if self.typename not in self.expected:  # the wrapper never publishes it so
-            wanted = " or ".join(self.expected)
-            return f"{self.topic}: {self.refused} of type {self.typename}, not {wanted}"
+        if self.typename != self.expected:  # the wrapper never publishes it so
+            return f"{self.topic}: {self.refused} of type {self.typename}, not {self.expected}"
         return f"{self.topic}: {self.refused} of {self.messages} refused ({self.reason})"
 
     def result(self) -> dict[str, object]:
@@ -66,7 +56,7 @@ class _Topic:
         return {
             "topic": self.topic,
             "type": self.typename,
-            "expected": " or ".join(self.expected),
+            "expected": self.expected,
             "messages": self.messages,
             "refused": self.refused,
             "because": self.complaint,
@@ -86,10 +76,7 @@ class _Import:
         self.topics: dict[tuple[str, str], _Topic] = {}
         self._cdr = Cdr()
         self.passed = _passed(bag, pictures)
-        names = _wrapper_topics(bag, namespace)
-        read = used(names.values())
-        #: Topic -> its name in the wrapper.
-        self.names = {topic: name for topic, name in names.items() if name in read}
+        self.names = _wrapper_topics(bag, namespace)  # topic -> its name in the wrapper
         self.decoder = Ros1Decoder(self._surveyed())
 
     def _surveyed(self) -> Ros1Setup:
@@ -97,7 +84,7 @@ class _Import:
         survey = Ros1Survey()
         for message in islice(self.bag.messages(set(self.names)), _SURVEYED):
             name = self.names[message.topic]
-            if message.typename in types_of(name) and not survey.is_full:
+            if message.typename == TOPICS[name].typename and not survey.is_full:
                 try:
                     survey.add(name, self.bag.decoded(message), message.record_ns)
                 except (MessageError, AttributeError):
@@ -127,10 +114,10 @@ class _Import:
             sink.pass_on(self.decoder.arrival_ns(message.record_ns), contract, data)
             return
         name = self.names[message.topic]
-        if message.typename not in types_of(name):
+        if message.typename != TOPICS[name].typename:
             raise MessageError("of another type")
         decoded = self.bag.decoded(message)
-        for arrived in self.decoder.take(name, message.typename, decoded, message.record_ns):
+        for arrived in self.decoder.take(name, decoded, message.record_ns):
             sink.take(*arrived)
 
     def _topic(self, message: Ros1Message) -> _Topic:
@@ -138,17 +125,17 @@ class _Import:
         if key not in self.topics:
             contract = self.passed.get(message.topic)
             if contract is None:
-                name = self.names[message.topic]
-                self.topics[key] = _Topic(*key, types_of(name), FEEDS[name])
+                known = TOPICS[self.names[message.topic]]
+                self.topics[key] = _Topic(*key, known.typename, known.feeds)
             else:
-                self.topics[key] = _Topic(*key, (TOPIC_TYPES[contract],), (contract,))
+                self.topics[key] = _Topic(*key, TOPIC_TYPES[contract], (contract,))
         return self.topics[key]
 
     def warnings(self) -> list[str]:
         """Return what is missing, refused or doubtful."""
         found = self.topics.values()
         good = {self.names.get(one.topic) for one in found if one.messages > one.refused}
-        absent = [" or ".join(names) for names in NEEDED if not good.intersection(names)]
+        absent = [name for name in NEEDED if name not in good]
         missing = [f"no usable messages of {', of '.join(absent)}"] if absent else []
         return missing + [one.complaint for one in found if one.complaint] + self.decoder.warnings
 
@@ -160,7 +147,7 @@ def _wrapper_topics(bag: Ros1Bag, namespace: str) -> dict[str, str]:
         node, _, name = topic.strip("/").rpartition("/")
         above, _, wrapper = node.rpartition("/")
         asked = not namespace or above == namespace.strip("/")
-        if wrapper in WRAPPERS and types_of(name) and asked:
+        if wrapper in WRAPPERS and name in TOPICS and asked:
             aircraft.setdefault(node, {})[topic] = name
     if not aircraft:
         where = f" in namespace {namespace}" if namespace else ""
@@ -216,7 +203,6 @@ def import_ros1(
         "not_read": {
             topic: ", ".join(types) for topic, types in bag.topics().items() if topic not in taken
         },
-        "notes": [note for name in sorted(set(run.names.values())) for note in notes_of(name)],
         "warnings": run.warnings(),
         "damage": bag.damage,
     }

@@ -1,4 +1,4 @@
-"""Parts of RTK epochs, three of them without a header, put together by when they were recorded."""
+"""Parts of RTK epochs, three of them without a header, put together by when they came."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tirgeo_ros.dji.sources.readings import GeodeticPlace, RtkReading
-from tirgeo_ros.dji.sources.ros1_rtk_epochs import RtkEpochs
+from tirgeo_ros.dji.sources.rtk_epochs import RtkEpochs
 
 MS = 1_000_000
 PERIOD = 200 * MS
@@ -76,6 +76,12 @@ def test_a_lost_part_costs_itself_alone(lost):
     for number, reading in enumerate(found):
         absent = {name for name in PARTS if getattr(reading, name) is None}
         assert absent == ({lost} if number == 1 else set())
+
+
+def test_a_whole_epoch_does_not_wait():
+    epochs = RtkEpochs()
+    found = [epochs.take(part(name, 1, k), k) for k, name in enumerate(PARTS)]
+    assert [len(each) for each in found] == [0, 0, 0, 0, 1]
 
 
 def test_without_a_position_the_velocitys_stamp_counts():
