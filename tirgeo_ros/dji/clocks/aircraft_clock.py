@@ -90,7 +90,7 @@ class AircraftClock:
         self._published = 0.0  # offset of the newest message, in addition to _offset_ns
         self._settled = False
         self._early: tuple[float, float] | None = None
-        self._counts = {"resets": 0, "host steps": 0, "stray counts": 0, "bad fractions": 0}
+        self._counts = {"resets": 0, "host steps": 0, "stray counts": 0}
         self._candidate = _Candidate(-1, 0, is_counter=False)
         self._above = _Above(-1, 0, 0.0, 0.0, 0, 0, is_counter=False)
 
@@ -101,8 +101,7 @@ class AircraftClock:
         sends it, ``arrival_ns`` the host's time of the message's last byte.
         """
         self._number += 1
-        if extra_ns and not 0 <= extra_ns <= LONGEST_EXTRA_NS:
-            self._counts["bad fractions"] += 1
+        if not 0 <= extra_ns <= LONGEST_EXTRA_NS:
             extra_ns = 0
         if self._number == 1:
             return self._begin(ticks, extra_ns, arrival_ns)

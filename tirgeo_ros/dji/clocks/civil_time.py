@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from datetime import datetime, timezone
 from statistics import median_low
-from typing import NamedTuple
 
 _SECOND_NS = 1_000_000_000
 _HOUR_NS = 3600 * _SECOND_NS
@@ -22,10 +21,10 @@ _HINT_NS = 2 * _HOUR_NS
 _ASTRAY_NS = 2 * _SECOND_NS
 
 
-def utc_from_words(date_yyyymmdd: int, time_hhmmss: int, utc_offset_h: float) -> int | None:
-    """Convert a local date and time to nanoseconds of UTC; return None for invalid words.
+def time_of_words(date_yyyymmdd: int, time_hhmmss: int) -> int | None:
+    """Return a date (years 2010 to 2099) and time as ns since 1970, in their own time zone.
 
-    ``utc_offset_h`` is how much local time is ahead of UTC. Years are 2010 to 2099.
+    Returns None for invalid words.
     """
     year, month, day = _three(date_yyyymmdd)
     if not _FIRST_YEAR <= year <= _LAST_YEAR or time_hhmmss < 0:
@@ -34,32 +33,23 @@ def utc_from_words(date_yyyymmdd: int, time_hhmmss: int, utc_offset_h: float) ->
         local = datetime(year, month, day, *_three(time_hhmmss), tzinfo=timezone.utc)
     except ValueError:
         return None
-    return round(local.timestamp()) * _SECOND_NS - round(utc_offset_h * _HOUR_NS)
+    return round(local.timestamp()) * _SECOND_NS
 
 
 def _three(word: int) -> tuple[int, int, int]:
     return word // 10_000, word // 100 % 100, word % 100
 
 
-class UtcOffset(NamedTuple):
-    """Hold the time zone of the aircraft's words; ``is_known`` if a hint confirmed it."""
+def guess_utc_offset(newest_words_ns: int, hint_ns: int) -> int | None:
+    """Return how many hours words are ahead of UTC (8 or 0), by the time of the newest.
 
-    hours: int
-    is_known: bool
-
-
-def guess_utc_offset(newest_words_ns: int, hint_ns: int | None) -> UtcOffset:
-    """Return the time zone of words, UTC or GMT+8, by the approximate time of the newest.
-
-    ``newest_words_ns`` takes the words as UTC (``WholeSeconds.newest_ns``). The hint, such as the
-    time of the file's last change, is in UTC. Without a hint within 2 h of either, return the
-    documented GMT+8.
+    ``hint_ns`` is about that time in UTC, such as that of the file's last change. Returns None if
+    neither fits within 2 h.
     """
-    if hint_ns is not None:
-        for hours in (DOCUMENTED_OFFSET_H, 0):
-            if abs(newest_words_ns - hours * _HOUR_NS - hint_ns) <= _HINT_NS:
-                return UtcOffset(hours, is_known=True)
-    return UtcOffset(DOCUMENTED_OFFSET_H, is_known=False)
+    for hours in (DOCUMENTED_OFFSET_H, 0):
+        if abs(newest_words_ns - hours * _HOUR_NS - hint_ns) <= _HINT_NS:
+            return hours
+    return None
 
 
 class WholeSeconds:
@@ -72,40 +62,28 @@ class WholeSeconds:
 
     def __init__(self) -> None:
         self._word_ns: int | None = None
-        self._newest_ns = 0
         self._shifts_ns: list[int] = []  # one for each new second
-        self._stamps: list[tuple[int, int]] = []  # words and stamp of each new second
+        self.newest_ns = 0  # newest stamp
 
     def take(self, stamp_ns: int, date_yyyymmdd: int, time_hhmmss: int) -> None:
         """Take a message's date and time words and its stamp, on any timeline."""
-        word_ns = utc_from_words(date_yyyymmdd, time_hhmmss, 0)
-        self._newest_ns = stamp_ns
+        word_ns = time_of_words(date_yyyymmdd, time_hhmmss)
+        self.newest_ns = stamp_ns
         if word_ns is None or word_ns == self._word_ns:
             return
         if self._word_ns is not None:  # the first second may have begun before the capture
             self._shifts_ns.append(word_ns - stamp_ns)
-            self._stamps.append((word_ns, stamp_ns))
         self._word_ns = word_ns
 
     @property
+    def number(self) -> int:
+        """Return how many seconds began."""
+        return len(self._shifts_ns)
+
+    @property
     def shift_ns(self) -> int | None:
-        """Return words (as if they were UTC) minus stamps; None until a second began."""
+        """Return words (in their own time zone) minus stamps; None until a second began."""
         if not self._shifts_ns:
             return None
         middle = median_low(self._shifts_ns)
         return max(shift for shift in self._shifts_ns if abs(shift - middle) <= _ASTRAY_NS)
-
-    @property
-    def seconds_ns(self) -> list[tuple[int, int]]:
-        """Return the intervals between new seconds: by the words, and by the stamps."""
-        pairs = zip(self._stamps[:-1], self._stamps[1:], strict=True)
-        return [(new[0] - old[0], new[1] - old[1]) for old, new in pairs]
-
-    @property
-    def newest_ns(self) -> int | None:
-        """Return the time of the newest message; None until a second began.
-
-        It is the time by the words as if they were UTC.
-        """
-        shift_ns = self.shift_ns
-        return None if shift_ns is None else self._newest_ns + shift_ns

@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, slerp
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import ImuSample
-from tirgeo_ros.dji.clocks.tick_clock import LONG_TICK_NS
 from tirgeo_ros.dji.interpret.accelerometer_unit import G_M_S2
 from tirgeo_ros.dji.protocol.broadcast import Broadcast, Layout
 from tirgeo_ros.dji.protocol.broadcast_parts import (
+    SYNC_TICK_NS,
     Battery,
     Device,
     Gimbal,
@@ -57,7 +57,7 @@ class AircraftTime(NamedTuple):
     @property
     def ticks(self) -> int:
         """Return it in ticks of 2.5 ms, as 32 bits."""
-        return self.total_ns // LONG_TICK_NS & 0xFFFFFFFF
+        return self.total_ns // SYNC_TICK_NS & 0xFFFFFFFF
 
 
 class Instant(NamedTuple):
@@ -149,7 +149,7 @@ def _hard_sync(i: Instant) -> HardSync | None:
     q = _quaternion(i)
     if q is None:
         return None
-    rest_ns = i.time.total_ns % LONG_TICK_NS
+    rest_ns = i.time.total_ns % SYNC_TICK_NS
     ticks = i.since_start.ticks
     return HardSync(i.time.ticks, rest_ns, ticks, 0, 0, q, _force_g(i), _rate(i))
 

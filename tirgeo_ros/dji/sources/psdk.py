@@ -150,8 +150,9 @@ class PsdkDecoder:
         elif topic in _FUSED.values():
             self._own_ns[topic] = arrival_ns
         if not stamp_ns:
-            self.counts["unstamped"] += not topic.endswith("_info")  # flags have no header
             stamp_ns = arrival_ns
+            if not topic.endswith("_info"):  # flags have no header
+                self.counts["unstamped"] += 1
         if topic in self._steady:
             stamp_ns = self._steady[topic].stamp_ns(stamp_ns)
         reading = READERS[topic](stamp_ns, values)
