@@ -9,11 +9,10 @@ import numpy as np
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import ImuSample
-from tirgeo_ros.dji.interpret.accelerometer_unit import ForceCheck, UnitBySize, factor_of
+from tirgeo_ros.dji.interpret.accelerometer_unit import StreamUnit
 from tirgeo_ros.dji.interpret.autopilot_attitude import AutopilotAttitudes, unit_quaternion
 from tirgeo_ros.dji.interpret.imu_stream_selection import DrivingStream
 from tirgeo_ros.dji.sources.readings import (
-    AccelerationUnit,
     AttitudeReading,
     ImuOrigin,
     ImuReading,
@@ -52,9 +51,7 @@ class ImuInterpreter:
         self._attitudes = attitudes
         self._counts = counts
         self._streams = DrivingStream()
-        self._units = {origin: UnitBySize(config.acceleration_unit) for origin in ImuOrigin}
-        self._told = AccelerationUnit.UNKNOWN  # unit of the selected stream
-        self._check = ForceCheck()
+        self._units = {origin: StreamUnit(config.acceleration_unit) for origin in ImuOrigin}
         self._held: deque[_Held] = deque()
         self._held_origin: ImuOrigin | None = None
         self._newest_ns: int | None = None
@@ -72,15 +69,12 @@ class ImuInterpreter:
         if not sound:
             self._counts["imu_refused"] += 1
             return []
-        factor = factor_of(unit)
-        if factor is None:
-            by_size = self._units[origin]
-            by_size.add(stamp_ns, reading.acceleration_b)
-            factor = by_size.factor
+        stream = self._units[origin]
+        stream.add(stamp_ns, reading.acceleration_b, unit)
+        factor = stream.factor
         if not drives:
             self._counts[f"imu_unused_{origin.value}"] += 1
             return []
-        self._told = unit
         if attitude is None:
             attitude = self._attitudes.carried(stamp_ns, reading.angular_rate_b)
             is_carried = "without_attitude" if attitude is None else "attitude_carried"
@@ -107,12 +101,13 @@ class ImuInterpreter:
         """Return the samples that were held back, if they suffice to find their unit."""
         if self._held_origin is None:
             return []
-        by_size = self._units[self._held_origin]
-        by_size.settle()
-        if by_size.factor is None:
+        stream = self._units[self._held_origin]
+        if stream.factor is None:
+            stream.settle()
+        if stream.factor is None:
             self._forget_held(0)
             return []
-        return self._release(self._held_origin, by_size.factor)
+        return self._release(self._held_origin, stream.factor)
 
     def _attitude(self, q_nb: Quaternion) -> Array | None:
         attitude = unit_quaternion(q_nb)
@@ -143,9 +138,8 @@ class ImuInterpreter:
                 return []
             self._counts["imu_went_back"] += 1
         self._newest_ns = stamp_ns
-        force_b = (x * factor, y * factor, z * factor)
-        self._check.add(stamp_ns, force_b)
-        return [ImuSample(stamp_ns, np.array(force_b), np.array(rate_b), attitude)]
+        force_b = np.array((x * factor, y * factor, z * factor))
+        return [ImuSample(stamp_ns, force_b, np.array(rate_b), attitude)]
 
     @property
     def counts(self) -> dict[str, int]:
@@ -162,11 +156,9 @@ class ImuInterpreter:
         driver = self._streams.driver
         if driver is None:
             return {"imu_source": "none"}
-        told = self._told is not AccelerationUnit.UNKNOWN
-        unit = f"{self._told.value} (told)" if told else self._units[driver].text
-        return {"imu_source": driver.value, "acceleration_unit": unit}
+        return {"imu_source": driver.value, "acceleration_unit": self._units[driver].text}
 
     @property
     def warnings(self) -> list[str]:
         """Return what to set right about accelerations."""
-        return [*(unit.warning for unit in self._units.values()), self._check.warning]
+        return [unit.warning for unit in self._units.values()]
