@@ -45,7 +45,6 @@ def test_what_is_polled_goes_out_once_an_epoch(poll_hz):
         found = of(kind, samples)
         assert [t_ms(s) for s in found] == pytest.approx([200.0 * k for k in range(50)])
     assert meant.counts.get("rtk_repeated", 0) == 10 * poll_hz - 50
-    assert "rtk_frozen" not in meant.counts
 
 
 def test_fields_that_change_one_after_another_are_one_epoch():
@@ -124,20 +123,6 @@ def test_a_better_fix_waits_for_its_place():
     assert meant.take(rtk(20, **epoch(0))) == []
     (position, *_) = meant.take(rtk(200, **epoch(1)))
     assert position.status is FixStatus.FIXED
-
-
-# Freezing, clocks
-
-
-def test_a_frozen_receiver_is_counted_once_and_told():
-    meant = interpreter()
-    samples = taken(meant, [rtk(20 * k, **epoch(0)) for k in range(150)])
-    assert len(samples) == 3
-    assert meant.counts == {"rtk_repeated": 149, "rtk_frozen": 1}
-    assert meant.diagnostics["rtk_frozen"] == "yes"
-    assert meant.diagnostics["rtk_age_s"] == "2.98"
-    taken(meant, polled(1.0, 50))
-    assert meant.diagnostics["rtk_frozen"] == "no"
 
 
 @given(st.lists(st.tuples(st.integers(0, 30), st.integers(0, 4)), max_size=40), st.randoms())

@@ -45,7 +45,6 @@ class Interpreter:
         self._rtk = RtkInterpreter(config, undulation_m, self._baseline, self._counts)
         self._gps = GpsInterpreter(config, undulation_m, self._counts)
         self._gimbal = GimbalInterpreter(config, attitudes, self._counts)
-        self._newest_ns = 0
         self._takers: dict[type, Callable[[Any], list[Any]]] = {
             ImuReading: self._imu.take,
             AttitudeReading: self._take_attitude,
@@ -56,10 +55,9 @@ class Interpreter:
 
     def take(self, reading: Reading) -> list[Sample]:
         """Return the samples of a reading, and of earlier ones that waited for it."""
-        self._newest_ns = reading.stamp_ns
         samples: list[Sample] = self._takers[type(reading)](reading)
         if self._gimbal.waits:
-            samples = [*samples, *self._gimbal.resolve(self._newest_ns)]
+            samples = [*samples, *self._gimbal.resolve(reading.stamp_ns)]
         return samples
 
     def flush(self) -> list[Sample]:
@@ -83,8 +81,7 @@ class Interpreter:
         unset = math.isnan(self._undulation_m)
         found = {
             **self._imu.diagnostics,
-            **self._rtk.diagnostics(self._newest_ns),
-            **self._gps.diagnostics(self._newest_ns),
+            **self._rtk.diagnostics,
             **self._gimbal.diagnostics,
             "geoid_undulation_m": "0 (not set)" if unset else f"{self._undulation_m:g}",
         }
