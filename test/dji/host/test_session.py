@@ -276,6 +276,3 @@ def test_topics_that_are_unknown_or_offline_are_left_out_and_the_latter_tried_ag
 def test_what_cannot_be_asked_for_is_an_error_at_the_start():
     with pytest.raises(DjiError, match=r"host.broadcast_rates: 2.5 is no rate code"):
         HostSession(DjiHostConfig(broadcast_rates=(2.5,) + (5.0,) * 15), PackageTable())
-    table = PackageTable([RTK._replace(rate_hz=70000)])
-    with pytest.raises(DjiError, match=r"AddPackage.*cannot be sent"):
-        HostSession(DjiHostConfig(subscribe=True), table)

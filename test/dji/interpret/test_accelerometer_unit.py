@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.dji.interpret import Interpreter
 from tirgeo_ros.dji.interpret.accelerometer_unit import G_M_S2
-from tirgeo_ros.dji.sources.readings import AccelerationUnit, ImuOrigin
+from tirgeo_ros.dji.sources.readings import AccelerationUnit
 
 UNKNOWN = AccelerationUnit.UNKNOWN
 
@@ -73,14 +73,6 @@ def test_the_unit_is_told_in_flight_with_vibration(unit, load, shake, tilt, azim
     assert len(samples) == 50
     average = np.mean([sample.specific_force_b for sample in samples], 0)
     np.testing.assert_allclose(average, G_M_S2 * np.array(mean), atol=6 * G_M_S2 * shake / 50**0.5)
-
-
-def test_a_vibration_of_two_values():
-    """One of half the sampling rate: the median would be one of the two."""
-    meant = interpreter()
-    two = [imu(10 * k, (0.0, 0.0, -1.0 + 5.0 * (-1) ** k), UNKNOWN) for k in range(50)]
-    assert len(taken(meant, two)) == 50
-    assert meant.diagnostics["acceleration_unit"].startswith("g ")
 
 
 @pytest.mark.parametrize("wild", [30.0, 399.0, 1e30, 3.4e38])
@@ -157,24 +149,6 @@ def test_at_the_end_what_waits_comes_out_in_its_unit():
     np.testing.assert_allclose(sizes(meant.flush()), [G_M_S2] * 10, rtol=1e-12)
     assert meant.flush() == []
     assert meant.counts == {}
-
-
-def test_too_little_to_tell_by_is_counted():
-    meant = interpreter()
-    taken(meant, readings(0.04, (0.0, 0.0, -1.0)))
-    assert meant.flush() == []
-    assert meant.counts == {"imu_unit_not_known": 4}
-
-
-def test_held_readings_do_not_go_out_in_another_stream_s_unit():
-    meant = interpreter()
-    cast = list(readings(0.3, (0.0, 0.0, -G_M_S2)))
-    hard = [imu(2.5 * k, (0.0, 0.0, -1.0), origin=ImuOrigin.HARD_SYNC) for k in range(40, 120)]
-    mixed = sorted([*cast, *hard], key=lambda reading: reading.stamp_ns)
-    samples = taken(meant, mixed)
-    np.testing.assert_allclose(sizes(samples), G_M_S2, rtol=1e-12)
-    lost = meant.counts["imu_unit_not_known"] + meant.counts["imu_unused_hard_sync"]
-    assert len(samples) + lost + meant.counts["imu_unused_broadcast"] == len(mixed)
 
 
 # The parts

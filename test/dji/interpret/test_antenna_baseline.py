@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from aircraft_readings import KIT, attitude, epoch, imu, rtk, wxyz
+from aircraft_readings import KIT, epoch, imu, rtk, wxyz
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.frames.heading import wrap_pi
@@ -57,12 +57,3 @@ def test_it_takes_ten_seconds_and_fixed_yaws():
         flown(meant, seconds, 0.0, flag=flag)
         assert meant.warnings == []
         assert "baseline_seen_deg" not in meant.diagnostics
-
-
-def test_yaws_that_say_nothing_constant_are_no_mounting():
-    """An aircraft whose own heading stands still while RTK turns."""
-    meant = interpreter()
-    for k in range(100):
-        meant.take(attitude(200 * k))
-        meant.take(rtk(200 * k, **epoch(k, yaw_deg=20 * k)))
-    assert meant.warnings == []

@@ -23,7 +23,6 @@ from tirgeo_ros.core.frames.rotations import (
 )
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
 from tirgeo_ros.dji.interpret import Interpreter
-from tirgeo_ros.dji.sources.readings import ImuOrigin
 
 NAN, INF = math.nan, math.inf
 
@@ -127,31 +126,6 @@ def test_without_the_nose_there_is_no_heading_of_a_yaw_from_it():
     assert meant.counts == {"gimbal_without_heading": 50}
 
 
-def test_across_a_gap_of_attitudes_there_are_no_joints():
-    meant = interpreter()
-    samples = taken(meant, [imu(0), gimbal(100), imu(240), gimbal(300), imu(500), gimbal(501)])
-    assert [t_ms(s) for s in of(JointSample, samples)] == [100]
-    assert [t_ms(s) for s in of(CameraAttitudeSample, samples)] == [100, 300]
-    assert meant.counts["gimbal_without_joints"] == 1
-
-
-def test_the_broadcast_s_attitude_serves_while_another_imu_drives():
-    """One without an attitude in its package."""
-    meant = interpreter()
-    samples = taken(
-        meant,
-        [
-            imu(0, origin=ImuOrigin.SUBSCRIPTION, q_nb=None),
-            imu(1, q_nb=wxyz(yaw=1.0)),
-            gimbal(5, yaw=1.5),
-            imu(11, q_nb=wxyz(yaw=1.0)),
-        ],
-    )
-    assert meant.counts["imu_unused_broadcast"] == 2
-    (joints,) = of(JointSample, samples)
-    assert joints.yaw_rad == pytest.approx(0.5)
-
-
 # What is odd
 
 
@@ -186,21 +160,3 @@ def test_at_the_end_of_the_chain_the_three_still_give_the_rotation(yaw, off, pit
     expected = matrix_from_quat(np.array(body)).T @ matrix_from_quat(camera.q_ng)
     np.testing.assert_allclose(rotation_bg(joints), expected, atol=1e-14)
     assert meant.counts == {"joints_near_singularity": 1}
-
-
-def test_every_reading_is_accounted_for():
-    rng = np.random.default_rng(3)
-    meant = interpreter()
-    readings = [imu(t, q_nb=wxyz(*rng.uniform(-0.4, 0.4, 3))) for t in range(0, 5000, 10)]
-    readings += [gimbal(t + 3, yaw=float(rng.uniform(-3, 3))) for t in range(0, 5000, 20)]
-    keep = rng.uniform(size=len(readings)) > 0.3
-    kept = sorted(
-        (reading for reading, k in zip(readings, keep, strict=True) if k),
-        key=lambda reading: reading.stamp_ns + rng.integers(0, 60) * MS,
-    )
-    samples = [*taken(meant, kept), *meant.flush()]
-    cameras, joints = of(CameraAttitudeSample, samples), of(JointSample, samples)
-    counts = meant.counts
-    number = sum(reading.stamp_ns % (20 * MS) == 3 * MS for reading in kept)
-    assert len(cameras) + counts.get("gimbal_out_of_order", 0) == number
-    assert len(joints) + counts.get("gimbal_without_joints", 0) == len(cameras)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from aircraft_readings import gps, of, place, t_ms, taken
+from aircraft_readings import gps, of, place, t_ms
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.config.dji import DjiDelayConfig
@@ -69,18 +69,3 @@ def test_fix_and_accuracy_of_another_message_hold_for_a_while():
     found = [meant.take(gps(t, place=place(t)))[0] for t in (10, 1500, 1501)]
     assert [s.status for s in found] == [FixStatus.SINGLE, FixStatus.SINGLE, FixStatus.NONE]
     assert found[1].covariance_n[0, 0] == pytest.approx(0.64)
-
-
-def test_a_road_that_never_tells_the_fix():
-    meant = interpreter()
-    (position,) = meant.take(gps(0, place=place()))
-    assert position.status is FixStatus.SINGLE
-
-
-def test_at_rest_the_velocity_shows_what_is_new():
-    """Places in steps of a centimetre stay the same."""
-    meant = interpreter()
-    readings = [
-        gps(20 * k, **whole() | {"velocity_n": (0.0, 0.0, 1e-3 * (k // 10))}) for k in range(100)
-    ]
-    assert len(of(PositionSample, taken(meant, readings))) == 10

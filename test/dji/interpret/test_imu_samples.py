@@ -44,20 +44,6 @@ def test_a_reading_becomes_a_sample_in_si():
 # Attitude
 
 
-@given(
-    st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(lambda q: math.hypot(*q) > 0.1),
-    st.floats(0.991, 1.009),
-)
-def test_the_attitude_has_unit_norm(q, norm):
-    scale = norm / math.hypot(*q)
-    given_q = tuple(scale * x for x in q)
-    (sample,) = interpreter().take(imu(0, q_nb=given_q))
-    found = sample.autopilot_q_nb
-    assert math.hypot(*found) == pytest.approx(1.0, abs=1e-15)
-    # The same rotation: parallel, or against it.
-    assert abs(found @ np.array(given_q)) == pytest.approx(norm, abs=1e-14)
-
-
 @pytest.mark.parametrize(
     "q_nb",
     [
@@ -179,16 +165,6 @@ def test_stamps_of_any_mixture_ascend(bursts, phase):
         if name.startswith("imu_unused") or name == "imu_out_of_order"
     )
     assert len(samples) + lost == len(readings)
-
-
-def test_the_clock_goes_back_while_the_better_stream_ends():
-    """The other one must not wait until the clock is where it was."""
-    meant = interpreter()
-    readings = [imu(t, origin=HARD) for t in range(100_000, 100_500, 10)]
-    readings += [imu(t, origin=CAST) for t in range(0, 500, 10)]
-    samples = taken(meant, readings)
-    assert len(samples) == 100
-    assert meant.counts["imu_went_back"] == 1
 
 
 # Speed

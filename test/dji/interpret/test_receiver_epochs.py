@@ -116,15 +116,6 @@ def test_a_fix_that_is_lost_with_its_place_is_told():
     assert meant.counts["rtk_position_refused"] == 2
 
 
-def test_a_better_fix_waits_for_its_place():
-    """The place at hand was measured without it."""
-    meant = interpreter()
-    meant.take(rtk(0, **epoch(0, position_flag=34)))
-    assert meant.take(rtk(20, **epoch(0))) == []
-    (position, *_) = meant.take(rtk(200, **epoch(1)))
-    assert position.status is FixStatus.FIXED
-
-
 @given(st.lists(st.tuples(st.integers(0, 30), st.integers(0, 4)), max_size=40), st.randoms())
 def test_stamps_of_each_stream_ascend(steps, random):
     """Readings of two roads, out of order by less than 20 ms."""

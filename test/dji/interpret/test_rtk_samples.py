@@ -120,15 +120,6 @@ def test_what_is_no_place_is_refused(bad):
     assert meant.counts == {"rtk_position_refused": 1}
 
 
-@pytest.mark.parametrize("bad", [NAN, INF, -INF, 1e3, 1e300])
-def test_what_is_no_velocity_is_refused(bad):
-    meant = interpreter()
-    samples = meant.take(rtk(0, **epoch(0) | {"velocity_n": (0.0, bad, 0.0)}))
-    assert of(VelocitySample, samples) == []
-    assert len(samples) == 2
-    assert meant.counts == {"rtk_velocity_refused": 1}
-
-
 def test_an_undulation_that_is_not_set_is_zero_and_warned_of():
     meant = Interpreter(DjiConfig())
     (position, *_) = meant.take(rtk(0, **epoch(0)))

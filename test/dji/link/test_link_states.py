@@ -71,15 +71,6 @@ def test_from_no_device_to_receiving_and_back(tmp_path):
     ]
 
 
-def test_a_wrong_rate(tmp_path):
-    with PseudoTerminal(tmp_path / "aircraft", 921600) as cable:
-        person = Person(tmp_path / "aircraft", cable)
-        person.wait(4.0, until="wrong_baud")
-        person.link.close()
-    assert person.told == ["waiting", "wrong_baud"]
-    assert "at 230400 baud: set baud as in DJI Assistant 2" in person.watch.report.message
-
-
 def test_who_only_listens_writes_nothing(tmp_path):
     # What the node does with default parameters, through a pulled cable: seen at the other end.
     with PseudoTerminal(tmp_path / "aircraft") as cable:

@@ -36,18 +36,6 @@ class Scene:
         return [report.condition.value for report in self.told]
 
 
-def test_frames_make_it_receive_at_once():
-    scene = Scene()
-    scene.pass_(STEP_S)
-    report = scene.pass_(3.0, bytes_=750, frames=5)
-    assert scene.conditions == ["waiting", "receiving"]
-    assert (report.condition, report.level) == (LinkCondition.RECEIVING, LinkLevel.OK)
-    assert report.message == "/dev/ttyUSB0: receiving at 921600 baud"
-    # Counts over a window of whole steps are exact but for the rounding of times near 1000 s.
-    assert report.bytes_per_s == pytest.approx(750 / STEP_S, rel=1e-9)
-    assert report.frames_per_s == pytest.approx(5 / STEP_S, rel=1e-9)
-
-
 def test_an_open_port_without_bytes_is_silent_after_two_seconds():
     scene = Scene()
     assert scene.pass_(1.9).condition is LinkCondition.WAITING

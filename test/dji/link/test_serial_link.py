@@ -116,18 +116,6 @@ def open_files():
     return len(list(Path("/proc/self/fd").iterdir()))
 
 
-def test_a_cable_that_is_pulled_many_times(cable, open_link):
-    link = opened(open_link(str(cable.path), BAUD))
-    descriptors = open_files()
-    for _ in range(8):
-        cable.pull()
-        read_until(link, lambda _: link.state is not LinkState.OPEN)
-        cable.plug()
-        opened(link)
-    assert link.openings == 9
-    assert open_files() == descriptors
-
-
 def test_another_device_under_the_name_is_taken_though_the_old_one_is_silent(
     cable, open_link, tmp_path
 ):
@@ -246,16 +234,6 @@ def test_a_port_that_another_one_holds_is_busy_until_it_is_given_back(cable, ope
     assert second.state is LinkState.BUSY
     first.close()
     opened(second)
-
-
-def test_a_port_that_takes_nothing_is_not_lost(cable, open_link):
-    link = opened(open_link(str(cable.path), BAUD))
-    taken = 0
-    while link.write(bytes(4096)):  # until the terminal's buffer is full
-        taken += 1
-        assert taken < 1000
-    link.read(0.0)
-    assert link.state is LinkState.OPEN
 
 
 def test_close_while_another_thread_reads(cable, open_link):

@@ -36,9 +36,3 @@ def test_check_values(check_sum, expected):
 @given(data=st.binary(max_size=40))
 def test_equals_the_long_division(check_sum, polynomial, start, bits, data):
     assert check_sum(data) == bit_by_bit(data, polynomial, start, bits)
-
-
-@pytest.mark.parametrize(("check_sum", "bits"), [(crc16, 16), (crc32, 32)])
-@given(data=st.binary(max_size=1019))
-def test_is_zero_over_a_text_and_its_own_sum(check_sum, bits, data):
-    assert check_sum(data + check_sum(data).to_bytes(bits // 8, "little")) == 0

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import struct
 
-import pytest
 from dji_layouts import number
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tirgeo_ros.core.types.errors import DjiError
 from tirgeo_ros.dji.protocol.broadcast_parts import GimbalAngles, GpsFused, Velocity
 from tirgeo_ros.dji.protocol.subscription import (
     USUAL_PACKAGES,
     Package,
     PackageTable,
-    Push,
     decode_push,
     encode_push,
 )
@@ -78,18 +75,3 @@ def test_what_is_decoded_encodes_to_the_same_bytes(case):
     push = decode_push(value, PackageTable([package]))
     assert list(push.values) == [topic.name for topic in package.topics]
     assert encode_push(push) == value
-
-
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        ({"VELOCITY": Velocity((1.0, 2.0, 3.0))}, "package 3: RTK_YAW needs 1 numbers"),
-        ({"VELOCITY": (1.0, 2.0, 3.0), "RTK_YAW": 1}, "VELOCITY needs 4 numbers"),
-        ({"VELOCITY": Velocity((1.0, 2.0, 3.0)), "RTK_YAW": 40000}, "package 3 cannot be sent"),
-        ({"VELOCITY": Velocity((1e39, 2.0, 3.0)), "RTK_YAW": 1}, "package 3 cannot be sent"),
-    ],
-)
-def test_what_a_package_cannot_hold_is_refused(values, message):
-    package = Package.of(3, 50, with_timestamp=False, names=("VELOCITY", "RTK_YAW"))
-    with pytest.raises(DjiError, match=message):
-        encode_push(Push(package, None, None, values))

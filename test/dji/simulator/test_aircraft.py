@@ -92,13 +92,6 @@ def test_what_is_new_at_an_instant_is_in_the_frame_of_that_instant_and_repeated_
     assert {k for k, height_m in polled.items() if height_m == 231.5} == set(range(28, 60, 2))
 
 
-def test_a_silent_receiver_has_no_solution():
-    samples = [*(imu(k, 20) for k in range(120)), (START, rtk(0))]
-    flags = [(k * 20, said.rtk.pos_flag) for k, said in enumerate(told(samples))]
-    assert {flag for at_ms, flag in flags if at_ms <= 1000} == {50}
-    assert {flag for at_ms, flag in flags if at_ms > 1000} == {0}
-
-
 def test_samples_that_make_no_sense_are_left_out_and_counted():
     aircraft = Aircraft()
     bad = [

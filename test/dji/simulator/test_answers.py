@@ -12,18 +12,13 @@ from tirgeo_ros.dji.protocol.broadcast import decode_broadcast
 from tirgeo_ros.dji.protocol.commands import (
     NOT_ACTIVATED,
     Activate,
-    AddPackage,
     GetVersion,
-    MatchVersion,
-    RemovePackage,
-    ResetPackages,
     SetRates,
     decode_code,
     decode_version_ack,
     encode_request,
 )
 from tirgeo_ros.dji.protocol.subscription import USUAL_PACKAGES, PackageTable
-from tirgeo_ros.dji.protocol.subscription_topics import BY_NAME
 from tirgeo_ros.dji.simulator import Aircraft, frames_of
 from tirgeo_ros.dji.sources.serial import SerialDecoder
 
@@ -48,10 +43,6 @@ class Host:
 
     def code(self, request):
         return decode_code(request, self.ask(request))
-
-
-def package(number, rate_hz, *names):
-    return AddPackage(number, rate_hz, True, tuple(BY_NAME[name].uid for name in names))
 
 
 @pytest.fixture
@@ -94,23 +85,6 @@ def test_rates_are_set_by_their_codes():
     assert all(part.angular_rate_radps is part.rtk is part.gimbal is None for part in said)
     assert host.code(SetRates((0,) * 16)) == 0
     assert list(frames_of(aircraft, hovering(1.0, SECOND))) == []
-
-
-def test_packages_need_an_activation_and_are_checked(host):
-    imu_topics = package(0, 400, "HARD_SYNC")
-    assert host.code(imu_topics) == 0x23
-    host.code(Activate(1, (3, 2, 41, 13)))
-    host.code(Activate(1, (3, 2, 41, 13)))
-    assert host.code(MatchVersion()) == 0
-    assert host.code(imu_topics) == 0
-    assert host.code(imu_topics) == 4
-    assert host.code(AddPackage(1, 50, True, (0xDEADBEEF,))) == 0x22
-    assert host.code(package(1, 5, "RTK_CONNECT_STATUS")) == 0x22  # not of this firmware
-    assert host.code(RemovePackage(3)) == 5
-    assert host.code(RemovePackage(0)) == 0
-    assert host.code(imu_topics) == 0
-    assert host.code(ResetPackages()) == 0
-    assert not host.aircraft.desk.packages
 
 
 def test_dji_nodes_own_host_gets_what_it_asks_for():

@@ -85,20 +85,6 @@ def _axial(m):
     return np.array([m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]])
 
 
-def test_an_attitude_that_is_marked_as_absent():
-    message = imu(START)
-    message.orientation_covariance = [-1.0] + [0.0] * 8
-    (reading,) = readings("imu", message)
-    assert reading.q_nb is None
-
-
-def test_attitude_is_turned_to_ned_and_frd():
-    """Level with the nose to the east, where ENU has no turn: a heading of 90 deg."""
-    (reading,) = readings("attitude", attitude(START, 1.0))
-    expected = quat_from_euler(0.0, 0.0, math.radians(90.0))
-    assert reading.q_nb == pytest.approx(tuple(expected), abs=ROUNDING)
-
-
 def test_fused_velocity_is_east_north_up_and_the_fused_height_is_hardly_known():
     (reading,) = readings("velocity", vector(START, 1.0, 2.0, 3.0, "ground_ENU"))
     assert reading.velocity_n == (2.0, 1.0, -3.0)

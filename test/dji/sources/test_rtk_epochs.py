@@ -88,8 +88,3 @@ def test_without_a_position_the_velocitys_stamp_counts():
     given_parts = [("yaw_flag", 5 * MS), ("velocity_n", 1 * MS), ("position_flag", 6 * MS)]
     ((_, reading),) = told((k * MS, part(name, 0, at)) for k, (name, at) in enumerate(given_parts))
     assert reading.stamp_ns == 1 * MS
-
-
-def test_a_clock_that_goes_back_begins_another_epoch():
-    first, second = told([(PERIOD, part("place", 1, PERIOD)), (0, part("yaw_deg", 0, 0))])
-    assert (first.reading.yaw_deg, second.reading.place) == (None, None)

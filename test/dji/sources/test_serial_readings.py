@@ -199,15 +199,3 @@ def test_a_gps_position_with_its_latitude_first_is_found_out(clocks, known_by):
     found = gps.place.latitude_rad, gps.place.longitude_rad
     assert found == pytest.approx((math.radians(latitude), math.radians(longitude)), abs=1e-9)
     assert telemetry.counts["axes_swapped"] == 1
-
-
-def test_raw_acceleration_by_subscription_is_in_metres(telemetry):
-    (reading,) = push(telemetry, 4, ACCELERATION_RAW=ACCELERATION, ANGULAR_RATE_RAW=RATE)
-    assert reading[1:] == (
-        ImuOrigin.SUBSCRIPTION,
-        ACCELERATION,
-        AccelerationUnit.M_S2,
-        RATE,
-        None,
-    )
-    assert reading.stamp_ns == pytest.approx(ARRIVAL_NS, abs=1)  # the package has no time

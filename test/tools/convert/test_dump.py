@@ -18,8 +18,6 @@ from tirgeo_ros.dji.protocol.subscription import Package, Push, encode_push
 from tirgeo_ros.tools.cli import main as command
 from tirgeo_ros.tools.convert.dump import CaptureDump
 
-KEY = "00112233445566778899aabbccddeeff" * 2
-
 
 def broadcast(**parts):
     return encode_frame(b"\x02\x00" + encode_broadcast(Broadcast(**parts)), sequence=56)
@@ -157,20 +155,6 @@ def test_other_frames_show_their_bytes(dump):
     assert (asked["kind"], asked["cmd_id"], asked["fields"]) == ("unknown", 0, {"hex": "05"})
     assert (answer["kind"], answer["cmd_set"]) == ("ack", None)
     assert answer["fields"] == {"hex": "0102"}
-
-
-def test_encrypted_frames_need_their_key(tirgeo_dump):
-    pytest.importorskip("cryptography")
-    data = b"\x02\x00" + encode_broadcast(Broadcast(mag=(1, -2, 3)))
-    frame = encode_frame(data, key=bytes.fromhex(KEY))
-    _, (record,), err = tirgeo_dump(frame)
-    assert (record["enc"], record["kind"], record["fields"]) == (1, "encrypted", {})
-    assert (record["cmd_set"], record["cmd_id"]) == (None, None)
-    assert err == "tirgeo dump: 1 frame (1 encrypted); 1 not decrypted\n"
-    _, (record,), err = tirgeo_dump(frame, "--key", KEY)
-    assert (record["enc"], record["kind"]) == (1, "broadcast")
-    assert record["fields"] == {"mag": [1, -2, 3]}
-    assert err == "tirgeo dump: 1 frame (1 broadcast)\n"
 
 
 COMMANDS = [b"\x02\x00", b"\x02\x05", b"\x02\x01", b"\x00\x00", b"\x00\x01", b"\x00\x10"]

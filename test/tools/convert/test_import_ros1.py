@@ -121,14 +121,6 @@ def test_rtk_position_is_ellipsoidal_and_fixed(imported):
         assert message.position_covariance[0] > 0
 
 
-def test_rtk_velocity_is_east_north_up(imported):
-    path, _ = imported
-    north, east, down = FLIGHT.velocity_ned
-    for message in messages(path, "/rtk/vel"):
-        linear = message.twist.twist.linear
-        assert (linear.x, linear.y, linear.z) == pytest.approx((east, north, -down), abs=ROUNDING)
-
-
 def test_heading_is_the_baselines_less_its_offset(imported):
     path, _ = imported
     found = by_time(path, "/rtk/heading")

@@ -38,18 +38,6 @@ def test_renamed_prefix_and_namespace(folder):
     assert not (folder / "uav2.mcap").exists()
 
 
-def test_two_aircraft_want_a_namespace(folder):
-    one, flight = Bag(), Flight(duration_s=1.0)
-    for name in ("a", "b"):
-        for message in wrapper_bag(flight, prefix=f"/{name}/dji_sdk").messages:
-            one.add(message[0], message[2], message[4])
-    path = one.write(folder / "two.bag")
-    with pytest.raises(BagError, match=r"/a/dji_sdk, /b/dji_sdk; choose with --namespace"):
-        import_flight(path, folder / "two.mcap")
-    import_flight(path, folder / "two.mcap", namespace="b", params=folder / "params.yaml")
-    assert "/b/imu/data" in BagReader(folder / "two.mcap").topics()
-
-
 def test_what_is_wrong_is_told_and_the_rest_imported(folder, capsys):
     flight = Flight(duration_s=1.0)
     bag = wrapper_bag(flight)

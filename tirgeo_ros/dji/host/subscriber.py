@@ -10,7 +10,6 @@ from tirgeo_ros.dji.protocol.commands import (
     MatchVersion,
     RemovePackage,
     ResetPackages,
-    encode_request,
     explain,
 )
 from tirgeo_ros.dji.protocol.subscription import Package, PackageTable
@@ -34,13 +33,10 @@ class Subscriber:
     """Manage the subscription of the packages ``wanted``, which may be none.
 
     While it runs, ``table`` is kept to what the aircraft pushes: the packages that it accepted.
-    Raises DjiError for a package that cannot be requested.
     """
 
     def __init__(self, wanted: Sequence[Package], table: PackageTable) -> None:
         self._wanted, self._table = wanted, table
-        for package in wanted:
-            encode_request(package.request)  # raises here, at the start, and not in flight
         self.forget()
 
     def forget(self) -> None:

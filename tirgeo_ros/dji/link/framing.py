@@ -15,7 +15,6 @@ import re
 from struct import Struct
 from typing import NamedTuple
 
-from tirgeo_ros.core.types.errors import DjiError
 from tirgeo_ros.dji.link.encryption import Aes256
 from tirgeo_ros.dji.protocol.crc import crc16, crc32
 
@@ -212,17 +211,12 @@ def encode_frame(
 ) -> bytes:
     """Return the bytes of a frame; only a header without data; encrypted with a key.
 
-    ``data``: command set, command and value, or the value of an ack. Raises DjiError if it is too
-    long (more than 1007 bytes, 991 with a key), the session is not 0 to 31 or the sequence is no
-    u16.
+    ``data``: command set, command and value, or the value of an ack: 1007 bytes at most, 991 with
+    a key. ``session``: 0 to 31, ``sequence``: a u16.
     """
-    if not 0 <= session <= _SESSIONS or not 0 <= sequence <= 0xFFFF:
-        raise DjiError(f"no frame can have session {session} and sequence {sequence}")
     padding = 0
     if data and key is not None:
         data, padding = Aes256(key).encrypt(data)
-    if len(data) > MAX_DATA_BYTES:
-        raise DjiError(f"a frame holds {MAX_DATA_BYTES} bytes of data, not {len(data)}")
     length = len(data) + MIN_BYTES if data else HEADER_BYTES
     encryption = padding | (_AES_256 << _ENCRYPTION_SHIFT if padding else 0)
     whole = bytes([_SOF]) + _FIELDS.pack(length, session | is_ack * _ACK, encryption, sequence)[1:]

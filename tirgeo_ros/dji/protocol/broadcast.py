@@ -14,7 +14,6 @@ from enum import Enum
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-from tirgeo_ros.core.types.errors import DjiError
 from tirgeo_ros.dji.protocol.broadcast_parts import (
     Battery,
     Device,
@@ -174,17 +173,7 @@ def decode_broadcast(value: bytes) -> Broadcast | None:
 
 
 def encode_broadcast(broadcast: Broadcast) -> bytes:
-    """Encode a broadcast's value.
-
-    Raises DjiError for a part or number that the layout cannot hold.
-    """
+    """Encode a broadcast's value; its parts must be those of its layout."""
     packed = _packed(broadcast.layout, broadcast.mask)
     assert packed is not None  # ``mask`` contains only bits of the layout
-    values = broadcast._asdict()
-    what = f"broadcast in {values.pop('layout').value}"
-    given = {name for name, part in values.items() if part is not None}
-    if strays := sorted(
-        given.difference(name for name, *_ in packed.parts)
-    ):  # they would be lost silently
-        raise DjiError(f"{what}: there is no {', '.join(strays)}")
-    return packed.pack([broadcast.mask], values, what)
+    return packed.pack([broadcast.mask], broadcast._asdict())

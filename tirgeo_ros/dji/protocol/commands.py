@@ -11,8 +11,6 @@ import re
 import struct
 from typing import NamedTuple
 
-from tirgeo_ros.core.types.errors import DjiError
-
 Firmware = tuple[int, int, int, int]
 
 RATE_COUNT = 16  # one rate code for each bit of the broadcast's mask
@@ -95,17 +93,8 @@ _KINDS = {opcode: kind for kind, opcode in OPCODES.items()}
 
 
 def encode_request(request: Request) -> bytes:
-    """Encode command set, command id and value.
-
-    Raises
-    ------
-    DjiError
-        A number does not fit its field, or there are not 16 rate codes.
-    """
-    try:
-        return bytes(OPCODES[type(request)]) + _encode_value(request)
-    except (struct.error, ValueError, OverflowError) as error:
-        raise DjiError(f"{request} cannot be sent: {error}") from error
+    """Encode command set, command id and value, whose numbers must fit their fields."""
+    return bytes(OPCODES[type(request)]) + _encode_value(request)
 
 
 def _encode_value(request: Request) -> bytes:
@@ -116,8 +105,6 @@ def _encode_value(request: Request) -> bytes:
             version = int.from_bytes(bytes(firmware), "big")
             return _ACTIVATE.pack(app_id, _ACTIVATE_MARK, version, _ACTIVATE_FILLER)
         case SetRates(codes):
-            if len(codes) != RATE_COUNT:
-                raise ValueError(f"{len(codes)} rate codes where {RATE_COUNT} are due")
             return bytes(codes)
         case MatchVersion(version):
             return struct.pack("<I", version)
@@ -163,27 +150,14 @@ class VersionAck(NamedTuple):
 
     code: int  # 0 activated, ``NOT_ACTIVATED``
     serial: str
-    name: str  # ends in hardware and firmware, "... PM820V3PRO-3.2.41.13"
     hardware: str  # "" if the name does not contain it
     firmware: Firmware | None
-    crc: int | None = None  # only from firmware before 3.2
 
 
-def encode_version_ack(
-    code: int,
-    serial: str,
-    name: str = "SDK-v1.0 BETA PM820V3PRO-3.2.41.13",
-    crc: int | None = None,
-) -> bytes:
-    """Return the value of the ack to 00/00, with the CRC of old firmware where one is given."""
-    head = struct.pack("<H", code) + (b"" if crc is None else struct.pack("<I", crc))
-    return (
-        head
-        + serial.encode("ascii")
-        + b"\0"
-        + name.encode("ascii").ljust(_NAME_SIZE, b"\0")
-        + b"\0"
-    )
+def encode_version_ack(code: int, serial: str, name: str) -> bytes:
+    """Return the value of the ack to 00/00; ``name`` ends in hardware and firmware."""
+    padded = name.encode("ascii").ljust(_NAME_SIZE, b"\0")
+    return struct.pack("<H", code) + serial.encode("ascii") + b"\0" + padded + b"\0"
 
 
 def decode_version_ack(value: bytes) -> VersionAck | None:
@@ -201,16 +175,9 @@ def decode_version_ack(value: bytes) -> VersionAck | None:
         a, b, c, d = (int(number or 0) for number in numbers)
         firmware = (a, b, c, d) if max(a, b, c, d) < 256 else None
     has_crc = firmware is not None and firmware < _FIRST_WITHOUT_CRC
-    crc = int.from_bytes(value[2:6], "little") if has_crc else None
-    serial, _, name = value[6 if has_crc else 2 :].partition(b"\0")
-    code = int.from_bytes(value[:2], "little")
-    return VersionAck(code, _text(serial), _text(name), hardware, firmware, crc)
-
-
-def _text(raw: bytes) -> str:
-    """Return the printable ASCII up to the first NUL."""
-    characters = raw.partition(b"\0")[0].decode("ascii", "replace")
-    return "".join(c if c.isprintable() and c.isascii() else "?" for c in characters).strip()
+    serial = value[6 if has_crc else 2 :].partition(b"\0")[0].decode("ascii", "replace")
+    printable = "".join(c if c.isprintable() and c.isascii() else "?" for c in serial)
+    return VersionAck(int.from_bytes(value[:2], "little"), printable, hardware, firmware)
 
 
 def encode_code(request: Request, code: int) -> bytes:

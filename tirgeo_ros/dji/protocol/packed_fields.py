@@ -6,8 +6,6 @@ import struct
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from tirgeo_ros.core.types.errors import DjiError
-
 Make = Callable[[tuple[Any, ...]], Any]
 
 
@@ -29,18 +27,10 @@ class PackedFields:
         self.size = self._struct.size
         self.numbers = self._struct.unpack  # bytes in, all numbers out
 
-    def pack(self, head: Sequence[int | None], values: Mapping[str, Any], what: str) -> bytes:
-        """Return the bytes. Raises DjiError, naming ``what``, for what does not fit."""
-        numbers: list[Any] = [*head]
-        for name, start, stop, _ in self.parts:
-            part = _flat(values.get(name))
-            if len(part) != stop - start:
-                raise DjiError(f"{what}: {name} needs {stop - start} numbers")
-            numbers += part
-        try:
-            return self._struct.pack(*numbers)
-        except (struct.error, OverflowError) as error:
-            raise DjiError(f"{what} cannot be sent: {error}") from None
+    def pack(self, head: Sequence[int | None], values: Mapping[str, Any]) -> bytes:
+        """Return the bytes. Raises struct.error for what does not fit."""
+        parts = [number for name, *_ in self.parts for number in _flat(values.get(name))]
+        return self._struct.pack(*head, *parts)
 
 
 def _numbers(form: str) -> int:

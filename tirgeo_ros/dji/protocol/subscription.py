@@ -110,7 +110,7 @@ def decode_push(value: bytes, table: PackageTable) -> Push | None:
 
 
 def encode_push(push: Push) -> bytes:
-    """Encode a push's value. Raises DjiError for values that its package cannot hold."""
+    """Encode a push's value; its values must be those of its package."""
     number, *_, with_timestamp, _topics = push.package
     head = [number, push.time_ms, push.time_ns] if with_timestamp else [number]
-    return _packed(push.package).pack(head, push.values, f"package {number}")
+    return _packed(push.package).pack(head, push.values)

@@ -22,7 +22,6 @@ from tirgeo_ros.dji.protocol.subscription import USUAL_PACKAGES, Push, encode_pu
 from tirgeo_ros.dji.simulator.answers import CommandDesk
 from tirgeo_ros.dji.simulator.gimbal_angles import SimulatedGimbalAngles
 from tirgeo_ros.dji.simulator.pushed_parts import (
-    AircraftTime,
     Instant,
     between,
     broadcast_of,
@@ -185,7 +184,7 @@ class Aircraft:
             instant = self._instant(at)
             values = topic_values(instant, tuple(topic.name for topic in package.topics))
             if values is not None:
-                push = Push(package, instant.time.ms, instant.time.rest_ns, values)
+                push = Push(package, instant.ms, instant.rest_ns, values)
                 data = self._framed(_PUSH + encode_push(push))
                 frames.append(Outgoing(stamp_ns + latency_ns, data))
         self.counts["pushes"] += len(frames)
@@ -198,13 +197,9 @@ class Aircraft:
         q_nb = imu.autopilot_q_nb
         if not usable_attitude(q_nb):
             q_nb, imu = None, ImuSample(imu.stamp_ns, imu.specific_force_b, imu.angular_rate_b)
-        return Instant(
-            AircraftTime(since_ns + self._config.clock_start_ms * 1_000_000),
-            AircraftTime(since_ns),
-            imu,
-            self._gimbal.at(imu.stamp_ns, q_nb),
-            self._satellites,
-        )
+        time_ns = since_ns + self._config.clock_start_ms * 1_000_000
+        gimbal = self._gimbal.at(imu.stamp_ns, q_nb)
+        return Instant(time_ns, since_ns, imu, gimbal, self._satellites)
 
     def _framed(self, data: bytes) -> bytes:
         self._sequence = (self._sequence + 1) & 0xFFFF
