@@ -1,4 +1,4 @@
-"""Broadcasts in their three layouts, against the documented tables and against themselves."""
+"""Broadcasts in their two layouts, against the documented tables and against themselves."""
 
 from __future__ import annotations
 
@@ -38,8 +38,6 @@ def test_each_part_is_as_long_as_documented():
     # Of the old layouts: 9 bytes of time, 25 of position, 32 of GPS, 1 of status and battery.
     lengths = [broadcast_length(Layout.LEGACY, 1 << bit) for bit in (0, 5, 6, 11, 12)]
     assert lengths == [2 + 9, 2 + 25, 2 + 32, 2 + 1, 2 + 1]
-    m100 = [broadcast_length(Layout.M100, 1 << bit) for bit in range(6, 12)]
-    assert m100 == [2 + 6, 2 + 12, 2 + 13, 2 + 1, 2 + 1, 2 + 2]
 
 
 def lengths_of(layout):
@@ -52,15 +50,8 @@ def lengths_of(layout):
     return np.where(masks & ~known, -1, lengths)
 
 
-@pytest.mark.parametrize(
-    ("one", "other"),
-    [
-        (Layout.MODERN, Layout.LEGACY),
-        (Layout.MODERN, Layout.M100),
-        (Layout.LEGACY, Layout.M100),
-    ],
-)
-def test_no_length_fits_two_layouts_that_mean_different_things(one, other):
+def test_no_length_fits_two_layouts_that_mean_different_things():
+    one, other = Layout
     masks = np.arange(1 << 15)
     same = (lengths_of(one) == lengths_of(other)) & (lengths_of(one) > 0)
     differing = sum(1 << bit for bit in range(15) if FORMS[one].get(bit) != FORMS[other].get(bit))
@@ -112,20 +103,6 @@ def test_the_old_layout_of_the_m600():
     assert found.status == Status(2)
     assert found.battery == Battery(None, None, None, 36)
     assert found.mask == mask
-
-
-def test_the_m100_has_other_bits():
-    mask = 0x0FC0
-    numbers = [-828, 1248, -1047, 1, 2, 3, 4, 8000, -4545, 1.5, -30.0, 90.0, 1, 2, 36, 17, 0b11001]
-    found = decode_broadcast(struct.pack(form_of(Layout.M100, mask), mask, *numbers))
-    assert found.layout is Layout.M100
-    assert found.mag == (-828, 1248, -1047)
-    assert found.rc.mode == 8000
-    assert (found.gimbal.roll_deg, found.gimbal.pitch_deg, found.gimbal.yaw_deg) == (1.5, -30, 90)
-    assert (found.status, found.battery.percentage) == (Status(2), 36)
-    assert found.device == (17, 0b11001)
-    assert found.gps is None
-    assert found.rtk is None
 
 
 def test_the_example_frames_encode_to_the_same_bytes(shared):

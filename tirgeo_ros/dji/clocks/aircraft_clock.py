@@ -32,9 +32,6 @@ _STEP_NS = 250_000_000
 _STEP_NUMBER, _STEP_LASTS_NS, _DRAINS_NS = 5, 500_000_000, 20_000_000
 #: Other messages overtake an aircraft's message by no more than this.
 _LATE_NS = _SECOND_NS
-#: The line is lowered by more than this only if two messages agree, since one may have a wrong
-#: count.
-_NEWLY_EARLY_NS = 2_000_000
 #: The offset is settled after this many messages and this time, once it is within
 #: _SETTLED_WITHIN_NS of the line. It is unsettled again when it is more than _UNSETTLED_NS off the
 #: line.
@@ -45,24 +42,16 @@ _SETTLED_WITHIN_NS, _UNSETTLED_NS = 100_000, 2_000_000
 _HASTE, _SLEW = 0.5, 200e-6
 
 
-class _Candidate(NamedTuple):
-    """Hold a message that fits no known offset, until the next one confirms or contradicts it."""
-
-    number: int
-    offset_ns: int
-    is_counter: bool  # True if the counter jumped, False if the host's clock did
-
-
 class _Above(NamedTuple):
     """Hold a run of messages far above the line: a queue that drains, or a new offset."""
 
-    number: int  # of the run's newest message
-    length: int
-    first: float  # height of the first message, nanoseconds
-    least: float
-    aircraft_ns: int  # of the first message
-    arrival_ns: int
-    is_counter: bool
+    number: int = -1  # of the run's newest message
+    length: int = 0
+    first: float = 0.0  # height of the first message, nanoseconds
+    least: float = 0.0
+    aircraft_ns: int = 0  # of the first message
+    arrival_ns: int = 0
+    is_counter: bool = False  # True if the counter jumped, False if the host's clock did
 
 
 class AircraftClock:
@@ -73,26 +62,23 @@ class AircraftClock:
     ppm. Before that, and whenever the line is more than 2 ms off, it may differ by half of the
     step.
 
-    When the counter restarts or the host's clock is set, the stamps follow: at the second message
-    where this is certain, after half a second where a queue could be the cause. A single message
-    that fits no offset is stamped with its arrival. Each counter needs its own AircraftClock.
+    When the counter restarts or the host's clock is set, the stamps follow: at once where this is
+    certain (counts come in frames with check sums), after half a second where a queue could be the
+    cause. Each counter needs its own AircraftClock.
     """
 
     def __init__(self, config: DjiClockConfig, tick_ns: int = 1_000_000, bits: int = 32) -> None:
         self._max_drift = config.max_drift_ppm * 1e-6
         self._slew = self._max_drift + _SLEW
-        self._window_ns = config.window_s * 1e9
-        self._line = LowerEnvelope(self._window_ns, self._max_drift)
+        self._line = LowerEnvelope(config.window_s * 1e9, self._max_drift)
         self._counter = RunningCounter(tick_ns, bits)
         self._number = self._began_number = 0
         self._origin_ns = self._newest_ns = 0  # by the counter
         self._offset_ns = 0  # of the origin, from counter time to host time
         self._published = 0.0  # offset of the newest message, in addition to _offset_ns
         self._settled = False
-        self._early: tuple[float, float] | None = None
-        self._counts = {"resets": 0, "host steps": 0, "stray counts": 0}
-        self._candidate = _Candidate(-1, 0, is_counter=False)
-        self._above = _Above(-1, 0, 0.0, 0.0, 0, 0, is_counter=False)
+        self._counts = {"resets": 0, "host steps": 0}
+        self._above = _Above()
 
     def stamp_ns(self, ticks: int, arrival_ns: int, extra_ns: int = 0) -> int:
         """Return the host time in nanoseconds that a message has if its latency is the smallest.
@@ -111,14 +97,13 @@ class AircraftClock:
         y = float(arrival_ns - aircraft_ns - self._offset_ns)
         step_ns = aircraft_ns - self._newest_ns
         height = y - self._line.base - self._line.drift * x
-        if height < -_NEWLY_EARLY_NS or height > _STEP_NS or step_ns < -_LATE_NS:
-            if self._is_unexplained(height, step_ns):
-                return self._try_candidate(ticks, extra_ns, aircraft_ns, arrival_ns)
-            if height < 0:
-                y += self._agreed_depth(x, y, height) - height
-            elif self._is_set(height, aircraft_ns, arrival_ns):
-                late_ns = round(height - self._above.least)
-                return self._begin(ticks, extra_ns, arrival_ns - late_ns)
+        if self._is_unexplained(height, step_ns):
+            is_counter = abs(step_ns) > _LATE_NS
+            self._counts["resets" if is_counter else "host steps"] += 1
+            return self._begin(ticks, extra_ns, arrival_ns)
+        if height > _STEP_NS and self._is_set(height, aircraft_ns, arrival_ns):
+            late_ns = round(height - self._above.least)
+            return self._begin(ticks, extra_ns, arrival_ns - late_ns)
         self._line.add(x, y)
         if step_ns > 0:
             self._counter.go_on(ticks, tick_ns)
@@ -173,7 +158,6 @@ class AircraftClock:
         self._began_number = self._number
         self._published = 0.0
         self._settled = False
-        self._early = None
         self._line.begin(0.0, 0.0)
         return arrival_ns
 
@@ -200,29 +184,6 @@ class AircraftClock:
         if step_ns < -_LATE_NS or (step_ns > _LATE_NS and height > _SECOND_NS):
             return True
         return height < -(_STEP_NS + 2 * self._max_drift * max(step_ns, 0))
-
-    def _try_candidate(self, ticks: int, extra_ns: int, aircraft_ns: int, arrival_ns: int) -> int:
-        """Begin a new offset at the second message in a row that shows the same new offset."""
-        offset_ns = arrival_ns - aircraft_ns
-        known = self._candidate
-        if known.number == self._number - 1 and abs(offset_ns - known.offset_ns) < _STEP_NS:
-            self._counts["resets" if known.is_counter else "host steps"] += 1
-            return self._begin(ticks, extra_ns, arrival_ns)
-        self._counts["stray counts"] += 1
-        is_counter = abs(aircraft_ns - self._newest_ns) > _LATE_NS
-        self._candidate = _Candidate(self._number, offset_ns, is_counter)
-        return arrival_ns
-
-    def _agreed_depth(self, x: float, y: float, height: float) -> float:
-        """Return how far (ns, <= 0) below the line two recent messages agree to be."""
-        known = self._early
-        if known is None or x - known[0] > self._window_ns:
-            self._early = x, y
-            return 0.0
-        known_height = known[1] - self._line.base - self._line.drift * known[0]
-        if height < known_height:
-            self._early = x, y
-        return min(max(height, known_height), 0.0)
 
     def _is_set(self, height: float, aircraft_ns: int, arrival_ns: int) -> bool:
         """Return whether messages have been far above the line long enough for a new offset."""

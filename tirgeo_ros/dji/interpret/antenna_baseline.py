@@ -8,6 +8,7 @@ this. It is reported, never corrected, because the autopilot's heading may be th
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections import deque
 
@@ -22,10 +23,8 @@ NOT_SET = (
     "left and second right; set aircraft.rtk_antenna_m and aircraft.second_antenna_m"
 )
 
-_SPAN_NS = 20_000_000_000
-_LEAST_NS = 10_000_000_000
-#: Ten seconds at 5 Hz, with some missing.
-_LEAST_NUMBER = 30
+#: The newest readings that are averaged; at least this time of them, at 5 Hz with some missing.
+_SPAN_NS, _LEAST_NS, _LEAST_NUMBER = 20_000_000_000, 10_000_000_000, 30
 #: Larger than the usual error of a compass, smaller than that of a baseline mounted another way.
 _TOLERANCE_DEG = 15.0
 #: Smallest length of the mean of unit vectors: below it the angles are spread by over 26 deg, and
@@ -43,16 +42,14 @@ def baseline_deg(aircraft: AircraftConfig) -> float:
 
 
 class BaselineCheck:
-    """Average RTK yaw minus the aircraft's own heading over the newest 20 s."""
+    """Average RTK yaw minus the aircraft's own heading over the newest 20 s.
+
+    ``offset_deg``: the baseline's direction by the antennas' positions, clockwise from the nose.
+    """
 
     def __init__(self, offset_deg: float, attitudes: AutopilotAttitudes) -> None:
-        """Take ``offset_deg``, the baseline's direction by the antennas' positions.
-
-        It counts clockwise from the nose.
-        """
-        self._offset_deg = offset_deg
-        self._attitudes = attitudes
-        self._seen: deque[tuple[int, float, float]] = deque()  # stamp, cosine, sine
+        self._offset_deg, self._attitudes = offset_deg, attitudes
+        self._seen: deque[tuple[int, complex]] = deque()  # stamp, unit vector
 
     def add(self, stamp_ns: int, yaw_rad: float) -> None:
         """Take the azimuth of a baseline (rad) whose flag is fixed."""
@@ -62,8 +59,7 @@ class BaselineCheck:
         seen = self._seen
         if seen and not 0 <= stamp_ns - seen[-1][0] <= _SPAN_NS:
             seen.clear()
-        angle = yaw_rad - heading_of(q_nb)
-        seen.append((stamp_ns, math.cos(angle), math.sin(angle)))
+        seen.append((stamp_ns, cmath.rect(1.0, yaw_rad - heading_of(q_nb))))
         while stamp_ns - seen[0][0] > _SPAN_NS:
             seen.popleft()
 
@@ -76,19 +72,14 @@ class BaselineCheck:
         seen = self._seen
         if len(seen) < _LEAST_NUMBER or seen[-1][0] - seen[0][0] < _LEAST_NS:
             return None
-        cosine = sum(entry[1] for entry in seen) / len(seen)
-        sine = sum(entry[2] for entry in seen) / len(seen)
-        if math.hypot(cosine, sine) < _LEAST_AGREEMENT:
-            return None
-        return math.degrees(math.atan2(sine, cosine)) % 360.0
+        mean = sum(vector for _, vector in seen) / len(seen)
+        return math.degrees(cmath.phase(mean)) % 360.0 if abs(mean) >= _LEAST_AGREEMENT else None
 
     @property
     def warning(self) -> str:
         """Return what to set right, or an empty text."""
         seen_deg = self.seen_deg
-        if seen_deg is None:
-            return ""
-        off_deg = math.remainder(seen_deg - self._offset_deg, 360.0)
+        off_deg = 0.0 if seen_deg is None else math.remainder(seen_deg - self._offset_deg, 360.0)
         if abs(off_deg) <= _TOLERANCE_DEG:
             return ""
         return (

@@ -143,12 +143,9 @@ class ImuInterpreter:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Return the counts kept by the parts; ``imu_held`` samples are held back now."""
-        return {
-            "imu_handovers": self._streams.handovers,
-            "acceleration_unit_changes": sum(unit.changes for unit in self._units.values()),
-            "imu_held": len(self._held),
-        }
+        """Return the counts kept by the parts."""
+        changes = sum(unit.changes for unit in self._units.values())
+        return {"imu_handovers": self._streams.handovers, "acceleration_unit_changes": changes}
 
     @property
     def diagnostics(self) -> dict[str, str]:

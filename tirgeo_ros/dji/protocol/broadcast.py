@@ -1,10 +1,8 @@
 """Decode and encode the broadcast push (set 02, id 00): a mask, then the parts that it names.
 
-There are three layouts. The frame does not contain its layout, but its length identifies it. For
-the same mask, no length fits two layouts unless the parts have the same bytes and the same
-meaning. So a frame is decoded in the layout that fits, the newest first, and refused if none does.
-This holds for the M100's other meaning of bits 6 to 11 as well, hence nobody has to name the
-aircraft.
+There are two layouts. The frame does not contain its layout, but its length identifies it. For the
+same mask, no length fits both unless the parts have the same bytes and the same meaning. So a
+frame is decoded in the layout that fits, the newer first, and refused if neither does.
 """
 
 from __future__ import annotations
@@ -38,7 +36,6 @@ class Layout(Enum):
 
     MODERN = "a3_osdk33"  # A3, N3, M600 with a firmware of 2017 or later (3.2.41 and so on)
     LEGACY = "a3_osdk31"  # M600 with 3.2.15.62, A3 with 3.1
-    M100 = "m100_osdk31"
 
 
 class Broadcast(NamedTuple):
@@ -91,15 +88,6 @@ _MAG_RC_GIMBAL: tuple[_Part, ...] = (
 )
 _DEVICE: _Part = ("device", "2B", Device._make)
 
-_TIME_31: _Part = ("time", "2IB", lambda v: Time(v[0], v[1], None, None, v[2]))
-_TAIL_31: tuple[_Part, ...] = (
-    *_MAG_RC_GIMBAL,
-    ("status", "B", lambda v: Status(v[0])),
-    ("battery", "B", lambda v: Battery(None, None, None, v[0])),
-    _DEVICE,
-)
-_GPS_31: _Part = ("gps", "2I3i3f", lambda v: Gps._make((*v[:5], v[5:], None)))
-
 #: Bit of the mask and part, in the order of the bytes.
 _LAYOUTS: dict[Layout, tuple[tuple[int, _Part], ...]] = {
     Layout.MODERN: (
@@ -116,8 +104,16 @@ _LAYOUTS: dict[Layout, tuple[tuple[int, _Part], ...]] = {
         (13, _DEVICE),
         (14, ("compass", "B", lambda v: v[0])),
     ),
-    Layout.LEGACY: (*enumerate([_TIME_31, *_MOTION, _GPS_31, _RTK, *_TAIL_31]),),
-    Layout.M100: (*enumerate([_TIME_31, *_MOTION, *_TAIL_31]),),
+    Layout.LEGACY: (
+        (0, ("time", "2IB", lambda v: Time(v[0], v[1], None, None, v[2]))),
+        *enumerate(_MOTION, 1),
+        (6, ("gps", "2I3i3f", lambda v: Gps._make((*v[:5], v[5:], None)))),
+        (7, _RTK),
+        *enumerate(_MAG_RC_GIMBAL, 8),
+        (11, ("status", "B", lambda v: Status(v[0]))),
+        (12, ("battery", "B", lambda v: Battery(None, None, None, v[0]))),
+        (13, _DEVICE),
+    ),
 }
 
 
