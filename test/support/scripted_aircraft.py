@@ -90,4 +90,4 @@ class Flight:
 
     @property
     def kinds(self):
-        return [type(request).__name__ for request in self.aircraft.asked]
+        return [request.opcode.name for request in self.aircraft.asked]

@@ -11,14 +11,7 @@ from tirgeo_ros.core.config.dji import DjiHostConfig
 from tirgeo_ros.core.types.errors import DjiError
 from tirgeo_ros.dji.host.session import HostSession, HostState
 from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
-from tirgeo_ros.dji.protocol.commands import (
-    Activate,
-    AddPackage,
-    MatchVersion,
-    RemovePackage,
-    ResetPackages,
-    SetRates,
-)
+from tirgeo_ros.dji.protocol.commands import MATCH_VERSION, Opcode, activate, remove_package
 from tirgeo_ros.dji.protocol.subscription import USUAL_PACKAGES, Package, PackageTable
 
 KEY = bytes(range(32))
@@ -30,7 +23,7 @@ def ready(flight):
 
 def refusing(code, kind, number=None):
     """What refuses requests of a kind, or those of one package."""
-    return lambda r: code if isinstance(r, kind) and (number is None or r[0] == number) else None
+    return lambda r: code if r.opcode is kind and number in {None, r.value[0]} else None
 
 
 def test_the_default_sends_nothing_whatever_comes():
@@ -47,11 +40,11 @@ def test_the_default_sends_nothing_whatever_comes():
 def test_all_is_asked_for_in_order():
     flight = ready(Flight())
     assert flight.kinds == [
-        *("GetVersion", "Activate", "SetRates", "MatchVersion", "ResetPackages"),
-        *["AddPackage"] * 5,
+        *("GET_VERSION", "ACTIVATE", "SET_RATES", "MATCH_VERSION", "RESET_PACKAGES"),
+        *["ADD_PACKAGE"] * 5,
     ]
-    assert flight.aircraft.asked[1] == Activate(1234, (3, 2, 41, 13))
-    assert flight.aircraft.asked[-2] == AddPackage(3, 400, True, (0xECBEF06D,))
+    assert flight.aircraft.asked[1] == activate(1234, (3, 2, 41, 13))
+    assert flight.aircraft.asked[-2].value == bytes.fromhex("03 9001 01 01 6df0beec")
     assert flight.aircraft.rates == RATES
     assert flight.aircraft.packages == flight.table == PackageTable()
     assert flight.session.message == "PM820V3PRO with firmware 3.2.41.13; ready"
@@ -62,7 +55,7 @@ def test_a_lost_ack_is_asked_for_again_under_the_same_number():
     lost = [True, False, True, True, False] + [False] * 50
     flight.aircraft.route = lambda ack: [] if lost.pop(0) else [(0.0, ack)]
     ready(flight)
-    assert flight.kinds[:5] == ["GetVersion", "GetVersion", "Activate", "Activate", "Activate"]
+    assert flight.kinds[:5] == ["GET_VERSION", "GET_VERSION", "ACTIVATE", "ACTIVATE", "ACTIVATE"]
     frames = FrameReader().feed(flight.sent)
     assert frames[0] == frames[1]._replace(offset=frames[0].offset)
     assert flight.session.diagnostics["host sent again"] == "3"
@@ -126,13 +119,13 @@ def test_an_aircraft_that_is_switched_on_later():
 )
 def test_a_refused_activation_is_told_and_tried_again_with_pauses(code, words):
     flight = Flight()
-    flight.aircraft.refusals = refusing(code, Activate)
+    flight.aircraft.refusals = refusing(code, Opcode.ACTIVATE)
     flight.fly(100.0)
     assert flight.session.state is HostState.NOT_ACTIVATED
     assert words in flight.session.message
     assert flight.aircraft.rates == RATES  # these do not wait for it
-    assert flight.kinds.count("Activate") < 20
-    assert "AddPackage" not in flight.kinds
+    assert flight.kinds.count("ACTIVATE") < 20
+    assert "ADD_PACKAGE" not in flight.kinds
     flight.aircraft.refusals = lambda _: None  # somebody did what the message says
     flight.fly(31.0, HostState.READY)
     assert sorted(flight.table) == [0, 1, 2, 3, 4]
@@ -143,22 +136,22 @@ def test_a_subscription_without_app_id_is_tried_where_it_is_activated_already():
     flight.fly(2.0)
     assert flight.session.state is HostState.NOT_ACTIVATED
     assert "not activated: give host.app_id" in flight.session.message
-    assert set(flight.kinds) == {"GetVersion"}
+    assert set(flight.kinds) == {"GET_VERSION"}
     flight.aircraft.activated = True
     flight.fly(31.0, HostState.READY)
-    assert "Activate" not in flight.kinds
+    assert "ACTIVATE" not in flight.kinds
 
 
 def test_refused_rates_are_told():
     flight = Flight()
-    flight.aircraft.refusals = refusing(1, SetRates)
+    flight.aircraft.refusals = refusing(1, Opcode.SET_RATES)
     flight.fly(5.0)
     assert flight.session.state is HostState.INCOMPLETE
     assert "broadcast rates: bad parameter: check host.broadcast_rates" in flight.session.message
     assert sorted(flight.table) == [0, 1, 2, 3, 4]
 
 
-@pytest.mark.parametrize("at", [MatchVersion(), USUAL_PACKAGES[2].request])
+@pytest.mark.parametrize("at", [MATCH_VERSION, USUAL_PACKAGES[2].request])
 def test_an_activation_that_is_lost_midway_is_asked_for_anew(at):
     flight = Flight()
     lost = []
@@ -172,7 +165,7 @@ def test_an_activation_that_is_lost_midway_is_asked_for_anew(at):
 
     flight.aircraft.refusals = refusals
     flight.fly(20.0, HostState.READY)
-    assert flight.kinds.count("Activate") == 2
+    assert flight.kinds.count("ACTIVATE") == 2
     assert flight.aircraft.packages == flight.table == PackageTable()
 
 
@@ -180,7 +173,7 @@ def test_an_aircraft_that_has_nothing_to_say_is_asked_less_and_less():
     flight = Flight(DjiHostConfig(app_id=5))
     flight.broadcasts = False
     flight.fly(400.0)
-    assert 5 < flight.kinds.count("Activate") < 12  # after 3, 6, 12, 24, 48, 60, 60 s ...
+    assert 5 < flight.kinds.count("ACTIVATE") < 12  # after 3, 6, 12, 24, 48, 60, 60 s ...
 
 
 def test_a_quick_reboot_is_noticed_by_the_pushes_that_stop():
@@ -198,8 +191,8 @@ def test_the_link_opened_again():
     flight.aircraft.asked.clear()
     flight.session.restart()
     ready(flight)
-    assert flight.kinds[:2] == ["GetVersion", "Activate"]
-    assert flight.kinds[-1] == "AddPackage"
+    assert flight.kinds[:2] == ["GET_VERSION", "ACTIVATE"]
+    assert flight.kinds[-1] == "ADD_PACKAGE"
     frames = FrameReader().feed(flight.sent)
     assert len({frame.sequence for frame in frames}) == len(frames)
 
@@ -225,17 +218,17 @@ def test_encrypted_answers_need_the_key():
 def test_where_the_reset_fails_each_is_removed():
     flight = Flight(packages=[RTK])
     flight.aircraft.packages |= {0: FAST, 4: FAST}
-    flight.aircraft.refusals = refusing(0x08, ResetPackages)
+    flight.aircraft.refusals = refusing(0x08, Opcode.RESET_PACKAGES)
     ready(flight)
-    removed = [r.id for r in flight.aircraft.asked if isinstance(r, RemovePackage)]
-    assert removed == [0, 1, 2, 3, 4]
+    removed = [r for r in flight.aircraft.asked if r.opcode is Opcode.REMOVE_PACKAGE]
+    assert removed == [*map(remove_package, range(5))]
     assert flight.aircraft.packages == flight.table == {0: RTK}
 
 
 @pytest.mark.parametrize("code", [0x06, 0x07, 0x20, 0x22])
 def test_a_package_refused_for_good_does_not_stop_the_others(code):
     flight = Flight()
-    flight.aircraft.refusals = wrong = refusing(code, AddPackage, 3)
+    flight.aircraft.refusals = wrong = refusing(code, Opcode.ADD_PACKAGE, 3)
     flight.fly(100.0)
     assert sorted(flight.table) == sorted(flight.aircraft.packages) == [0, 1, 2, 4]
     assert flight.session.state is HostState.INCOMPLETE
@@ -245,23 +238,23 @@ def test_a_package_refused_for_good_does_not_stop_the_others(code):
 
 def test_a_package_refused_for_now_is_tried_again():
     flight = Flight()
-    flight.aircraft.refusals = refusing(0x08, AddPackage, 2)
+    flight.aircraft.refusals = refusing(0x08, Opcode.ADD_PACKAGE, 2)
     flight.fly(100.0)
     assert sorted(flight.table) == [0, 1, 3, 4]
     flight.aircraft.refusals = lambda _: None
     flight.fly(31.0, HostState.READY)
     assert flight.table == PackageTable()
-    assert flight.kinds.count("ResetPackages") == 1  # the others were left alone
+    assert flight.kinds.count("RESET_PACKAGES") == 1  # the others were left alone
 
 
 def test_topics_that_are_unknown_or_offline_are_left_out_and_the_latter_tried_again():
     """RTK that is switched on later is found; GIMBAL_CONTROL_MODE this aircraft never has."""
     names = ("GPS_DATE", "RTK_YAW", "GIMBAL_CONTROL_MODE")
     mixed = Package.of(2, 5, with_timestamp=True, names=names)
-    yaw = mixed.topics[1].uid
+    yaw = mixed.topics[1].uid.to_bytes(4, "little")
     flight = Flight(packages=[mixed])
     flight.aircraft.refusals = lambda r: (
-        0x25 if isinstance(r, AddPackage) and yaw in r.uids else None
+        0x25 if r.opcode is Opcode.ADD_PACKAGE and yaw in r.value else None
     )
     flight.fly(50.0)
     assert [topic.name for topic in flight.table[2].topics] == ["GPS_DATE"]

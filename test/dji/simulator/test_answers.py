@@ -10,13 +10,12 @@ from tirgeo_ros.core.config.dji import DjiHostConfig
 from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
 from tirgeo_ros.dji.protocol.broadcast import decode_broadcast
 from tirgeo_ros.dji.protocol.commands import (
+    GET_VERSION,
     NOT_ACTIVATED,
-    Activate,
-    GetVersion,
-    SetRates,
+    activate,
     decode_code,
     decode_version_ack,
-    encode_request,
+    set_rates,
 )
 from tirgeo_ros.dji.protocol.subscription import USUAL_PACKAGES, PackageTable
 from tirgeo_ros.dji.simulator import Aircraft, frames_of
@@ -34,7 +33,7 @@ class Host:
 
     def ask(self, request, session=2):
         self.sequence += 1
-        asked = encode_frame(encode_request(request), session=session, sequence=self.sequence)
+        asked = encode_frame(request.data, session=session, sequence=self.sequence)
         frames = FrameReader().feed(self.aircraft.answer(asked))
         assert all(
             (f.is_ack, f.session, f.sequence) == (True, session, self.sequence) for f in frames
@@ -51,39 +50,39 @@ def host():
 
 
 def test_it_tells_what_it_is_and_whether_it_is_activated(host):
-    said = decode_version_ack(host.ask(GetVersion()))
+    said = decode_version_ack(host.ask(GET_VERSION))
     assert (said.code, said.hardware, said.firmware) == (
         NOT_ACTIVATED,
         "PM820V3PRO",
         (3, 2, 41, 13),
     )
-    activation = Activate(1234, said.firmware)
+    activation = activate(1234, said.firmware)
     assert host.code(activation) == 3  # a new device: once more
     assert host.code(activation) == 0
-    assert decode_version_ack(host.ask(GetVersion())).code == 0
+    assert decode_version_ack(host.ask(GET_VERSION)).code == 0
 
 
 def test_requests_come_in_pieces_twice_and_without_a_wish_for_an_answer(host):
-    asked = encode_frame(encode_request(Activate(1, (3, 2, 41, 13))), session=2, sequence=9)
+    asked = encode_frame(activate(1, (3, 2, 41, 13)).data, session=2, sequence=9)
     assert host.aircraft.answer(asked[:7]) == b""
     ack = host.aircraft.answer(asked[7:])
     assert ack
     assert host.aircraft.answer(asked) == ack  # asked again: the same answer, not the next
-    assert host.ask(GetVersion(), session=0) == b""
+    assert host.ask(GET_VERSION, session=0) == b""
     assert host.aircraft.answer(encode_frame(b"\x07\x07\x01", session=2)) == b""  # never heard of
 
 
 def test_rates_are_set_by_their_codes():
     aircraft = Aircraft()
     host = Host(aircraft)
-    assert host.code(SetRates((9,) * 16)) == 1
-    assert host.code(SetRates((2, 5, 2) + (0,) * 13)) == 0
+    assert host.code(set_rates((9,) * 16)) == 1
+    assert host.code(set_rates((2, 5, 2) + (0,) * 13)) == 0
     frames = list(frames_of(aircraft, hovering(1.0)))
     said = [decode_broadcast(f.value) for f in FrameReader().feed(b"".join(f[1] for f in frames))]
     assert [k for k, part in enumerate(said) if part.time is not None] == list(range(0, 100, 10))
     assert all(part.quaternion_wxyz is not None for part in said)
     assert all(part.angular_rate_radps is part.rtk is part.gimbal is None for part in said)
-    assert host.code(SetRates((0,) * 16)) == 0
+    assert host.code(set_rates((0,) * 16)) == 0
     assert list(frames_of(aircraft, hovering(1.0, SECOND))) == []
 
 

@@ -10,7 +10,7 @@ from collections.abc import Generator
 from typing import TypeVar
 
 from tirgeo_ros.dji.link.framing import ProtocolFrame, encode_frame
-from tirgeo_ros.dji.protocol.commands import Request, decode_code, encode_request
+from tirgeo_ros.dji.protocol.commands import Request, decode_code
 
 #: A session that wants an ack and may repeat the frame: 2 to 31 are such, DJI's host uses 2.
 SESSION = 2
@@ -98,4 +98,4 @@ class Exchange:
         # that of an earlier run of the host, whose repetition it would seem
         last = int(self.now_s * 1e3) if self._sequence is None else self._sequence
         self._sequence = (last + 1) & 0xFFFF
-        self._frame = encode_frame(encode_request(step), session=SESSION, sequence=self._sequence)
+        self._frame = encode_frame(step.data, session=SESSION, sequence=self._sequence)

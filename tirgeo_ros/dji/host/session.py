@@ -16,13 +16,14 @@ from tirgeo_ros.dji.host.requests import Dialogue, Exchange, NoAnswerError, ask,
 from tirgeo_ros.dji.host.subscriber import Subscriber
 from tirgeo_ros.dji.link.framing import ProtocolFrame
 from tirgeo_ros.dji.protocol.commands import (
+    GET_VERSION,
     NOT_ACTIVATED,
-    Activate,
-    GetVersion,
-    SetRates,
+    Request,
     VersionAck,
+    activate,
     decode_version_ack,
     explain,
+    set_rates,
 )
 from tirgeo_ros.dji.protocol.subscription import PackageTable
 
@@ -176,20 +177,20 @@ class HostSession:
         """Ask for the version and activate; without an app id, ask whether one is activated."""
         if self._is_active:
             return
-        self._version = decode_version_ack((yield from ask(GetVersion())))
+        self._version = decode_version_ack((yield from ask(GET_VERSION)))
         if self._version is None:
             raise NoAnswerError
         if self._app_id:
-            activate = Activate(self._app_id, self._version.firmware or (0, 0, 0, 0))
-            code = yield from ask_code(activate)
+            request = activate(self._app_id, self._version.firmware or (0, 0, 0, 0))
+            code = yield from ask_code(request)
             if code == _NEW_DEVICE:
                 yield _SECOND_TRY_S
-                code = yield from ask_code(activate)
+                code = yield from ask_code(request)
             self._is_active = code == _DONE
-            refusal = f"activation failed, {explain(activate, code)}"
+            refusal = f"activation failed, {explain(request, code)}"
         else:
             self._is_active = self._version.code != NOT_ACTIVATED
-            refusal = f"it is {explain(GetVersion(), self._version.code)}"
+            refusal = f"it is {explain(GET_VERSION, self._version.code)}"
         self._problems["activation"] = "" if self._is_active else refusal
 
     def _set_rates(self) -> Dialogue[None]:
@@ -246,11 +247,11 @@ class HostSession:
         return "the aircraft sends but does not answer: check the wire from the host's TX"
 
 
-def _rates(config: DjiHostConfig) -> SetRates | None:
+def _rates(config: DjiHostConfig) -> Request | None:
     """Return the request for rates; None without any. Raises DjiError for one that is no code."""
     for rate in config.broadcast_rates:
         if rate not in range(RATE_CODES):
             raise DjiError(
                 f"host.broadcast_rates: {rate:g} is no rate code (0 to {RATE_CODES - 1})"
             )
-    return SetRates(tuple(map(int, config.broadcast_rates))) if config.broadcast_rates else None
+    return set_rates([*map(int, config.broadcast_rates)]) if config.broadcast_rates else None

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 from tirgeo_ros.dji.host.requests import Dialogue, ask_code
 from tirgeo_ros.dji.protocol.commands import (
+    MATCH_VERSION,
     PACKAGE_IDS,
-    MatchVersion,
-    RemovePackage,
-    ResetPackages,
+    RESET_PACKAGES,
     explain,
+    remove_package,
 )
 from tirgeo_ros.dji.protocol.subscription import Package, PackageTable
 from tirgeo_ros.dji.protocol.subscription_topics import BY_NAME
@@ -74,13 +74,12 @@ class Subscriber:
 
     def _clean(self) -> Dialogue[str]:
         """Match versions; remove the packages that this or another host left behind."""
-        match = MatchVersion()
-        code = yield from ask_code(match)
+        code = yield from ask_code(MATCH_VERSION)
         if code != _DONE:
-            return explain(match, code)
-        if (yield from ask_code(ResetPackages())) != _DONE:
+            return explain(MATCH_VERSION, code)
+        if (yield from ask_code(RESET_PACKAGES)) != _DONE:
             for number in PACKAGE_IDS:
-                yield from ask_code(RemovePackage(number))
+                yield from ask_code(remove_package(number))
         self._table.clear()
         self._is_clean = True
         return ""
@@ -89,7 +88,7 @@ class Subscriber:
         """Add a package, without the dispensable topics for which it is refused."""
         number, package, answer = wanted.id, wanted, _DONE
         if number in self._asked:  # it may be there in part, or its ack was lost
-            yield from ask_code(RemovePackage(number))
+            yield from ask_code(remove_package(number))
             self._table.pop(number, None)
         self._asked.add(number)
         while (code := (yield from ask_code(package.request))) != _DONE:

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-from tirgeo_ros.dji.protocol.commands import AddPackage
+from tirgeo_ros.dji.protocol.commands import Request, add_package
 from tirgeo_ros.dji.protocol.packed_fields import PackedFields
 from tirgeo_ros.dji.protocol.subscription_topics import BY_NAME, Topic
 
@@ -37,10 +37,10 @@ class Package(NamedTuple):
         return _packed(self).size
 
     @property
-    def request(self) -> AddPackage:
+    def request(self) -> Request:
         """Return the request that adds it."""
-        uids = tuple(topic.uid for topic in self.topics)
-        return AddPackage(self.id, self.rate_hz, self.with_timestamp, uids)
+        uids = [topic.uid for topic in self.topics]
+        return add_package(self.id, self.rate_hz, uids, stamped=self.with_timestamp)
 
 
 class Push(NamedTuple):

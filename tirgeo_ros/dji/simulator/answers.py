@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Sequence
 
 from tirgeo_ros.dji.link.framing import FrameReader, ProtocolFrame, encode_frame
 from tirgeo_ros.dji.protocol.broadcast import Layout
 from tirgeo_ros.dji.protocol.commands import (
     NOT_ACTIVATED,
-    Activate,
-    AddPackage,
-    GetVersion,
-    RemovePackage,
+    Opcode,
     Request,
-    ResetPackages,
-    SetRates,
     decode_request,
     encode_code,
     encode_version_ack,
@@ -73,35 +69,40 @@ class CommandDesk:
         return self._answered[1]  # a repeated request, whose ack was lost, gets the same ack
 
     def _done(self, request: Request) -> bytes:
-        if isinstance(request, GetVersion):
+        if request.opcode is Opcode.GET_VERSION:
             return encode_version_ack(0 if self.activated else NOT_ACTIVATED, _SERIAL, self._name)
         return encode_code(request, self.do(request))
 
     def do(self, request: Request) -> int:
         """Do what a request asks for; return the code of its ack."""
-        code = 0
-        match request:
-            case Activate():
+        code, value = 0, request.value
+        match request.opcode:
+            case Opcode.ACTIVATE:
                 left = self._activation
                 code = left.pop(0) if len(left) > 1 else left[0]
                 self.activated = code == 0
-            case SetRates(codes) if max(codes) > _HIGHEST_RATE:
+            case Opcode.SET_RATES if max(value) > _HIGHEST_RATE:
                 code = 1
-            case SetRates(codes):
-                kept = zip(codes, self.rates, strict=True)
+            case Opcode.SET_RATES:
+                kept = zip(value, self.rates, strict=True)
                 self.rates = tuple(old if new == _KEEP_RATE else new for new, old in kept)
             case _ if not self.activated:
                 code = _DENIED
-            case AddPackage(number) if number in self.packages:
-                code = _EXISTS
-            case AddPackage(number, rate_hz, with_timestamp, uids):
-                topics = tuple(BY_UID[uid] for uid in uids if uid in BY_UID)
-                if sum(topic.name in TOLD_TOPICS for topic in topics) < len(uids):
-                    code = _UNKNOWN_TOPIC
-                else:
-                    self.packages[number] = Package(number, rate_hz, with_timestamp, topics)
-            case RemovePackage(number):
-                code = 0 if self.packages.pop(number, None) else _UNKNOWN_PACKAGE
-            case ResetPackages():
+            case Opcode.ADD_PACKAGE:
+                code = self._add(value)
+            case Opcode.REMOVE_PACKAGE:
+                code = 0 if self.packages.pop(value[0], None) else _UNKNOWN_PACKAGE
+            case Opcode.RESET_PACKAGES:
                 self.packages.clear()
         return code
+
+    def _add(self, value: bytes) -> int:
+        number, rate_hz, with_timestamp, count = struct.unpack_from("<BHBB", value)
+        if number in self.packages:
+            return _EXISTS
+        uids = struct.unpack_from(f"<{count}I", value, 5)
+        topics = tuple(BY_UID[uid] for uid in uids if uid in BY_UID)
+        if sum(topic.name in TOLD_TOPICS for topic in topics) < count:
+            return _UNKNOWN_TOPIC
+        self.packages[number] = Package(number, rate_hz, bool(with_timestamp), topics)
+        return 0
