@@ -56,7 +56,7 @@ class Interpreter:
     def take(self, reading: Reading) -> list[Sample]:
         """Return the samples of a reading, and of earlier ones that waited for it."""
         samples: list[Sample] = self._takers[type(reading)](reading)
-        if self._gimbal.waits:
+        if self._gimbal.waiting:
             samples = [*samples, *self._gimbal.resolve(reading.stamp_ns)]
         return samples
 

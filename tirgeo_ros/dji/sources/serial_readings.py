@@ -70,8 +70,8 @@ class Telemetry:
         self._clocks = clocks
         self._packages = packages
         self._steady: dict[int, SteadyStamps] = {}  # of packages without a time, by id
-        # the aircraft's position, from fields whose order is certain
-        self._known: GeodeticPlace | None = None
+        # the aircraft's latitude and longitude (rad), from fields whose order is certain
+        self._known: tuple[float, float] | None = None
         self.counts: Counter[str] = Counter()
 
     def read(self, frame: ProtocolFrame, arrival_ns: int) -> list[Reading]:
@@ -94,14 +94,11 @@ class Telemetry:
             stamp_ns = self._clocks.broadcast.stamp_ns(parts.time.time_ms, arrival_ns)
         elif parts.mask:
             self.counts["untimed"] += 1
-        readings = _inertial(
-            stamp_ns,
-            ImuOrigin.BROADCAST,
-            AccelerationUnit.UNKNOWN,
-            (parts.acceleration_as_packed, parts.angular_rate_radps, parts.quaternion_wxyz),
-        )
+        inertial = parts.acceleration_as_packed, parts.angular_rate_radps, parts.quaternion_wxyz
+        unit = AccelerationUnit.UNKNOWN
+        readings = _inertial(stamp_ns, ImuOrigin.BROADCAST, unit, *inertial)
         if parts.position is not None:
-            self._known = GeodeticPlace(parts.position.lat_rad, parts.position.lon_rad, 0.0)
+            self._known = parts.position.lat_rad, parts.position.lon_rad
         if parts.gps is not None:
             readings.append(_gps(stamp_ns, parts.gps))
         if parts.rtk is not None:
@@ -124,16 +121,12 @@ class Telemetry:
         tick: HardSync | None = values.get("HARD_SYNC")
         if tick is not None:  # not by the push's own time, which is truncated to milliseconds
             tick_ns = self._clocks.hard_sync.stamp_ns(tick.time2p5ms, arrival_ns, tick.time1ns)
-            given = (tick.accel_g, tick.gyro_radps, tick.q_wxyz)
-            readings += _inertial(tick_ns, ImuOrigin.HARD_SYNC, AccelerationUnit.G, given)
-        readings += _inertial(
-            stamp_ns,
-            ImuOrigin.SUBSCRIPTION,
-            AccelerationUnit.M_S2,
-            tuple(map(values.get, ("ACCELERATION_RAW", "ANGULAR_RATE_RAW", "QUATERNION"))),
-        )
+            given = tick.accel_g, tick.gyro_radps, tick.q_wxyz
+            readings += _inertial(tick_ns, ImuOrigin.HARD_SYNC, AccelerationUnit.G, *given)
+        raw = map(values.get, ("ACCELERATION_RAW", "ANGULAR_RATE_RAW", "QUATERNION"))
+        readings += _inertial(stamp_ns, ImuOrigin.SUBSCRIPTION, AccelerationUnit.M_S2, *raw)
         if (fused := values.get("GPS_FUSED")) is not None:
-            self._known = GeodeticPlace(fused.lat_rad, fused.lon_rad, 0.0)
+            self._known = fused.lat_rad, fused.lon_rad
         readings += self._satellites(stamp_ns, values)
         return readings + _gimbal(stamp_ns, values.get("GIMBAL_ANGLES"))
 
@@ -143,7 +136,7 @@ class Telemetry:
             position = values.get("RTK_POSITION")
             if position is not None:
                 position = _place_deg(position.lat_deg, position.lon_deg, position.hfsl_m)
-                self._known = position
+                self._known = position[:2]
             flag, yaw_flag = values.get("RTK_POSITION_INFO"), values.get("RTK_YAW_INFO")
             velocity, yaw = _metres(values.get("RTK_VELOCITY")), values.get("RTK_YAW")
             readings.append(RtkReading(stamp_ns, position, flag, velocity, yaw, yaw_flag))
@@ -160,28 +153,26 @@ class Telemetry:
 
         The documents disagree on the order.
         """
-        longitude, latitude = raw.x_raw * _RAW_DEG, raw.y_raw * _RAW_DEG
-        if self._is_swapped(latitude, longitude):
-            self.counts["axes_swapped"] += 1
-            latitude, longitude = longitude, latitude
-        return GeodeticPlace(latitude, longitude, raw.z_raw * 1e-3)
-
-    def _is_swapped(self, latitude: float, longitude: float) -> bool:
+        lon, lat = raw.x_raw * _RAW_DEG, raw.y_raw * _RAW_DEG
         if self._known is None:
-            return abs(latitude) > math.pi / 2 >= abs(longitude)
-        lat, lon = self._known.latitude_rad, self._known.longitude_rad
-        as_given = abs(latitude - lat) + abs(longitude - lon)
-        return abs(longitude - lat) + abs(latitude - lon) < as_given
+            is_swapped = abs(lat) > math.pi / 2 >= abs(lon)
+        else:
+            known_lat, known_lon = self._known
+            as_given = abs(lat - known_lat) + abs(lon - known_lon)
+            is_swapped = abs(lon - known_lat) + abs(lat - known_lon) < as_given
+        if is_swapped:
+            self.counts["axes_swapped"] += 1
+            lat, lon = lon, lat
+        return GeodeticPlace(lat, lon, raw.z_raw * 1e-3)
 
 
 def _inertial(
-    stamp_ns: int, origin: ImuOrigin, unit: AccelerationUnit, parts: tuple[Any, ...]
+    stamp_ns: int, origin: ImuOrigin, unit: AccelerationUnit, acceleration: Any, rate: Any, q: Any
 ) -> list[Reading]:
-    """Return the readings that ``parts`` (acceleration, rate, attitude) make together."""
-    acceleration, rate, q_nb = parts
+    """Return the readings that acceleration, rate and attitude make together."""
     if acceleration is not None and rate is not None:
-        return [ImuReading(stamp_ns, origin, acceleration, unit, rate, q_nb)]
-    return [] if q_nb is None else [AttitudeReading(stamp_ns, q_nb)]
+        return [ImuReading(stamp_ns, origin, acceleration, unit, rate, q)]
+    return [] if q is None else [AttitudeReading(stamp_ns, q)]
 
 
 def _gimbal(stamp_ns: int, angles: Gimbal | GimbalAngles | None) -> list[Reading]:
@@ -196,10 +187,8 @@ def _gps(stamp_ns: int, gps: Gps) -> GpsReading:
     return GpsReading(stamp_ns, place, _metres(gps.vel_ned_cmps), *_quality(gps.detail))
 
 
-def _quality(
-    detail: GpsDetail | None,
-) -> tuple[int | None, float | None, float | None, float | None]:
-    """Return fix, and sigmas in m, m and m/s."""
+def _quality(detail: GpsDetail | None) -> tuple[Any, Any, Any, Any]:
+    """Return fix, and sigmas in m, m and m/s; None where they are not told."""
     if detail is None:
         return None, None, None, None
     fix = int(detail.fix) if math.isfinite(detail.fix) else 0
