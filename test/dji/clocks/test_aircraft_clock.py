@@ -197,20 +197,6 @@ def test_a_queue_that_drains_is_no_step(held_s):
     assert clock.diagnostics["clock resets"] == "0"
 
 
-def test_the_first_messages_are_old():
-    # One second waited in the system's buffer and is read at once.
-    flown = link(100, 20, exponential(0.5), seed=17)
-    arrival_ns = flown.arrival_ns.copy()
-    arrival_ns[:100] = arrival_ns[99]
-    flown = flown._replace(arrival_ns=arrival_ns)
-    clock = AircraftClock(CONFIG)
-    stamps = stamps_of(flown, clock)
-    assert np.all(np.diff(stamps) > 0)
-    assert errors_ms(stamps, flown, 0)[0] == pytest.approx(990, abs=10)
-    # The offset goes down by half of the time that passes: 0.99 s in 2 s.
-    assert np.abs(errors_ms(stamps, flown, 2.1)).max() < 0.2
-
-
 def test_diagnostics():
     clock = AircraftClock(CONFIG)
     assert clock.state == "waiting"

@@ -119,15 +119,6 @@ def test_fused_acceleration_that_looks_like_gravity_for_seconds():
     assert taken(meant, itertools.chain(*parts)) == []
 
 
-@pytest.mark.parametrize(("unit", "size", "seen"), [("g", G_M_S2, "96.17"), ("m/s2", 1.0, "1.00")])
-def test_a_parameter_that_is_wrong_is_told(unit, size, seen):
-    meant = interpreter(unit)
-    assert len(taken(meant, readings(1.0, (0.0, 0.0, -size)))) == 100
-    (warning,) = meant.warnings
-    assert warning.startswith(f"acceleration averages {seen} m/s2 where gravity has 9.8")
-    assert "acceleration_unit" in warning
-
-
 def test_an_axis_that_points_up_is_told():
     meant = interpreter()
     samples = taken(meant, readings(1.0, (0.0, 0.0, 1.0)))

@@ -6,12 +6,11 @@ import math
 
 import numpy as np
 import pytest
-from aircraft_readings import MS, attitude, gimbal, gps, imu, of, t_ms, taken, wxyz
+from aircraft_readings import MS, attitude, gimbal, imu, of, t_ms, taken, wxyz
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from tirgeo_ros.core.config import DjiConfig
-from tirgeo_ros.core.config.dji import DjiDelayConfig
 from tirgeo_ros.core.frames.heading import wrap_pi
 from tirgeo_ros.core.frames.rotations import (
     euler_from_quat,
@@ -86,16 +85,6 @@ def test_yaw_from_the_nose(tilt, nose, camera):
     )
 
 
-def test_delays_are_taken_off_before_the_instants_are_compared():
-    delay = DjiDelayConfig(imu_s=0.03, gimbal_s=0.1)
-    meant = interpreter(delay=delay)
-    readings = [imu(10 * k + 30, q_nb=wxyz(yaw=0.02 * k)) for k in range(30)]
-    readings.append(gimbal(243, yaw=0.286 + math.radians(12.5)))
-    samples = taken(meant, sorted(readings, key=lambda reading: reading.stamp_ns))
-    assert meant.diagnostics["psi_coder_deg"] == "12.50"
-    assert t_ms(of(JointSample, samples)[0]) == 143
-
-
 # Waiting
 
 
@@ -107,16 +96,6 @@ def test_a_reading_waits_for_the_attitude_after_it():
     assert samples == []  # beside the IMU's own attitude it is not used
     samples = meant.take(imu(10))
     assert [t_ms(s) for s in samples] == [10, 5, 5]
-
-
-def test_it_goes_out_without_joints_when_none_comes():
-    meant = interpreter()
-    meant.take(imu(0))
-    assert meant.take(gimbal(5)) == []
-    assert meant.take(gps(255)) == []
-    (camera,) = meant.take(gps(256))
-    assert isinstance(camera, CameraAttitudeSample)
-    assert meant.counts == {"gimbal_without_joints": 1}
 
 
 def test_without_the_nose_there_is_no_heading_of_a_yaw_from_it():

@@ -130,16 +130,6 @@ def test_the_better_takes_over_when_it_comes():
     assert meant.counts["imu_handovers"] == 1
 
 
-def test_a_stream_of_nothing_but_nan_does_not_drive():
-    """A package that is pushed without its data holds 0xFF, which reads as NaN."""
-    meant = interpreter()
-    readings = []
-    for t in range(0, 500, 10):
-        readings += [imu(t, (NAN,) * 3, origin=HARD), imu(t + 1, origin=CAST)]
-    assert len(taken(meant, readings)) == 50
-    assert meant.diagnostics["imu_source"] == "broadcast"
-
-
 @given(
     st.lists(
         st.tuples(st.sampled_from([HARD, SENT, CAST]), st.integers(0, 400), st.integers(0, 600)),

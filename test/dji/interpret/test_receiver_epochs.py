@@ -47,22 +47,6 @@ def test_what_is_polled_goes_out_once_an_epoch(poll_hz):
     assert meant.counts.get("rtk_repeated", 0) == 10 * poll_hz - 50
 
 
-def test_fields_that_change_one_after_another_are_one_epoch():
-    """The aircraft may fill in a poll's fields from two epochs."""
-    meant = interpreter()
-    samples = taken(meant, [rtk(20 * k, **epoch(0)) for k in range(10)])
-    samples.clear()
-    for k in range(10):
-        parts = epoch(1, yaw_deg=101)
-        if k == 0:
-            parts |= {"velocity_n": epoch(0)["velocity_n"], "yaw_deg": 100}
-        samples += meant.take(rtk(200 + 20 * k, **parts))
-    assert [t_ms(s) for s in positions(samples)] == [200]
-    # The old ones went along with the new place, the new ones follow.
-    assert [t_ms(s) for s in of(VelocitySample, samples)] == [200, 220]
-    assert [t_ms(s) for s in of(HeadingSample, samples)] == [200, 220]
-
-
 def test_broadcast_and_subscription_of_one_epoch_are_one():
     """They differ in the last digits, and the slower one still says the epoch before."""
     meant = interpreter()

@@ -84,13 +84,6 @@ def test_covariance_is_always_filled_and_worsens_by_class():
         assert (sigmas[better] < sigmas[worse]).all(), (better, worse)
 
 
-def test_a_flag_of_another_message_holds_for_a_while():
-    meant = interpreter()
-    assert meant.take(rtk(0, position_flag=50)) == []
-    found = [positions(meant.take(rtk(t, place=place(t))))[0].status for t in (10, 1500, 1501)]
-    assert found == [FixStatus.FIXED, FixStatus.FIXED, FixStatus.NONE]
-
-
 # Places
 
 

@@ -6,13 +6,10 @@ import time
 
 import pytest
 
-from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
 from tirgeo_ros.dji.link.link_watch import LinkWatch
-from tirgeo_ros.dji.link.serial_link import LinkState, SerialLink
-from tirgeo_ros.dji.protocol.subscription import PackageTable
+from tirgeo_ros.dji.link.serial_link import SerialLink
 from tirgeo_ros.dji.simulator.pseudo_terminal import PseudoTerminal
-from tirgeo_ros.dji.sources.serial import SerialDecoder
 
 pytest.importorskip("serial")
 
@@ -69,27 +66,3 @@ def test_from_no_device_to_receiving_and_back(tmp_path):
     assert person.told == [
         *("no_device", "waiting", "silent", "receiving", "lost", "waiting", "receiving")
     ]
-
-
-def test_who_only_listens_writes_nothing(tmp_path):
-    # What the node does with default parameters, through a pulled cable: seen at the other end.
-    with PseudoTerminal(tmp_path / "aircraft") as cable:
-        link = SerialLink(str(cable.path), BAUD)
-        road = SerialDecoder(DjiConfig(), PackageTable())
-        written = b""
-        for turn in range(60):
-            if turn == 30:
-                cable.pull()
-                link.read(0.1)
-                cable.plug()
-                road.reopened(time.time_ns(), time.monotonic())
-            cable.write(FRAME)
-            now_s = time.monotonic()
-            road.take(link.read(0.02), time.time_ns(), now_s)
-            if due := road.host.due(now_s):
-                link.write(due)
-            written += cable.read()
-        assert link.state is LinkState.OPEN
-        assert road.counts["frames"] > 20
-        link.close()
-    assert written == b""

@@ -81,17 +81,6 @@ def test_receivers_are_told_in_the_aircrafts_units():
     assert said.velocity.xyz_mps == (1.25, -2.5, -0.125)  # up, not down
 
 
-def test_what_is_new_at_an_instant_is_in_the_frame_of_that_instant_and_repeated_at_50_hz():
-    epochs = [replace(rtk(at_ms), height_m=31.5 + at_ms) for at_ms in (0, 200)]
-    arrivals = [(epoch.stamp_ns + 80 * MS, epoch) for epoch in epochs]
-    said = told([*(imu(k) for k in range(60)), *arrivals])
-    polled = {k: part.rtk.hfsl_m for k, part in enumerate(said) if part.rtk is not None}
-    assert list(polled) == list(range(0, 60, 2))
-    # From the frame of 80 ms on, though the fix came behind the IMU's sample of that time.
-    assert {k for k, height_m in polled.items() if height_m == 31.5} == set(range(8, 28, 2))
-    assert {k for k, height_m in polled.items() if height_m == 231.5} == set(range(28, 60, 2))
-
-
 def test_samples_that_make_no_sense_are_left_out_and_counted():
     aircraft = Aircraft()
     bad = [

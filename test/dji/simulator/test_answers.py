@@ -11,10 +11,8 @@ from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
 from tirgeo_ros.dji.protocol.broadcast import decode_broadcast
 from tirgeo_ros.dji.protocol.commands import (
     GET_VERSION,
-    NOT_ACTIVATED,
     activate,
     decode_code,
-    decode_version_ack,
     set_rates,
 )
 from tirgeo_ros.dji.protocol.subscription import USUAL_PACKAGES, PackageTable
@@ -47,19 +45,6 @@ class Host:
 @pytest.fixture
 def host():
     return Host(Aircraft(activation=(3, 0)))
-
-
-def test_it_tells_what_it_is_and_whether_it_is_activated(host):
-    said = decode_version_ack(host.ask(GET_VERSION))
-    assert (said.code, said.hardware, said.firmware) == (
-        NOT_ACTIVATED,
-        "PM820V3PRO",
-        (3, 2, 41, 13),
-    )
-    activation = activate(1234, said.firmware)
-    assert host.code(activation) == 3  # a new device: once more
-    assert host.code(activation) == 0
-    assert decode_version_ack(host.ask(GET_VERSION)).code == 0
 
 
 def test_requests_come_in_pieces_twice_and_without_a_wish_for_an_answer(host):

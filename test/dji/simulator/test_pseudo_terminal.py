@@ -21,14 +21,6 @@ def opened(port: PseudoTerminal) -> int:
     return os.open(port.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
 
 
-def test_a_reader_who_sleeps_stops_nobody(port):
-    host = opened(port)
-    sent = sum(port.write(bytes(1000)) for _ in range(100))
-    assert 1000 <= sent < 100_000
-    assert port.dropped == 100_000 - sent
-    os.close(host)
-
-
 @pytest.mark.parametrize(("speed", "clean"), [(termios.B921600, True), (termios.B230400, False)])
 def test_another_speed_reads_noise(tmp_path, speed, clean):
     with PseudoTerminal(tmp_path / "tty", baud=921600) as port:

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.frames.axes import ENU_NED, FLU_FRD
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_matrix, quat_from_rotvec
-from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample, ImuSample, PositionSample
+from tirgeo_ros.core.types.measurements import FixStatus, PositionSample
 from tirgeo_ros.dji.interpret import Interpreter
 from tirgeo_ros.dji.sources.psdk import READERS, PsdkDecoder
 from tirgeo_ros.dji.sources.readings import GpsReading
@@ -166,20 +166,6 @@ def test_a_fix_that_is_lost_is_lost_at_once(road, flag_after_ns):
         assert sample.height_m == pytest.approx(HOME[2] + 40.0)
     fixed, floating = FixStatus.FIXED, FixStatus.FLOAT
     assert [s.status for s in given] == [fixed, fixed, floating, floating, fixed]
-
-
-def test_heading_and_force_as_they_go_on(road):
-    """Antennas 90 deg to the right of a nose to the south: 270, sent as 65446."""
-    meaning = Interpreter(DjiConfig(geoid_undulation_m=40.0))
-    readings = road.take("imu", IMU, START, START)
-    readings += road.take("rtk_yaw", 65446, START, START)
-    readings += road.take("rtk_yaw_info", 50, 0, START + MS)
-    samples = [s for r in readings + road.due(START + EPOCH) for s in meaning.take(r)]
-    (force,) = (s.specific_force_b for s in samples if isinstance(s, ImuSample))
-    # 9.8 is one g, and that is the standard's.
-    assert force == pytest.approx([0.0, 0.0, -9.80665], abs=1e-12)
-    (heading,) = (s.heading_rad for s in samples if isinstance(s, HeadingSample))
-    assert heading == pytest.approx(math.pi)
 
 
 def test_fused_values_stand_in_for_a_silent_receiver_alone(road):

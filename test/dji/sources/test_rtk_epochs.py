@@ -82,9 +82,3 @@ def test_a_whole_epoch_does_not_wait():
     epochs = RtkEpochs()
     found = [epochs.take(part(name, 1, k), k) for k, name in enumerate(PARTS)]
     assert [len(each) for each in found] == [0, 0, 0, 0, 1]
-
-
-def test_without_a_position_the_velocitys_stamp_counts():
-    given_parts = [("yaw_flag", 5 * MS), ("velocity_n", 1 * MS), ("position_flag", 6 * MS)]
-    ((_, reading),) = told((k * MS, part(name, 0, at)) for k, (name, at) in enumerate(given_parts))
-    assert reading.stamp_ns == 1 * MS

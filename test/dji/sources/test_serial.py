@@ -85,11 +85,6 @@ def conditions(key, sent_with):
     return [report.condition.value for report in told], watch.report
 
 
-@pytest.mark.parametrize("sent_with", [None, KEY])
-def test_with_the_right_key_it_receives(sent_with):
-    assert conditions(KEY.hex(), sent_with)[0][-1] == "receiving"
-
-
 @pytest.mark.parametrize(
     ("key", "words"), [(bytes(32).hex(), "key is not the aircraft's"), ("", "key is not set")]
 )

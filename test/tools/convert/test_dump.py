@@ -64,28 +64,6 @@ def test_the_example_frames_print_as_told(shared, tirgeo_dump):
     assert (code, err) == (0, "tirgeo dump: 32 frames (26 broadcast, 6 subscription)\n")
 
 
-def test_a_broadcast_is_one_line(tirgeo_dump):
-    code, records, err = tirgeo_dump(broadcast(mag=(1, -2, 3)))
-    assert records == [
-        {
-            "i": 0,
-            "offset": 0,
-            "length": 26,
-            "cmd_set": 2,
-            "cmd_id": 0,
-            "seq": 56,
-            "session": 0,
-            "ack": 0,
-            "enc": 0,
-            "kind": "broadcast",
-            "layout": "a3_osdk33",
-            "mask": 0x100,
-            "fields": {"mag": [1, -2, 3]},
-        }
-    ]
-    assert (code, err) == (0, "tirgeo dump: 1 frame (1 broadcast)\n")
-
-
 def test_bytes_between_the_frames_are_counted(tirgeo_dump):
     noise = random.Random(7).randbytes(100).replace(b"\xaa", b"\x55")
     whole = broadcast(mag=(1, -2, 3))
@@ -117,16 +95,6 @@ def test_a_broadcast_of_no_layout_has_its_mask(dump, tirgeo_dump):
     (record,) = dump(encode_frame(b"\x02\x00\x03"))
     assert record["mask"] is None
     assert "; 1 unreadable\n" in tirgeo_dump(frame)[2]
-
-
-def test_a_push_of_no_package_has_its_id(dump):
-    for value in (b"\x07" + bytes(20), b"\x03" + bytes(20)):
-        (record,) = dump(encode_frame(b"\x02\x05" + value))
-        assert (record["kind"], record["pkg_id"]) == ("subscription", value[0])
-        assert (record["freq_hz"], record["with_timestamp"]) == (None, None)
-        assert (record["topics"], record["fields"]) == ([], {})
-    (record,) = dump(encode_frame(b"\x02\x05"))
-    assert record["pkg_id"] is None
 
 
 def test_packages_from_a_file(dump, tmp_path):

@@ -136,13 +136,6 @@ def test_heading_is_the_baselines_less_its_offset(imported):
         assert message.linear_acceleration_covariance[0] == -1
 
 
-def test_gimbal_attitude_in_either_order(imported):
-    path, _ = imported
-    for t_s, message in by_time(path, "/gimbal/attitude"):
-        expected = camera_enu(FLIGHT.at(t_s).gimbal_rpy_deg)
-        np.testing.assert_allclose(rotation(message.quaternion), expected, atol=ROUNDING)
-
-
 def test_gimbal_joints_are_the_rotation_from_body_to_camera(imported):
     path, _ = imported
     for t_s, message in by_time(path, "/gimbal/joint_states"):
@@ -214,16 +207,6 @@ def test_a_bag_without_rtk_stays_on_its_gps(folder, capsys, broadcast):
     assert result["reason"].endswith("gps/fix has a sigma of 100 m in height")
     assert set(result["states_s"]) <= {"waiting", "aligning", "degraded"}
     assert result["states_s"]["degraded"] >= 17
-
-
-def test_a_flag_that_is_no_fix(folder):
-    flight = Flight(duration_s=1.0, position_flag=34, yaw_flag=16)
-    path = wrapper_bag(flight).write(folder / "float.bag")
-    result = import_flight(path, folder / "float.mcap", params=folder / "params.yaml")
-    statuses = {m.status.status for m in messages(folder / "float.mcap", "/rtk/fix")}
-    assert statuses == {1}
-    assert "/rtk/heading" not in result["written"]
-    assert result["counts"]["rtk_yaw_not_fixed"] == 5
 
 
 def test_delays_are_taken_off(folder):

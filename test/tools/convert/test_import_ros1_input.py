@@ -71,17 +71,6 @@ def test_what_is_wrong_is_told_and_the_rest_imported(folder, capsys):
         assert told in err
 
 
-def test_nothing_that_can_be_used_leaves_no_file(folder):
-    bag = Bag()
-    for k in range(3):
-        bag.add(BEGUN_NS + k, "/dji_sdk/imu", bag.new("std_msgs/msg/UInt8", data=k))
-    path = bag.write(folder / "none.bag")
-    before = set(folder.iterdir())
-    with pytest.raises(BagError, match=r"none\.mcap: nothing to write"):
-        import_flight(path, folder / "none.mcap")
-    assert set(folder.iterdir()) == before
-
-
 def test_pictures_go_on_as_they_are(folder):
     bag = wrapper_bag(Flight(duration_s=1.0))
     pixels = np.arange(12, dtype=np.uint8)

@@ -15,21 +15,24 @@ class PackedFields:
     ``head`` is the form of the numbers before the parts, with the byte order.
     """
 
-    def __init__(self, head: str, parts: Iterable[tuple[str, str, Make]]) -> None:
-        at = _numbers(head)
-        #: Name, first and last + 1 of its numbers, and maker of each part. The decoders loop over
-        #: them themselves: this runs hundreds of times a second.
-        self.parts: list[tuple[str, int, int, Make]] = []
+    def __init__(self, head: str, parts: Iterable[Sequence[Any]]) -> None:
+        self._first = at = _numbers(head)
+        self._parts: list[tuple[str, int, int, Make]] = []  # with first and last + 1 number
         for name, form, make in parts:
             head, start, at = head + form, at, at + _numbers(f"<{form}")
-            self.parts.append((name, start, at, make))
+            self._parts.append((name, start, at, make))
         self._struct = struct.Struct(head)
         self.size = self._struct.size
-        self.numbers = self._struct.unpack  # bytes in, all numbers out
+
+    def unpack(self, value: bytes) -> tuple[tuple[Any, ...], dict[str, Any]]:
+        """Return the numbers before the parts, and the parts by name."""
+        numbers = self._struct.unpack(value)
+        made = {name: make(numbers[start:stop]) for name, start, stop, make in self._parts}
+        return numbers[: self._first], made
 
     def pack(self, head: Sequence[int | None], values: Mapping[str, Any]) -> bytes:
         """Return the bytes. Raises struct.error for what does not fit."""
-        parts = [number for name, *_ in self.parts for number in _flat(values.get(name))]
+        parts = [number for name, *_ in self._parts for number in _flat(values.get(name))]
         return self._struct.pack(*head, *parts)
 
 

@@ -10,35 +10,18 @@ from tirgeo_ros.core.frames.rotations import matrix_from_quat, slerp
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.dji.interpret.accelerometer_unit import G_M_S2
+from tirgeo_ros.dji.protocol import broadcast_parts as parts
 from tirgeo_ros.dji.protocol.broadcast import Broadcast, Layout
-from tirgeo_ros.dji.protocol.broadcast_parts import (
-    SYNC_TICK_NS,
-    Battery,
-    Device,
-    Gimbal,
-    GimbalAngles,
-    Gps,
-    GpsFused,
-    GpsPosition,
-    HardSync,
-    Position,
-    Rc,
-    RelativePosition,
-    Rtk,
-    RtkPosition,
-    Status,
-    Time,
-    Velocity,
-)
+from tirgeo_ros.dji.protocol.broadcast_parts import SYNC_TICK_NS
 from tirgeo_ros.dji.simulator.satellites import Satellites
 
 #: Values that no flight records: in the air, position mode; sticks at rest; a lasting battery.
-_STATUS = Status(2, 6, 0, 0)
-_RC = Rc(0, 0, 0, 0, 8000, -4545)
-_BATTERY = Battery(5700, 24_600, -28_000, 80)
-_DEVICE = Device(6, 0)
+_STATUS = parts.Status(2, 6, 0, 0)
+_RC = parts.Rc(0, 0, 0, 0, 8000, -4545)
+_BATTERY = parts.Battery(5700, 24_600, -28_000, 80)
+_DEVICE = parts.Device(6, 0)
 _MAG = (210, -480, 1310)
-_NOTHING_NEAR = RelativePosition(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0)
+_NOTHING_NEAR = parts.RelativePosition(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0)
 _LEVEL_FIVE = 5
 _GIMBAL_WELL = 0x7801  # mounted; escs, drone data
 _U32 = 0xFFFFFFFF
@@ -55,11 +38,14 @@ class Instant:
         time_ns: int,
         since_ns: int,
         imu: ImuSample,
-        gimbal: Gimbal | None,
+        gimbal: parts.Gimbal | None,
         satellites: Satellites,
     ) -> None:
         self.ms, self.rest_ns = time_ns // 1_000_000 & _U32, time_ns % 1_000_000
-        self.ticks, self.tick_rest_ns = time_ns // SYNC_TICK_NS & _U32, time_ns % SYNC_TICK_NS
+        self.ticks, self.tick_rest_ns = (
+            time_ns // SYNC_TICK_NS & _U32,
+            time_ns % SYNC_TICK_NS,
+        )
         self.ticks_here = since_ns // SYNC_TICK_NS & _U32
         self.q_nb = imu.autopilot_q_nb
         self.force_b, self.rate_b = imu.specific_force_b, imu.angular_rate_b
@@ -67,22 +53,22 @@ class Instant:
         self._now_ns, self._satellites = imu.stamp_ns, satellites
 
     @cached_property
-    def rtk(self) -> Rtk:
+    def rtk(self) -> parts.Rtk:
         """Return the RTK receiver's data."""
         return self._satellites.rtk(self._now_ns)
 
     @cached_property
-    def gps(self) -> Gps:
+    def gps(self) -> parts.Gps:
         """Return the ordinary receiver's data."""
         return self._satellites.gps(self._now_ns)
 
     @cached_property
-    def position(self) -> Position:
+    def position(self) -> parts.Position:
         """Return the fused position."""
         return self._satellites.position(self._now_ns)
 
     @cached_property
-    def velocity(self) -> Velocity:
+    def velocity(self) -> parts.Velocity:
         """Return the fused velocity."""
         return self._satellites.velocity(self._now_ns)
 
@@ -124,13 +110,13 @@ def broadcast_of(instant: Instant, layout: Layout, due: Collection[int]) -> Broa
 
 def _old(part: Any) -> Any:
     """Return a part in the form of the old layout."""
-    if isinstance(part, Time):
-        return Time(part.time_ms, part.time_ns, None, None, part.sync_flag)
-    if isinstance(part, Status):
-        return Status(part.flight)
-    if isinstance(part, Battery):
-        return Battery(None, None, None, part.percentage)
-    return part._replace(detail=None) if isinstance(part, Gps) else part
+    if isinstance(part, parts.Time):
+        return parts.Time(part.time_ms, part.time_ns, None, None, part.sync_flag)
+    if isinstance(part, parts.Status):
+        return parts.Status(part.flight)
+    if isinstance(part, parts.Battery):
+        return parts.Battery(None, None, None, part.percentage)
+    return part._replace(detail=None) if isinstance(part, parts.Gps) else part
 
 
 def topic_values(instant: Instant, names: tuple[str, ...]) -> dict[str, Any] | None:
@@ -144,23 +130,25 @@ def _numbers(v: Array) -> Any:
     return tuple(v.tolist())
 
 
-def _hard_sync(i: Instant) -> HardSync | None:
+def _hard_sync(i: Instant) -> parts.HardSync | None:
     if i.q_nb is None:
         return None
     force_g, rate = _numbers(i.force_b / G_M_S2), _numbers(i.rate_b)
-    return HardSync(i.ticks, i.tick_rest_ns, i.ticks_here, 0, 0, i.quaternion, force_g, rate)
+    return parts.HardSync(i.ticks, i.tick_rest_ns, i.ticks_here, 0, 0, i.quaternion, force_g, rate)
 
 
-def _gps_fused(i: Instant) -> GpsFused:
+def _gps_fused(i: Instant) -> parts.GpsFused:
     satellites = i.gps.detail.nsv if i.gps.detail else 0
-    return GpsFused(i.position.lon_rad, i.position.lat_rad, i.position.altitude_m, satellites)
+    return parts.GpsFused(
+        i.position.lon_rad, i.position.lat_rad, i.position.altitude_m, satellites
+    )
 
 
 _Make = Callable[[Instant], Any]
 
 #: Bit of the mask, name in ``Broadcast``, and how the part is made.
 _PARTS: tuple[tuple[int, str, _Make], ...] = (
-    (0, "time", lambda i: Time(i.ms, i.rest_ns, i.ticks, 0, 0)),
+    (0, "time", lambda i: parts.Time(i.ms, i.rest_ns, i.ticks, 0, 0)),
     (1, "quaternion_wxyz", lambda i: i.quaternion),
     (2, "acceleration_as_packed", lambda i: _numbers(i.force_b / G_M_S2)),
     (3, "velocity", lambda i: i.velocity),
@@ -191,16 +179,16 @@ _TOPICS: dict[str, _Make] = {
     "GPS_FUSED": _gps_fused,
     "GPS_DATE": lambda i: i.gps.date,
     "GPS_TIME": lambda i: i.gps.time,
-    "GPS_POSITION": lambda i: GpsPosition(i.gps.lon_1e7, i.gps.lat_1e7, i.gps.hfsl_mm),
+    "GPS_POSITION": lambda i: parts.GpsPosition(i.gps.lon_1e7, i.gps.lat_1e7, i.gps.hfsl_mm),
     "GPS_VELOCITY": lambda i: i.gps.vel_ned_cmps,
     "GPS_DETAILS": lambda i: i.gps.detail,
-    "RTK_POSITION": lambda i: RtkPosition(i.rtk.lon_deg, i.rtk.lat_deg, i.rtk.hfsl_m),
+    "RTK_POSITION": lambda i: parts.RtkPosition(i.rtk.lon_deg, i.rtk.lat_deg, i.rtk.hfsl_m),
     "RTK_VELOCITY": lambda i: i.rtk.vel_cmps,
     "RTK_YAW": lambda i: i.rtk.yaw_deg,
     "RTK_POSITION_INFO": lambda i: i.rtk.pos_flag,
     "RTK_YAW_INFO": lambda i: i.rtk.yaw_flag,
     "RC": lambda _: _RC,
-    "GIMBAL_ANGLES": lambda i: i.gimbal and GimbalAngles(*(i.gimbal[k] for k in (1, 0, 2))),
+    "GIMBAL_ANGLES": lambda i: i.gimbal and parts.GimbalAngles(*(i.gimbal[k] for k in (1, 0, 2))),
     "GIMBAL_STATUS": lambda _: _GIMBAL_WELL,
     "STATUS_FLIGHT": lambda _: _STATUS.flight,
     "STATUS_DISPLAYMODE": lambda _: _STATUS.mode,

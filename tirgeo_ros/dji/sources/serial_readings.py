@@ -12,16 +12,8 @@ from typing import Any, NamedTuple, Protocol
 
 from tirgeo_ros.dji.clocks.steady_stamps import SteadyStamps
 from tirgeo_ros.dji.link.framing import ProtocolFrame
+from tirgeo_ros.dji.protocol import broadcast_parts as parts
 from tirgeo_ros.dji.protocol.broadcast import decode_broadcast
-from tirgeo_ros.dji.protocol.broadcast_parts import (
-    Gimbal,
-    GimbalAngles,
-    Gps,
-    GpsDetail,
-    GpsPosition,
-    HardSync,
-    Rtk,
-)
 from tirgeo_ros.dji.protocol.subscription import PackageTable, decode_push
 from tirgeo_ros.dji.sources.readings import (
     AccelerationUnit,
@@ -84,26 +76,26 @@ class Telemetry:
         return []
 
     def _read_broadcast(self, value: bytes, arrival_ns: int) -> list[Reading]:
-        parts = decode_broadcast(value)
-        if parts is None:
+        said = decode_broadcast(value)
+        if said is None:
             self.counts["unknown_layout"] += 1
             return []
         self.counts["broadcast"] += 1
         stamp_ns = arrival_ns
-        if parts.time is not None:
-            stamp_ns = self._clocks.broadcast.stamp_ns(parts.time.time_ms, arrival_ns)
-        elif parts.mask:
+        if said.time is not None:
+            stamp_ns = self._clocks.broadcast.stamp_ns(said.time.time_ms, arrival_ns)
+        elif said.mask:
             self.counts["untimed"] += 1
-        inertial = parts.acceleration_as_packed, parts.angular_rate_radps, parts.quaternion_wxyz
+        inertial = said.acceleration_as_packed, said.angular_rate_radps, said.quaternion_wxyz
         unit = AccelerationUnit.UNKNOWN
         readings = _inertial(stamp_ns, ImuOrigin.BROADCAST, unit, *inertial)
-        if parts.position is not None:
-            self._known = parts.position.lat_rad, parts.position.lon_rad
-        if parts.gps is not None:
-            readings.append(_gps(stamp_ns, parts.gps))
-        if parts.rtk is not None:
-            readings.append(_rtk(stamp_ns, parts.rtk))
-        return readings + _gimbal(stamp_ns, parts.gimbal)
+        if said.position is not None:
+            self._known = said.position.lat_rad, said.position.lon_rad
+        if said.gps is not None:
+            readings.append(_gps(stamp_ns, said.gps))
+        if said.rtk is not None:
+            readings.append(_rtk(stamp_ns, said.rtk))
+        return readings + _gimbal(stamp_ns, said.gimbal)
 
     def _read_push(self, value: bytes, arrival_ns: int) -> list[Reading]:
         push = decode_push(value, self._packages)
@@ -118,7 +110,7 @@ class Telemetry:
             stamp_ns = self._clocks.subscription.stamp_ns(push.time_ms, arrival_ns)
         values = push.values
         readings: list[Reading] = []
-        tick: HardSync | None = values.get("HARD_SYNC")
+        tick: parts.HardSync | None = values.get("HARD_SYNC")
         if tick is not None:  # not by the push's own time, which is truncated to milliseconds
             tick_ns = self._clocks.hard_sync.stamp_ns(tick.time2p5ms, arrival_ns, tick.time1ns)
             given = tick.accel_g, tick.gyro_radps, tick.q_wxyz
@@ -148,7 +140,7 @@ class Telemetry:
             readings.append(GpsReading(stamp_ns, place, velocity, *quality))
         return readings
 
-    def _gps_place(self, raw: GpsPosition) -> GeodeticPlace:
+    def _gps_place(self, raw: parts.GpsPosition) -> GeodeticPlace:
         """Return GPS_POSITION, longitude first unless other positions show the reverse order.
 
         The documents disagree on the order.
@@ -175,19 +167,19 @@ def _inertial(
     return [] if q is None else [AttitudeReading(stamp_ns, q)]
 
 
-def _gimbal(stamp_ns: int, angles: Gimbal | GimbalAngles | None) -> list[Reading]:
+def _gimbal(stamp_ns: int, angles: parts.Gimbal | parts.GimbalAngles | None) -> list[Reading]:
     if angles is None:
         return []
     degrees = angles.roll_deg, angles.pitch_deg, angles.yaw_deg
     return [GimbalReading(stamp_ns, *map(math.radians, degrees))]
 
 
-def _gps(stamp_ns: int, gps: Gps) -> GpsReading:
+def _gps(stamp_ns: int, gps: parts.Gps) -> GpsReading:
     place = GeodeticPlace(gps.lat_1e7 * _RAW_DEG, gps.lon_1e7 * _RAW_DEG, gps.hfsl_mm * 1e-3)
     return GpsReading(stamp_ns, place, _metres(gps.vel_ned_cmps), *_quality(gps.detail))
 
 
-def _quality(detail: GpsDetail | None) -> tuple[Any, Any, Any, Any]:
+def _quality(detail: parts.GpsDetail | None) -> tuple[Any, Any, Any, Any]:
     """Return fix, and sigmas in m, m and m/s; None where they are not told."""
     if detail is None:
         return None, None, None, None
@@ -195,7 +187,7 @@ def _quality(detail: GpsDetail | None) -> tuple[Any, Any, Any, Any]:
     return fix, detail.hacc_mm * 1e-3, detail.vacc_mm * 1e-3, detail.sacc_cmps * 1e-2
 
 
-def _rtk(stamp_ns: int, rtk: Rtk) -> RtkReading:
+def _rtk(stamp_ns: int, rtk: parts.Rtk) -> RtkReading:
     place = _place_deg(rtk.lat_deg, rtk.lon_deg, rtk.hfsl_m)
     velocity = _metres(rtk.vel_cmps)
     return RtkReading(stamp_ns, place, rtk.pos_flag, velocity, rtk.yaw_deg, rtk.yaw_flag)

@@ -19,7 +19,6 @@ from tirgeo_ros.tools.presentation.progress import Report
 #: Number of messages that are inspected before the import begins.
 _SURVEYED = 4000
 _PICTURES = ("thermal/image_raw", "thermal/image_raw/compressed")
-_PICTURE_TYPES = {TOPIC_TYPES[topic]: topic for topic in _PICTURES}
 _CAMERA_INFO = "thermal/camera_info"
 
 
@@ -75,7 +74,7 @@ class _Import:
         self.bag = bag
         self.topics: dict[tuple[str, str], _Topic] = {}
         self._cdr = Cdr()
-        self.passed = _passed(bag, pictures)
+        self.passed = _passed(bag, pictures)  # topic -> topic of the contract
         self.names = _wrapper_topics(bag, namespace)  # topic -> its name in the wrapper
         self.decoder = Ros1Decoder(self._surveyed())
 
@@ -125,10 +124,10 @@ class _Import:
         if key not in self.topics:
             contract = self.passed.get(message.topic)
             if contract is None:
-                known = TOPICS[self.names[message.topic]]
-                self.topics[key] = _Topic(*key, known.typename, known.feeds)
+                typename, feeds, _ = TOPICS[self.names[message.topic]]
             else:
-                self.topics[key] = _Topic(*key, TOPIC_TYPES[contract], (contract,))
+                typename, feeds = TOPIC_TYPES[contract], (contract,)
+            self.topics[key] = _Topic(*key, typename, feeds)
         return self.topics[key]
 
     def warnings(self) -> list[str]:
@@ -165,28 +164,21 @@ def _wrapper_topics(bag: Ros1Bag, namespace: str) -> dict[str, str]:
 
 def _passed(bag: Ros1Bag, pictures: Pictures) -> dict[str, str]:
     """Return the bag's topic -> topic of the contract. Raise BagError if not as asked for."""
-    found = {}
-    if pictures.image:
-        topic, typename = _checked(bag, pictures.image, tuple(_PICTURE_TYPES))
-        found[topic] = _PICTURE_TYPES[typename]
-    if pictures.camera_info:
-        topic, _ = _checked(bag, pictures.camera_info, (TOPIC_TYPES[_CAMERA_INFO],))
-        found[topic] = _CAMERA_INFO
+    found, topics = {}, bag.topics()
+    for asked, contracts in ((pictures.image, _PICTURES), (pictures.camera_info, (_CAMERA_INFO,))):
+        if not asked:
+            continue
+        wanted = {TOPIC_TYPES[contract]: contract for contract in contracts}
+        topic = next((name for name in topics if name.strip("/") == asked.strip("/")), asked)
+        types = topics.get(topic, ())
+        if len(types) != 1 or types[0] not in wanted:
+            there = [name for name, given in topics.items() if set(given) & set(wanted)]
+            raise BagError(
+                f"{bag.path}: {asked} is {', '.join(types) or 'not there'}; of type "
+                f"{' or '.join(wanted)} are: {', '.join(there) or 'none'}"
+            )
+        found[topic] = wanted[types[0]]
     return found
-
-
-def _checked(bag: Ros1Bag, asked: str, wanted: tuple[str, ...]) -> tuple[str, str]:
-    """Return the topic that is asked for, with or without its first slash, and its type."""
-    topics = bag.topics()
-    topic = next((name for name in topics if name.strip("/") == asked.strip("/")), asked)
-    types = topics.get(topic, ())
-    if len(types) == 1 and types[0] in wanted:
-        return topic, types[0]
-    there = [name for name, found in topics.items() if set(found) & set(wanted)]
-    raise BagError(
-        f"{bag.path}: {asked} is {', '.join(types) or 'not there'}; of type "
-        f"{' or '.join(wanted)} are: {', '.join(there) or 'none'}"
-    )
 
 
 def import_ros1(
