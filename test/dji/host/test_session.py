@@ -142,15 +142,6 @@ def test_a_subscription_without_app_id_is_tried_where_it_is_activated_already():
     assert "ACTIVATE" not in flight.kinds
 
 
-def test_refused_rates_are_told():
-    flight = Flight()
-    flight.aircraft.refusals = refusing(1, Opcode.SET_RATES)
-    flight.fly(5.0)
-    assert flight.session.state is HostState.INCOMPLETE
-    assert "broadcast rates: bad parameter: check host.broadcast_rates" in flight.session.message
-    assert sorted(flight.table) == [0, 1, 2, 3, 4]
-
-
 @pytest.mark.parametrize("at", [MATCH_VERSION, USUAL_PACKAGES[2].request])
 def test_an_activation_that_is_lost_midway_is_asked_for_anew(at):
     flight = Flight()
@@ -167,13 +158,6 @@ def test_an_activation_that_is_lost_midway_is_asked_for_anew(at):
     flight.fly(20.0, HostState.READY)
     assert flight.kinds.count("ACTIVATE") == 2
     assert flight.aircraft.packages == flight.table == PackageTable()
-
-
-def test_an_aircraft_that_has_nothing_to_say_is_asked_less_and_less():
-    flight = Flight(DjiHostConfig(app_id=5))
-    flight.broadcasts = False
-    flight.fly(400.0)
-    assert 5 < flight.kinds.count("ACTIVATE") < 12  # after 3, 6, 12, 24, 48, 60, 60 s ...
 
 
 def test_a_quick_reboot_is_noticed_by_the_pushes_that_stop():

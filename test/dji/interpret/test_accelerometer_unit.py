@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 
 import numpy as np
@@ -106,17 +105,6 @@ def test_set_right_in_flight_it_recovers():
     np.testing.assert_allclose(sizes(samples), G_M_S2, rtol=1e-12)
     assert meant.counts["acceleration_unit_changes"] == 1
     assert meant.warnings == []
-
-
-def test_fused_acceleration_that_looks_like_gravity_for_seconds():
-    """1 m/s2 downwards for 4 s is a descent that begins, not 1 g."""
-    meant = interpreter()
-    parts = [
-        readings(5.0, (0.0, 0.0, 0.0)),
-        readings(4.0, (0.0, 0.0, -1.0), start_s=5.0),
-        readings(5.0, (0.0, 0.0, 0.0), start_s=9.0),
-    ]
-    assert taken(meant, itertools.chain(*parts)) == []
 
 
 def test_an_axis_that_points_up_is_told():

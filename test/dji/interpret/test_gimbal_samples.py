@@ -88,16 +88,6 @@ def test_yaw_from_the_nose(tilt, nose, camera):
 # Waiting
 
 
-def test_a_reading_waits_for_the_attitude_after_it():
-    meant = interpreter()
-    assert len(meant.take(imu(0))) == 1
-    assert meant.take(gimbal(5)) == []
-    samples = meant.take(attitude(8))
-    assert samples == []  # beside the IMU's own attitude it is not used
-    samples = meant.take(imu(10))
-    assert [t_ms(s) for s in samples] == [10, 5, 5]
-
-
 def test_without_the_nose_there_is_no_heading_of_a_yaw_from_it():
     meant = interpreter(gimbal_reference="body")
     assert taken(meant, [gimbal(20 * k) for k in range(50)]) == []
@@ -117,18 +107,6 @@ def test_what_is_no_angle_is_refused(bad, angle):
     assert meant.counts == {"gimbal_refused": 1}
 
 
-def test_order_and_clocks():
-    meant = interpreter()
-    meant.take(gimbal(5000))
-    assert meant.take(gimbal(5000)) == []
-    assert meant.take(gimbal(4990)) == []
-    assert meant.counts == {"gimbal_out_of_order": 2}
-    # Another clock: the one that waits comes out, the new one waits.
-    (camera,) = meant.take(gimbal(100))
-    assert t_ms(camera) == 5000
-    assert [t_ms(s) for s in meant.flush()] == [100]
-
-
 @settings(max_examples=50)
 @given(angles, st.floats(-0.09, 0.09), angles, st.sampled_from([-1.0, 1.0]))
 def test_at_the_end_of_the_chain_the_three_still_give_the_rotation(yaw, off, pitch, side):
@@ -139,3 +117,13 @@ def test_at_the_end_of_the_chain_the_three_still_give_the_rotation(yaw, off, pit
     expected = matrix_from_quat(np.array(body)).T @ matrix_from_quat(camera.q_ng)
     np.testing.assert_allclose(rotation_bg(joints), expected, atol=1e-14)
     assert meant.counts == {"joints_near_singularity": 1}
+
+
+def test_a_reading_waits_for_the_attitude_after_it():
+    meant = interpreter()
+    assert len(meant.take(imu(0))) == 1
+    assert meant.take(gimbal(5)) == []
+    samples = meant.take(attitude(8))
+    assert samples == []  # beside the IMU's own attitude it is not used
+    samples = meant.take(imu(10))
+    assert [t_ms(s) for s in samples] == [10, 5, 5]

@@ -61,11 +61,3 @@ def test_accuracy_that_is_not_told_is_not_known(unknown):
     assert not position.covariance_n.any()
     assert not velocity.covariance_n.any()
     assert position.status is FixStatus.SINGLE
-
-
-def test_fix_and_accuracy_of_another_message_hold_for_a_while():
-    meant = interpreter()
-    assert meant.take(gps(0, fix=3, **SIGMAS)) == []
-    found = [meant.take(gps(t, place=place(t)))[0] for t in (10, 1500, 1501)]
-    assert [s.status for s in found] == [FixStatus.SINGLE, FixStatus.SINGLE, FixStatus.NONE]
-    assert found[1].covariance_n[0, 0] == pytest.approx(0.64)

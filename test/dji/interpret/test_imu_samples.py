@@ -121,15 +121,6 @@ def test_the_worse_takes_over_when_the_better_is_silent():
     assert meant.counts["imu_unused_broadcast"] == 60
 
 
-def test_the_better_takes_over_when_it_comes():
-    meant = interpreter()
-    samples = taken(meant, both(1000, hard_from_ms=500))
-    stamps = [t_ms(s) for s in samples]
-    assert stamps == sorted(set(stamps))
-    assert stamps == [1 + 10 * k for k in range(50)] + [500 + 2.5 * k for k in range(200)]
-    assert meant.counts["imu_handovers"] == 1
-
-
 @given(
     st.lists(
         st.tuples(st.sampled_from([HARD, SENT, CAST]), st.integers(0, 400), st.integers(0, 600)),
@@ -157,3 +148,13 @@ def test_stamps_of_any_mixture_ascend(bursts, phase):
 
 
 # Speed
+
+
+def test_the_better_takes_over_once_it_is_steady():
+    meant = interpreter()
+    samples = taken(meant, both(1000, hard_from_ms=500))
+    stamps = [t_ms(s) for s in samples]
+    assert stamps == sorted(set(stamps))
+    # 100 ms of HARD_SYNC are looked at, then it drives; the broadcast fills the time before.
+    assert stamps == [1 + 10 * k for k in range(60)] + [600 + 2.5 * k for k in range(160)]
+    assert meant.counts["imu_handovers"] == 1

@@ -113,18 +113,6 @@ def test_what_is_no_place_is_refused(bad):
     assert meant.counts == {"rtk_position_refused": 1}
 
 
-def test_an_undulation_that_is_not_set_is_zero_and_warned_of():
-    meant = Interpreter(DjiConfig())
-    (position, *_) = meant.take(rtk(0, **epoch(0)))
-    assert position.height_m == 30.0
-    antenna, warning = meant.warnings
-    assert antenna.startswith("aircraft.second_antenna_m is not set: RTK yaw is taken for that")
-    assert warning.startswith("geoid_undulation_m is not set")
-    assert meant.diagnostics["geoid_undulation_m"] == "0 (not set)"
-    assert interpreter().warnings == []
-    assert interpreter().diagnostics["geoid_undulation_m"] == "43.25"
-
-
 # Heading
 
 
@@ -146,3 +134,10 @@ def test_only_a_fixed_yaw_is_a_heading(yaw_flag):
     assert of(HeadingSample, samples) == []
     assert len(samples) == 2
     assert meant.counts == {"rtk_yaw_not_fixed": 1}
+
+
+def test_a_flag_of_another_message_holds_for_a_while():
+    meant = interpreter()
+    assert meant.take(rtk(0, position_flag=50)) == []
+    found = [positions(meant.take(rtk(t, place=place(t))))[0].status for t in (10, 1500, 1501)]
+    assert found == [FixStatus.FIXED, FixStatus.FIXED, FixStatus.NONE]

@@ -59,19 +59,6 @@ def opened(link):
     return link
 
 
-def test_every_byte_comes_through_raw(cable, open_link):
-    # All 256 values: none is eaten or changed as by a terminal for people (^C, ^S, CR, NL).
-    link = opened(open_link(str(cable.path), BAUD))
-    sent = bytes(range(256)) * 40
-    thread = threading.Thread(target=send, args=(cable, sent))
-    thread.start()
-    data, _ = read_until(link, lambda data: len(data) >= len(sent))
-    thread.join()
-    assert data == sent
-    assert link.write(bytes(range(256)))
-    assert cable.read() == bytes(range(256))
-
-
 def test_another_device_under_the_name_is_taken_though_the_old_one_is_silent(
     cable, open_link, tmp_path
 ):
@@ -181,3 +168,16 @@ def test_close_while_another_thread_reads(cable, open_link):
     link.close()
     thread.join(PATIENCE_S)
     assert found == [b""]
+
+
+def test_every_byte_comes_through_raw(cable, open_link):
+    # All 256 values: none is eaten or changed as by a terminal for people (^C, ^S, CR, NL).
+    link = opened(open_link(str(cable.path), BAUD))
+    sent = bytes(range(256)) * 40
+    thread = threading.Thread(target=send, args=(cable, sent))
+    thread.start()
+    data, _ = read_until(link, lambda data: len(data) >= len(sent))
+    thread.join()
+    assert data == sent
+    assert link.write(bytes(range(256)))
+    assert cable.read() == bytes(range(256))

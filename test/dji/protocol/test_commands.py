@@ -45,12 +45,6 @@ def test_bytes_of_requests(request_, expected):
     assert decode_request(request_.data) == request_
 
 
-def test_version_of_an_m600():
-    name = b"SDK-v1.0 BETA PM820V3PRO-3.2.41.13"
-    ack = decode_version_ack(b"\x01\xff" + b"03Z0CA3008\0" + name + bytes(3))
-    assert ack == (NOT_ACTIVATED, "03Z0CA3008", "PM820V3PRO", M600)
-
-
 @given(st.binary(max_size=120))
 def test_any_bytes_are_a_version_without_fuss(value):
     ack = decode_version_ack(value)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import struct
 
+import numpy as np
 from dji_layouts import number
 from hypothesis import given
 from hypothesis import strategies as st
 
 from tirgeo_ros.dji.protocol.broadcast_parts import GimbalAngles, GpsFused, Velocity
+from tirgeo_ros.dji.protocol.printed_fields import push_fields
 from tirgeo_ros.dji.protocol.subscription import (
     USUAL_PACKAGES,
     Package,
@@ -75,3 +77,13 @@ def test_what_is_decoded_encodes_to_the_same_bytes(case):
     push = decode_push(value, PackageTable([package]))
     assert list(push.values) == [topic.name for topic in package.topics]
     assert encode_push(push) == value
+
+
+def test_a_32_bit_number_is_printed_as_told_apart_from_its_neighbours():
+    numbers = np.array([0.1, 1 / 3, 7.3499999, -1e-30, 3.4028235e38, 1.0000001], dtype=np.float32)
+    for value in numbers:
+        table = PackageTable([Package.of(0, 50, with_timestamp=False, names=("HEIGHT_FUSION",))])
+        push = decode_push(b"\x00" + value.tobytes(), table)
+        printed = push_fields(push)["HEIGHT_FUSION"]
+        assert np.float32(printed) == value
+        assert len(f"{printed!r}".lstrip("-0.").partition("e")[0].replace(".", "")) <= 9

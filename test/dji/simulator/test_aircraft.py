@@ -13,12 +13,10 @@ from tirgeo_ros.core.frames.rotations import quat_from_euler
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
     FixStatus,
-    HeadingSample,
     ImuSample,
     JointSample,
     PositionSample,
     Source,
-    VelocitySample,
 )
 from tirgeo_ros.dji.link.framing import FrameReader
 from tirgeo_ros.dji.protocol.broadcast import Layout, decode_broadcast
@@ -56,31 +54,6 @@ def told(samples, config=None, layout=Layout.MODERN):
     return broadcasts
 
 
-def test_receivers_are_told_in_the_aircrafts_units():
-    config = SimulatedAircraftConfig(geoid_undulation_m=-9.0)
-    velocity_n = np.array([1.25, -2.5, 0.125])
-    arrivals = [
-        (START + 80 * MS, rtk(0)),
-        (START + 80 * MS, VelocitySample(START, Source.RTK_VELOCITY, velocity_n, FIX)),
-        (START + 80 * MS, HeadingSample(START, math.radians(123.4), 1e-4)),
-        (START + 10 * MS, rtk(10, FixStatus.SINGLE, Source.GPS_POSITION)),
-        (START + 10 * MS, VelocitySample(START, Source.GPS_VELOCITY, velocity_n, FIX)),
-    ]
-    said = told([*(imu(k) for k in range(20)), *arrivals], config)[-2]
-    assert said.rtk.lat_deg == pytest.approx(39.85, abs=1e-12)
-    assert said.rtk.lon_deg == pytest.approx(116.7, abs=1e-12)
-    assert said.rtk.hfsl_m == pytest.approx(40.5, abs=1e-6)  # above the sea, which is at -9 m
-    assert said.rtk.vel_cmps == (125.0, -250.0, 12.5)
-    assert (said.rtk.yaw_deg, said.rtk.pos_flag, said.rtk.yaw_flag) == (-147, 50, 50)
-    assert (said.rtk.date, said.rtk.time) == (20211020, 200000)
-    assert (said.gps.lat_1e7, said.gps.lon_1e7, said.gps.hfsl_mm) == (398500000, 1167000000, 40500)
-    assert said.gps.vel_ned_cmps == (125.0, -250.0, 12.5)
-    assert (said.gps.detail.fix, said.gps.detail.nsv, said.gps.detail.counter) == (3.0, 14, 1)
-    assert said.gps.detail.hacc_mm == pytest.approx(10.0)
-    assert said.gps.detail.vacc_mm == pytest.approx(20.0)
-    assert said.velocity.xyz_mps == (1.25, -2.5, -0.125)  # up, not down
-
-
 def test_samples_that_make_no_sense_are_left_out_and_counted():
     aircraft = Aircraft()
     bad = [
@@ -92,29 +65,6 @@ def test_samples_that_make_no_sense_are_left_out_and_counted():
     frames = list(frames_of(aircraft, [imu(0), *bad, imu(0), imu(2)]))
     assert len(frames) == 2
     assert aircraft.counts == {"broadcasts": 2, "pushes": 0, "invalid": 4, "imu_not_later": 1}
-
-
-JOINTS = {"yaw_rad": 0.3, "roll_rad": -0.04, "pitch_rad": -0.6}
-REPORTED = quat_from_euler(0.0, -0.5, 2.4)
-
-
-def both_gimbals(until_ms: int):
-    for at_ms in range(5, until_ms, 20):  # between the samples of the IMU
-        stamp = START + at_ms * MS
-        yield stamp, JointSample(stamp, **JOINTS)
-        yield stamp, CameraAttitudeSample(stamp, REPORTED)
-
-
-def test_the_old_layout_has_no_more_than_it_can_hold():
-    samples = [*(imu(k) for k in range(5)), (START, rtk(0)), *both_gimbals(60)]
-    said = told(samples, SimulatedAircraftConfig(layout="legacy"), Layout.LEGACY)[2]
-    assert said.time[2:] == (None, None, 0)
-    assert said.relative_position is None
-    assert said.gps.detail is None
-    assert said.battery is None
-    assert said.status.mode is None
-    assert said.rtk.pos_flag == 50
-    assert said.gimbal is not None
 
 
 def test_a_flight_that_starts_again_switches_it_on_anew():

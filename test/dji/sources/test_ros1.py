@@ -13,7 +13,7 @@ from tirgeo_ros.core.frames.axes import ENU_NED, FLU_FRD
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler
 from tirgeo_ros.core.types.errors import MessageError
 from tirgeo_ros.dji.sources.readings import AccelerationUnit, GimbalReading, ImuReading, RtkReading
-from tirgeo_ros.dji.sources.ros1 import Ros1Decoder, Ros1Setup, Ros1Survey
+from tirgeo_ros.dji.sources.ros1 import Ros1Decoder, Ros1Setup, survey
 
 MS = 1_000_000
 SECOND = 1_000 * MS
@@ -85,15 +85,6 @@ def _axial(m):
     return np.array([m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]])
 
 
-def test_fused_velocity_is_east_north_up_and_the_fused_height_is_hardly_known():
-    (reading,) = readings("velocity", vector(START, 1.0, 2.0, 3.0, "ground_ENU"))
-    assert reading.velocity_n == (2.0, 1.0, -3.0)
-    (reading,) = readings("gps_position", fix(START, altitude=-137.0))
-    assert reading.place == (math.radians(52.0), math.radians(4.0), -137.0)
-    assert reading.fix is None
-    assert reading.vertical_sigma_m == 100.0
-
-
 @pytest.mark.parametrize(
     ("angles", "frame"),
     [
@@ -146,11 +137,10 @@ def test_yaw_and_flags_have_the_stamp_of_their_position():
 
 def test_a_bag_that_was_recorded_again_has_the_clock_of_its_stamps():
     later = 86_400 * SECOND
-    survey = Ros1Survey()
-    for k in range(50):
-        survey.add("imu", imu(START + k * 10 * MS), START + k * 10 * MS + LAG + later)
-    road = Ros1Decoder(survey.setup)
-    assert survey.setup.shift_ns == later + LAG
+    stamps = [START + k * 10 * MS for k in range(50)]
+    setup = survey(("imu", imu(stamp), stamp + LAG + later) for stamp in stamps)
+    road = Ros1Decoder(setup)
+    assert setup.shift_ns == later + LAG
     message = Message(data=10)
     assert road.take("rtk_yaw", message, START + later + LAG) == []
     ((arrival_ns, reading),) = road.flush()
@@ -160,13 +150,11 @@ def test_a_bag_that_was_recorded_again_has_the_clock_of_its_stamps():
 
 def test_a_gravity_that_is_multiplied_in_twice():
     """Broadcast with m/s2 set in Assistant: the wrapper's factor comes on top of it."""
-    survey = Ros1Survey()
     message = imu(START, force=(0.0, 0.0, 9.8 * 9.801))
-    for k in range(30):
-        survey.add("imu", message, START + k)
-    (reading,) = readings("imu", message, setup=survey.setup)
+    setup = survey([("imu", message, START)] * 30)
+    (reading,) = readings("imu", message, setup=setup)
     assert reading.acceleration_b[2] == pytest.approx(-9.8, abs=ROUNDING)
-    assert "gravity multiplied in twice" in Ros1Decoder(survey.setup).warnings[0]
+    assert "gravity multiplied in twice" in Ros1Decoder(setup).warnings[0]
 
 
 @pytest.mark.parametrize("burst", [4, 8, 16])
@@ -183,10 +171,7 @@ def test_an_imu_in_bursts_gets_the_stamps_of_its_rate(burst):
         last = min(k // burst * burst + burst - 1, len(true) - 1)
         after = stamped[-1] + 20_000 if stamped else 0
         stamped.append(max(true[last] + rng.randrange(300_000), after))
-    survey = Ros1Survey()
-    for stamp in stamped[:200]:
-        survey.add("imu", imu(stamp), stamp + MS)
-    road = Ros1Decoder(survey.setup)
+    road = Ros1Decoder(survey(("imu", imu(stamp), stamp + MS) for stamp in stamped[:200]))
     made = [road.take("imu", imu(s), s + MS)[0].reading.stamp_ns for s in stamped]
     errors_ms = (np.array(made) - np.array(true))[800:] * 1e-6
     assert np.std(errors_ms) < 0.1
@@ -197,9 +182,16 @@ def test_an_imu_in_bursts_gets_the_stamps_of_its_rate(burst):
 def test_even_stamps_are_left_alone():
     """Also whole milliseconds at 400 Hz, as the aircraft's aligned clock gives them."""
     stamps = [START + (5 * k // 2) * MS for k in range(400)]
-    survey = Ros1Survey()
-    for stamp in stamps:
-        survey.add("imu", imu(stamp), stamp + LAG)
-    assert survey.setup == Ros1Setup()
-    road = Ros1Decoder(survey.setup)
+    setup = survey(("imu", imu(stamp), stamp + LAG) for stamp in stamps)
+    assert setup == Ros1Setup()
+    road = Ros1Decoder(setup)
     assert [road.take("imu", imu(s), s + LAG)[0].reading.stamp_ns for s in stamps] == stamps
+
+
+def test_fused_velocity_is_east_north_up_and_the_fused_height_is_hardly_known():
+    (reading,) = readings("velocity", vector(START, 1.0, 2.0, 3.0, "ground_ENU"))
+    assert reading.velocity_n == (2.0, 1.0, -3.0)
+    (reading,) = readings("gps_position", fix(START, altitude=-137.0))
+    assert reading.place == (math.radians(52.0), math.radians(4.0), -137.0)
+    assert reading.fix is None
+    assert reading.vertical_sigma_m == 100.0

@@ -152,18 +152,6 @@ def test_gimbal_joints_are_the_rotation_from_body_to_camera(imported):
         np.testing.assert_allclose(chain, expected, atol=1e-7)
 
 
-def test_gps(imported):
-    """The fused position's height is a barometer's: it goes out as hardly known."""
-    path, _ = imported
-    for t_s, message in by_time(path, "/gps/fix"):
-        state = FLIGHT.at(t_s)
-        assert message.latitude == pytest.approx(state.latitude_deg, abs=POSITION_DEG)
-        assert message.longitude == pytest.approx(state.longitude_deg, abs=POSITION_DEG)
-        assert message.altitude == pytest.approx(150.0 + PARAMETERS.undulation_m, abs=1e-3)
-        assert message.status.status == 0
-        assert message.position_covariance[8] == pytest.approx(100.0**2)
-
-
 def test_log_times_are_those_of_the_record_and_in_order(imported):
     """The last part of an epoch is recorded 5 ms after its first."""
     path, _ = imported
@@ -223,3 +211,15 @@ def test_delays_are_taken_off(folder):
     late_ms = {"imu/data": 5, "rtk/fix": 80, "rtk/heading": 80, "gps/fix": 100}
     for topic, late in (late_ms | {"gimbal/attitude": 20}).items():
         assert first[f"/{topic}"] == -late * 1_000_000
+
+
+def test_gps(imported):
+    """The fused position's height is a barometer's: it goes out as hardly known."""
+    path, _ = imported
+    for t_s, message in by_time(path, "/gps/fix"):
+        state = FLIGHT.at(t_s)
+        assert message.latitude == pytest.approx(state.latitude_deg, abs=POSITION_DEG)
+        assert message.longitude == pytest.approx(state.longitude_deg, abs=POSITION_DEG)
+        assert message.altitude == pytest.approx(150.0 + PARAMETERS.undulation_m, abs=1e-3)
+        assert message.status.status == 0
+        assert message.position_covariance[8] == pytest.approx(100.0**2)

@@ -14,11 +14,10 @@ from ros1_bags import (
     wrapper_bag,
 )
 
-from tirgeo_ros.core.types.errors import BagError, ConfigError
+from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.tools.cli.main import main
-from tirgeo_ros.tools.convert.import_capture import CaptureOptions
 from tirgeo_ros.tools.convert.import_flight import import_flight
 from tirgeo_ros.tools.convert.import_ros1 import Pictures
 
@@ -185,12 +184,3 @@ def test_what_cannot_be_imported(tmp_path, write, message, capsys):
     assert err.startswith(f"tirgeo import: {path}: {message}")
     assert err.count("\n") == 1
     assert [p for p in tmp_path.iterdir() if p != path] == []
-
-
-def test_options_of_the_other_kind(folder):
-    path = wrapper_bag(Flight(duration_s=0.2)).write(folder / "options.bag")
-    with pytest.raises(ConfigError, match=r"a ROS 1 bag; --packages, --key and --start-time"):
-        import_flight(path, folder / "o.mcap", capture=CaptureOptions(key="00"))
-    with pytest.raises(BagError, match="would take the place of the input"):
-        import_flight(path, path)
-    assert path.exists()

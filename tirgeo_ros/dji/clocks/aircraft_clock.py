@@ -1,16 +1,13 @@
 """Convert the aircraft's clock to this computer's clock.
 
 The aircraft counts milliseconds from power-up. A message arrives later than it was sent: by the
-smallest latency of the link, plus whatever queues, bursts and scheduling add. It never arrives
-earlier. So ``arrival - aircraft time`` lies on or above a line. The highest line below all points
+smallest latency of the link, plus whatever queues, bursts and scheduling add. So ``arrival -
+aircraft time`` lies on or above a line. The highest line below all points
 (``dji.clocks.lower_envelope``) is the offset of the two clocks, with their drift, plus the
-smallest latency. The latency itself cannot be measured from one side; the delay of each source is
-a parameter.
+smallest latency, which cannot be measured from one side: the delay of each source is a parameter.
 
-A counter that truncates to its tick makes stamps early by 0 to 1 tick, half a tick in the mean, if
-the clock that feeds it is not in step with it. This does not bias the line, because the smallest
-differences are those of messages sent at a tick. If messages are sent in step with the counter,
-all of them are truncated by the same amount, and the line absorbs that amount.
+A counter that truncates to its tick makes stamps early by half a tick in the mean. This does not
+bias the line, because the smallest differences are those of messages sent at a tick.
 """
 
 from __future__ import annotations

@@ -45,18 +45,14 @@ _JUDGED_NUMBER, _WRONG_NUMBER, _LOST_NUMBER = 128, 12, 64
 class SteadyStamps:
     """Compute the stamps of one stream from its count and the line below its arrivals.
 
-    Stamps increase, unless the host's clock is set back. They are no later than the arrival,
-    except by the nanoseconds that make them increase. The stamp is the arrival itself until the
-    period is known (a second, 8 messages at least), after the period has changed, and for a stream
-    without a period. Otherwise, once settled, it is the time when the message would have come with
-    the smallest delay of the last 10 s.
+    Stamps increase, unless the host's clock is set back, and are at most 0.25 s early. The stamp is the arrival itself until the period is known (a second, 8 messages at least),
+    after the period has changed, and for a stream without a period. Otherwise, once settled, it is
+    the time when the message would have come with the smallest delay of the last 10 s.
 
     When messages are lost, the stamps are early by the lost periods until the loss is certain:
-    after 0.2 s, or at once where a period is longer than 0.15 s. Stamps are never more than 0.25 s
-    before the arrival. After a pause (over 0.5 s and 2.5 periods), and when the host's clock is
-    set back by over 50 ms, the count begins again at the arrival, and stamps settle from there.
-    Intervals that vary at random by less than half may be taken for periods for a while; the bound
-    of 0.25 s holds for them as well.
+    after 0.2 s, or at once where a period is longer than 0.15 s. After a pause (over 0.5 s and 2.5
+    periods), and when the host's clock is set back by over 50 ms, the count begins again at the
+    arrival. Intervals that vary at random by less than half may be taken for periods for a while.
     """
 
     def __init__(self) -> None:

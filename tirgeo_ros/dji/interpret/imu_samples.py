@@ -36,12 +36,10 @@ class ImuInterpreter:
 
     While the unit of acceleration is not known, samples are held back (0.4 s, at least twenty) and
     released when it is. If it has no gravity they are dropped. Counted: ``imu_refused`` (not
-    finite, or beyond any number of an IMU), ``imu_unused_`` with the name of a stream that is not
-    selected, ``imu_out_of_order`` (a stamp not later than the one before), ``imu_went_back``
-    (another clock; passes), ``imu_without_gravity``, ``imu_unit_not_known`` (held back, but the
-    unit was never found), ``imu_without_attitude``, ``imu_attitude_carried`` (from another
-    message's, propagated by the rate), ``attitude_not_unit``, ``imu_handovers`` and
-    ``acceleration_unit_changes``.
+    finite or too large), ``imu_unused_`` with the name of a stream that is not selected,
+    ``imu_out_of_order``, ``imu_went_back`` (another clock; passes), ``imu_without_gravity``,
+    ``imu_unit_not_known``, ``imu_without_attitude``, ``imu_attitude_carried`` (from another
+    message), ``attitude_not_unit``, ``imu_handovers`` and ``acceleration_unit_changes``.
     """
 
     def __init__(

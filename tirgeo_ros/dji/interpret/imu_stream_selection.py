@@ -7,6 +7,8 @@ from tirgeo_ros.dji.sources.readings import ImuOrigin
 #: A stream counts as silent after this time: five samples of the slowest (50 Hz), half of the gap
 #: that the filter bridges.
 _SILENT_NS = 100_000_000
+#: A better stream is selected once it has been there for this time without such a silence.
+_STEADY_NS = 100_000_000
 #: A stamp that goes back further comes from another clock: the earlier stamps are no longer valid.
 _CLOCK_NS = 1_000_000_000
 #: Largest difference of readings of one instant from two sources; also covers their clocks'
@@ -23,17 +25,35 @@ class DrivingStream:
         self.driver: ImuOrigin | None = None
         self.handovers = 0
         self._newest_ns = 0
+        self._better: ImuOrigin | None = None
+        self._better_since_ns = self._better_newest_ns = 0
 
     def drives(self, origin: ImuOrigin, stamp_ns: int) -> bool:
         """Return whether a reading of this stream is to be used."""
-        if origin is not self.driver:
-            silent = not -_CLOCK_NS < stamp_ns - self._newest_ns <= _SILENT_NS
-            if self.driver and not silent and _RANK[origin] > _RANK[self.driver]:
-                return False
-            self.handovers += self.driver is not None
-            self.driver = origin
+        if origin is not self.driver and not self._takes_over(origin, stamp_ns):
+            return False
         self._newest_ns = stamp_ns
         return True
+
+    def _takes_over(self, origin: ImuOrigin, stamp_ns: int) -> bool:
+        if self.driver is None:
+            self.driver = origin
+            return True
+        silent = not -_CLOCK_NS < stamp_ns - self._newest_ns <= _SILENT_NS
+        if not (silent or self._is_steadily_better(self.driver, origin, stamp_ns)):
+            return False
+        self.driver, self._better = origin, None
+        self.handovers += 1
+        return True
+
+    def _is_steadily_better(self, driver: ImuOrigin, origin: ImuOrigin, stamp_ns: int) -> bool:
+        if _RANK[origin] >= _RANK[driver]:
+            return False
+        newest_ns = self._better_newest_ns
+        if origin is not self._better or not 0 <= stamp_ns - newest_ns <= _SILENT_NS:
+            self._better, self._better_since_ns = origin, stamp_ns
+        self._better_newest_ns = stamp_ns
+        return stamp_ns - self._better_since_ns >= _STEADY_NS
 
 
 class Sequence:

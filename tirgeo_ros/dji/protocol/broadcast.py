@@ -55,6 +55,9 @@ class Broadcast(NamedTuple):
         return sum({1 << bit for bit, name, *_ in bits if getattr(self, name) is not None})
 
 
+_NAMES = Broadcast._fields
+
+
 def _gps(v: tuple[Any, ...]) -> parts.Gps:
     return parts.Gps(*v[:5], v[5:8], parts.GpsDetail._make(v[8:]) if v[8:] else None)
 
@@ -132,7 +135,9 @@ def decode_broadcast(value: bytes) -> Broadcast | None:
     if fitting is None:
         return None
     layout, packed = fitting
-    return Broadcast(layout, **packed.unpack(value)[1])
+    found = packed.unpack(value)[1]
+    found["layout"] = layout
+    return Broadcast._make(map(found.get, _NAMES))
 
 
 def encode_broadcast(broadcast: Broadcast) -> bytes:

@@ -16,19 +16,21 @@ class PackedFields:
     """
 
     def __init__(self, head: str, parts: Iterable[Sequence[Any]]) -> None:
-        self._first = at = _numbers(head)
+        at = _numbers(head)
         self._parts: list[tuple[str, int, int, Make]] = []  # with first and last + 1 number
         for name, form, make in parts:
             head, start, at = head + form, at, at + _numbers(f"<{form}")
             self._parts.append((name, start, at, make))
         self._struct = struct.Struct(head)
+        self._unpack = self._struct.unpack
         self.size = self._struct.size
 
     def unpack(self, value: bytes) -> tuple[tuple[Any, ...], dict[str, Any]]:
-        """Return the numbers before the parts, and the parts by name."""
-        numbers = self._struct.unpack(value)
-        made = {name: make(numbers[start:stop]) for name, start, stop, make in self._parts}
-        return numbers[: self._first], made
+        """Return all numbers, those of the head first, and the parts by name."""
+        numbers = self._unpack(value)
+        return numbers, {
+            name: make(numbers[start:stop]) for name, start, stop, make in self._parts
+        }
 
     def pack(self, head: Sequence[int | None], values: Mapping[str, Any]) -> bytes:
         """Return the bytes. Raises struct.error for what does not fit."""

@@ -102,9 +102,10 @@ def decode_push(value: bytes, table: PackageTable) -> Push | None:
     packed = _packed(package)
     if len(value) != packed.size:
         return None
-    (_, *stamp), values = packed.unpack(value)
-    time_ms, time_ns = stamp or (None, None)
-    return Push(package, time_ms, time_ns, values)
+    numbers, values = packed.unpack(value)
+    if package.with_timestamp:
+        return Push(package, numbers[1], numbers[2], values)
+    return Push(package, None, None, values)
 
 
 def encode_push(push: Push) -> bytes:

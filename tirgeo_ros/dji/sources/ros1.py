@@ -12,6 +12,7 @@ aircraft sent it is a parameter (``rtk.delay_s``, ``delay``), which the interpre
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from itertools import pairwise
 from statistics import fmean, median
 from typing import Any, NamedTuple
@@ -47,47 +48,42 @@ class Ros1Setup(NamedTuple):
     bursts: bool = False  # ``imu`` is stamped in bursts
 
 
-class Ros1Survey:
-    """Find a bag's ``Ros1Setup`` from its first messages, however many."""
-
-    def __init__(self) -> None:
-        self._lags_ns: list[int] = []
-        self._forces_m_s2: list[float] = []
-        self._imu_ns: list[int] = []
-
-    @property
-    def is_full(self) -> bool:
-        """Return whether it has seen enough."""
-        return len(self._lags_ns) >= _SURVEYED
-
-    def add(self, name: str, message: Any, record_ns: int) -> None:
-        """Take a message of one of the wrapper's topics."""
-        stamp_ns = _header_ns(message)
+def survey(messages: Iterable[tuple[str, Any, int]]) -> Ros1Setup:
+    """Return the setup by a bag's first messages: name in the wrapper, message, record time."""
+    lags_ns: list[int] = []
+    forces_m_s2: list[float] = []
+    imu_ns: list[int] = []
+    for name, message, record_ns in messages:
+        try:
+            stamp_ns = _header_ns(message)
+            force = message.linear_acceleration if name == "imu" else None
+            size = None if force is None else math.hypot(force.x, force.y, force.z)
+        except AttributeError:
+            continue  # of another definition: counted when it is read again
         if stamp_ns:
-            self._lags_ns.append(record_ns - stamp_ns)
-        if name == "imu":
-            self._imu_ns.append(stamp_ns)
-            force = message.linear_acceleration
-            self._forces_m_s2.append(math.hypot(force.x, force.y, force.z))
+            lags_ns.append(record_ns - stamp_ns)
+        if size is not None:
+            imu_ns.append(stamp_ns)
+            forces_m_s2.append(size)
+        if len(lags_ns) >= _SURVEYED:
+            break
+    lag_ns = round(median(lags_ns)) if lags_ns else 0
+    sizes = [size for size in forces_m_s2 if math.isfinite(size)]
+    twice = bool(sizes) and median(sizes) > _TWICE_M_S2
+    return Ros1Setup(
+        lag_ns if abs(lag_ns) > _OTHER_CLOCK_NS else 0,
+        _WRAPPER_GRAVITY if twice else 1.0,
+        _has_bursts([after - before for before, after in pairwise(imu_ns)]),
+    )
 
-    @property
-    def setup(self) -> Ros1Setup:
-        """Return what was found."""
-        lag_ns = round(median(self._lags_ns)) if self._lags_ns else 0
-        shift_ns = lag_ns if abs(lag_ns) > _OTHER_CLOCK_NS else 0
-        sizes = [size for size in self._forces_m_s2 if math.isfinite(size)]
-        twice = bool(sizes) and median(sizes) > _TWICE_M_S2
-        return Ros1Setup(shift_ns, _WRAPPER_GRAVITY if twice else 1.0, self._has_bursts)
 
-    @property
-    def _has_bursts(self) -> bool:
-        """Return whether the IMU's steps are far from their mean; aligned stamps have whole ms."""
-        steps_ns = [after - before for before, after in pairwise(self._imu_ns)]
-        if len(steps_ns) < _BURST_NUMBER:
-            return False
-        mean_ns = fmean(steps_ns)
-        far = sum(abs(step_ns - mean_ns) > _BURST_SHARE * mean_ns for step_ns in steps_ns)
-        return far > _BURST_SHARE * len(steps_ns)
+def _has_bursts(steps_ns: list[int]) -> bool:
+    """Return whether the IMU's steps are far from their mean; aligned stamps have whole ms."""
+    if len(steps_ns) < _BURST_NUMBER:
+        return False
+    mean_ns = fmean(steps_ns)
+    far = sum(abs(step_ns - mean_ns) > _BURST_SHARE * mean_ns for step_ns in steps_ns)
+    return far > _BURST_SHARE * len(steps_ns)
 
 
 class Ros1Decoder:

@@ -1,8 +1,4 @@
-"""Process the serial link's bytes without the port: bytes in, readings and bytes to send out.
-
-The bytes go through framing, telemetry and the host's session. The port itself belongs to
-``dji.link.serial_link``, so that a capture and a test take the same path.
-"""
+"""Process the serial link's bytes without the port: bytes in, readings and bytes to send out."""
 
 from __future__ import annotations
 
@@ -30,12 +26,10 @@ class SerialDecoder:
         self._frames = FrameReader(key)
         broadcast, subscription = AircraftClock(config.clock), AircraftClock(config.clock)
         hard_sync = AircraftClock(config.clock, SYNC_TICK_NS)
-        self._clocks = {
-            "broadcast": broadcast,
-            "subscription": subscription,
-            "hard sync": hard_sync,
-        }
-        self._telemetry = Telemetry(Clocks(broadcast, subscription, hard_sync), packages)
+        clocks = broadcast, subscription, hard_sync
+        names = "broadcast", "subscription", "hard sync"
+        self._clocks = dict(zip(names, clocks, strict=True))
+        self._telemetry = Telemetry(Clocks(*clocks), packages)
         self.host = HostSession(config.host, packages, key)
         self._heard_s: float | None = None
         self.locked = 0  # frames that were encrypted and not, or not rightly, decrypted

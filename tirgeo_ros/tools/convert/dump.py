@@ -27,14 +27,8 @@ class CaptureDump:
 
     ``packages`` is a YAML file as ``dji.protocol.package_table`` reads it, which replaces the
     usual packages; ``key`` is 64 hexadecimal digits, for encrypted frames. ``unreadable`` counts
-    broadcasts that fit no layout and pushes that fit no package.
-
-    Raises
-    ------
-    DjiError
-        The key is invalid, or the file of packages is no table of packages.
-    ConfigError
-        The file of packages cannot be read or is not YAML.
+    broadcasts that fit no layout and pushes that fit no package. Raises DjiError for an invalid
+    key or table of packages, ConfigError for a file of packages that cannot be read.
     """
 
     def __init__(self, path: Path, packages: PathLike | None = None, key: str = "") -> None:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from tirgeo_ros.core.types.errors import BagError, MessageError
-from tirgeo_ros.dji.sources.ros1 import WRAPPERS, Ros1Decoder, Ros1Setup, Ros1Survey
+from tirgeo_ros.dji.sources.ros1 import WRAPPERS, Ros1Decoder, survey
 from tirgeo_ros.dji.sources.ros1_messages import NEEDED, TOPICS
 from tirgeo_ros.io.bags.bag import Cdr
 from tirgeo_ros.io.bags.ros1_bag import Ros1Bag, Ros1Message
@@ -76,19 +78,15 @@ class _Import:
         self._cdr = Cdr()
         self.passed = _passed(bag, pictures)  # topic -> topic of the contract
         self.names = _wrapper_topics(bag, namespace)  # topic -> its name in the wrapper
-        self.decoder = Ros1Decoder(self._surveyed())
+        self.decoder = Ros1Decoder(survey(self._first()))
 
-    def _surveyed(self) -> Ros1Setup:
-        """Inspect the first messages."""
-        survey = Ros1Survey()
+    def _first(self) -> Iterator[tuple[str, Any, int]]:
+        """Yield the first messages that can be read: name in the wrapper, message, record time."""
         for message in islice(self.bag.messages(set(self.names)), _SURVEYED):
             name = self.names[message.topic]
-            if message.typename == TOPICS[name].typename and not survey.is_full:
-                try:
-                    survey.add(name, self.bag.decoded(message), message.record_ns)
-                except (MessageError, AttributeError):
-                    continue  # counted when it is read again
-        return survey.setup
+            if message.typename == TOPICS[name].typename:
+                with suppress(MessageError):  # counted when it is read again
+                    yield name, self.bag.decoded(message), message.record_ns
 
     def run(self, sink: ImportSink, progress: Report) -> None:
         """Read the whole bag."""
