@@ -1,13 +1,16 @@
-"""What a person is told of the link, by what comes through it."""
+"""What a person is told of the link, by what comes through it and by the port's state."""
 
 from __future__ import annotations
 
 import re
+import time
 
 import pytest
 
+from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
 from tirgeo_ros.dji.link.link_watch import LinkCondition, LinkLevel, LinkWatch
-from tirgeo_ros.dji.link.serial_link import LinkState
+from tirgeo_ros.dji.link.serial_link import LinkState, SerialLink
+from tirgeo_ros.dji.simulator.pseudo_terminal import PseudoTerminal
 
 STEP_S = 0.05
 
@@ -87,3 +90,60 @@ def test_what_came_before_the_cable_was_pulled_does_not_count_after_it():
     scene.pass_(0.5, state=LinkState.LOST)
     assert scene.pass_(1.0).condition is LinkCondition.WAITING
     assert scene.pass_(1.5).condition is LinkCondition.SILENT
+
+
+pytest.importorskip("serial")
+
+BAUD = 230400
+FRAME = encode_frame(bytes((2, 0, 0, 0)))
+
+
+class Person:
+    """Who reads what the watch says, while the aircraft sends 50 frames a second."""
+
+    def __init__(self, path, cable):
+        self.link = SerialLink(str(path), BAUD)
+        self.watch = LinkWatch(str(path), BAUD)
+        self.reader = FrameReader()
+        self.cable = cable
+        self.told = []
+
+    def wait(self, seconds, *, sends=True, until=None):
+        end_s = time.monotonic() + seconds
+        while time.monotonic() < end_s:
+            if sends:
+                self.cable.write(FRAME)
+            self.reader.feed(self.link.read(0.02))
+            counts = self.reader.counts
+            report = self.watch.look(
+                time.monotonic(),
+                self.link.state,
+                self.link.message,
+                counts["bytes"],
+                counts["frames"],
+            )
+            if report is not None:
+                self.told.append(report.condition.value)
+            if until is not None and self.watch.report.condition.value == until:
+                return
+        assert until is None, self.told
+
+
+def test_from_no_device_to_receiving_and_back(tmp_path):
+    path = tmp_path / "aircraft"
+    with PseudoTerminal(path, BAUD) as cable:
+        person = Person(path, cable)
+        cable.pull()
+        person.wait(0.2)
+        cable.plug()
+        person.wait(4.0, sends=False, until="silent")
+        person.wait(1.0, until="receiving")
+        cable.pull()
+        person.wait(1.0, until="lost")
+        person.wait(0.5)
+        cable.plug()
+        person.wait(2.0, until="receiving")
+        person.link.close()
+    assert person.told == [
+        *("no_device", "waiting", "silent", "receiving", "lost", "waiting", "receiving")
+    ]

@@ -45,9 +45,10 @@ _JUDGED_NUMBER, _WRONG_NUMBER, _LOST_NUMBER = 128, 12, 64
 class SteadyStamps:
     """Compute the stamps of one stream from its count and the line below its arrivals.
 
-    Stamps increase, unless the host's clock is set back, and are at most 0.25 s early. The stamp is the arrival itself until the period is known (a second, 8 messages at least),
-    after the period has changed, and for a stream without a period. Otherwise, once settled, it is
-    the time when the message would have come with the smallest delay of the last 10 s.
+    Stamps increase, unless the host's clock is set back, and are at most 0.25 s early. The stamp
+    is the arrival itself until the period is known (a second, 8 messages at least), after the
+    period has changed, and for a stream without a period. Otherwise, once settled, it is the time
+    when the message would have come with the smallest delay of the last 10 s.
 
     When messages are lost, the stamps are early by the lost periods until the loss is certain:
     after 0.2 s, or at once where a period is longer than 0.15 s. After a pause (over 0.5 s and 2.5
