@@ -7,8 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tirgeo_ros.dji.clocks.capture_clock import RESTART_NS, CaptureTimeline
-from tirgeo_ros.dji.clocks.civil_time import WholeSeconds, guess_utc_offset, time_of_words
+from tirgeo_ros.dji.clocks.capture_clock import (
+    RESTART_NS,
+    CaptureTimeline,
+    WholeSeconds,
+    guess_utc_offset,
+    time_of_words,
+)
 
 MS = 1_000_000
 SECOND = 1_000_000_000

@@ -59,21 +59,6 @@ def opened(link):
     return link
 
 
-def test_another_device_under_the_name_is_taken_though_the_old_one_is_silent(
-    cable, open_link, tmp_path
-):
-    link = opened(open_link(str(cable.path), BAUD))
-    with PseudoTerminal(tmp_path / "other") as other:
-        cable.path.unlink()
-        cable.path.symlink_to(other.path.readlink())  # the old end stays open and says nothing
-        _, noticed_s = read_until(link, lambda _: link.state is LinkState.LOST)
-        assert noticed_s < 1.0
-        assert "another device has its name" in link.message
-        opened(link)
-        send(other, b"new")
-        assert read_until(link, lambda data: len(data) == 3)[0] == b"new"
-
-
 def test_an_adapter_that_vanishes_is_noticed(tmp_path, open_link):
     # A dead adapter of USB reads as an end at once, for ever: so does a pipe without writer.
     class Pipe:

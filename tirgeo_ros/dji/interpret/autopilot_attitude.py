@@ -78,28 +78,17 @@ class AutopilotAttitudes:
             return found
         return found[0] if found[2] == 0.0 else slerp(*found)
 
-    def near(self, stamp_ns: int) -> Array | None:
-        """Return the attitude (4,) at an instant, else the newest one if within 0.1 s of it."""
-        found = self.at(stamp_ns)
-        return self._newest(stamp_ns, _SILENT_NS) if isinstance(found, Miss) else found
-
     def carried(self, stamp_ns: int, angular_rate_b: Vector) -> Array | None:
         """Return the newest attitude (4,) propagated by the rate (b, rad/s).
 
         Returns None if the newest attitude is too far from the instant.
         """
-        newest, newest_ns = self._newest(stamp_ns, _CARRIED_NS), self._history.newest_ns
-        if newest is None or newest_ns is None:
+        newest_ns = self._history.newest_ns
+        if newest_ns is None or abs(stamp_ns - newest_ns) > _CARRIED_NS:
             return None
+        newest = self.at(newest_ns)
+        assert not isinstance(newest, Miss)
         step_s = (stamp_ns - newest_ns) * 1e-9
         x, y, z = angular_rate_b
         turn = quaternion_of(x * step_s, y * step_s, z * step_s)
         return unit_quaternion(quat_multiply(tuple(newest.tolist()), turn))
-
-    def _newest(self, stamp_ns: int, within_ns: int) -> Array | None:
-        newest_ns = self._history.newest_ns
-        if newest_ns is None or abs(stamp_ns - newest_ns) > within_ns:
-            return None
-        found = self.at(newest_ns)
-        assert not isinstance(found, Miss)
-        return found

@@ -1,4 +1,9 @@
-"""Convert RTK readings: flags to status and covariance, baseline azimuth to the nose's heading."""
+"""Convert RTK readings: flags to status and covariance, baseline azimuth to the nose's heading.
+
+RTK yaw is the azimuth of the line from the first antenna to the second. Its angle from the nose
+follows from the positions of the two; ``core.checks.heading_checks`` compares the result with the
+autopilot's heading.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +11,9 @@ import math
 from collections import Counter
 from typing import Any
 
-from tirgeo_ros.core.config import DjiConfig
+from tirgeo_ros.core.config import AircraftConfig, DjiConfig
 from tirgeo_ros.core.config.dji import DjiRtkConfig
 from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample
-from tirgeo_ros.dji.interpret.antenna_baseline import BaselineCheck, baseline_deg
 from tirgeo_ros.dji.interpret.imu_stream_selection import Sequence
 from tirgeo_ros.dji.interpret.receiver import NO_FIX, Held, Quality, Receiver
 from tirgeo_ros.dji.interpret.receiver_epochs import Value
@@ -48,6 +52,23 @@ _CLASSES = (
 )
 
 
+#: Direction of the baseline of DJI's kit from the nose: first antenna left, second right.
+_KIT_DEG = 90.0
+NOT_SET = (
+    "aircraft.second_antenna_m is not set: RTK yaw is taken for that of DJI's kit, first antenna "
+    "left and second right; set aircraft.rtk_antenna_m and aircraft.second_antenna_m"
+)
+
+
+def baseline_deg(aircraft: AircraftConfig) -> float:
+    """Return the direction from the first antenna to the second, from the nose, clockwise.
+
+    DJI's kit where there is no second place. Raises ConfigError where the two give no heading.
+    """
+    known_deg = aircraft.baseline_deg
+    return _KIT_DEG if known_deg is None else known_deg
+
+
 class RtkInterpreter(Receiver[RtkReading]):
     """Convert the RTK receiver's readings to samples.
 
@@ -56,11 +77,8 @@ class RtkInterpreter(Receiver[RtkReading]):
     because of their flag.
     """
 
-    def __init__(
-        self, config: DjiConfig, undulation_m: float, baseline: BaselineCheck, counts: Counter[str]
-    ) -> None:
+    def __init__(self, config: DjiConfig, undulation_m: float, counts: Counter[str]) -> None:
         super().__init__("rtk", config.rtk.delay_s, undulation_m, counts)
-        self._baseline = baseline
         self._offset_deg = baseline_deg(config.aircraft)
         self._heading_variance = math.radians(config.heading.sigma_deg) ** 2
         self._qualities = _qualities(config.rtk)
@@ -89,7 +107,6 @@ class RtkInterpreter(Receiver[RtkReading]):
         if self._yaw_flag.at(stamp_ns) != FIXED_FLAG:
             self._count("yaw_not_fixed")
             return []
-        self._baseline.add(stamp_ns, math.radians(yaw_deg))
         heading_rad = math.radians((yaw_deg - self._offset_deg) % 360.0)
         stamp_ns = self._headings.after(stamp_ns)
         return [HeadingSample(stamp_ns, heading_rad, self._heading_variance)]

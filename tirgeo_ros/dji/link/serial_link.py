@@ -30,7 +30,6 @@ _PTY_MAJORS = range(136, 144)  # of Linux: Documentation/admin-guide/devices.txt
 _GATHER_S = 0.003
 _READ_BYTES = 65536
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.05, 0.8  # between tries to open
-_IDENTITY_PERIOD_S = 0.4  # how often a silent port's path is checked
 
 #: Opens the port of a path with a baud rate, to be used as pyserial's: fileno (which does not
 #: block), write, close. Raises OSError with the cause's number, or without one if the device is
@@ -90,7 +89,7 @@ class SerialLink:
         self.state = LinkState.NO_DEVICE
         self._reason = ""
         self._pause_s = 0.0
-        self._next_try_s = self._looked_up_s = time.monotonic()
+        self._next_try_s = time.monotonic()
         self.openings = 0  # number of times that it was opened
         self.gathered_s = 0.0  # age of the last batch's first byte when the batch was read
 
@@ -134,7 +133,6 @@ class SerialLink:
     def _take(self, handle: Any, timeout_s: float) -> bytes:
         number = handle.fileno()
         if not self._poll.poll(timeout_s * 1e3):
-            self._look_up(number)
             return b""
         ready_s = time.monotonic()
         time.sleep(_GATHER_S)
@@ -144,18 +142,8 @@ class SerialLink:
             data = os.read(number, _READ_BYTES)
         if not data:  # readable, but without data: the device hung up
             raise OSError(errno.EIO, "it hung up")
-        self._looked_up_s = time.monotonic()
-        self.gathered_s = self._looked_up_s - ready_s
+        self.gathered_s = time.monotonic() - ready_s
         return data
-
-    def _look_up(self, number: int) -> None:
-        """Raise OSError if the silent port's path is gone or now belongs to another device."""
-        now_s = time.monotonic()
-        if now_s - self._looked_up_s < _IDENTITY_PERIOD_S:
-            return
-        self._looked_up_s = now_s
-        if not os.path.samestat(Path(self._port).stat(), os.fstat(number)):
-            raise OSError(errno.ENODEV, "another device has its name")
 
     def _try_to_open(self, timeout_s: float) -> Any:
         wait_s = self._next_try_s - time.monotonic()
@@ -174,7 +162,7 @@ class SerialLink:
         self._poll = select.poll()
         self._poll.register(handle.fileno(), select.POLLIN)
         self.state, self._reason = LinkState.OPEN, ""
-        self._pause_s, self._looked_up_s = 0.0, time.monotonic()
+        self._pause_s = 0.0
         self.openings += 1
         return handle
 

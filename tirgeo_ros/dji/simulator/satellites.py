@@ -16,7 +16,7 @@ from tirgeo_ros.core.types.measurements import (
     Source,
     VelocitySample,
 )
-from tirgeo_ros.dji.interpret.antenna_baseline import baseline_deg
+from tirgeo_ros.dji.interpret.rtk_samples import baseline_deg
 from tirgeo_ros.dji.protocol.broadcast_parts import Gps, GpsDetail, Position, Rtk, Vector, Velocity
 
 S = TypeVar("S", PositionSample, VelocitySample)

@@ -15,9 +15,9 @@ from typing import NamedTuple
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.errors import DjiError
-from tirgeo_ros.dji.clocks.capture_clock import CaptureTimeline
-from tirgeo_ros.dji.clocks.civil_time import (
+from tirgeo_ros.dji.clocks.capture_clock import (
     DOCUMENTED_OFFSET_H,
+    CaptureTimeline,
     WholeSeconds,
     guess_utc_offset,
     time_of_words,
