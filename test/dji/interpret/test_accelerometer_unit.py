@@ -107,18 +107,6 @@ def test_set_right_in_flight_it_recovers():
     assert meant.warnings == []
 
 
-def test_an_axis_that_points_up_is_told():
-    meant = interpreter()
-    samples = taken(meant, readings(1.0, (0.0, 0.0, 1.0)))
-    assert samples[-1].specific_force_b[2] == G_M_S2
-    (warning,) = meant.warnings
-    assert warning.startswith("specific force averages +9.8 m/s2 along down where it has -9.8")
-    assert "upside down" in warning
-    # Turned back, two looks later it is no more said.
-    taken(meant, readings(5.0, (0.0, 0.0, -1.0), start_s=1.0))
-    assert meant.warnings == []
-
-
 # What waits
 
 

@@ -30,15 +30,13 @@ _TRIMMED = 0.1
 _LARGEST = 400.0
 #: The mean of a flight stays between half and twice gravity for seconds.
 _LEAST, _MOST = 0.5, 2.0
-#: In g, along down: a larger mean is a specific force that points down.
-_UPSIDE = 0.5
 
 _NAMES = {None: "not known yet", 0.0: "fused, without gravity", 1.0: "m/s2", G_M_S2: "g"}
 _FACTORS = {"g": G_M_S2, "m/s2": 1.0}
 
 
 class StreamUnit:
-    """Find the unit of one stream's accelerations; check their size and direction.
+    """Find the unit of one stream's accelerations.
 
     ``factor`` converts to m/s2; 0: no specific force; None: not known yet.
     """
@@ -95,29 +93,14 @@ class StreamUnit:
 
     @property
     def warning(self) -> str:
-        """Return what to set right, or an empty text."""
-        if self._mean is None or self.factor is None:
+        """Return what to set right, or an empty text; the graph checks size and sign."""
+        if self._mean is None or self.factor != 0.0:
             return ""
-        size, down = math.hypot(*self._mean) * self.factor, self._mean[2] * self.factor
-        if self.factor == 0.0:
-            return (
-                f"acceleration averages {math.hypot(*self._mean):.2f}, which is gravity neither "
-                "in g nor in m/s2: no imu/data of it. Set raw acceleration data in DJI Assistant "
-                "2 (SDK), not fused"
-            )
-        if not _LEAST <= size / G_M_S2 <= _MOST:
-            return (
-                f"acceleration averages {size:.2f} m/s2 where gravity has 9.8: "
-                "acceleration_unit is not that of the aircraft, or its data is not raw (DJI "
-                "Assistant 2, SDK)"
-            )
-        if down > _UPSIDE * G_M_S2:
-            return (
-                f"specific force averages {down:+.1f} m/s2 along down where it has -9.8 "
-                "at rest: the aircraft is upside down, or its acceleration has its z axis up (set "
-                "raw data in DJI Assistant 2, SDK)"
-            )
-        return ""
+        return (
+            f"acceleration averages {math.hypot(*self._mean):.2f}, which is gravity neither in g "
+            "nor in m/s2: no imu/data of it. Set raw acceleration data in DJI Assistant 2 (SDK), "
+            "not fused"
+        )
 
     @property
     def text(self) -> str:
