@@ -15,6 +15,9 @@ import numpy as np
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 
+from tirgeo_ros.io import messages as convert
+from tirgeo_ros.io.bags.bag import BagReader, Cdr
+
 GRAVITY = 9.80665
 BEGUN_NS = 1_718_091_879_000_000_000
 EARTH_M = 6_371_000.0
@@ -210,3 +213,17 @@ def parameters_file(path, **more):
     lines = "".join(f"    {name}: {value}\n" for name, value in values.items())
     path.write_text(f"dji_node:\n  ros__parameters:\n{lines}")
     return path
+
+
+CDR = Cdr()
+FLIGHT = Flight()
+
+
+def messages(path, topic):
+    """The messages of an imported bag."""
+    return [CDR.deserialize(m.data, m.typename) for m in BagReader(path).messages([topic])]
+
+
+def by_time(path, topic):
+    """Seconds of the flight and message."""
+    return [((convert.stamp_ns(m) - FLIGHT.begun_ns) * 1e-9, m) for m in messages(path, topic)]

@@ -148,7 +148,7 @@ class Host:
 
 @pytest.fixture
 def host():
-    return Host(Aircraft(activation=(3, 0)))
+    return Host(Aircraft())
 
 
 def test_requests_come_in_pieces_twice_and_without_a_wish_for_an_answer(host):

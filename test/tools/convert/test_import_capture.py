@@ -8,7 +8,7 @@ import os
 
 import numpy as np
 import pytest
-from imported_bags import messages
+from ros1_bags import messages
 
 from tirgeo_ros.core.config import BagPlayerConfig
 from tirgeo_ros.core.types.errors import DjiError

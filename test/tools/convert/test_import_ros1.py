@@ -7,12 +7,15 @@ import math
 
 import numpy as np
 import pytest
-from imported_bags import CDR, FLIGHT, by_time, messages
 from ros1_bags import (
     BEGUN_NS,
+    CDR,
+    FLIGHT,
     GRAVITY,
     PARAMETERS,
     Flight,
+    by_time,
+    messages,
     parameters_file,
     wrapper_bag,
 )

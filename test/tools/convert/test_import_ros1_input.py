@@ -6,13 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from imported_bags import by_time, messages
-from ros1_bags import (
-    BEGUN_NS,
-    Bag,
-    Flight,
-    wrapper_bag,
-)
+from ros1_bags import BEGUN_NS, Bag, Flight, by_time, messages, wrapper_bag
 
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io import messages as convert

@@ -29,10 +29,7 @@ _HEADER = re.compile(rb"\xaa.[\x00-\x03][\x00-\x3f].\x00{3}.{4}", re.DOTALL)
 _FIELDS = Struct("<xHBB3xH")  # length and version, session, encryption, sequence
 _CRC16, _CRC32 = Struct("<H"), Struct("<I")
 _SOF = 0xAA
-_COUNTED = (
-    *("frames", "bad_headers", "bad_crc32", "truncated"),
-    *("encrypted", "undecryptable", "unknown_encryption"),
-)
+_COUNTED = ("frames", "bad_headers", "bad_crc32", "truncated", "encrypted")
 _SESSIONS, _ACK, _PADDINGS, _ENCRYPTION_SHIFT = 0x1F, 0x20, 0x1F, 5
 PLAIN, _AES_256 = 0, 1
 
@@ -98,8 +95,7 @@ class FrameReader:
 
         ``bytes``, ``frames``; ``skipped_bytes`` that are in no frame; ``bad_headers``: all but
         CRC-16 or length right; ``bad_crc32``: header right, rest damaged; ``truncated``: the rest
-        did not come; ``encrypted``: frames with AES-256, with a key or without; ``undecryptable``:
-        of these, those that cannot fit the key; ``unknown_encryption``: with another code.
+        did not come; ``encrypted``: frames that are not plain, with a key or without.
         """
         return {
             "bytes": self._offset + len(self._held),
@@ -180,15 +176,12 @@ class FrameReader:
 
     def _decrypted(self, frame: ProtocolFrame) -> ProtocolFrame:
         """Return the frame decrypted, if it can be; count it."""
-        known = frame.encryption == _AES_256
-        self._counts["encrypted" if known else "unknown_encryption"] += 1
+        self._counts["encrypted"] += 1
         if frame.length == HEADER_BYTES:
             return frame
+        known = frame.encryption == _AES_256
         data = self._aes.decrypt(frame.data, frame.padding) if known and self._aes else None
-        if data is not None:
-            return frame._replace(data=data)
-        self._counts["undecryptable"] += known and self._aes is not None
-        return frame._replace(is_encrypted=True)
+        return frame._replace(is_encrypted=True) if data is None else frame._replace(data=data)
 
     def _tail(self, at: int) -> int:
         """Return where an incomplete header may begin."""

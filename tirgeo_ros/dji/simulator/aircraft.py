@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from tirgeo_ros.core.config import AircraftConfig, SimulatedAircraftConfig
@@ -66,14 +66,13 @@ class Aircraft:
     def __init__(
         self,
         config: SimulatedAircraftConfig | None = None,
-        activation: Sequence[int] = (0,),
         places: AircraftConfig | None = None,
     ) -> None:
-        """Take ``activation`` as CommandDesk does, and ``places``, the antennas' positions."""
+        """Take ``places``, the antennas' positions."""
         self._config = config = config or SimulatedAircraftConfig()
         self._places = places or AircraftConfig()
         self._layout = Layout.LEGACY if config.layout == "legacy" else Layout.MODERN
-        self.desk = CommandDesk(self._layout, USUAL_PACKAGES if config.pushes else (), activation)
+        self.desk = CommandDesk(self._layout, USUAL_PACKAGES if config.pushes else ())
         #: ``broadcasts``, ``pushes``; dropped: ``invalid``, ``imu_not_later``
         self.counts: Counter[str] = Counter()
         self._waiting: deque[tuple[int, NavigationInput]] = deque()

@@ -33,23 +33,13 @@ _EXISTS, _UNKNOWN_PACKAGE, _UNKNOWN_TOPIC, _DENIED = 0x04, 0x05, 0x22, 0x23
 
 
 class CommandDesk:
-    """Read the host's frames, answer them, and keep the settings.
+    """Read the host's frames, answer them, and keep the settings."""
 
-    ``activation``: the codes that answer successive activations, the last one repeatedly; 0 is
-    success.
-    """
-
-    def __init__(
-        self,
-        layout: Layout = Layout.MODERN,
-        packages: Sequence[Package] = (),
-        activation: Sequence[int] = (0,),
-    ) -> None:
+    def __init__(self, layout: Layout = Layout.MODERN, packages: Sequence[Package] = ()) -> None:
         self.rates: tuple[int, ...] = RATES_BESIDE_PACKAGES if packages else USUAL_RATES
         self.packages = PackageTable(packages)
         self.activated = False
         self._name = _LEGACY_NAME if layout is Layout.LEGACY else A3_NAME
-        self._activation = list(activation)
         self._reader = FrameReader()
         self._answered: tuple[tuple[int, int, bytes], bytes] | None = None
 
@@ -78,9 +68,7 @@ class CommandDesk:
         code, value = 0, request.value
         match request.opcode:
             case Opcode.ACTIVATE:
-                left = self._activation
-                code = left.pop(0) if len(left) > 1 else left[0]
-                self.activated = code == 0
+                self.activated = True
             case Opcode.SET_RATES if max(value) > _HIGHEST_RATE:
                 code = 1
             case Opcode.SET_RATES:
