@@ -220,17 +220,6 @@ def test_a_package_refused_for_good_does_not_stop_the_others(code):
     assert sum(wrong(r) is not None for r in flight.aircraft.asked) == 1
 
 
-def test_a_package_refused_for_now_is_tried_again():
-    flight = Flight()
-    flight.aircraft.refusals = refusing(0x08, Opcode.ADD_PACKAGE, 2)
-    flight.fly(100.0)
-    assert sorted(flight.table) == [0, 1, 3, 4]
-    flight.aircraft.refusals = lambda _: None
-    flight.fly(31.0, HostState.READY)
-    assert flight.table == PackageTable()
-    assert flight.kinds.count("RESET_PACKAGES") == 1  # the others were left alone
-
-
 def test_topics_that_are_unknown_or_offline_are_left_out_and_the_latter_tried_again():
     """RTK that is switched on later is found; GIMBAL_CONTROL_MODE this aircraft never has."""
     names = ("GPS_DATE", "RTK_YAW", "GIMBAL_CONTROL_MODE")

@@ -88,15 +88,6 @@ def test_a_stray_start_costs_no_frame_of_any_length(before):
         assert counts["skipped_bytes"] == len(before)
 
 
-def test_a_frame_in_the_data_of_a_damaged_one_is_found():
-    outer = encode_frame(b"\x02\x02" + FRAMES[0] + FRAMES[1])
-    frames, counts = read_all(outer[:-1] + bytes([outer[-1] ^ 1]) + FRAMES[2])
-    inner = 12 + 2
-    assert offsets(frames) == [inner, inner + len(FRAMES[0]), len(outer)]
-    assert counts["bad_crc32"] == 1
-    assert counts["skipped_bytes"] == inner + 4
-
-
 @pytest.mark.parametrize("seed", range(6))
 def test_the_example_frames_among_damage(shared, seed):
     """Each intact one is found, with all its bytes, and nothing else is."""

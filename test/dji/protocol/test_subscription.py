@@ -128,18 +128,14 @@ def test_a_table_is_read_from_a_file(tmp_path):
     ("tree", "message"),
     [
         (None, "no table of packages"),
-        ({"package": {}}, "no table of packages"),
         ({"packages": None}, "no table of packages"),
         ({"packages": {5: entry()}}, r"packages\.5: ids of packages are 0 to 4"),
-        ({"packages": {"a": entry()}}, r"packages\.a: ids of packages are 0 to 4"),
-        ({"packages": {1: ["RTK_YAW"]}}, r"packages\.1: needs rate_hz, with_timestamp, topics"),
         (
             {"packages": {1: without("topics")}},
             r"packages\.1: needs rate_hz, with_timestamp, topics",
         ),
         ({"packages": {1: entry(rate=5)}}, r"packages\.1: needs .*, and nothing else"),
         ({"packages": {1: entry(rate_hz=401)}}, r"packages\.1\.rate_hz: 401: a whole number"),
-        ({"packages": {1: entry(rate_hz=5.5)}}, r"packages\.1\.rate_hz: 5\.5: a whole number"),
         ({"packages": {1: entry(with_timestamp=1)}}, r"packages\.1\.with_timestamp: 1: true or"),
         ({"packages": {1: entry(topics=[])}}, r"packages\.1\.topics: a list of topics"),
         (
@@ -147,7 +143,6 @@ def test_a_table_is_read_from_a_file(tmp_path):
             r"packages\.1\.topics: unknown topic RTK_J",
         ),
         ({"packages": {1: entry(topics=[18])}}, r"packages\.1\.topics: unknown topic 0x00000012"),
-        ({"packages": {1: entry(topics=[None])}}, r"packages\.1\.topics: unknown topic None"),
         (
             {
                 "packages": {

@@ -13,10 +13,8 @@ from tirgeo_ros.core.config import DjiConfig, SimulatedAircraftConfig
 from tirgeo_ros.core.config.dji import DjiHostConfig
 from tirgeo_ros.core.frames.rotations import quat_from_euler
 from tirgeo_ros.core.types.measurements import (
-    CameraAttitudeSample,
     FixStatus,
     ImuSample,
-    JointSample,
     PositionSample,
     Source,
 )
@@ -61,19 +59,6 @@ def told(samples, config=None, layout=Layout.MODERN):
     broadcasts = [decode_broadcast(frame.value) for frame in found if frame.cmd_id == 0]
     assert all(said is not None and said.layout is layout for said in broadcasts)
     return broadcasts
-
-
-def test_samples_that_make_no_sense_are_left_out_and_counted():
-    aircraft = Aircraft()
-    bad = [
-        imu(1, specific_force_b=np.array([np.nan, 0.0, 0.0])),
-        (START + 10 * MS, replace(rtk(10), latitude_rad=9.0)),
-        (START + 10 * MS, JointSample(START, math.nan, 0.0, 0.0)),
-        (START + 10 * MS, CameraAttitudeSample(START, np.zeros(4))),
-    ]
-    frames = list(frames_of(aircraft, [imu(0), *bad, imu(0), imu(2)]))
-    assert len(frames) == 2
-    assert aircraft.counts == {"broadcasts": 2, "pushes": 0, "invalid": 4, "imu_not_later": 1}
 
 
 def test_a_flight_that_starts_again_switches_it_on_anew():

@@ -54,22 +54,6 @@ def test_every_rtk_yaw_comes_back(yaw_deg):
     assert READERS["rtk_yaw"](7, sent).yaw_deg == yaw_deg
 
 
-@pytest.mark.parametrize(
-    ("sent", "roll", "pitch", "yaw"),
-    [
-        # Level, to the north: z = 1.571 - 0.
-        ((0.0, 0.0, 1.571), 0.0, 0.0, 0.0),
-        # Straight down, to the west: y = + pi / 2, z = 1.571 + pi / 2 wraps nowhere.
-        ((0.0, math.pi / 2, 1.571 + math.pi / 2), 0.0, -math.pi / 2, -math.pi / 2),
-        # South-west, -135 deg: 1.571 + 2.356 = 3.927 is sent as 3.927 - 2 pi = -2.356.
-        ((0.1, -0.2, 1.571 + 0.75 * math.pi - math.tau), 0.1, 0.2, -0.75 * math.pi),
-    ],
-)
-def test_gimbal_angles(sent, roll, pitch, yaw):
-    reading = READERS["gimbal_angles"](7, sent)
-    assert reading == (7, roll, pitch, pytest.approx(yaw, abs=ROUNDING))
-
-
 @given(angles, st.floats(-120, 60), st.floats(-30, 30))
 def test_gimbal_there_and_back(yaw_deg, pitch_deg, roll_deg):
     """As psdk_ros2 makes them: with constants of single precision, turned by one round."""
