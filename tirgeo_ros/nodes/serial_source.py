@@ -103,7 +103,7 @@ class SerialSource:
         if report is None:
             return [DiagnosticItem(name, int(LinkLevel.WARN), "not opened yet", values)]
         state = {
-            "state": report.condition.value,
+            "state": report.condition,
             "state_time_s": f"{time.monotonic() - report.since_s:.1f}",
             "bytes_per_s": f"{report.bytes_per_s:.0f}",
             "frames_per_s": f"{report.frames_per_s:.1f}",

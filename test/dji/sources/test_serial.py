@@ -82,7 +82,7 @@ def conditions(key, sent_with):
         counts = road.counts["bytes"], road.counts["frames"], road.locked
         report = watch.look(now_s, LinkState.OPEN, "", *counts)
         told += [report] if report else []
-    return [report.condition.value for report in told], watch.report
+    return [report.condition for report in told], watch.report
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ aircraft's settings, the baud rate and the key are right.
 from __future__ import annotations
 
 from collections import deque
-from enum import Enum, IntEnum
+from enum import IntEnum
 from typing import NamedTuple
 
 from tirgeo_ros.dji.link.serial_link import LinkState
@@ -33,40 +33,25 @@ class LinkLevel(IntEnum):
     ERROR = 2
 
 
-class LinkCondition(Enum):
-    """List the link's conditions: states of a port that is not open, else of its data."""
-
-    NO_DEVICE = "no_device"
-    PERMISSION_DENIED = "permission_denied"
-    BUSY = "busy"
-    NOT_A_PORT = "not_a_port"
-    BAUD_REFUSED = "baud_refused"
-    LOST = "lost"
-    WAITING = "waiting"  # just opened
-    SILENT = "silent"  # open, no bytes
-    WRONG_BAUD = "wrong_baud"  # bytes, no frame
-    WRONG_KEY = "wrong_key"  # frames, but encrypted with another key, or no key is set
-    RECEIVING = "receiving"
-
-
-#: Level (others are errors) and message of the conditions of an open port.
+#: Level (others are errors) and message of the conditions of an open port. A port that is not open
+#: has its state for a condition.
 _LEVELS = {
-    LinkCondition.WAITING: LinkLevel.WARN,
-    LinkCondition.SILENT: LinkLevel.WARN,
-    LinkCondition.RECEIVING: LinkLevel.OK,
+    "waiting": LinkLevel.WARN,  # just opened
+    "silent": LinkLevel.WARN,
+    "receiving": LinkLevel.OK,
 }
 _WORDS = {
-    LinkCondition.RECEIVING: "receiving at {baud} baud",
-    LinkCondition.WAITING: "open, nothing understood yet",
-    LinkCondition.SILENT: (
+    "receiving": "receiving at {baud} baud",
+    "waiting": "open, nothing understood yet",
+    "silent": (
         f"open but no bytes for {PATIENCE_S:.0f} s: check that the aircraft is on, the "
         "cable (TX to RX) and that 'API control' is ticked in DJI Assistant 2 (SDK tab)"
     ),
-    LinkCondition.WRONG_KEY: (
+    "wrong_key": (
         "frames come, but they are encrypted and the parameter key {wrong_key}: set it "
         "to the app key with which the aircraft was activated (DJI's developer site)"
     ),
-    LinkCondition.WRONG_BAUD: (
+    "wrong_baud": (
         f"bytes come but no valid frame for {PATIENCE_S:.0f} s at {{baud}} baud: set "
         "baud as in DJI Assistant 2 (SDK tab); usual are {others}"
     ),
@@ -76,7 +61,7 @@ _WORDS = {
 class LinkReport(NamedTuple):
     """Hold the condition of the link."""
 
-    condition: LinkCondition
+    condition: str
     level: LinkLevel
     message: str  # one line: the port and what to do
     since_s: float  # when it began, by the clock of ``look``
@@ -120,9 +105,9 @@ class LinkWatch:
             message = f"{self._port}: {_WORDS[condition].format(**self._words)}"
         else:
             self._looks.clear()
-            condition = LinkCondition(state.value)
+            condition = state.value
         before = self.report
-        changed = before is None or before.condition is not condition
+        changed = before is None or before.condition != condition
         since_s = now_s if before is None or changed else before.since_s
         level = _LEVELS.get(condition, LinkLevel.ERROR)
         span_s, byte_count, frame_count, _ = self._counted
@@ -152,14 +137,14 @@ class LinkWatch:
         while len(self._looks) > 1 and now_s - self._looks[1][0] >= PATIENCE_S:
             self._looks.popleft()
 
-    def _condition(self, now_s: float) -> LinkCondition:
+    def _condition(self, now_s: float) -> str:
         if now_s - self._heard_frame_s < PATIENCE_S:
             _, _, frames, locked = self._counted
             is_locked = 0 < _LOCKED_PERCENT * frames <= 100 * locked
-            return LinkCondition.WRONG_KEY if is_locked else LinkCondition.RECEIVING
+            return "wrong_key" if is_locked else "receiving"
         if now_s - self._opened_s < PATIENCE_S:
-            return LinkCondition.WAITING
+            return "waiting"
         garbage = self._heard_bytes_s > self._heard_frame_s + _CUT_FRAME_S
         if garbage and now_s - self._heard_bytes_s < PATIENCE_S:
-            return LinkCondition.WRONG_BAUD
-        return LinkCondition.SILENT
+            return "wrong_baud"
+        return "silent"

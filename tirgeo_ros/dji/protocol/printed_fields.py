@@ -46,7 +46,7 @@ _UNITS: dict[tuple[str, str], _Convert] = {
 #: The fields of a type in their order; of a type that is not here, those of its definition.
 #: ``time_s<time_ms``: computed from a field, by their units; ``health<info:0``: bits of a field,
 #: from the lowest, with a width where it is not 1.
-_FIELDS = {
+_FIELDS: dict[type, str] = {
     parts.Time: "time_ms time_ns time_s<time_ms sync_time_2p5ms sync_tag sync_flag",
     parts.Velocity: "xyz_mps health<info:0",
     parts.Position: "lat_rad lon_rad lat_deg<lat_rad lon_deg<lon_rad altitude_m height_m health",
