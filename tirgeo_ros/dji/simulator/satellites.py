@@ -118,7 +118,7 @@ class Satellites:
     def position(self, now_ns: int) -> Position:
         """Return the fused position: the receiver's, heights above the sea and the start."""
         best = _recent(now_ns, self._positions, Source.RTK_POSITION, Source.GPS_POSITION)
-        if best is None:
+        if best is None or best.status is FixStatus.NONE:  # which may have any position
             return Position(0.0, 0.0, 0.0, 0.0, 0)
         height_m = best.height_m - self._undulation_m
         self._first_height_m = height_m if self._first_height_m is None else self._first_height_m
