@@ -89,11 +89,12 @@ class ImuInterpreter:
             return [*self._release(origin, factor), *self._sample(entry, factor)]
         return self._sample(entry, factor)
 
-    def take_attitude(self, reading: AttitudeReading) -> None:
-        """Take an attitude that came in a message of its own."""
+    def take_attitude(self, reading: AttitudeReading) -> list[ImuSample]:
+        """Take an attitude that came in a message of its own; return no sample."""
         attitude = self._attitude(reading.q_nb)
         if attitude is not None:
             self._attitudes.offer(reading.stamp_ns - self._delay_ns, attitude)
+        return []
 
     def flush(self) -> list[ImuSample]:
         """Return the samples that were held back, if they suffice to find their unit."""

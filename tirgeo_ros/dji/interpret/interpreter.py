@@ -45,7 +45,7 @@ class Interpreter:
         self._gimbal = GimbalInterpreter(config, attitudes, self._counts)
         self._takers: dict[type, Callable[[Any], list[Any]]] = {
             ImuReading: self._imu.take,
-            AttitudeReading: self._take_attitude,
+            AttitudeReading: self._imu.take_attitude,
             GpsReading: self._gps.take,
             RtkReading: self._rtk.take,
             GimbalReading: self._gimbal.take,
@@ -61,10 +61,6 @@ class Interpreter:
     def flush(self) -> list[Sample]:
         """Return the samples of waiting readings, at the end of a recording."""
         return [*self._imu.flush(), *self._gimbal.flush()]
-
-    def _take_attitude(self, reading: AttitudeReading) -> list[Sample]:
-        self._imu.take_attitude(reading)
-        return []
 
     @property
     def counts(self) -> dict[str, int]:
