@@ -55,9 +55,6 @@ class Broadcast(NamedTuple):
         return sum({1 << bit for bit, name, *_ in bits if getattr(self, name) is not None})
 
 
-_NAMES = Broadcast._fields
-
-
 def _gps(v: tuple[Any, ...]) -> parts.Gps:
     return parts.Gps(*v[:5], v[5:8], parts.GpsDetail._make(v[8:]) if v[8:] else None)
 
@@ -135,9 +132,7 @@ def decode_broadcast(value: bytes) -> Broadcast | None:
     if fitting is None:
         return None
     layout, packed = fitting
-    found = packed.unpack(value)[1]
-    found["layout"] = layout
-    return Broadcast._make(map(found.get, _NAMES))
+    return Broadcast(layout, **packed.unpack(value)[1])
 
 
 def encode_broadcast(broadcast: Broadcast) -> bytes:
