@@ -197,6 +197,32 @@ def test_a_queue_that_drains_is_no_step(held_s):
     assert clock.diagnostics["clock resets"] == "0"
 
 
+@pytest.mark.parametrize("start_s", [17.5, 2**32 * 2.5e-3 - 1.0])
+@pytest.mark.parametrize(("rate_hz", "seen_s"), [(100, 1.8), (10, 2.1)])
+def test_ticks_of_2_5_ms_are_seen_before_the_clock_settles(rate_hz, seen_s, start_s):
+    flown = link(rate_hz, 20, exponential(1), seed=20, start_s=start_s)
+    ticks = (flown.ticks * MS + flown.extra_ns) // 2_500_000
+    clock = AircraftClock(CONFIG)
+    stamps = stamps_of(flown._replace(ticks=ticks), clock)
+    assert np.all(np.diff(stamps) >= 0)
+    assert errors_ms(stamps, flown, 0).min() > -1100
+    # From then on a message's own delay at worst, half of it after as much time, and a tick.
+    errors = errors_ms(stamps, flown, seen_s)
+    assert -2.5 < errors.min() < errors.max() < 10
+    assert np.abs(errors_ms(stamps, flown, seen_s + 1)).max() < 2.5
+    found = clock.diagnostics
+    assert (found["clock tick [ms]"], found["clock state"]) == ("2.5", "settled")
+
+
+def test_a_settled_counter_keeps_its_milliseconds():
+    """A line too slow for what is sent, for 5 s: as if the counter had become slower."""
+    flown = link(100, 20, exponential(1), seed=21)
+    queue_ns = 1.5 * SECOND * np.clip(flown.since_s - 10, 0, 5)
+    clock = AircraftClock(CONFIG)
+    stamps_of(flown._replace(arrival_ns=flown.arrival_ns + queue_ns.astype(int)), clock)
+    assert clock.diagnostics["clock tick [ms]"] == "1"
+
+
 def test_diagnostics():
     clock = AircraftClock(CONFIG)
     assert clock.state == "waiting"

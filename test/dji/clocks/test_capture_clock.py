@@ -150,6 +150,7 @@ def test_a_capture_is_placed_by_its_seconds(offset_h):
     assert seconds.shift_ns is None
     for message in messages:
         seconds.take(*message)
+    assert seconds.tick_ns == MS
     modified_ns = UTC_NS + 61 * SECOND
     newest_ns = seconds.newest_ns + seconds.shift_ns
     assert guess_utc_offset(newest_ns, modified_ns) == offset_h

@@ -183,6 +183,26 @@ def test_a_capture_without_any_time_is_refused(capture, tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
+@pytest.mark.parametrize("given", [None, 1_718_091_879_000_000_000])
+def test_a_counter_of_long_ticks_is_told_by_the_seconds(
+    capture, imported, sample, tmp_path, given
+):
+    """Firmware of before 3.3 counts 2.5 ms; 100 Hz are four of them."""
+    path = tmp_path / "ticks.bin"
+    frames = (decode_broadcast(f.value) for f in FrameReader().feed(capture.read_bytes()))
+    ticking = (p._replace(time=p.time._replace(time_ms=p.time.time_ms * 2 // 5)) for p in frames)
+    path.write_bytes(b"".join(encode_frame(b"\x02\x00" + encode_broadcast(p)) for p in ticking))
+    os.utime(path, ns=(capture.stat().st_mtime_ns,) * 2)
+    options = CaptureOptions(start_ns=given)
+    params = sample / "params.yaml"
+    import_flight(path, tmp_path / "o.mcap", params=params, capture=options)
+    found, whole = (stamps(p, "/imu/data") for p in (tmp_path / "o.mcap", imported[0]))
+    assert len(found) == len(whole)
+    apart = found - whole
+    assert np.ptp(apart) <= 2_500_000  # a tick
+    assert given is not None or abs(np.median(apart)) <= 2_500_000
+
+
 def test_an_aircraft_that_was_off_meanwhile_is_told(capture, imported, sample, tmp_path):
     """The time of what stands before is not moved by the seconds that are said after it."""
     frames = [f.data for f in FrameReader().feed(capture.read_bytes())]

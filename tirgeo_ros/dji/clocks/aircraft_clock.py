@@ -8,6 +8,9 @@ smallest latency, which cannot be measured from one side: the delay of each sour
 
 A counter that truncates to its tick makes stamps early by half a tick in the mean. This does not
 bias the line, because the smallest differences are those of messages sent at a tick.
+
+Firmware before 3.3 may count 2.5 ms in the same field. Taken for milliseconds, these leave the
+line by 0.6 s a second.
 """
 
 from __future__ import annotations
@@ -16,7 +19,13 @@ from typing import NamedTuple
 
 from tirgeo_ros.core.config.dji import DjiClockConfig
 from tirgeo_ros.dji.clocks.lower_envelope import LowerEnvelope
-from tirgeo_ros.dji.clocks.running_counter import LONGEST_EXTRA_NS, RunningCounter
+from tirgeo_ros.dji.clocks.running_counter import (
+    LONG_TICK_NS,
+    LONGEST_EXTRA_NS,
+    MILLISECOND_NS,
+    RunningCounter,
+    is_long,
+)
 
 _SECOND_NS = 1_000_000_000
 #: A message above the line by more than this is suspected of a clock step: no queue stays filled
@@ -62,13 +71,19 @@ class AircraftClock:
     When the counter restarts or the host's clock is set, the stamps follow: at once where this is
     certain (counts come in frames with check sums), after half a second where a queue could be the
     cause. Each counter needs its own AircraftClock.
+
+    A counter is taken to have ticks of 2.5 ms, not 1 ms, if it shows that before it has settled:
+    stamps fall behind by up to 1 s in the first 1.7 s, then they continue at their right times.
     """
 
-    def __init__(self, config: DjiClockConfig, tick_ns: int = 1_000_000, bits: int = 32) -> None:
+    def __init__(
+        self, config: DjiClockConfig, tick_ns: int = MILLISECOND_NS, bits: int = 32
+    ) -> None:
         self._max_drift = config.max_drift_ppm * 1e-6
         self._slew = self._max_drift + _SLEW
         self._line = LowerEnvelope(config.window_s * 1e9, self._max_drift)
         self._counter = RunningCounter(tick_ns, bits)
+        self._may_be_long = tick_ns == MILLISECOND_NS
         self._number = self._began_number = 0
         self._origin_ns = self._newest_ns = 0  # by the counter
         self._offset_ns = 0  # of the origin, from counter time to host time
@@ -99,7 +114,13 @@ class AircraftClock:
             self._counts["resets" if is_counter else "host steps"] += 1
             return self._begin(ticks, extra_ns, arrival_ns)
         if height > _STEP_NS and self._is_set(height, aircraft_ns, arrival_ns):
-            late_ns = round(height - self._above.least)
+            run = self._above
+            passed_ns, counted_ns = arrival_ns - run.arrival_ns, aircraft_ns - run.aircraft_ns
+            if self._may_be_long and is_long(passed_ns, counted_ns):
+                self._may_be_long, self._counter = False, RunningCounter(LONG_TICK_NS, 32)
+                return self._begin(ticks, extra_ns, arrival_ns)
+            self._counts["resets" if run.is_counter else "host steps"] += 1
+            late_ns = round(height - run.least)
             return self._begin(ticks, extra_ns, arrival_ns - late_ns)
         self._line.add(x, y)
         if step_ns > 0:
@@ -136,7 +157,8 @@ class AircraftClock:
     @property
     def diagnostics(self) -> dict[str, str]:
         """Return state, offset, spread, drift and irregularities of both clocks, as texts."""
-        texts = {"clock state": self.state}
+        tick_ms = self._counter.tick_ns / MILLISECOND_NS
+        texts = {"clock state": self.state, "clock tick [ms]": f"{tick_ms:g}"}
         if self._number:
             offset_s = (self._offset_ns + round(self._published)) * 1e-9
             texts["clock offset [s]"] = f"{offset_s:.6f}"
@@ -171,6 +193,7 @@ class AircraftClock:
         if not self._settled and abs(gap - move) < _SETTLED_WITHIN_NS:
             number = self._number - self._began_number
             self._settled = number >= _SETTLED_NUMBER and x >= _SETTLED_AFTER_NS
+            self._may_be_long = self._may_be_long and not self._settled
 
     def _is_unexplained(self, height: float, step_ns: int) -> bool:
         """Return whether neither delay nor overtaking can explain a message.
@@ -195,7 +218,4 @@ class AircraftClock:
         length, least = above.length + 1, min(height, above.least)
         self._above = above._replace(number=self._number, length=length, least=least)
         lasted_ns = min(aircraft_ns - above.aircraft_ns, arrival_ns - above.arrival_ns)
-        if length < _STEP_NUMBER or lasted_ns < _STEP_LASTS_NS:
-            return False
-        self._counts["resets" if above.is_counter else "host steps"] += 1
-        return True
+        return length >= _STEP_NUMBER and lasted_ns >= _STEP_LASTS_NS

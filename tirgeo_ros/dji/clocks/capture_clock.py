@@ -8,9 +8,16 @@ headers say that they are in GMT+8.
 from __future__ import annotations
 
 from datetime import datetime, timezone
-from statistics import median_low
+from itertools import pairwise
+from statistics import median, median_low
 
-from tirgeo_ros.dji.clocks.running_counter import LONGEST_EXTRA_NS, RunningCounter
+from tirgeo_ros.dji.clocks.running_counter import (
+    LONG_TICK_NS,
+    LONGEST_EXTRA_NS,
+    MILLISECOND_NS,
+    RunningCounter,
+    is_long,
+)
 
 _SECOND_NS = 1_000_000_000
 #: Two counters that differ by less than this at the same place of a file show the same clock.
@@ -39,7 +46,7 @@ class CaptureTimeline:
         self.newest_ns: int | None = None  # newest stamp, without the shift
         self.aircraft_ns = 0  # counter time of the newest stamp
 
-    def clock(self, tick_ns: int = 1_000_000, *, resets_alone: bool = False) -> CaptureClock:
+    def clock(self, tick_ns: int = MILLISECOND_NS, *, resets_alone: bool = False) -> CaptureClock:
         """Return a clock for another counter of the same file."""
         return CaptureClock(self, tick_ns, resets_alone=resets_alone)
 
@@ -188,7 +195,7 @@ class WholeSeconds:
 
     def __init__(self) -> None:
         self._word_ns: int | None = None
-        self._shifts_ns: list[int] = []  # one for each new second
+        self._seconds: list[tuple[int, int]] = []  # word and stamp of each new second
         self.newest_ns = 0  # newest stamp
 
     def take(self, stamp_ns: int, date_yyyymmdd: int, time_hhmmss: int) -> None:
@@ -198,18 +205,28 @@ class WholeSeconds:
         if word_ns is None or word_ns == self._word_ns:
             return
         if self._word_ns is not None:  # the first second may have begun before the capture
-            self._shifts_ns.append(word_ns - stamp_ns)
+            self._seconds.append((word_ns, stamp_ns))
         self._word_ns = word_ns
 
     @property
     def number(self) -> int:
         """Return how many seconds began."""
-        return len(self._shifts_ns)
+        return len(self._seconds)
 
     @property
     def shift_ns(self) -> int | None:
         """Return words (in their own time zone) minus stamps; None until a second began."""
-        if not self._shifts_ns:
+        shifts_ns = [word_ns - stamp_ns for word_ns, stamp_ns in self._seconds]
+        if not shifts_ns:
             return None
-        middle = median_low(self._shifts_ns)
-        return max(shift for shift in self._shifts_ns if abs(shift - middle) <= _ASTRAY_NS)
+        middle = median_low(shifts_ns)
+        return max(shift for shift in shifts_ns if abs(shift - middle) <= _ASTRAY_NS)
+
+    @property
+    def tick_ns(self) -> int:
+        """Return the tick of a counter taken for milliseconds: 2.5 ms if three seconds show it."""
+        steps = [(new[0] - old[0], new[1] - old[1]) for old, new in pairwise(self._seconds)]
+        if len(steps) < 2:
+            return MILLISECOND_NS
+        counted = median(by_stamps / by_words for by_words, by_stamps in steps)
+        return LONG_TICK_NS if is_long(1.0, counted) else MILLISECOND_NS

@@ -9,9 +9,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-#: Tick of the hard sync's counter.
-SYNC_TICK_NS = 2_500_000
-
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]  # w, x, y, z
 

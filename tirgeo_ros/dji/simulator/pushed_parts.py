@@ -9,10 +9,10 @@ from typing import Any
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, slerp
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import ImuSample
+from tirgeo_ros.dji.clocks.running_counter import LONG_TICK_NS
 from tirgeo_ros.dji.interpret.accelerometer_unit import G_M_S2
 from tirgeo_ros.dji.protocol import broadcast_parts as parts
 from tirgeo_ros.dji.protocol.broadcast import Broadcast, Layout
-from tirgeo_ros.dji.protocol.broadcast_parts import SYNC_TICK_NS
 from tirgeo_ros.dji.simulator.satellites import Satellites
 
 #: Values that no flight records: in the air, position mode; sticks at rest; a lasting battery.
@@ -43,10 +43,10 @@ class Instant:
     ) -> None:
         self.ms, self.rest_ns = time_ns // 1_000_000 & _U32, time_ns % 1_000_000
         self.ticks, self.tick_rest_ns = (
-            time_ns // SYNC_TICK_NS & _U32,
-            time_ns % SYNC_TICK_NS,
+            time_ns // LONG_TICK_NS & _U32,
+            time_ns % LONG_TICK_NS,
         )
-        self.ticks_here = since_ns // SYNC_TICK_NS & _U32
+        self.ticks_here = since_ns // LONG_TICK_NS & _U32
         self.q_nb = imu.autopilot_q_nb
         self.force_b, self.rate_b = imu.specific_force_b, imu.angular_rate_b
         self.gimbal = gimbal

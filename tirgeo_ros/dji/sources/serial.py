@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.dji.clocks.aircraft_clock import AircraftClock
+from tirgeo_ros.dji.clocks.running_counter import LONG_TICK_NS
 from tirgeo_ros.dji.host.session import HostSession
 from tirgeo_ros.dji.link.encryption import parse_key
 from tirgeo_ros.dji.link.framing import PLAIN, FrameReader, ProtocolFrame
-from tirgeo_ros.dji.protocol.broadcast_parts import SYNC_TICK_NS
 from tirgeo_ros.dji.protocol.subscription import PackageTable
 from tirgeo_ros.dji.sources.readings import Reading
 from tirgeo_ros.dji.sources.serial_readings import PUSH_SET, Clocks, Telemetry
@@ -25,7 +25,7 @@ class SerialDecoder:
         key = parse_key(config.key)
         self._frames = FrameReader(key)
         broadcast, subscription = AircraftClock(config.clock), AircraftClock(config.clock)
-        hard_sync = AircraftClock(config.clock, SYNC_TICK_NS)
+        hard_sync = AircraftClock(config.clock, LONG_TICK_NS)
         clocks = broadcast, subscription, hard_sync
         names = "broadcast", "subscription", "hard sync"
         self._clocks = dict(zip(names, clocks, strict=True))

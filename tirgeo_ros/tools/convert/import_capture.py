@@ -22,10 +22,10 @@ from tirgeo_ros.dji.clocks.capture_clock import (
     guess_utc_offset,
     time_of_words,
 )
+from tirgeo_ros.dji.clocks.running_counter import LONG_TICK_NS, MILLISECOND_NS
 from tirgeo_ros.dji.link.encryption import parse_key
 from tirgeo_ros.dji.link.framing import FrameReader, ProtocolFrame
 from tirgeo_ros.dji.protocol.broadcast import decode_broadcast
-from tirgeo_ros.dji.protocol.broadcast_parts import SYNC_TICK_NS
 from tirgeo_ros.dji.protocol.package_table import package_table
 from tirgeo_ros.dji.protocol.subscription import PackageTable, decode_push
 from tirgeo_ros.dji.sources.readings import Reading
@@ -57,12 +57,15 @@ class CaptureOptions(NamedTuple):
 class _Pass:
     """Read a capture once, from its first byte."""
 
-    def __init__(self, path: Path, options: CaptureOptions, timeline: CaptureTimeline) -> None:
+    def __init__(
+        self, path: Path, options: CaptureOptions, timeline: CaptureTimeline, tick_ns: int
+    ) -> None:
         file = options.packages
         self.table = package_table(load_yaml(file), file) if file else PackageTable()
         self.frames = FrameReader(parse_key(options.key))
-        sync = timeline.clock(SYNC_TICK_NS, resets_alone=True)
-        self.telemetry = Telemetry(Clocks(timeline.clock(), timeline.clock(), sync), self.table)
+        sync = timeline.clock(LONG_TICK_NS, resets_alone=True)
+        clocks = Clocks(timeline.clock(tick_ns), timeline.clock(), sync)
+        self.telemetry = Telemetry(clocks, self.table)
         self.timeline = timeline
         self._path = path
 
@@ -109,8 +112,9 @@ def import_capture(
     options = CaptureOptions(
         options.packages or config.packages, options.key or config.key, options.start_ns
     )
-    timeline, said, warnings = _placed(path, options, round(config.rtk.delay_s * 1e9))
-    run = _Pass(path, options, timeline)
+    seconds, tick_ns = _receiver_seconds(path, options)
+    timeline, said, warnings = _placed(path, options, seconds, round(config.rtk.delay_s * 1e9))
+    run = _Pass(path, options, timeline, tick_ns)
     newest_ns = number = 0
     for _, readings in run.readings(progress):
         for reading in readings:
@@ -136,7 +140,7 @@ def import_capture(
 
 
 def _placed(
-    path: Path, options: CaptureOptions, delay_ns: int
+    path: Path, options: CaptureOptions, seconds: WholeSeconds, delay_ns: int
 ) -> tuple[CaptureTimeline, str, list[str]]:
     """Place a capture in time; return its timeline, how it was placed, and warnings.
 
@@ -144,7 +148,6 @@ def _placed(
     """
     if options.start_ns is not None:
         return CaptureTimeline(options.start_ns), "of --start-time", []
-    seconds = _receiver_seconds(path, options)
     if seconds.shift_ns is None:
         warning = (
             "the capture has no date: times count from the aircraft's power-up, in 1970; give "
@@ -159,10 +162,19 @@ def _placed(
     return CaptureTimeline(shift_ns=shift_ns), said, doubt if known is None else []
 
 
-def _receiver_seconds(path: Path, options: CaptureOptions) -> WholeSeconds:
+def _receiver_seconds(path: Path, options: CaptureOptions) -> tuple[WholeSeconds, int]:
+    """Return the receivers' seconds, and the tick (ns) of the broadcast's counter by them."""
+    seconds = _seconds(path, options, MILLISECOND_NS)
+    tick_ns = seconds.tick_ns
+    if tick_ns != MILLISECOND_NS:
+        seconds = _seconds(path, options, tick_ns)
+    return seconds, tick_ns
+
+
+def _seconds(path: Path, options: CaptureOptions, tick_ns: int) -> WholeSeconds:
     """Collect the receivers' seconds against the aircraft's time since power-up."""
     found = WholeSeconds()
-    run = _Pass(path, options, CaptureTimeline())
+    run = _Pass(path, options, CaptureTimeline(), tick_ns)
     for frame, readings in run.readings(silent):
         # after a restart the offset is another
         if found.number >= _SECONDS or (run.timeline.restarts and found.number):
