@@ -33,7 +33,7 @@ def test_the_default_sends_nothing_whatever_comes():
     flight.fly(10.0)
     assert flight.sent == b""
     assert flight.session.state is HostState.LISTENING
-    assert flight.session.message == "listening only: nothing is asked of the aircraft"
+    assert flight.session.message == "listening only: no requests are sent to the aircraft"
     assert flight.table == PackageTable()
 
 
@@ -193,7 +193,7 @@ def test_encrypted_answers_need_the_key():
     flight.aircraft.route = encrypted
     flight.fly(5.0)
     assert flight.session.state is HostState.NO_ANSWER
-    assert "answers are encrypted: set key to the application's" in flight.session.message
+    assert "answers are encrypted: set key to that of the application" in flight.session.message
     with_key = Flight(key=KEY)
     with_key.aircraft.route = encrypted
     ready(with_key)

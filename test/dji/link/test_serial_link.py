@@ -132,7 +132,7 @@ def test_a_file_or_folder_is_not_a_port(tmp_path, open_link, make):
     link = open_link(str(tmp_path / "capture.bin"), BAUD)
     link.read(0.0)
     assert link.state is LinkState.NOT_A_PORT
-    assert "this is no serial port: set port to one" in link.message
+    assert "this is not a serial port: set the parameter port" in link.message
 
 
 def test_a_port_that_another_one_holds_is_busy_until_it_is_given_back(cable, open_link):

@@ -107,7 +107,7 @@ def test_the_order_of_the_gimbals_angles_is_told_by_the_frame(angles, frame):
         ("attitude", attitude(START, 0.0), "a quaternion of length 0"),
         ("velocity", vector(START, math.inf, 0.0, 0.0), "not finite: inf"),
         ("gps_position", fix(START, latitude=0.0, longitude=0.0), "no position yet"),
-        ("rtk_position", fix(START, latitude=91.0), "no place on the earth: 91, 4"),
+        ("rtk_position", fix(START, latitude=91.0), "not a place on the Earth: 91, 4"),
         ("rtk_position", fix(START, altitude=math.nan), "not finite"),
         ("gimbal_angle", vector(START, 4500.0, 0.0, 0.0), "no angles of a gimbal"),
         ("rtk_yaw", Message(angle=1), "its definition has no data"),

@@ -112,7 +112,7 @@ class HostSession:
     def message(self) -> str:
         """Return a line for a person: the aircraft and the problems, or else the state."""
         if self._listens:
-            return "listening only: nothing is asked of the aircraft"
+            return "listening only: no requests are sent to the aircraft"
         problems = [*self._problems.values(), *self._subscriber.problems.values()]
         told = list(filter(None, problems)) or [self.state.value]
         return "; ".join(filter(None, [self._aircraft, *told]))
@@ -240,7 +240,7 @@ class HostSession:
 
     def _unanswered(self) -> str:
         if self._exchange.counts["encrypted acks"]:
-            wrong = "check key" if self._has_key else "set key to the application's"
+            wrong = "check key" if self._has_key else "set key to that of the application"
             return f"the aircraft's answers are encrypted: {wrong}"
         if self._heard_s is None:
             return "the aircraft does not answer"
@@ -252,6 +252,6 @@ def _rates(config: DjiHostConfig) -> Request | None:
     for rate in config.broadcast_rates:
         if rate not in range(RATE_CODES):
             raise DjiError(
-                f"host.broadcast_rates: {rate:g} is no rate code (0 to {RATE_CODES - 1})"
+                f"host.broadcast_rates: {rate:g} is not a rate code (0 to {RATE_CODES - 1})"
             )
     return set_rates([*map(int, config.broadcast_rates)]) if config.broadcast_rates else None

@@ -88,7 +88,7 @@ class Interpreter:
             found.append(NOT_SET)
         if math.isnan(self._undulation_m):
             found.append(
-                "geoid_undulation_m is not set: heights above sea level go out as ellipsoidal, "
-                "wrong by up to 100 m; set the geoid's height where it flies"
+                "geoid_undulation_m is not set: heights above sea level are published as "
+                "ellipsoidal, wrong by up to 100 m; set the geoid's height in the area of flight"
             )
         return [warning for warning in found if warning]

@@ -55,8 +55,9 @@ _CLASSES = (
 #: Direction of the baseline of DJI's kit from the nose: first antenna left, second right.
 _KIT_DEG = 90.0
 NOT_SET = (
-    "aircraft.second_antenna_m is not set: RTK yaw is taken for that of DJI's kit, first antenna "
-    "left and second right; set aircraft.rtk_antenna_m and aircraft.second_antenna_m"
+    "aircraft.second_antenna_m is not set: RTK yaw is taken as from DJI's kit, with the first "
+    "antenna "
+    "left and the second right; set aircraft.rtk_antenna_m and aircraft.second_antenna_m"
 )
 
 

@@ -62,13 +62,13 @@ _MESSAGES = {
     LinkState.NO_DEVICE: "there is no such device: plug the cable in, or set port "
     "(ls /dev/serial/by-id shows what there is)",
     LinkState.PERMISSION_DENIED: "permission denied: add the user to the group dialout "
-    "(sudo usermod -aG dialout $USER) and log in anew",
-    LinkState.BUSY: "another program has it: close that one (fuser -v tells which)",
-    LinkState.NOT_A_PORT: "this is no serial port: set port to one",
+    "(sudo usermod -aG dialout $USER) and log in again",
+    LinkState.BUSY: "another program uses it: close that one (fuser -v names it)",
+    LinkState.NOT_A_PORT: "this is not a serial port: set the parameter port",
     LinkState.BAUD_REFUSED: "the port's driver does not know this rate: set baud",
     LinkState.OPEN: "open",
-    LinkState.LOST: "the port went away: cable pulled, or another program reads it too; "
-    "it is opened anew once it is back",
+    LinkState.LOST: "the port is gone: the cable is unplugged, or another program reads "
+    "it too; it is opened again when it is back",
 }
 
 
@@ -121,7 +121,7 @@ class SerialLink:
             if self._handle is None:
                 return False
             try:
-                return self._handle.write(data) == len(data)
+                return bool(self._handle.write(data) == len(data))
             except (OSError, ValueError):
                 return False  # the next read finds out whether the port is gone
 

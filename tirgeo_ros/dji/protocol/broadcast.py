@@ -56,7 +56,7 @@ class Broadcast(NamedTuple):
 
 
 def _gps(v: tuple[Any, ...]) -> parts.Gps:
-    return parts.Gps(*v[:5], v[5:8], parts.GpsDetail._make(v[8:]) if v[8:] else None)
+    return parts.Gps._make([*v[:5], v[5:8], parts.GpsDetail._make(v[8:]) if v[8:] else None])
 
 
 _Part = tuple[int, str, str, Make]  # bit of the mask, name in Broadcast, form, maker

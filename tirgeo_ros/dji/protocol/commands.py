@@ -151,14 +151,14 @@ def explain(request: Request, code: int) -> str:
 
 _VERSION_WORDS = {
     0x0000: "activated",
-    NOT_ACTIVATED: "not activated: give host.app_id if more than listening is wanted",
+    NOT_ACTIVATED: "not activated: set host.app_id, unless listening is enough",
 }
 _ACTIVATION_WORDS = {
     0: "activated",
     1: "bad parameter: check host.app_id",
-    2: "cannot decrypt: check that host.app_id and key are of the same application",
-    3: "new device: connect a phone or tablet with DJI GO that is online to the remote "
-    "controller; it takes two tries",
+    2: "cannot decrypt: check that host.app_id and key belong to the same application",
+    3: "new device: connect a phone or tablet with DJI GO and internet to the "
+    "remote controller; it takes two tries",
     4: "DJI GO does not answer: connect it to the remote controller",
     5: "DJI GO has no internet: let the phone or tablet go online",
     6: "DJI's server refused: check that host.app_id is valid for this account",
@@ -174,13 +174,13 @@ _SUBSCRIPTION_WORDS = {
     0x04: "a package of this id exists already",
     0x05: "no package of this id",
     0x06: "the rate is not possible: lower it in the file of packages",
-    0x07: "the package is too large: take topics out of it",
+    0x07: "the package is too large: remove topics from it",
     0x08: "the aircraft's pipeline failed: switch it off and on",
     0x20: "the package is empty",
     0x21: "the number of topics is wrong",
-    0x22: "it has a topic that this aircraft does not know: take it out of the package",
+    0x22: "it has a topic that this aircraft does not know: remove it from the package",
     0x23: "denied: activate first, with host.app_id",
-    0x24: "it has a topic that another package holds already: take it out of one of them",
+    0x24: "it has a topic that another package holds already: remove it from one of them",
     0x25: "the source of a topic is offline: no RTK hardware, or not switched on",
     0x50: "not authorised: check host.app_id and its level at DJI's developer site",
 }

@@ -31,7 +31,7 @@ def package_table(tree: object, file: str) -> PackageTable:
     """
     entries = tree.get("packages") if isinstance(tree, Mapping) else None
     if not isinstance(entries, Mapping) or not entries:
-        raise DjiError(f"{file}: no table of packages: it needs packages: ID: TOPICS and so on")
+        raise DjiError(f"{file}: not a table of packages: it needs packages: ID: TOPICS and so on")
     return PackageTable(_package(n, e, f"{file}: packages.{n}") for n, e in entries.items())
 
 

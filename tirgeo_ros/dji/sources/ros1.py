@@ -123,8 +123,8 @@ class Ros1Decoder:
         found = []
         if self._setup.shift_ns:
             found.append(
-                f"the stamps lie {self._setup.shift_ns * 1e-9:.3f} s before the times of the "
-                "record (a bag recorded again?): the stamps count"
+                f"the stamps are {self._setup.shift_ns * 1e-9:.3f} s before the times "
+                "of recording (a bag recorded again?); the stamps are used"
             )
         if self._setup.gravity != 1.0:
             found.append(
@@ -132,7 +132,7 @@ class Ros1Decoder:
                 f"2): its acceleration was divided by {_WRAPPER_GRAVITY}"
             )
         if self._steady is not None:
-            found.append("imu is stamped in bursts: it has the stamps of its steady rate instead")
+            found.append("imu is stamped in bursts: stamps of its steady rate are used instead")
         return found
 
     def _read(self, name: str, message: Any, arrival_ns: int) -> Reading:

@@ -62,7 +62,7 @@ def _attitude(message: Any, stamp_ns: int) -> AttitudeReading:
     q = message.quaternion
     length = math.hypot(q.w, q.x, q.y, q.z)
     if not abs(length - 1) <= _LENGTH_TOLERANCE:
-        raise MessageError(f"no attitude: a quaternion of length {length:g}")
+        raise MessageError(f"not an attitude: a quaternion of length {length:g}")
     return AttitudeReading(stamp_ns, quat_turned_both(q.w, q.x, q.y, q.z))
 
 
@@ -81,18 +81,19 @@ def _gimbal_angle(message: Any, stamp_ns: int) -> GimbalReading:
     frame = str(message.header.frame_id).rpartition("/")[2]
     if frame and frame != _GROUND_FRAME:
         raise MessageError(
-            f"frame {frame!r} tells no order of the angles: it is empty or {_GROUND_FRAME}"
+            f"frame {frame!r} does not name the order of the angles: it must be empty or "
+            f"{_GROUND_FRAME}"
         )
     roll, pitch = (first, second) if frame else (second, first)
     if max(abs(roll), abs(pitch), abs(yaw)) > _LARGEST_ANGLE_DEG:
-        raise MessageError(f"no angles of a gimbal: {roll:g}, {pitch:g}, {yaw:g} deg")
+        raise MessageError(f"not angles of a gimbal: {roll:g}, {pitch:g}, {yaw:g} deg")
     return GimbalReading(stamp_ns, *map(math.radians, (roll, pitch, yaw)))
 
 
 def _place(message: Any) -> GeodeticPlace:
     latitude, longitude, height = _finite(message.latitude, message.longitude, message.altitude)
     if abs(latitude) > 90 or abs(longitude) > 180:
-        raise MessageError(f"no place on the earth: {latitude:g}, {longitude:g} deg")
+        raise MessageError(f"not a place on the Earth: {latitude:g}, {longitude:g} deg")
     if max(abs(latitude), abs(longitude)) < _NO_PLACE_DEG:
         raise MessageError("no position yet: 0, 0 deg")
     return GeodeticPlace(math.radians(latitude), math.radians(longitude), height)

@@ -40,9 +40,9 @@ _HOUR_NS = 3_600_000_000_000
 _SECONDS = 60
 #: Counts of the telemetry that are reported.
 _UNUSED = {
-    "unknown_layout": "broadcasts are of a layout that is not known",
-    "unknown_package": "pushes are of packages that are not known: give --packages",
-    "untimed": "broadcasts have no time: stamped as the message before",
+    "unknown_layout": "broadcasts have an unknown layout",
+    "unknown_package": "pushes belong to unknown packages: give --packages",
+    "untimed": "broadcasts have no time: stamped as the previous message",
 }
 
 
@@ -100,7 +100,7 @@ class _Pass:
         if self.timeline.restarts:
             yield (
                 f"the aircraft's clock started again {self.timeline.restarts} times: what follows "
-                "is stamped as if it had been off for a second; cut the file there if it was "
+                "is stamped as if it had been off for one second; split the file there if it was "
                 "longer"
             )
 
@@ -123,11 +123,11 @@ def import_capture(
             sink.take(newest_ns, reading)
     complaints = list(run.warnings(has_key=bool(options.key)))
     if not number:
-        raise DjiError("; ".join((f"{path}: its frames hold nothing for a flight", *complaints)))
+        raise DjiError("; ".join((f"{path}: its frames contain no flight data", *complaints)))
     if timeline.newest_ns is None:
         raise DjiError(
-            f"{path}: nothing in it tells the aircraft's time: its broadcast needs the time "
-            "stamp, or a subscription package does"
+            f"{path}: it has no time of the aircraft: enable the time stamp in "
+            "the broadcast or in a subscription package"
         )
     return {
         "kind": "capture",

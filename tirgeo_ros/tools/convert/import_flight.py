@@ -18,7 +18,7 @@ from tirgeo_ros.tools.presentation.progress import Report, silent
 
 _ROS1, _SQLITE = b"#ROSBAG V2.0", b"SQLite format 3\0"
 _OTHERS = {
-    MCAP: "an MCAP bag already; give it to tirgeo process",
+    MCAP: "already an MCAP bag; give it to tirgeo process",
     _SQLITE: "a ROS 2 bag in SQLite; convert it to MCAP with ros2 bag convert",
     b"#ROSBAG": "a ROS 1 bag of an older version; make it 2.0 with rosbag fix",
     b"\x1f\x8b": "packed with gzip; unpack it",
