@@ -56,8 +56,7 @@ _CLASSES = (
 _KIT_DEG = 90.0
 NOT_SET = (
     "aircraft.second_antenna_m is not set: RTK yaw is taken as from DJI's kit, with the first "
-    "antenna "
-    "left and the second right; set aircraft.rtk_antenna_m and aircraft.second_antenna_m"
+    "antenna left and the second right; set aircraft.rtk_antenna_m and aircraft.second_antenna_m"
 )
 
 
