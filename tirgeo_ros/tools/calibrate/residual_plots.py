@@ -27,6 +27,7 @@ from tirgeo_ros.tools.presentation.plots import COLOURS, arrows, figure, png
 _LENS_SHARE, _ORTHOPHOTO_SHARE = 0.02, 0.12
 _LONGEST_PX = 60.0
 _MOST_NAMES = 40
+_FAR = 15.0  # times the rms of innovations
 #: Panels of innovations: topic, and what makes its unit.
 _INNOVATIONS = {
     Source.RTK_POSITION: ("rtk/fix", 100.0, "cm"),
@@ -48,7 +49,7 @@ def lens_png(fit: LensFit, views: Mapping[str, BoardSighting]) -> bytes:
     frame.plot(fit.camera.cx, fit.camera.cy, "k+", markersize=12, label="principal point")
     frame.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect="equal")
     frame.set(xlabel="column, px", ylabel="row, px")
-    frame.set_title(f"Corners of {len(fit.errors_px)} views, errors enlarged {scale:.2g} times")
+    frame.set_title(f"Corners of {len(fit.errors_px)} views, errors enlarged {scale:.0f} times")
     frame.legend(loc="lower right", frameon=True)
     rms_px = fit.view_rms_px
     bars.bar(range(len(rms_px)), [*rms_px.values()], color=COLOURS[0])
@@ -56,6 +57,7 @@ def lens_png(fit: LensFit, views: Mapping[str, BoardSighting]) -> bytes:
     bars.set(ylabel="reprojection error, px", title="Root mean square error of every view")
     if len(rms_px) <= _MOST_NAMES:
         bars.set_xticks(range(len(rms_px)), [*rms_px], rotation=90, fontsize=6)
+    bars.grid(visible=False, axis="x")
     bars.legend(loc="upper right")
     return png(made)
 
@@ -127,7 +129,10 @@ def orthophoto_png(
 
 
 def innovations_png(found: AircraftFit) -> bytes:
-    """Return a PNG: innovations over time by source, linear up to three times their rms after."""
+    """Return a PNG: innovations over time by source.
+
+    Beyond three times their rms after the axis is logarithmic if some are far outside.
+    """
     before, after = found.before.nis(), found.after.nis()
     sources = [source for source in _INNOVATIONS if source in after]
     made, axes = figure(10.0, 2.3 * len(sources), len(sources), 1, sharex=True)
@@ -146,7 +151,9 @@ def innovations_png(found: AircraftFit) -> bytes:
             for column in values.T:
                 panel.plot(times_s, column, ".", color=colour, markersize=1.5)
             panel.plot([], [], ".", color=colour, label=what)
-        panel.set_yscale("symlog", linthresh=3 * float(np.sqrt(np.mean(values**2))))
+        usual = float(np.sqrt(np.mean(values**2)))
+        if max(map(abs, panel.get_ylim())) > _FAR * usual > 0:
+            panel.set_yscale("symlog", linthresh=3 * usual)
         title = f"{name}: NIS {before[source]:.3g} before, {after[source]:.2f} after"
         panel.set_title(title, loc="left")
         panel.set_ylabel(f"innovation, {unit}")

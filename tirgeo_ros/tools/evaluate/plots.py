@@ -166,7 +166,7 @@ def _innovations(best: MethodResult, source: str, start_ns: int) -> bytes:
     made, (above, below) = figure(_WIDTH_IN, 3.4, 2, 1, sharex=True)
     stamps, rows = best.series[source]
     t_s, ratio, innovation = (stamps - start_ns) * 1e-9, rows[:, 0], rows[:, 1:]
-    is_heading = innovation.shape[1] == 1
+    is_heading = "heading" in source
     for k, row in enumerate((np.degrees(innovation) if is_heading else innovation).T):
         above.plot(t_s, row, ".", markersize=2.5, color=COLOURS[k])
     unit = "deg" if is_heading else "m/s" if "velocity" in source else "m"

@@ -55,7 +55,10 @@ def tables(numbers: _Number) -> list[Table]:
     truths = {name: one["against_truth"] for name, one in numbers["methods"].items()}
     if all(truths.values()):
         keys = next(iter(truths.values()))
-        rows = [[key, *(_metres(one[key]) for one in truths.values())] for key in keys]
+        rows = [
+            [key.replace("_", ", "), *(_metres(one[key]) for one in truths.values())]
+            for key in keys
+        ]
         title = f"rms of the aircraft's own errors later than {numbers['settled_s']:g} s"
         found.append(Table(f"{title}, by the truth", ["", *truths], rows))
     return found
@@ -82,6 +85,10 @@ def _metres(value: float | None) -> str:
     return "-" if value is None else f"{value:.3f}"
 
 
+def _percent(part: int, whole: int) -> str:
+    return f"{100 * part / whole:.0f} %" if whole else "-"
+
+
 #: Title of each row on a whole method, and its cell.
 _OF_METHOD: dict[str, Callable[[_Number], str]] = {
     "mean": lambda one: _metres(one["mean_point_rmse_m"]),
@@ -90,7 +97,7 @@ _OF_METHOD: dict[str, Callable[[_Number], str]] = {
     "mean east": lambda one: _metres(one["mean_error_east_m"]),
     "mean north": lambda one: _metres(one["mean_error_north_m"]),
     "located": lambda one: str(one["located"]),
-    "in ellipse": lambda one: str(one["inside_95"]),
+    "in ellipse": lambda one: _percent(one["inside_95"], one["located"]),
     "gimbal": lambda one: str(one["composition"]),
 }
 

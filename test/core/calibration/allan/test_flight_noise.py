@@ -102,3 +102,9 @@ def test_a_few_lost_samples_are_bridged_and_gaps_passed_by():
     assert len(found.floors) == DURATION_S // PIECE_S - 2
     # A sample on the line between its neighbours lacks part of the noise: 0.5 % of them do.
     np.testing.assert_allclose(np.median(found.floors, axis=0), DENSITY, rtol=0.045)
+
+
+@pytest.mark.parametrize("rate_hz", [5, 10, 17, 18])
+def test_a_record_too_slow_for_vibration_has_no_pieces(rate_hz):
+    values = white(np.random.default_rng(0), (60 * rate_hz, 6), DENSITY, 1 / rate_hz)
+    assert not len(pieces_of(record(values, 1 / rate_hz)).floors)

@@ -79,12 +79,15 @@ class Pieces(NamedTuple):
 
 
 def pieces_of(record: ImuRecord, most: int | None = None) -> Pieces:
-    """Return the pieces with enough of their samples, or ``most`` of them, evenly spaced."""
+    """Return the pieces with enough of their samples, or ``most`` of them, evenly spaced.
+
+    There are none at less than 19 samples a second, which show nothing above motion.
+    """
     from scipy import signal  # noqa: PLC0415  slow to import
 
     second = 2 * round(0.5 / record.step_s)
     blocks = [block for _, block in record.blocks(PIECE_S * second, _PRESENT)]
-    if not blocks:
+    if not blocks or second <= 2 * (MOTION_HZ + 1):  # no frequency above motion
         empty, spectra = np.zeros((0, 6)), np.zeros((0, 0, 6))
         return Pieces(np.zeros(0, bool), empty, empty, spectra, np.zeros(0))
     if most is not None:
