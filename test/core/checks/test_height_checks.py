@@ -62,6 +62,11 @@ def test_ground_above_sea_level_is_told_at_rest(flight):
     assert "above sea level" in finding.mend
 
 
+def test_a_rest_is_remembered_however_long_the_flight():
+    [finding] = found(HOME_M - GEOID_M, [*FLIGHT, *[40.0] * 2000])
+    assert finding.check == "height_at_rest"
+
+
 def test_a_model_above_sea_level_is_told_at_rest():
     [finding] = found(model(HOME_M - GEOID_M), FLIGHT)
     assert finding.severity is Severity.STOP

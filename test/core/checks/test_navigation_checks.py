@@ -10,9 +10,14 @@ import pytest
 from checked_flights import Arrived, changed, checked, lost, recorded, simulated
 
 from dev.flight_errors import fitting_config
+from tirgeo_ros.core.checks.heading_checks import HeadingChecks
+from tirgeo_ros.core.checks.imu_blocks import ImuMean
+from tirgeo_ros.core.checks.velocity_checks import VelocityChecks
 from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.frames.heading import wrapped
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.types.finding import Severity
+from tirgeo_ros.core.types.measurements import HeadingSample, Source, VelocitySample
 from tirgeo_ros.tools.replay.node_configs import node_configs
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import Scenario
@@ -184,6 +189,28 @@ def test_a_planted_fault_is_named_first(fault, flight, config):
     assert words in first.line
     # One fault is told once; only axes that are turned are so for both sensors.
     assert all(one.severity is NOTE or check == "force_axes" for one in others)
+
+
+@pytest.mark.parametrize(("sign", "found"), [(1, []), (-1, ["heading_turns"])])
+def test_turns_of_some_minutes_ago_still_show_the_sign_of_headings(sign, found):
+    checks, forces_b = HeadingChecks(EkfConfig()), np.array([0.0, 0.0, -9.8])
+    for k in range(1, 6000):
+        rates_b = np.array([0.0, 0.0, 0.3 if k < 600 else 0.0])
+        checks.block(ImuMean(k * 50_000_000, 0.05, forces_b, rates_b, None, joined=True))
+        turned_rad = sign * 0.015 * min(k, 600)
+        checks.heading(HeadingSample(k * 50_000_000, wrapped(turned_rad), 1e-4))
+    assert [one.check for one in checks.findings()] == found
+
+
+@pytest.mark.parametrize(("sign", "found"), [(1, []), (-1, ["rtk_vel_up"])])
+def test_climbs_with_the_wrong_sign_are_named(sign, found):
+    checks = VelocityChecks("rtk/vel", "rtk/fix")
+    for stamp_ns in range(0, 20_000_000_000, 200_000_000):
+        turn = 0.5e-9 * stamp_ns
+        climbs = np.array([0.0, 0.0, sign * 1.5 * np.cos(turn)])
+        checks.velocity(VelocitySample(stamp_ns, Source.RTK_VELOCITY, climbs, np.eye(3)))
+        checks.position(stamp_ns, np.array([0.0, 0.0, 3 * np.sin(turn)]))
+    assert [one.check for one in checks.findings()] == found
 
 
 def test_a_jump_of_a_clock_is_told_with_its_size(flight, config):

@@ -66,3 +66,9 @@ def test_good_lenses_say_nothing(camera):
 )
 def test_what_cannot_be_is_told(changes, check):
     assert checks_of(replace(BOSON, **changes)) == [check]
+
+
+def test_a_matrix_of_pictures_twice_as_large_stops():
+    twice = replace(BOSON, fx=2 * BOSON.fx, fy=2 * BOSON.fy, cx=2 * BOSON.cx, cy=2 * BOSON.cy)
+    [found] = lens_findings(twice, "")
+    assert (found.check, found.severity) == ("principal_point", Severity.STOP)

@@ -52,3 +52,4 @@ def test_what_cannot_be_followed_gives_nothing():
     assert taken(cut(0, 0), cut(0, 0, 320, 256))[1] == []
     assert taken(cut(0, 0, 24, 20), cut(2, 0, 24, 20))[1] == []
     assert taken(cut(0, 0), cut(6, 0), step_ns=-STEP_NS)[1] == []
+    assert taken(cut(0, 0), cut(6, 0).astype(np.uint16))[1] == []  # a camera that changes depth

@@ -22,7 +22,7 @@ from tirgeo_ros.core.types.measurements import HeadingSample, VelocitySample
 
 _LATEST_S = 3.0  # a heading may be this late
 _STEP_NS, _LONGEST_S = 1_000_000_000, 3.0  # between the headings that are compared
-_KEPT = 120  # headings: two minutes
+_KEPT = 1800  # headings: half an hour, for the turns may be long ago
 _LEAST_HEADINGS, _LEAST_COURSES = 5, 20
 #: A smaller change is ignored: headings in whole degrees change by one degree by rounding.
 _TURNED_RAD = math.radians(5)
@@ -103,7 +103,7 @@ class HeadingChecks:
         changes, turns = wrap_pi(changes[near]), turns[near]
         moved = np.maximum(np.abs(changes), np.abs(turns)) >= _TURNED_RAD
         turned_rad = float(np.abs(turns[moved]).sum())
-        found = _changing(changes[moved], turns[moved]) or self._offset(
+        found = _changing(changes[moved], turns[moved], len(turns)) or self._offset(
             rows[np.isfinite(rows[:, 0])], turned_rad
         )
         return [found] if found else []
@@ -136,8 +136,8 @@ class HeadingChecks:
         return _stop("heading_offset", evidence, mend, _SECOND)
 
 
-def _changing(changes: Array, turns: Array) -> Finding | None:
-    """Check changes of the heading against the gyroscopes' turns (N,), rad."""
+def _changing(changes: Array, turns: Array, pairs: int) -> Finding | None:
+    """Check changes of the heading against the gyroscopes' turns (N,), rad; in all ``pairs``."""
     unlike, squares = float(((changes - turns) ** 2).sum()), float((turns**2).sum())
     if unlike <= _EXPLAINED**2 * squares:
         return None
@@ -145,7 +145,7 @@ def _changing(changes: Array, turns: Array) -> Finding | None:
     slope = float(changes @ turns) / max(squares, 1e-12)
     left = max(float((changes**2).sum()) - slope**2 * squares, 0.0)
     is_explained = left < _EXPLAINED**2 * squares
-    is_jumping = len(turns) >= _LEAST_JUMPS and math.sqrt(unlike / len(turns)) > _JUMPING_RAD
+    is_jumping = pairs >= _LEAST_JUMPS and math.sqrt(unlike / pairs) > _JUMPING_RAD
     if not is_jumping and (turned_rad < _LEAST_TURNED_RAD or not is_explained):
         return None
     jumps_deg = math.degrees(math.sqrt(left / len(turns)))

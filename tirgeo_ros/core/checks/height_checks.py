@@ -8,7 +8,6 @@ lower before or after. A flight that neither begins nor ends on the ground gives
 from __future__ import annotations
 
 import math
-from collections import deque
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -20,7 +19,7 @@ from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.poses import CameraPose
 
 _EVERY_NS = 250_000_000
-_KEPT = 7200  # poses: half an hour
+_MANY = 240  # poses that are looked at together: a minute
 _REST, _LONGEST_S = 13, 6.0  # poses of a rest, 3 s or more; with gaps it may last no longer
 _STILL_M_S = 0.05  # filtered RTK noise is slower; a hover of half a minute is faster
 _STILL_M = 0.05  # range of the places of a rest
@@ -48,7 +47,10 @@ class HeightChecks:
         self._ground = ground
         self._newest_ns: int | None = None
         # time s, position NED m, height above ground m, its sigma m
-        self._rows: deque[tuple[float, ...]] = deque(maxlen=_KEPT)
+        self._rows: list[tuple[float, ...]] = []
+        self._below_m = math.nan  # the first time
+        self._lowest_m, self._highest_m = math.inf, -math.inf  # in the plane
+        self._rest = math.inf, math.nan  # height in the plane, and above ground
 
     def pose(self, pose: CameraPose) -> None:
         """Take a pose, in order of time."""
@@ -62,27 +64,41 @@ class HeightChecks:
         sigma_m = math.sqrt(max(float(pose.covariance[2, 2]), 0.0))
         place = pose.position_n.tolist()
         self._rows.append((pose.stamp_ns * 1e-9, *place, float(height_m - level), sigma_m))
+        if len(self._rows) >= _MANY:
+            self._look()
+            del self._rows[: 1 - _REST]
 
-    def findings(self) -> list[Finding]:
-        """Return the findings so far."""
+    def _look(self) -> None:
+        """Look for a rest and for places below the ground in the newest rows."""
         if len(self._rows) < _REST:
-            return []
-        found = []
+            return
         rows = np.array(self._rows)
         above_m, heights_m = rows[:, 4], -rows[:, 3]
         below = sliding_window_view(above_m < -_BELOW_M - 4 * rows[:, 5], _LASTS).all(axis=1)
-        if below.any():
-            off_m = -float(above_m[_LASTS - 1 :][below][0])
-            evidence = f"{off_m:.1f} m below the ground"
-            found.append(self._finding("below_ground", Severity.STOP, evidence, off_m))
+        if below.any() and math.isnan(self._below_m):
+            self._below_m = -float(above_m[_LASTS - 1 :][below][0])
+        self._lowest_m = min(self._lowest_m, float(heights_m.min()))
+        self._highest_m = max(self._highest_m, float(heights_m.max()))
         steps = np.diff(rows[:, :4], axis=0)
         slow = np.linalg.norm(steps[:, 1:], axis=1) < _STILL_M_S * steps[:, 0]
         spans = np.ptp(sliding_window_view(rows[:, :4], _REST, axis=0), axis=2)
         rests = sliding_window_view(slow, _REST - 1).all(axis=1)
         rests &= (spans[:, 0] < _LONGEST_S) & (spans[:, 1:].max(axis=1) < _STILL_M)
-        rests &= heights_m[_REST - 1 :] <= heights_m.min() + _LOWER_M
-        if rests.any() and np.ptp(heights_m) >= _CLIMBS_M:
-            off_m = float(above_m[_REST - 1 :][rests][-1])
+        rests &= heights_m[_REST - 1 :] <= self._lowest_m + _LOWER_M
+        if rests.any():
+            last = _REST - 1 + int(np.flatnonzero(rests)[-1])
+            self._rest = float(heights_m[last]), float(above_m[last])
+
+    def findings(self) -> list[Finding]:
+        """Return the findings so far."""
+        self._look()
+        found = []
+        if not math.isnan(self._below_m):
+            evidence = f"{self._below_m:.1f} m below the ground"
+            found.append(self._finding("below_ground", Severity.STOP, evidence, self._below_m))
+        height_m, off_m = self._rest
+        is_ground = height_m <= self._lowest_m + _LOWER_M
+        if is_ground and self._highest_m - self._lowest_m >= _CLIMBS_M:
             terrain = isinstance(self._ground, Terrain)
             low, high = _RESTS_ON_TERRAIN_M if terrain else _RESTS_M
             if off_m < low or off_m > high:

@@ -87,9 +87,11 @@ def dem_findings(ground: Ground, plane: TangentPlane) -> list[Finding]:
     place = f"({math.degrees(plane.latitude_rad):.5f}, {math.degrees(plane.longitude_rad):.5f})"
     evidence = f"the elevation model has no height at the place of take-off {place}"
     mend = "give a model of this place; are its latitude and longitude, or its UTM zone, right?"
-    at = np.array(ground.grid_of(latitude, longitude))  # column, row
-    gap = np.all((at >= 0) & (at <= np.array(ground.heights_m.shape[::-1]) - 1))
-    severity = Severity.CAUTION if gap else Severity.STOP
+    around_n = np.array([(north, east, 0.0) for north in (-1, 1) for east in (-1, 1)]) * _FAR_M
+    grid = np.array(ground.grid_of(*plane.geodetic_from_ned(around_n)[:2]))  # columns, rows
+    last = np.array(ground.heights_m.shape[::-1]) - 1
+    near = np.all((grid.max(axis=1) >= 0) & (grid.min(axis=1) <= last))  # false for nan
+    severity = Severity.CAUTION if near else Severity.STOP
     return [Finding("dem_elsewhere", severity, evidence, _DEM, mend)]
 
 

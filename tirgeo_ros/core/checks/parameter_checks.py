@@ -12,6 +12,8 @@ from tirgeo_ros.core.types.finding import Finding, Severity
 _GROUND = ("ground_height_m", "dem")
 #: Largest offset of the principal point, in picture widths: no lens is mounted further off.
 _ASIDE = 0.1
+#: So far off is a K that belongs to pictures of another size: 5/8, 3/2 or more of these.
+_OF_ANOTHER_SIZE = 0.2
 _NARROWEST_DEG, _WIDEST_DEG = 5.0, 120.0
 _FROM_LENS = "run tirgeo calibrate lens on pictures of this camera"
 
@@ -70,12 +72,14 @@ def lens_findings(camera: Camera, lens: str, size: tuple[int, int] | None = None
         mend = "calibrate the lens in the pictures' size; nothing is drawn until then"
         tell("picture_size", Severity.STOP, evidence, mend)
     right, down = camera.cx - (camera.width - 1) / 2, camera.cy - (camera.height - 1) / 2
-    if math.hypot(right, down) > _ASIDE * camera.width:
+    aside_px = math.hypot(right, down)
+    if aside_px > _ASIDE * camera.width:
         evidence = (
-            f"principal point {camera.cx:.0f}, {camera.cy:.0f} lies "
-            f"{math.hypot(right, down):.0f} px from the middle of {camera.width}x{camera.height}"
+            f"principal point {camera.cx:.0f}, {camera.cy:.0f} lies {aside_px:.0f} px from the "
+            f"middle of {camera.width}x{camera.height}"
         )
-        tell("principal_point", Severity.CAUTION, evidence)
+        is_wrong = aside_px > _OF_ANOTHER_SIZE * camera.width
+        tell("principal_point", Severity.STOP if is_wrong else Severity.CAUTION, evidence)
     view_deg = 2 * math.degrees(math.atan(camera.width / 2 / camera.fx))
     if not _NARROWEST_DEG <= view_deg <= _WIDEST_DEG:
         evidence = f"field of view {view_deg:.1f} deg, by a focal length of {camera.fx:.0f} px"

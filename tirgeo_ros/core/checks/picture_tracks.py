@@ -68,7 +68,8 @@ class PictureTracker:
     def _tracks(
         self, first_ns: int, first: RawPixels, second_ns: int, second: RawPixels, scale: int
     ) -> Tracks | None:
-        if first.shape != second.shape or min(first.shape) < _SMALLEST:
+        alike = (first.shape, first.dtype) == (second.shape, second.dtype)
+        if not alike or min(first.shape) < _SMALLEST:
             return None
         before, after = _grey(first, second)
         if before.std() < _LEAST_CONTRAST:

@@ -19,7 +19,8 @@ from tirgeo_ros.core.types.measurements import VelocitySample
 _STEP_NS, _LONGEST_NS = 1_000_000_000, 4_000_000_000
 _KEPT, _LEAST_NUMBER = 60, 4  # intervals
 #: Least rms speed, well above that of position errors of some decimetres.
-_LEAST_M_S = 1.0
+_LEAST_M_S, _LEAST_CLIMB_M_S = 1.0, 0.4
+_SURE = 0.92  # correlation of climbs with a wrong sign
 #: Share of the squares that remains under a wrong and under a right explanation.
 _WRONG, _RIGHT = 0.5, 0.15
 _LARGEST_RATIO = 1.5  # of the speeds
@@ -57,12 +58,23 @@ class VelocityChecks:
             self._pairs.append((way_n, np.mean(inside, axis=0)))
 
     def findings(self) -> list[Finding]:
-        """Return the fault of the horizontal axes, or of the unit."""
+        """Return the fault of the horizontal axes, of the unit, or of the sign of climbs."""
         if len(self._pairs) < _LEAST_NUMBER:
             return []
         ways, own = map(np.array, zip(*self._pairs, strict=True))
-        found = self._horizontal(ways[:, :2], own[:, :2])
+        found = self._horizontal(ways[:, :2], own[:, :2]) or self._vertical(ways[:, 2], own[:, 2])
         return [found] if found else []
+
+    def _vertical(self, ways: Array, own: Array) -> Finding | None:
+        """Check mean velocities (N,), m/s, down, by positions and by velocities."""
+        moves, says = (math.sqrt((one**2).mean()) for one in (ways, own))
+        if (
+            min(moves, says) < _LEAST_CLIMB_M_S
+            or float((ways * own).mean()) > -_SURE * moves * says
+        ):
+            return None
+        evidence = f"{self._topic} climbs where {self._positions} sinks"
+        return self._stop("up", evidence, "z is up: reverse its sign")
 
     def _horizontal(self, ways: Array, own: Array) -> Finding | None:
         """Check mean velocities (N, 2), m/s, north and east, by positions and by velocities."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 import numpy as np
 
 from tirgeo_ros.core.config import ImuConfig
@@ -29,7 +31,8 @@ class VibrationChecks:
         self._count = 0
         self._samples: list[ImuSample] = []
         self._begin_ns = 0
-        self._powers: list[tuple[float, ...]] = []  # of the measured seconds, six each
+        # of the measured seconds, six each, for an hour
+        self._powers: deque[tuple[float, ...]] = deque(maxlen=720)
 
     def add(self, sample: ImuSample) -> None:
         """Take the next sample, as it arrived; an invalid one is ignored."""
