@@ -197,17 +197,21 @@ def main() -> None:
     os.nice(5)  # the video has priority
     gc.disable()  # it takes half the time of a large map and frees nothing
     work = _Work()
+    # GDAL may read stdin (/vsistdin/) and print: it gets neither of the parent's pipes.
+    tasks, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    os.dup2(2, 1)
     with suppress(EOFError):  # the parent has ended
         while True:
-            task, arguments = pickle.load(sys.stdin.buffer)  # noqa: S301  from our own parent
+            task, arguments = pickle.load(tasks)  # noqa: S301  from our own parent
             answer: object
             try:
                 with bounded_memory():
                     answer = getattr(work, task)(*arguments)
             except (TirgeoError, MemoryError) as error:
                 answer = error
-            pickle.dump(answer, sys.stdout.buffer, protocol=pickle.HIGHEST_PROTOCOL)
-            sys.stdout.buffer.flush()
+            pickle.dump(answer, answers, protocol=pickle.HIGHEST_PROTOCOL)
+            answers.flush()
 
 
 def _end_with(parent: int) -> None:

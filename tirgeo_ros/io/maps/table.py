@@ -46,11 +46,16 @@ _COLUMNS = {
 NAMES = ("name", "id")  # properties by which messages name a feature
 _CSV = (".csv", ".tsv", ".txt")
 _KML = (".kml", ".kmz")
-#: A block of coordinates with a character that is in no number: GDAL reads such a number as 0.
-_NO_NUMBERS = re.compile(rb"<coordinates>[^<]*?([^\s<]*[^<\s\d.,eE+-][^\s<]*)")
+#: Positions of a KML, with commas or (gx:coord) blanks between the numbers of one.
+_POSITIONS = re.compile(rb"<(?:\w+:)?coord(inates)?(?:\s[^<>]*)?(?<!/)>([^<]*)")
+_NUMBER = rb"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
+_POSITION = re.compile(rb"N,N(?:,N?)?".replace(b"N", _NUMBER))
+_COMMENT = re.compile(rb"<!--.*?-->|<!\[CDATA\[|\]\]>", re.DOTALL)
 #: The name in the ``crs`` member of GeoJSON before RFC 7946: GDAL takes one it does not know for
 #: WGS84.
 _CRS_MEMBER = re.compile(rb'"crs"\s*:\s*\{[^{}]*"properties"\s*:\s*\{[^{}]*"name"\s*:\s*"([^"]*)"')
+#: The beginning of a feature in GeoJSON of one feature a line: GDAL skips damaged ones silently.
+_JSON_LINE = re.compile(rb"^\x1e?\{", re.MULTILINE)
 #: Maps that are looked for in a zip.
 _ZIPPED = (".shp", ".gpkg", ".geojson", ".json", ".kml", ".gml")
 
@@ -96,9 +101,9 @@ def read_tables(path: Path, layer: str, wanted: Wanted) -> list[Table]:
         raise MapError(f"{path}: maps are read by pyogrio: pip install pyogrio") from None
     try:
         _check_whole(path)
-        _check_numbers(path)
         with bounded_time():
-            return _tables(pyogrio, path, layer, wanted)
+            notes = _checked_kml(path)
+            return _tables(pyogrio, path, layer, wanted, notes)
     except (MapError, ConfigError, MemoryError):
         raise
     except Exception as error:  # noqa: BLE001  GDAL's drivers raise what they like
@@ -123,19 +128,36 @@ def _check_whole(path: Path) -> None:
         raise MapError(f"{path}: a damaged shapefile: {size} bytes, and its header says {length}")
 
 
-def _check_numbers(path: Path) -> None:
-    """Refuse a KML or KMZ with coordinates that are not numbers."""
-    if path.suffix.lower() == ".kml":
+def _checked_kml(path: Path) -> list[str]:
+    """Return notes on a KML, a KMZ or the KML in a zip: what of it GDAL does not read.
+
+    Raises MapError for positions that are not numbers: GDAL would read them as other ones.
+    """
+    suffix = path.suffix.lower()
+    if suffix == ".kml":
         texts = [path.read_bytes()]
-    elif path.suffix.lower() == ".kmz":
+    elif suffix in {".kmz", ".zip"}:
         with zipfile.ZipFile(path) as archive:
             names = [name for name in archive.namelist() if name.lower().endswith(".kml")]
             texts = [archive.read(name) for name in names]
     else:
-        return
-    for found in filter(None, map(_NO_NUMBERS.search, texts)):
-        text = found[1][:40].decode(errors="replace")
-        raise MapError(f"{path}: {text!r} is not lon,lat[,height]")
+        return []
+    for text in texts:
+        _check_positions(path, text)
+    if suffix == ".zip" or len(texts) < 2:
+        return []
+    read = "only doc.kml (else the first) is read, or what that links to"
+    return [f"{path}: of {len(texts)} .kml in it {read}; unpack the others"]
+
+
+def _check_positions(path: Path, text: bytes) -> None:
+    for block in _POSITIONS.finditer(_COMMENT.sub(b"", text)):
+        words = block[2].split()
+        positions = b" ".join(words).replace(b" ,", b",").replace(b", ", b",").split()
+        for position in positions if block[1] else [b",".join(words)] if words else []:
+            if not _POSITION.fullmatch(position):
+                shown = position[:40].decode(errors="replace")
+                raise MapError(f"{path}: {shown!r} is not lon,lat[,height]")
 
 
 def _crs_member(place: str) -> str | None:
@@ -146,7 +168,7 @@ def _crs_member(place: str) -> str | None:
     return found[1].decode(errors="replace") if found else None
 
 
-def _tables(pyogrio: Any, path: Path, layer: str, wanted: Wanted) -> list[Table]:
+def _tables(pyogrio: Any, path: Path, layer: str, wanted: Wanted, notes: list[str]) -> list[Table]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # GDAL's remarks on the form of a file that it takes
         listed = [
@@ -158,11 +180,14 @@ def _tables(pyogrio: Any, path: Path, layer: str, wanted: Wanted) -> list[Table]
     names = [name for _, name, _ in drawn]
     if layer and layer not in names:
         raise MapError(f"{path}: there is no layer {layer!r}{nearest(layer, names)}")
-    return [
+    tables = [
         _table(pyogrio, path, place, name, wanted)
         for place, name, _ in drawn
         if layer in {"", name}
     ]
+    for table in tables[:1]:
+        table.notes += notes
+    return tables
 
 
 def _places(path: Path) -> list[str]:
@@ -200,6 +225,10 @@ def _table(pyogrio: Any, path: Path, place: str, name: str, wanted: Wanted) -> T
     crs = _crs_member(place) or meta["crs"]
     table = Table(where, name, crs, shapes, rows or [{}] * len(blobs), fields, faults)
     table.notes += itertools.islice(remarks, _MOST_WARNINGS)
+    if info.get("driver") == "GeoJSONSeq" and not place.startswith("/vsi"):
+        lost = len(_JSON_LINE.findall(Path(place).read_bytes())) - len(blobs)
+        if lost > 0:
+            table.notes.append(f"{where}: {lost} damaged lines left out")
     if place.lower().endswith(_KML):
         if np.nan_to_num(shapes.points[:, 2]).any():
             table.notes.append(f"{where}: heights of a KML are above the sea or ground: left out")
