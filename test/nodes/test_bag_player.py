@@ -124,7 +124,7 @@ WRONG = [
     ("wait_for:=radar", "wait_for: /radar is not played"),
     ("start_offset_s:=60.0 wait_timeout_s:=0.0", "is beyond the bag's 4.1 s"),
     ("live:=true rate:=2.0", "rate: a live bag plays at rate 1, not 2"),
-    ("serial_port:=/tmp/x", "serial_port: bytes are stamped as they come"),
+    ("serial_port:=/tmp/x", "serial_port: needs live: true"),
     ("live:=true serial_port:=/no/where", "/no/where: no pseudo-terminal"),
 ]
 
