@@ -171,6 +171,16 @@ def test_rates_are_of_the_last_window(clock):
     assert item.values["imu/data age [s]"] == "3.00"
 
 
+def test_a_topic_given_up_leaves_the_values(clock):
+    monitor = Monitor()
+    monitor.received("imu/data")
+    monitor.refused("imu/data", "no numbers")
+    monitor.lost("imu/data", 2)
+    monitor.forget("imu/data")
+    clock[0] += 1.0
+    assert monitor.item("x").values == {}
+
+
 def test_silence_of_what_is_needed_is_a_warning(clock):
     monitor = Monitor()
     monitor.expects("imu/data")

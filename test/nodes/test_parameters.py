@@ -141,6 +141,10 @@ def test_the_aircraft_is_said_once_for_all_nodes(make_node, tmp_path, name):
 def test_a_node_by_another_name_is_left_to_rcl(tmp_path):
     path = write(tmp_path, "front: {ros__parameters: {method: rtk}}")
     check_arguments("ekf_node", ["--params-file", path, "-r", "__node:=front"])
+    names = ["-r", "__node:=ekf_node", "-r", "__node:=front"]  # rcl takes the first
+    wrong = write(tmp_path, "ekf_node: {ros__parameters: {methodd: rtk}}")
+    with pytest.raises(ConfigError, match="methodd"):
+        check_arguments("bag_player", ["--params-file", wrong, *names])
 
 
 def test_the_names_that_somebody_set(make_node):

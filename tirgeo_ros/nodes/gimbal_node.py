@@ -96,9 +96,12 @@ class GimbalNode(GraphNode):
         needed = self._composer.composition != "encoders"
         if needed and self._imu is None:
             self._imu = self.listen("imu/data", self._take_autopilot, sensor_input())
-        elif not needed and self._imu is not None:
-            self.destroy_subscription(self._imu)
-            self._imu = None
+        elif not needed:
+            if self._imu is not None:
+                self.destroy_subscription(self._imu)
+                self._imu = None
+            # In each report: an executor may hand over what it had queued.
+            self.monitor.forget("imu/data")
 
 
 main = partial(run, "gimbal_node", GimbalNode)

@@ -33,6 +33,15 @@ class Monitor:
         with self._lock:
             self._expected_s[topic] = time.monotonic()
 
+    def forget(self, topic: str) -> None:
+        """Drop the counts and times of an input that the node no longer listens to.
+
+        A fault of the program on this topic stays in the diagnostics.
+        """
+        with self._lock:
+            for table in (self._window, self._last_s, self._refused, self._reasons, self._lost):
+                table.pop(topic, None)  # type: ignore[attr-defined]
+
     def heard(self) -> frozenset[str]:
         """Return the topics from which a message has come."""
         with self._lock:

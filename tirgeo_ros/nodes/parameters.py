@@ -40,7 +40,9 @@ def check_arguments(name: str, arguments: Sequence[str]) -> None:
     Raise ConfigError naming file and key. A node that was given a name without a configuration is
     not checked here: rcl checks it.
     """
-    named = dict(a.split(":=", 1) for a in arguments if a.startswith(("__node:=", "__ns:=")))
+    # Of several rules for one name the first applies.
+    rules = [a for a in reversed(arguments) if a.startswith(("__node:=", "__ns:="))]
+    named = dict(rule.split(":=", 1) for rule in rules)
     name, namespace = named.get("__node", name), named.get("__ns", "")
     for path in parameter_files(arguments) if name in NODE_CONFIGS else ():
         values = ParameterFile(path).values(name, namespace)
