@@ -4,7 +4,7 @@ import math
 from itertools import pairwise
 
 import numpy as np
-from camera_poses import camera_pose
+from scenes import camera_pose
 
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.config import OverlayConfig

@@ -1,12 +1,20 @@
-"""Bags that are changed copies of others, and what is in them."""
+"""Bags that are changed copies of others, what is in them, and the files of the sample flight."""
 
 from __future__ import annotations
 
+from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
 
 CDR = Cdr()
+METHODS = ["raw", "rtk", "ekf", "ekf_heading"]
+RTK = {f"/rtk/{name}" for name in ("fix", "vel", "heading")}
 IMAGES = "/thermal/image_raw/compressed"
 CAMERA_POSE = "/tirgeo/camera_pose"
+
+
+def files(folder):
+    """The sample flight's files for an evaluation."""
+    return [folder / name for name in ("flight.mcap", "survey.geojson", "observations.csv")]
 
 
 def same(item):
@@ -34,3 +42,12 @@ def messages_of(path, *topics):
 def data_of(path, *topics):
     """The bytes of each message of some topics."""
     return [item.data for item in BagReader(path).messages(topics)]
+
+
+def messages(path, topic):
+    return [message for _, message in messages_of(path, topic)]
+
+
+def by_time(path, topic, begun_ns):
+    """Seconds of the flight and message."""
+    return [((convert.stamp_ns(m) - begun_ns) * 1e-9, m) for m in messages(path, topic)]

@@ -5,9 +5,9 @@ import math
 
 import numpy as np
 import pytest
-from camera_poses import camera_pose
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scenes import camera_pose
 
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.camera.projection_covariance import (

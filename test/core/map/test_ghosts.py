@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 import pytest
-from camera_poses import camera_pose
+from scenes import camera_pose
 
 from tirgeo_ros.core.camera.camera_model import NEAR_M, XT2, Camera
 from tirgeo_ros.core.frames.rotations import matrix_from_quat

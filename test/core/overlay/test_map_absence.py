@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from camera_poses import camera_pose
 from overlays import GREY, LATENCY, MS, PLANE, SQUARE_N, START, geo, pose_at, ready
-from terrains import graticule
+from scenes import camera_pose, graticule
 
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.config import OverlayConfig

@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 import pytest
-from camera_poses import camera_pose
 from hypothesis import given
 from hypothesis import strategies as st
+from scenes import camera_pose
 
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.frames.rotations import matrix_from_quat

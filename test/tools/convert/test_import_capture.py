@@ -8,7 +8,7 @@ import os
 
 import numpy as np
 import pytest
-from imported_bags import messages
+from process_bags import messages
 from project import PROJECT
 
 from tirgeo_ros.core.config import BagPlayerConfig

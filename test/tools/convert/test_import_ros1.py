@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from imported_bags import CDR, FLIGHT, by_time, messages
+from process_bags import CDR, by_time, messages
 from ros1_bags import (
     BEGUN_NS,
     GRAVITY,
@@ -23,16 +23,11 @@ from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.convert.import_flight import import_flight
 
+FLIGHT = Flight()
 SENSED = dict.fromkeys(("rtk/fix", "rtk/vel", "rtk/heading"), 30) | {"imu/data": 600}
-
-
 SENSED |= dict.fromkeys(("gps/fix", "gimbal/joint_states", "gimbal/attitude"), 300)
-
-
 #: A double in radians and back, at 180 deg: 3e-14; what the contract's file must hold.
 POSITION_DEG = 1e-9
-
-
 ROUNDING = 1e-9
 
 
@@ -61,8 +56,6 @@ def about(axis, degrees):
 
 #: East, north, up from north, east, down.
 ENU_NED = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]])
-
-
 FLU_FRD = np.diag([1, -1, -1])
 
 
@@ -71,6 +64,13 @@ def camera_enu(rpy_deg):
     roll, pitch, yaw = rpy_deg
     ned = about("z", yaw) @ about("y", pitch) @ about("x", roll)
     return ENU_NED @ ned @ FLU_FRD
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("ros1")
+    parameters_file(folder / "params.yaml")
+    return folder
 
 
 @pytest.fixture(scope="module", params=["subscription", "broadcast", "older"])
@@ -106,7 +106,7 @@ def test_imu(imported):
     rate = -math.radians(FLIGHT.turn_deg_s)
     # float32 of the older wrapper: 2^-24 of 9.8 m/s2, of 0.09 rad/s, of a quaternion.
     close = 1e-6 if kind == "older" else ROUNDING
-    for t_s, message in by_time(path, "/imu/data"):
+    for t_s, message in by_time(path, "/imu/data", BEGUN_NS):
         force, turn = message.linear_acceleration, message.angular_velocity
         assert (force.x, force.y, force.z) == pytest.approx((0, 0, GRAVITY), abs=close)
         assert (turn.x, turn.y, turn.z) == pytest.approx((0, 0, rate), abs=close)
@@ -117,7 +117,7 @@ def test_imu(imported):
 
 def test_rtk_position_is_ellipsoidal_and_fixed(imported):
     path, _, kind = imported
-    found = by_time(path, "/rtk/fix")
+    found = by_time(path, "/rtk/fix", BEGUN_NS)
     assert [round(t_s, 3) for t_s, _ in found] == pytest.approx(
         [t_s + (0.002 if kind == "older" else 0.0) for t_s in FLIGHT.times(5)], abs=1e-9
     )
@@ -144,7 +144,7 @@ def test_rtk_velocity_is_east_north_up(imported):
 
 def test_heading_is_the_baselines_less_its_offset(imported):
     path, _, _ = imported
-    found = by_time(path, "/rtk/heading")
+    found = by_time(path, "/rtk/heading", BEGUN_NS)
     assert len(found) == 30
     for t_s, message in found:
         epoch_s = math.floor(t_s * 5 + 1e-6) / 5
@@ -160,7 +160,7 @@ def test_heading_is_the_baselines_less_its_offset(imported):
 def test_gimbal_attitude_in_either_order(imported):
     path, _, kind = imported
     close = 3e-7 if kind == "older" else ROUNDING  # float32 of 75 deg is 4e-6 deg
-    for t_s, message in by_time(path, "/gimbal/attitude"):
+    for t_s, message in by_time(path, "/gimbal/attitude", BEGUN_NS):
         expected = camera_enu(FLIGHT.at(t_s).gimbal_rpy_deg)
         np.testing.assert_allclose(rotation(message.quaternion), expected, atol=close)
 
@@ -169,7 +169,7 @@ def test_gimbal_joints_are_the_rotation_from_body_to_camera(imported):
     path, _, kind = imported
     # Attitudes between two at 100 Hz are interpolated; this one turns steadily.
     close = 1e-6 if kind == "older" else 1e-7
-    for t_s, message in by_time(path, "/gimbal/joint_states"):
+    for t_s, message in by_time(path, "/gimbal/joint_states", BEGUN_NS):
         angles = dict(zip(message.name, np.degrees(message.position), strict=True))
         chain = (
             about("z", angles["gimbal_yaw_joint"])
@@ -185,7 +185,7 @@ def test_gimbal_joints_are_the_rotation_from_body_to_camera(imported):
 def test_gps(imported):
     """The fused position's height is a barometer's: it goes out as hardly known."""
     path, _, kind = imported
-    for t_s, message in by_time(path, "/gps/fix"):
+    for t_s, message in by_time(path, "/gps/fix", BEGUN_NS):
         older = kind == "older"
         state = FLIGHT.at(math.floor(t_s * 5) / 5 if older else t_s)
         # The older wrapper has the receiver's 1e-7 deg and mm.

@@ -6,11 +6,12 @@ import json
 
 import numpy as np
 import pytest
-from imported_bags import by_time, messages
+from process_bags import by_time, messages
 from ros1_bags import (
     BEGUN_NS,
     Bag,
     Flight,
+    parameters_file,
     wrapper_bag,
 )
 
@@ -21,6 +22,12 @@ from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.convert.import_capture import CaptureOptions
 from tirgeo_ros.tools.convert.import_flight import import_flight
 from tirgeo_ros.tools.convert.import_ros1 import Pictures
+
+
+@pytest.fixture
+def folder(tmp_path):
+    parameters_file(tmp_path / "params.yaml")
+    return tmp_path
 
 
 def test_renamed_prefix_and_namespace(folder):
@@ -117,7 +124,7 @@ def test_pictures_go_on_as_they_are(folder):
     path = bag.write(folder / "pictures.bag")
     target = folder / "pictures.mcap"
     result = import_flight(path, target, pictures=Pictures("/flir/image", "flir/camera_info"))
-    found = by_time(target, "/thermal/image_raw")
+    found = by_time(target, "/thermal/image_raw", BEGUN_NS)
     assert [round(t_s, 9) for t_s, _ in found] == [0.0, 0.1, 0.2]
     assert [m.data.tolist() for _, m in found] == [(pixels + k).tolist() for k in range(3)]
     logged = [m.log_time_ns for m in BagReader(target).messages(["/thermal/image_raw"])]
@@ -208,6 +215,6 @@ def test_options_of_the_other_kind(folder):
     path = wrapper_bag(Flight(duration_s=0.2)).write(folder / "options.bag")
     with pytest.raises(ConfigError, match=r"a ROS 1 bag; --packages, --key and --start-time"):
         import_flight(path, folder / "o.mcap", capture=CaptureOptions(key="00"))
-    with pytest.raises(BagError, match="would take the place of the input"):
+    with pytest.raises(BagError, match="would overwrite the input"):
         import_flight(path, path)
     assert path.exists()
