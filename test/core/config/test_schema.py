@@ -11,13 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tirgeo_ros.core.config import NODE_CONFIGS, EkfConfig, GimbalConfig, OverlayConfig
-from tirgeo_ros.core.config.schema import (
-    config_from,
-    group,
-    param,
-    parameters_of,
-    values_of,
-)
+from tirgeo_ros.core.config.schema import config_from, group, param, parameters_of, values_of
 from tirgeo_ros.core.types.errors import ConfigError
 
 nodes = pytest.mark.parametrize("kind", NODE_CONFIGS.values(), ids=list(NODE_CONFIGS))

@@ -8,15 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flights import (
-    config_for,
-    errors,
-    filtered,
-    flight,
-    navigation_samples,
-    rms,
-    without,
-)
+from flights import config_for, errors, filtered, flight, navigation_samples, rms, without
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.schema import config_from

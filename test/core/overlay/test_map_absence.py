@@ -41,11 +41,7 @@ def at(latitude_deg, longitude_deg):
     ("features", "pose", "why"),
     [
         ([geo(SQUARE_N)], looking(-30), "the camera looks above the horizon"),
-        (
-            [geo(SQUARE_N)],
-            looking(30, 180),
-            "map 30 m away to the north; the camera looks south",
-        ),
+        ([geo(SQUARE_N)], looking(30, 180), "map 30 m away to the north; the camera looks south"),
         (
             [geo([[-210, 210, 0]])],
             None,
@@ -53,11 +49,7 @@ def at(latitude_deg, longitude_deg):
         ),
         ([geo([[5000, 10, 0]])], None, "map 5 km away to the north; it is drawn up to 1 km"),
         ([at(34.4, 114.3)], None, "map 430 km away to the north"),
-        (
-            [at(30.5, 108.3)],
-            None,
-            "map 580 km away to the west; is it UTM zone 50 instead of 49?",
-        ),
+        ([at(30.5, 108.3)], None, "map 580 km away to the west; is it UTM zone 50 instead of 49?"),
     ],
 )
 def test_why_none_of_it_is_in_view(features, pose, why):

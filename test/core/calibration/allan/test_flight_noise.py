@@ -10,12 +10,7 @@ from imu_noise import FLIGHT_DENSITY as DENSITY
 from imu_noise import FLIGHT_HZ as RATE_HZ
 from imu_noise import flown, record, white
 
-from tirgeo_ros.core.calibration.allan.flight_noise import (
-    DEGREES,
-    MOTION_HZ,
-    PIECE_S,
-    pieces_of,
-)
+from tirgeo_ros.core.calibration.allan.flight_noise import DEGREES, MOTION_HZ, PIECE_S, pieces_of
 
 STEP_S = 1 / RATE_HZ
 DURATION_S = 120
