@@ -191,7 +191,7 @@ def messages_that_cannot_be_are_counted_and_the_video_goes_on(flown, node):
 
     flown.until(counted)
     assert told["tirgeo/origin unreadable"] in "123"  # the latched topic keeps the newest
-    assert "not on this earth" in told["poses_invalid_because"]
+    assert "not on the Earth" in told["poses_invalid_because"]
     flown.shown()  # lines, on the origin that was there before
     node.check_running()
     assert "\x1b" not in node.text().replace("\x1b[33m", "").replace("\x1b[0m", "")

@@ -193,7 +193,7 @@ REFUSED = {
     "Xian 1980": (
         "a.geojson",
         text(collection(feature(), **named("EPSG:4610"))),
-        "the way from the datum of Xian 1980 to WGS84 is not known; give its EPSG code or",
+        "the transformation from the datum of Xian 1980 to WGS84 is not known",
     ),
     "GeoPackage of an undefined plane": (
         "a.gpkg",

@@ -176,7 +176,9 @@ def test_a_condition_on_what_is_not_there(kinds, styled):
     )
     _, layer = styled(f"layers: [{good}, {{where: kind == hydrant}}]", "kinds.geojson")
     (note,) = layer.left_out
-    assert note.startswith(f"{sheet}: layer 2: where: no feature of {kinds}: layer kinds is so: ")
+    assert note.startswith(
+        f"{sheet}: layer 2: where: no feature of {kinds}: layer kinds matches: "
+    )
     assert note.endswith("kind is pump, well")
     with pytest.raises(ConfigError, match=r"style.yaml: it matches no feature of the map: .*pump"):
         styled("layers: [{where: kind == hydrant}]", "kinds.geojson")

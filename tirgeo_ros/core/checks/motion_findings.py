@@ -75,7 +75,7 @@ def motion_findings(
         (
             "ground_by_motion",
             ground,
-            f"the ground passes as from {height} above it",
+            f"the ground moves as if seen from {height} above it",
             f"{move}: heights are ellipsoidal, not above sea level",
         ),
         (
