@@ -114,23 +114,6 @@ def test_attitude_of_a_constant_rate_is_its_exponential(rate_b, gyro_bias):
 # Biases, rates and what is carried along
 
 
-@given(vectors, vectors, vectors, vectors)
-def test_biases_are_taken_from_the_readings(force_b, rate_b, accel_bias, gyro_bias):
-    state = state_at(0.7, 2.0, 30.0, (3.0, 1.0, 0.2), (0.3, 0.2, 0.1))
-    biased = state._replace(gyro_bias_b=tuple(gyro_bias), accel_bias_b=tuple(accel_bias))
-    clean, rates = propagate(state, tuple(force_b), tuple(rate_b), STEP_S)
-    read_force = tuple(np.add(force_b, accel_bias).tolist())
-    read_rate = tuple(np.add(rate_b, gyro_bias).tolist())
-    found, found_rates = propagate(biased, read_force, read_rate, STEP_S)
-    for part in range(5):
-        np.testing.assert_allclose(found[part], clean[part], rtol=1e-14, atol=1e-14)
-    assert found.gyro_bias_b == tuple(gyro_bias)
-    assert found.accel_bias_b == tuple(accel_bias)
-    np.testing.assert_allclose(
-        found_rates.specific_force_n, rates.specific_force_n, rtol=1e-13, atol=1e-13
-    )
-
-
 def test_rates_of_a_state():
     state = state_at(0.7, 2.0, 100.0, (30.0, -20.0, 5.0), (0.3, 0.2, 0.1))
     # At no turn of the body the force is the reading; over no time nothing moves meanwhile.
