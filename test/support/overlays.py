@@ -54,6 +54,13 @@ def ready(features=None, *, layers=(), told=True, **config):
     return overlay
 
 
+def luminance(bgr):
+    """Relative luminance of sRGB colours (..., 3) (IEC 61966-2-1)."""
+    unit = np.array(bgr) / 255
+    linear = np.where(unit <= 0.04045, unit / 12.92, ((unit + 0.055) / 1.055) ** 2.4)
+    return linear @ [0.0722, 0.7152, 0.2126]
+
+
 def ink_on(image):
     v, u = np.nonzero(image[:490, :, 2].astype(int) - image[:490, :, 0] > 100)
     return np.column_stack([u, v])

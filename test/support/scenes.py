@@ -1,4 +1,4 @@
-"""What a camera of tests looks from and on: its poses, and elevation models of a graticule."""
+"""What a camera of tests looks from and on: its poses, elevation models, lines of a map."""
 
 from __future__ import annotations
 
@@ -6,9 +6,14 @@ import numpy as np
 
 from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import quat_from_euler, quat_multiply
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.dem import GridOf
+from tirgeo_ros.core.map.layers import GeoFeature, MapLayer
+from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.poses import CameraPose
+
+PLANE = TangentPlane(0.6955, 2.0368, 11.5)
 
 
 def camera_pose(position_n, roll_deg=0.0, pitch_deg=-90.0, yaw_deg=0.0, covariance=None, stamp=0):
@@ -18,6 +23,13 @@ def camera_pose(position_n, roll_deg=0.0, pitch_deg=-90.0, yaw_deg=0.0, covarian
     covariance = covariance * np.eye(6) if np.ndim(covariance) == 0 else covariance
     q_nc = quat_multiply(q_ng, Q_BODY_OPTICAL)
     return CameraPose(stamp, np.array(position_n, float), q_nc, covariance)
+
+
+def map_of(*lines_n):
+    """A map of lines whose points (n, 3) are NED in ``PLANE``."""
+    places = [PLANE.geodetic_from_ned(np.array(line, float)) for line in lines_n]
+    features = [GeoFeature("", False, np.column_stack(place)) for place in places]
+    return VectorMap.from_layers([MapLayer("", features)], PLANE)
 
 
 def graticule(
