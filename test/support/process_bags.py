@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
 
 CDR = Cdr()
@@ -42,12 +41,3 @@ def messages_of(path, *topics):
 def data_of(path, *topics):
     """The bytes of each message of some topics."""
     return [item.data for item in BagReader(path).messages(topics)]
-
-
-def messages(path, topic):
-    return [message for _, message in messages_of(path, topic)]
-
-
-def by_time(path, topic, begun_ns):
-    """Seconds of the flight and message."""
-    return [((convert.stamp_ns(m) - begun_ns) * 1e-9, m) for m in messages(path, topic)]

@@ -61,7 +61,7 @@ def check(
         try:
             return load()
         except TirgeoError as error:
-            name, mend = f"overlay_node {parameter}", "give another file, or mend this one"
+            name, mend = f"overlay_node {parameter}", "correct this file, or give another"
             check = f"{parameter}_unreadable"
             found.append(Finding(check, Severity.STOP, str(error), name, mend))
             return None
