@@ -56,7 +56,7 @@ def test_an_aircraft_on_a_port_becomes_topics_and_comes_back_after_a_pull(spawn,
         assert camera == pytest.approx([0.0, PITCH_RAD, HEADING_RAD], abs=1e-6)
 
         aircraft.pull()
-        await_words(node, "went away")
+        await_words(node, "the port is gone")
         aircraft.plug()
         count = len(received["imu/data"])
         stranger.spin_until(lambda: len(received["imu/data"]) > count + 100)

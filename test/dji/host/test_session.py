@@ -135,7 +135,7 @@ def test_a_subscription_without_app_id_is_tried_where_it_is_activated_already():
     flight = Flight(DjiHostConfig(subscribe=True))
     flight.fly(2.0)
     assert flight.session.state is HostState.NOT_ACTIVATED
-    assert "not activated: give host.app_id" in flight.session.message
+    assert "not activated: set host.app_id" in flight.session.message
     assert set(flight.kinds) == {"GET_VERSION"}
     flight.aircraft.activated = True
     flight.fly(31.0, HostState.READY)
@@ -240,5 +240,5 @@ def test_topics_that_are_unknown_or_offline_are_left_out_and_the_latter_tried_ag
 
 
 def test_what_cannot_be_asked_for_is_an_error_at_the_start():
-    with pytest.raises(DjiError, match=r"host.broadcast_rates: 2.5 is no rate code"):
+    with pytest.raises(DjiError, match=r"host.broadcast_rates: 2.5 is not a rate code"):
         HostSession(DjiHostConfig(broadcast_rates=(2.5,) + (5.0,) * 15), PackageTable())

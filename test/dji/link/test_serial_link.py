@@ -109,9 +109,9 @@ def failing(*errors):
     [
         (PermissionError(errno.EACCES, "Permission denied"), "permission_denied", "group dialout"),
         (OSError(errno.EPERM, "Operation not permitted"), "permission_denied", "dialout"),
-        (OSError(errno.EBUSY, "Device or resource busy"), "busy", "another program has it"),
-        (OSError(errno.EAGAIN, "lock"), "busy", "another program has it"),
-        (OSError(errno.ENOTTY, "it is a file"), "not_a_port", "no serial port.*it is a file"),
+        (OSError(errno.EBUSY, "Device or resource busy"), "busy", "another program uses it"),
+        (OSError(errno.EAGAIN, "lock"), "busy", "another program uses it"),
+        (OSError(errno.ENOTTY, "it is a file"), "not_a_port", "not a serial port.*it is a file"),
         (OSError("Could not configure port"), "not_a_port", "Could not configure port"),
         (ValueError("refuses 12345 baud"), "baud_refused", "set baud .refuses 12345 baud"),
         (OSError(errno.ENXIO, "No such device"), "no_device", "plug the cable in"),

@@ -127,8 +127,8 @@ def test_a_table_is_read_from_a_file(tmp_path):
 @pytest.mark.parametrize(
     ("tree", "message"),
     [
-        (None, "no table of packages"),
-        ({"packages": None}, "no table of packages"),
+        (None, "not a table of packages"),
+        ({"packages": None}, "not a table of packages"),
         ({"packages": {5: entry()}}, r"packages\.5: ids of packages are 0 to 4"),
         (
             {"packages": {1: without("topics")}},

@@ -109,7 +109,7 @@ def test_the_order_of_the_gimbals_angles_is_told_by_the_frame(angles, frame):
         ("gps_position", fix(START, latitude=0.0, longitude=0.0), "no position yet"),
         ("rtk_position", fix(START, latitude=91.0), "not a place on the Earth: 91, 4"),
         ("rtk_position", fix(START, altitude=math.nan), "not finite"),
-        ("gimbal_angle", vector(START, 4500.0, 0.0, 0.0), "no angles of a gimbal"),
+        ("gimbal_angle", vector(START, 4500.0, 0.0, 0.0), "not angles of a gimbal"),
         ("rtk_yaw", Message(angle=1), "its definition has no data"),
         ("imu", imu(START - 3600 * SECOND), r"stamped -3600 s from when it was recorded"),
     ],
@@ -145,7 +145,7 @@ def test_a_bag_that_was_recorded_again_has_the_clock_of_its_stamps():
     assert road.take("rtk_yaw", message, START + later + LAG) == []
     ((arrival_ns, reading),) = road.flush()
     assert arrival_ns == reading.stamp_ns == START
-    assert "86400.002 s before the times of the record" in road.warnings[0]
+    assert "86400.002 s before the times of recording" in road.warnings[0]
 
 
 def test_a_gravity_that_is_multiplied_in_twice():

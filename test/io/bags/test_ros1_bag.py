@@ -75,7 +75,9 @@ def test_a_bag_that_was_cut_is_refused(tmp_path, packed):
     data = path.read_bytes()
     for cut in np.linspace(len(MAGIC), len(data) - 1, 9).astype(int):
         path.write_bytes(data[:cut])
-        with pytest.raises(BagError, match=r"a\.bag: cannot be read: .*mend it by rosbag reindex"):
+        with pytest.raises(
+            BagError, match=r"a\.bag: cannot be read: .*repair it with rosbag reindex"
+        ):
             read(path)
 
 

@@ -172,5 +172,5 @@ def test_what_is_not_there_is_told(tmp_path):
         files_of([tmp_path / "none"])
     with pytest.raises(CalibrationError, match="no pictures in it"):
         files_of([tmp_path])
-    with pytest.raises(CalibrationError, match="give a bag by itself"):
+    with pytest.raises(CalibrationError, match="give either one bag"):
         calibrate_lens([tmp_path / "a.mcap", tmp_path], BOARD, tmp_path / "camera.yaml")

@@ -160,7 +160,7 @@ def head_of_sqlite(path):
         (lambda p: p.write_text("stamp,latitude\n1,2\n"), "text; give a ROS 1 bag or a capture"),
         (lambda p: p.write_bytes(b"#ROSBAG V1.2\nxyz"), "a ROS 1 bag of an older version"),
         (lambda p: p.write_bytes(b"#ROSBAG V2.0\n"), "cannot be read: Header could not be read"),
-        (lambda p: p.write_bytes(b"\x89MCAP0\r\n" + bytes(99)), "an MCAP bag already; give it to"),
+        (lambda p: p.write_bytes(b"\x89MCAP0\r\n" + bytes(99)), "already an MCAP bag; give it to"),
         (head_of_sqlite, "a ROS 2 bag in SQLite"),
         (lambda p: p.write_bytes(b"\x1f\x8b\x08" + bytes(99)), "packed with gzip"),
         (lambda p: p.mkdir(), "a directory; give a ROS 1 bag"),
