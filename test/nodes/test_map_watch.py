@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
-from map_readers import reader_of
+from project import reader_of
 
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 

@@ -10,7 +10,7 @@ import time
 
 import numpy as np
 import pytest
-from map_readers import reader_of
+from project import reader_of
 
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 

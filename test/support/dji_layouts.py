@@ -42,10 +42,6 @@ def form_of(layout, mask):
     return "<H" + "".join(form for bit, form in FORMS[layout].items() if mask >> bit & 1)
 
 
-def size_of(layout, mask):
-    return struct.calcsize(form_of(layout, mask))
-
-
 _BITS = {"b": 8, "B": 8, "h": 16, "H": 16, "i": 32, "I": 32}
 
 

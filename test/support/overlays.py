@@ -4,7 +4,7 @@ import math
 from itertools import pairwise
 
 import numpy as np
-from camera_poses import camera_pose
+from scenes import camera_pose
 
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.config import OverlayConfig
@@ -52,6 +52,13 @@ def ready(features=None, *, layers=(), told=True, **config):
     if told:
         overlay.set_status(status())
     return overlay
+
+
+def luminance(bgr):
+    """Relative luminance of sRGB colours (..., 3) (IEC 61966-2-1)."""
+    unit = np.array(bgr) / 255
+    linear = np.where(unit <= 0.04045, unit / 12.92, ((unit + 0.055) / 1.055) ** 2.4)
+    return linear @ [0.0722, 0.7152, 0.2126]
 
 
 def ink_on(image):

@@ -1,12 +1,19 @@
-"""Bags that are changed copies of others, and what is in them."""
+"""Bags that are changed copies of others, what is in them, and the files of the sample flight."""
 
 from __future__ import annotations
 
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
 
 CDR = Cdr()
+METHODS = ["raw", "rtk", "ekf", "ekf_heading"]
+RTK = {f"/rtk/{name}" for name in ("fix", "vel", "heading")}
 IMAGES = "/thermal/image_raw/compressed"
 CAMERA_POSE = "/tirgeo/camera_pose"
+
+
+def files(folder):
+    """The sample flight's files for an evaluation."""
+    return [folder / name for name in ("flight.mcap", "survey.geojson", "observations.csv")]
 
 
 def same(item):

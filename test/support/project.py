@@ -1,4 +1,4 @@
-"""Where the project's files are, what its nodes and verbs are called, whose a DDS port is."""
+"""Where the project's files are, its nodes and verbs, whose a DDS port is, who reads a map."""
 
 from __future__ import annotations
 
@@ -40,3 +40,16 @@ def taken_port(domain: int) -> socket.socket:
         taken.close()
         raise
     return taken
+
+
+def reader_of(pid: int) -> int:
+    """The only child of a process that reads maps."""
+    for path in Path("/proc").glob("[0-9]*"):
+        try:
+            parent = int((path / "stat").read_text().rpartition(")")[2].split()[1])
+            words = (path / "cmdline").read_text()
+        except OSError:
+            continue
+        if parent == pid and "tirgeo_ros.io.maps.map_process" in words:
+            return int(path.name)
+    raise AssertionError(f"process {pid} has none that reads a map")

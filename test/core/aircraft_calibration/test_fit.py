@@ -10,11 +10,7 @@ from aircraft_flights import TURNS, aircraft_samples, recorded, truth
 
 from tirgeo_ros.core.aircraft_calibration.filter_run import FlightRuns, longest_piece
 from tirgeo_ros.core.aircraft_calibration.fit import fit
-from tirgeo_ros.core.aircraft_calibration.parameters import (
-    AZIMUTH,
-    PARAMETERS,
-    Floors,
-)
+from tirgeo_ros.core.aircraft_calibration.parameters import AZIMUTH, PARAMETERS, Floors
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, Source

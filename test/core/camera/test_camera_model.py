@@ -89,10 +89,7 @@ def test_the_fold_of_a_lens_is_its_limit():
     assert not camera.project(beyond)[1].any()
 
 
-@given(
-    k=st.lists(st.floats(-2.0, 2.0), min_size=8, max_size=8),
-    few=st.sampled_from([4, 5, 8]),
-)
+@given(k=st.lists(st.floats(-2.0, 2.0), min_size=8, max_size=8), few=st.sampled_from([4, 5, 8]))
 def test_the_distorted_radius_grows_up_to_the_limit(k, few):
     k = [*k[:2], 0.0, 0.0, *k[4:]][:few]
     with contextlib.suppress(CameraError):  # of a lens that folds within the image

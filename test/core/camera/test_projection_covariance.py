@@ -5,9 +5,9 @@ import math
 
 import numpy as np
 import pytest
-from camera_poses import camera_pose
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scenes import camera_pose
 
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.camera.projection_covariance import (
@@ -22,11 +22,7 @@ from tirgeo_ros.core.camera.projection_covariance import (
     timed_covariance,
 )
 from tirgeo_ros.core.config.overlay import ConfidenceConfig
-from tirgeo_ros.core.frames.rotations import (
-    matrix_from_quat,
-    matrix_from_rotvec,
-    quat_from_matrix,
-)
+from tirgeo_ros.core.frames.rotations import matrix_from_quat, matrix_from_rotvec, quat_from_matrix
 
 PINHOLE = Camera(640, 512, 880.0, 880.0, 319.5, 255.5)
 BARREL = Camera(640, 512, 420.0, 425.0, 318.0, 250.0, (-0.28, 0.09, 0.001, -0.0005))

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from terrains import graticule
+from scenes import graticule
 
 from tirgeo_ros.core.checks.height_checks import HeightChecks
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from map_files import write_shapefile
 from overlays import PLANE, SQUARE_N, geo
-from terrains import graticule
+from scenes import graticule
 
 from tirgeo_ros.core.checks.map_checks import MapChecks, dem_findings, map_findings
 from tirgeo_ros.core.ground.dem import Terrain

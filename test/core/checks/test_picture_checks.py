@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from checked_flights import CheckedFlight, checked_flight, picture_findings, recomposed
-from terrains import graticule
+from scenes import graticule
 
 from tirgeo_ros.core.checks.picture_checks import PictureChecks
 from tirgeo_ros.core.config import OverlayConfig

@@ -96,8 +96,7 @@ def test_radii_are_those_of_the_surface(lat, lon):
 
 
 @pytest.mark.parametrize(
-    ("lat_deg", "expected"),
-    [(0, 9.7803253359), (90, 9.8321849379), (-90, 9.8321849379)],
+    ("lat_deg", "expected"), [(0, 9.7803253359), (90, 9.8321849379), (-90, 9.8321849379)]
 )
 def test_gravity_on_the_ellipsoid_as_published(lat_deg, expected):
     """NIMA TR8350.2, table 3.4; Somigliana's constant is given to 5e-10 of 9.8 m/s2."""

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from motions import angle_between
 
 from tirgeo_ros.core.frames.rotations import (
-    quat_conjugate,
     quat_from_rotvec,
     quat_multiply,
-    rotvec_from_quat,
 )
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseBuffer
 from tirgeo_ros.core.types.poses import BodyPose
@@ -29,10 +28,6 @@ def constant_motion(stamp_ns, velocity_n, rate_b, start_q):
     t = stamp_ns * 1e-9
     q = quat_multiply(start_q, quat_from_rotvec(np.asarray(rate_b) * t))
     return BodyPose(stamp_ns, np.asarray(velocity_n) * t, q, np.eye(6) * (1 + t))
-
-
-def angle_between(p, q):
-    return float(np.linalg.norm(rotvec_from_quat(quat_multiply(quat_conjugate(p), q))))
 
 
 vectors = st.lists(st.floats(-3, 3), min_size=3, max_size=3).map(np.array)

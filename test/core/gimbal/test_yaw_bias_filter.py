@@ -86,10 +86,7 @@ def test_a_step_is_followed_after_reset_after_s(step_deg):
     assert (north.refused, north.resets) == (6, 1)
 
 
-@given(
-    st.floats(-math.pi, math.pi),
-    st.lists(st.integers(-2, 2), min_size=1, max_size=12),
-)
+@given(st.floats(-math.pi, math.pi), st.lists(st.integers(-2, 2), min_size=1, max_size=12))
 def test_readings_are_angles(reading, turns):
     config = NorthConfig(bias_deg=170.0, sigma_deg=10.0)
     plain, first = fed([reading] * len(turns), config)

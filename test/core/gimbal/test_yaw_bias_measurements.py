@@ -9,16 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tirgeo_ros.core.config import NorthConfig
-from tirgeo_ros.core.frames.rotations import (
-    matrix_from_quat,
-    quat_from_euler,
-    quat_from_matrix,
-)
+from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler, quat_from_matrix
 from tirgeo_ros.core.gimbal.yaw_bias_filter import YawBiasFilter
-from tirgeo_ros.core.gimbal.yaw_bias_measurements import (
-    SteadyMean,
-    YawBiasMeasurements,
-)
+from tirgeo_ros.core.gimbal.yaw_bias_measurements import SteadyMean, YawBiasMeasurements
 
 MS = 1_000_000
 PERIOD_MS = 50

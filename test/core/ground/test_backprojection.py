@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from camera_poses import camera_pose as pose_at
 from hypothesis import given
 from hypothesis import strategies as st
+from scenes import camera_pose as pose_at
 
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.frames.rotations import matrix_from_quat

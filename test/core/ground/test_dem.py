@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from terrains import graticule
+from scenes import graticule
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Reason
@@ -81,11 +81,7 @@ def test_smooth_hills_are_met_within_a_centimetre(pitch, yaw, height):
     assert abs(found - truth) <= 0.01  # the figure required
 
 
-@given(
-    pitch=st.floats(-80, 5),
-    yaw=st.floats(-180, 180),
-    seed=st.integers(0, 2**31),
-)
+@given(pitch=st.floats(-80, 5), yaw=st.floats(-180, 180), seed=st.integers(0, 2**31))
 def test_the_bilinear_surface_is_met_first_and_exactly(pitch, yaw, seed):
     """On a rough model, against steps of a hundredth of a cell along the same surface."""
     rng = np.random.default_rng(seed)

@@ -7,10 +7,9 @@ import math
 
 import numpy as np
 import pytest
-from camera_poses import camera_pose
 from hypothesis import given
 from hypothesis import strategies as st
-from terrains import graticule
+from scenes import camera_pose, graticule
 
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.camera.projection_covariance import CHI2_95, CameraRates, pixel_jacobian

@@ -3,16 +3,14 @@
 import cv2
 import numpy as np
 import pytest
-from camera_poses import camera_pose
+from scenes import PLANE, camera_pose
 
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
-from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.map.layers import GeoFeature, LayerStyle, MapLayer
 from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.map.visibility import View
 
-PLANE = TangentPlane(0.6955, 2.0368, 11.5)
 FOLDING = Camera(640, 512, 400.0, 400.0, 319.5, 255.5, (-0.30, 0.0, 0.0, 0.0))
 CAMERAS = {"xt2": XT2, "pinhole": Camera(640, 512, 500, 500, 319.5, 255.5), "folds": FOLDING}
 EACH = pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)

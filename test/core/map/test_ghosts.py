@@ -3,17 +3,13 @@
 import cv2
 import numpy as np
 import pytest
-from camera_poses import camera_pose
+from scenes import camera_pose, map_of
 
 from tirgeo_ros.core.camera.camera_model import NEAR_M, XT2, Camera
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
-from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.map import visibility as view_module
-from tirgeo_ros.core.map.layers import GeoFeature, MapLayer
-from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.map.visibility import FAR_M, View
 
-PLANE = TangentPlane(0.6955, 2.0368, 11.5)
 LENSES = {
     "pinhole": Camera(640, 512, 500.0, 500.0, 319.5, 255.5),
     "xt2": XT2,
@@ -67,13 +63,6 @@ def random_case(seed):
     return camera, lines, camera_pose(position_n, *angles_deg)
 
 
-def map_of(lines):
-    features = [
-        GeoFeature("", False, np.column_stack(PLANE.geodetic_from_ned(line))) for line in lines
-    ]
-    return VectorMap.from_layers([MapLayer("", features)], PLANE)
-
-
 def sampled(begin_c, end_c):
     """Points (N, 3) of segments at even angles as seen from the camera."""
     step = end_c - begin_c
@@ -113,7 +102,7 @@ def by_points(camera, lines, pose):
 
 def drawn(camera, lines, pose):
     image = np.zeros((camera.height, camera.width), np.uint8)
-    runs = View(camera).lines(map_of(lines), pose).split()
+    runs = View(camera).lines(map_of(*lines), pose).split()
     fixed = [np.rint(run * 16).astype(np.int32) for run in runs]
     cv2.polylines(image, fixed, False, (255,), 1, cv2.LINE_AA, 4)
     return image

@@ -1,28 +1,15 @@
 """What a view returns of a map: marks, places on the map, how far, and in how much detail."""
 
-import math
-
 import cv2
 import numpy as np
 import pytest
-from camera_poses import camera_pose
+from scenes import camera_pose, map_of
 
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
-from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.map.layers import GeoFeature, MapLayer
-from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.map.visibility import FAR_M, View
 
-PLANE = TangentPlane(math.radians(48.2), math.radians(16.4), 200.0)
 PINHOLE = Camera(640, 512, 500.0, 500.0, 319.5, 255.5)
-
-
-def map_of(*lines):
-    places = [np.column_stack(PLANE.geodetic_from_ned(np.array(line, float))) for line in lines]
-    return VectorMap.from_layers(
-        [MapLayer("", [GeoFeature("", False, each) for each in places])], PLANE
-    )
 
 
 def pose_at(position_n=(0, 0, -20), roll=0.0, pitch=-30.0, yaw=0.0):

@@ -12,12 +12,7 @@ from alignments import aligned
 from flights import GPS, RTK, config_for, flight, navigation_samples, without
 
 from tirgeo_ros.core.navigation.ekf import Ekf
-from tirgeo_ros.core.types.measurements import (
-    FixStatus,
-    HeadingSample,
-    ImuSample,
-    Source,
-)
+from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample, ImuSample, Source
 from tirgeo_ros.core.types.verdicts import Outcome
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from

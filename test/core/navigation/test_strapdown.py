@@ -114,49 +114,6 @@ def test_attitude_of_a_constant_rate_is_its_exponential(rate_b, gyro_bias):
 # Biases, rates and what is carried along
 
 
-@given(vectors, vectors, vectors, vectors)
-def test_biases_are_taken_from_the_readings(force_b, rate_b, accel_bias, gyro_bias):
-    state = state_at(0.7, 2.0, 30.0, (3.0, 1.0, 0.2), (0.3, 0.2, 0.1))
-    biased = state._replace(gyro_bias_b=tuple(gyro_bias), accel_bias_b=tuple(accel_bias))
-    clean, rates = propagate(state, tuple(force_b), tuple(rate_b), STEP_S)
-    read_force = tuple(np.add(force_b, accel_bias).tolist())
-    read_rate = tuple(np.add(rate_b, gyro_bias).tolist())
-    found, found_rates = propagate(biased, read_force, read_rate, STEP_S)
-    for part in range(5):
-        np.testing.assert_allclose(found[part], clean[part], rtol=1e-14, atol=1e-14)
-    assert found.gyro_bias_b == tuple(gyro_bias)
-    assert found.accel_bias_b == tuple(accel_bias)
-    np.testing.assert_allclose(
-        found_rates.specific_force_n, rates.specific_force_n, rtol=1e-13, atol=1e-13
-    )
-
-
-def test_rates_of_a_state():
-    state = state_at(0.7, 2.0, 100.0, (30.0, -20.0, 5.0), (0.3, 0.2, 0.1))
-    # At no turn of the body the force is the reading; over no time nothing moves meanwhile.
-    _, rates = propagate(state, (1.0, 2.0, 3.0), ZERO, 1e-9)
-    meridian, transverse = radii_of_curvature(0.7)
-    assert (rates.meridian_m, rates.transverse_m) == (meridian + 100, transverse + 100)
-    assert rates.gravity_m_s2 == gravity_down(0.7, 100.0)
-    assert rates.rotation_nb == rotation_of(state.q_nb)
-    # Along the earth's axis, which stands 0.7 rad above north.
-    axis = np.array([math.cos(0.7), 0, -math.sin(0.7)])
-    np.testing.assert_allclose(rates.earth_rate_n, EARTH_RATE_RAD_S * axis, rtol=1e-15)
-    # Axes that move with the aircraft: dR_en/dt = R_en [w_en x].
-    plane = TangentPlane(0.7, 2.0, 100.0)
-    step = 1e-3
-    turn = plane.rotation_from_local(
-        0.7 + 30.0 / rates.meridian_m * step,
-        2.0 - 20.0 / (rates.transverse_m * math.cos(0.7)) * step,
-    )
-    rotvec = att.rotvec_from_quat(att.quat_from_matrix(turn)) / step
-    # A turn of 6e-9 rad from a matrix of rounding 1e-16, over 1e-3 s: 1e-13 of 6e-6 rad/s.
-    np.testing.assert_allclose(rates.transport_rate_n, rotvec, atol=3e-13)
-    np.testing.assert_allclose(
-        rates.specific_force_n, att.matrix_from_euler(0.3, 0.2, 0.1) @ [1, 2, 3], atol=2e-15
-    )
-
-
 # Turns
 
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from camera_poses import camera_pose
+from scenes import camera_pose
 
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.config.overlay import ConfidenceConfig

@@ -5,18 +5,16 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from camera_poses import camera_pose
+from scenes import PLANE, camera_pose
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
-from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.map.layers import GeoFeature, LayerStyle, MapLayer
 from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.map.visibility import View
 from tirgeo_ros.core.overlay.label_placement import Labels
 from tirgeo_ros.core.overlay.text_rendering import Box
 
-PLANE = TangentPlane(0.6955, 2.0368, 11.5)
 CAMERA = Camera(640, 512, 640.0, 640.0, 319.5, 255.5)
 HEIGHT_M = 64.0  # a metre is ten pixels, straight down
 STRIP = Box(0, 484, 640, 512)

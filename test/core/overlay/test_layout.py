@@ -6,8 +6,8 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from camera_poses import camera_pose
 from overlays import PLANE, geo
+from scenes import camera_pose
 
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.config import OverlayConfig

@@ -21,19 +21,6 @@ from tirgeo_ros.core.overlay.frame_queue import Frame, FrameQueue
 from tirgeo_ros.core.types.verdicts import FilterState
 
 
-def test_a_frame_waits_for_the_pose_after_its_exposure():
-    overlay = ready()
-    overlay.add_pose(pose_at(START - 20 * MS))
-    now = START + LATENCY
-    overlay.add_frame(now, GREY, now)
-    assert overlay.take(now) is None
-    assert overlay.take(now + WAIT - 1) is None
-    overlay.add_pose(pose_at(START + 20 * MS))
-    result = overlay.take(now + WAIT - 1)
-    assert result.notice == ""
-    assert overlay.take(now + WAIT) is None  # nothing waits any more
-
-
 def fly(overlay, until_ns, step_ns=20 * MS):
     """Poses of steady motion up to an instant: 3 m/s and 20 deg/s."""
     for stamp_ns in range(until_ns - 1_400 * MS, until_ns + 1, step_ns):

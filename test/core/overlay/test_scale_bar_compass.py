@@ -4,13 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from camera_poses import camera_pose
 from hypothesis import given
 from hypothesis import strategies as st
+from scenes import PLANE, camera_pose
 
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
-from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import locate
 from tirgeo_ros.core.overlay.scale_bar_compass import (
     camera_heading_rad,
@@ -20,7 +19,6 @@ from tirgeo_ros.core.overlay.scale_bar_compass import (
 )
 from tirgeo_ros.core.overlay.text_rendering import text_px
 
-PLANE = TangentPlane(0.6955, 2.0368, 11.5)
 GREY = 128
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from overlays import luminance
 
 from tirgeo_ros.core.config.overlay import PALETTES, PictureConfig
 from tirgeo_ros.core.overlay.tone_mapping import ToneMapper
@@ -133,10 +134,3 @@ def test_the_noise_of_a_still_scene_moves_nothing():
     ends = made._stretch._ends
     video(made, frames, start_ns=40 * FRAME_NS)
     assert made._stretch._ends == ends
-
-
-def luminance(table):
-    """(256,) relative luminance of sRGB colours (IEC 61966-2-1)."""
-    unit = table / 255
-    linear = np.where(unit <= 0.04045, unit / 12.92, ((unit + 0.055) / 1.055) ** 2.4)
-    return linear @ [0.0722, 0.7152, 0.2126]

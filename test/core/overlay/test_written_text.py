@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from overlays import luminance
 
 from tirgeo_ros.core.overlay import text_rendering as text
 from tirgeo_ros.core.overlay.status_text import status_line
@@ -102,13 +103,6 @@ def test_a_long_notice_takes_several_lines():
             assert not changed[:, [0, -1]].any()
             rows.append(np.flatnonzero(changed.any(axis=1)).size)
         assert rows[0] > rows[1]
-
-
-def luminance(bgr):
-    """Relative luminance of an sRGB colour (IEC 61966-2-1)."""
-    unit = np.array(bgr) / 255
-    linear = np.where(unit <= 0.04045, unit / 12.92, ((unit + 0.055) / 1.055) ** 2.4)
-    return float(linear @ [0.0722, 0.7152, 0.2126])
 
 
 @pytest.mark.parametrize("ground", [(255, 255, 255), (0, 255, 255), (0, 0, 0)])

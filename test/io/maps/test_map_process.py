@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from map_readers import reader_of
+from project import reader_of
 
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane

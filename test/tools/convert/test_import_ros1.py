@@ -75,6 +75,13 @@ def camera_enu(rpy_deg):
     return ENU_NED @ ned @ FLU_FRD
 
 
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("ros1")
+    parameters_file(folder / "params.yaml")
+    return folder
+
+
 @pytest.fixture(scope="module", params=["subscription", "broadcast"])
 def imported(request, folder):
     """A flight as the wrapper records it in either mode, imported: path, summary."""

@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from ros1_bags import BEGUN_NS, Bag, Flight, by_time, messages, wrapper_bag
+from ros1_bags import BEGUN_NS, Bag, Flight, by_time, messages, parameters_file, wrapper_bag
 
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io import messages as convert
@@ -14,6 +14,12 @@ from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.convert.import_flight import import_flight
 from tirgeo_ros.tools.convert.import_ros1 import Pictures
+
+
+@pytest.fixture
+def folder(tmp_path):
+    parameters_file(tmp_path / "params.yaml")
+    return tmp_path
 
 
 def test_renamed_prefix_and_namespace(folder):

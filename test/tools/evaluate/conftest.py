@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from evaluations import RTK, cut, files
+from process_bags import RTK, files, rewritten
 
 from tirgeo_ros.tools.evaluate.evaluate import evaluate
 
@@ -29,5 +29,5 @@ def raw_flight(sample, tmp_path_factory):
     """The sample's files, of the bag as much as the method raw needs: quickly evaluated."""
     bag = tmp_path_factory.mktemp("raw") / "raw.mcap"
     pictures = {"/thermal/image_raw/compressed"}
-    cut(sample / "flight.mcap", bag, without=RTK | pictures, seconds=16)
+    rewritten(sample / "flight.mcap", bag, without=RTK | pictures, seconds=16)
     return [bag, *files(sample)[1:]]

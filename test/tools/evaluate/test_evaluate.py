@@ -9,7 +9,7 @@ import re
 
 import numpy as np
 import pytest
-from evaluations import METHODS, files
+from process_bags import METHODS, files
 from project import PROJECT
 
 from tirgeo_ros.tools.cli.main import main

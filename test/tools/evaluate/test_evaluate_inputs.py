@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from evaluations import RTK, cut, files
+from process_bags import RTK, files, rewritten
 
 from tirgeo_ros.core.types.errors import BagError, CalibrationError, ConfigError, SurveyError
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter
@@ -58,7 +58,7 @@ def test_an_aircraft_in_a_namespace_on_the_survey_s_ground(raw_flight, tmp_path)
 
 def test_a_method_without_its_topic_is_missing_and_the_others_go_on(sample, tmp_path):
     absent = {"/rtk/heading", "/gps/fix", "/thermal/image_raw/compressed"}
-    bag = cut(sample / "flight.mcap", tmp_path / "cut.mcap", without=absent, seconds=14)
+    bag = rewritten(sample / "flight.mcap", tmp_path / "cut.mcap", without=absent, seconds=14)
     found = evaluate(bag, *files(sample)[1:], params=sample / "params.yaml")
     assert [one.method for one in found.methods] == ["rtk", "ekf"]
     assert found.missing["ekf_heading"] == "needed topic absent: /rtk/heading"
@@ -68,7 +68,7 @@ def test_a_method_without_its_topic_is_missing_and_the_others_go_on(sample, tmp_
 
 def test_a_method_that_never_starts_is_missing(sample, tmp_path):
     """Half a second is too short for the filter to align."""
-    bag = cut(sample / "flight.mcap", tmp_path / "short.mcap", seconds=0.5)
+    bag = rewritten(sample / "flight.mcap", tmp_path / "short.mcap", seconds=0.5)
     found = evaluate(bag, *files(sample)[1:], params=sample / "params.yaml")
     assert [one.method for one in found.methods] == ["raw", "rtk"]
     assert found.missing["ekf"].startswith("no camera pose could be made: ")
@@ -80,10 +80,12 @@ def test_a_method_that_never_starts_is_missing(sample, tmp_path):
 
 
 def test_no_method_at_all_is_an_error(sample, tmp_path):
-    bag = cut(sample / "flight.mcap", tmp_path / "cut.mcap", without={"/imu/data"})
+    bag = rewritten(sample / "flight.mcap", tmp_path / "cut.mcap", without={"/imu/data"})
     with pytest.raises(CalibrationError, match=r"no method can be run: raw, rtk.*: needed topic"):
         evaluate(bag, *files(sample)[1:], params=sample / "params.yaml")
-    bag = cut(sample / "flight.mcap", tmp_path / "lens.mcap", without={"/thermal/camera_info"})
+    bag = rewritten(
+        sample / "flight.mcap", tmp_path / "lens.mcap", without={"/thermal/camera_info"}
+    )
     with pytest.raises(BagError, match="needed topic absent: /thermal/camera_info"):
         evaluate(bag, *files(sample)[1:], params=sample / "params.yaml")
     with pytest.raises(CalibrationError, match=r"/uav1/imu/data"):
@@ -91,7 +93,7 @@ def test_no_method_at_all_is_an_error(sample, tmp_path):
 
 
 def test_what_observations_and_survey_do_not_share_is_told(sample, tmp_path):
-    bag = cut(sample / "flight.mcap", tmp_path / "raw.mcap", without=RTK)
+    bag = rewritten(sample / "flight.mcap", tmp_path / "raw.mcap", without=RTK)
     seen = load_observations(sample / "observations.csv")
     odd = Observation(seen[0].id, seen[0].stamp_ns + 4_000_000, seen[0].u, seen[0].v)
     strange = Observation("Q7", seen[0].stamp_ns, 3.0, 4.0)

@@ -7,12 +7,7 @@ import pytest
 from imu_noise import record, walk, white
 
 from tirgeo_ros.core.calibration.allan import stillness
-from tirgeo_ros.core.calibration.allan.stillness import (
-    Interval,
-    Seconds,
-    drifts,
-    movements,
-)
+from tirgeo_ros.core.calibration.allan.stillness import Interval, Seconds, drifts, movements
 
 RATE_HZ = 100
 STEP_S = 1 / RATE_HZ

@@ -44,15 +44,6 @@ def test_exact_corners_give_the_exact_lens():
     assert fit.camera.distortion == tuple(fit.values[4:])
 
 
-@pytest.mark.slow
-def test_errors_over_sigmas_are_those_of_a_normal_distribution():
-    fits = [fit_lens(views_of(15, seed), BOARD, SIZE) for seed in range(20)]
-    z = np.array([(fit.values - TRUTH) / fit.sigma for fit in fits])
-    # The mean of 160 squares, some of them correlated: 1 +- 0.2 or so.
-    assert 0.6 < (z**2).mean() < 1.6
-    assert np.abs(z).max() < 4.5
-
-
 def test_views_that_do_not_fit_leave_with_their_reason():
     views = views_of(14, 2)
     bent = views["v3"].corners_px.copy()

@@ -7,12 +7,7 @@ import math
 import pytest
 from filter_states import NOW_NS, SECOND_NS, TIMEOUT_NS, heard, ns
 
-from tirgeo_ros.core.navigation.aiding.aid_status import (
-    EASE_STEPS,
-    AidStatus,
-    AidTrack,
-    Receivers,
-)
+from tirgeo_ros.core.navigation.aiding.aid_status import EASE_STEPS, AidStatus, AidTrack, Receivers
 from tirgeo_ros.core.types.measurements import FixStatus, Source
 
 NEW = AidStatus(Receivers(NOW_NS))

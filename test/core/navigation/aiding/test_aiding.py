@@ -160,14 +160,6 @@ def heading_aid(state, heading_rad, **values):
     return HeadingAid(config).measured(sample, belief_of(state, states_of(config)), ZERO)[0]
 
 
-@given(tilts, headings)
-def test_heading_row_of_a_baseline_along_the_nose(pitch, yaw):
-    """The row that the errata of Eq. 9 give."""
-    made = heading_aid(state_of(0.3, pitch, yaw), 0.0)
-    expected = [math.tan(pitch) * math.cos(yaw), math.tan(pitch) * math.sin(yaw), 1.0]
-    assert made.measurement.design[0, :3] == pytest.approx(expected, abs=1e-12)
-
-
 @pytest.mark.parametrize("turns", [-1, 0, 1, 2])
 def test_heading_innovation_wraps(turns):
     measured = math.radians(-179.0) + turns * 2 * math.pi

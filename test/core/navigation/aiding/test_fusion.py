@@ -71,14 +71,6 @@ def test_median_filter_ignores_one_jump(before):
     assert fused.belief.control.offsets_n[2] == pytest.approx(shift, abs=2e-6)
 
 
-def test_gate_refuses_a_jump_and_leaves_the_state():
-    before, fused = fused_position({}, np.array([0.0, 8.0, 0.0]))  # 8 sigma
-    assert fused.verdict.outcome is Outcome.GATED
-    assert fused.verdict.test_ratio > 1
-    assert fused.belief.state is before.state
-    assert fused.belief.covariance is before.covariance
-
-
 def test_velocity_enters_with_its_floor():
     sample = replace(velocity(0.0, (3.5, -1.0, 0.2), variance=0.0), stamp_ns=NOW_NS)
     covariance = np.diag(np.r_[np.zeros(3), np.full(3, 4e-4), np.zeros(12)])
