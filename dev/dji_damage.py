@@ -14,6 +14,7 @@ from tirgeo_ros.dji.protocol.subscription import USUAL_PACKAGES
 KEY = bytes(range(32))
 _OTHER_KEY = bytes(32)
 _MAX_GARBAGE = 200
+_HEADER_VALUES = b"\xaa\x00\x01\x03\x10\x20\xff"
 
 
 def damaged_stream(rng: random.Random, size: int) -> bytes:
@@ -49,20 +50,6 @@ def _broadcast(rng: random.Random) -> bytes:
 def _push(rng: random.Random) -> bytes:
     package = rng.choice(USUAL_PACKAGES)
     return encode_frame(bytes([2, 5, package.id]) + rng.randbytes(package.length - 1))
-
-
-def _garbage(rng: random.Random) -> bytes:
-    return rng.randbytes(rng.randint(1, _MAX_GARBAGE))
-
-
-def _starts(rng: random.Random) -> bytes:
-    """Bytes that each could begin a frame."""
-    return b"\xaa" * rng.randint(1, _MAX_GARBAGE)
-
-
-def _header_like(rng: random.Random) -> bytes:
-    """Bytes of the values that headers are made of."""
-    return bytes(rng.choices(b"\xaa\x00\x01\x03\x10\x20\xff", k=rng.randint(12, _MAX_GARBAGE)))
 
 
 def _false_header(rng: random.Random) -> bytes:
@@ -103,9 +90,11 @@ _KINDS: tuple[Callable[[random.Random], bytes], ...] = (
     any_frame,
     _broadcast,
     _push,
-    _garbage,
-    _starts,
-    _header_like,
+    lambda rng: rng.randbytes(rng.randint(1, _MAX_GARBAGE)),
+    # bytes that each could begin a frame
+    lambda rng: b"\xaa" * rng.randint(1, _MAX_GARBAGE),
+    # bytes of the values that headers are made of
+    lambda rng: bytes(rng.choices(_HEADER_VALUES, k=rng.randint(12, _MAX_GARBAGE))),
     _false_header,
     _flipped,
     _cut,

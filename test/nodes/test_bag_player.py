@@ -20,7 +20,7 @@ from sensor_msgs.msg import Imu, NavSatFix
 
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
-from tirgeo_ros.dji.protocol.commands import GetVersion, decode_version_ack, encode_request
+from tirgeo_ros.dji.protocol.commands import GET_VERSION, decode_version_ack
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
 from tirgeo_ros.io.messages import stamp_ns
 from tirgeo_ros.nodes.bag_player import move_stamps
@@ -102,7 +102,7 @@ def test_the_aircraft_speaks_on_a_port_and_not_on_topics(spawn, meet, flight_bag
             frames.extend(reader.feed(os.read(host, 65536)))
         return player.poll() is not None
 
-    os.write(host, encode_frame(encode_request(GetVersion()), session=2, sequence=5))
+    os.write(host, encode_frame(GET_VERSION.data, session=2, sequence=5))
     end_s = time.monotonic() + 60
     while not listen():
         assert time.monotonic() < end_s
@@ -124,7 +124,7 @@ WRONG = [
     ("wait_for:=radar", "wait_for: /radar is not played"),
     ("start_offset_s:=60.0 wait_timeout_s:=0.0", "is beyond the bag's 4.1 s"),
     ("live:=true rate:=2.0", "rate: a live bag plays at rate 1, not 2"),
-    ("serial_port:=/tmp/x", "serial_port: bytes are stamped as they come"),
+    ("serial_port:=/tmp/x", "serial_port: needs live: true"),
     ("live:=true serial_port:=/no/where", "/no/where: no pseudo-terminal"),
 ]
 

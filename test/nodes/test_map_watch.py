@@ -113,7 +113,7 @@ def test_a_fault_of_the_watching_thread_is_told_and_the_map_is_watched_all_the_s
         until(lambda: (laid := watch.changed()) and (found.append(laid) or True))
     assert found[0].features == 1
     assert any("Traceback" in line and "a fault of ours" in line for line in told.texts())
-    assert any("the map stays as it was" in line for line in told.texts())
+    assert any("the previous map stays in use" in line for line in told.texts())
 
 
 def test_what_a_reader_says_that_fails_is_told_and_no_more_than_a_page(

@@ -110,7 +110,7 @@ def test_a_map_that_changes_is_read_again_and_a_wrong_one_is_not(flight):
     flown.until(lambda: "map_unreadable" in flown.diagnostics("/overlay_node: set-up"))
     assert off_px(flown.shown(), SQUARE_N + NORTH_N) < 1.5
     time.sleep(1.0)
-    assert node.text().count("the map stays as it was") == 1
+    assert node.text().count("the previous map stays in use") == 1
     write_map(path, SQUARE_N)
     flown.until(lambda: flown.diagnostics().get("reloads") == "2")
     assert off_px(flown.shown(), SQUARE_N) < 1.5
@@ -191,7 +191,7 @@ def messages_that_cannot_be_are_counted_and_the_video_goes_on(flown, node):
 
     flown.until(counted)
     assert told["tirgeo/origin unreadable"] in "123"  # the latched topic keeps the newest
-    assert "not on this earth" in told["poses_invalid_because"]
+    assert "not on the Earth" in told["poses_invalid_because"]
     flown.shown()  # lines, on the origin that was there before
     node.check_running()
     assert "\x1b" not in node.text().replace("\x1b[33m", "").replace("\x1b[0m", "")

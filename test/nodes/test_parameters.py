@@ -102,7 +102,7 @@ def write(folder: Path, text: str) -> str:
     ("text", "message"),
     [
         ("a: [", "params.yaml: .*not YAML"),
-        ("3", "params.yaml: no parameter file"),
+        ("3", "params.yaml: not a parameter file"),
         ("ekf_node: {ros__parameters: {methd: raw}}", "params.yaml: unknown parameter methd"),
         (
             "/**: {ros__parameters: {aircraft: {rtk_antenna_m: [1, 2.0, 3]}}}",

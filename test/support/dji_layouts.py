@@ -35,15 +35,7 @@ LEGACY = {bit: form for bit, form in MODERN.items() if bit != 14} | {
     11: "B",
     12: "B",
 }
-M100 = {bit: LEGACY[bit] for bit in range(6)} | {
-    6: MODERN[8],
-    7: MODERN[9],
-    8: MODERN[10],
-    9: "B",
-    10: "B",
-    11: "BB",
-}
-FORMS = {Layout.MODERN: MODERN, Layout.LEGACY: LEGACY, Layout.M100: M100}
+FORMS = {Layout.MODERN: MODERN, Layout.LEGACY: LEGACY}
 
 
 def form_of(layout, mask):

@@ -13,35 +13,14 @@ from types import SimpleNamespace
 
 import numpy as np
 from rosbags.rosbag1 import Writer
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, get_typestore
+
+from tirgeo_ros.io import messages as convert
+from tirgeo_ros.io.bags.bag import BagReader, Cdr
 
 GRAVITY = 9.80665
 BEGUN_NS = 1_718_091_879_000_000_000
 EARTH_M = 6_371_000.0
-
-#: Types of the wrapper before REP 103: fields by type of number.
-OLDER_TYPES = {
-    "AttitudeQuaternion": ["std_msgs/Header header", "int32 ts", "float32 q0 q1 q2 q3 wx wy wz"],
-    "Acceleration": ["std_msgs/Header header", "int32 ts", "float32 ax ay az"],
-    "Velocity": [
-        *("std_msgs/Header header", "int32 ts", "float32 vx vy vz"),
-        "uint8 health_flag feedback_sensor_id",
-    ],
-    "GlobalPosition": [
-        *("std_msgs/Header header", "int32 ts", "float64 latitude longitude"),
-        *("float32 altitude height", "int8 health"),
-    ],
-    "Gimbal": ["std_msgs/Header header", "int32 ts", "float32 pitch yaw roll"],
-    "A3GPS": [
-        *("uint32 date time", "int32 longitude latitude height_above_sea"),
-        "float32 velocity_north velocity_east velocity_ground",
-    ],
-    "A3RTK": [
-        *("uint32 date time", "float64 longitude_RTK latitude_RTK"),
-        "float32 height_above_sea_RTK velocity_north velocity_east velocity_ground",
-        *("int16 yaw", "uint8 position_flag yaw_flag"),
-    ],
-}
 
 
 @dataclass
@@ -93,12 +72,6 @@ class Bag:
     store: object = field(default_factory=lambda: get_typestore(Stores.ROS1_NOETIC))
     messages: list[tuple[int, int, str, str, object]] = field(default_factory=list)
     seq: int = 0
-
-    def __post_init__(self) -> None:
-        for name, groups in OLDER_TYPES.items():
-            fields = [f"{kind} {field}" for kind, *fs in map(str.split, groups) for field in fs]
-            text = "\n".join(fields)
-            self.store.register(get_types_from_msg(text, f"dji_sdk/msg/{name}"))
 
     def new(self, typename: str, **fields):
         return self.store.types[typename](**fields)
@@ -226,63 +199,6 @@ def add_rtk(bag: Bag, flight: Flight, t_s: float, prefix: str = "/dji_sdk") -> N
         bag.add(s.stamp_ns + lag + 5_000_000, f"{prefix}/rtk_info_{name}", message)
 
 
-def older_bag(flight: Flight, *, prefix: str = "/dji_sdk") -> Bag:
-    """What the wrapper before REP 103 publishes: NED, FRD, RTK with every packet."""
-    bag, lag = Bag(), flight.record_lag_ns
-    for k, t_s in enumerate(flight.times(100)):
-        s = flight.at(t_s)
-        for (typename, topic), values in _older_values(flight, s).items():
-            head = {"header": bag.header(s.stamp_ns, "/world"), "ts": k}
-            made = bag.new(f"dji_sdk/msg/{typename}", **head, **values)
-            bag.add(s.stamp_ns + lag, f"{prefix}/{topic}", made)
-        held = flight.at(math.floor(t_s * 5) / 5)  # of the newest epoch
-        for (typename, topic), values in _older_receivers(flight, held).items():
-            made = bag.new(f"dji_sdk/msg/{typename}", date=20240611, time=154439, **values)
-            bag.add(s.stamp_ns + lag, f"{prefix}/{topic}", made)
-    return bag
-
-
-def _older_values(flight: Flight, s: State):
-    half, rate = math.radians(s.heading_deg) / 2, math.radians(flight.turn_deg_s)
-    roll, pitch, yaw = s.gimbal_rpy_deg
-    north, east, down = flight.velocity_ned
-    q = dict(
-        zip(("q0", "q1", "q2", "q3"), (math.cos(half), 0.0, 0.0, math.sin(half)), strict=True)
-    )
-    fused = {"latitude": s.latitude_deg, "longitude": s.longitude_deg, "altitude": 150.0}
-    moves = {"vx": north, "vy": east, "vz": down}
-    return {
-        ("AttitudeQuaternion", "attitude_quaternion"): {**q, "wx": 0.0, "wy": 0.0, "wz": rate},
-        ("Acceleration", "acceleration"): {"ax": 0.0, "ay": 0.0, "az": -1.0},
-        ("Velocity", "velocity"): {**moves, "health_flag": 1, "feedback_sensor_id": 0},
-        ("GlobalPosition", "global_position"): {**fused, "height": 25.0, "health": 5},
-        ("Gimbal", "gimbal"): {"pitch": pitch, "yaw": yaw, "roll": roll},
-    }
-
-
-def _older_receivers(flight: Flight, held: State):
-    north, east, down = (v * 100 for v in flight.velocity_ned)
-    velocity = {"velocity_north": north, "velocity_east": east, "velocity_ground": down}
-    heading = held.heading_deg + flight.baseline_deg
-    return {
-        ("A3RTK", "A3_RTK"): {
-            "longitude_RTK": held.longitude_deg,
-            "latitude_RTK": held.latitude_deg,
-            "height_above_sea_RTK": held.height_msl_m,
-            "yaw": round(math.remainder(heading, 360.0)),
-            "position_flag": flight.position_flag,
-            "yaw_flag": flight.yaw_flag,
-            **velocity,
-        },
-        ("A3GPS", "A3_GPS"): {
-            "longitude": round(held.longitude_deg * 1e7),
-            "latitude": round(held.latitude_deg * 1e7),
-            "height_above_sea": round(held.height_msl_m * 1e3),
-            **velocity,
-        },
-    }
-
-
 PARAMETERS = SimpleNamespace(undulation_m=43.2, baseline_deg=90.0)
 
 
@@ -297,3 +213,17 @@ def parameters_file(path, **more):
     lines = "".join(f"    {name}: {value}\n" for name, value in values.items())
     path.write_text(f"dji_node:\n  ros__parameters:\n{lines}")
     return path
+
+
+CDR = Cdr()
+FLIGHT = Flight()
+
+
+def messages(path, topic):
+    """The messages of an imported bag."""
+    return [CDR.deserialize(m.data, m.typename) for m in BagReader(path).messages([topic])]
+
+
+def by_time(path, topic):
+    """Seconds of the flight and message."""
+    return [((convert.stamp_ns(m) - FLIGHT.begun_ns) * 1e-9, m) for m in messages(path, topic)]

@@ -5,30 +5,18 @@ from __future__ import annotations
 from tirgeo_ros.core.config.dji import DjiHostConfig
 from tirgeo_ros.dji.host.session import HostSession
 from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
-from tirgeo_ros.dji.protocol.commands import (
-    NOT_ACTIVATED,
-    Activate,
-    AddPackage,
-    GetVersion,
-    MatchVersion,
-    RemovePackage,
-    ResetPackages,
-    SetRates,
-    decode_request,
-    encode_code,
-    encode_version_ack,
-)
+from tirgeo_ros.dji.protocol.commands import decode_request
 from tirgeo_ros.dji.protocol.subscription import USUAL_PACKAGES, Package, PackageTable
+from tirgeo_ros.dji.simulator import CommandDesk
 
 STEP_S = 0.01
-RATES = (4, 3, 4, 3, 4, 3, 3, 3, 2, 0, 3, 2, 1, 1, 5, 5)
+RATES = (4, 3, 4, 3, 4, 3, 3, 3, 2, 0, 3, 2, 1, 1, 2, 2)
 FULL = DjiHostConfig(app_id=1234, broadcast_rates=tuple(map(float, RATES)), subscribe=True)
 RTK = Package.of(0, 5, with_timestamp=True, names=("RTK_POSITION", "RTK_YAW"))
 FAST = Package.of(3, 400, with_timestamp=True, names=("HARD_SYNC",))
-GIMBAL = Package.of(1, 50, with_timestamp=True, names=("GIMBAL_ANGLES", "GIMBAL_CONTROL_MODE"))
 
 
-class Aircraft:
+class Aircraft(CommandDesk):
     """Does what it is asked, as an M600 does; ``refusals`` gives codes to requests instead.
 
     ``refusals``: what is called with a request; a code, or None to do it.
@@ -36,66 +24,27 @@ class Aircraft:
     """
 
     def __init__(self):
-        self.reader = FrameReader()
+        super().__init__()
         self.refusals = lambda _: None
         self.route = lambda ack: [(0.0, ack)]
         self.is_on = True
-        self.asked = []
-        self.switch_off_and_on()
-        self.key = None
+        self.asked = []  # requests, also repeated ones
 
     def switch_off_and_on(self):
-        self.activated, self.rates, self.packages = False, None, {}
-        self.answered = {}
+        self.activated, self.rates = False, ()
+        self.packages.clear()
 
     def take(self, data):
         """The acks to what the host sent, as they arrive: (delay, bytes)."""
         if not self.is_on:
             return []
-        return [part for frame in self.reader.feed(data) for part in self.route(self.ack(frame))]
-
-    def ack(self, frame):
-        """A repeated frame of a reliable session gets its ack again and is not done again."""
-        request = decode_request(frame.data)
-        assert request is not None, frame
-        assert frame.session >= 2
-        self.asked.append(request)
-        number = (frame.sequence, request)
-        if number not in self.answered:
-            self.answered[number] = self.done(request)
-        return encode_frame(
-            self.answered[number],
-            session=frame.session,
-            sequence=frame.sequence,
-            is_ack=True,
-            key=self.key,
-        )
-
-    def done(self, request):
-        if isinstance(request, GetVersion):
-            return encode_version_ack(0 if self.activated else NOT_ACTIVATED, "03Z0CA3008")
-        code = self.refusals(request)
-        return encode_code(request, self.do(request) if code is None else code)
+        self.asked += [decode_request(frame.data) for frame in FrameReader().feed(data)]
+        ack = self.answer(data)
+        return self.route(ack) if ack else []
 
     def do(self, request):
-        match request:
-            case Activate():
-                self.activated = True
-            case SetRates(codes):
-                self.rates = codes
-            case _ if not self.activated:
-                return 0x23
-            case MatchVersion():
-                pass
-            case ResetPackages():
-                self.packages.clear()
-            case RemovePackage(number):
-                return 0 if self.packages.pop(number, None) else 5
-            case AddPackage(number) if number in self.packages:
-                return 4
-            case AddPackage(number):
-                self.packages[number] = request
-        return 0
+        code = self.refusals(request)
+        return super().do(request) if code is None else code
 
     def pushes(self):
         return [encode_frame(bytes((2, 5, number, 0))) for number in self.packages]
@@ -112,7 +61,6 @@ class Flight:
         self.now_s = 5000.0
         self.air = []  # (arrival, bytes)
         self.sent = b""
-        self.states = []
         self.broadcasts = True
         self.next_push_s = 0.0
 
@@ -139,13 +87,7 @@ class Flight:
         self.air = [(at_s, part) for at_s, part in self.air if at_s > self.now_s]
         for frame in self.reader.feed(b"".join(arrived)):
             self.session.take(frame, self.now_s)
-        if not self.states or self.states[-1] is not self.session.state:
-            self.states.append(self.session.state)
 
     @property
     def kinds(self):
-        return [type(request).__name__ for request in self.aircraft.asked]
-
-    @property
-    def known(self):
-        return sorted(self.table)
+        return [request.opcode.name for request in self.aircraft.asked]

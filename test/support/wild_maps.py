@@ -67,7 +67,7 @@ READ = {
             f'<name>a</name><trkseg>{GPX_PLACES}</trkseg><trkseg><trkpt lat="48" lon="16"/>'
             "</trkseg></trk></gpx>"
         ),
-        [r"part of feature 1 \(a\): a LineString of 1 positions is none; left out"],
+        [r"part of feature 1 \(a\): a LineString of 1 positions is too short; left out"],
     ),
     "FlatGeobuf in UTM": ("a.fgb", by_gdal("FlatGeobuf", "EPSG:32633"), []),
     "GML": ("a.gml", by_gdal("GML"), []),
@@ -102,7 +102,7 @@ READ = {
         "a.geojson",
         text(collection(*BAD, *[feature()] * 8)),
         [
-            r"feature 1 \(a\): a LineString of 1 positions is none; left out",
+            r"feature 1 \(a\): a LineString of 1 positions is too short; left out",
             r"feature 2 \(a\): \(nan, 48, nan\) is not finite; left out",
             "feature 3 .*inf.* is not finite; left out",
             "1 more features left out",
@@ -182,7 +182,7 @@ REFUSED = {
     "GeoJSON of bad features": (
         "a.geojson",
         text(collection(*BAD[:4])),
-        r"feature 1 \(a\): a LineString of 1 positions is none .none of 3 features can be drawn",
+        r"feature 1 \(a\): a LineString of 1 positions is too short .none of 3 features",
     ),
     "web page": ("a.geojson", text("<!DOCTYPE html><html>404</html>"), "not recognized"),
     "geocentric CGCS2000": (
@@ -193,7 +193,7 @@ REFUSED = {
     "Xian 1980": (
         "a.geojson",
         text(collection(feature(), **named("EPSG:4610"))),
-        "the way from the datum of Xian 1980 to WGS84 is not known; give its EPSG code or",
+        "the transformation from the datum of Xian 1980 to WGS84 is not known",
     ),
     "GeoPackage of an undefined plane": (
         "a.gpkg",

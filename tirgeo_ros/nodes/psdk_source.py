@@ -125,7 +125,7 @@ class PsdkSource:
     def _log_changes(self) -> list[str]:
         """Return the current warnings; log each when it begins and when it is over."""
         silent = time.monotonic() - self._heard_s > SILENT_S
-        warnings = [_SILENT.format(prefix=self._prefix)] if silent else self._decoder.warnings
+        warnings = [_SILENT.format(prefix=self._prefix)] if silent else []
         warnings += [self._lost] if self._lost else []
         for text in warnings:
             if text not in self._logged:

@@ -84,7 +84,7 @@ class SerialSource:
         if report is None:
             return self._node.item("link", values, "not opened yet", WARN)
         state = {
-            "state": report.condition.value,
+            "state": report.condition,
             "state_time_s": f"{time.monotonic() - report.since_s:.1f}",
             "bytes_per_s": f"{report.bytes_per_s:.0f}",
             "frames_per_s": f"{report.frames_per_s:.1f}",

@@ -136,7 +136,7 @@ def gaps(arrived):
 #: Fault: its change; what the first finding says: check, parameter and words of its line.
 PLANTED = {
     "acceleration in g": (imu(force=1 / 9.80665), STOP, "force_unit", FORCE, "it is in g"),
-    "gravity taken off": (without_gravity, STOP, "force_unit", FORCE, "gravity was taken off"),
+    "gravity taken off": (without_gravity, STOP, "force_unit", FORCE, "gravity was removed"),
     "gravity's sign": (imu(force=-1.0), STOP, "force_axes", FORCE, "the sign is wrong"),
     "IMU on its side": (turned_imu, STOP, "force_axes", FORCE, "aircraft.imu_rpy_deg"),
     "accelerometers 5 % off": (imu(force=1.05), CAUTION, "force_scale", FORCE, "calibrate the"),

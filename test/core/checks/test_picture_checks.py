@@ -61,7 +61,7 @@ def test_a_wrong_focal_length_is_told_with_the_right_one(flight, factor, severit
     assert finding.check == "focal_length"
     assert finding.severity == severity
     assert finding.parameter == "thermal/camera_info"
-    told_px = float(finding.evidence.split(" of ")[1].split()[0])
+    told_px = float(finding.evidence.split(" were ")[1].split()[0])
     # What the lens's own distortion makes of another focal length is not modelled: 1 in 50.
     assert told_px == pytest.approx(803.6, rel=0.025)
 

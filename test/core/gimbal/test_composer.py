@@ -189,7 +189,7 @@ def test_bad_samples_are_counted():
     composer.add_autopilot(0, np.zeros(4))
     composer.add_body(BodyPose(0, np.full(3, nan), quat_from_euler(0.0, 0.0, 0.0), np.eye(6)))
     assert composer.counts == {"invalid": 5, "autopilot_invalid": 1, "body_invalid": 1}
-    assert "not on this earth" in composer.diagnostics["body_invalid_because"]
+    assert "not on the Earth" in composer.diagnostics["body_invalid_because"]
     assert composer.composition == "paper"  # a broken joint sample changes nothing
 
 

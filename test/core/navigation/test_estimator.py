@@ -120,7 +120,7 @@ def test_configured_origin_must_be_on_earth():
     plane = Navigation(config_from(EkfConfig, {"origin_lat_lon_h": (39.8, 116.7, 12.0)})).plane
     assert math.degrees(plane.latitude_rad) == pytest.approx(39.8, abs=1e-12)
     for origin, reason in (
-        ((116.7, 39.8, 12.0), "no latitude"),
+        ((116.7, 39.8, 12.0), "not a latitude"),
         ((39.8, 116.7, 1e300), "no height"),
     ):
         config = config_from(EkfConfig, {"origin_lat_lon_h": origin})

@@ -7,35 +7,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tirgeo_ros.dji.clocks.capture_clock import RESTART_NS, CaptureClock, CaptureTimeline
-from tirgeo_ros.dji.clocks.civil_time import (
-    UtcOffset,
+from tirgeo_ros.dji.clocks.capture_clock import (
+    RESTART_NS,
+    CaptureTimeline,
     WholeSeconds,
     guess_utc_offset,
-    utc_from_words,
+    time_of_words,
 )
 
 MS = 1_000_000
 SECOND = 1_000_000_000
 HOUR = 3600 * SECOND
 UTC_NS = 1_750_000_000 * SECOND
-
-
-def test_placed_on_the_way():
-    timeline = CaptureTimeline()
-    clock, other = timeline.clock(), timeline.clock()
-    clock.stamp_ns(5_000)
-    other.stamp_ns(5_002)
-    clock.place(5_000, UTC_NS)
-    assert clock.stamp_ns(5_010) == UTC_NS + 10 * MS
-    assert other.stamp_ns(5_012) == UTC_NS + 12 * MS
-
-
-def test_a_placement_over_the_wrap():
-    clock = CaptureClock()
-    clock.place(50, UTC_NS)
-    assert clock.stamp_ns(2**32 - 50) == UTC_NS - 100 * MS
-    assert clock.stamp_ns(60) == UTC_NS + 10 * MS
 
 
 def test_after_a_reset_the_stream_goes_on_a_second_later():
@@ -47,15 +30,13 @@ def test_after_a_reset_the_stream_goes_on_a_second_later():
     assert first == newest
     assert second == newest + RESTART_NS
     assert clock.stamp_ns(40) == second + 10 * MS
-    assert clock.diagnostics["clock resets"] == "1"
 
 
 @pytest.mark.parametrize("wrong", [3, 10**6, 2**32 - 1])
 def test_a_wrong_count_alone_changes_nothing(wrong):
-    clock = CaptureClock()
+    clock = CaptureTimeline().clock()
     stamps = [clock.stamp_ns(tick) for tick in (500_000, 500_010, wrong, 500_030)]
     assert stamps == [500_000 * MS, 500_010 * MS, 500_010 * MS, 500_030 * MS]
-    assert clock.diagnostics["clock stray counts"] == "1"
 
 
 def test_a_counter_apart_is_placed_by_the_order_of_messages():
@@ -116,7 +97,6 @@ def test_a_counter_that_resets_alone_stays_beside_the_others():
             st.integers(0, 2),
             st.one_of(st.integers(0, 2**32 - 1), st.integers(0, 3000)),
             st.integers(-10, 2**32),
-            st.booleans(),
         ),
         max_size=80,
     )
@@ -124,11 +104,8 @@ def test_a_counter_that_resets_alone_stays_beside_the_others():
 def test_whatever_comes(messages):
     timeline = CaptureTimeline()
     clocks = [timeline.clock(), timeline.clock(), timeline.clock(2_500_000, resets_alone=True)]
-    for which, ticks, extra_ns, places in messages:
-        if places:
-            clocks[which].place(ticks, UTC_NS)
+    for which, ticks, extra_ns in messages:
         assert isinstance(clocks[which].stamp_ns(ticks, 0, extra_ns), int)
-    assert all("nan" not in text for clock in clocks for text in clock.diagnostics.values())
 
 
 @pytest.mark.parametrize(
@@ -136,20 +113,16 @@ def test_whatever_comes(messages):
     [
         (0, 0),
         (20240611, 240000),
-        (20240611, 126000),
         (20240611, 120060),
-        (20240611, -1),
-        (-20240611, 120000),
         (20230229, 120000),
         (20241301, 120000),
-        (20240600, 120000),
         (19800106, 120000),
         (2**32 - 1, 120000),
         (20240611, 2**32 - 1),
     ],
 )
 def test_words_that_are_none(date, time):
-    assert utc_from_words(date, time, 8) is None
+    assert time_of_words(date, time) is None
 
 
 def as_words(utc_ns, offset_h):
@@ -175,17 +148,13 @@ def test_a_capture_is_placed_by_its_seconds(offset_h):
     powered_ns, messages = five_a_second(60, offset_h, wrong=30)
     seconds = WholeSeconds()
     assert seconds.shift_ns is None
-    assert seconds.newest_ns is None
     for message in messages:
         seconds.take(*message)
+    assert seconds.tick_ns == MS
     modified_ns = UTC_NS + 61 * SECOND
-    offset = guess_utc_offset(seconds.newest_ns, modified_ns)
-    assert offset == UtcOffset(offset_h, is_known=True)
-    late_ms = (powered_ns - (seconds.shift_ns - offset.hours * HOUR)) / MS
+    newest_ns = seconds.newest_ns + seconds.shift_ns
+    assert guess_utc_offset(newest_ns, modified_ns) == offset_h
+    assert guess_utc_offset(newest_ns, modified_ns + 900 * HOUR) is None
+    late_ms = (powered_ns - (seconds.shift_ns - offset_h * HOUR)) / MS
     # The soonest of 54 first messages of a second was sent 20 to 21 ms after its epoch.
     assert 20 <= late_ms < 23
-
-
-def test_the_time_zone_is_the_documented_one_without_a_hint():
-    assert guess_utc_offset(UTC_NS, None) == UtcOffset(8, is_known=False)
-    assert guess_utc_offset(UTC_NS, UTC_NS + 900 * HOUR) == UtcOffset(8, is_known=False)

@@ -44,10 +44,7 @@ def test_exponential_delays(rate_hz, drift_ppm):
     # Asked for: rms below 0.5 ms, never 2 ms. The lowest of 10 s has 2 ms / 500 at 50 Hz.
     assert rms(errors) < 0.1
     assert np.abs(errors).max() < 0.5
-    assert steady.state == "settled"
-    found = float(steady.diagnostics["stamps rate [Hz]"])
-    assert found == pytest.approx(rate_hz, rel=1e-4)
-    assert steady.diagnostics["stamps lost"] == "0"
+    assert SECOND / steady.period_ns == pytest.approx(rate_hz, rel=1e-4)
 
 
 def test_bursts():
@@ -69,7 +66,6 @@ def test_slow_streams(rate_hz):
     # The lowest of ten has 0.2 ms in the mean, and 1 ms once in exp(-5) = 150.
     assert rms(errors) < 0.4
     assert np.abs(errors).max() < 2
-    assert steady.diagnostics["stamps pauses"] == "0"
 
 
 @pytest.mark.parametrize(("rate_hz", "number"), [(100, 1), (100, 3), (50, 10), (5, 1), (1, 1)])
@@ -84,7 +80,6 @@ def test_lost_messages(rate_hz, number):
     right = (flown.since_s > 20) & (flown.since_s < lost_s) | shows
     assert np.abs(errors[right]).max() < 1
     assert errors.min() >= -number / rate_hz * 1e3 - 1  # early by what was lost, no more
-    assert steady.diagnostics["stamps lost"] == str(number)
 
 
 @pytest.mark.parametrize(("before_hz", "after_hz"), [(100, 50), (50, 100), (400, 200), (10, 50)])
@@ -100,8 +95,7 @@ def test_the_rate_changes(before_hz, after_hz):
     errors = (stamps - truth) / MS
     assert errors.min() > -250  # ms before the arrival: the bound for any stream
     assert np.abs(errors[truth > truth[0] + 50 * SECOND]).max() < 0.5
-    found = float(steady.diagnostics["stamps rate [Hz]"])
-    assert found == pytest.approx(after_hz, rel=1e-3)
+    assert SECOND / steady.period_ns == pytest.approx(after_hz, rel=1e-3)
 
 
 @pytest.mark.parametrize("pause_s", [0.7, 5.0, 600.0])
@@ -111,7 +105,6 @@ def test_a_pause(pause_s):
     flown = flown._replace(arrival_ns=flown.arrival_ns + later, truth_ns=flown.truth_ns + later)
     steady = SteadyStamps()
     errors = errors_ms(checked_stamps(flown, steady), flown, after_s=0)
-    assert steady.diagnostics["stamps pauses"] == "1"
     # Again from the arrival: late by a delay at first, then by the lowest of 100.
     assert np.abs(errors[(flown.since_s > 5) & (flown.since_s < 20)]).max() < 0.2
     assert errors[flown.since_s > 20].min() > -0.1
@@ -128,7 +121,6 @@ def test_the_hosts_clock_is_set(step_s):
     errors = errors_ms(stamps, flown, after_s=0)
     assert np.sum(np.diff(stamps) < 0) == (step_s < 0)
     assert np.abs(errors[flown.since_s > 21]).max() < 0.2
-    assert steady.diagnostics["stamps host steps"] == str(int(step_s < 0))
 
 
 @pytest.mark.parametrize("kind", ["exponential", "uniform"])
@@ -146,19 +138,6 @@ def test_a_stream_without_a_period_keeps_to_its_arrivals(kind):
     assert np.mean(early_ms) < mean_s * 1e3
 
 
-def test_states_and_diagnostics():
-    steady = SteadyStamps()
-    assert steady.state == "learning"
-    flown = link(100, 10, exponential(1), seed=13)
-    states = []
-    for arrival in flown.arrival_ns.tolist():
-        steady.stamp_ns(arrival)
-        states.append(steady.state)
-    assert list(dict.fromkeys(states)) == ["learning", "settling", "settled"]
-    assert steady.diagnostics["stamps state"] == "settled"
-    assert steady.diagnostics["stamps spread [ms]"].count(",") == 2
-
-
 @given(
     st.lists(
         st.one_of(st.integers(-(10**12), 10**12), st.integers(0, 2 * 10**7), st.just(10**7)),
@@ -174,4 +153,3 @@ def test_whatever_comes(gaps_ns):
         assert isinstance(stamp, int)
         if gap_ns >= 0:
             assert stamp >= arrival_ns - 250 * MS
-    assert not any("nan" in text or "inf" in text for text in steady.diagnostics.values())

@@ -5,20 +5,14 @@ from __future__ import annotations
 import random
 
 import pytest
-from scripted_aircraft import RATES, Flight
+from scripted_aircraft import FAST, RATES, RTK, Flight
 
 from tirgeo_ros.core.config.dji import DjiHostConfig
 from tirgeo_ros.core.types.errors import DjiError
 from tirgeo_ros.dji.host.session import HostSession, HostState
 from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
-from tirgeo_ros.dji.protocol.commands import (
-    Activate,
-    AddPackage,
-    MatchVersion,
-    SetRates,
-    encode_code,
-)
-from tirgeo_ros.dji.protocol.subscription import USUAL_PACKAGES, PackageTable
+from tirgeo_ros.dji.protocol.commands import MATCH_VERSION, Opcode, activate, remove_package
+from tirgeo_ros.dji.protocol.subscription import USUAL_PACKAGES, Package, PackageTable
 
 KEY = bytes(range(32))
 
@@ -27,30 +21,33 @@ def ready(flight):
     return flight.fly(60.0, HostState.READY)
 
 
+def refusing(code, kind, number=None):
+    """What refuses requests of a kind, or those of one package."""
+    return lambda r: code if r.opcode is kind and number in {None, r.value[0]} else None
+
+
 def test_the_default_sends_nothing_whatever_comes():
     flight = Flight(DjiHostConfig())
-    flight.fly(20.0)
+    flight.fly(10.0)
     flight.session.restart()
-    flight.fly(20.0)
+    flight.fly(10.0)
     assert flight.sent == b""
     assert flight.session.state is HostState.LISTENING
-    assert flight.session.message == "listening only: nothing is asked of the aircraft"
+    assert flight.session.message == "listening only: no requests are sent to the aircraft"
     assert flight.table == PackageTable()
 
 
 def test_all_is_asked_for_in_order():
     flight = ready(Flight())
     assert flight.kinds == [
-        *("GetVersion", "Activate", "SetRates", "MatchVersion", "ResetPackages"),
-        *["AddPackage"] * 5,
+        *("GET_VERSION", "ACTIVATE", "SET_RATES", "MATCH_VERSION", "RESET_PACKAGES"),
+        *["ADD_PACKAGE"] * 5,
     ]
-    assert flight.aircraft.asked[1] == Activate(1234, (3, 2, 41, 13))
+    assert flight.aircraft.asked[1] == activate(1234, (3, 2, 41, 13))
+    assert flight.aircraft.asked[-2].value == bytes.fromhex("03 9001 01 01 6df0beec")
     assert flight.aircraft.rates == RATES
-    assert sorted(flight.aircraft.packages) == flight.known == [0, 1, 2, 3, 4]
+    assert flight.aircraft.packages == flight.table == PackageTable()
     assert flight.session.message == "PM820V3PRO with firmware 3.2.41.13; ready"
-    assert flight.states == [
-        *(HostState.ACTIVATING, HostState.SETTING_RATES, HostState.SUBSCRIBING, HostState.READY)
-    ]
 
 
 def test_a_lost_ack_is_asked_for_again_under_the_same_number():
@@ -58,7 +55,7 @@ def test_a_lost_ack_is_asked_for_again_under_the_same_number():
     lost = [True, False, True, True, False] + [False] * 50
     flight.aircraft.route = lambda ack: [] if lost.pop(0) else [(0.0, ack)]
     ready(flight)
-    assert flight.kinds[:5] == ["GetVersion", "GetVersion", "Activate", "Activate", "Activate"]
+    assert flight.kinds[:5] == ["GET_VERSION", "GET_VERSION", "ACTIVATE", "ACTIVATE", "ACTIVATE"]
     frames = FrameReader().feed(flight.sent)
     assert frames[0] == frames[1]._replace(offset=frames[0].offset)
     assert flight.session.diagnostics["host sent again"] == "3"
@@ -66,39 +63,32 @@ def test_a_lost_ack_is_asked_for_again_under_the_same_number():
 
 def test_acks_of_others_are_not_taken():
     flight = Flight(DjiHostConfig(app_id=5))
-    own = flight.aircraft.ack
 
-    def foreign(frame):  # right number, other session; then right session, other number
-        own(frame)
-        value = encode_code(Activate(0, (0, 0, 0, 0)), 0)
+    def foreign(ack):  # right number, other session; then right session, other number
+        (frame,) = FrameReader().feed(ack)
         number = frame.sequence
-        return b"".join(
-            encode_frame(value, session=session, sequence=sequence, is_ack=True)
+        return [
+            (0.0, encode_frame(frame.data, session=session, sequence=sequence, is_ack=True))
             for session, sequence in [(3, number), (2, number + 1 & 0xFFFF), (0, number)]
-        )
+        ]
 
-    flight.aircraft.ack = foreign
+    flight.aircraft.route = foreign
     flight.fly(3.0)
     assert flight.session.state is HostState.NO_ANSWER
     assert not flight.aircraft.activated
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(6))
 def test_over_a_bad_line_it_gets_there(seed):
     chance = random.Random(seed)
     flight = Flight()
-
-    def route(ack):
-        return [(chance.uniform(0.0, 1.5), ack) for _ in range(chance.choice([0, 0, 1, 1, 2]))]
-
-    flight.aircraft.route = route
+    flight.aircraft.route = lambda ack: [
+        (chance.uniform(0.0, 1.5), ack) for _ in range(chance.choice([0, 0, 1, 1, 2]))
+    ]
     flight.fly(300.0, HostState.READY)
     assert flight.aircraft.activated
     assert flight.aircraft.rates == RATES
-    assert {n: p.uids for n, p in flight.aircraft.packages.items()} == {
-        p.id: tuple(topic.uid for topic in p.topics) for p in USUAL_PACKAGES
-    }
-    assert flight.table == PackageTable()
+    assert flight.aircraft.packages == flight.table == PackageTable()
 
 
 def test_an_aircraft_that_does_not_answer():
@@ -125,20 +115,20 @@ def test_an_aircraft_that_is_switched_on_later():
 
 @pytest.mark.parametrize(
     ("code", "words"),
-    [(3, "connect a phone or tablet with DJI GO"), (5, "no internet"), (1, "host.app_id")],
+    [(3, "connect a phone or tablet with DJI GO"), (1, "host.app_id")],
 )
 def test_a_refused_activation_is_told_and_tried_again_with_pauses(code, words):
     flight = Flight()
-    flight.aircraft.refusals = lambda r: code if isinstance(r, Activate) else None
+    flight.aircraft.refusals = refusing(code, Opcode.ACTIVATE)
     flight.fly(100.0)
     assert flight.session.state is HostState.NOT_ACTIVATED
     assert words in flight.session.message
     assert flight.aircraft.rates == RATES  # these do not wait for it
-    assert flight.kinds.count("Activate") < 20
-    assert "AddPackage" not in flight.kinds
+    assert flight.kinds.count("ACTIVATE") < 20
+    assert "ADD_PACKAGE" not in flight.kinds
     flight.aircraft.refusals = lambda _: None  # somebody did what the message says
     flight.fly(31.0, HostState.READY)
-    assert flight.known == [0, 1, 2, 3, 4]
+    assert sorted(flight.table) == [0, 1, 2, 3, 4]
 
 
 def test_a_subscription_without_app_id_is_tried_where_it_is_activated_already():
@@ -146,28 +136,19 @@ def test_a_subscription_without_app_id_is_tried_where_it_is_activated_already():
     flight.fly(2.0)
     assert flight.session.state is HostState.NOT_ACTIVATED
     assert "not activated: give host.app_id" in flight.session.message
-    assert set(flight.kinds) == {"GetVersion"}
+    assert set(flight.kinds) == {"GET_VERSION"}
     flight.aircraft.activated = True
     flight.fly(31.0, HostState.READY)
-    assert "Activate" not in flight.kinds
+    assert "ACTIVATE" not in flight.kinds
 
 
-def test_refused_rates_are_told():
-    flight = Flight()
-    flight.aircraft.refusals = lambda r: 1 if isinstance(r, SetRates) else None
-    flight.fly(5.0)
-    assert flight.session.state is HostState.INCOMPLETE
-    assert "broadcast rates: bad parameter: check host.broadcast_rates" in flight.session.message
-    assert flight.known == [0, 1, 2, 3, 4]
-
-
-@pytest.mark.parametrize("at", [MatchVersion, AddPackage])
+@pytest.mark.parametrize("at", [MATCH_VERSION, USUAL_PACKAGES[2].request])
 def test_an_activation_that_is_lost_midway_is_asked_for_anew(at):
     flight = Flight()
     lost = []
 
     def refusals(request):
-        if isinstance(request, at) and not lost:
+        if request == at and not lost:
             lost.append(request)
             flight.aircraft.switch_off_and_on()
             return 0x23
@@ -175,24 +156,18 @@ def test_an_activation_that_is_lost_midway_is_asked_for_anew(at):
 
     flight.aircraft.refusals = refusals
     flight.fly(20.0, HostState.READY)
-    assert flight.kinds.count("Activate") == 2
-    assert sorted(flight.aircraft.packages) == flight.known == [0, 1, 2, 3, 4]
-
-
-def test_an_aircraft_that_has_nothing_to_say_is_asked_less_and_less():
-    flight = Flight(DjiHostConfig(app_id=5))
-    flight.broadcasts = False
-    flight.fly(400.0)
-    assert 5 < flight.kinds.count("Activate") < 12  # after 3, 6, 12, 24, 48, 60, 60 s ...
+    assert flight.kinds.count("ACTIVATE") == 2
+    assert flight.aircraft.packages == flight.table == PackageTable()
 
 
 def test_a_quick_reboot_is_noticed_by_the_pushes_that_stop():
     flight = ready(Flight())
     flight.aircraft.switch_off_and_on()  # the broadcast goes on
+    flight.aircraft.rates = (0,) * 16
     flight.fly(5.0)
     flight.fly(2.0, HostState.READY)
     assert flight.aircraft.rates == RATES
-    assert sorted(flight.aircraft.packages) == [0, 1, 2, 3, 4]
+    assert flight.aircraft.packages == PackageTable()
 
 
 def test_the_link_opened_again():
@@ -200,31 +175,70 @@ def test_the_link_opened_again():
     flight.aircraft.asked.clear()
     flight.session.restart()
     ready(flight)
-    assert flight.kinds[:2] == ["GetVersion", "Activate"]
-    assert flight.kinds[-1] == "AddPackage"
+    assert flight.kinds[:2] == ["GET_VERSION", "ACTIVATE"]
+    assert flight.kinds[-1] == "ADD_PACKAGE"
     frames = FrameReader().feed(flight.sent)
     assert len({frame.sequence for frame in frames}) == len(frames)
 
 
+def encrypted(ack):
+    (frame,) = FrameReader().feed(ack)
+    number = {"session": frame.session, "sequence": frame.sequence}
+    return [(0.0, encode_frame(frame.data, **number, is_ack=True, key=KEY))]
+
+
 def test_encrypted_answers_need_the_key():
+    pytest.importorskip("cryptography")
     flight = Flight()
-    flight.aircraft.key = KEY
+    flight.aircraft.route = encrypted
     flight.fly(5.0)
     assert flight.session.state is HostState.NO_ANSWER
-    assert "answers are encrypted: set key to the application's" in flight.session.message
+    assert "answers are encrypted: set key to that of the application" in flight.session.message
     with_key = Flight(key=KEY)
-    with_key.aircraft.key = KEY
+    with_key.aircraft.route = encrypted
     ready(with_key)
 
 
-@pytest.mark.parametrize(
-    ("rates", "message"),
-    [
-        ((2.5,) + (5.0,) * 15, "host.broadcast_rates: 2.5 is no rate code"),
-        ((8.0,) + (5.0,) * 15, "host.broadcast_rates: 8 is no rate code"),
-        ((5.0,) * 3, "3 rate codes where 16 are due"),
-    ],
-)
-def test_rates_that_are_no_codes_are_an_error_at_the_start(rates, message):
-    with pytest.raises(DjiError, match=message):
-        HostSession(DjiHostConfig(broadcast_rates=rates), PackageTable())
+def test_where_the_reset_fails_each_is_removed():
+    flight = Flight(packages=[RTK])
+    flight.aircraft.packages |= {0: FAST, 4: FAST}
+    flight.aircraft.refusals = refusing(0x08, Opcode.RESET_PACKAGES)
+    ready(flight)
+    removed = [r for r in flight.aircraft.asked if r.opcode is Opcode.REMOVE_PACKAGE]
+    assert removed == [*map(remove_package, range(5))]
+    assert flight.aircraft.packages == flight.table == {0: RTK}
+
+
+@pytest.mark.parametrize("code", [0x06, 0x07, 0x20, 0x22])
+def test_a_package_refused_for_good_does_not_stop_the_others(code):
+    flight = Flight()
+    flight.aircraft.refusals = wrong = refusing(code, Opcode.ADD_PACKAGE, 3)
+    flight.fly(100.0)
+    assert sorted(flight.table) == sorted(flight.aircraft.packages) == [0, 1, 2, 4]
+    assert flight.session.state is HostState.INCOMPLETE
+    assert "package 3 refused: " in flight.session.message
+    assert sum(wrong(r) is not None for r in flight.aircraft.asked) == 1
+
+
+def test_topics_that_are_unknown_or_offline_are_left_out_and_the_latter_tried_again():
+    """RTK that is switched on later is found; GIMBAL_CONTROL_MODE this aircraft never has."""
+    names = ("GPS_DATE", "RTK_YAW", "GIMBAL_CONTROL_MODE")
+    mixed = Package.of(2, 5, with_timestamp=True, names=names)
+    yaw = mixed.topics[1].uid.to_bytes(4, "little")
+    flight = Flight(packages=[mixed])
+    flight.aircraft.refusals = lambda r: (
+        0x25 if r.opcode is Opcode.ADD_PACKAGE and yaw in r.value else None
+    )
+    flight.fly(50.0)
+    assert [topic.name for topic in flight.table[2].topics] == ["GPS_DATE"]
+    without = "without RTK_YAW, GIMBAL_CONTROL_MODE: the source of a topic is off"
+    assert without in flight.session.message
+    flight.aircraft.refusals = lambda _: None
+    flight.fly(31.0)
+    assert [topic.name for topic in flight.table[2].topics] == ["GPS_DATE", "RTK_YAW"]
+    assert flight.aircraft.packages == flight.table
+
+
+def test_what_cannot_be_asked_for_is_an_error_at_the_start():
+    with pytest.raises(DjiError, match=r"host.broadcast_rates: 2.5 is no rate code"):
+        HostSession(DjiHostConfig(broadcast_rates=(2.5,) + (5.0,) * 15), PackageTable())

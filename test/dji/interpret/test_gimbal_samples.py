@@ -6,12 +6,11 @@ import math
 
 import numpy as np
 import pytest
-from aircraft_readings import MS, attitude, gimbal, gps, imu, of, t_ms, taken, wxyz
+from aircraft_readings import MS, attitude, gimbal, imu, of, t_ms, taken, wxyz
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from tirgeo_ros.core.config import DjiConfig
-from tirgeo_ros.core.config.dji import DjiDelayConfig
 from tirgeo_ros.core.frames.heading import wrap_pi
 from tirgeo_ros.core.frames.rotations import (
     euler_from_quat,
@@ -23,7 +22,6 @@ from tirgeo_ros.core.frames.rotations import (
 )
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
 from tirgeo_ros.dji.interpret import Interpreter
-from tirgeo_ros.dji.sources.readings import ImuOrigin
 
 NAN, INF = math.nan, math.inf
 
@@ -87,37 +85,7 @@ def test_yaw_from_the_nose(tilt, nose, camera):
     )
 
 
-def test_delays_are_taken_off_before_the_instants_are_compared():
-    delay = DjiDelayConfig(imu_s=0.03, gimbal_s=0.1)
-    meant = interpreter(delay=delay)
-    readings = [imu(10 * k + 30, q_nb=wxyz(yaw=0.02 * k)) for k in range(30)]
-    readings.append(gimbal(243, yaw=0.286 + math.radians(12.5)))
-    samples = taken(meant, sorted(readings, key=lambda reading: reading.stamp_ns))
-    assert meant.diagnostics["psi_coder_deg"] == "12.50"
-    assert t_ms(of(JointSample, samples)[0]) == 143
-
-
 # Waiting
-
-
-def test_a_reading_waits_for_the_attitude_after_it():
-    meant = interpreter()
-    assert len(meant.take(imu(0))) == 1
-    assert meant.take(gimbal(5)) == []
-    samples = meant.take(attitude(8))
-    assert samples == []  # beside the IMU's own attitude it is not used
-    samples = meant.take(imu(10))
-    assert [t_ms(s) for s in samples] == [10, 5, 5]
-
-
-def test_it_goes_out_without_joints_when_none_comes():
-    meant = interpreter()
-    meant.take(imu(0))
-    assert meant.take(gimbal(5)) == []
-    assert meant.take(gps(255)) == []
-    (camera,) = meant.take(gps(256))
-    assert isinstance(camera, CameraAttitudeSample)
-    assert meant.counts == {"gimbal_without_joints": 1}
 
 
 def test_without_the_nose_there_is_no_heading_of_a_yaw_from_it():
@@ -125,31 +93,6 @@ def test_without_the_nose_there_is_no_heading_of_a_yaw_from_it():
     assert taken(meant, [gimbal(20 * k) for k in range(50)]) == []
     assert meant.flush() == []
     assert meant.counts == {"gimbal_without_heading": 50}
-
-
-def test_across_a_gap_of_attitudes_there_are_no_joints():
-    meant = interpreter()
-    samples = taken(meant, [imu(0), gimbal(100), imu(240), gimbal(300), imu(500), gimbal(501)])
-    assert [t_ms(s) for s in of(JointSample, samples)] == [100]
-    assert [t_ms(s) for s in of(CameraAttitudeSample, samples)] == [100, 300]
-    assert meant.counts["gimbal_without_joints"] == 1
-
-
-def test_the_broadcast_s_attitude_serves_while_another_imu_drives():
-    """One without an attitude in its package."""
-    meant = interpreter()
-    samples = taken(
-        meant,
-        [
-            imu(0, origin=ImuOrigin.SUBSCRIPTION, q_nb=None),
-            imu(1, q_nb=wxyz(yaw=1.0)),
-            gimbal(5, yaw=1.5),
-            imu(11, q_nb=wxyz(yaw=1.0)),
-        ],
-    )
-    assert meant.counts["imu_unused_broadcast"] == 2
-    (joints,) = of(JointSample, samples)
-    assert joints.yaw_rad == pytest.approx(0.5)
 
 
 # What is odd
@@ -164,18 +107,6 @@ def test_what_is_no_angle_is_refused(bad, angle):
     assert meant.counts == {"gimbal_refused": 1}
 
 
-def test_order_and_clocks():
-    meant = interpreter()
-    meant.take(gimbal(5000))
-    assert meant.take(gimbal(5000)) == []
-    assert meant.take(gimbal(4990)) == []
-    assert meant.counts == {"gimbal_out_of_order": 2}
-    # Another clock: the one that waits comes out, the new one waits.
-    (camera,) = meant.take(gimbal(100))
-    assert t_ms(camera) == 5000
-    assert [t_ms(s) for s in meant.flush()] == [100]
-
-
 @settings(max_examples=50)
 @given(angles, st.floats(-0.09, 0.09), angles, st.sampled_from([-1.0, 1.0]))
 def test_at_the_end_of_the_chain_the_three_still_give_the_rotation(yaw, off, pitch, side):
@@ -188,19 +119,11 @@ def test_at_the_end_of_the_chain_the_three_still_give_the_rotation(yaw, off, pit
     assert meant.counts == {"joints_near_singularity": 1}
 
 
-def test_every_reading_is_accounted_for():
-    rng = np.random.default_rng(3)
+def test_a_reading_waits_for_the_attitude_after_it():
     meant = interpreter()
-    readings = [imu(t, q_nb=wxyz(*rng.uniform(-0.4, 0.4, 3))) for t in range(0, 5000, 10)]
-    readings += [gimbal(t + 3, yaw=float(rng.uniform(-3, 3))) for t in range(0, 5000, 20)]
-    keep = rng.uniform(size=len(readings)) > 0.3
-    kept = sorted(
-        (reading for reading, k in zip(readings, keep, strict=True) if k),
-        key=lambda reading: reading.stamp_ns + rng.integers(0, 60) * MS,
-    )
-    samples = [*taken(meant, kept), *meant.flush()]
-    cameras, joints = of(CameraAttitudeSample, samples), of(JointSample, samples)
-    counts = meant.counts
-    number = sum(reading.stamp_ns % (20 * MS) == 3 * MS for reading in kept)
-    assert len(cameras) + counts.get("gimbal_out_of_order", 0) == number
-    assert len(joints) + counts.get("gimbal_without_joints", 0) == len(cameras)
+    assert len(meant.take(imu(0))) == 1
+    assert meant.take(gimbal(5)) == []
+    samples = meant.take(attitude(8))
+    assert samples == []  # beside the IMU's own attitude it is not used
+    samples = meant.take(imu(10))
+    assert [t_ms(s) for s in samples] == [10, 5, 5]

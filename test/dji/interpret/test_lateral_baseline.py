@@ -90,13 +90,3 @@ def test_the_shipped_file_flies_djis_antennas_across():
     # Over all flights: a single one is off by its own sigma, 0.06 deg.
     assert rms([rms(one.error_deg) for one in made]) <= 0.06
     assert rms([rms(one.error_deg / one.sigma_deg) for one in made]) <= 1.2
-
-
-@pytest.mark.slow
-def test_a_baseline_along_the_nose_would_be_far_off():
-    """What the filter made of the same headings before it knew where the antennas stand."""
-    flight, samples = flown(0, 60.0)
-    one = replace(EKF, aircraft=replace(EKF.aircraft, second_antenna_m=()))
-    found = headings(flight, solutions(flight, one, samples))
-    assert rms(found.error_deg) > 1.0
-    assert rms(found.error_deg / found.sigma_deg) > 10.0

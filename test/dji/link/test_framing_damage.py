@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import random
-import tracemalloc
 from itertools import pairwise
 
 import pytest
@@ -89,29 +88,6 @@ def test_a_stray_start_costs_no_frame_of_any_length(before):
         assert counts["skipped_bytes"] == len(before)
 
 
-def test_no_byte_is_part_of_two_frames():
-    """Where the last of one could be the first of another."""
-    first = next(
-        whole
-        for sequence in range(10_000)
-        if (whole := encode_frame(b"\x02\x00", sequence=sequence))[-1] == 0xAA
-    )
-    stream = first + encode_frame(b"")[1:] + FRAMES[1]
-    expected = [0, len(first) + 11]
-    assert offsets(read_all(stream)[0]) == expected
-    for at in range(len(stream)):
-        assert offsets(read_in(cut_at(stream, [at]))[0]) == expected
-
-
-def test_a_frame_in_the_data_of_a_damaged_one_is_found():
-    outer = encode_frame(b"\x02\x02" + FRAMES[0] + FRAMES[1])
-    frames, counts = read_all(outer[:-1] + bytes([outer[-1] ^ 1]) + FRAMES[2])
-    inner = 12 + 2
-    assert offsets(frames) == [inner, inner + len(FRAMES[0]), len(outer)]
-    assert counts["bad_crc32"] == 1
-    assert counts["skipped_bytes"] == inner + 4
-
-
 @pytest.mark.parametrize("seed", range(6))
 def test_the_example_frames_among_damage(shared, seed):
     """Each intact one is found, with all its bytes, and nothing else is."""
@@ -163,19 +139,6 @@ def test_a_frame_given_up_frees_those_behind_it():
     assert offsets(reader.feed(FRAMES[2])) == [at]
 
 
-def test_every_byte_is_accounted_for_at_any_time():
-    stream = damaged_stream(random.Random(5), 20_000)
-    reader, framed, skipped = FrameReader(KEY), 0, 0
-    for fed, piece in enumerate(cut_at(stream, range(1, len(stream))), 1):
-        framed += sum(f.length for f in reader.feed(piece))
-        counts = reader.counts
-        assert counts["bytes"] == fed
-        assert counts["skipped_bytes"] + framed + reader.held == fed
-        assert counts["skipped_bytes"] >= skipped
-        skipped = counts["skipped_bytes"]
-    assert counts["frames"] > 20
-
-
 HOSTILE = {
     "starts": b"\xaa" * 200_000,
     "headers": false_header() * 20_000,
@@ -212,24 +175,3 @@ def test_the_work_on_hostile_streams_is_bounded(name, most, monkeypatch):
     assert headers <= 2 * len(stream) / 8
     assert summed["crc16"] <= 2 * 12 * headers
     assert summed["crc32"] <= MAX_BYTES * counts["bad_crc32"]
-
-
-@pytest.mark.parametrize("name", HOSTILE)
-def test_hostile_streams_hold_up_no_frame(name):
-    """Longer than a frame can be: behind the stream it must be found without a pause."""
-    reader = FrameReader()
-    frames = reader.feed(HOSTILE[name] + bytes(MAX_BYTES) + FRAMES[1])
-    assert offsets(frames) == [len(HOSTILE[name]) + MAX_BYTES]
-
-
-@pytest.mark.parametrize("name", HOSTILE)
-def test_little_memory_is_held(name):
-    reader = FrameReader()
-    tracemalloc.start()
-    for at in range(0, len(HOSTILE[name]), 1000):
-        reader.feed(HOSTILE[name][at : at + 1000])
-    held_bytes, peak_bytes = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    # A piece of 1000 bytes, what is held (1022), their sum, the parts of one frame: a few kB.
-    assert held_bytes < 5_000
-    assert peak_bytes < 20_000

@@ -1,4 +1,4 @@
-"""Broadcasts in their three layouts, against the documented tables and against themselves."""
+"""Broadcasts in their two layouts, against the documented tables and against themselves."""
 
 from __future__ import annotations
 
@@ -11,10 +11,8 @@ from dji_layouts import FORMS, MODERN_BYTES, form_of, values
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tirgeo_ros.core.types.errors import DjiError
 from tirgeo_ros.dji.link.framing import FrameReader
 from tirgeo_ros.dji.protocol.broadcast import (
-    Broadcast,
     Layout,
     broadcast_length,
     decode_broadcast,
@@ -23,7 +21,6 @@ from tirgeo_ros.dji.protocol.broadcast import (
 from tirgeo_ros.dji.protocol.broadcast_parts import (
     Battery,
     Position,
-    RelativePosition,
     Status,
     Time,
     Velocity,
@@ -41,18 +38,6 @@ def test_each_part_is_as_long_as_documented():
     # Of the old layouts: 9 bytes of time, 25 of position, 32 of GPS, 1 of status and battery.
     lengths = [broadcast_length(Layout.LEGACY, 1 << bit) for bit in (0, 5, 6, 11, 12)]
     assert lengths == [2 + 9, 2 + 25, 2 + 32, 2 + 1, 2 + 1]
-    m100 = [broadcast_length(Layout.M100, 1 << bit) for bit in range(6, 12)]
-    assert m100 == [2 + 6, 2 + 12, 2 + 13, 2 + 1, 2 + 1, 2 + 2]
-
-
-def test_every_mask_has_the_length_of_its_parts_and_is_read_as_modern():
-    for mask in range(0x4000):
-        length = 2 + sum(size for bit, size in enumerate(MODERN_BYTES) if mask >> bit & 1)
-        assert broadcast_length(Layout.MODERN, mask) == length
-        # One in 16 is decoded as well: it takes a plan for each.
-        if mask % 16 == 7:
-            found = decode_broadcast(struct.pack("<H", mask).ljust(length, b"\0"))
-            assert (found.layout, found.mask) == (Layout.MODERN, mask)
 
 
 def lengths_of(layout):
@@ -65,15 +50,8 @@ def lengths_of(layout):
     return np.where(masks & ~known, -1, lengths)
 
 
-@pytest.mark.parametrize(
-    ("one", "other"),
-    [
-        (Layout.MODERN, Layout.LEGACY),
-        (Layout.MODERN, Layout.M100),
-        (Layout.LEGACY, Layout.M100),
-    ],
-)
-def test_no_length_fits_two_layouts_that_mean_different_things(one, other):
+def test_no_length_fits_two_layouts_that_mean_different_things():
+    one, other = Layout
     masks = np.arange(1 << 15)
     same = (lengths_of(one) == lengths_of(other)) & (lengths_of(one) > 0)
     differing = sum(1 << bit for bit in range(15) if FORMS[one].get(bit) != FORMS[other].get(bit))
@@ -125,45 +103,6 @@ def test_the_old_layout_of_the_m600():
     assert found.status == Status(2)
     assert found.battery == Battery(None, None, None, 36)
     assert found.mask == mask
-
-
-def test_the_m100_has_other_bits():
-    mask = 0x0FC0
-    numbers = [-828, 1248, -1047, 1, 2, 3, 4, 8000, -4545, 1.5, -30.0, 90.0, 1, 2, 36, 17, 0b11001]
-    found = decode_broadcast(struct.pack(form_of(Layout.M100, mask), mask, *numbers))
-    assert found.layout is Layout.M100
-    assert found.mag == (-828, 1248, -1047)
-    assert found.rc.mode == 8000
-    assert (found.gimbal.roll_deg, found.gimbal.pitch_deg, found.gimbal.yaw_deg) == (1.5, -30, 90)
-    assert (found.status, found.battery.percentage) == (Status(2), 36)
-    assert found.device == (17, 0b11001)
-    assert found.gps is None
-    assert found.rtk is None
-
-
-PLACE = Position(0.9, 0.1, 28.5, 25.0, 4)
-CLEAR = RelativePosition(1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 0)
-
-
-@pytest.mark.parametrize(
-    ("broadcast", "message"),
-    [
-        (Broadcast(position=PLACE), "relative_position needs 7 numbers"),
-        (Broadcast(relative_position=CLEAR), " position needs 5 numbers"),
-        (
-            Broadcast(Layout.LEGACY, relative_position=CLEAR),
-            "a3_osdk31: there is no relative_position",
-        ),
-        (Broadcast(Layout.M100, compass=1, gps=()), "m100_osdk31: there is no compass, gps"),
-        (Broadcast(mag=(40000, 0, 0)), "cannot be sent"),
-        (Broadcast(acceleration_as_packed=(1e39, 0.0, 0.0)), "cannot be sent"),
-        (Broadcast(time=Time(1, 2, None, None, 0)), "in a3_osdk33: time needs 5 numbers"),
-        (Broadcast(Layout.LEGACY, battery=Battery(1, 2, 3, 4)), "battery needs 1 numbers"),
-    ],
-)
-def test_what_a_layout_cannot_hold_is_refused(broadcast, message):
-    with pytest.raises(DjiError, match=message):
-        encode_broadcast(broadcast)
 
 
 def test_the_example_frames_encode_to_the_same_bytes(shared):

@@ -1,9 +1,10 @@
-"""Packages of topics and their pushes."""
+"""Packages of topics, their pushes, and tables of packages as a person writes them."""
 
 from __future__ import annotations
 
 import struct
 
+import numpy as np
 import pytest
 from dji_layouts import number
 from hypothesis import given
@@ -11,68 +12,17 @@ from hypothesis import strategies as st
 
 from tirgeo_ros.core.types.errors import DjiError
 from tirgeo_ros.dji.protocol.broadcast_parts import GimbalAngles, GpsFused, Velocity
-from tirgeo_ros.dji.protocol.commands import (
-    GetVersion,
-    RemovePackage,
-    ResetPackages,
-)
+from tirgeo_ros.dji.protocol.package_table import package_table
+from tirgeo_ros.dji.protocol.printed_fields import push_fields
 from tirgeo_ros.dji.protocol.subscription import (
     USUAL_PACKAGES,
     Package,
     PackageTable,
-    Push,
     decode_push,
     encode_push,
 )
-from tirgeo_ros.dji.protocol.subscription_topics import BY_NAME, TOPICS
-
-#: Number and length of the topics, as documented.
-DOCUMENTED = {
-    "QUATERNION": (0xA493281F, 16),
-    "ACCELERATION_GROUND": (0x8696C85B, 12),
-    "ACCELERATION_BODY": (0xBB17D5FE, 12),
-    "ACCELERATION_RAW": (0xC3503A6E, 12),
-    "VELOCITY": (0x18FB271D, 13),
-    "ANGULAR_RATE_FUSIONED": (0x3599C4BE, 12),
-    "ANGULAR_RATE_RAW": (0x700389EE, 12),
-    "ALTITUDE_FUSIONED": (0x11E9C81A, 4),
-    "ALTITUDE_BAROMETER": (0x27396A39, 4),
-    "HEIGHT_FUSION": (0x87CF419D, 4),
-    "GPS_FUSED": (0x4B19A8C7, 22),
-    "GPS_DATE": (0x598F79BC, 4),
-    "GPS_TIME": (0xD48912C9, 4),
-    "GPS_POSITION": (0x0C949E94, 12),
-    "GPS_VELOCITY": (0x7AC7EB80, 12),
-    "GPS_DETAILS": (0x81FED54E, 36),
-    "RTK_POSITION": (0x1DF9A6B6, 20),
-    "RTK_VELOCITY": (0x763D13C3, 12),
-    "RTK_YAW": (0xF45D73FD, 2),
-    "RTK_POSITION_INFO": (0xDA4A57B5, 1),
-    "RTK_YAW_INFO": (0xCB72B9E3, 1),
-    "COMPASS": (0xDF3D72B7, 6),
-    "RC": (0x739F7FE4, 12),
-    "GIMBAL_ANGLES": (0x01F71678, 12),
-    "GIMBAL_STATUS": (0x8B6CD45C, 4),
-    "GIMBAL_CONTROL_MODE": (0x326A446D, 1),
-    "STATUS_FLIGHT": (0x20CFB02A, 1),
-    "STATUS_DISPLAYMODE": (0x1A67D6A1, 1),
-    "BATTERY_INFO": (0x69779DD9, 13),
-    "HARD_SYNC": (0xECBEF06D, 55),
-    "GPS_CONTROL_LEVEL": (0xE30B17B0, 1),
-    "GPS_SIGNAL_LEVEL": (0xA6A0395F, 1),
-    "RTK_CONNECT_STATUS": (0x6F349326, 2),
-    "ESC_DATA": (0xAAA0F589, 80),
-    "RC_FULL_RAW_DATA": (0x16EC4D0E, 44),
-    "POSITION_VO": (0xD3462697, 13),
-    "AVOID_DATA": (0xF6405DAA, 25),
-    "HOME_POINT_INFO": (0xBFE4B520, 16),
-}
-
-
-@pytest.mark.parametrize("name", DOCUMENTED)
-def test_a_topic_has_its_documented_number_and_length(name):
-    package = Package.of(0, 1, with_timestamp=False, names=(name,))
-    assert (BY_NAME[name].uid, package.length - 1) == DOCUMENTED[name]
+from tirgeo_ros.dji.protocol.subscription_topics import TOPICS
+from tirgeo_ros.io.parameters.parameter_file import load_yaml
 
 
 def test_the_usual_packages_have_the_lengths_of_their_pushes():
@@ -133,33 +83,81 @@ def test_what_is_decoded_encodes_to_the_same_bytes(case):
     assert encode_push(push) == value
 
 
+def test_a_32_bit_number_is_printed_as_told_apart_from_its_neighbours():
+    numbers = np.array([0.1, 1 / 3, 7.3499999, -1e-30, 3.4028235e38, 1.0000001], dtype=np.float32)
+    for value in numbers:
+        table = PackageTable([Package.of(0, 50, with_timestamp=False, names=("HEIGHT_FUSION",))])
+        push = decode_push(b"\x00" + value.tobytes(), table)
+        printed = push_fields(push)["HEIGHT_FUSION"]
+        assert np.float32(printed) == value
+        assert len(f"{printed!r}".lstrip("-0.").partition("e")[0].replace(".", "")) <= 9
+
+
+FILE = "packages.yaml"
+
+
+def entry(**changes):
+    return {"rate_hz": 5, "with_timestamp": True, "topics": ["RTK_POSITION", "RTK_YAW"]} | changes
+
+
+def without(key):
+    return {name: value for name, value in entry().items() if name != key}
+
+
+def test_a_table_is_read_from_a_file(tmp_path):
+    file = tmp_path / FILE
+    file.write_text(
+        "packages:\n"
+        "  0:\n"
+        "    rate_hz: 5\n"
+        "    with_timestamp: true\n"
+        "    topics: [RTK_POSITION, 0xf45d73fd]\n"
+        "  3:\n"
+        "    rate_hz: 400\n"
+        "    with_timestamp: false\n"
+        "    topics:\n"
+        "      - HARD_SYNC\n"
+    )
+    assert list(package_table(load_yaml(file), str(file)).values()) == [
+        Package.of(0, 5, with_timestamp=True, names=("RTK_POSITION", "RTK_YAW")),
+        Package.of(3, 400, with_timestamp=False, names=("HARD_SYNC",)),
+    ]
+
+
 @pytest.mark.parametrize(
-    ("values", "message"),
+    ("tree", "message"),
     [
-        ({"VELOCITY": Velocity((1.0, 2.0, 3.0))}, "package 3: RTK_YAW needs 1 numbers"),
-        ({"VELOCITY": (1.0, 2.0, 3.0), "RTK_YAW": 1}, "VELOCITY needs 4 numbers"),
-        ({"VELOCITY": Velocity((1.0, 2.0, 3.0)), "RTK_YAW": 40000}, "package 3 cannot be sent"),
-        ({"VELOCITY": Velocity((1e39, 2.0, 3.0)), "RTK_YAW": 1}, "package 3 cannot be sent"),
+        (None, "no table of packages"),
+        ({"packages": None}, "no table of packages"),
+        ({"packages": {5: entry()}}, r"packages\.5: ids of packages are 0 to 4"),
+        (
+            {"packages": {1: without("topics")}},
+            r"packages\.1: needs rate_hz, with_timestamp, topics",
+        ),
+        ({"packages": {1: entry(rate=5)}}, r"packages\.1: needs .*, and nothing else"),
+        ({"packages": {1: entry(rate_hz=401)}}, r"packages\.1\.rate_hz: 401: a whole number"),
+        ({"packages": {1: entry(with_timestamp=1)}}, r"packages\.1\.with_timestamp: 1: true or"),
+        ({"packages": {1: entry(topics=[])}}, r"packages\.1\.topics: a list of topics"),
+        (
+            {"packages": {1: entry(topics=["RTK_JAW"])}},
+            r"packages\.1\.topics: unknown topic RTK_J",
+        ),
+        ({"packages": {1: entry(topics=[18])}}, r"packages\.1\.topics: unknown topic 0x00000012"),
+        (
+            {
+                "packages": {
+                    1: entry(
+                        topics=[
+                            *("ESC_DATA", "HARD_SYNC", "RC_FULL_RAW_DATA", "GPS_DETAILS"),
+                            *("QUATERNION", "GPS_FUSED"),
+                        ]
+                    )
+                }
+            },
+            r"packages\.1: 261 bytes, more than the 250 of a push",
+        ),
     ],
 )
-def test_what_a_package_cannot_hold_is_refused(values, message):
-    package = Package.of(3, 50, with_timestamp=False, names=("VELOCITY", "RTK_YAW"))
-    with pytest.raises(DjiError, match=message):
-        encode_push(Push(package, None, None, values))
-
-
-def test_no_package_of_a_topic_that_is_none():
-    with pytest.raises(DjiError, match="package 1: no topic is called RTK_JAW"):
-        Package.of(1, 5, with_timestamp=True, names=["RTK_YAW", "RTK_JAW"])
-
-
-def test_a_table_learns_what_was_asked_for():
-    table = PackageTable()
-    package = Package.of(1, 5, with_timestamp=False, names=("RTK_YAW",))
-    assert table.learn(package.request)
-    assert table.get(1) == package
-    assert table.learn(RemovePackage(0))
-    assert sorted(table) == [1, 2, 3, 4]
-    assert table.learn(ResetPackages())
-    assert len(table) == 0
-    assert not table.learn(GetVersion())
+def test_what_is_no_table_is_told_with_file_and_key(tree, message):
+    with pytest.raises(DjiError, match=rf"^{FILE}: {message}"):
+        package_table(tree, FILE)

@@ -1,4 +1,4 @@
-"""What the simulated aircraft says, part by part, and how it answers."""
+"""What the simulated aircraft says, part by part, and how it answers a host."""
 
 from __future__ import annotations
 
@@ -7,23 +7,28 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from aircraft_on_port import hovering
 
-from tirgeo_ros.core.config import SimulatedAircraftConfig
+from tirgeo_ros.core.config import DjiConfig, SimulatedAircraftConfig
+from tirgeo_ros.core.config.dji import DjiHostConfig
 from tirgeo_ros.core.frames.rotations import quat_from_euler
 from tirgeo_ros.core.types.measurements import (
-    CameraAttitudeSample,
     FixStatus,
-    HeadingSample,
     ImuSample,
-    JointSample,
     PositionSample,
     Source,
-    VelocitySample,
 )
-from tirgeo_ros.dji.link.framing import FrameReader
+from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
 from tirgeo_ros.dji.protocol.broadcast import Layout, decode_broadcast
+from tirgeo_ros.dji.protocol.commands import (
+    GET_VERSION,
+    activate,
+    decode_code,
+    set_rates,
+)
 from tirgeo_ros.dji.protocol.subscription import USUAL_PACKAGES, PackageTable, decode_push
 from tirgeo_ros.dji.simulator import Aircraft, frames_of
+from tirgeo_ros.dji.sources.serial import SerialDecoder
 
 MS = 1_000_000
 START = 1_634_731_200_000_000_000  # 2021-10-20 12:00:00 UTC, 20:00:00 where its maker is
@@ -54,85 +59,6 @@ def told(samples, config=None, layout=Layout.MODERN):
     broadcasts = [decode_broadcast(frame.value) for frame in found if frame.cmd_id == 0]
     assert all(said is not None and said.layout is layout for said in broadcasts)
     return broadcasts
-
-
-def test_receivers_are_told_in_the_aircrafts_units():
-    config = SimulatedAircraftConfig(geoid_undulation_m=-9.0)
-    velocity_n = np.array([1.25, -2.5, 0.125])
-    arrivals = [
-        (START + 80 * MS, rtk(0)),
-        (START + 80 * MS, VelocitySample(START, Source.RTK_VELOCITY, velocity_n, FIX)),
-        (START + 80 * MS, HeadingSample(START, math.radians(123.4), 1e-4)),
-        (START + 10 * MS, rtk(10, FixStatus.SINGLE, Source.GPS_POSITION)),
-        (START + 10 * MS, VelocitySample(START, Source.GPS_VELOCITY, velocity_n, FIX)),
-    ]
-    said = told([*(imu(k) for k in range(20)), *arrivals], config)[-2]
-    assert said.rtk.lat_deg == pytest.approx(39.85, abs=1e-12)
-    assert said.rtk.lon_deg == pytest.approx(116.7, abs=1e-12)
-    assert said.rtk.hfsl_m == pytest.approx(40.5, abs=1e-6)  # above the sea, which is at -9 m
-    assert said.rtk.vel_cmps == (125.0, -250.0, 12.5)
-    assert (said.rtk.yaw_deg, said.rtk.pos_flag, said.rtk.yaw_flag) == (-147, 50, 50)
-    assert (said.rtk.date, said.rtk.time) == (20211020, 200000)
-    assert (said.gps.lat_1e7, said.gps.lon_1e7, said.gps.hfsl_mm) == (398500000, 1167000000, 40500)
-    assert said.gps.vel_ned_cmps == (125.0, -250.0, 12.5)
-    assert (said.gps.detail.fix, said.gps.detail.nsv, said.gps.detail.counter) == (3.0, 14, 1)
-    assert said.gps.detail.hacc_mm == pytest.approx(10.0)
-    assert said.gps.detail.vacc_mm == pytest.approx(20.0)
-    assert said.velocity.xyz_mps == (1.25, -2.5, -0.125)  # up, not down
-
-
-def test_what_is_new_at_an_instant_is_in_the_frame_of_that_instant_and_repeated_at_50_hz():
-    epochs = [replace(rtk(at_ms), height_m=31.5 + at_ms) for at_ms in (0, 200)]
-    arrivals = [(epoch.stamp_ns + 80 * MS, epoch) for epoch in epochs]
-    said = told([*(imu(k) for k in range(60)), *arrivals])
-    polled = {k: part.rtk.hfsl_m for k, part in enumerate(said) if part.rtk is not None}
-    assert list(polled) == list(range(0, 60, 2))
-    # From the frame of 80 ms on, though the fix came behind the IMU's sample of that time.
-    assert {k for k, height_m in polled.items() if height_m == 31.5} == set(range(8, 28, 2))
-    assert {k for k, height_m in polled.items() if height_m == 231.5} == set(range(28, 60, 2))
-
-
-def test_a_silent_receiver_has_no_solution():
-    samples = [*(imu(k, 20) for k in range(120)), (START, rtk(0))]
-    flags = [(k * 20, said.rtk.pos_flag) for k, said in enumerate(told(samples))]
-    assert {flag for at_ms, flag in flags if at_ms <= 1000} == {50}
-    assert {flag for at_ms, flag in flags if at_ms > 1000} == {0}
-
-
-def test_samples_that_make_no_sense_are_left_out_and_counted():
-    aircraft = Aircraft()
-    bad = [
-        imu(1, specific_force_b=np.array([np.nan, 0.0, 0.0])),
-        (START + 10 * MS, replace(rtk(10), latitude_rad=9.0)),
-        (START + 10 * MS, JointSample(START, math.nan, 0.0, 0.0)),
-        (START + 10 * MS, CameraAttitudeSample(START, np.zeros(4))),
-    ]
-    frames = list(frames_of(aircraft, [imu(0), *bad, imu(0), imu(2)]))
-    assert len(frames) == 2
-    assert aircraft.counts == {"broadcasts": 2, "pushes": 0, "invalid": 4, "imu_not_later": 1}
-
-
-JOINTS = {"yaw_rad": 0.3, "roll_rad": -0.04, "pitch_rad": -0.6}
-REPORTED = quat_from_euler(0.0, -0.5, 2.4)
-
-
-def both_gimbals(until_ms: int):
-    for at_ms in range(5, until_ms, 20):  # between the samples of the IMU
-        stamp = START + at_ms * MS
-        yield stamp, JointSample(stamp, **JOINTS)
-        yield stamp, CameraAttitudeSample(stamp, REPORTED)
-
-
-def test_the_old_layout_has_no_more_than_it_can_hold():
-    samples = [*(imu(k) for k in range(5)), (START, rtk(0)), *both_gimbals(60)]
-    said = told(samples, SimulatedAircraftConfig(layout="legacy"), Layout.LEGACY)[2]
-    assert said.time[2:] == (None, None, 0)
-    assert said.relative_position is None
-    assert said.gps.detail is None
-    assert said.battery is None
-    assert said.status.mode is None
-    assert said.rtk.pos_flag == 50
-    assert said.gimbal is not None
 
 
 def test_a_flight_that_starts_again_switches_it_on_anew():
@@ -180,3 +106,71 @@ def test_parts_are_polled_in_step_with_any_imu(rate_hz):
     said = told(samples)
     polled_ms = [1000 * k // rate_hz for k, part in enumerate(said) if part.rtk is not None]
     assert polled_ms == list(range(0, 1000, 20))
+
+
+SECOND = 1_000_000_000
+
+
+class Host:
+    """Asks an aircraft, in frames of reliable sessions."""
+
+    def __init__(self, aircraft):
+        self.aircraft = aircraft
+        self.sequence = 0
+
+    def ask(self, request, session=2):
+        self.sequence += 1
+        asked = encode_frame(request.data, session=session, sequence=self.sequence)
+        frames = FrameReader().feed(self.aircraft.answer(asked))
+        assert all(
+            (f.is_ack, f.session, f.sequence) == (True, session, self.sequence) for f in frames
+        )
+        return frames[0].data if frames else b""
+
+    def code(self, request):
+        return decode_code(request, self.ask(request))
+
+
+@pytest.fixture
+def host():
+    return Host(Aircraft())
+
+
+def test_requests_come_in_pieces_twice_and_without_a_wish_for_an_answer(host):
+    asked = encode_frame(activate(1, (3, 2, 41, 13)).data, session=2, sequence=9)
+    assert host.aircraft.answer(asked[:7]) == b""
+    ack = host.aircraft.answer(asked[7:])
+    assert ack
+    assert host.aircraft.answer(asked) == ack  # asked again: the same answer, not the next
+    assert host.ask(GET_VERSION, session=0) == b""
+    assert host.aircraft.answer(encode_frame(b"\x07\x07\x01", session=2)) == b""  # never heard of
+
+
+def test_rates_are_set_by_their_codes():
+    aircraft = Aircraft()
+    host = Host(aircraft)
+    assert host.code(set_rates((9,) * 16)) == 1
+    assert host.code(set_rates((2, 5, 2) + (0,) * 13)) == 0
+    frames = list(frames_of(aircraft, hovering(1.0)))
+    said = [decode_broadcast(f.value) for f in FrameReader().feed(b"".join(f[1] for f in frames))]
+    assert [k for k, part in enumerate(said) if part.time is not None] == list(range(0, 100, 10))
+    assert all(part.quaternion_wxyz is not None for part in said)
+    assert all(part.angular_rate_radps is part.rtk is part.gimbal is None for part in said)
+    assert host.code(set_rates((0,) * 16)) == 0
+    assert list(frames_of(aircraft, hovering(1.0, SECOND))) == []
+
+
+def test_dji_nodes_own_host_gets_what_it_asks_for():
+    """Activation, rates and packages, over a link that brings and takes at once."""
+    host = DjiHostConfig(app_id=7, broadcast_rates=(4, 4, 4, 0, 4) + (0,) * 11, subscribe=True)
+    aircraft, road = Aircraft(), SerialDecoder(DjiConfig(host=host), PackageTable())
+    for time_ns, data in frames_of(aircraft, hovering(8.0)):
+        now_s = time_ns * 1e-9
+        road.take(data, time_ns, now_s)
+        road.take(aircraft.answer(road.host.due(now_s)), time_ns, now_s)
+    assert aircraft.desk.activated
+    assert aircraft.desk.rates[:5] == (4, 4, 4, 0, 4)
+    assert list(aircraft.desk.packages.values()) == list(USUAL_PACKAGES)
+    assert road.diagnostics["host state"] == "ready"
+    assert int(road.diagnostics["telemetry subscription"]) > 400
+    assert aircraft.counts["pushes"] > 400

@@ -13,17 +13,12 @@ from tirgeo_ros.core.frames.axes import ENU_NED, FLU_FRD
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler
 from tirgeo_ros.core.types.errors import MessageError
 from tirgeo_ros.dji.sources.readings import AccelerationUnit, GimbalReading, ImuReading, RtkReading
-from tirgeo_ros.dji.sources.ros1 import NEEDED, Ros1Decoder, Ros1Setup, Ros1Survey, types_of, used
-from tirgeo_ros.dji.sources.ros1_stamp_delays import StampLags
+from tirgeo_ros.dji.sources.ros1 import Ros1Decoder, Ros1Setup, survey
 
 MS = 1_000_000
 SECOND = 1_000 * MS
 START = 1_718_091_879 * SECOND
 LAG = 2 * MS
-IMU = "sensor_msgs/msg/Imu"
-ATTITUDE = "geometry_msgs/msg/QuaternionStamped"
-VECTOR = "geometry_msgs/msg/Vector3Stamped"
-FIX = "sensor_msgs/msg/NavSatFix"
 ROUNDING = 1e-12
 
 
@@ -61,10 +56,10 @@ def attitude(stamp_ns: int, w: float) -> Message:
     return Message(header=header(stamp_ns), quaternion=Message(w=w, x=0.0, y=0.0, z=0.0))
 
 
-def readings(name, typename, message, record_ns=START + LAG, setup=None):
+def readings(name, message, record_ns=START + LAG, setup=None):
     """What one message gives, epochs that are not over included."""
     road = Ros1Decoder(setup or Ros1Setup())
-    found = road.take(name, typename, message, record_ns)
+    found = road.take(name, message, record_ns)
     return [arrived.reading for arrived in found + road.flush()]
 
 
@@ -73,7 +68,7 @@ def test_imu_is_turned_to_ned_and_frd():
     rotation = ENU_NED @ matrix_from_quat(q_nb) @ FLU_FRD
     half = np.array([0.5 * math.sqrt(max(0.0, 1 + s @ np.diag(rotation))) for s in _SIGNS])
     q = half * [1.0, *np.sign(_axial(rotation))]
-    (reading,) = readings("imu", IMU, imu(START, q=tuple(q)))
+    (reading,) = readings("imu", imu(START, q=tuple(q)))
     assert isinstance(reading, ImuReading)
     assert reading.stamp_ns == START
     assert reading.unit is AccelerationUnit.M_S2
@@ -90,32 +85,6 @@ def _axial(m):
     return np.array([m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]])
 
 
-def test_an_attitude_that_is_marked_as_absent():
-    message = imu(START)
-    message.orientation_covariance = [-1.0] + [0.0] * 8
-    (reading,) = readings("imu", IMU, message)
-    assert reading.q_nb is None
-
-
-def test_attitude_is_turned_to_ned_and_frd():
-    """Level with the nose to the east, where ENU has no turn: a heading of 90 deg."""
-    (reading,) = readings("attitude", ATTITUDE, attitude(START, 1.0))
-    expected = quat_from_euler(0.0, 0.0, math.radians(90.0))
-    assert reading.q_nb == pytest.approx(tuple(expected), abs=ROUNDING)
-
-
-def test_fused_velocity_is_east_north_up():
-    (reading,) = readings("velocity", VECTOR, vector(START, 1.0, 2.0, 3.0, "ground_ENU"))
-    assert reading.velocity_n == (2.0, 1.0, -3.0)
-
-
-def test_fused_position_has_no_fix_and_hardly_a_height():
-    (reading,) = readings("gps_position", FIX, fix(START, altitude=-137.0))
-    assert reading.place == (math.radians(52.0), math.radians(4.0), -137.0)
-    assert reading.fix is None
-    assert reading.vertical_sigma_m == 100.0
-
-
 @pytest.mark.parametrize(
     ("angles", "frame"),
     [
@@ -126,42 +95,41 @@ def test_fused_position_has_no_fix_and_hardly_a_height():
     ],
 )
 def test_the_order_of_the_gimbals_angles_is_told_by_the_frame(angles, frame):
-    (reading,) = readings("gimbal_angle", VECTOR, vector(START, *angles, frame))
+    (reading,) = readings("gimbal_angle", vector(START, *angles, frame))
     expected = GimbalReading(START, math.radians(2.0), math.radians(-70.0), math.radians(45.0))
     assert reading == expected
 
 
 @pytest.mark.parametrize(
-    ("name", "typename", "message", "because"),
+    ("name", "message", "because"),
     [
-        ("imu", IMU, imu(START, force=(math.nan, 0.0, 9.8)), "not finite: nan, 0, 9.8"),
-        ("attitude", ATTITUDE, attitude(START, 0.0), "a quaternion of length 0"),
-        ("velocity", VECTOR, vector(START, math.inf, 0.0, 0.0), "not finite: inf"),
-        ("gps_position", FIX, fix(START, latitude=0.0, longitude=0.0), "no position yet"),
-        ("rtk_position", FIX, fix(START, latitude=91.0), "no place on the earth: 91, 4"),
-        ("rtk_position", FIX, fix(START, altitude=math.nan), "not finite"),
-        ("gimbal_angle", VECTOR, vector(START, 4500.0, 0.0, 0.0), "no angles of a gimbal"),
-        ("rtk_yaw", "std_msgs/msg/Int16", Message(angle=1), "its definition has no data"),
-        ("imu", IMU, imu(START - 3600 * SECOND), r"stamped -3600 s from when it was recorded"),
+        ("imu", imu(START, force=(math.nan, 0.0, 9.8)), "not finite: nan, 0, 9.8"),
+        ("attitude", attitude(START, 0.0), "a quaternion of length 0"),
+        ("velocity", vector(START, math.inf, 0.0, 0.0), "not finite: inf"),
+        ("gps_position", fix(START, latitude=0.0, longitude=0.0), "no position yet"),
+        ("rtk_position", fix(START, latitude=91.0), "not a place on the Earth: 91, 4"),
+        ("rtk_position", fix(START, altitude=math.nan), "not finite"),
+        ("gimbal_angle", vector(START, 4500.0, 0.0, 0.0), "no angles of a gimbal"),
+        ("rtk_yaw", Message(angle=1), "its definition has no data"),
+        ("imu", imu(START - 3600 * SECOND), r"stamped -3600 s from when it was recorded"),
     ],
 )
-def test_values_that_make_no_sense_are_refused(name, typename, message, because):
+def test_values_that_make_no_sense_are_refused(name, message, because):
     with pytest.raises(MessageError, match=because):
-        readings(name, typename, message)
+        readings(name, message)
 
 
 def test_yaw_and_flags_have_the_stamp_of_their_position():
     road = Ros1Decoder()
-    number = "std_msgs/msg/UInt8"
     given = [
-        ("rtk_info_position", number, Message(data=50)),
-        ("rtk_position", FIX, fix(START)),
-        ("rtk_yaw", "std_msgs/msg/Int16", Message(data=-90)),
-        ("rtk_info_yaw", number, Message(data=49)),
+        ("rtk_info_position", Message(data=50)),
+        ("rtk_position", fix(START)),
+        ("rtk_yaw", Message(data=-90)),
+        ("rtk_info_yaw", Message(data=49)),
     ]
-    for k, (name, typename, message) in enumerate(given):
-        assert road.take(name, typename, message, START + (k + 2) * MS) == []
-    ((arrival_ns, reading),) = road.take("imu", IMU, imu(START + SECOND), START + SECOND)[:1]
+    for k, (name, message) in enumerate(given):
+        assert road.take(name, message, START + (k + 2) * MS) == []
+    ((arrival_ns, reading),) = road.take("imu", imu(START + SECOND), START + SECOND)[:1]
     place = (math.radians(52.0), math.radians(4.0), 30.0)
     assert reading == RtkReading(START, place, 50, None, -90, 49)
     assert arrival_ns == START + 5 * MS
@@ -169,13 +137,12 @@ def test_yaw_and_flags_have_the_stamp_of_their_position():
 
 def test_a_bag_that_was_recorded_again_has_the_clock_of_its_stamps():
     later = 86_400 * SECOND
-    survey = Ros1Survey()
-    for k in range(50):
-        survey.add("imu", imu(START + k * 10 * MS), START + k * 10 * MS + LAG + later)
-    road = Ros1Decoder(survey.setup)
-    assert survey.setup.shift_ns == later + LAG
+    stamps = [START + k * 10 * MS for k in range(50)]
+    setup = survey(("imu", imu(stamp), stamp + LAG + later) for stamp in stamps)
+    road = Ros1Decoder(setup)
+    assert setup.shift_ns == later + LAG
     message = Message(data=10)
-    assert road.take("rtk_yaw", "std_msgs/msg/Int16", message, START + later + LAG) == []
+    assert road.take("rtk_yaw", message, START + later + LAG) == []
     ((arrival_ns, reading),) = road.flush()
     assert arrival_ns == reading.stamp_ns == START
     assert "86400.002 s before the times of the record" in road.warnings[0]
@@ -183,13 +150,11 @@ def test_a_bag_that_was_recorded_again_has_the_clock_of_its_stamps():
 
 def test_a_gravity_that_is_multiplied_in_twice():
     """Broadcast with m/s2 set in Assistant: the wrapper's factor comes on top of it."""
-    survey = Ros1Survey()
     message = imu(START, force=(0.0, 0.0, 9.8 * 9.801))
-    for k in range(30):
-        survey.add("imu", message, START + k)
-    (reading,) = readings("imu", IMU, message, setup=survey.setup)
+    setup = survey([("imu", message, START)] * 30)
+    (reading,) = readings("imu", message, setup=setup)
     assert reading.acceleration_b[2] == pytest.approx(-9.8, abs=ROUNDING)
-    assert "gravity multiplied in twice" in Ros1Decoder(survey.setup).warnings[0]
+    assert "gravity multiplied in twice" in Ros1Decoder(setup).warnings[0]
 
 
 @pytest.mark.parametrize("burst", [4, 8, 16])
@@ -206,11 +171,8 @@ def test_an_imu_in_bursts_gets_the_stamps_of_its_rate(burst):
         last = min(k // burst * burst + burst - 1, len(true) - 1)
         after = stamped[-1] + 20_000 if stamped else 0
         stamped.append(max(true[last] + rng.randrange(300_000), after))
-    survey = Ros1Survey()
-    for stamp in stamped[:200]:
-        survey.add("imu", imu(stamp), stamp + MS)
-    road = Ros1Decoder(survey.setup)
-    made = [road.take("imu", IMU, imu(s), s + MS)[0].reading.stamp_ns for s in stamped]
+    road = Ros1Decoder(survey(("imu", imu(stamp), stamp + MS) for stamp in stamped[:200]))
+    made = [road.take("imu", imu(s), s + MS)[0].reading.stamp_ns for s in stamped]
     errors_ms = (np.array(made) - np.array(true))[800:] * 1e-6
     assert np.std(errors_ms) < 0.1
     assert np.std((np.array(stamped) - np.array(true))[800:] * 1e-6) > 2.0
@@ -220,34 +182,16 @@ def test_an_imu_in_bursts_gets_the_stamps_of_its_rate(burst):
 def test_even_stamps_are_left_alone():
     """Also whole milliseconds at 400 Hz, as the aircraft's aligned clock gives them."""
     stamps = [START + (5 * k // 2) * MS for k in range(400)]
-    survey = Ros1Survey()
-    for stamp in stamps:
-        survey.add("imu", imu(stamp), stamp + LAG)
-    assert survey.setup == Ros1Setup()
-    road = Ros1Decoder(survey.setup)
-    assert [road.take("imu", IMU, imu(s), s + LAG)[0].reading.stamp_ns for s in stamps] == stamps
+    setup = survey(("imu", imu(stamp), stamp + LAG) for stamp in stamps)
+    assert setup == Ros1Setup()
+    road = Ros1Decoder(setup)
+    assert [road.take("imu", imu(s), s + LAG)[0].reading.stamp_ns for s in stamps] == stamps
 
 
-def lags(imu_lag_ns, gimbal_lag_ns, duration_s=60):
-    found = StampLags()
-    for k in range(duration_s * 10):
-        at_ns = START + k * 100 * MS
-        jitter_ns = (k * 7 % 10) * 500_000
-        found.add("imu", at_ns, at_ns + imu_lag_ns(k / 10) + jitter_ns)
-        found.add("gimbal_angle", at_ns, at_ns + gimbal_lag_ns + jitter_ns)
-    return found.warnings("imu", "gimbal_angle")
-
-
-def test_a_drift_of_aligned_stamps_is_told():
-    # 1 ms a second from the first stretch of 10 s to the last whole one, 40 s later.
-    (drift,) = lags(lambda t_s: round(t_s * MS), 1 * MS)
-    assert "the stamps of imu drift by +40 ms" in drift
-
-
-def test_what_is_read_of_a_bag():
-    assert used(["imu", "rc", "velocity", "battery_state"]) == {"imu", "velocity"}
-    older = ["A3_GPS", "A3_RTK", "global_position", "velocity", "gimbal"]
-    assert used(older) == {"A3_GPS", "A3_RTK", "gimbal"}
-    assert types_of("velocity") == (VECTOR, "dji_sdk/msg/Velocity")
-    assert types_of("rc") == ()
-    assert all(types_of(name) for names in NEEDED for name in names)
+def test_fused_velocity_is_east_north_up_and_the_fused_height_is_hardly_known():
+    (reading,) = readings("velocity", vector(START, 1.0, 2.0, 3.0, "ground_ENU"))
+    assert reading.velocity_n == (2.0, 1.0, -3.0)
+    (reading,) = readings("gps_position", fix(START, altitude=-137.0))
+    assert reading.place == (math.radians(52.0), math.radians(4.0), -137.0)
+    assert reading.fix is None
+    assert reading.vertical_sigma_m == 100.0

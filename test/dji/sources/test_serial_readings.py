@@ -8,22 +8,8 @@ import struct
 import pytest
 
 from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
+from tirgeo_ros.dji.protocol import broadcast_parts as parts
 from tirgeo_ros.dji.protocol.broadcast import Broadcast, Layout, encode_broadcast
-from tirgeo_ros.dji.protocol.broadcast_parts import (
-    Gimbal,
-    GimbalAngles,
-    Gps,
-    GpsDetail,
-    GpsFused,
-    GpsPosition,
-    HardSync,
-    Position,
-    RelativePosition,
-    Rtk,
-    RtkPosition,
-    Time,
-)
-from tirgeo_ros.dji.protocol.commands import encode_request
 from tirgeo_ros.dji.protocol.subscription import (
     USUAL_PACKAGES,
     Package,
@@ -47,7 +33,7 @@ ARRIVAL_NS = 77_000_000_000
 BERN = (46.948, 7.4474)  # lat, lon in deg: far enough apart to tell them from each other
 Q = (0.5, 0.5, -0.5, 0.5)  # these are kept exactly by 32 bits, as all numbers below
 ACCELERATION, RATE = (0.25, -0.5, -1.0), (0.125, 0.0, -0.0625)
-DETAIL = GpsDetail(90.0, 150.0, 3.0, 1500.0, 750.0, 25.0, 9, 5, 14, 1)
+DETAIL = parts.GpsDetail(90.0, 150.0, 3.0, 1500.0, 750.0, 25.0, 9, 5, 14, 1)
 
 
 class Ticks:
@@ -77,8 +63,8 @@ def frame_of(cmd_set, cmd_id, value, **more):
     return frame
 
 
-def read(telemetry, parts):
-    return telemetry.read(frame_of(2, 0, encode_broadcast(parts)), ARRIVAL_NS)
+def read(telemetry, said):
+    return telemetry.read(frame_of(2, 0, encode_broadcast(said)), ARRIVAL_NS)
 
 
 def push(telemetry, number, **values):
@@ -95,13 +81,13 @@ def _zeros(topic):
 
 
 def test_broadcast_of_an_imu_sample(telemetry):
-    parts = Broadcast(
-        time=Time(1234, 0, 0, 0, 0),
+    said = Broadcast(
+        time=parts.Time(1234, 0, 0, 0, 0),
         quaternion_wxyz=Q,
         acceleration_as_packed=ACCELERATION,
         angular_rate_radps=RATE,
     )
-    assert read(telemetry, parts) == [
+    assert read(telemetry, said) == [
         ImuReading(
             1_234_000_000,
             ImuOrigin.BROADCAST,
@@ -123,17 +109,17 @@ def test_a_broadcast_without_time_is_stamped_at_arrival_and_counted(telemetry):
 @pytest.mark.parametrize("layout", [Layout.MODERN, Layout.LEGACY])
 def test_broadcast_of_satellites_and_gimbal(telemetry, layout):
     modern = layout is Layout.MODERN
-    time = Time(20, 0, 0, 0, 0) if modern else Time(20, 0)
-    gps = Gps(20260101, 1, 74474000, 469480000, 512345, (100.0, -50.0, 25.0))
-    rtk = Rtk(20260101, 1, BERN[1], BERN[0], 512.5, (-200.0, 300.0, -50.0), -77, 50, 49)
-    parts = Broadcast(
+    time = parts.Time(20, 0, 0, 0, 0) if modern else parts.Time(20, 0)
+    gps = parts.Gps(20260101, 1, 74474000, 469480000, 512345, (100.0, -50.0, 25.0))
+    rtk = parts.Rtk(20260101, 1, BERN[1], BERN[0], 512.5, (-200.0, 300.0, -50.0), -77, 50, 49)
+    said = Broadcast(
         layout=layout,
         time=time,
         gps=gps._replace(detail=DETAIL) if modern else gps,
         rtk=rtk,
-        gimbal=Gimbal(1.0, -30.0, 170.0, 0),
+        gimbal=parts.Gimbal(1.0, -30.0, 170.0, 0),
     )
-    got_gps, got_rtk, gimbal = read(telemetry, parts)
+    got_gps, got_rtk, gimbal = read(telemetry, said)
     place = GeodeticPlace(*map(math.radians, BERN), 512.345)
     quality = (3, 0.75, 1.5, 0.25) if modern else (None, None, None, None)
     assert got_gps.place == pytest.approx(place, rel=1e-15)
@@ -144,7 +130,7 @@ def test_broadcast_of_satellites_and_gimbal(telemetry, layout):
 
 
 def test_hard_sync_is_timed_by_its_ticks(telemetry, clocks):
-    tick = HardSync(400, 12_345, 0, 0, 0, Q, ACCELERATION, RATE)
+    tick = parts.HardSync(400, 12_345, 0, 0, 0, Q, ACCELERATION, RATE)
     assert push(telemetry, 3, HARD_SYNC=tick) == [
         ImuReading(
             400 * 2_500_000 + 12_345,
@@ -161,10 +147,10 @@ def test_hard_sync_is_timed_by_its_ticks(telemetry, clocks):
 
 def test_subscribed_satellites_and_gimbal(telemetry):
     values = {
-        "GPS_POSITION": GpsPosition(74474000, 469480000, 512345),
+        "GPS_POSITION": parts.GpsPosition(74474000, 469480000, 512345),
         "GPS_VELOCITY": (100.0, -50.0, 25.0),
         "GPS_DETAILS": DETAIL,
-        "RTK_POSITION": RtkPosition(BERN[1], BERN[0], 512.5),
+        "RTK_POSITION": parts.RtkPosition(BERN[1], BERN[0], 512.5),
         "RTK_VELOCITY": (-200.0, 300.0, -50.0),
         "RTK_YAW": -77,
         "RTK_POSITION_INFO": 50,
@@ -175,60 +161,28 @@ def test_subscribed_satellites_and_gimbal(telemetry):
     assert rtk == RtkReading(5_000_000_000, place, 50, (-2.0, 3.0, -0.5), -77, 48)
     assert gps.place == pytest.approx(GeodeticPlace(*map(math.radians, BERN), 512.345), rel=1e-15)
     assert gps[2:] == ((1.0, -0.5, 0.25), 3, 0.75, 1.5, 0.25)
-    (gimbal,) = push(telemetry, 1, GIMBAL_ANGLES=GimbalAngles(-30.0, 1.0, 170.0))
+    (gimbal,) = push(telemetry, 1, GIMBAL_ANGLES=parts.GimbalAngles(-30.0, 1.0, 170.0))
     assert gimbal == GimbalReading(5_000_000_000, *map(math.radians, (1.0, -30.0, 170.0)))
 
 
-@pytest.mark.parametrize("known_by", ["RTK", "GPS_FUSED", "broadcast", "the poles"])
-def test_a_gps_position_with_its_latitude_first_is_found_out(telemetry, known_by):
-    values = {}
-    raw = GpsPosition(469480000, 74474000, 0)
-    latitude, longitude = BERN
-    if known_by == "RTK":
-        values["RTK_POSITION"] = RtkPosition(BERN[1], BERN[0], 0.0)
-    elif known_by == "GPS_FUSED":
-        push(telemetry, 1, GPS_FUSED=GpsFused(math.radians(7.4), math.radians(46.9), 0.0, 9))
-        values["RTK_POSITION"] = RtkPosition(BERN[1], BERN[0], 0.0)
+GPS_ALONE = Package.of(4, 5, with_timestamp=True, names=("GPS_POSITION",))
+
+
+@pytest.mark.parametrize("known_by", ["GPS_FUSED", "broadcast", "the poles"])
+def test_a_gps_position_with_its_latitude_first_is_found_out(clocks, known_by):
+    telemetry = Telemetry(clocks, PackageTable([*USUAL_PACKAGES, GPS_ALONE]))
+    raw, (latitude, longitude) = parts.GpsPosition(469480000, 74474000, 0), BERN
+    if known_by == "GPS_FUSED":
+        push(telemetry, 1, GPS_FUSED=parts.GpsFused(math.radians(7.4), math.radians(46.9), 0.0, 9))
     elif known_by == "broadcast":
-        there = Position(math.radians(46.9), math.radians(7.4), 0.0, 0.0, 5)
-        beside = RelativePosition(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0)
-        time = Time(1, 0, 0, 0, 0)
+        there = parts.Position(math.radians(46.9), math.radians(7.4), 0.0, 0.0, 5)
+        beside = parts.RelativePosition(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0)
+        time = parts.Time(1, 0, 0, 0, 0)
         read(telemetry, Broadcast(time=time, position=there, relative_position=beside))
-        telemetry = _with_gps_alone(telemetry)
-    else:
-        raw, latitude, longitude = GpsPosition(469480000, 1000000000, 0), 46.948, 100.0
-        telemetry = _with_gps_alone(telemetry)
-    if known_by in ("broadcast", "the poles"):
-        (gps,) = _gps_push(telemetry, raw)
-        # 100 deg cannot be a latitude, so here x is the longitude's place taken by the latitude
-    else:
-        _, gps = push(telemetry, 0, GPS_POSITION=raw, **values)
+    else:  # 100 deg cannot be a latitude
+        raw, latitude, longitude = parts.GpsPosition(469480000, 1000000000, 0), 46.948, 100.0
+    value = encode_push(Push(GPS_ALONE, 5000, 0, {"GPS_POSITION": raw}))
+    (gps,) = telemetry.read(frame_of(2, 5, value), ARRIVAL_NS)
     found = gps.place.latitude_rad, gps.place.longitude_rad
     assert found == pytest.approx((math.radians(latitude), math.radians(longitude)), abs=1e-9)
     assert telemetry.counts["axes_swapped"] == 1
-
-
-GPS_ALONE = Package.of(9, 5, with_timestamp=True, names=("GPS_POSITION",))
-
-
-def _with_gps_alone(telemetry):
-    add = frame_of(0x0B, 1, encode_request(GPS_ALONE.request)[2:], session=2, sequence=7)
-    assert telemetry.read(add, ARRIVAL_NS) == []
-    return telemetry
-
-
-def _gps_push(telemetry, raw):
-    value = encode_push(Push(GPS_ALONE, 5000, 0, {"GPS_POSITION": raw}))
-    return telemetry.read(frame_of(2, 5, value), ARRIVAL_NS)
-
-
-def test_raw_acceleration_by_subscription_is_in_metres(telemetry):
-    (reading,) = push(telemetry, 4, ACCELERATION_RAW=ACCELERATION, ANGULAR_RATE_RAW=RATE)
-    assert reading[1:] == (
-        ImuOrigin.SUBSCRIPTION,
-        ACCELERATION,
-        AccelerationUnit.M_S2,
-        RATE,
-        None,
-    )
-    assert reading.stamp_ns == pytest.approx(ARRIVAL_NS, abs=1)  # the package has no time

@@ -133,7 +133,7 @@ def test_what_is_lost_with_the_descriptions(tmp_path):
     first = BagReader(path)._contents.segments[0]
     data[first.offset + first.length // 2] ^= 1
     path.write_bytes(data[:-100])  # neither the first chunk nor the summary says what /a is
-    with pytest.raises(BagError, match=r"no message can be read; .*of no known topic"):
+    with pytest.raises(BagError, match=r"no message can be read; .*to no known topic"):
         BagReader(path)
 
 

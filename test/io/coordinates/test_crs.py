@@ -57,7 +57,7 @@ def test_a_shift_of_datum_and_how_well_it_is_known():
     # 1e-9 deg is 0.1 mm; PROJ's turn is the exact one, 1e-11 of the radius beside this.
     np.testing.assert_allclose(points[0, :2], wanted[:2], atol=2e-9)
     _, remarks = laid("EPSG:27700", [400000.0, 300000.0, NAN])
-    assert "from OSGB36 / British National Grid to WGS84 is known to" in remarks[0]
+    assert "from OSGB36 / British National Grid to WGS84 is known only to" in remarks[0]
 
 
 def test_a_datum_that_is_not_known():
@@ -66,7 +66,7 @@ def test_a_datum_that_is_not_known():
     assert "names no datum: taken as WGS84: within 2 m for a modern datum" in remarks[0]
     for name in ("+proj=utm +zone=33 +ellps=bessel", "+proj=longlat +ellps=bessel", "EPSG:4610"):
         with pytest.raises(
-            MapError, match=r"a.map: the way from the datum of .* give its EPSG code or"
+            MapError, match=r"a.map: the transformation from the datum of .* give its EPSG code or"
         ):
             laid(name, [50.0, 0.0, NAN])
 

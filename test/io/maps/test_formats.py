@@ -99,7 +99,7 @@ def test_the_few_that_happen_to_lie_on_the_earth_are_not_drawn_where_most_do_not
     """A plane of metres has some places that could be degrees."""
     points = [[16.0, 48.0], [316.0, 148.0], [916.0, 48.0], [-500.0, 2.0]]
     path.write_text(collection(*(feature("Point", point) for point in points)))
-    with pytest.raises(MapError, match=r"feature 1 .*in doubt|feature 2 .*\(none of 4 fea"):
+    with pytest.raises(MapError, match=r"feature 1 .*uncertain|feature 2 .*\(none of 4 fea"):
         read_layers(str(path))
     path.write_text(collection(*(feature("Point", point) for point in points[:2])))
     (layer,) = read_layers(str(path))

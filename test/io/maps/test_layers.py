@@ -160,7 +160,7 @@ def test_one_file_in_several_layers_by_a_property(kinds, styled):
     assert [[f.group for f in layer.features] for layer in layers] == [[0], [1], [1, 2]]
     assert layers[0].style.line_bgr == RED
     where = f"{kinds}: layer kinds"
-    told = f"{where}: feature 4 (9): a LineString of 1 positions is none; left out"
+    told = f"{where}: feature 4 (9): a LineString of 1 positions is too short; left out"
     assert [layer.left_out for layer in layers] == [(told,), (), ()]  # of the file, so once
 
 
@@ -176,7 +176,9 @@ def test_a_condition_on_what_is_not_there(kinds, styled):
     )
     _, layer = styled(f"layers: [{good}, {{where: kind == hydrant}}]", "kinds.geojson")
     (note,) = layer.left_out
-    assert note.startswith(f"{sheet}: layer 2: where: no feature of {kinds}: layer kinds is so: ")
+    assert note.startswith(
+        f"{sheet}: layer 2: where: no feature of {kinds}: layer kinds matches: "
+    )
     assert note.endswith("kind is pump, well")
     with pytest.raises(ConfigError, match=r"style.yaml: it matches no feature of the map: .*pump"):
         styled("layers: [{where: kind == hydrant}]", "kinds.geojson")

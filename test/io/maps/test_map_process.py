@@ -86,14 +86,18 @@ def test_what_the_reading_raises_is_raised_here(child, config):
 def test_a_reader_that_dies_is_an_error_that_names_the_map(child, config):
     child.read(config)
     os.kill(reader_of(os.getpid()), signal.SIGKILL)
-    with pytest.raises(MapError, match=r"map\.geojson: its reader ended \(exit code -9\)"):
+    with pytest.raises(
+        MapError, match=r"map\.geojson: the process that reads it ended \(exit code -9\)"
+    ):
         child.lay(PLANE)
     assert child.read(config).features == 1  # the next one is none the worse
 
 
 def test_a_reader_that_cannot_begin_is_an_error_that_names_the_map(child, config, monkeypatch):
     monkeypatch.setattr(sys, "executable", "/bin/false")
-    with pytest.raises(MapError, match=r"map\.geojson: its reader ended \(exit code 1\)"):
+    with pytest.raises(
+        MapError, match=r"map\.geojson: the process that reads it ended \(exit code 1\)"
+    ):
         child.read(config)
 
 

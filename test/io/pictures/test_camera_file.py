@@ -61,7 +61,7 @@ def test_what_is_written_is_read(tmp_path, camera):
         ("[0.054,", "[far,", "distortion_coefficients needs data: a list of numbers"),
         ("plumb_bob", "equidistant", "distortion model 'equidistant' is not known"),
         ("803.5593, 0, 349", "0, 0, 349", "K is zero"),
-        (TEXT, "[]", "no calibration file"),
+        (TEXT, "[]", "not a calibration file"),
         (TEXT, "a: [", "not YAML"),
     ],
 )

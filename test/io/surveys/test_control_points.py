@@ -59,9 +59,9 @@ def test_rows_that_grow_upwards_are_turned():
     ("text", "message"),
     [
         (POINTS.partition("\n")[2], "names no coordinate reference system; give --points-crs"),
-        (MARKS, "no .points file of QGIS .*give --survey too"),
+        (MARKS, "not a .points file of QGIS .*give --survey too"),
         (POINTS.replace("300", "x"), "point 2 is not four numbers"),
-        (POINTS.replace("39.82", "99.82"), "a point is no place in GEOG"),
+        (POINTS.replace("39.82", "99.82"), "a point is not a place in GEOG"),
     ],
 )
 def test_points_files_that_are_refused(tmp_path, text, message):
@@ -73,9 +73,9 @@ def test_points_files_that_are_refused(tmp_path, text, message):
     ("marks", "message"),
     [
         ("id,column\na,1\n", r"m\.csv: no column row; the first line must be id,column,row"),
-        ("id,column,row\na,1,nan\n", r"m\.csv: line 2 does not read id,column,row"),
-        ("id,column,row\na,1,2\na,3,4\n", r"m\.csv: point a stands twice"),
-        ("id,column,row\nq,1,2\n", r"m\.csv: no id of it is in .*s\.csv"),
+        ("id,column,row\na,1,nan\n", r"m\.csv: line 2 does not match id,column,row"),
+        ("id,column,row\na,1,2\na,3,4\n", r"m\.csv: point a appears twice"),
+        ("id,column,row\nq,1,2\n", r"m\.csv: none of its ids is in .*s\.csv"),
     ],
 )
 def test_marks_that_are_refused(tmp_path, marks, message):

@@ -96,7 +96,7 @@ def test_kml_holds_points_ellipses_and_reasons():
     values = {d.get("name"): d.find(f"{KML}value").text for d in first.iter(f"{KML}Data")}
     assert values["height_m"] == "11.5"
     assert first.find(f".//{KML}when").text == "2021-10-20T12:00:35.605Z"
-    assert "over the horizon" in second.find(f"{KML}description").text
+    assert "above the horizon" in second.find(f"{KML}description").text
     assert second.find(f".//{KML}Point") is None
 
 

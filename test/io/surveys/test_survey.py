@@ -101,16 +101,16 @@ def test_broken_features_are_numbered(tmp_path, broken):
         ("{", "line 1: not JSON"),
         (f'{{"a": {"9" * 5000}}}', "not JSON: Exceeds the limit"),
         (f'{{"a": {"[" * 100_000}', "not JSON: maximum recursion depth"),
-        ("[1]", "no GeoJSON FeatureCollection"),
-        ('{"type": "Point"}', "no GeoJSON FeatureCollection"),
+        ("[1]", "not a GeoJSON FeatureCollection"),
+        ('{"type": "Point"}', "not a GeoJSON FeatureCollection"),
         ("", "no column id, lat, lon, h; the first line must be id,lat,lon,h"),
         ("id,lat,lon\n", "no column h;"),
-        ("id,lat,lon,h\na,1,2,3\nb,1,2\n", "line 3 does not read id,lat,lon,h"),
-        ("id,lat,lon,h\na,north,2,3\n", "line 2 does not read"),
-        ("id,lat,lon,h\na,95,2,3\n", "line 2 does not read"),
-        ("id,lat,lon,h\na,1,2,inf\n", "line 2 does not read"),
-        ("id,lat,lon,h\n,1,2,3\n", "line 2 does not read"),
-        ("id,lat,lon,h\na,1,2,3\na,4,5,6\n", "point a stands twice"),
+        ("id,lat,lon,h\na,1,2,3\nb,1,2\n", "line 3 does not match id,lat,lon,h"),
+        ("id,lat,lon,h\na,north,2,3\n", "line 2 does not match"),
+        ("id,lat,lon,h\na,95,2,3\n", "line 2 does not match"),
+        ("id,lat,lon,h\na,1,2,inf\n", "line 2 does not match"),
+        ("id,lat,lon,h\n,1,2,3\n", "line 2 does not match"),
+        ("id,lat,lon,h\na,1,2,3\na,4,5,6\n", "point a appears twice"),
     ],
 )
 def test_broken_surveys(tmp_path, text, reason):
@@ -127,7 +127,7 @@ def test_broken_surveys(tmp_path, text, reason):
 def test_broken_observations(tmp_path, row):
     path = tmp_path / "o.csv"
     path.write_text(f"id,stamp_ns,u,v\nb,1,2,3\n{row}\n")
-    with pytest.raises(SurveyError, match=rf"^{path}: line 3 does not read id,stamp_ns,u,v"):
+    with pytest.raises(SurveyError, match=rf"^{path}: line 3 does not match id,stamp_ns,u,v"):
         load_observations(path)
 
 
@@ -166,7 +166,7 @@ except TirgeoError as error:
 def test_a_table_of_too_many_rows_is_refused(tmp_path, name):
     """What is made of a million rows, ellipses of sixty corners say, takes four gigabytes."""
     header, row = TABLES[name]
-    rows, reason = (30_000, "at most 20000 are taken: split the file")
+    rows, reason = (30_000, "more than the 20000 allowed: split the file")
     if name == "load_observations":
         rows, reason = (10**6, "larger than 16 MB")
     path = tmp_path / "many.csv"

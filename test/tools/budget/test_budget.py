@@ -72,7 +72,7 @@ def test_a_middle_over_the_horizon_has_no_number(capsys, tmp_path):
     assert command.main(arguments) == 0
     lines = capsys.readouterr().out.splitlines()
     # 800 px * tan(1 deg) = 13.96 px above row 300 is the horizon: of rows 0, 4 ... 284 of 508.
-    assert any(line.startswith("56% of the picture lies over the horizon") for line in lines)
+    assert any(line.startswith("56% of the picture lies above the horizon") for line in lines)
     assert next(line for line in lines if line.startswith("all  ")).split()[2] == "-"
     table = [line for line in lines if " general " in line or " closed " in line]
     assert {len(line.split()) for line in table} == {7, 8, 9}  # no two numbers run together

@@ -229,7 +229,7 @@ def test_two_tilts_tell_the_antennas_direction(tmp_path):
     angle = np.radians(found["found"])
     expected = first + np.array([np.cos(angle), -np.sin(angle), 0.0])  # forward, left, up
     assert turned == pytest.approx(expected, abs=1e-8)
-    assert "import it anew" in "".join(result["notes"])
+    assert "import it again" in "".join(result["notes"])
 
 
 @pytest.mark.long

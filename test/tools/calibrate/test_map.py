@@ -153,17 +153,17 @@ def test_refusals(tmp_path):
     given = files(tmp_path)
     with pytest.raises(MapError, match="WGS 84 is not a projected system in metres; give one"):
         calibrate_map(**given, crs="EPSG:4326")
-    with pytest.raises(MapError, match="would take the place of"):
+    with pytest.raises(MapError, match="would overwrite"):
         calibrate_map(**given, plot=given["points"])
     few = files(tmp_path, marks=MARKS[:9])
     with pytest.raises(CalibrationError, match=r"marks\.csv: order 3 needs 10 control points"):
         calibrate_map(**few)
     document = features()
     document["features"][1]["geometry"]["coordinates"][0] = ["x", 1]
-    with pytest.raises(MapError, match=r"px\.geojson: feature 2 has coordinates that are no col"):
+    with pytest.raises(MapError, match=r"px\.geojson: feature 2 has coordinates that are not col"):
         calibrate_map(**files(tmp_path, document=document))
     (tmp_path / "px.geojson").write_text('{"type": "Feature"}')
-    with pytest.raises(MapError, match=r"px\.geojson: no GeoJSON FeatureCollection"):
+    with pytest.raises(MapError, match=r"px\.geojson: not a GeoJSON FeatureCollection"):
         calibrate_map(**given)
     assert not (tmp_path / "map.geojson").exists()
 

@@ -79,7 +79,7 @@ def test_an_input_is_not_replaced(tmp_path, capsys, verb, taken, output):
     argv = words(verb, tmp_path, **{taken: path, output: other})
     other.symlink_to(path)
     before = path.read_bytes()
-    assert "would take the place of the input" in refused(argv, capsys, path, other)
+    assert "would overwrite the input" in refused(argv, capsys, path, other)
     assert path.read_bytes() == before
     assert other.is_symlink()
 
@@ -97,7 +97,7 @@ def test_an_input_in_the_folder_is_not_replaced(tmp_path, capsys, verb, name, ta
     path = tmp_path / "results" / name
     argv = words(verb, tmp_path, **{taken: path, "output": tmp_path / "results"})
     before = path.read_bytes()
-    assert "would take the place of the input" in refused(argv, capsys, path)
+    assert "would overwrite the input" in refused(argv, capsys, path)
     assert path.read_bytes() == before
     assert [one.name for one in path.parent.iterdir()] == [name]
 
@@ -109,7 +109,7 @@ def test_an_input_in_the_folder_is_not_replaced(tmp_path, capsys, verb, name, ta
 def test_two_outputs_have_two_names(tmp_path, capsys, verb, first, second):
     path = tmp_path / "out.mp4"
     argv = words(verb, tmp_path, **{first: path, second: tmp_path / "." / "out.mp4"})
-    assert "would take the place of the output" in refused(argv, capsys, path)
+    assert "would overwrite the output" in refused(argv, capsys, path)
     assert not path.exists()
 
 
@@ -134,7 +134,7 @@ def test_what_the_parameters_name_is_not_replaced(tmp_path, capsys):
         (tmp_path / name).write_bytes(b"{}")
         bag, params, out = tmp_path / "a.mcap", tmp_path / "given.yaml", tmp_path / name
         argv = ["process", str(bag), "--params", str(params), "-o", str(out)]
-        assert "would take the place of the input" in refused(argv, capsys, out)
+        assert "would overwrite the input" in refused(argv, capsys, out)
         assert out.read_bytes() == b"{}"
 
 
@@ -144,9 +144,9 @@ def test_other_names_of_one_file(tmp_path):
     link.symlink_to(path)
     hard.hardlink_to(path)
     for other in (path, link, hard, tmp_path / "x" / ".." / "a"):
-        with pytest.raises(CalibrationError, match="would take the place of the input"):
+        with pytest.raises(CalibrationError, match="would overwrite the input"):
             check_outputs([other], [path], CalibrationError)
-        with pytest.raises(CalibrationError, match="would take the place of the input"):
+        with pytest.raises(CalibrationError, match="would overwrite the input"):
             check_outputs([path], [other], CalibrationError)
     check_outputs([path, None, ""], [tmp_path / "d", None, ""], CalibrationError)
 
@@ -159,7 +159,7 @@ def test_the_commands_own_output_is_not_replaced(tmp_path):
         os.dup2(file.fileno(), 1)
         try:
             for name in (path, "/dev/stdout"):
-                with pytest.raises(CalibrationError, match="the place of standard output"):
+                with pytest.raises(CalibrationError, match="would overwrite standard output"):
                     check_outputs([], [name], CalibrationError)
         finally:
             os.dup2(before, 1)

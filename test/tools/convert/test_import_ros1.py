@@ -7,13 +7,15 @@ import math
 
 import numpy as np
 import pytest
-from imported_bags import CDR, FLIGHT, by_time, messages
 from ros1_bags import (
     BEGUN_NS,
+    CDR,
+    FLIGHT,
     GRAVITY,
     PARAMETERS,
     Flight,
-    older_bag,
+    by_time,
+    messages,
     parameters_file,
     wrapper_bag,
 )
@@ -73,77 +75,56 @@ def camera_enu(rpy_deg):
     return ENU_NED @ ned @ FLU_FRD
 
 
-@pytest.fixture(scope="module", params=["subscription", "broadcast", "older"])
+@pytest.fixture(scope="module", params=["subscription", "broadcast"])
 def imported(request, folder):
-    """A flight as each wrapper records it, imported: path, summary, its name."""
-    bags = {
-        "subscription": lambda: wrapper_bag(FLIGHT),
-        "broadcast": lambda: wrapper_bag(FLIGHT, broadcast=True),
-        "older": lambda: older_bag(FLIGHT),
-    }
-    source = bags[request.param]().write(folder / f"{request.param}.bag")
+    """A flight as the wrapper records it in either mode, imported: path, summary."""
+    made = wrapper_bag(FLIGHT, broadcast=request.param == "broadcast")
+    source = made.write(folder / f"{request.param}.bag")
     target = folder / f"{request.param}.mcap"
     summary = import_flight(source, target, params=folder / "params.yaml")
-    return target, summary, request.param
+    return target, summary
 
 
 @pytest.mark.slow
 def test_every_topic_with_its_type(imported):
-    path, summary, kind = imported
+    path, summary = imported
     found = BagReader(path).topics()
     assert found == {f"/{name}": convert.TOPIC_TYPES[name] for name in [*SENSED, "gps/vel"]}
     assert summary["kind"] == "ros1"
-    # The older wrapper's attitudes come with each packet, and its GPS is the receiver's, 5 Hz.
-    other = {"gps/fix": 30, "gimbal/joint_states": 600, "gimbal/attitude": 600}
-    expected = SENSED | (other if kind == "older" else {})
     counted = {name: seen["messages"] for name, seen in summary["written"].items()}
     counted.pop("/gps/vel")
-    assert counted == {f"/{name}": number for name, number in expected.items()}
+    assert counted == {f"/{name}": number for name, number in SENSED.items()}
 
 
 def test_imu(imported):
-    path, _, kind = imported
+    path, _ = imported
     rate = -math.radians(FLIGHT.turn_deg_s)
-    # float32 of the older wrapper: 2^-24 of 9.8 m/s2, of 0.09 rad/s, of a quaternion.
-    close = 1e-6 if kind == "older" else ROUNDING
     for t_s, message in by_time(path, "/imu/data"):
         force, turn = message.linear_acceleration, message.angular_velocity
-        assert (force.x, force.y, force.z) == pytest.approx((0, 0, GRAVITY), abs=close)
-        assert (turn.x, turn.y, turn.z) == pytest.approx((0, 0, rate), abs=close)
+        assert (force.x, force.y, force.z) == pytest.approx((0, 0, GRAVITY), abs=ROUNDING)
+        assert (turn.x, turn.y, turn.z) == pytest.approx((0, 0, rate), abs=ROUNDING)
         expected = about("z", 90 - FLIGHT.at(t_s).heading_deg)
-        np.testing.assert_allclose(rotation(message.orientation), expected, atol=close)
+        np.testing.assert_allclose(rotation(message.orientation), expected, atol=ROUNDING)
         assert message.header.frame_id == "base_link"
 
 
 def test_rtk_position_is_ellipsoidal_and_fixed(imported):
-    path, _, kind = imported
+    path, _ = imported
     found = by_time(path, "/rtk/fix")
-    assert [round(t_s, 3) for t_s, _ in found] == pytest.approx(
-        [t_s + (0.002 if kind == "older" else 0.0) for t_s in FLIGHT.times(5)], abs=1e-9
-    )
+    assert [round(t_s, 3) for t_s, _ in found] == pytest.approx(FLIGHT.times(5), abs=1e-9)
     for t_s, message in found:
         state = FLIGHT.at(math.floor(t_s * 5) / 5)
         assert message.latitude == pytest.approx(state.latitude_deg, abs=POSITION_DEG)
         assert message.longitude == pytest.approx(state.longitude_deg, abs=POSITION_DEG)
         height_m = state.height_msl_m + PARAMETERS.undulation_m
-        # float32 of the older wrapper at 28 m: 2e-6.
-        assert message.altitude == pytest.approx(height_m, abs=3e-6 if kind == "older" else 1e-9)
+        assert message.altitude == pytest.approx(height_m, abs=1e-9)
         assert message.status.status == 2
         assert message.position_covariance_type == 3
         assert message.position_covariance[0] > 0
 
 
-def test_rtk_velocity_is_east_north_up(imported):
-    path, _, _ = imported
-    north, east, down = FLIGHT.velocity_ned
-    for message in messages(path, "/rtk/vel"):
-        linear = message.twist.twist.linear
-        # float32 in cm/s at 400: 1.5e-5 cm/s.
-        assert (linear.x, linear.y, linear.z) == pytest.approx((east, north, -down), abs=3e-7)
-
-
 def test_heading_is_the_baselines_less_its_offset(imported):
-    path, _, _ = imported
+    path, _ = imported
     found = by_time(path, "/rtk/heading")
     assert len(found) == 30
     for t_s, message in found:
@@ -157,18 +138,8 @@ def test_heading_is_the_baselines_less_its_offset(imported):
         assert message.linear_acceleration_covariance[0] == -1
 
 
-def test_gimbal_attitude_in_either_order(imported):
-    path, _, kind = imported
-    close = 3e-7 if kind == "older" else ROUNDING  # float32 of 75 deg is 4e-6 deg
-    for t_s, message in by_time(path, "/gimbal/attitude"):
-        expected = camera_enu(FLIGHT.at(t_s).gimbal_rpy_deg)
-        np.testing.assert_allclose(rotation(message.quaternion), expected, atol=close)
-
-
 def test_gimbal_joints_are_the_rotation_from_body_to_camera(imported):
-    path, _, kind = imported
-    # Attitudes between two at 100 Hz are interpolated; this one turns steadily.
-    close = 1e-6 if kind == "older" else 1e-7
+    path, _ = imported
     for t_s, message in by_time(path, "/gimbal/joint_states"):
         angles = dict(zip(message.name, np.degrees(message.position), strict=True))
         chain = (
@@ -179,40 +150,25 @@ def test_gimbal_joints_are_the_rotation_from_body_to_camera(imported):
         state = FLIGHT.at(t_s)
         body_enu = about("z", 90 - state.heading_deg)
         expected = body_enu.T @ camera_enu(state.gimbal_rpy_deg)
-        np.testing.assert_allclose(chain, expected, atol=close)
-
-
-def test_gps(imported):
-    """The fused position's height is a barometer's: it goes out as hardly known."""
-    path, _, kind = imported
-    for t_s, message in by_time(path, "/gps/fix"):
-        older = kind == "older"
-        state = FLIGHT.at(math.floor(t_s * 5) / 5 if older else t_s)
-        # The older wrapper has the receiver's 1e-7 deg and mm.
-        assert message.latitude == pytest.approx(state.latitude_deg, abs=5e-8 if older else 1e-9)
-        assert message.longitude == pytest.approx(state.longitude_deg, abs=5e-8 if older else 1e-9)
-        height_m = state.height_msl_m if older else 150.0
-        assert message.altitude == pytest.approx(height_m + PARAMETERS.undulation_m, abs=1e-3)
-        assert message.status.status == 0
-        assert older or message.position_covariance[8] == pytest.approx(100.0**2)
+        # Attitudes between two at 100 Hz are interpolated; this one turns steadily.
+        np.testing.assert_allclose(chain, expected, atol=1e-7)
 
 
 def test_log_times_are_those_of_the_record_and_in_order(imported):
     """The last part of an epoch is recorded 5 ms after its first."""
-    path, _, kind = imported
+    path, _ = imported
     times = {}
     for m in BagReader(path).messages():
         times.setdefault(m.topic, []).append(m.log_time_ns)
     assert all(found == sorted(found) for found in times.values())
     lag_ns = FLIGHT.record_lag_ns
     assert times["/imu/data"][-1] == FLIGHT.at(FLIGHT.duration_s - 0.01).stamp_ns + lag_ns
-    last_part_ns = 0 if kind == "older" else 5_000_000
-    assert times["/rtk/fix"][3] == FLIGHT.at(0.6).stamp_ns + lag_ns + last_part_ns
+    assert times["/rtk/fix"][3] == FLIGHT.at(0.6).stamp_ns + lag_ns + 5_000_000
 
 
 def test_the_result_can_be_processed(imported, folder, capsys):
     """Heading within the aircraft's whole degrees of the truth, position within RTK's sigma."""
-    path, _, _ = imported
+    path, _ = imported
     assert main(["process", str(path), "-o", str(folder / "out.mcap"), "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["state"] == "running"
@@ -243,16 +199,6 @@ def test_a_bag_without_rtk_stays_on_its_gps(folder, capsys, broadcast):
     assert result["states_s"]["degraded"] >= 17
 
 
-def test_a_flag_that_is_no_fix(folder):
-    flight = Flight(duration_s=1.0, position_flag=34, yaw_flag=16)
-    path = wrapper_bag(flight).write(folder / "float.bag")
-    result = import_flight(path, folder / "float.mcap", params=folder / "params.yaml")
-    statuses = {m.status.status for m in messages(folder / "float.mcap", "/rtk/fix")}
-    assert statuses == {1}
-    assert "/rtk/heading" not in result["written"]
-    assert result["counts"]["rtk_yaw_not_fixed"] == 5
-
-
 def test_delays_are_taken_off(folder):
     params = parameters_file(
         folder / "delays.yaml",
@@ -267,3 +213,15 @@ def test_delays_are_taken_off(folder):
     late_ms = {"imu/data": 5, "rtk/fix": 80, "rtk/heading": 80, "gps/fix": 100}
     for topic, late in (late_ms | {"gimbal/attitude": 20}).items():
         assert first[f"/{topic}"] == -late * 1_000_000
+
+
+def test_gps(imported):
+    """The fused position's height is a barometer's: it goes out as hardly known."""
+    path, _ = imported
+    for t_s, message in by_time(path, "/gps/fix"):
+        state = FLIGHT.at(t_s)
+        assert message.latitude == pytest.approx(state.latitude_deg, abs=POSITION_DEG)
+        assert message.longitude == pytest.approx(state.longitude_deg, abs=POSITION_DEG)
+        assert message.altitude == pytest.approx(150.0 + PARAMETERS.undulation_m, abs=1e-3)
+        assert message.status.status == 0
+        assert message.position_covariance[8] == pytest.approx(100.0**2)

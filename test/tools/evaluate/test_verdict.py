@@ -91,7 +91,7 @@ def test_errors_that_are_alike_say_how_and_what_to_do(planted, words):
 
 def test_errors_that_share_nothing_or_are_too_few():
     told = verdict([method(flight(scatter_px=15.0), sigma_m=0.1)])
-    assert "each in another direction" in told
+    assert "each in a different direction" in told
     told = verdict([method(flight(datum=(3.0, 0.0)), sigma_m=0.1, pictures=2)])
     assert told.endswith("3.00 m off on average: too few pictures to find a common cause (ekf)")
     told = verdict([method(flight(), sigma_m=0.1, error_m=430e3)])

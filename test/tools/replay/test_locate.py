@@ -173,7 +173,7 @@ def test_the_ground_and_the_method_can_be_chosen(sample, tmp_path):
         (
             {"kml_out": "out.geojson"},
             SurveyError,
-            "out.geojson: would take the place of",
+            "out.geojson: would overwrite",
         ),
         ({"namespace": "uav7"}, BagError, "needed topic absent: /uav7/imu/data"),
     ],

@@ -40,15 +40,15 @@ def test_the_paper_flight_is_the_default_and_says_so_in_full():
         ("start_utc: 2040-01-01T00:00:00Z", r"bad.yaml: start_utc: 2040.* outside 1970 to 2038"),
         ("rtk:\n  lever_arm_m: [1, 2]", r"bad.yaml: parameter rtk.lever_arm_m: needs 3 numbers"),
         ("rtk:\n  second_antenna_m: [-0.1, 0.3, 0]", r"bad.yaml: .* too little for a heading"),
-        ("park:\n  north_m: [9, -9]", r"bad.yaml: park.north_m: 9 to -9 holds no cell"),
+        ("park:\n  north_m: [9, -9]", r"bad.yaml: park.north_m: 9 to -9 is smaller than one cell"),
         ("video:\n  bits: 12", r"bad.yaml: parameter video.bits: 12 is neither 8 nor 16"),
         ("video:\n  distortion: [9, -99, 0, 0]", r"bad.yaml: video: .* lens model .* folds"),
         (
             "scene:\n  people_at: [1, 2, 3]",
             r"bad.yaml: parameter scene.people_at: needs 0, 4, 8, ... or 400 numbers, has 3",
         ),
-        ("- 1", r"bad.yaml: holds no scenario"),
-        ("seed: 1\nseed: 2", r"bad.yaml: line 2: not YAML: key seed stands twice"),
+        ("- 1", r"bad.yaml: is not a scenario"),
+        ("seed: 1\nseed: 2", r"bad.yaml: line 2: not YAML: key seed appears twice"),
     ],
 )
 def test_a_bad_scenario_is_refused_with_file_and_key(tmp_path, text, message):

@@ -155,7 +155,7 @@ class GimbalChecks:
             f"standard deviation of ({within})"
         )
         where = f"{_TOPIC}, gimbal_node yaw_zero_deg, north.bias_deg"
-        mend = "mend the joints' zeros, or their stamps; it is no matter of the boresight"
+        mend = "correct the joints' zeros, or their stamps; the boresight is not the cause"
         return [Finding("joints_unlike", Severity.CAUTION, evidence, where, mend)]
 
 

@@ -1,16 +1,16 @@
 """Convert the aircraft's clock to this computer's clock.
 
 The aircraft counts milliseconds from power-up. A message arrives later than it was sent: by the
-smallest latency of the link, plus whatever queues, bursts and scheduling add. It never arrives
-earlier. So ``arrival - aircraft time`` lies on or above a line. The highest line below all points
+smallest latency of the link, plus whatever queues, bursts and scheduling add. So ``arrival -
+aircraft time`` lies on or above a line. The highest line below all points
 (``dji.clocks.lower_envelope``) is the offset of the two clocks, with their drift, plus the
-smallest latency. The latency itself cannot be measured from one side; the delay of each source is
-a parameter.
+smallest latency, which cannot be measured from one side: the delay of each source is a parameter.
 
-A counter that truncates to its tick makes stamps early by 0 to 1 tick, half a tick in the mean, if
-the clock that feeds it is not in step with it. This does not bias the line, because the smallest
-differences are those of messages sent at a tick. If messages are sent in step with the counter,
-all of them are truncated by the same amount, and the line absorbs that amount.
+A counter that truncates to its tick makes stamps early by half a tick in the mean. This does not
+bias the line, because the smallest differences are those of messages sent at a tick.
+
+Firmware before 3.3 may count 2.5 ms in the same field. Taken for milliseconds, these leave the
+line by 0.6 s a second.
 """
 
 from __future__ import annotations
@@ -19,7 +19,13 @@ from typing import NamedTuple
 
 from tirgeo_ros.core.config.dji import DjiClockConfig
 from tirgeo_ros.dji.clocks.lower_envelope import LowerEnvelope
-from tirgeo_ros.dji.clocks.running_counter import LONGEST_EXTRA_NS, RunningCounter
+from tirgeo_ros.dji.clocks.running_counter import (
+    LONG_TICK_NS,
+    LONGEST_EXTRA_NS,
+    MILLISECOND_NS,
+    RunningCounter,
+    is_long,
+)
 
 _SECOND_NS = 1_000_000_000
 #: A message above the line by more than this is suspected of a clock step: no queue stays filled
@@ -32,9 +38,6 @@ _STEP_NS = 250_000_000
 _STEP_NUMBER, _STEP_LASTS_NS, _DRAINS_NS = 5, 500_000_000, 20_000_000
 #: Other messages overtake an aircraft's message by no more than this.
 _LATE_NS = _SECOND_NS
-#: The line is lowered by more than this only if two messages agree, since one may have a wrong
-#: count.
-_NEWLY_EARLY_NS = 2_000_000
 #: The offset is settled after this many messages and this time, once it is within
 #: _SETTLED_WITHIN_NS of the line. It is unsettled again when it is more than _UNSETTLED_NS off the
 #: line.
@@ -45,24 +48,16 @@ _SETTLED_WITHIN_NS, _UNSETTLED_NS = 100_000, 2_000_000
 _HASTE, _SLEW = 0.5, 200e-6
 
 
-class _Candidate(NamedTuple):
-    """Hold a message that fits no known offset, until the next one confirms or contradicts it."""
-
-    number: int
-    offset_ns: int
-    is_counter: bool  # True if the counter jumped, False if the host's clock did
-
-
 class _Above(NamedTuple):
     """Hold a run of messages far above the line: a queue that drains, or a new offset."""
 
-    number: int  # of the run's newest message
-    length: int
-    first: float  # height of the first message, nanoseconds
-    least: float
-    aircraft_ns: int  # of the first message
-    arrival_ns: int
-    is_counter: bool
+    number: int = -1  # of the run's newest message
+    length: int = 0
+    first: float = 0.0  # height of the first message, nanoseconds
+    least: float = 0.0
+    aircraft_ns: int = 0  # of the first message
+    arrival_ns: int = 0
+    is_counter: bool = False  # True if the counter jumped, False if the host's clock did
 
 
 class AircraftClock:
@@ -73,26 +68,29 @@ class AircraftClock:
     ppm. Before that, and whenever the line is more than 2 ms off, it may differ by half of the
     step.
 
-    When the counter restarts or the host's clock is set, the stamps follow: at the second message
-    where this is certain, after half a second where a queue could be the cause. A single message
-    that fits no offset is stamped with its arrival. Each counter needs its own AircraftClock.
+    When the counter restarts or the host's clock is set, the stamps follow: at once where this is
+    certain (counts come in frames with check sums), after half a second where a queue could be the
+    cause. Each counter needs its own AircraftClock.
+
+    A counter is taken to have ticks of 2.5 ms, not 1 ms, if it shows that before it has settled:
+    stamps fall behind by up to 1 s in the first 1.7 s, then they continue at their right times.
     """
 
-    def __init__(self, config: DjiClockConfig, tick_ns: int = 1_000_000, bits: int = 32) -> None:
+    def __init__(
+        self, config: DjiClockConfig, tick_ns: int = MILLISECOND_NS, bits: int = 32
+    ) -> None:
         self._max_drift = config.max_drift_ppm * 1e-6
         self._slew = self._max_drift + _SLEW
-        self._window_ns = config.window_s * 1e9
-        self._line = LowerEnvelope(self._window_ns, self._max_drift)
+        self._line = LowerEnvelope(config.window_s * 1e9, self._max_drift)
         self._counter = RunningCounter(tick_ns, bits)
+        self._may_be_long = tick_ns == MILLISECOND_NS
         self._number = self._began_number = 0
         self._origin_ns = self._newest_ns = 0  # by the counter
         self._offset_ns = 0  # of the origin, from counter time to host time
         self._published = 0.0  # offset of the newest message, in addition to _offset_ns
         self._settled = False
-        self._early: tuple[float, float] | None = None
-        self._counts = {"resets": 0, "host steps": 0, "stray counts": 0, "bad fractions": 0}
-        self._candidate = _Candidate(-1, 0, is_counter=False)
-        self._above = _Above(-1, 0, 0.0, 0.0, 0, 0, is_counter=False)
+        self._counts = {"resets": 0, "host steps": 0}
+        self._above = _Above()
 
     def stamp_ns(self, ticks: int, arrival_ns: int, extra_ns: int = 0) -> int:
         """Return the host time in nanoseconds that a message has if its latency is the smallest.
@@ -101,8 +99,7 @@ class AircraftClock:
         sends it, ``arrival_ns`` the host's time of the message's last byte.
         """
         self._number += 1
-        if extra_ns and not 0 <= extra_ns <= LONGEST_EXTRA_NS:
-            self._counts["bad fractions"] += 1
+        if not 0 <= extra_ns <= LONGEST_EXTRA_NS:
             extra_ns = 0
         if self._number == 1:
             return self._begin(ticks, extra_ns, arrival_ns)
@@ -112,14 +109,19 @@ class AircraftClock:
         y = float(arrival_ns - aircraft_ns - self._offset_ns)
         step_ns = aircraft_ns - self._newest_ns
         height = y - self._line.base - self._line.drift * x
-        if height < -_NEWLY_EARLY_NS or height > _STEP_NS or step_ns < -_LATE_NS:
-            if self._is_unexplained(height, step_ns):
-                return self._try_candidate(ticks, extra_ns, aircraft_ns, arrival_ns)
-            if height < 0:
-                y += self._agreed_depth(x, y, height) - height
-            elif self._is_set(height, aircraft_ns, arrival_ns):
-                late_ns = round(height - self._above.least)
-                return self._begin(ticks, extra_ns, arrival_ns - late_ns)
+        if self._is_unexplained(height, step_ns):
+            is_counter = abs(step_ns) > _LATE_NS
+            self._counts["resets" if is_counter else "host steps"] += 1
+            return self._begin(ticks, extra_ns, arrival_ns)
+        if height > _STEP_NS and self._is_set(height, aircraft_ns, arrival_ns):
+            run = self._above
+            passed_ns, counted_ns = arrival_ns - run.arrival_ns, aircraft_ns - run.aircraft_ns
+            if self._may_be_long and is_long(passed_ns, counted_ns):
+                self._may_be_long, self._counter = False, RunningCounter(LONG_TICK_NS, 32)
+                return self._begin(ticks, extra_ns, arrival_ns)
+            self._counts["resets" if run.is_counter else "host steps"] += 1
+            late_ns = round(height - run.least)
+            return self._begin(ticks, extra_ns, arrival_ns - late_ns)
         self._line.add(x, y)
         if step_ns > 0:
             self._counter.go_on(ticks, tick_ns)
@@ -155,7 +157,8 @@ class AircraftClock:
     @property
     def diagnostics(self) -> dict[str, str]:
         """Return state, offset, spread, drift and irregularities of both clocks, as texts."""
-        texts = {"clock state": self.state}
+        tick_ms = self._counter.tick_ns / MILLISECOND_NS
+        texts = {"clock state": self.state, "clock tick [ms]": f"{tick_ms:g}"}
         if self._number:
             offset_s = (self._offset_ns + round(self._published)) * 1e-9
             texts["clock offset [s]"] = f"{offset_s:.6f}"
@@ -174,7 +177,6 @@ class AircraftClock:
         self._began_number = self._number
         self._published = 0.0
         self._settled = False
-        self._early = None
         self._line.begin(0.0, 0.0)
         return arrival_ns
 
@@ -191,6 +193,7 @@ class AircraftClock:
         if not self._settled and abs(gap - move) < _SETTLED_WITHIN_NS:
             number = self._number - self._began_number
             self._settled = number >= _SETTLED_NUMBER and x >= _SETTLED_AFTER_NS
+            self._may_be_long = self._may_be_long and not self._settled
 
     def _is_unexplained(self, height: float, step_ns: int) -> bool:
         """Return whether neither delay nor overtaking can explain a message.
@@ -201,29 +204,6 @@ class AircraftClock:
         if step_ns < -_LATE_NS or (step_ns > _LATE_NS and height > _SECOND_NS):
             return True
         return height < -(_STEP_NS + 2 * self._max_drift * max(step_ns, 0))
-
-    def _try_candidate(self, ticks: int, extra_ns: int, aircraft_ns: int, arrival_ns: int) -> int:
-        """Begin a new offset at the second message in a row that shows the same new offset."""
-        offset_ns = arrival_ns - aircraft_ns
-        known = self._candidate
-        if known.number == self._number - 1 and abs(offset_ns - known.offset_ns) < _STEP_NS:
-            self._counts["resets" if known.is_counter else "host steps"] += 1
-            return self._begin(ticks, extra_ns, arrival_ns)
-        self._counts["stray counts"] += 1
-        is_counter = abs(aircraft_ns - self._newest_ns) > _LATE_NS
-        self._candidate = _Candidate(self._number, offset_ns, is_counter)
-        return arrival_ns
-
-    def _agreed_depth(self, x: float, y: float, height: float) -> float:
-        """Return how far (ns, <= 0) below the line two recent messages agree to be."""
-        known = self._early
-        if known is None or x - known[0] > self._window_ns:
-            self._early = x, y
-            return 0.0
-        known_height = known[1] - self._line.base - self._line.drift * known[0]
-        if height < known_height:
-            self._early = x, y
-        return min(max(height, known_height), 0.0)
 
     def _is_set(self, height: float, aircraft_ns: int, arrival_ns: int) -> bool:
         """Return whether messages have been far above the line long enough for a new offset."""
@@ -238,7 +218,4 @@ class AircraftClock:
         length, least = above.length + 1, min(height, above.least)
         self._above = above._replace(number=self._number, length=length, least=least)
         lasted_ns = min(aircraft_ns - above.aircraft_ns, arrival_ns - above.arrival_ns)
-        if length < _STEP_NUMBER or lasted_ns < _STEP_LASTS_NS:
-            return False
-        self._counts["resets" if above.is_counter else "host steps"] += 1
-        return True
+        return length >= _STEP_NUMBER and lasted_ns >= _STEP_LASTS_NS

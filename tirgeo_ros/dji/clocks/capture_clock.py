@@ -1,18 +1,30 @@
-"""Convert the aircraft's counters to times where a file does not record when its bytes arrived."""
+"""Convert the aircraft's counters to times where a file does not record when its bytes arrived.
+
+A capture is placed in civil time by the receivers' date and time of day. These words have whole
+seconds and come five times a second, so each is right at the first message of a new second. DJI's
+headers say that they are in GMT+8.
+"""
 
 from __future__ import annotations
 
-from tirgeo_ros.dji.clocks.running_counter import LONGEST_EXTRA_NS, RunningCounter
+from datetime import datetime, timezone
+from itertools import pairwise
+from statistics import median, median_low
+
+from tirgeo_ros.dji.clocks.running_counter import (
+    LONG_TICK_NS,
+    LONGEST_EXTRA_NS,
+    MILLISECOND_NS,
+    RunningCounter,
+    is_long,
+)
 
 _SECOND_NS = 1_000_000_000
 #: Two counters that differ by less than this at the same place of a file show the same clock.
 _SAME_NS = _SECOND_NS
-#: A message that is older than the one before by more than this has another count; less is
-#: disorder.
-_LATE_NS = _SECOND_NS
-#: A forward jump of the counter by more than this is accepted only when a second message confirms
-#: it.
-_LONG_NS = 60 * _SECOND_NS
+#: A message that is older than the one before by more than this has another count (less is
+#: disorder), and so has one that is ahead by more than a minute.
+_LATE_NS, _LONG_NS = _SECOND_NS, 60 * _SECOND_NS
 #: Two messages in a row confirm the same new count if they differ by no more than this.
 _AGREE_NS = _SECOND_NS
 #: Assumed time between the last stamp before a counter restarts and the first stamp after it.
@@ -23,8 +35,7 @@ class CaptureTimeline:
     """Hold the timeline that the counters of one file share.
 
     Stamps are the aircraft's time since power-up plus ``shift_ns``. With ``start_ns``, the shift
-    is chosen so that the first message gets this stamp. ``place`` of a clock sets the shift as
-    well.
+    is chosen so that the first message gets this stamp.
     """
 
     def __init__(self, start_ns: int | None = None, shift_ns: int = 0) -> None:
@@ -35,11 +46,9 @@ class CaptureTimeline:
         self.newest_ns: int | None = None  # newest stamp, without the shift
         self.aircraft_ns = 0  # counter time of the newest stamp
 
-    def clock(
-        self, tick_ns: int = 1_000_000, bits: int = 32, *, resets_alone: bool = False
-    ) -> CaptureClock:
+    def clock(self, tick_ns: int = MILLISECOND_NS, *, resets_alone: bool = False) -> CaptureClock:
         """Return a clock for another counter of the same file."""
-        return CaptureClock(self, tick_ns, bits, resets_alone=resets_alone)
+        return CaptureClock(self, tick_ns, resets_alone=resets_alone)
 
     @property
     def now_ns(self) -> int:
@@ -49,25 +58,20 @@ class CaptureTimeline:
     def take(self, stamp_ns: int, aircraft_ns: int) -> int:
         """Take a message of any of the clocks; return its stamp with the shift."""
         if self._start_ns is not None:
-            self.place(stamp_ns, self._start_ns)
+            self.shift_ns, self._start_ns = self._start_ns - stamp_ns, None
         if self.newest_ns is None or stamp_ns >= self.newest_ns:
             self.newest_ns, self.aircraft_ns = stamp_ns, aircraft_ns
         return stamp_ns + self.shift_ns
 
-    def place(self, stamp_ns: int, utc_ns: int) -> None:
-        """Shift all later stamps so that ``stamp_ns`` (without the shift) becomes ``utc_ns``."""
-        self._start_ns = None
-        self.shift_ns = utc_ns - stamp_ns
-
 
 class CaptureClock:
-    """Convert the values of one aircraft counter to stamps on a file's timeline.
+    """Convert the values of one aircraft counter of 32 bits to stamps on a file's timeline.
 
     The counter is trusted, wraps included. If two messages in a row show that it has gone back by
     more than a second, it has restarted: stamps continue ``RESTART_NS`` after the newest stamp,
     since the file does not tell how long the aircraft was off. A single such message, or a single
     one that is more than a minute ahead, gets the newest stamp. Stamps of increasing counts do not
-    decrease, unless ``place`` is called between them.
+    decrease.
 
     Counters of a file that show nearly the same value belong to the same clock. A counter that
     shows another value is placed by the order of the messages: a message is not older than the
@@ -75,76 +79,45 @@ class CaptureClock:
     after its first reset, because a command sets it to zero while the others continue.
     """
 
-    def __init__(
-        self,
-        timeline: CaptureTimeline | None = None,
-        tick_ns: int = 1_000_000,
-        bits: int = 32,
-        *,
-        resets_alone: bool = False,
-    ) -> None:
-        self._resets_alone = resets_alone
-        self._timeline = CaptureTimeline() if timeline is None else timeline
-        self._counter = RunningCounter(tick_ns, bits)
-        self._is_begun = self._is_placed = False
+    def __init__(self, timeline: CaptureTimeline, tick_ns: int, *, resets_alone: bool) -> None:
+        self._timeline, self._resets_alone = timeline, resets_alone
+        self._counter = RunningCounter(tick_ns, 32)
+        self._is_begun = False
         self._is_apart = False  # placed by the order of the messages
         self._offset_ns = 0  # from counter time to the timeline
         self._newest_ns = 0  # in counter time
         self._stray_ns: int | None = None  # counter time of the message before, if that was stray
-        self._counts = {"resets": 0, "stray counts": 0, "bad fractions": 0}
 
     def stamp_ns(self, ticks: int, arrival_ns: int = 0, extra_ns: int = 0) -> int:  # noqa: ARG002
-        """Return the time of a message in nanoseconds.
-
-        ``arrival_ns`` is unused, for the signature only.
-        """
+        """Return the time (ns) of a message with ``extra_ns`` after a tick; no arrival is used."""
         if not 0 <= extra_ns <= LONGEST_EXTRA_NS:
-            self._counts["bad fractions"] += 1
             extra_ns = 0
         if not self._is_begun:
-            self._begin(self._counter.begin(ticks) + extra_ns)
+            self._begin(ticks, extra_ns)
         tick_ns = self._counter.time_ns(ticks)
         aircraft_ns = tick_ns + extra_ns
         step_ns = aircraft_ns - self._newest_ns
-        if not (self._is_placed or -_LATE_NS <= step_ns <= _LONG_NS):
+        if not -_LATE_NS <= step_ns <= _LONG_NS:
             known_ns, self._stray_ns = self._stray_ns, aircraft_ns
             if known_ns is None or abs(aircraft_ns - known_ns) > _AGREE_NS:
-                self._counts["stray counts"] += 1  # the message before does not confirm it
-                return self._timeline.now_ns
+                return self._timeline.now_ns  # the message before does not confirm it
             if step_ns < 0:
                 self._start_again(ticks, extra_ns)
                 tick_ns, aircraft_ns = self._newest_ns - extra_ns, self._newest_ns
         self._stray_ns = None
-        if step_ns > 0 or self._is_placed:
+        if step_ns > 0:
             self._counter.go_on(ticks, tick_ns)
             self._newest_ns = aircraft_ns
-            self._is_placed = False
             now_ns = self._timeline.newest_ns
             if self._is_apart and now_ns is not None:  # not before the messages before it
                 self._offset_ns = max(self._offset_ns, now_ns - aircraft_ns)
         return self._timeline.take(aircraft_ns + self._offset_ns, aircraft_ns)
 
-    def place(self, ticks: int, utc_ns: int) -> None:
-        """Set the time at which the counter had the value ``ticks``.
-
-        This moves all clocks of the file. Before the first message ``ticks`` may be that of any
-        later message.
-        """
-        if not self._is_begun:
-            self._begin(self._counter.begin(ticks))
-            self._is_placed = True
-        self._timeline.place(self._counter.time_ns(ticks) + self._offset_ns, utc_ns)
-
-    @property
-    def diagnostics(self) -> dict[str, str]:
-        """Return the counts of wraps, resets, stray counts and bad fractions, as texts."""
-        texts = {"clock wraps": str(self._counter.wraps)}
-        return texts | {f"clock {name}": str(count) for name, count in self._counts.items()}
-
-    def _begin(self, aircraft_ns: int) -> None:
+    def _begin(self, ticks: int, extra_ns: int) -> None:
         """Set the offset at the first message."""
         line, now_ns = self._timeline, self._timeline.newest_ns
-        self._is_begun, self._newest_ns = True, aircraft_ns
+        self._is_begun = True
+        self._newest_ns = aircraft_ns = self._counter.begin(ticks) + extra_ns
         line.number += 1
         if now_ns is not None:
             self._is_apart = abs(aircraft_ns - line.aircraft_ns) >= _SAME_NS
@@ -157,15 +130,103 @@ class CaptureClock:
         newest stamp.
         """
         line, newest_ns = self._timeline, self._newest_ns + self._offset_ns
-        self._counts["resets"] += 1
         self._newest_ns = aircraft_ns = self._counter.begin(ticks) + extra_ns
+        now_ns = line.now_ns - line.shift_ns
         if abs(aircraft_ns - line.aircraft_ns) < _SAME_NS:
-            earliest_ns = line.now_ns - line.shift_ns + aircraft_ns - line.aircraft_ns
+            earliest_ns = now_ns + aircraft_ns - line.aircraft_ns
             self._offset_ns = max(earliest_ns, newest_ns) - aircraft_ns
         elif self._resets_alone and line.number > 1:
             self._is_apart = True
-            self._offset_ns = line.now_ns - line.shift_ns - aircraft_ns
+            self._offset_ns = now_ns - aircraft_ns
         else:
             line.restarts += 1
-            earliest_ns = line.now_ns - line.shift_ns + RESTART_NS
-            self._offset_ns = earliest_ns - aircraft_ns
+            self._offset_ns = now_ns + RESTART_NS - aircraft_ns
+
+
+_HOUR_NS = 3600 * _SECOND_NS
+#: Receivers without a fix send 1980 or 2000; ROS times end in 2106.
+_FIRST_YEAR, _LAST_YEAR = 2010, 2099
+#: The time zone that DJI's headers state, hours ahead of UTC.
+DOCUMENTED_OFFSET_H = 8
+#: A file's modification time is that of its last byte, or a little after; this is the tolerance.
+_HINT_NS = 2 * _HOUR_NS
+#: Seconds whose shift is further than this from the median are wrong words.
+_ASTRAY_NS = 2 * _SECOND_NS
+
+
+def time_of_words(date_yyyymmdd: int, time_hhmmss: int) -> int | None:
+    """Return a date (years 2010 to 2099) and time as ns since 1970, in their own time zone.
+
+    Returns None for invalid words.
+    """
+    year, month, day = _three(date_yyyymmdd)
+    if not _FIRST_YEAR <= year <= _LAST_YEAR or time_hhmmss < 0:
+        return None
+    try:
+        local = datetime(year, month, day, *_three(time_hhmmss), tzinfo=timezone.utc)
+    except ValueError:
+        return None
+    return round(local.timestamp()) * _SECOND_NS
+
+
+def _three(word: int) -> tuple[int, int, int]:
+    return word // 10_000, word // 100 % 100, word % 100
+
+
+def guess_utc_offset(newest_words_ns: int, hint_ns: int) -> int | None:
+    """Return how many hours words are ahead of UTC (8 or 0), by the time of the newest.
+
+    ``hint_ns`` is about that time in UTC, such as that of the file's last change. Returns None if
+    neither fits within 2 h.
+    """
+    for hours in (DOCUMENTED_OFFSET_H, 0):
+        if abs(newest_words_ns - hours * _HOUR_NS - hint_ns) <= _HINT_NS:
+            return hours
+    return None
+
+
+class WholeSeconds:
+    """Estimate the shift from a capture's stamps to civil time by the whole seconds in messages.
+
+    A message contains the second that has begun, so civil time is at least that: civil time minus
+    stamp is at least the largest difference found. The estimate is early by the delay of the first
+    message of a second (some 10 ms where epochs are at whole seconds).
+    """
+
+    def __init__(self) -> None:
+        self._word_ns: int | None = None
+        self._seconds: list[tuple[int, int]] = []  # word and stamp of each new second
+        self.newest_ns = 0  # newest stamp
+
+    def take(self, stamp_ns: int, date_yyyymmdd: int, time_hhmmss: int) -> None:
+        """Take a message's date and time words and its stamp, on any timeline."""
+        word_ns = time_of_words(date_yyyymmdd, time_hhmmss)
+        self.newest_ns = stamp_ns
+        if word_ns is None or word_ns == self._word_ns:
+            return
+        if self._word_ns is not None:  # the first second may have begun before the capture
+            self._seconds.append((word_ns, stamp_ns))
+        self._word_ns = word_ns
+
+    @property
+    def number(self) -> int:
+        """Return how many seconds began."""
+        return len(self._seconds)
+
+    @property
+    def shift_ns(self) -> int | None:
+        """Return words (in their own time zone) minus stamps; None until a second began."""
+        shifts_ns = [word_ns - stamp_ns for word_ns, stamp_ns in self._seconds]
+        if not shifts_ns:
+            return None
+        middle = median_low(shifts_ns)
+        return max(shift for shift in shifts_ns if abs(shift - middle) <= _ASTRAY_NS)
+
+    @property
+    def tick_ns(self) -> int:
+        """Return the tick of a counter taken for milliseconds: 2.5 ms if three seconds show it."""
+        steps = [(new[0] - old[0], new[1] - old[1]) for old, new in pairwise(self._seconds)]
+        if len(steps) < 2:
+            return MILLISECOND_NS
+        counted = median(by_stamps / by_words for by_words, by_stamps in steps)
+        return LONG_TICK_NS if is_long(1.0, counted) else MILLISECOND_NS

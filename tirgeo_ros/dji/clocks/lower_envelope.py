@@ -24,8 +24,6 @@ _DRIFT_NS = 30e9, 300e9
 #: Their quotient is the length of a stretch from which its own slope gets more weight than the old
 #: one.
 _USUAL_DRIFT, _MINIMUM_NS = 0.3, 0.2e6
-#: After a gap of the window's length the old line holds until new points cover this time.
-_HOLD_NS = 2e9
 #: Largest number of heights above the line that make the distribution: 500 a second for 20 s.
 _HEIGHTS = 10_000
 
@@ -47,7 +45,6 @@ class LowerEnvelope:
         shortest, longest = _DRIFT_NS
         self._memory_ns = max(shortest, window_ns, min(3 * window_ns, longest))
         self._width_ns = self._memory_ns / _BINS
-        self._hold_ns = min(_HOLD_NS, window_ns / 2)
         self.drift = self._drift_before = 0.0  # slope of the line
         self.base = 0.0  # the line is ``base + drift * x``
         self._bins: deque[Point] = deque()  # the lowest point of each closed bin
@@ -95,22 +92,11 @@ class LowerEnvelope:
         is_used = self._lowest_key < _INFINITY
         if is_used and (not self._bins or self._lowest[0] > self._bins[-1][0]):
             self._bins.append(self._lowest)
-        newest = self._bins[-1][0] if self._bins else x
-        if x - newest > self._window_ns - self._hold_ns:
-            self._bridge(x)
         while self._bins and self._bins[0][0] < x - self._memory_ns:
             self._bins.popleft()
         self._learn_drift()
         self._refit_line(x)
         self._open(x)
-
-    def _bridge(self, x: float) -> None:
-        """Keep the old line after a long gap until new points suffice to show another."""
-        held_x = x - self._window_ns + self._hold_ns
-        self._bins.clear()
-        self._heights.clear()
-        self._drift_before = self.drift
-        self._bins.append((held_x, self.base + self.drift * held_x))
 
     def _learn_drift(self) -> None:
         span = self._bins[-1][0] - self._bins[0][0] if self._bins else 0.0

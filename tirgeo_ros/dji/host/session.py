@@ -2,7 +2,8 @@
 
 The order is activation, broadcast rates, subscription. What fails is tried again after growing
 pauses and does not hold up the rest. When the aircraft falls silent, for example because it is
-switched off and on, everything is asked for again.
+switched off and on, everything is asked for again. Without an activated application the aircraft
+only broadcasts.
 """
 
 from __future__ import annotations
@@ -11,14 +12,25 @@ from enum import Enum
 
 from tirgeo_ros.core.config.dji import RATE_CODES, DjiHostConfig
 from tirgeo_ros.core.types.errors import DjiError
-from tirgeo_ros.dji.host.activation import Activation
-from tirgeo_ros.dji.host.requests import Dialogue, Exchange, NoAnswerError, Pause, ask
+from tirgeo_ros.dji.host.requests import Dialogue, Exchange, NoAnswerError, ask, ask_code
 from tirgeo_ros.dji.host.subscriber import Subscriber
 from tirgeo_ros.dji.link.framing import ProtocolFrame
-from tirgeo_ros.dji.protocol.commands import SetRates, decode_code, encode_request, explain
+from tirgeo_ros.dji.protocol.commands import (
+    GET_VERSION,
+    NOT_ACTIVATED,
+    Request,
+    VersionAck,
+    activate,
+    decode_version_ack,
+    explain,
+    set_rates,
+)
 from tirgeo_ros.dji.protocol.subscription import PackageTable
 
 _SUBSCRIPTION_PUSH = (0x02, 0x05)
+_DONE, _NEW_DEVICE = 0, 3
+#: At a new device's first try DJI GO fetches the permission from DJI; the second try finds it.
+_SECOND_TRY_S = 1.0
 _LOOK_S = 0.5  # between checks of what is still to be done
 _FIRST_PAUSE_S = 1.0  # before the first new try, doubled each time
 _LONGEST_PAUSE_S = 30.0
@@ -33,9 +45,7 @@ class HostState(Enum):
     """List the states of the host's requests."""
 
     LISTENING = "listening"  # there is nothing to ask for
-    ACTIVATING = "activating"
-    SETTING_RATES = "setting_rates"
-    SUBSCRIBING = "subscribing"
+    ASKING = "asking"
     READY = "ready"
     NO_ANSWER = "no_answer"
     NOT_ACTIVATED = "not_activated"
@@ -63,47 +73,64 @@ class HostSession:
         self, config: DjiHostConfig, packages: PackageTable, key: bytes | None = None
     ) -> None:
         self._has_key = key is not None
+        self._app_id = config.app_id
         self._rates = _rates(config)
-        self._rates_set = self._rates is None
-        self._exchange = Exchange()
         self._activates = bool(config.app_id or config.subscribe)
-        self._activation = Activation(config.app_id)
+        self._exchange = Exchange()
         wanted = [packages[number] for number in sorted(packages)] if config.subscribe else []
-        self._subscriber = Subscriber(wanted, packages, self._exchange)
-        self._busy = HostState.ACTIVATING if self._activates else HostState.SETTING_RATES
-        self._problems: dict[str, str] = {}
-        # time of the last frame; None: none since it fell silent
-        self._heard_s: float | None = None
-        self._patience_s = _PATIENCE_S
+        self._subscriber = Subscriber(wanted, packages)
+        self._forget()
         self._failures = 0  # rounds in a row that left something undone
-        self._rounds = 0
+        self._patience_s = _PATIENCE_S
         self._listens = self._rates is None and not self._activates
         if not self._listens:
             self._exchange.begin(self._talk())
 
+    def _forget(self) -> None:
+        """Forget the aircraft: it may be another one or may have been switched off."""
+        # time of the last frame, or push where there are packages; None: none since the silence
+        self._heard_s: float | None = None
+        self._problems = dict.fromkeys(_PROBLEMS, "")
+        self._version: VersionAck | None = None
+        self._is_active = not self._activates
+        self._rates_set = self._rates is None
+        self._subscriber.forget()
+
     @property
     def state(self) -> HostState:
-        """Return the state; a problem takes precedence over the step in progress."""
+        """Return the state; a problem takes precedence over the round in progress."""
         if self._listens:
             return HostState.LISTENING
-        return next((state for state, _ in self._wrong), self._busy)
+        for name, text in self._problems.items():
+            if text:
+                return _PROBLEMS[name]
+        if self._subscriber.problems:
+            return HostState.INCOMPLETE
+        return HostState.ASKING if self._is_open else HostState.READY
 
     @property
     def message(self) -> str:
-        """Return a line for a person: the aircraft and the problems, or else the current step."""
+        """Return a line for a person: the aircraft and the problems, or else the state."""
         if self._listens:
-            return "listening only: nothing is asked of the aircraft"
-        problems = [text for _, text in self._wrong] or [self._busy.value.replace("_", " ")]
-        return "; ".join(filter(None, [self._activation.aircraft, *problems]))
+            return "listening only: no requests are sent to the aircraft"
+        problems = [*self._problems.values(), *self._subscriber.problems.values()]
+        told = list(filter(None, problems)) or [self.state.value]
+        return "; ".join(filter(None, [self._aircraft, *told]))
+
+    @property
+    def _aircraft(self) -> str:
+        """Return hardware and firmware in words; "" as long as they are not known."""
+        if self._version is None or self._version.firmware is None:
+            return ""
+        numbers = ".".join(map(str, self._version.firmware))
+        return f"{self._version.hardware} with firmware {numbers}"
 
     @property
     def diagnostics(self) -> dict[str, str]:
-        """Return state, aircraft, packages and counts, under names that begin with ``host``."""
-        values = {"state": self.state.value, "rounds": str(self._rounds)}
-        if self._activation.version:
-            values["aircraft"] = self._activation.aircraft
-            values["serial number"] = self._activation.version.serial
-        values |= self._subscriber.diagnostics
+        """Return state, aircraft and counts, under names that begin with ``host``."""
+        values = {"state": self.state.value}
+        if self._version:
+            values |= {"aircraft": self._aircraft, "serial number": self._version.serial}
         values |= {name: str(count) for name, count in self._exchange.counts.items()}
         return {f"host {name}": value for name, value in values.items()}
 
@@ -113,9 +140,9 @@ class HostSession:
             return
         if self._heard_s is None:  # it was switched on just now: no need to wait any longer
             self._failures = 0
-        self._heard_s = now_s
-        if (frame.cmd_set, frame.cmd_id) == _SUBSCRIPTION_PUSH:
-            self._subscriber.hear(frame.value, now_s)
+        is_push = (frame.cmd_set, frame.cmd_id) == _SUBSCRIPTION_PUSH
+        if is_push or self._heard_s is None or not self._subscriber.has_packages:
+            self._heard_s = now_s
         self._exchange.take(frame, now_s)
 
     def due(self, now_s: float) -> bytes:
@@ -130,59 +157,67 @@ class HostSession:
         self._failures, self._patience_s = 0, _PATIENCE_S
         self._exchange.begin(self._talk())
 
-    def _forget(self) -> None:
-        self._heard_s = None
-        self._problems.clear()
-        self._rates_set = self._rates is None
-        self._activation.forget()
-        self._subscriber.forget()
-
     def _talk(self) -> Dialogue[None]:
         while True:
             yield from self._round()
-            yield from self._watch()
+            yield from self._wait()
 
     def _round(self) -> Dialogue[None]:
         """Ask for everything that is not done; a missing answer does not hold up the rest."""
-        self._rounds += 1
         unanswered = ""
         for part in (self._activate, self._set_rates, self._subscribe):
             try:
                 yield from part()
             except NoAnswerError:  # noqa: PERF203  the rest is asked for all the same
                 unanswered = self._unanswered()
-        self._note("answer", unanswered)
-        self._busy = HostState.READY
+        self._problems["answer"] = unanswered
         self._failures = self._failures + 1 if self._is_open else 0
 
     def _activate(self) -> Dialogue[None]:
-        if self._activates and not self._activation.is_done:
-            self._busy = HostState.ACTIVATING
-            self._note("activation", (yield from self._activation.run()))
+        """Ask for the version and activate; without an app id, ask whether one is activated."""
+        if self._is_active:
+            return
+        self._version = decode_version_ack((yield from ask(GET_VERSION)))
+        if self._version is None:
+            raise NoAnswerError
+        if self._app_id:
+            request = activate(self._app_id, self._version.firmware or (0, 0, 0, 0))
+            code = yield from ask_code(request)
+            if code == _NEW_DEVICE:
+                yield _SECOND_TRY_S
+                code = yield from ask_code(request)
+            self._is_active = code == _DONE
+            refusal = f"activation failed, {explain(request, code)}"
+        else:
+            self._is_active = self._version.code != NOT_ACTIVATED
+            refusal = f"it is {explain(GET_VERSION, self._version.code)}"
+        self._problems["activation"] = "" if self._is_active else refusal
 
     def _set_rates(self) -> Dialogue[None]:
-        if self._rates is not None and not self._rates_set:
-            self._busy = HostState.SETTING_RATES
-            code = decode_code(self._rates, (yield from ask(self._rates)))
-            self._rates_set = code == 0
-            refusal = "refused without a code" if code is None else explain(self._rates, code)
-            self._note("rates", "" if code == 0 else f"broadcast rates: {refusal}")
+        if self._rates is None or self._rates_set:
+            return
+        code = yield from ask_code(self._rates)
+        self._rates_set = code == _DONE
+        refusal = f"broadcast rates: {explain(self._rates, code)}"
+        self._problems["rates"] = "" if self._rates_set else refusal
 
     def _subscribe(self) -> Dialogue[None]:
-        if self._activation.is_done and self._subscriber.is_open:
-            self._busy = HostState.SUBSCRIBING
-            refusal = yield from self._subscriber.run()
-            self._note("subscription", refusal and f"subscription: {refusal}")
-            if refusal:  # the aircraft may have been switched off and on meanwhile
-                self._activation.is_done = False
+        if not (self._is_active and self._subscriber.is_open):
+            return
+        refusal = yield from self._subscriber.run()
+        self._problems["subscription"] = refusal and f"subscription: {refusal}"
+        if refusal:  # the aircraft may have been switched off and on meanwhile
+            self._is_active = False
+            self._subscriber.forget()
 
-    def _watch(self) -> Dialogue[None]:
+    def _wait(self) -> Dialogue[None]:
         """Wait until there is something to ask for."""
         begun_s = self._exchange.now_s
         while True:
-            yield Pause(_LOOK_S)
+            yield _LOOK_S
             now_s = self._exchange.now_s
-            if self._falls_silent(now_s):
+            if self._heard_s is not None and now_s - self._heard_s > self._patience_s:
+                self._patience_s = min(2 * self._patience_s, _LONGEST_PATIENCE_S)
                 self._forget()
                 return
             if self._is_open and now_s - begun_s >= self._pause_s:
@@ -190,61 +225,33 @@ class HostSession:
             if now_s - begun_s > _LONGEST_PATIENCE_S:
                 self._patience_s = _PATIENCE_S
 
-    def _falls_silent(self, now_s: float) -> bool:
-        """Return whether all frames, or the pushes of all added packages, have stopped."""
-        if self._heard_s is not None and now_s - self._heard_s > self._patience_s:
-            self._patience_s = min(2 * self._patience_s, _LONGEST_PATIENCE_S)
-            return True
-        return self._subscriber.note_silence(now_s)
-
     @property
     def _is_open(self) -> bool:
         """Return whether something is left to ask for."""
-        inactive = self._activates and not self._activation.is_done
-        return inactive or not self._rates_set or self._subscriber.is_open
+        return not (self._is_active and self._rates_set) or self._subscriber.is_open
 
     @property
     def _pause_s(self) -> float:
         """Return the time from the end of a round to the next one, in seconds."""
         if not self._failures:
             return 0.0
-        longest_s = _LONGEST_UNANSWERED_S if "answer" in self._problems else _LONGEST_PAUSE_S
+        longest_s = _LONGEST_UNANSWERED_S if self._problems["answer"] else _LONGEST_PAUSE_S
         return min(_FIRST_PAUSE_S * 2.0 ** min(self._failures - 1, 10), longest_s)
-
-    @property
-    def _wrong(self) -> list[tuple[HostState, str]]:
-        """Return the problems, the worst first."""
-        told = [
-            (s, self._problems[name]) for name, s in _PROBLEMS.items() if name in self._problems
-        ]
-        return told + [(HostState.INCOMPLETE, text) for text in self._subscriber.problems]
-
-    def _note(self, name: str, problem: str) -> None:
-        self._problems.pop(name, None)
-        if problem:
-            self._problems[name] = problem
 
     def _unanswered(self) -> str:
         if self._exchange.counts["encrypted acks"]:
-            wrong = "check key" if self._has_key else "set key to the application's"
+            wrong = "check key" if self._has_key else "set key to that of the application"
             return f"the aircraft's answers are encrypted: {wrong}"
         if self._heard_s is None:
             return "the aircraft does not answer"
         return "the aircraft sends but does not answer: check the wire from the host's TX"
 
 
-def _rates(config: DjiHostConfig) -> SetRates | None:
-    """Return the request for rates; None without any.
-
-    Raises DjiError if a rate is no rate code.
-    """
+def _rates(config: DjiHostConfig) -> Request | None:
+    """Return the request for rates; None without any. Raises DjiError for one that is no code."""
     for rate in config.broadcast_rates:
         if rate not in range(RATE_CODES):
             raise DjiError(
-                f"host.broadcast_rates: {rate:g} is no rate code (0 to {RATE_CODES - 1})"
+                f"host.broadcast_rates: {rate:g} is not a rate code (0 to {RATE_CODES - 1})"
             )
-    if not config.broadcast_rates:
-        return None
-    request = SetRates(tuple(int(rate) for rate in config.broadcast_rates))
-    encode_request(request)  # raises DjiError for a wrong number of rates
-    return request
+    return set_rates([*map(int, config.broadcast_rates)]) if config.broadcast_rates else None

@@ -78,16 +78,6 @@ class AutopilotAttitudes:
             return found
         return found[0] if found[2] == 0.0 else slerp(*found)
 
-    def near(self, stamp_ns: int) -> Array | None:
-        """Return the attitude (4,) at an instant, else the newest one if within 0.1 s of it."""
-        found = self.at(stamp_ns)
-        if not isinstance(found, Miss):
-            return found
-        newest_ns = self._history.newest_ns
-        if newest_ns is None or abs(stamp_ns - newest_ns) > _SILENT_NS:
-            return None
-        return self._newest(newest_ns)
-
     def carried(self, stamp_ns: int, angular_rate_b: Vector) -> Array | None:
         """Return the newest attitude (4,) propagated by the rate (b, rad/s).
 
@@ -96,15 +86,9 @@ class AutopilotAttitudes:
         newest_ns = self._history.newest_ns
         if newest_ns is None or abs(stamp_ns - newest_ns) > _CARRIED_NS:
             return None
+        newest = self.at(newest_ns)
+        assert not isinstance(newest, Miss)
         step_s = (stamp_ns - newest_ns) * 1e-9
         x, y, z = angular_rate_b
-        q_nb = quat_multiply(
-            tuple(self._newest(newest_ns).tolist()),
-            quaternion_of(x * step_s, y * step_s, z * step_s),
-        )
-        return unit_quaternion(q_nb)
-
-    def _newest(self, newest_ns: int) -> Array:
-        found = self._history.around(newest_ns)
-        assert not isinstance(found, Miss)
-        return found[0]
+        turn = quaternion_of(x * step_s, y * step_s, z * step_s)
+        return unit_quaternion(quat_multiply(tuple(newest.tolist()), turn))

@@ -29,7 +29,6 @@ from tirgeo_ros.dji.sources.readings import GimbalReading, Quaternion
 #: A reading waits this long for the attitude after it: the longest gap between two attitudes.
 _WAIT_NS = 250_000_000
 _FOREVER_NS = 1 << 63
-_MAY_COME = (Miss.EMPTY, Miss.TOO_NEW)
 #: Stamps of two streams of one gimbal mix within this; one that goes back further is another
 #: clock.
 _CLOCK_NS = 1_000_000_000
@@ -56,17 +55,11 @@ class GimbalInterpreter:
         self._from_nose = config.gimbal_reference == "body"
         self._delay_ns = round(config.delay.gimbal_s * 1e9)
         self._attitude_delay_ns = round(config.delay.imu_s * 1e9)
-        self._attitudes = attitudes
-        self._counts = counts
-        self._waiting: deque[GimbalReading] = deque()
+        self._attitudes, self._counts = attitudes, counts
+        self.waiting: deque[GimbalReading] = deque()  # for an attitude
         self._newest_ns: int | None = None
         self._psi_coder: float | None = None
         self._cameras, self._joints = Sequence(), Sequence()
-
-    @property
-    def waits(self) -> bool:
-        """Return whether a reading waits for an attitude."""
-        return bool(self._waiting)
 
     def take(self, reading: GimbalReading) -> list[GimbalSample]:
         """Take a reading; return samples of those before it if it comes from another clock."""
@@ -81,7 +74,7 @@ class GimbalInterpreter:
                 return []
             before = self.flush()
         self._newest_ns = reading.stamp_ns
-        self._waiting.append(reading)
+        self.waiting.append(reading)
         return before
 
     def resolve(self, now_ns: int) -> list[GimbalSample]:
@@ -91,13 +84,13 @@ class GimbalInterpreter:
         """
         now_ns -= self._attitude_delay_ns
         found: list[GimbalSample] = []
-        while self._waiting:
-            stamp_ns = self._waiting[0].stamp_ns
+        while self.waiting:
+            stamp_ns = self.waiting[0].stamp_ns
             q_nb = self._attitudes.at(stamp_ns)
-            overdue = now_ns - stamp_ns > _WAIT_NS
-            if isinstance(q_nb, Miss) and q_nb in _MAY_COME and not overdue:
+            waits = isinstance(q_nb, Miss) and q_nb in {Miss.EMPTY, Miss.TOO_NEW}
+            if waits and now_ns - stamp_ns <= _WAIT_NS:
                 break
-            found += self._samples(self._waiting.popleft(), q_nb)
+            found += self._samples(self.waiting.popleft(), q_nb)
         return found
 
     def flush(self) -> list[GimbalSample]:
@@ -106,25 +99,26 @@ class GimbalInterpreter:
 
     def _samples(self, reading: GimbalReading, q_nb: Array | Miss) -> list[GimbalSample]:
         stamp_ns, roll, pitch, yaw = reading
-        if isinstance(q_nb, Miss) and self._from_nose:
-            self._counts["gimbal_without_heading"] += 1
-            return []
-        if not isinstance(q_nb, Miss):
-            nose = heading_of(q_nb)
-            yaw += nose if self._from_nose else 0.0
-            self._psi_coder = wrapped(yaw - nose)
-        q_ng = _camera_attitude(roll, pitch, yaw)
-        camera_q = canonical(np.array(q_ng))
-        camera = CameraAttitudeSample(self._cameras.after(stamp_ns), camera_q)
         if isinstance(q_nb, Miss):
+            if self._from_nose:
+                self._counts["gimbal_without_heading"] += 1
+                return []
             self._counts["gimbal_without_joints"] += 1
-            return [camera]
+            return [self._camera(stamp_ns, _camera_attitude(roll, pitch, yaw))]
+        nose = heading_of(q_nb)
+        yaw += nose if self._from_nose else 0.0
+        self._psi_coder = wrapped(yaw - nose)
+        q_ng = _camera_attitude(roll, pitch, yaw)
         q_bg = quat_multiply(tuple(quat_conjugate(q_nb).tolist()), q_ng)
-        yaw, roll, pitch = joint_angles(matrix(rotation_of(q_bg))).tolist()
-        if math.cos(roll) < _SINGULAR_COSINE:
+        joint_yaw, joint_roll, joint_pitch = joint_angles(matrix(rotation_of(q_bg))).tolist()
+        if math.cos(joint_roll) < _SINGULAR_COSINE:
             self._counts["joints_near_singularity"] += 1
-        stamp_ns = self._joints.after(stamp_ns)
-        return [camera, JointSample(stamp_ns, yaw, roll, pitch, computed=True)]
+        angles = joint_yaw, joint_roll, joint_pitch
+        joints = JointSample(self._joints.after(stamp_ns), *angles, computed=True)
+        return [self._camera(stamp_ns, q_ng), joints]
+
+    def _camera(self, stamp_ns: int, q_ng: Quaternion) -> CameraAttitudeSample:
+        return CameraAttitudeSample(self._cameras.after(stamp_ns), canonical(np.array(q_ng)))
 
     @property
     def diagnostics(self) -> dict[str, str]:
@@ -135,10 +129,7 @@ class GimbalInterpreter:
 
 
 def _camera_attitude(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Quaternion:
-    """Return ``q_ng`` (wxyz) of yaw, then pitch, then roll (rad).
-
-    It uses scalars for speed, as there are a hundred readings a second.
-    """
+    """Return ``q_ng`` (wxyz) of yaw, then pitch, then roll (rad), by scalars for speed."""
     yaw = (math.cos(yaw_rad / 2), 0.0, 0.0, math.sin(yaw_rad / 2))
     pitch = (math.cos(pitch_rad / 2), 0.0, math.sin(pitch_rad / 2), 0.0)
     roll = (math.cos(roll_rad / 2), math.sin(roll_rad / 2), 0.0, 0.0)

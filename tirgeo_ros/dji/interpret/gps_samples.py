@@ -8,19 +8,11 @@ from collections import Counter
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.config.filter_aiding import GpsConfig
 from tirgeo_ros.core.types.measurements import FixStatus
-from tirgeo_ros.dji.interpret.receiver import Held, Receiver
-from tirgeo_ros.dji.interpret.rtk_status import NO_FIX, UNKNOWN_SIGMA_M, Quality
+from tirgeo_ros.dji.interpret.receiver import NO_FIX, UNKNOWN_SIGMA_M, Held, Quality, Receiver
 from tirgeo_ros.dji.sources.readings import GpsReading
 
+#: Kinds of fix: 2D, 3D, GPS and dead reckoning; others (none, dead reckoning, time only) are none.
 _FIX_2D, _FIX_3D, _FIX_GPS_DR = 2, 3, 4
-FIX_NAMES = {
-    0: "none",
-    1: "dead reckoning",
-    _FIX_2D: "2D",
-    _FIX_3D: "3D",
-    _FIX_GPS_DR: "GPS and dead reckoning",
-    5: "time only",
-}
 #: The height of a 2D fix is assumed by the receiver: its error may be as large as a mountain.
 _SIGMA_2D_DOWN_M = 1000.0
 #: Horizontal sigma of a 2D fix without a stated accuracy; it includes the effect of a wrong
@@ -72,14 +64,6 @@ class GpsInterpreter(Receiver[GpsReading]):
             sigmas = (horizontal or north, horizontal or east, vertical or down)
             variance = (sigmas[0] ** 2, sigmas[1] ** 2, sigmas[2] ** 2)
         return Quality(FixStatus.SINGLE, variance, (speed or 0.0) ** 2)
-
-    def diagnostics(self, now_ns: int) -> dict[str, str]:
-        """Return the fix type in words, the age of the newest epoch, and whether it is frozen."""
-        age, fix = self._age(now_ns), self._fix.newest
-        if not age and fix is None:
-            return {}
-        text = "not told" if fix is None else FIX_NAMES.get(fix, f"unknown {fix}")
-        return {"gps_fix": text} | age
 
 
 def _known(sigma: float | None) -> float | None:

@@ -9,11 +9,10 @@ import numpy as np
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import ImuSample
-from tirgeo_ros.dji.interpret.accelerometer_unit import ForceCheck, UnitBySize, factor_of
+from tirgeo_ros.dji.interpret.accelerometer_unit import StreamUnit
 from tirgeo_ros.dji.interpret.autopilot_attitude import AutopilotAttitudes, unit_quaternion
 from tirgeo_ros.dji.interpret.imu_stream_selection import DrivingStream
 from tirgeo_ros.dji.sources.readings import (
-    AccelerationUnit,
     AttitudeReading,
     ImuOrigin,
     ImuReading,
@@ -37,12 +36,10 @@ class ImuInterpreter:
 
     While the unit of acceleration is not known, samples are held back (0.4 s, at least twenty) and
     released when it is. If it has no gravity they are dropped. Counted: ``imu_refused`` (not
-    finite, or beyond any number of an IMU), ``imu_unused_`` with the name of a stream that is not
-    selected, ``imu_out_of_order`` (a stamp not later than the one before), ``imu_went_back``
-    (another clock; passes), ``imu_without_gravity``, ``imu_unit_not_known`` (held back, but the
-    unit was never found), ``imu_without_attitude``, ``imu_attitude_carried`` (from another
-    message's, propagated by the rate), ``attitude_not_unit``, ``imu_handovers`` and
-    ``acceleration_unit_changes``.
+    finite or too large), ``imu_unused_`` with the name of a stream that is not selected,
+    ``imu_out_of_order``, ``imu_went_back`` (another clock; passes), ``imu_without_gravity``,
+    ``imu_unit_not_known``, ``imu_without_attitude``, ``imu_attitude_carried`` (from another
+    message), ``attitude_not_unit``, ``imu_handovers`` and ``acceleration_unit_changes``.
     """
 
     def __init__(
@@ -52,9 +49,7 @@ class ImuInterpreter:
         self._attitudes = attitudes
         self._counts = counts
         self._streams = DrivingStream()
-        self._units = {origin: UnitBySize(config.acceleration_unit) for origin in ImuOrigin}
-        self._told = AccelerationUnit.UNKNOWN  # unit of the selected stream
-        self._check = ForceCheck()
+        self._units = {origin: StreamUnit(config.acceleration_unit) for origin in ImuOrigin}
         self._held: deque[_Held] = deque()
         self._held_origin: ImuOrigin | None = None
         self._newest_ns: int | None = None
@@ -72,15 +67,12 @@ class ImuInterpreter:
         if not sound:
             self._counts["imu_refused"] += 1
             return []
-        factor = factor_of(unit)
-        if factor is None:
-            by_size = self._units[origin]
-            by_size.add(stamp_ns, reading.acceleration_b)
-            factor = by_size.factor
+        stream = self._units[origin]
+        stream.add(stamp_ns, reading.acceleration_b, unit)
+        factor = stream.factor
         if not drives:
             self._counts[f"imu_unused_{origin.value}"] += 1
             return []
-        self._told = unit
         if attitude is None:
             attitude = self._attitudes.carried(stamp_ns, reading.angular_rate_b)
             is_carried = "without_attitude" if attitude is None else "attitude_carried"
@@ -97,22 +89,24 @@ class ImuInterpreter:
             return [*self._release(origin, factor), *self._sample(entry, factor)]
         return self._sample(entry, factor)
 
-    def take_attitude(self, reading: AttitudeReading) -> None:
-        """Take an attitude that came in a message of its own."""
+    def take_attitude(self, reading: AttitudeReading) -> list[ImuSample]:
+        """Take an attitude that came in a message of its own; return no sample."""
         attitude = self._attitude(reading.q_nb)
         if attitude is not None:
             self._attitudes.offer(reading.stamp_ns - self._delay_ns, attitude)
+        return []
 
     def flush(self) -> list[ImuSample]:
         """Return the samples that were held back, if they suffice to find their unit."""
         if self._held_origin is None:
             return []
-        by_size = self._units[self._held_origin]
-        by_size.settle()
-        if by_size.factor is None:
+        stream = self._units[self._held_origin]
+        if stream.factor is None:
+            stream.settle()
+        if stream.factor is None:
             self._forget_held(0)
             return []
-        return self._release(self._held_origin, by_size.factor)
+        return self._release(self._held_origin, stream.factor)
 
     def _attitude(self, q_nb: Quaternion) -> Array | None:
         attitude = unit_quaternion(q_nb)
@@ -143,18 +137,14 @@ class ImuInterpreter:
                 return []
             self._counts["imu_went_back"] += 1
         self._newest_ns = stamp_ns
-        force_b = (x * factor, y * factor, z * factor)
-        self._check.add(stamp_ns, force_b)
-        return [ImuSample(stamp_ns, np.array(force_b), np.array(rate_b), attitude)]
+        force_b = np.array((x * factor, y * factor, z * factor))
+        return [ImuSample(stamp_ns, force_b, np.array(rate_b), attitude)]
 
     @property
     def counts(self) -> dict[str, int]:
-        """Return the counts kept by the parts; ``imu_held`` samples are held back now."""
-        return {
-            "imu_handovers": self._streams.handovers,
-            "acceleration_unit_changes": sum(unit.changes for unit in self._units.values()),
-            "imu_held": len(self._held),
-        }
+        """Return the counts kept by the parts."""
+        changes = sum(unit.changes for unit in self._units.values())
+        return {"imu_handovers": self._streams.handovers, "acceleration_unit_changes": changes}
 
     @property
     def diagnostics(self) -> dict[str, str]:
@@ -162,11 +152,9 @@ class ImuInterpreter:
         driver = self._streams.driver
         if driver is None:
             return {"imu_source": "none"}
-        told = self._told is not AccelerationUnit.UNKNOWN
-        unit = f"{self._told.value} (told)" if told else self._units[driver].text
-        return {"imu_source": driver.value, "acceleration_unit": unit}
+        return {"imu_source": driver.value, "acceleration_unit": self._units[driver].text}
 
     @property
     def warnings(self) -> list[str]:
         """Return what to set right about accelerations."""
-        return [*(unit.warning for unit in self._units.values()), self._check.warning]
+        return [unit.warning for unit in self._units.values()]

@@ -9,12 +9,11 @@ from typing import Any
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample, NavigationInput
-from tirgeo_ros.dji.interpret.antenna_baseline import NOT_SET, BaselineCheck, baseline_deg
 from tirgeo_ros.dji.interpret.autopilot_attitude import AutopilotAttitudes
 from tirgeo_ros.dji.interpret.gimbal_samples import GimbalInterpreter
 from tirgeo_ros.dji.interpret.gps_samples import GpsInterpreter
 from tirgeo_ros.dji.interpret.imu_samples import ImuInterpreter
-from tirgeo_ros.dji.interpret.rtk_samples import RtkInterpreter
+from tirgeo_ros.dji.interpret.rtk_samples import NOT_SET, RtkInterpreter
 from tirgeo_ros.dji.sources.readings import (
     AttitudeReading,
     GimbalReading,
@@ -40,15 +39,13 @@ class Interpreter:
         self._one_antenna = not config.aircraft.second_antenna_m
         undulation_m = 0.0 if math.isnan(self._undulation_m) else self._undulation_m
         attitudes = AutopilotAttitudes(self._counts)
-        self._baseline = BaselineCheck(baseline_deg(config.aircraft), attitudes)
         self._imu = ImuInterpreter(config, attitudes, self._counts)
-        self._rtk = RtkInterpreter(config, undulation_m, self._baseline, self._counts)
+        self._rtk = RtkInterpreter(config, undulation_m, self._counts)
         self._gps = GpsInterpreter(config, undulation_m, self._counts)
         self._gimbal = GimbalInterpreter(config, attitudes, self._counts)
-        self._newest_ns = 0
         self._takers: dict[type, Callable[[Any], list[Any]]] = {
             ImuReading: self._imu.take,
-            AttitudeReading: self._take_attitude,
+            AttitudeReading: self._imu.take_attitude,
             GpsReading: self._gps.take,
             RtkReading: self._rtk.take,
             GimbalReading: self._gimbal.take,
@@ -56,19 +53,14 @@ class Interpreter:
 
     def take(self, reading: Reading) -> list[Sample]:
         """Return the samples of a reading, and of earlier ones that waited for it."""
-        self._newest_ns = reading.stamp_ns
         samples: list[Sample] = self._takers[type(reading)](reading)
-        if self._gimbal.waits:
-            samples = [*samples, *self._gimbal.resolve(self._newest_ns)]
+        if self._gimbal.waiting:
+            samples = [*samples, *self._gimbal.resolve(reading.stamp_ns)]
         return samples
 
     def flush(self) -> list[Sample]:
         """Return the samples of waiting readings, at the end of a recording."""
         return [*self._imu.flush(), *self._gimbal.flush()]
-
-    def _take_attitude(self, reading: AttitudeReading) -> list[Sample]:
-        self._imu.take_attitude(reading)
-        return []
 
     @property
     def counts(self) -> dict[str, int]:
@@ -81,27 +73,22 @@ class Interpreter:
     def diagnostics(self) -> dict[str, str]:
         """Return the current interpretation of the aircraft's data, for people."""
         unset = math.isnan(self._undulation_m)
-        found = {
+        return {
             **self._imu.diagnostics,
-            **self._rtk.diagnostics(self._newest_ns),
-            **self._gps.diagnostics(self._newest_ns),
+            **self._rtk.diagnostics,
             **self._gimbal.diagnostics,
             "geoid_undulation_m": "0 (not set)" if unset else f"{self._undulation_m:g}",
         }
-        seen_deg = self._baseline.seen_deg
-        if seen_deg is not None:
-            found["baseline_seen_deg"] = f"{seen_deg:.1f}"
-        return found
 
     @property
     def warnings(self) -> list[str]:
         """Return what a person should set right."""
-        found = [*self._imu.warnings, self._baseline.warning]
+        found = self._imu.warnings
         if self._one_antenna:
             found.append(NOT_SET)
         if math.isnan(self._undulation_m):
             found.append(
-                "geoid_undulation_m is not set: heights above sea level go out as ellipsoidal, "
-                "wrong by up to 100 m; set the geoid's height where it flies"
+                "geoid_undulation_m is not set: heights above sea level are published as "
+                "ellipsoidal, wrong by up to 100 m; set the geoid's height in the area of flight"
             )
         return [warning for warning in found if warning]

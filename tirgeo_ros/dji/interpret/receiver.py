@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections import Counter
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -13,20 +12,33 @@ from tirgeo_ros.core.streams.sanity_checks import LARGEST_HEIGHT_M
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source, VelocitySample
 from tirgeo_ros.dji.interpret.imu_stream_selection import Sequence
 from tirgeo_ros.dji.interpret.receiver_epochs import ReceiverEpochs, Value
-from tirgeo_ros.dji.interpret.rtk_status import Quality
 from tirgeo_ros.dji.sources.readings import GeodeticPlace, GpsReading, RtkReading, Vector
 
 #: A flag that came in a message of its own is valid this long: seven epochs of the receiver, and
 #: one and a half messages of a source that passes one in a second.
 HOLD_NS = 1_500_000_000
-#: A receiver that repeats the same values for longer is frozen: five epochs.
-_FROZEN_NS = 1_000_000_000
+#: A place that was received this long ago, five epochs, is not published again.
+_SILENT_NS = 1_000_000_000
 #: A place nearer to 0, 0 than this (0.6 m) means no place.
 _NO_PLACE_RAD = 1e-7
 #: The core's limit: no aircraft is faster.
 _LARGEST_SPEED_M_S = 1e3
 
 T = TypeVar("T")
+
+
+class Quality(NamedTuple):
+    """Hold status and variances of a satellite solution."""
+
+    status: FixStatus
+    position_variance: tuple[float, float, float]  # north, east, down, m2; zeros: not known
+    velocity_variance: float  # of each axis, (m/s)2; zero: not known
+
+
+#: Sigma of a place of which nothing is known: no weight, but finite in sums.
+UNKNOWN_SIGMA_M = 1e5
+
+NO_FIX = Quality(FixStatus.NONE, (UNKNOWN_SIGMA_M**2,) * 3, UNKNOWN_SIGMA_M**2)
 
 
 class Held(Generic[T]):
@@ -49,13 +61,13 @@ class Held(Generic[T]):
 R = TypeVar("R", GpsReading, RtkReading)
 
 
-class Receiver(ABC, Generic[R]):
+class Receiver(Generic[R]):
     """Convert a receiver's readings to samples, each measurement once.
 
     Counted under ``name``: ``_repeated`` (readings without anything new), ``_late`` (of the epoch
     before, from a slower source), ``_position_refused``, ``_velocity_refused`` (not finite, out of
-    range or 0, 0), ``_velocity_without_fix``, ``_status_fell`` (a place published again because
-    its fix is worse now) and ``_frozen`` (times that it repeated the same for over a second).
+    range or 0, 0), ``_velocity_without_fix`` and ``_status_fell`` (a place published again because
+    its fix is worse now).
     """
 
     def __init__(
@@ -75,15 +87,14 @@ class Receiver(ABC, Generic[R]):
         self._seen_ns = 0  # when it was last received
         self._status = FixStatus.NONE  # with which it was published
         self._speed_m_s = 0.0
-        self._frozen = False
 
-    @abstractmethod
     def _hear(self, stamp_ns: int, reading: R) -> None:
         """Take what a reading says of its quality."""
+        raise NotImplementedError
 
-    @abstractmethod
     def _quality(self, stamp_ns: int) -> Quality:
         """Return the quality of what is measured at an instant."""
+        raise NotImplementedError
 
     def take(self, reading: R) -> list[Any]:
         """Return the samples of what is new in a reading."""
@@ -115,13 +126,14 @@ class Receiver(ABC, Generic[R]):
             parts["velocity"] = velocity_n
             self._speed_m_s = math.hypot(*velocity_n)
         fresh = self._epochs.news(stamp_ns, parts)
-        self._check_freezing(stamp_ns, bool(fresh), bool(parts))
+        if parts and not fresh:
+            self._count("repeated")
         quality = self._quality(stamp_ns)
         found: list[PositionSample | VelocitySample] = []
         if place is not None and "place" in fresh:
             self._place, self._place_ns = place, stamp_ns
             found.append(self._position(stamp_ns, place, quality))
-        elif self._fell(stamp_ns, quality.status) and self._place is not None:
+        elif self._place is not None and self._fell(stamp_ns, quality.status):
             self._count("status_fell")
             found.append(self._position(stamp_ns, self._place, self._moved(stamp_ns, quality)))
         if velocity_n is not None and "velocity" in fresh:
@@ -131,33 +143,12 @@ class Receiver(ABC, Generic[R]):
     def _count(self, what: str) -> None:
         self._counts[f"{self._name}_{what}"] += 1
 
-    def _check_freezing(self, stamp_ns: int, is_new: bool, is_any: bool) -> None:
-        if is_new:
-            self._frozen = False
-        elif is_any:
-            self._count("repeated")
-            begun_ns = self._epochs.begun_ns
-            lasts = begun_ns is not None and stamp_ns - begun_ns > _FROZEN_NS
-            # a receiver without a fix has nothing new to send
-            if lasts and self._status is not FixStatus.NONE and not self._frozen:
-                self._frozen = True
-                self._count("frozen")
-
-    def _age(self, now_ns: int) -> dict[str, str]:
-        """Return the age of the newest epoch, and whether the receiver is frozen."""
-        epoch_ns = self._epochs.begun_ns
-        if epoch_ns is None:
-            return {}
-        age_s = (now_ns - self._delay_ns - epoch_ns) * 1e-9
-        frozen = "yes" if self._frozen else "no"
-        return {f"{self._name}_age_s": f"{age_s:.2f}", f"{self._name}_frozen": frozen}
-
     def _fell(self, stamp_ns: int, status: FixStatus) -> bool:
         """Return whether the fix is worse than when the place, which is still sent, was published.
 
         A fix that becomes better waits for the next place: this one was measured without it.
         """
-        return status < self._status and abs(stamp_ns - self._seen_ns) <= _FROZEN_NS
+        return status < self._status and abs(stamp_ns - self._seen_ns) <= _SILENT_NS
 
     def _moved(self, stamp_ns: int, quality: Quality) -> Quality:
         """Return the quality with the aircraft's possible motion since the place was new."""

@@ -41,13 +41,10 @@ def parse_key(text: str) -> bytes | None:
 class Aes256:
     """Encrypt and decrypt the data of frames with a key of 32 bytes.
 
-    Raises DjiError, naming the parameter ``key``, if the key has another size or the library is
-    absent.
+    Raises DjiError, naming the parameter ``key``, if the library is absent.
     """
 
     def __init__(self, key: bytes) -> None:
-        if len(key) != KEY_BYTES:
-            raise DjiError(f"key: {KEY_BYTES} bytes are needed, not {len(key)}")
         cipher = _cipher(key)
         # Blocks do not depend on each other: one context serves all frames.
         self._encrypt: Callable[[bytes], bytes] = cipher.encryptor().update

@@ -15,7 +15,6 @@ import re
 from struct import Struct
 from typing import NamedTuple
 
-from tirgeo_ros.core.types.errors import DjiError
 from tirgeo_ros.dji.link.encryption import Aes256
 from tirgeo_ros.dji.protocol.crc import crc16, crc32
 
@@ -30,10 +29,7 @@ _HEADER = re.compile(rb"\xaa.[\x00-\x03][\x00-\x3f].\x00{3}.{4}", re.DOTALL)
 _FIELDS = Struct("<xHBB3xH")  # length and version, session, encryption, sequence
 _CRC16, _CRC32 = Struct("<H"), Struct("<I")
 _SOF = 0xAA
-_COUNTED = (
-    *("frames", "bad_headers", "bad_crc32", "truncated"),
-    *("encrypted", "undecryptable", "unknown_encryption"),
-)
+_COUNTED = ("frames", "bad_headers", "bad_crc32", "truncated", "encrypted")
 _SESSIONS, _ACK, _PADDINGS, _ENCRYPTION_SHIFT = 0x1F, 0x20, 0x1F, 5
 PLAIN, _AES_256 = 0, 1
 
@@ -99,8 +95,7 @@ class FrameReader:
 
         ``bytes``, ``frames``; ``skipped_bytes`` that are in no frame; ``bad_headers``: all but
         CRC-16 or length right; ``bad_crc32``: header right, rest damaged; ``truncated``: the rest
-        did not come; ``encrypted``: frames with AES-256, with a key or without; ``undecryptable``:
-        of these, those that cannot fit the key; ``unknown_encryption``: with another code.
+        did not come; ``encrypted``: frames that are not plain, with a key or without.
         """
         return {
             "bytes": self._offset + len(self._held),
@@ -181,15 +176,12 @@ class FrameReader:
 
     def _decrypted(self, frame: ProtocolFrame) -> ProtocolFrame:
         """Return the frame decrypted, if it can be; count it."""
-        known = frame.encryption == _AES_256
-        self._counts["encrypted" if known else "unknown_encryption"] += 1
+        self._counts["encrypted"] += 1
         if frame.length == HEADER_BYTES:
             return frame
+        known = frame.encryption == _AES_256
         data = self._aes.decrypt(frame.data, frame.padding) if known and self._aes else None
-        if data is not None:
-            return frame._replace(data=data)
-        self._counts["undecryptable"] += known and self._aes is not None
-        return frame._replace(is_encrypted=True)
+        return frame._replace(is_encrypted=True) if data is None else frame._replace(data=data)
 
     def _tail(self, at: int) -> int:
         """Return where an incomplete header may begin."""
@@ -212,17 +204,12 @@ def encode_frame(
 ) -> bytes:
     """Return the bytes of a frame; only a header without data; encrypted with a key.
 
-    ``data``: command set, command and value, or the value of an ack. Raises DjiError if it is too
-    long (more than 1007 bytes, 991 with a key), the session is not 0 to 31 or the sequence is no
-    u16.
+    ``data``: command set, command and value, or the value of an ack: 1007 bytes at most, 991 with
+    a key. ``session``: 0 to 31, ``sequence``: a u16.
     """
-    if not 0 <= session <= _SESSIONS or not 0 <= sequence <= 0xFFFF:
-        raise DjiError(f"no frame can have session {session} and sequence {sequence}")
     padding = 0
     if data and key is not None:
         data, padding = Aes256(key).encrypt(data)
-    if len(data) > MAX_DATA_BYTES:
-        raise DjiError(f"a frame holds {MAX_DATA_BYTES} bytes of data, not {len(data)}")
     length = len(data) + MIN_BYTES if data else HEADER_BYTES
     encryption = padding | (_AES_256 << _ENCRYPTION_SHIFT if padding else 0)
     whole = bytes([_SOF]) + _FIELDS.pack(length, session | is_ack * _ACK, encryption, sequence)[1:]

@@ -8,21 +8,33 @@ from __future__ import annotations
 import errno
 import os
 import select
+import stat
 import threading
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from enum import Enum
 from pathlib import Path
+from typing import Any
 
-from tirgeo_ros.dji.link.port_opening import Opener, Port, pyserial_opener
+from tirgeo_ros.core.types.errors import DjiError
 
+#: A write waits this long for a port that does not accept its bytes.
+_WRITE_TIMEOUT_S = 0.05
+#: A rate that every driver accepts, for a pseudo-terminal, where the rate means nothing.
+_ANY_BAUD = 38400
+_PTY_MAJORS = range(136, 144)  # of Linux: Documentation/admin-guide/devices.txt
 #: How long to wait for more once bytes have come. At 921600 baud 3 ms bring 280 bytes, about a
 #: frame. So the port is read at most 300 times a second, and the added delay is no longer than
 #: this.
 _GATHER_S = 0.003
 _READ_BYTES = 65536
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.05, 0.8  # between tries to open
-_IDENTITY_PERIOD_S = 0.4  # how often a silent port's path is checked
+
+#: Opens the port of a path with a baud rate, to be used as pyserial's: fileno (which does not
+#: block), write, close. Raises OSError with the cause's number, or without one if the device is
+#: no serial port; ValueError if its driver does not know the rate.
+Opener = Callable[[str, int], Any]
 
 
 class LinkState(Enum):
@@ -50,13 +62,13 @@ _MESSAGES = {
     LinkState.NO_DEVICE: "there is no such device: plug the cable in, or set port "
     "(ls /dev/serial/by-id shows what there is)",
     LinkState.PERMISSION_DENIED: "permission denied: add the user to the group dialout "
-    "(sudo usermod -aG dialout $USER) and log in anew",
-    LinkState.BUSY: "another program has it: close that one (fuser -v tells which)",
-    LinkState.NOT_A_PORT: "this is no serial port: set port to one",
+    "(sudo usermod -aG dialout $USER) and log in again",
+    LinkState.BUSY: "another program uses it: close that one (fuser -v names it)",
+    LinkState.NOT_A_PORT: "this is not a serial port: set the parameter port",
     LinkState.BAUD_REFUSED: "the port's driver does not know this rate: set baud",
     LinkState.OPEN: "open",
-    LinkState.LOST: "the port went away: cable pulled, or another program reads it too; "
-    "it is opened anew once it is back",
+    LinkState.LOST: "the port is gone: the cable is unplugged, or another program reads "
+    "it too; it is opened again when it is back",
 }
 
 
@@ -70,14 +82,14 @@ class SerialLink:
     def __init__(self, port: str, baud: int, opener: Opener | None = None) -> None:
         self._port, self._baud = port, baud
         self._opener = opener or pyserial_opener()
-        self._handle: Port | None = None
+        self._handle: Any = None
         self._guard = threading.Lock()  # nobody may close the handle while it is used
         self._closed = threading.Event()
         self._poll = select.poll()
         self.state = LinkState.NO_DEVICE
         self._reason = ""
         self._pause_s = 0.0
-        self._next_try_s = self._looked_up_s = time.monotonic()
+        self._next_try_s = time.monotonic()
         self.openings = 0  # number of times that it was opened
         self.gathered_s = 0.0  # age of the last batch's first byte when the batch was read
 
@@ -109,7 +121,7 @@ class SerialLink:
             if self._handle is None:
                 return False
             try:
-                return self._handle.write(data) == len(data)
+                return bool(self._handle.write(data) == len(data))
             except (OSError, ValueError):
                 return False  # the next read finds out whether the port is gone
 
@@ -118,10 +130,9 @@ class SerialLink:
         self._closed.set()
         self._drop()
 
-    def _take(self, handle: Port, timeout_s: float) -> bytes:
+    def _take(self, handle: Any, timeout_s: float) -> bytes:
         number = handle.fileno()
         if not self._poll.poll(timeout_s * 1e3):
-            self._look_up(number)
             return b""
         ready_s = time.monotonic()
         time.sleep(_GATHER_S)
@@ -131,20 +142,10 @@ class SerialLink:
             data = os.read(number, _READ_BYTES)
         if not data:  # readable, but without data: the device hung up
             raise OSError(errno.EIO, "it hung up")
-        self._looked_up_s = time.monotonic()
-        self.gathered_s = self._looked_up_s - ready_s
+        self.gathered_s = time.monotonic() - ready_s
         return data
 
-    def _look_up(self, number: int) -> None:
-        """Raise OSError if the silent port's path is gone or now belongs to another device."""
-        now_s = time.monotonic()
-        if now_s - self._looked_up_s < _IDENTITY_PERIOD_S:
-            return
-        self._looked_up_s = now_s
-        if not os.path.samestat(Path(self._port).stat(), os.fstat(number)):
-            raise OSError(errno.ENODEV, "another device has its name")
-
-    def _try_to_open(self, timeout_s: float) -> Port | None:
+    def _try_to_open(self, timeout_s: float) -> Any:
         wait_s = self._next_try_s - time.monotonic()
         if self._closed.wait(max(min(wait_s, timeout_s), 0.0)) or wait_s > timeout_s:
             return None
@@ -161,7 +162,7 @@ class SerialLink:
         self._poll = select.poll()
         self._poll.register(handle.fileno(), select.POLLIN)
         self.state, self._reason = LinkState.OPEN, ""
-        self._pause_s, self._looked_up_s = 0.0, time.monotonic()
+        self._pause_s = 0.0
         self.openings += 1
         return handle
 
@@ -184,3 +185,40 @@ class SerialLink:
 
 def _reason(error: OSError | ValueError) -> str:
     return str(getattr(error, "strerror", None) or error).replace("\n", " ")
+
+
+def pyserial_opener() -> Opener:
+    """Return the function that opens real ports. Raises DjiError if pyserial is not installed."""
+    try:
+        from serial import Serial  # noqa: PLC0415 - only who has a cable needs it
+    except ImportError as error:
+        raise DjiError("a serial port needs pyserial: pip install pyserial") from error
+
+    def opened(path: str, baud: int) -> Any:
+        device = Path(path).stat()
+        if not stat.S_ISCHR(device.st_mode):
+            raise OSError(errno.ENOTTY, "it is a file or a folder")
+        try:
+            return _opened(Serial, path, baud)
+        except ValueError:
+            if os.major(device.st_rdev) not in _PTY_MAJORS:
+                raise
+            return _opened(Serial, path, _ANY_BAUD)
+
+    return opened
+
+
+def _opened(make: Callable[..., Any], path: str, baud: int) -> Any:
+    import termios  # noqa: PLC0415 - not on every system
+
+    try:
+        port = make(path, baud, timeout=0, write_timeout=_WRITE_TIMEOUT_S, exclusive=True)
+    except termios.error as error:
+        code, reason = error.args
+        if code == errno.EINVAL:
+            raise ValueError(f"the driver refuses {baud} baud") from error
+        raise OSError(code, reason) from error
+    # An FTDI adapter holds bytes back for 16 ms otherwise; others do not know this mode.
+    with suppress(OSError, ValueError):
+        port.set_low_latency_mode(True)
+    return port

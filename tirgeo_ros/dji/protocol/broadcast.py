@@ -1,36 +1,17 @@
 """Decode and encode the broadcast push (set 02, id 00): a mask, then the parts that it names.
 
-There are three layouts. The frame does not contain its layout, but its length identifies it. For
-the same mask, no length fits two layouts unless the parts have the same bytes and the same
-meaning. So a frame is decoded in the layout that fits, the newest first, and refused if none does.
-This holds for the M100's other meaning of bits 6 to 11 as well, hence nobody has to name the
-aircraft.
+There are two layouts. The frame does not contain its layout, but its length identifies it. For the
+same mask, no length fits both unless the parts have the same bytes and the same meaning. So a
+frame is decoded in the layout that fits, the newer first, and refused if neither does.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from enum import Enum
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-from tirgeo_ros.core.types.errors import DjiError
-from tirgeo_ros.dji.protocol.broadcast_parts import (
-    Battery,
-    Device,
-    Gimbal,
-    Gps,
-    GpsDetail,
-    Position,
-    Quaternion,
-    Rc,
-    RelativePosition,
-    Rtk,
-    Status,
-    Time,
-    Vector,
-    Velocity,
-)
+from tirgeo_ros.dji.protocol import broadcast_parts as parts
 from tirgeo_ros.dji.protocol.packed_fields import Make, PackedFields
 
 
@@ -39,7 +20,6 @@ class Layout(Enum):
 
     MODERN = "a3_osdk33"  # A3, N3, M600 with a firmware of 2017 or later (3.2.41 and so on)
     LEGACY = "a3_osdk31"  # M600 with 3.2.15.62, A3 with 3.1
-    M100 = "m100_osdk31"
 
 
 class Broadcast(NamedTuple):
@@ -51,74 +31,73 @@ class Broadcast(NamedTuple):
     """
 
     layout: Layout = Layout.MODERN
-    time: Time | None = None
-    quaternion_wxyz: Quaternion | None = None
-    acceleration_as_packed: Vector | None = None
-    velocity: Velocity | None = None
-    angular_rate_radps: Vector | None = None
-    position: Position | None = None
-    relative_position: RelativePosition | None = None  # shares the bit of ``position``
-    gps: Gps | None = None
-    rtk: Rtk | None = None
+    time: parts.Time | None = None
+    quaternion_wxyz: parts.Quaternion | None = None
+    acceleration_as_packed: parts.Vector | None = None
+    velocity: parts.Velocity | None = None
+    angular_rate_radps: parts.Vector | None = None
+    position: parts.Position | None = None
+    relative_position: parts.RelativePosition | None = None  # shares the bit of ``position``
+    gps: parts.Gps | None = None
+    rtk: parts.Rtk | None = None
     mag: tuple[int, int, int] | None = None
-    rc: Rc | None = None
-    gimbal: Gimbal | None = None
-    status: Status | None = None
-    battery: Battery | None = None
-    device: Device | None = None
+    rc: parts.Rc | None = None
+    gimbal: parts.Gimbal | None = None
+    status: parts.Status | None = None
+    battery: parts.Battery | None = None
+    device: parts.Device | None = None
     compass: int | None = None
 
     @property
     def mask(self) -> int:
         """Return the frame's mask: a bit for each part that is present."""
-        parts = _LAYOUTS[self.layout]
-        return sum({1 << bit for bit, (name, *_) in parts if getattr(self, name) is not None})
+        bits = _LAYOUTS[self.layout]
+        return sum({1 << bit for bit, name, *_ in bits if getattr(self, name) is not None})
 
 
-_Part = tuple[str, str, Make]  # name in Broadcast, form as in ``struct``, maker
+def _gps(v: tuple[Any, ...]) -> parts.Gps:
+    return parts.Gps._make([*v[:5], v[5:8], parts.GpsDetail._make(v[8:]) if v[8:] else None])
+
+
+_Part = tuple[int, str, str, Make]  # bit of the mask, name in Broadcast, form, maker
 
 _MOTION: tuple[_Part, ...] = (
-    ("quaternion_wxyz", "4f", tuple),
-    ("acceleration_as_packed", "3f", tuple),
-    ("velocity", "3fB", lambda v: Velocity(v[:3], v[3])),
-    ("angular_rate_radps", "3f", tuple),
-    ("position", "2d2fB", Position._make),
+    (1, "quaternion_wxyz", "4f", tuple),
+    (2, "acceleration_as_packed", "3f", tuple),
+    (3, "velocity", "3fB", lambda v: parts.Velocity(v[:3], v[3])),
+    (4, "angular_rate_radps", "3f", tuple),
+    (5, "position", "2d2fB", parts.Position._make),
 )
-_RTK: _Part = ("rtk", "2I2d4fh2B", lambda v: Rtk._make((*v[:5], v[5:8], *v[8:])))
-_MAG_RC_GIMBAL: tuple[_Part, ...] = (
-    ("mag", "3h", tuple),
-    ("rc", "6h", Rc._make),
-    ("gimbal", "3fB", Gimbal._make),
+_MIDDLE: tuple[_Part, ...] = (
+    (7, "rtk", "2I2d4fh2B", lambda v: parts.Rtk._make((*v[:5], v[5:8], *v[8:]))),
+    (8, "mag", "3h", tuple),
+    (9, "rc", "6h", parts.Rc._make),
+    (10, "gimbal", "3fB", parts.Gimbal._make),
 )
-_DEVICE: _Part = ("device", "2B", Device._make)
+_DEVICE: _Part = (13, "device", "2B", parts.Device._make)
 
-_TIME_31: _Part = ("time", "2IB", lambda v: Time(v[0], v[1], None, None, v[2]))
-_TAIL_31: tuple[_Part, ...] = (
-    *_MAG_RC_GIMBAL,
-    ("status", "B", lambda v: Status(v[0])),
-    ("battery", "B", lambda v: Battery(None, None, None, v[0])),
-    _DEVICE,
-)
-_GPS_31: _Part = ("gps", "2I3i3f", lambda v: Gps._make((*v[:5], v[5:], None)))
-
-#: Bit of the mask and part, in the order of the bytes.
-_LAYOUTS: dict[Layout, tuple[tuple[int, _Part], ...]] = {
+#: The parts in the order of the bytes, with their forms as in ``struct``.
+_LAYOUTS: dict[Layout, tuple[_Part, ...]] = {
     Layout.MODERN: (
-        *enumerate([("time", "3IHB", Time._make), *_MOTION]),
-        (5, ("relative_position", "6fB", RelativePosition._make)),
-        (
-            6,
-            ("gps", "2I3i3f6f2I2H", lambda v: Gps._make((*v[:5], v[5:8], GpsDetail._make(v[8:])))),
-        ),
-        (7, _RTK),
-        *enumerate(_MAG_RC_GIMBAL, 8),
-        (11, ("status", "4B", Status._make)),
-        (12, ("battery", "I2iB", Battery._make)),
-        (13, _DEVICE),
-        (14, ("compass", "B", lambda v: v[0])),
+        (0, "time", "3IHB", parts.Time._make),
+        *_MOTION,
+        (5, "relative_position", "6fB", parts.RelativePosition._make),
+        (6, "gps", "2I3i3f6f2I2H", _gps),
+        *_MIDDLE,
+        (11, "status", "4B", parts.Status._make),
+        (12, "battery", "I2iB", parts.Battery._make),
+        _DEVICE,
+        (14, "compass", "B", lambda v: v[0]),
     ),
-    Layout.LEGACY: (*enumerate([_TIME_31, *_MOTION, _GPS_31, _RTK, *_TAIL_31]),),
-    Layout.M100: (*enumerate([_TIME_31, *_MOTION, *_TAIL_31]),),
+    Layout.LEGACY: (
+        (0, "time", "2IB", lambda v: parts.Time(v[0], v[1], None, None, v[2])),
+        *_MOTION,
+        (6, "gps", "2I3i3f", _gps),
+        *_MIDDLE,
+        (11, "status", "B", lambda v: parts.Status(v[0])),
+        (12, "battery", "B", lambda v: parts.Battery(None, None, None, v[0])),
+        _DEVICE,
+    ),
 }
 
 
@@ -126,31 +105,18 @@ _LAYOUTS: dict[Layout, tuple[tuple[int, _Part], ...]] = {
 @lru_cache(maxsize=256)
 def _packed(layout: Layout, mask: int) -> PackedFields | None:
     """Return how the parts are packed; None where the layout does not define a bit of the mask."""
-    parts = _LAYOUTS[layout]
-    if mask & ~sum({1 << bit for bit, _ in parts}):
+    bits = _LAYOUTS[layout]
+    if mask & ~sum({1 << bit for bit, *_ in bits}):
         return None
-    return PackedFields("<H", [part for bit, part in parts if mask >> bit & 1])
-
-
-class _Plan(NamedTuple):
-    """Hold how to read the frames of one mask and length."""
-
-    layout: Layout
-    numbers: Callable[[bytes], tuple[Any, ...]]
-    parts: tuple[tuple[int, int, int, Make], ...]  # place in Broadcast, numbers from, to
+    return PackedFields("<H", [part for bit, *part in bits if mask >> bit & 1])
 
 
 @lru_cache(maxsize=256)
-def _fitting(mask: int, length: int) -> _Plan | None:
+def _fitting(mask: int, length: int) -> tuple[Layout, PackedFields] | None:
     for layout in Layout:
         packed = _packed(layout, mask)
         if packed and packed.size == length:
-            place = Broadcast._fields.index
-            return _Plan(
-                layout,
-                packed.numbers,
-                tuple((place(name), a, b, make) for name, a, b, make in packed.parts),
-            )
+            return layout, packed
     return None
 
 
@@ -162,29 +128,15 @@ def broadcast_length(layout: Layout, mask: int) -> int | None:
 
 def decode_broadcast(value: bytes) -> Broadcast | None:
     """Decode a broadcast's value (what follows set and id); None if no layout has its length."""
-    plan = _fitting(value[0] | value[1] << 8, len(value)) if len(value) > 1 else None
-    if plan is None:
+    fitting = _fitting(value[0] | value[1] << 8, len(value)) if len(value) > 1 else None
+    if fitting is None:
         return None
-    numbers = plan.numbers(value)
-    parts: list[Any] = [None] * len(Broadcast._fields)
-    parts[0] = plan.layout
-    for place, start, stop, make in plan.parts:
-        parts[place] = make(numbers[start:stop])
-    return Broadcast._make(parts)
+    layout, packed = fitting
+    return Broadcast(layout, **packed.unpack(value)[1])
 
 
 def encode_broadcast(broadcast: Broadcast) -> bytes:
-    """Encode a broadcast's value.
-
-    Raises DjiError for a part or number that the layout cannot hold.
-    """
+    """Encode a broadcast's value; its parts must be those of its layout."""
     packed = _packed(broadcast.layout, broadcast.mask)
     assert packed is not None  # ``mask`` contains only bits of the layout
-    values = broadcast._asdict()
-    what = f"broadcast in {values.pop('layout').value}"
-    given = {name for name, part in values.items() if part is not None}
-    if strays := sorted(
-        given.difference(name for name, *_ in packed.parts)
-    ):  # they would be lost silently
-        raise DjiError(f"{what}: there is no {', '.join(strays)}")
-    return packed.pack([broadcast.mask], values, what)
+    return packed.pack([broadcast.mask], broadcast._asdict())

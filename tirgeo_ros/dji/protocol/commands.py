@@ -1,4 +1,4 @@
-"""Encode and decode a host's requests and the aircraft's answers, as the data of frames.
+"""Encode a host's requests and the aircraft's answers, as the data of frames.
 
 A request is sent as command set, command id and value. An answer (ack) holds the value alone and
 is matched by the session and sequence of its frame. All numbers are little-endian. The host
@@ -9,21 +9,18 @@ from __future__ import annotations
 
 import re
 import struct
+from collections.abc import Sequence
+from enum import Enum
 from typing import NamedTuple
-
-from tirgeo_ros.core.types.errors import DjiError
 
 Firmware = tuple[int, int, int, int]
 
-RATE_COUNT = 16  # one rate code for each bit of the broadcast's mask
 PACKAGE_IDS = range(5)
-SUBSCRIPTION_VERSION = 0x00000100
 NOT_ACTIVATED = 0xFF01
 
-_ACTIVATE = struct.Struct("<III32s")
+_SUBSCRIPTION_VERSION = 0x00000100
 _ACTIVATE_MARK = 2  # the word after the app id
 _ACTIVATE_FILLER = b"0" * 32
-_ADD_PACKAGE = struct.Struct("<BHBB")
 _NAME_SIZE = 32
 _FIRST_WITHOUT_CRC = (3, 2, 0, 0)
 
@@ -33,129 +30,67 @@ _HARDWARE_FIRMWARE = re.compile(
 )
 
 
-class GetVersion(NamedTuple):
-    """Ask for the version (00/00); the byte is arbitrary."""
+class Opcode(Enum):
+    """List command set and id of each request."""
 
-    filler: int = 0
-
-
-class Activate(NamedTuple):
-    """Activate the application (00/01), which unlocks for example the subscription."""
-
-    app_id: int
-    firmware: Firmware
-
-
-class SetRates(NamedTuple):
-    """Set a rate code for each of the broadcast's 16 mask bits (00/10)."""
-
-    codes: tuple[int, ...]
+    GET_VERSION = (0x00, 0x00)
+    ACTIVATE = (0x00, 0x01)
+    SET_RATES = (0x00, 0x10)
+    MATCH_VERSION = (0x0B, 0x00)
+    ADD_PACKAGE = (0x0B, 0x01)
+    RESET_PACKAGES = (0x0B, 0x02)
+    REMOVE_PACKAGE = (0x0B, 0x03)
 
 
-class MatchVersion(NamedTuple):
-    """Match the version of the subscription's topics (0B/00)."""
+class Request(NamedTuple):
+    """Hold a request of the host; its numbers must fit their fields."""
 
-    version: int = SUBSCRIPTION_VERSION
+    opcode: Opcode
+    value: bytes = b"\0"
 
-
-class AddPackage(NamedTuple):
-    """Add a package (0B/01): push these topics one after the other, at this rate."""
-
-    id: int  # 0 to 4
-    rate_hz: int
-    with_timestamp: bool
-    uids: tuple[int, ...]
+    @property
+    def data(self) -> bytes:
+        """Return the data of its frame."""
+        return bytes(self.opcode.value) + self.value
 
 
-class ResetPackages(NamedTuple):
-    """Remove all packages (0B/02); the aircraft keeps those of a host that went away."""
+#: Ask for the version; the byte is arbitrary.
+GET_VERSION = Request(Opcode.GET_VERSION)
+#: Match the version of the subscription's topics.
+MATCH_VERSION = Request(Opcode.MATCH_VERSION, struct.pack("<I", _SUBSCRIPTION_VERSION))
+#: Remove all packages; the aircraft keeps those of a host that went away. Nobody reads the byte.
+RESET_PACKAGES = Request(Opcode.RESET_PACKAGES)
 
 
-class RemovePackage(NamedTuple):
-    """Remove one package (0B/03)."""
-
-    id: int
-
-
-Request = (
-    GetVersion | Activate | SetRates | MatchVersion | AddPackage | ResetPackages | RemovePackage
-)
-
-#: Command set and id of each request.
-OPCODES: dict[type[Request], tuple[int, int]] = {
-    GetVersion: (0x00, 0x00),
-    Activate: (0x00, 0x01),
-    SetRates: (0x00, 0x10),
-    MatchVersion: (0x0B, 0x00),
-    AddPackage: (0x0B, 0x01),
-    ResetPackages: (0x0B, 0x02),
-    RemovePackage: (0x0B, 0x03),
-}
-_KINDS = {opcode: kind for kind, opcode in OPCODES.items()}
+def activate(app_id: int, firmware: Firmware) -> Request:
+    """Activate the application, which unlocks for example the subscription."""
+    version = int.from_bytes(bytes(firmware), "big")
+    value = struct.pack("<III32s", app_id, _ACTIVATE_MARK, version, _ACTIVATE_FILLER)
+    return Request(Opcode.ACTIVATE, value)
 
 
-def encode_request(request: Request) -> bytes:
-    """Encode command set, command id and value.
-
-    Raises
-    ------
-    DjiError
-        A number does not fit its field, or there are not 16 rate codes.
-    """
-    try:
-        return bytes(OPCODES[type(request)]) + _encode_value(request)
-    except (struct.error, ValueError, OverflowError) as error:
-        raise DjiError(f"{request} cannot be sent: {error}") from error
+def set_rates(codes: Sequence[int]) -> Request:
+    """Set a rate code for each of the broadcast's 16 mask bits."""
+    return Request(Opcode.SET_RATES, bytes(codes))
 
 
-def _encode_value(request: Request) -> bytes:
-    match request:
-        case GetVersion(number) | RemovePackage(number):
-            return bytes((number,))
-        case Activate(app_id, firmware):
-            version = int.from_bytes(bytes(firmware), "big")
-            return _ACTIVATE.pack(app_id, _ACTIVATE_MARK, version, _ACTIVATE_FILLER)
-        case SetRates(codes):
-            if len(codes) != RATE_COUNT:
-                raise ValueError(f"{len(codes)} rate codes where {RATE_COUNT} are due")
-            return bytes(codes)
-        case MatchVersion(version):
-            return struct.pack("<I", version)
-        case AddPackage(number, rate_hz, with_timestamp, uids):
-            head = _ADD_PACKAGE.pack(number, rate_hz, int(with_timestamp), len(uids))
-            return head + struct.pack(f"<{len(uids)}I", *uids)
-        case ResetPackages():
-            return b"\0"  # a byte that nobody reads
+def add_package(number: int, rate_hz: int, uids: Sequence[int], *, stamped: bool) -> Request:
+    """Add a package: push these topics one after the other, at this rate."""
+    head = struct.pack("<BHBB", number, rate_hz, stamped, len(uids))
+    return Request(Opcode.ADD_PACKAGE, head + struct.pack(f"<{len(uids)}I", *uids))
+
+
+def remove_package(number: int) -> Request:
+    """Remove one package."""
+    return Request(Opcode.REMOVE_PACKAGE, bytes((number,)))
 
 
 def decode_request(data: bytes) -> Request | None:
-    """Return the request in a host's frame.
-
-    Returns None for another command or a value of wrong length.
-    """
-    kind = _KINDS.get((data[0], data[1])) if len(data) >= 2 else None
+    """Return the request in a host's frame; None for another command."""
     try:
-        return None if kind is None else _decode_value(kind, data[2:])
-    except (struct.error, IndexError):
+        return Request(Opcode((data[0], data[1])), data[2:])
+    except (ValueError, IndexError):
         return None
-
-
-def _decode_value(kind: type[Request], value: bytes) -> Request | None:
-    if kind is GetVersion:
-        return GetVersion(value[0] if value else 0)
-    if kind is Activate:
-        app_id, _, version, _ = _ACTIVATE.unpack(value)
-        a, b, c, d = version.to_bytes(4, "big")
-        return Activate(app_id, (a, b, c, d))
-    if kind is SetRates:
-        return SetRates(tuple(value)) if len(value) == RATE_COUNT else None
-    if kind is MatchVersion:
-        return MatchVersion(*struct.unpack("<I", value))
-    if kind is AddPackage:
-        number, rate_hz, config, count = _ADD_PACKAGE.unpack_from(value)
-        uids = struct.unpack(f"<{count}I", value[_ADD_PACKAGE.size :])
-        return AddPackage(number, rate_hz, bool(config & 1), uids)
-    return ResetPackages() if kind is ResetPackages else RemovePackage(value[0])
 
 
 class VersionAck(NamedTuple):
@@ -163,27 +98,14 @@ class VersionAck(NamedTuple):
 
     code: int  # 0 activated, ``NOT_ACTIVATED``
     serial: str
-    name: str  # ends in hardware and firmware, "... PM820V3PRO-3.2.41.13"
     hardware: str  # "" if the name does not contain it
     firmware: Firmware | None
-    crc: int | None = None  # only from firmware before 3.2
 
 
-def encode_version_ack(
-    code: int,
-    serial: str,
-    name: str = "SDK-v1.0 BETA PM820V3PRO-3.2.41.13",
-    crc: int | None = None,
-) -> bytes:
-    """Return the value of the ack to 00/00, with the CRC of old firmware where one is given."""
-    head = struct.pack("<H", code) + (b"" if crc is None else struct.pack("<I", crc))
-    return (
-        head
-        + serial.encode("ascii")
-        + b"\0"
-        + name.encode("ascii").ljust(_NAME_SIZE, b"\0")
-        + b"\0"
-    )
+def encode_version_ack(code: int, serial: str, name: str) -> bytes:
+    """Return the value of the ack to 00/00; ``name`` ends in hardware and firmware."""
+    padded = name.encode("ascii").ljust(_NAME_SIZE, b"\0")
+    return struct.pack("<H", code) + serial.encode("ascii") + b"\0" + padded + b"\0"
 
 
 def decode_version_ack(value: bytes) -> VersionAck | None:
@@ -201,16 +123,9 @@ def decode_version_ack(value: bytes) -> VersionAck | None:
         a, b, c, d = (int(number or 0) for number in numbers)
         firmware = (a, b, c, d) if max(a, b, c, d) < 256 else None
     has_crc = firmware is not None and firmware < _FIRST_WITHOUT_CRC
-    crc = int.from_bytes(value[2:6], "little") if has_crc else None
-    serial, _, name = value[6 if has_crc else 2 :].partition(b"\0")
-    code = int.from_bytes(value[:2], "little")
-    return VersionAck(code, _text(serial), _text(name), hardware, firmware, crc)
-
-
-def _text(raw: bytes) -> str:
-    """Return the printable ASCII up to the first NUL."""
-    characters = raw.partition(b"\0")[0].decode("ascii", "replace")
-    return "".join(c if c.isprintable() and c.isascii() else "?" for c in characters).strip()
+    serial = value[6 if has_crc else 2 :].partition(b"\0")[0].decode("ascii", "replace")
+    printable = "".join(c if c.isprintable() and c.isascii() else "?" for c in serial)
+    return VersionAck(int.from_bytes(value[:2], "little"), printable, hardware, firmware)
 
 
 def encode_code(request: Request, code: int) -> bytes:
@@ -225,25 +140,25 @@ def decode_code(request: Request, value: bytes) -> int | None:
 
 
 def _code_size(request: Request) -> int:
-    return 2 if OPCODES[type(request)][0] == 0x00 else 1
+    return 2 if request.opcode.value[0] == 0x00 else 1
 
 
 def explain(request: Request, code: int) -> str:
     """Return an ack's code in words that tell a person what to do."""
-    table = _WORDS.get(type(request), _SUBSCRIPTION_WORDS)
+    table = _WORDS.get(request.opcode, _SUBSCRIPTION_WORDS)
     return table.get(code, f"code 0x{code:02X}, which is not known")
 
 
 _VERSION_WORDS = {
     0x0000: "activated",
-    NOT_ACTIVATED: "not activated: give host.app_id if more than listening is wanted",
+    NOT_ACTIVATED: "not activated: set host.app_id, unless listening is enough",
 }
 _ACTIVATION_WORDS = {
     0: "activated",
     1: "bad parameter: check host.app_id",
-    2: "cannot decrypt: check that host.app_id and key are of the same application",
-    3: "new device: connect a phone or tablet with DJI GO that is online to the remote "
-    "controller; it takes two tries",
+    2: "cannot decrypt: check that host.app_id and key belong to the same application",
+    3: "new device: connect a phone or tablet with DJI GO and internet to the "
+    "remote controller; it takes two tries",
     4: "DJI GO does not answer: connect it to the remote controller",
     5: "DJI GO has no internet: let the phone or tablet go online",
     6: "DJI's server refused: check that host.app_id is valid for this account",
@@ -259,18 +174,18 @@ _SUBSCRIPTION_WORDS = {
     0x04: "a package of this id exists already",
     0x05: "no package of this id",
     0x06: "the rate is not possible: lower it in the file of packages",
-    0x07: "the package is too large: take topics out of it",
+    0x07: "the package is too large: remove topics from it",
     0x08: "the aircraft's pipeline failed: switch it off and on",
     0x20: "the package is empty",
     0x21: "the number of topics is wrong",
-    0x22: "it has a topic that this aircraft does not know: take it out of the package",
+    0x22: "it has a topic that this aircraft does not know: remove it from the package",
     0x23: "denied: activate first, with host.app_id",
-    0x24: "it has a topic that another package holds already: take it out of one of them",
+    0x24: "it has a topic that another package holds already: remove it from one of them",
     0x25: "the source of a topic is offline: no RTK hardware, or not switched on",
     0x50: "not authorised: check host.app_id and its level at DJI's developer site",
 }
-_WORDS: dict[type[Request], dict[int, str]] = {
-    GetVersion: _VERSION_WORDS,
-    Activate: _ACTIVATION_WORDS,
-    SetRates: _RATES_WORDS,
+_WORDS: dict[Opcode, dict[int, str]] = {
+    Opcode.GET_VERSION: _VERSION_WORDS,
+    Opcode.ACTIVATE: _ACTIVATION_WORDS,
+    Opcode.SET_RATES: _RATES_WORDS,
 }

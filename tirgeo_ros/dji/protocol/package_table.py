@@ -11,7 +11,6 @@ As read from the file::
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
 from typing import Any
 
@@ -20,9 +19,8 @@ from tirgeo_ros.dji.protocol.commands import PACKAGE_IDS
 from tirgeo_ros.dji.protocol.subscription import MAX_DATA_BYTES, Package, PackageTable
 from tirgeo_ros.dji.protocol.subscription_topics import BY_NAME, BY_UID, Topic
 
-_ROOT = "packages"
 _KEYS = ("rate_hz", "with_timestamp", "topics")
-_MAX_RATE_HZ = 400
+_RATES_HZ = range(1, 401)
 
 
 def package_table(tree: object, file: str) -> PackageTable:
@@ -31,36 +29,20 @@ def package_table(tree: object, file: str) -> PackageTable:
     ``file``: its name, for messages. Raises DjiError, naming file and key, if the content is
     invalid.
     """
-    if not isinstance(tree, Mapping) or list(tree) != [_ROOT]:
-        raise DjiError(f"{file}: no table of packages: it needs {_ROOT}: ID: TOPICS and so on")
-    entries = tree[_ROOT]
+    entries = tree.get("packages") if isinstance(tree, Mapping) else None
     if not isinstance(entries, Mapping) or not entries:
-        raise DjiError(f"{file}: {_ROOT}: needs an entry for each package, by its id")
-    holder: dict[str, int] = {}
-    packages = [_package(n, entry, f"{file}: {_ROOT}.{n}") for n, entry in entries.items()]
-    for package in packages:
-        for topic in package.topics:  # the aircraft refuses a topic in two packages
-            if topic.name in holder:
-                raise DjiError(
-                    f"{file}: {_ROOT}.{package.id}.topics: {topic.name} stands in package "
-                    f"{holder[topic.name]} already"
-                )
-            holder[topic.name] = package.id
-    return PackageTable(packages)
+        raise DjiError(f"{file}: not a table of packages: it needs packages: ID: TOPICS and so on")
+    return PackageTable(_package(n, e, f"{file}: packages.{n}") for n, e in entries.items())
 
 
 def _package(number: Any, entry: Any, where: str) -> Package:
-    if not _is_number(number) or number not in PACKAGE_IDS:
+    if type(number) is not int or number not in PACKAGE_IDS:
         raise DjiError(f"{where}: ids of packages are {PACKAGE_IDS[0]} to {PACKAGE_IDS[-1]}")
-    if not isinstance(entry, Mapping):
-        raise DjiError(f"{where}: needs {', '.join(_KEYS)}")
-    if unknown := [key for key in entry if key not in _KEYS]:
-        raise DjiError(f"{where}: unknown key {unknown[0]}{_hint(unknown[0], _KEYS)}")
-    if missing := [key for key in _KEYS if key not in entry]:
-        raise DjiError(f"{where}: {missing[0]} is missing")
+    if not isinstance(entry, Mapping) or set(entry) != set(_KEYS):
+        raise DjiError(f"{where}: needs {', '.join(_KEYS)}, and nothing else")
     rate_hz, with_timestamp, names = (entry[key] for key in _KEYS)
-    if not _is_number(rate_hz) or not 1 <= rate_hz <= _MAX_RATE_HZ:
-        raise DjiError(f"{where}.rate_hz: {rate_hz}: a whole number from 1 to {_MAX_RATE_HZ}")
+    if type(rate_hz) is not int or rate_hz not in _RATES_HZ:
+        raise DjiError(f"{where}.rate_hz: {rate_hz}: a whole number from 1 to {_RATES_HZ[-1]}")
     if not isinstance(with_timestamp, bool):
         raise DjiError(f"{where}.with_timestamp: {with_timestamp}: true or false")
     if not isinstance(names, list) or not names:
@@ -74,20 +56,10 @@ def _package(number: Any, entry: Any, where: str) -> Package:
     return package
 
 
-def _is_number(value: object) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool)
-
-
 def _topic(name: Any, where: str) -> Topic:
     """Return a topic by its name or its number."""
-    if _is_number(name) and name in BY_UID:
-        return BY_UID[name]
-    if isinstance(name, str) and name in BY_NAME:
-        return BY_NAME[name]
-    shown = f"0x{name:08x}" if _is_number(name) else str(name)
-    raise DjiError(f"{where}.topics: unknown topic {shown}{_hint(name, BY_NAME)}")
-
-
-def _hint(name: object, known: Any) -> str:
-    near = difflib.get_close_matches(str(name), known, n=1)
-    return f" (did you mean {near[0]}?)" if near else ""
+    known = BY_UID.get(name) if type(name) is int else BY_NAME.get(str(name))
+    if known is None:
+        shown = f"0x{name:08x}" if type(name) is int else name
+        raise DjiError(f"{where}.topics: unknown topic {shown}")
+    return known

@@ -6,8 +6,6 @@ import struct
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from tirgeo_ros.core.types.errors import DjiError
-
 Make = Callable[[tuple[Any, ...]], Any]
 
 
@@ -17,30 +15,27 @@ class PackedFields:
     ``head`` is the form of the numbers before the parts, with the byte order.
     """
 
-    def __init__(self, head: str, parts: Iterable[tuple[str, str, Make]]) -> None:
+    def __init__(self, head: str, parts: Iterable[Sequence[Any]]) -> None:
         at = _numbers(head)
-        #: Name, first and last + 1 of its numbers, and maker of each part. The decoders loop over
-        #: them themselves: this runs hundreds of times a second.
-        self.parts: list[tuple[str, int, int, Make]] = []
+        self._parts: list[tuple[str, int, int, Make]] = []  # with first and last + 1 number
         for name, form, make in parts:
             head, start, at = head + form, at, at + _numbers(f"<{form}")
-            self.parts.append((name, start, at, make))
+            self._parts.append((name, start, at, make))
         self._struct = struct.Struct(head)
+        self._unpack = self._struct.unpack
         self.size = self._struct.size
-        self.numbers = self._struct.unpack  # bytes in, all numbers out
 
-    def pack(self, head: Sequence[int | None], values: Mapping[str, Any], what: str) -> bytes:
-        """Return the bytes. Raises DjiError, naming ``what``, for what does not fit."""
-        numbers: list[Any] = [*head]
-        for name, start, stop, _ in self.parts:
-            part = _flat(values.get(name))
-            if len(part) != stop - start:
-                raise DjiError(f"{what}: {name} needs {stop - start} numbers")
-            numbers += part
-        try:
-            return self._struct.pack(*numbers)
-        except (struct.error, OverflowError) as error:
-            raise DjiError(f"{what} cannot be sent: {error}") from None
+    def unpack(self, value: bytes) -> tuple[tuple[Any, ...], dict[str, Any]]:
+        """Return all numbers, those of the head first, and the parts by name."""
+        numbers = self._unpack(value)
+        return numbers, {
+            name: make(numbers[start:stop]) for name, start, stop, make in self._parts
+        }
+
+    def pack(self, head: Sequence[int | None], values: Mapping[str, Any]) -> bytes:
+        """Return the bytes. Raises struct.error for what does not fit."""
+        parts = [number for name, *_ in self._parts for number in _flat(values.get(name))]
+        return self._struct.pack(*head, *parts)
 
 
 def _numbers(form: str) -> int:

@@ -8,7 +8,7 @@ and infinities stay as they are: the writer of JSON makes them null.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 from tirgeo_ros.dji.protocol import broadcast_parts as parts
@@ -18,108 +18,71 @@ from tirgeo_ros.dji.protocol.subscription import Push
 _STATUS_BITS = ("mounted", "busy", "pitch_limited", "roll_limited", "yaw_limited", "calibrating")
 #: Fields that are 64 bits wide.
 _DOUBLES = {"lat_rad", "lon_rad", "lat_deg", "lon_deg"}
-
 _Convert = Callable[[Any], Any]
-_Computed = tuple[str, str, _Convert]  # name, field that it is computed from, how
 
 
-def _per(divisor: float) -> _Convert:
-    return lambda value: value / divisor
+def _m_s(cm_s: Any) -> Any:
+    return [x * 0.01 for x in cm_s] if isinstance(cm_s, tuple) else cm_s / 100
 
 
-def _bits(shift: int, mask: int = 1) -> _Convert:
-    return lambda value: value >> shift & mask
+def _per_thousand(value: float) -> float:
+    return value / 1000
 
 
-def _m_s(vel_cmps: Sequence[float]) -> list[float]:
-    return [x * 0.01 for x in vel_cmps]
-
-
-def _computed(convert: _Convert, *names: tuple[str, str]) -> tuple[_Computed, ...]:
-    return tuple((name, source, convert) for name, source in names)
-
-
-def _angles(*names: str) -> tuple[str | _Computed, ...]:
-    """Return the fields of three angles: degrees as packed, then radians."""
-    radians = [(f"{name}_rad", f"{name}_deg") for name in names]
-    return (*(f"{name}_deg" for name in names), *_computed(math.radians, *radians))
-
-
-_TO_DEGREES = (("lat_deg", "lat_rad"), ("lon_deg", "lon_rad"))
-_TO_RADIANS = (("lon_rad", "lon_deg"), ("lat_rad", "lat_deg"))
-
-#: The fields of a type in their order; of a type that is not here, those of its definition.
-_FIELDS: dict[type, tuple[str | _Computed, ...]] = {
-    parts.Time: (
-        *("time_ms", "time_ns"),
-        ("time_s", "time_ms", _per(1000)),
-        *("sync_time_2p5ms", "sync_tag", "sync_flag"),
-    ),
-    parts.Velocity: ("xyz_mps", ("health", "info", _bits(0))),
-    parts.Position: (
-        *("lat_rad", "lon_rad"),
-        *_computed(math.degrees, *_TO_DEGREES),
-        *("altitude_m", "height_m", "health"),
-    ),
-    parts.Gps: (
-        *("date", "time", "lon_1e7", "lat_1e7", "hfsl_mm"),
-        *_computed(_per(1e7), ("lon_deg", "lon_1e7"), ("lat_deg", "lat_1e7")),
-        *_computed(
-            lambda raw: math.radians(raw / 1e7), ("lon_rad", "lon_1e7"), ("lat_rad", "lat_1e7")
-        ),
-        ("hfsl_m", "hfsl_mm", _per(1000)),
-        "vel_ned_cmps",
-        ("vel_ned_mps", "vel_ned_cmps", _m_s),
-        "detail",
-    ),
-    parts.GpsDetail: (
-        *("hdop", "pdop", "fix", "vacc_mm", "hacc_mm", "sacc_cmps"),
-        *_computed(_per(1000), ("vacc_m", "vacc_mm"), ("hacc_m", "hacc_mm")),
-        ("sacc_mps", "sacc_cmps", _per(100)),
-        *("used_gps", "used_glonass", "nsv", "counter"),
-    ),
-    parts.Rtk: (
-        *("date", "time", "lon_deg", "lat_deg"),
-        *_computed(math.radians, *_TO_RADIANS),
-        *("hfsl_m", "vel_cmps"),
-        ("vel_mps", "vel_cmps", _m_s),
-        "yaw_deg",
-        ("yaw_rad", "yaw_deg", math.radians),
-        *("pos_flag", "yaw_flag"),
-    ),
-    parts.Gimbal: (
-        *_angles("roll", "pitch", "yaw"),
-        ("pitch_limit", "limits", _bits(0)),
-        ("roll_limit", "limits", _bits(1)),
-        ("yaw_limit", "limits", _bits(2)),
-    ),
-    parts.GimbalAngles: _angles("pitch", "roll", "yaw"),
-    parts.Battery: (
-        *parts.Battery._fields,
-        ("voltage_v", "voltage_mv", _per(1000)),
-        ("current_a", "current_ma", _per(1000)),
-    ),
-    parts.Device: (
-        "control_mode",
-        ("device_status", "bits", _bits(0, 7)),
-        ("flight_status", "bits", _bits(3)),
-        ("vrc_status", "bits", _bits(4)),
-    ),
-    parts.GpsFused: (
-        *("lon_rad", "lat_rad"),
-        *_computed(math.degrees, *reversed(_TO_DEGREES)),
-        *("altitude_m", "satellites"),
-    ),
-    parts.GpsPosition: (
-        *parts.GpsPosition._fields,
-        ("order_packed", "x_raw", lambda _: "x=lon,y=lat"),
-    ),
-    parts.HardSync: (
-        *("time2p5ms", "time1ns", "reset_time2p5ms"),
-        ("index", "tag", int),
-        *("flag", "q_wxyz", "accel_g", "gyro_radps"),
-    ),
+#: Conversions by the last words of the names.
+_UNITS: dict[tuple[str, str], _Convert] = {
+    ("ms", "s"): _per_thousand,
+    ("mm", "m"): _per_thousand,
+    ("mv", "v"): _per_thousand,
+    ("ma", "a"): _per_thousand,
+    ("cmps", "mps"): _m_s,
+    ("rad", "deg"): math.degrees,
+    ("deg", "rad"): math.radians,
+    ("1e7", "deg"): lambda raw: raw / 1e7,
+    ("1e7", "rad"): lambda raw: math.radians(raw / 1e7),
+    ("tag", "index"): int,
+    ("raw", "packed"): lambda _: "x=lon,y=lat",
 }
+#: The fields of a type in their order; of a type that is not here, those of its definition.
+#: ``time_s<time_ms``: computed from a field, by their units; ``health<info:0``: bits of a field,
+#: from the lowest, with a width where it is not 1.
+_FIELDS: dict[type, str] = {
+    parts.Time: "time_ms time_ns time_s<time_ms sync_time_2p5ms sync_tag sync_flag",
+    parts.Velocity: "xyz_mps health<info:0",
+    parts.Position: "lat_rad lon_rad lat_deg<lat_rad lon_deg<lon_rad altitude_m height_m health",
+    parts.Gps: """date time lon_1e7 lat_1e7 hfsl_mm lon_deg<lon_1e7 lat_deg<lat_1e7 lon_rad<lon_1e7
+        lat_rad<lat_1e7 hfsl_m<hfsl_mm vel_ned_cmps vel_ned_mps<vel_ned_cmps detail""",
+    parts.GpsDetail: """hdop pdop fix vacc_mm hacc_mm sacc_cmps vacc_m<vacc_mm hacc_m<hacc_mm
+        sacc_mps<sacc_cmps used_gps used_glonass nsv counter""",
+    parts.Rtk: """date time lon_deg lat_deg lon_rad<lon_deg lat_rad<lat_deg hfsl_m vel_cmps
+        vel_mps<vel_cmps yaw_deg yaw_rad<yaw_deg pos_flag yaw_flag""",
+    parts.Gimbal: """roll_deg pitch_deg yaw_deg roll_rad<roll_deg pitch_rad<pitch_deg
+        yaw_rad<yaw_deg pitch_limit<limits:0 roll_limit<limits:1 yaw_limit<limits:2""",
+    parts.GimbalAngles: """pitch_deg roll_deg yaw_deg pitch_rad<pitch_deg roll_rad<roll_deg
+        yaw_rad<yaw_deg""",
+    parts.Battery: """capacity_mah voltage_mv current_ma percentage voltage_v<voltage_mv
+        current_a<current_ma""",
+    parts.Device: "control_mode device_status<bits:0:3 flight_status<bits:3 vrc_status<bits:4",
+    parts.GpsFused: "lon_rad lat_rad lon_deg<lon_rad lat_deg<lat_rad altitude_m satellites",
+    parts.GpsPosition: "x_raw y_raw z_raw order_packed<x_raw",
+    parts.HardSync: """time2p5ms time1ns reset_time2p5ms index<tag flag q_wxyz accel_g
+        gyro_radps""",
+}
+
+
+def _field(spec: str) -> tuple[str, str, _Convert | None]:
+    """Return a field's name, the field that it is computed from, and how; None: as it is."""
+    name, _, source = spec.partition("<")
+    source, *bits = source.split(":")
+    if bits:
+        shift, width = int(bits[0]), int(bits[1]) if bits[1:] else 1
+        return name, source, lambda value: value >> shift & (1 << width) - 1
+    if not source:
+        return name, name, None
+    return name, source, _UNITS[source.rpartition("_")[2], name.rpartition("_")[2]]
+
+
+_PRINTED = {kind: [*map(_field, text.split())] for kind, text in _FIELDS.items()}
 
 #: Topics whose meaning does not follow from their type.
 _TOPICS: dict[str, _Convert] = {
@@ -155,17 +118,13 @@ def push_fields(push: Push) -> dict[str, Any]:
 def _printed(value: Any, name: str = "") -> Any:
     """Return a part as JSON holds it; fields that a layout lacks are left out."""
     if hasattr(value, "_fields"):
-        fields = (_named(value, field) for field in _FIELDS.get(type(value), value._fields))
-        return {name: printed for name, printed in fields if printed is not None}
+        found = {}
+        for field, source, convert in _PRINTED.get(type(value)) or map(_field, value._fields):
+            raw = getattr(value, source)
+            if raw is not None:
+                found[field] = convert(raw) if convert else _printed(raw, field)
+        return found
     if isinstance(value, tuple):
         return [_printed(number) for number in value]
     is_single = isinstance(value, float) and name not in _DOUBLES
     return float(f"{value:.9g}") if is_single else value
-
-
-def _named(part: Any, field: str | _Computed) -> tuple[str, Any]:
-    if isinstance(field, str):
-        return field, _printed(getattr(part, field), field)
-    name, source, convert = field
-    raw = getattr(part, source)
-    return name, None if raw is None else convert(raw)

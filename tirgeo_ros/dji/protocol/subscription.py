@@ -10,10 +10,9 @@ from collections.abc import Iterable
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-from tirgeo_ros.core.types.errors import DjiError
-from tirgeo_ros.dji.protocol.commands import AddPackage, RemovePackage, Request, ResetPackages
+from tirgeo_ros.dji.protocol.commands import Request, add_package
 from tirgeo_ros.dji.protocol.packed_fields import PackedFields
-from tirgeo_ros.dji.protocol.subscription_topics import BY_NAME, BY_UID, Topic
+from tirgeo_ros.dji.protocol.subscription_topics import BY_NAME, Topic
 
 #: Capacity of one push: stamp and topics, without the package's id.
 MAX_DATA_BYTES = 250
@@ -29,10 +28,7 @@ class Package(NamedTuple):
 
     @classmethod
     def of(cls, number: int, rate_hz: int, with_timestamp: bool, names: Iterable[str]) -> Package:
-        """Return a package of topics by name. Raises DjiError for a name that is no topic's."""
-        names = tuple(names)
-        if unknown := [name for name in names if name not in BY_NAME]:
-            raise DjiError(f"package {number}: no topic is called {unknown[0]}")
+        """Return a package of topics by name."""
         return cls(number, rate_hz, with_timestamp, tuple(BY_NAME[name] for name in names))
 
     @property
@@ -41,10 +37,10 @@ class Package(NamedTuple):
         return _packed(self).size
 
     @property
-    def request(self) -> AddPackage:
+    def request(self) -> Request:
         """Return the request that adds it."""
-        uids = tuple(topic.uid for topic in self.topics)
-        return AddPackage(self.id, self.rate_hz, self.with_timestamp, uids)
+        uids = [topic.uid for topic in self.topics]
+        return add_package(self.id, self.rate_hz, uids, stamped=self.with_timestamp)
 
 
 class Push(NamedTuple):
@@ -88,25 +84,6 @@ class PackageTable(dict[int, Package]):
     def __init__(self, packages: Iterable[Package] = USUAL_PACKAGES) -> None:
         super().__init__((package.id, package) for package in packages)
 
-    def learn(self, request: Request) -> bool:
-        """Apply a host's request to the table; return whether it is about packages.
-
-        A package with a topic of unknown length is forgotten: its pushes cannot be read.
-        """
-        match request:
-            case AddPackage(number, rate_hz, with_timestamp, uids):
-                self.pop(number, None)
-                if all(uid in BY_UID for uid in uids):
-                    topics = tuple(BY_UID[uid] for uid in uids)
-                    self[number] = Package(number, rate_hz, with_timestamp, topics)
-            case RemovePackage(number):
-                self.pop(number, None)
-            case ResetPackages():
-                self.clear()
-            case _:
-                return False
-        return True
-
 
 @lru_cache(maxsize=64)
 def _packed(package: Package) -> PackedFields:
@@ -125,15 +102,14 @@ def decode_push(value: bytes, table: PackageTable) -> Push | None:
     packed = _packed(package)
     if len(value) != packed.size:
         return None
-    numbers = packed.numbers(value)
-    values = {name: make(numbers[start:stop]) for name, start, stop, make in packed.parts}
+    numbers, values = packed.unpack(value)
     if package.with_timestamp:
         return Push(package, numbers[1], numbers[2], values)
     return Push(package, None, None, values)
 
 
 def encode_push(push: Push) -> bytes:
-    """Encode a push's value. Raises DjiError for values that its package cannot hold."""
+    """Encode a push's value; its values must be those of its package."""
     number, *_, with_timestamp, _topics = push.package
     head = [number, push.time_ms, push.time_ns] if with_timestamp else [number]
-    return _packed(push.package).pack(head, push.values, f"package {number}")
+    return _packed(push.package).pack(head, push.values)

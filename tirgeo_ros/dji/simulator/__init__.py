@@ -6,7 +6,6 @@ without hardware.
 """
 
 from tirgeo_ros.dji.simulator.aircraft import Aircraft, Outgoing, frames_of
-from tirgeo_ros.dji.simulator.answers import A3_NAME, CommandDesk
-from tirgeo_ros.dji.simulator.satellites import POSITION_FLAGS
+from tirgeo_ros.dji.simulator.answers import CommandDesk
 
-__all__ = ["A3_NAME", "POSITION_FLAGS", "Aircraft", "CommandDesk", "Outgoing", "frames_of"]
+__all__ = ["Aircraft", "CommandDesk", "Outgoing", "frames_of"]

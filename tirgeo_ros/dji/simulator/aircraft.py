@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from tirgeo_ros.core.config import AircraftConfig, SimulatedAircraftConfig
@@ -22,7 +22,6 @@ from tirgeo_ros.dji.protocol.subscription import USUAL_PACKAGES, Push, encode_pu
 from tirgeo_ros.dji.simulator.answers import CommandDesk
 from tirgeo_ros.dji.simulator.gimbal_angles import SimulatedGimbalAngles
 from tirgeo_ros.dji.simulator.pushed_parts import (
-    AircraftTime,
     Instant,
     between,
     broadcast_of,
@@ -67,14 +66,13 @@ class Aircraft:
     def __init__(
         self,
         config: SimulatedAircraftConfig | None = None,
-        activation: Sequence[int] = (0,),
         places: AircraftConfig | None = None,
     ) -> None:
-        """Take ``activation`` as CommandDesk does, and ``places``, the antennas' positions."""
+        """Take ``places``, the antennas' positions."""
         self._config = config = config or SimulatedAircraftConfig()
         self._places = places or AircraftConfig()
         self._layout = Layout.LEGACY if config.layout == "legacy" else Layout.MODERN
-        self.desk = CommandDesk(self._layout, USUAL_PACKAGES if config.pushes else (), activation)
+        self.desk = CommandDesk(self._layout, USUAL_PACKAGES if config.pushes else ())
         #: ``broadcasts``, ``pushes``; dropped: ``invalid``, ``imu_not_later``
         self.counts: Counter[str] = Counter()
         self._waiting: deque[tuple[int, NavigationInput]] = deque()
@@ -185,7 +183,7 @@ class Aircraft:
             instant = self._instant(at)
             values = topic_values(instant, tuple(topic.name for topic in package.topics))
             if values is not None:
-                push = Push(package, instant.time.ms, instant.time.rest_ns, values)
+                push = Push(package, instant.ms, instant.rest_ns, values)
                 data = self._framed(_PUSH + encode_push(push))
                 frames.append(Outgoing(stamp_ns + latency_ns, data))
         self.counts["pushes"] += len(frames)
@@ -198,13 +196,9 @@ class Aircraft:
         q_nb = imu.autopilot_q_nb
         if not usable_attitude(q_nb):
             q_nb, imu = None, ImuSample(imu.stamp_ns, imu.specific_force_b, imu.angular_rate_b)
-        return Instant(
-            AircraftTime(since_ns + self._config.clock_start_ms * 1_000_000),
-            AircraftTime(since_ns),
-            imu,
-            self._gimbal.at(imu.stamp_ns, q_nb),
-            self._satellites,
-        )
+        time_ns = since_ns + self._config.clock_start_ms * 1_000_000
+        gimbal = self._gimbal.at(imu.stamp_ns, q_nb)
+        return Instant(time_ns, since_ns, imu, gimbal, self._satellites)
 
     def _framed(self, data: bytes) -> bytes:
         self._sequence = (self._sequence + 1) & 0xFFFF

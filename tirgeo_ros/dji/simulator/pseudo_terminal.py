@@ -111,5 +111,5 @@ def _speed_of(baud: int) -> int:
     """Return the system's number of a speed. Raises DjiError for one that it does not have."""
     speed = getattr(termios, f"B{baud}", None)
     if not isinstance(speed, int):
-        raise DjiError(f"{baud} is no speed of a serial port")
+        raise DjiError(f"{baud} is not a speed of a serial port")
     return speed

@@ -16,14 +16,13 @@ from tirgeo_ros.core.types.measurements import (
     Source,
     VelocitySample,
 )
-from tirgeo_ros.dji.interpret.antenna_baseline import baseline_deg
+from tirgeo_ros.dji.interpret.rtk_samples import baseline_deg
 from tirgeo_ros.dji.protocol.broadcast_parts import Gps, GpsDetail, Position, Rtk, Vector, Velocity
 
-SatelliteSample = PositionSample | VelocitySample | HeadingSample
 S = TypeVar("S", PositionSample, VelocitySample)
 
 #: NovAtel's numbers, which DJI uses: narrow-lane integer, narrow-lane float, single point, none.
-POSITION_FLAGS: Mapping[FixStatus, int] = {
+_POSITION_FLAGS: Mapping[FixStatus, int] = {
     FixStatus.FIXED: 50,
     FixStatus.FLOAT: 34,
     FixStatus.SINGLE: 16,
@@ -55,7 +54,7 @@ class Satellites:
         self._gps_epochs = 0
         self._first_height_m: float | None = None
 
-    def take(self, sample: SatelliteSample) -> None:
+    def take(self, sample: PositionSample | VelocitySample | HeadingSample) -> None:
         """Take a receiver's new epoch."""
         if isinstance(sample, HeadingSample):
             self._heading = sample
@@ -66,16 +65,25 @@ class Satellites:
             self._positions[sample.source] = sample
 
     def rtk(self, now_ns: int) -> Rtk:
-        """Return the RTK data."""
+        """Return the RTK data.
+
+        Its yaw is the azimuth from the first antenna to the second in whole degrees, -180 to 179.
+        Headings that were made of whole degrees with the same antenna positions give those
+        degrees; with other positions they are rounded a second time, by the same amount each time.
+        """
         position = _recent(now_ns, self._positions, Source.RTK_POSITION)
-        silent = self._heading is None or now_ns - self._heading.stamp_ns > _SILENT_NS
+        yaw_deg = yaw_flag = 0
+        if self._heading is not None and now_ns - self._heading.stamp_ns <= _SILENT_NS:
+            heading_deg = math.degrees(self._heading.heading_rad)
+            yaw_deg = (round(heading_deg + self._baseline_deg) + 180) % 360 - 180
+            yaw_flag = _YAW_FIXED
         return Rtk(
             *_date_and_time(now_ns if position is None else position.stamp_ns),
             *self._degrees(position),
             _cm_s(_recent(now_ns, self._velocities, Source.RTK_VELOCITY)),
-            0 if silent or self._heading is None else self._baseline_yaw_deg(self._heading),
-            0 if position is None else POSITION_FLAGS[position.status],
-            0 if silent else _YAW_FIXED,
+            yaw_deg,
+            0 if position is None else _POSITION_FLAGS[position.status],
+            yaw_flag,
         )
 
     def gps(self, now_ns: int) -> Gps:
@@ -83,19 +91,34 @@ class Satellites:
         position = _recent(now_ns, self._positions, Source.GPS_POSITION)
         velocity = _recent(now_ns, self._velocities, Source.GPS_VELOCITY)
         lon_deg, lat_deg, height_m = self._degrees(position)
+        fixed = position is not None and position.status is not FixStatus.NONE
+        horizontal_m, vertical_m = _sigmas(None if position is None else position.covariance_n)
+        speed_m_s, _ = _sigmas(None if velocity is None else velocity.covariance_n)
+        detail = GpsDetail(
+            _HDOP,
+            _PDOP,
+            _FIX_3D if fixed else 0.0,
+            vertical_m * 1e3,
+            horizontal_m * 1e3,
+            speed_m_s * 1e2,
+            _USED_GPS * fixed,
+            _USED_GLONASS * fixed,
+            (_USED_GPS + _USED_GLONASS) * fixed,
+            self._gps_epochs & 0xFFFF,
+        )
         return Gps(
             *_date_and_time(now_ns if position is None else position.stamp_ns),
             round(lon_deg * 1e7),
             round(lat_deg * 1e7),
             round(height_m * 1e3),
             _cm_s(velocity),
-            self._detail(position, velocity),
+            detail,
         )
 
     def position(self, now_ns: int) -> Position:
         """Return the fused position: the receiver's, heights above the sea and the start."""
         best = _recent(now_ns, self._positions, Source.RTK_POSITION, Source.GPS_POSITION)
-        if best is None:
+        if best is None or best.status is FixStatus.NONE:  # which may have any position
             return Position(0.0, 0.0, 0.0, 0.0, 0)
         height_m = best.height_m - self._undulation_m
         self._first_height_m = height_m if self._first_height_m is None else self._first_height_m
@@ -121,35 +144,6 @@ class Satellites:
             position.height_m - self._undulation_m,
         )
 
-    def _baseline_yaw_deg(self, heading: HeadingSample) -> int:
-        """Return the azimuth from the first antenna to the second in whole degrees, -180 to 179.
-
-        If the flight's headings were made of whole degrees with the same antenna positions, this
-        returns those degrees. With other positions they are rounded a second time, by the same
-        amount each time.
-        """
-        yaw_deg = round(math.degrees(heading.heading_rad) + self._baseline_deg)
-        return (yaw_deg + 180) % 360 - 180
-
-    def _detail(
-        self, position: PositionSample | None, velocity: VelocitySample | None
-    ) -> GpsDetail:
-        fixed = position is not None and position.status is not FixStatus.NONE
-        horizontal_m, vertical_m = _sigmas(None if position is None else position.covariance_n)
-        speed_m_s, _ = _sigmas(None if velocity is None else velocity.covariance_n)
-        return GpsDetail(
-            _HDOP,
-            _PDOP,
-            _FIX_3D if fixed else 0.0,
-            vertical_m * 1e3,
-            horizontal_m * 1e3,
-            speed_m_s * 1e2,
-            _USED_GPS * fixed,
-            _USED_GLONASS * fixed,
-            (_USED_GPS + _USED_GLONASS) * fixed,
-            self._gps_epochs & 0xFFFF,
-        )
-
 
 def _recent(now_ns: int, samples: Mapping[Source, S], *sources: Source) -> S | None:
     """Return the sample of the first of these sources that is not silent."""
@@ -166,10 +160,7 @@ def _cm_s(velocity: VelocitySample | None) -> Vector:
 
 
 def _sigmas(covariance_n: Array | None) -> tuple[float, float]:
-    """Return the horizontal sigma (rms of the two axes) and the vertical sigma.
-
-    Zero where the flight has no covariance.
-    """
+    """Return the sigmas: horizontal (rms of the two axes), vertical; zero without covariance."""
     if covariance_n is None:
         return 0.0, 0.0
     north, east, down = covariance_n.diagonal().tolist()

@@ -1,42 +1,128 @@
-"""Read the topics of psdk_ros2: values in with their times, readings out.
+"""Read the topics of psdk_ros2 (M300, M350): values in with their times, readings out.
 
 psdk_ros2 stamps a message when its node receives it. For streams of a steady rate the jitter is
 removed from that stamp. A receiver's messages keep it: their delay is a parameter, and the jitter
 does no harm.
+
+Some of its topics are not what their type or frame says; ``READERS`` states the axes of the input.
+Not read: ``home_point`` (radians in fields of degrees), ``angular_rate_*``, ``acceleration_*``
+(``imu`` has both, of one instant), ``rtk_connection_status`` (the flags say more). Nothing is
+judged: values that are not finite are passed on.
 """
 
 from __future__ import annotations
 
+import math
+import struct
 from collections import Counter
+from collections.abc import Callable
 from typing import Any
 
+from tirgeo_ros.core.frames.axes import quat_turned_both
 from tirgeo_ros.dji.clocks.steady_stamps import SteadyStamps
-from tirgeo_ros.dji.sources.psdk_messages import READERS
-from tirgeo_ros.dji.sources.readings import Reading, RtkReading
-from tirgeo_ros.dji.sources.rtk_flag_pairing import EpochFlags
-
-_SECOND_NS = 1_000_000_000
-#: If the receiver's own topic is silent for longer, the fused values replace it.
-_SILENT_NS = 2 * _SECOND_NS
-#: They replace it at about the receiver's 5 Hz, not at their own 10 to 200 Hz: their errors are
-#: correlated in time.
-_STAND_IN_NS = 150_000_000
-#: A gimbal that reports less often may have turned in between.
-_SLOW_GIMBAL_NS = 400_000_000
-_SLOW_GIMBAL = (
-    "gimbal_angles come too seldom for a camera that turns: set data_frequency.gimbal_data to 50 "
-    "in the parameters of psdk_ros2"
+from tirgeo_ros.dji.sources.readings import (
+    AccelerationUnit,
+    AttitudeReading,
+    GeodeticPlace,
+    GimbalReading,
+    GpsReading,
+    ImuOrigin,
+    ImuReading,
+    Quaternion,
+    Reading,
+    RtkReading,
+    Vector,
 )
+from tirgeo_ros.dji.sources.rtk_epochs import RtkEpochs
 
-
+#: psdk_ros2 multiplies the aircraft's g by this factor. It is removed here: the value of g is
+#: defined once for all sources (standard gravity is 0.07 % more).
+_PSDK_GRAVITY = 9.8
+#: The right angle that psdk_ros2 uses between east and north: 0.012 deg too large.
+_PSDK_QUARTER_TURN = 1.571
+#: The single-precision pi with which psdk_ros2 makes degrees: 0.16 m of latitude at 52 deg.
+_PSDK_PI: float = struct.unpack("<f", struct.pack("<f", math.pi))[0]
+#: One document calls the fused height ellipsoidal, another barometric, and it was found to be more
+#: than 100 m off. So it gets a large sigma.
+_FUSED_HEIGHT_SIGMA_M = 200.0
+#: If the receiver's own topic is silent for longer, the fused values replace it: at about the
+#: receiver's 5 Hz, not at their own 10 to 200 Hz, since their errors are correlated in time.
+_SILENT_NS, _STAND_IN_NS = 2_000_000_000, 150_000_000
 #: Topics of a fused value -> the receiver's own, in whose place it stands.
 _FUSED = {"gps_position_fused": "gps_position", "velocity_ground_fused": "gps_velocity"}
-_FLAGS = {"rtk_position_info": "position_flag", "rtk_yaw_info": "yaw_flag"}
-#: The flag that each of RTK's values waits for; the velocity's is the position's.
-_FLAG_OF = {
-    "rtk_position": "position_flag",
-    "rtk_velocity": "position_flag",
-    "rtk_yaw": "yaw_flag",
+
+
+def _imu(stamp_ns: int, values: tuple[Quaternion, Vector, Vector]) -> ImuReading:
+    """Convert attitude FLU to ENU, rate (rad/s), specific force, 9.8 m/s2 to the g."""
+    q_wxyz, (p, q, r), force_flu = values
+    x, y, z = (force / _PSDK_GRAVITY for force in force_flu)
+    q_nb, unit = quat_turned_both(*q_wxyz), AccelerationUnit.G
+    return ImuReading(stamp_ns, ImuOrigin.MESSAGE, (x, -y, -z), unit, (p, -q, -r), q_nb)
+
+
+def _gimbal(stamp_ns: int, angles_rad: Vector) -> GimbalReading:
+    """Convert roll to the right, pitch down, yaw anticlockwise from east (rad).
+
+    They are absolute, although their frame is the gimbal's base.
+    """
+    x, y, z = angles_rad
+    yaw = (_PSDK_QUARTER_TURN - z + math.pi) % math.tau - math.pi
+    return GimbalReading(stamp_ns, x, -y, yaw)
+
+
+def _place(degrees_and_height: Vector) -> GeodeticPlace:
+    """Convert latitude, longitude (deg) and height above the sea (m)."""
+    latitude, longitude, height_msl_m = degrees_and_height
+    return GeodeticPlace(math.radians(latitude), math.radians(longitude), height_msl_m)
+
+
+def _fused_position(stamp_ns: int, degrees_and_height: Vector) -> GpsReading:
+    """Convert degrees made with another pi, and an uncertain height."""
+    latitude, longitude, height = degrees_and_height
+    to_rad = _PSDK_PI / 180
+    where = GeodeticPlace(latitude * to_rad, longitude * to_rad, height)
+    return GpsReading(stamp_ns, where, vertical_sigma_m=_FUSED_HEIGHT_SIGMA_M)
+
+
+def _fused_velocity(stamp_ns: int, enu_m_s: Vector) -> GpsReading:
+    """Convert a velocity that is ENU as its frame says."""
+    east, north, up = enu_m_s
+    return GpsReading(stamp_ns, velocity_n=(north, east, -up))
+
+
+def _gps_details(stamp_ns: int, values: tuple[float, Vector]) -> GpsReading:
+    """Convert fix, and horizontal, vertical (mm) and speed accuracy (cm/s)."""
+    fix, (horizontal_mm, vertical_mm, speed_cm_s) = values
+    return GpsReading(
+        stamp_ns,
+        fix=int(fix) if math.isfinite(fix) else 0,
+        horizontal_sigma_m=horizontal_mm * 1e-3,
+        vertical_sigma_m=vertical_mm * 1e-3,
+        velocity_sigma_m_s=speed_cm_s * 1e-2,
+    )
+
+
+def _rtk_yaw(stamp_ns: int, yaw: int) -> RtkReading:
+    """Convert an int16 (deg) that comes as uint16."""
+    return RtkReading(stamp_ns, yaw_deg=yaw - 0x10000 if yaw >= 0x8000 else yaw)
+
+
+#: How the values of a topic become a reading with this stamp. ``attitude`` is wxyz, FLU to ENU;
+#: ``gps_velocity`` and ``rtk_velocity`` are NED, whatever their frames say (m/s).
+READERS: dict[str, Callable[[int, Any], Reading]] = {
+    "attitude": lambda stamp_ns, q_wxyz: AttitudeReading(stamp_ns, quat_turned_both(*q_wxyz)),
+    "imu": _imu,
+    "gimbal_angles": _gimbal,
+    "gps_position": lambda stamp_ns, values: GpsReading(stamp_ns, _place(values)),
+    "gps_velocity": lambda stamp_ns, ned_m_s: GpsReading(stamp_ns, velocity_n=ned_m_s),
+    "gps_details": _gps_details,
+    "gps_position_fused": _fused_position,
+    "velocity_ground_fused": _fused_velocity,
+    "rtk_position": lambda stamp_ns, values: RtkReading(stamp_ns, _place(values)),
+    "rtk_velocity": lambda stamp_ns, ned_m_s: RtkReading(stamp_ns, velocity_n=ned_m_s),
+    "rtk_yaw": _rtk_yaw,
+    "rtk_position_info": lambda stamp_ns, flag: RtkReading(stamp_ns, position_flag=flag),
+    "rtk_yaw_info": lambda stamp_ns, flag: RtkReading(stamp_ns, yaw_flag=flag),
 }
 
 
@@ -44,88 +130,48 @@ class PsdkDecoder:
     """Convert the topics' values to readings, which have the stamp of the header.
 
     ``take`` and ``due`` return the readings that are complete; ``due`` must be called for those
-    that wait. Stamps and arrivals are of one clock.
+    that wait. Stamps and arrivals are of one clock. Counted: ``unstamped`` messages, ``fused``
+    values in place of the GPS's.
     """
 
     def __init__(self) -> None:
         self._steady = {topic: SteadyStamps() for topic in ("imu", "attitude", "gimbal_angles")}
-        self._pairs = {name: EpochFlags(name) for name in ("position_flag", "yaw_flag")}
-        self._stand_ins = {own: _StandIn() for own in _FUSED.values()}
-        self._gimbal_ns: int | None = None  # the newest stamp
-        self._gimbal_step_ns = 0.0  # interval between two stamps, smoothed
-        self._counts: Counter[str] = Counter()
+        self._rtk = RtkEpochs()
+        self._own_ns: dict[str, int] = {}  # newest arrival of a receiver's own topic
+        self._fused_ns: dict[str, int] = {}  # newest arrival of a fused value that was used
+        self.counts: Counter[str] = Counter()
 
     def take(self, topic: str, values: Any, stamp_ns: int, arrival_ns: int) -> list[Reading]:
-        """Take a message: its values, its header's stamp (0: none) and its arrival.
-
-        ``values`` by ``topic``: ``attitude`` a quaternion wxyz; ``imu`` that, rate (rad/s) and
-        specific force; ``gimbal_angles`` rad; positions latitude, longitude (deg), height above
-        the sea (m); velocities m/s; ``gps_details`` fix and (horizontal, vertical (mm), speed
-        (cm/s)) accuracy; ``rtk_yaw`` the uint16; ``rtk_..._info`` the flag, without a header.
-        """
-        if topic in _FLAGS:
-            return [*self._pairs[_FLAGS[topic]].flag(values, arrival_ns)]
-        if topic in self._stand_ins:
-            self._stand_ins[topic].own_came(arrival_ns)
+        """Take a message: its values (``READERS``), its header's stamp (0: none), its arrival."""
         if topic in _FUSED:
-            if not self._stand_ins[_FUSED[topic]].is_wanted(arrival_ns):
+            if not self._is_wanted(topic, arrival_ns):
                 return []
-            self._counts["fused"] += 1
+            self.counts["fused"] += 1
+        elif topic in _FUSED.values():
+            self._own_ns[topic] = arrival_ns
         if not stamp_ns:
-            self._counts["unstamped"] += 1
             stamp_ns = arrival_ns
-        if topic == "gimbal_angles":
-            self._note_gimbal(stamp_ns)
+            if not topic.endswith("_info"):  # flags have no header
+                self.counts["unstamped"] += 1
         if topic in self._steady:
             stamp_ns = self._steady[topic].stamp_ns(stamp_ns)
         reading = READERS[topic](stamp_ns, values)
         if isinstance(reading, RtkReading):
-            return [*self._pairs[_FLAG_OF[topic]].value(topic, reading, arrival_ns)]
+            return [arrived.reading for arrived in self._rtk.take(reading, arrival_ns)]
         return [reading]
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """Return counts that are worth knowing.
-
-        ``unstamped``: messages without a stamp; ``fused``: fused values in place of the GPS's;
-        ``rtk_..._alone``: values of RTK whose own flag did not come.
-        """
-        alone = sum((pairs.alone for pairs in self._pairs.values()), Counter())
-        return dict(self._counts) | {f"{topic}_alone": number for topic, number in alone.items()}
-
-    @property
-    def warnings(self) -> list[str]:
-        """Return what a person should set right."""
-        return [_SLOW_GIMBAL] if self._gimbal_step_ns > _SLOW_GIMBAL_NS else []
 
     def due(self, now_ns: int) -> list[Reading]:
         """Return the readings that have waited long enough; to be called every 10 ms."""
-        return [reading for pairs in self._pairs.values() for reading in pairs.due(now_ns)]
+        return [arrived.reading for arrived in self._rtk.due(now_ns)]
 
-    def _note_gimbal(self, stamp_ns: int) -> None:
-        if self._gimbal_ns is not None and stamp_ns > self._gimbal_ns:
-            step_ns = stamp_ns - self._gimbal_ns
-            smooth_ns = self._gimbal_step_ns or step_ns
-            self._gimbal_step_ns = smooth_ns + 0.25 * (step_ns - smooth_ns)
-        self._gimbal_ns = stamp_ns
-
-
-class _StandIn:
-    """Decide whether a fused value is needed in place of the receiver's own."""
-
-    def __init__(self) -> None:
-        self._own_ns: int | None = None
-        self._last_ns = 0
-
-    def own_came(self, arrival_ns: int) -> None:
-        self._own_ns = arrival_ns
-
-    def is_wanted(self, arrival_ns: int) -> bool:
-        if self._own_ns is None:
-            self._own_ns = arrival_ns  # the own topic gets the full time-out from here
-        if abs(arrival_ns - self._own_ns) < _SILENT_NS:
+    def _is_wanted(self, topic: str, arrival_ns: int) -> bool:
+        """Return whether a fused value is needed in place of the receiver's own."""
+        own_ns = self._own_ns.setdefault(_FUSED[topic], arrival_ns)
+        last_ns = self._fused_ns.get(topic, 0)
+        if (
+            min(abs(arrival_ns - own_ns) - _SILENT_NS, abs(arrival_ns - last_ns) - _STAND_IN_NS)
+            < 0
+        ):
             return False
-        if abs(arrival_ns - self._last_ns) < _STAND_IN_NS:
-            return False
-        self._last_ns = arrival_ns
+        self._fused_ns[topic] = arrival_ns
         return True

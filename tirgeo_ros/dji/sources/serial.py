@@ -1,14 +1,10 @@
-"""Process the serial link's bytes without the port: bytes in, readings and bytes to send out.
-
-The bytes go through framing, telemetry and the host's session. The port itself belongs to
-``dji.link.serial_link``, so that a capture and a test take the same path.
-"""
+"""Process the serial link's bytes without the port: bytes in, readings and bytes to send out."""
 
 from __future__ import annotations
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.dji.clocks.aircraft_clock import AircraftClock
-from tirgeo_ros.dji.clocks.tick_clock import LONG_TICK_NS, TickClock
+from tirgeo_ros.dji.clocks.running_counter import LONG_TICK_NS
 from tirgeo_ros.dji.host.session import HostSession
 from tirgeo_ros.dji.link.encryption import parse_key
 from tirgeo_ros.dji.link.framing import PLAIN, FrameReader, ProtocolFrame
@@ -28,11 +24,12 @@ class SerialDecoder:
         """Build the parsers; raise DjiError for an invalid key."""
         key = parse_key(config.key)
         self._frames = FrameReader(key)
-        self._broadcast = TickClock(lambda tick_ns: AircraftClock(config.clock, tick_ns))
-        self._subscription = AircraftClock(config.clock)
-        self._hard_sync = AircraftClock(config.clock, LONG_TICK_NS)
-        clocks = Clocks(self._broadcast, self._subscription, self._hard_sync)
-        self._telemetry = Telemetry(clocks, packages)
+        broadcast, subscription = AircraftClock(config.clock), AircraftClock(config.clock)
+        hard_sync = AircraftClock(config.clock, LONG_TICK_NS)
+        clocks = broadcast, subscription, hard_sync
+        names = "broadcast", "subscription", "hard sync"
+        self._clocks = dict(zip(names, clocks, strict=True))
+        self._telemetry = Telemetry(Clocks(*clocks), packages)
         self.host = HostSession(config.host, packages, key)
         self._heard_s: float | None = None
         self.locked = 0  # frames that were encrypted and not, or not rightly, decrypted
@@ -92,12 +89,7 @@ class SerialDecoder:
         """Return counts of frames, clocks that run, and the host session's state."""
         found = {f"frames {name}": str(n) for name, n in self._frames.counts.items()}
         found |= {f"telemetry {name}": str(n) for name, n in self._telemetry.counts.items()}
-        clocks: dict[str, AircraftClock | TickClock] = {
-            "broadcast": self._broadcast,
-            "subscription": self._subscription,
-            "hard sync": self._hard_sync,
-        }
-        for name, clock in clocks.items():
+        for name, clock in self._clocks.items():
             found |= {f"{name} {key}": value for key, value in clock.diagnostics.items()}
         return found | self.host.diagnostics
 

@@ -1,8 +1,7 @@
 """Convert frames of the serial link to readings, each with its own time.
 
-Broadcast (set 02, id 00) and subscription (02, 05) are read; from a capture of both directions,
-the content of the packages as well. The aircraft's units, axes and field orders are converted here
-to those of ``dji.sources.readings``.
+Broadcast (set 02, id 00) and subscription (02, 05) are read. The aircraft's units, axes and field
+orders are converted here to those of ``dji.sources.readings``.
 """
 
 from __future__ import annotations
@@ -12,19 +11,9 @@ from collections import Counter
 from typing import Any, NamedTuple, Protocol
 
 from tirgeo_ros.dji.clocks.steady_stamps import SteadyStamps
-from tirgeo_ros.dji.host.overheard_traffic import HostTraffic
 from tirgeo_ros.dji.link.framing import ProtocolFrame
+from tirgeo_ros.dji.protocol import broadcast_parts as parts
 from tirgeo_ros.dji.protocol.broadcast import decode_broadcast
-from tirgeo_ros.dji.protocol.broadcast_parts import (
-    Gimbal,
-    GimbalAngles,
-    Gps,
-    GpsDetail,
-    GpsPosition,
-    HardSync,
-    Rtk,
-)
-from tirgeo_ros.dji.protocol.plausibility import doubtful
 from tirgeo_ros.dji.protocol.subscription import PackageTable, decode_push
 from tirgeo_ros.dji.sources.readings import (
     AccelerationUnit,
@@ -66,17 +55,15 @@ class Telemetry:
     Counted: ``broadcast``, ``subscription``, ``other`` frames; ``unknown_layout``: broadcasts
     whose length fits no layout; ``unknown_package``: pushes that do not fit their package, as far
     as it is known; ``untimed``: broadcasts without the aircraft's time, stamped at arrival;
-    ``implausible``: pushes with impossible values, which are left out; ``axes_swapped``:
-    GPS_POSITION with the latitude first.
+    ``axes_swapped``: GPS_POSITION with the latitude first.
     """
 
     def __init__(self, clocks: Clocks, packages: PackageTable) -> None:
         self._clocks = clocks
         self._packages = packages
-        self._traffic = HostTraffic(packages)
         self._steady: dict[int, SteadyStamps] = {}  # of packages without a time, by id
-        # the aircraft's position, from fields whose order is certain
-        self._known: GeodeticPlace | None = None
+        # the aircraft's latitude and longitude (rad), from fields whose order is certain
+        self._known: tuple[float, float] | None = None
         self.counts: Counter[str] = Counter()
 
     def read(self, frame: ProtocolFrame, arrival_ns: int) -> list[Reading]:
@@ -85,34 +72,30 @@ class Telemetry:
             return self._read_broadcast(frame.value, arrival_ns)
         if frame.cmd_set == PUSH_SET and frame.cmd_id == _SUBSCRIPTION:
             return self._read_push(frame.value, arrival_ns)
-        self._traffic.take(frame)
         self.counts["other"] += 1
         return []
 
     def _read_broadcast(self, value: bytes, arrival_ns: int) -> list[Reading]:
-        parts = decode_broadcast(value)
-        if parts is None:
+        said = decode_broadcast(value)
+        if said is None:
             self.counts["unknown_layout"] += 1
             return []
         self.counts["broadcast"] += 1
         stamp_ns = arrival_ns
-        if parts.time is not None:
-            stamp_ns = self._clocks.broadcast.stamp_ns(parts.time.time_ms, arrival_ns)
-        elif parts.mask:
+        if said.time is not None:
+            stamp_ns = self._clocks.broadcast.stamp_ns(said.time.time_ms, arrival_ns)
+        elif said.mask:
             self.counts["untimed"] += 1
-        readings = _inertial(
-            stamp_ns,
-            ImuOrigin.BROADCAST,
-            AccelerationUnit.UNKNOWN,
-            (parts.acceleration_as_packed, parts.angular_rate_radps, parts.quaternion_wxyz),
-        )
-        if parts.position is not None:
-            self._known = GeodeticPlace(parts.position.lat_rad, parts.position.lon_rad, 0.0)
-        if parts.gps is not None:
-            readings.append(_gps(stamp_ns, parts.gps))
-        if parts.rtk is not None:
-            readings.append(_rtk(stamp_ns, parts.rtk))
-        return readings + _gimbal(stamp_ns, parts.gimbal)
+        inertial = said.acceleration_as_packed, said.angular_rate_radps, said.quaternion_wxyz
+        unit = AccelerationUnit.UNKNOWN
+        readings = _inertial(stamp_ns, ImuOrigin.BROADCAST, unit, *inertial)
+        if said.position is not None:
+            self._known = said.position.lat_rad, said.position.lon_rad
+        if said.gps is not None:
+            readings.append(_gps(stamp_ns, said.gps))
+        if said.rtk is not None:
+            readings.append(_rtk(stamp_ns, said.rtk))
+        return readings + _gimbal(stamp_ns, said.gimbal)
 
     def _read_push(self, value: bytes, arrival_ns: int) -> list[Reading]:
         push = decode_push(value, self._packages)
@@ -126,23 +109,16 @@ class Telemetry:
         else:
             stamp_ns = self._clocks.subscription.stamp_ns(push.time_ms, arrival_ns)
         values = push.values
-        if implausible := doubtful(push):  # many of them where the package table is wrong
-            self.counts["implausible"] += 1
-            values = {name: value for name, value in values.items() if name not in implausible}
         readings: list[Reading] = []
-        tick: HardSync | None = values.get("HARD_SYNC")
+        tick: parts.HardSync | None = values.get("HARD_SYNC")
         if tick is not None:  # not by the push's own time, which is truncated to milliseconds
             tick_ns = self._clocks.hard_sync.stamp_ns(tick.time2p5ms, arrival_ns, tick.time1ns)
-            given = (tick.accel_g, tick.gyro_radps, tick.q_wxyz)
-            readings += _inertial(tick_ns, ImuOrigin.HARD_SYNC, AccelerationUnit.G, given)
-        readings += _inertial(
-            stamp_ns,
-            ImuOrigin.SUBSCRIPTION,
-            AccelerationUnit.M_S2,
-            tuple(map(values.get, ("ACCELERATION_RAW", "ANGULAR_RATE_RAW", "QUATERNION"))),
-        )
+            given = tick.accel_g, tick.gyro_radps, tick.q_wxyz
+            readings += _inertial(tick_ns, ImuOrigin.HARD_SYNC, AccelerationUnit.G, *given)
+        raw = map(values.get, ("ACCELERATION_RAW", "ANGULAR_RATE_RAW", "QUATERNION"))
+        readings += _inertial(stamp_ns, ImuOrigin.SUBSCRIPTION, AccelerationUnit.M_S2, *raw)
         if (fused := values.get("GPS_FUSED")) is not None:
-            self._known = GeodeticPlace(fused.lat_rad, fused.lon_rad, 0.0)
+            self._known = fused.lat_rad, fused.lon_rad
         readings += self._satellites(stamp_ns, values)
         return readings + _gimbal(stamp_ns, values.get("GIMBAL_ANGLES"))
 
@@ -152,7 +128,7 @@ class Telemetry:
             position = values.get("RTK_POSITION")
             if position is not None:
                 position = _place_deg(position.lat_deg, position.lon_deg, position.hfsl_m)
-                self._known = position
+                self._known = position[:2]
             flag, yaw_flag = values.get("RTK_POSITION_INFO"), values.get("RTK_YAW_INFO")
             velocity, yaw = _metres(values.get("RTK_VELOCITY")), values.get("RTK_YAW")
             readings.append(RtkReading(stamp_ns, position, flag, velocity, yaw, yaw_flag))
@@ -164,58 +140,54 @@ class Telemetry:
             readings.append(GpsReading(stamp_ns, place, velocity, *quality))
         return readings
 
-    def _gps_place(self, raw: GpsPosition) -> GeodeticPlace:
+    def _gps_place(self, raw: parts.GpsPosition) -> GeodeticPlace:
         """Return GPS_POSITION, longitude first unless other positions show the reverse order.
 
         The documents disagree on the order.
         """
-        longitude, latitude = raw.x_raw * _RAW_DEG, raw.y_raw * _RAW_DEG
-        if self._is_swapped(latitude, longitude):
-            self.counts["axes_swapped"] += 1
-            latitude, longitude = longitude, latitude
-        return GeodeticPlace(latitude, longitude, raw.z_raw * 1e-3)
-
-    def _is_swapped(self, latitude: float, longitude: float) -> bool:
+        lon, lat = raw.x_raw * _RAW_DEG, raw.y_raw * _RAW_DEG
         if self._known is None:
-            return abs(latitude) > math.pi / 2 >= abs(longitude)
-        lat, lon = self._known.latitude_rad, self._known.longitude_rad
-        as_given = abs(latitude - lat) + abs(longitude - lon)
-        return abs(longitude - lat) + abs(latitude - lon) < as_given
+            is_swapped = abs(lat) > math.pi / 2 >= abs(lon)
+        else:
+            known_lat, known_lon = self._known
+            as_given = abs(lat - known_lat) + abs(lon - known_lon)
+            is_swapped = abs(lon - known_lat) + abs(lat - known_lon) < as_given
+        if is_swapped:
+            self.counts["axes_swapped"] += 1
+            lat, lon = lon, lat
+        return GeodeticPlace(lat, lon, raw.z_raw * 1e-3)
 
 
 def _inertial(
-    stamp_ns: int, origin: ImuOrigin, unit: AccelerationUnit, parts: tuple[Any, ...]
+    stamp_ns: int, origin: ImuOrigin, unit: AccelerationUnit, acceleration: Any, rate: Any, q: Any
 ) -> list[Reading]:
-    """Return the readings that ``parts`` (acceleration, rate, attitude) make together."""
-    acceleration, rate, q_nb = parts
+    """Return the readings that acceleration, rate and attitude make together."""
     if acceleration is not None and rate is not None:
-        return [ImuReading(stamp_ns, origin, acceleration, unit, rate, q_nb)]
-    return [] if q_nb is None else [AttitudeReading(stamp_ns, q_nb)]
+        return [ImuReading(stamp_ns, origin, acceleration, unit, rate, q)]
+    return [] if q is None else [AttitudeReading(stamp_ns, q)]
 
 
-def _gimbal(stamp_ns: int, angles: Gimbal | GimbalAngles | None) -> list[Reading]:
+def _gimbal(stamp_ns: int, angles: parts.Gimbal | parts.GimbalAngles | None) -> list[Reading]:
     if angles is None:
         return []
     degrees = angles.roll_deg, angles.pitch_deg, angles.yaw_deg
     return [GimbalReading(stamp_ns, *map(math.radians, degrees))]
 
 
-def _gps(stamp_ns: int, gps: Gps) -> GpsReading:
+def _gps(stamp_ns: int, gps: parts.Gps) -> GpsReading:
     place = GeodeticPlace(gps.lat_1e7 * _RAW_DEG, gps.lon_1e7 * _RAW_DEG, gps.hfsl_mm * 1e-3)
     return GpsReading(stamp_ns, place, _metres(gps.vel_ned_cmps), *_quality(gps.detail))
 
 
-def _quality(
-    detail: GpsDetail | None,
-) -> tuple[int | None, float | None, float | None, float | None]:
-    """Return fix, and sigmas in m, m and m/s."""
+def _quality(detail: parts.GpsDetail | None) -> tuple[Any, Any, Any, Any]:
+    """Return fix, and sigmas in m, m and m/s; None where they are not told."""
     if detail is None:
         return None, None, None, None
     fix = int(detail.fix) if math.isfinite(detail.fix) else 0
     return fix, detail.hacc_mm * 1e-3, detail.vacc_mm * 1e-3, detail.sacc_cmps * 1e-2
 
 
-def _rtk(stamp_ns: int, rtk: Rtk) -> RtkReading:
+def _rtk(stamp_ns: int, rtk: parts.Rtk) -> RtkReading:
     place = _place_deg(rtk.lat_deg, rtk.lon_deg, rtk.hfsl_m)
     velocity = _metres(rtk.vel_cmps)
     return RtkReading(stamp_ns, place, rtk.pos_flag, velocity, rtk.yaw_deg, rtk.yaw_flag)

@@ -75,7 +75,7 @@ class Ros1Bag:
         except _DAMAGED as error:
             raise BagError(
                 f"{self.path}: cannot be read: {error or type(error).__name__}; if it was cut off "
-                "or never closed, mend it by rosbag reindex of ROS 1"
+                "or never closed, repair it with rosbag reindex of ROS 1"
             ) from None
 
     def topics(self) -> dict[str, tuple[str, ...]]:

@@ -47,7 +47,7 @@ class LabelRule:
                 if name is None:
                     continue
                 if not name or form or conversion:
-                    raise ValueError("between braces stands a field")  # noqa: TRY301
+                    raise ValueError("put the name of a field between the braces")  # noqa: TRY301
                 fields.append(name)
                 texts.append("")
         except ValueError as error:

@@ -244,7 +244,7 @@ def _shapes(blobs: Iterable[bytes | None]) -> tuple[Shapes, dict[int, str]]:
                 parts.append(points)
                 owners.append((number, kind == "Polygon"))
             elif len(points):
-                faults[number] = f"a {kind} of {len(points)} positions is none"
+                faults[number] = f"a {kind} of {len(points)} positions is too short"
     starts = np.cumsum([0, *map(len, parts)])
     points = np.full((starts[-1], 3), np.nan)
     for part, (a, b) in zip(parts, itertools.pairwise(starts.tolist()), strict=True):

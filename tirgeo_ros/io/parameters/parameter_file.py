@@ -231,7 +231,7 @@ class _Loader(yaml.SafeLoader):  # type: ignore[misc]
         for key in (key for key, _ in pairs if isinstance(key, yaml.ScalarNode)):
             if key.value in seen:
                 raise yaml.constructor.ConstructorError(
-                    None, None, f"key {key.value} stands twice", key.start_mark
+                    None, None, f"key {key.value} appears twice", key.start_mark
                 )
             seen.add(key.value)
         made: dict[Any, Any] = super().construct_mapping(node, deep)

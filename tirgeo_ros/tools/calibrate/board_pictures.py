@@ -46,7 +46,7 @@ def opened(inputs: Sequence[Path], namespace: str) -> tuple[list[Path], BoardVid
     """
     bags = [path for path in inputs if path.suffix.lower() == ".mcap"]
     if bags and len(inputs) > 1:
-        raise CalibrationError(f"{bags[0]}: give a bag by itself, or pictures")
+        raise CalibrationError(f"{bags[0]}: give either one bag or pictures")
     return (bags, BoardVideo(bags[0], namespace)) if bags else (files_of(inputs), None)
 
 

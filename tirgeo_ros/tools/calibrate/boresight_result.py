@@ -158,7 +158,7 @@ def _notes(numbers: Mapping[str, Any], nodes: Mapping[str, Mapping[str, Value]])
     if _SECOND in nodes.get("", {}):
         found.append(
             f"{_SECOND} corrects headings where the aircraft's messages are read (dji_node, "
-            "tirgeo import); those in this bag stay as they are: import it anew"
+            "tirgeo import); those in this bag stay as they are: import it again"
         )
     return found
 

@@ -6,10 +6,8 @@ null. One line of counts goes to stderr. Bytes outside frames are skipped and co
 may begin and end within a frame, and a cable may lose bytes. So the exit code is 0 if there is a
 frame, else 1.
 
-The contents of a subscription package are taken from the requests for packages if the capture has
-both directions, else from --packages, else they are the usual five of DJI's ROS wrapper. A value
-that its package cannot have (a quaternion that is no rotation) is named under 'implausible': the
-table of packages is then wrong.
+The contents of a subscription package are taken from --packages, else they are the usual five of
+DJI's ROS wrapper.
 
 example:
   tirgeo dump capture.bin | head -3
@@ -66,7 +64,6 @@ def _summary(counts: dict[str, int], kinds: dict[str, int]) -> str:
         "bytes skipped": counts["skipped_bytes"],
         "damaged or cut": counts["bad_crc32"] + counts["truncated"],
         "unreadable": counts["unreadable"],
-        "implausible": counts["implausible"],
         "not decrypted": kinds.get("encrypted", 0),
     }
     return "; ".join([found, *[f"{number} {name}" for name, number in rest.items() if number]])

@@ -72,8 +72,6 @@ def describe(result: dict[str, Any]) -> str:
     parts = [_came_in(result), _went_out(result["written"])]
     if result["counts"]:
         parts.append(_pairs(result["counts"]))
-    if result.get("notes"):
-        parts.append("\n".join(result["notes"]))
     pictures = [t for t, kind in result.get("not_read", {}).items() if "Image" in kind]
     if pictures:
         parts.append(f"pictures in the bag that --image-topic may name: {', '.join(pictures)}")

@@ -15,9 +15,14 @@ from typing import NamedTuple
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.errors import DjiError
-from tirgeo_ros.dji.clocks.capture_clock import CaptureTimeline
-from tirgeo_ros.dji.clocks.civil_time import WholeSeconds, guess_utc_offset, utc_from_words
-from tirgeo_ros.dji.clocks.tick_clock import LONG_TICK_NS, MILLISECOND_NS, is_long
+from tirgeo_ros.dji.clocks.capture_clock import (
+    DOCUMENTED_OFFSET_H,
+    CaptureTimeline,
+    WholeSeconds,
+    guess_utc_offset,
+    time_of_words,
+)
+from tirgeo_ros.dji.clocks.running_counter import LONG_TICK_NS, MILLISECOND_NS
 from tirgeo_ros.dji.link.encryption import parse_key
 from tirgeo_ros.dji.link.framing import FrameReader, ProtocolFrame
 from tirgeo_ros.dji.protocol.broadcast import decode_broadcast
@@ -31,17 +36,13 @@ from tirgeo_ros.tools.presentation.progress import Report, silent
 
 _CHUNK_BYTES = 1 << 16
 _HOUR_NS = 3_600_000_000_000
-_PUSHES = 0x02
-_BROADCAST, _SUBSCRIPTION = 0x00, 0x05
 #: This many new seconds give the time of the capture to some milliseconds.
 _SECONDS = 60
-
-
 #: Counts of the telemetry that are reported.
 _UNUSED = {
-    "unknown_layout": "broadcasts are of a layout that is not known",
-    "unknown_package": "pushes are of packages that are not known: give --packages",
-    "untimed": "broadcasts have no time: stamped as the message before",
+    "unknown_layout": "broadcasts have an unknown layout",
+    "unknown_package": "pushes belong to unknown packages: give --packages",
+    "untimed": "broadcasts have no time: stamped as the previous message",
 }
 
 
@@ -53,22 +54,15 @@ class CaptureOptions(NamedTuple):
     start_ns: int | None = None  # UTC of the first message
 
 
-class _Placed(NamedTuple):
-    """Hold the conversion of a capture's time to UTC."""
-
-    timeline: CaptureTimeline
-    said: str
-    warning: str | None
-
-
 class _Pass:
     """Read a capture once, from its first byte."""
 
     def __init__(
-        self, path: Path, packages: str, key: str, timeline: CaptureTimeline, tick_ns: int
+        self, path: Path, options: CaptureOptions, timeline: CaptureTimeline, tick_ns: int
     ) -> None:
-        self.table = package_table(load_yaml(packages), packages) if packages else PackageTable()
-        self.frames = FrameReader(parse_key(key))
+        file = options.packages
+        self.table = package_table(load_yaml(file), file) if file else PackageTable()
+        self.frames = FrameReader(parse_key(options.key))
         sync = timeline.clock(LONG_TICK_NS, resets_alone=True)
         clocks = Clocks(timeline.clock(tick_ns), timeline.clock(), sync)
         self.telemetry = Telemetry(clocks, self.table)
@@ -92,131 +86,115 @@ class _Pass:
     def _read(self, frame: ProtocolFrame) -> tuple[ProtocolFrame, list[Reading]]:
         return frame, self.telemetry.read(frame, self.timeline.now_ns)
 
+    def warnings(self, *, has_key: bool) -> Iterator[str]:
+        """Yield what of the capture could not be used."""
+        frames = self.frames.counts
+        if frames["encrypted"] and not has_key:
+            yield f"{frames['encrypted']} frames are encrypted: give --key"
+        damaged, skipped = frames["bad_crc32"] + frames["truncated"], frames["skipped_bytes"]
+        if damaged or skipped:
+            yield f"{skipped} bytes are in no frame, {damaged} frames are damaged or cut"
+        for name, what in _UNUSED.items():
+            if self.telemetry.counts[name]:
+                yield f"{self.telemetry.counts[name]} {what}"
+        if self.timeline.restarts:
+            yield (
+                f"the aircraft's clock started again {self.timeline.restarts} times: what follows "
+                "is stamped as if it had been off for one second; split the file there if it was "
+                "longer"
+            )
+
 
 def import_capture(
     path: Path, sink: ImportSink, config: DjiConfig, options: CaptureOptions, progress: Report
 ) -> dict[str, object]:
     """Import a capture; return what to report of it. Raise DjiError, ConfigError."""
-    packages, key = options.packages or config.packages, options.key or config.key
-    seconds, tick_ns = _receiver_seconds(path, packages, key)
-    if options.start_ns is None:
-        placed = _placed(path, seconds, round(config.rtk.delay_s * 1e9))
-    else:
-        placed = _Placed(CaptureTimeline(options.start_ns), "of --start-time", None)
-    run = _Pass(path, packages, key, placed.timeline, tick_ns)
+    options = CaptureOptions(
+        options.packages or config.packages, options.key or config.key, options.start_ns
+    )
+    seconds, tick_ns = _receiver_seconds(path, options)
+    timeline, said, warnings = _placed(path, options, seconds, round(config.rtk.delay_s * 1e9))
+    run = _Pass(path, options, timeline, tick_ns)
     newest_ns = number = 0
     for _, readings in run.readings(progress):
         for reading in readings:
             number += 1
             newest_ns = max(newest_ns, reading.stamp_ns)
             sink.take(newest_ns, reading)
-    counts = run.frames.counts | ({} if key else {"not decrypted": run.frames.counts["encrypted"]})
-    complaints = list(_complaints(counts, run.telemetry.counts, placed.timeline))
-    _check_use(path, number, placed.timeline, complaints)
+    complaints = list(run.warnings(has_key=bool(options.key)))
+    if not number:
+        raise DjiError("; ".join((f"{path}: its frames contain no flight data", *complaints)))
+    if timeline.newest_ns is None:
+        raise DjiError(
+            f"{path}: it has no time of the aircraft: enable the time stamp in "
+            "the broadcast or in a subscription package"
+        )
     return {
         "kind": "capture",
-        "time": placed.said,
+        "time": said,
         "frames": run.frames.counts,
         "telemetry": run.telemetry.counts,
-        "warnings": [*([placed.warning] if placed.warning else []), *complaints],
+        "warnings": [*warnings, *complaints],
+        "damage": None,
     }
 
 
-def _check_use(
-    path: Path, readings: int, timeline: CaptureTimeline, complaints: list[str]
-) -> None:
-    """Raise DjiError if the capture has no readings, or none with a time."""
-    if not readings:
-        raise DjiError("; ".join((f"{path}: its frames hold nothing for a flight", *complaints)))
-    if timeline.newest_ns is None:
-        raise DjiError(
-            f"{path}: nothing in it tells the aircraft's time: its broadcast needs the time "
-            "stamp, or a subscription package does"
-        )
+def _placed(
+    path: Path, options: CaptureOptions, seconds: WholeSeconds, delay_ns: int
+) -> tuple[CaptureTimeline, str, list[str]]:
+    """Place a capture in time; return its timeline, how it was placed, and warnings.
 
-
-def _placed(path: Path, seconds: WholeSeconds, delay_ns: int) -> _Placed:
-    """Place a capture in time by the receivers' seconds, which come ``delay_ns`` late."""
-    if seconds.shift_ns is None or seconds.newest_ns is None:
-        return _Placed(
-            CaptureTimeline(),
-            "since the aircraft's power-up",
-            "the capture has no date: times count from the aircraft's power-up, in 1970; give "
-            "--start-time",
-        )
-    zone = guess_utc_offset(seconds.newest_ns, path.stat().st_mtime_ns)
-    said = f"of the aircraft's receivers, taken as GMT+{zone.hours}"
-    doubt = None if zone.is_known else f"{said}; give --start-time if that is wrong by hours"
-    shift_ns = seconds.shift_ns + delay_ns - zone.hours * _HOUR_NS
-    return _Placed(CaptureTimeline(shift_ns=shift_ns), said, doubt and f"the time is {doubt}")
-
-
-def _receiver_seconds(path: Path, packages: str, key: str) -> tuple[WholeSeconds, int]:
-    """Return the receivers' seconds, and the tick of the broadcast's counter (ns) by them.
-
-    The ticks are of 2.5 ms if most of the seconds, at least two, show that.
+    The receivers' seconds come ``delay_ns`` late.
     """
-    seconds = _seconds(path, packages, key, MILLISECOND_NS)
-    are_long = [is_long(*pair) for pair in seconds.seconds_ns]
-    if len(are_long) < 2 or 2 * sum(are_long) <= len(are_long):
-        return seconds, MILLISECOND_NS
-    return _seconds(path, packages, key, LONG_TICK_NS), LONG_TICK_NS
+    if options.start_ns is not None:
+        return CaptureTimeline(options.start_ns), "of --start-time", []
+    if seconds.shift_ns is None:
+        warning = (
+            "the capture has no date: times count from the aircraft's power-up, in 1970; give "
+            "--start-time"
+        )
+        return CaptureTimeline(), "since the aircraft's power-up", [warning]
+    known = guess_utc_offset(seconds.newest_ns + seconds.shift_ns, path.stat().st_mtime_ns)
+    hours = DOCUMENTED_OFFSET_H if known is None else known
+    said = f"of the aircraft's receivers, taken as GMT+{hours}"
+    doubt = [f"the time is {said}; give --start-time if that is wrong by hours"]
+    shift_ns = seconds.shift_ns + delay_ns - hours * _HOUR_NS
+    return CaptureTimeline(shift_ns=shift_ns), said, doubt if known is None else []
 
 
-def _seconds(path: Path, packages: str, key: str, tick_ns: int) -> WholeSeconds:
+def _receiver_seconds(path: Path, options: CaptureOptions) -> tuple[WholeSeconds, int]:
+    """Return the receivers' seconds, and the tick (ns) of the broadcast's counter by them."""
+    seconds = _seconds(path, options, MILLISECOND_NS)
+    tick_ns = seconds.tick_ns
+    if tick_ns != MILLISECOND_NS:
+        seconds = _seconds(path, options, tick_ns)
+    return seconds, tick_ns
+
+
+def _seconds(path: Path, options: CaptureOptions, tick_ns: int) -> WholeSeconds:
     """Collect the receivers' seconds against the aircraft's time since power-up."""
-    found, number, known = WholeSeconds(), 0, None
-    run = _Pass(path, packages, key, CaptureTimeline(), tick_ns)
+    found = WholeSeconds()
+    run = _Pass(path, options, CaptureTimeline(), tick_ns)
     for frame, readings in run.readings(silent):
-        if run.timeline.restarts and found.shift_ns is not None:
-            break  # after a restart the offset is another
-        date_time = _date_and_time(frame, run.table) if readings else None
-        if date_time is None:
-            continue
-        found.take(readings[-1].stamp_ns, *date_time)
-        number += date_time != known
-        known = date_time
-        if number > _SECONDS:
+        # after a restart the offset is another
+        if found.number >= _SECONDS or (run.timeline.restarts and found.number):
             break
+        words = _date_and_time(frame, run.table) if readings else None
+        if words is not None:
+            found.take(readings[-1].stamp_ns, *words)
     return found
 
 
 def _date_and_time(frame: ProtocolFrame, table: PackageTable) -> tuple[int, int] | None:
-    """Return a frame's date and time of day: RTK's, else that of the ordinary GPS.
-
-    Return None if it has neither.
-    """
+    """Return a frame's date and time of day: RTK's, else that of the ordinary GPS, else None."""
     found: list[tuple[int, int]] = []
-    if (frame.cmd_set, frame.cmd_id) == (_PUSHES, _BROADCAST):
+    if (frame.cmd_set, frame.cmd_id) == (0x02, 0x00):
         parts = decode_broadcast(frame.value)
         blocks = () if parts is None else (parts.rtk, parts.gps)
         found = [(block.date, block.time) for block in blocks if block is not None]
-    elif (frame.cmd_set, frame.cmd_id) == (_PUSHES, _SUBSCRIPTION):
+    elif (frame.cmd_set, frame.cmd_id) == (0x02, 0x05):
         push = decode_push(frame.value, table)
         values = {} if push is None else push.values
         if "GPS_DATE" in values and "GPS_TIME" in values:
             found = [(int(values["GPS_DATE"]), int(values["GPS_TIME"]))]
-    return next(
-        (date_time for date_time in found if utc_from_words(*date_time, 0) is not None), None
-    )
-
-
-def _complaints(
-    frames: dict[str, int], telemetry: dict[str, int], timeline: CaptureTimeline
-) -> Iterator[str]:
-    """Yield what of a capture could not be used."""
-    if frames.get("not decrypted"):
-        yield f"{frames['not decrypted']} frames are encrypted: give --key"
-    damaged = frames["bad_crc32"] + frames["truncated"]
-    if damaged or frames["skipped_bytes"]:
-        yield (
-            f"{frames['skipped_bytes']} bytes are in no frame, {damaged} frames are damaged or cut"
-        )
-    for name, what in _UNUSED.items():
-        if telemetry.get(name):
-            yield f"{telemetry[name]} {what}"
-    if timeline.restarts:
-        yield (
-            f"the aircraft's clock started again {timeline.restarts} times: what follows is "
-            "stamped as if it had been off for a second; cut the file there if it was longer"
-        )
+    return next((words for words in found if time_of_words(*words) is not None), None)

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 from tirgeo_ros.core.config import DjiConfig
-from tirgeo_ros.core.types.errors import BagError, ConfigError
+from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.bag import BagWriter
 from tirgeo_ros.io.bags.mcap_contents import MAGIC as MCAP
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs
@@ -18,7 +18,7 @@ from tirgeo_ros.tools.presentation.progress import Report, silent
 
 _ROS1, _SQLITE = b"#ROSBAG V2.0", b"SQLite format 3\0"
 _OTHERS = {
-    MCAP: "an MCAP bag already; give it to tirgeo process",
+    MCAP: "already an MCAP bag; give it to tirgeo process",
     _SQLITE: "a ROS 2 bag in SQLite; convert it to MCAP with ros2 bag convert",
     b"#ROSBAG": "a ROS 1 bag of an older version; make it 2.0 with rosbag fix",
     b"\x1f\x8b": "packed with gzip; unpack it",
@@ -48,7 +48,6 @@ def import_flight(
     """
     path = Path(source)
     is_bag = _is_ros1(path)
-    _check_options(path, pictures, capture, is_bag=is_bag)
     config = ParameterFile(params).config("dji_node", DjiConfig, namespace)
     given = (path, params, capture.packages, config.packages)
     check_outputs(given, [output], BagError)
@@ -95,16 +94,3 @@ def _is_ros1(path: Path) -> bool:
     if _SOF not in head and all(byte >= 32 or byte in b"\t\n\r\f" for byte in head):
         raise BagError(f"{path}: text; give a ROS 1 bag or a capture of the serial port")
     return False
-
-
-def _check_options(
-    path: Path, pictures: Pictures, capture: CaptureOptions, *, is_bag: bool
-) -> None:
-    if is_bag and capture != CaptureOptions():
-        raise ConfigError(
-            f"{path}: a ROS 1 bag; --packages, --key and --start-time are for captures"
-        )
-    if not is_bag and pictures != Pictures():
-        raise ConfigError(
-            f"{path}: no ROS 1 bag; --image-topic and --camera-info-topic are for those"
-        )

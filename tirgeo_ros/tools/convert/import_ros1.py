@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from tirgeo_ros.core.types.errors import BagError, MessageError
-from tirgeo_ros.dji.sources.ros1 import (
-    FEEDS,
-    NEEDED,
-    WRAPPERS,
-    Ros1Decoder,
-    Ros1Setup,
-    Ros1Survey,
-    notes_of,
-    types_of,
-    used,
-)
+from tirgeo_ros.dji.sources.ros1 import WRAPPERS, Ros1Decoder, survey
+from tirgeo_ros.dji.sources.ros1_messages import NEEDED, TOPICS
 from tirgeo_ros.io.bags.bag import Cdr
 from tirgeo_ros.io.bags.ros1_bag import Ros1Bag, Ros1Message
 from tirgeo_ros.io.messages import TOPIC_TYPES
@@ -28,7 +21,6 @@ from tirgeo_ros.tools.presentation.progress import Report
 #: Number of messages that are inspected before the import begins.
 _SURVEYED = 4000
 _PICTURES = ("thermal/image_raw", "thermal/image_raw/compressed")
-_PICTURE_TYPES = {TOPIC_TYPES[topic]: topic for topic in _PICTURES}
 _CAMERA_INFO = "thermal/camera_info"
 
 
@@ -45,7 +37,7 @@ class _Topic:
 
     topic: str
     typename: str
-    expected: tuple[str, ...]  # types
+    expected: str  # type
     feeds: tuple[str, ...]  # topics of the contract
     messages: int = 0
     refused: int = 0
@@ -56,9 +48,8 @@ class _Topic:
         """Return what is wrong with the topic, in words, or None."""
         if not self.refused:
             return None
-        if self.typename not in self.expected:  # the wrapper never publishes it so
-            wanted = " or ".join(self.expected)
-            return f"{self.topic}: {self.refused} of type {self.typename}, not {wanted}"
+        if self.typename != self.expected:  # the wrapper never publishes it so
+            return f"{self.topic}: {self.refused} of type {self.typename}, not {self.expected}"
         return f"{self.topic}: {self.refused} of {self.messages} refused ({self.reason})"
 
     def result(self) -> dict[str, object]:
@@ -66,7 +57,7 @@ class _Topic:
         return {
             "topic": self.topic,
             "type": self.typename,
-            "expected": " or ".join(self.expected),
+            "expected": self.expected,
             "messages": self.messages,
             "refused": self.refused,
             "because": self.complaint,
@@ -85,24 +76,17 @@ class _Import:
         self.bag = bag
         self.topics: dict[tuple[str, str], _Topic] = {}
         self._cdr = Cdr()
-        self.passed = _passed(bag, pictures)
-        names = _wrapper_topics(bag, namespace)
-        read = used(names.values())
-        #: Topic -> its name in the wrapper.
-        self.names = {topic: name for topic, name in names.items() if name in read}
-        self.decoder = Ros1Decoder(self._surveyed())
+        self.passed = _passed(bag, pictures)  # topic -> topic of the contract
+        self.names = _wrapper_topics(bag, namespace)  # topic -> its name in the wrapper
+        self.decoder = Ros1Decoder(survey(self._first()))
 
-    def _surveyed(self) -> Ros1Setup:
-        """Inspect the first messages."""
-        survey = Ros1Survey()
+    def _first(self) -> Iterator[tuple[str, Any, int]]:
+        """Yield the first messages that can be read: name in the wrapper, message, record time."""
         for message in islice(self.bag.messages(set(self.names)), _SURVEYED):
             name = self.names[message.topic]
-            if message.typename in types_of(name) and not survey.is_full:
-                try:
-                    survey.add(name, self.bag.decoded(message), message.record_ns)
-                except (MessageError, AttributeError):
-                    continue  # counted when it is read again
-        return survey.setup
+            if message.typename == TOPICS[name].typename:
+                with suppress(MessageError):  # counted when it is read again
+                    yield name, self.bag.decoded(message), message.record_ns
 
     def run(self, sink: ImportSink, progress: Report) -> None:
         """Read the whole bag."""
@@ -127,10 +111,10 @@ class _Import:
             sink.pass_on(self.decoder.arrival_ns(message.record_ns), contract, data)
             return
         name = self.names[message.topic]
-        if message.typename not in types_of(name):
+        if message.typename != TOPICS[name].typename:
             raise MessageError("of another type")
         decoded = self.bag.decoded(message)
-        for arrived in self.decoder.take(name, message.typename, decoded, message.record_ns):
+        for arrived in self.decoder.take(name, decoded, message.record_ns):
             sink.take(*arrived)
 
     def _topic(self, message: Ros1Message) -> _Topic:
@@ -138,17 +122,17 @@ class _Import:
         if key not in self.topics:
             contract = self.passed.get(message.topic)
             if contract is None:
-                name = self.names[message.topic]
-                self.topics[key] = _Topic(*key, types_of(name), FEEDS[name])
+                typename, feeds, _ = TOPICS[self.names[message.topic]]
             else:
-                self.topics[key] = _Topic(*key, (TOPIC_TYPES[contract],), (contract,))
+                typename, feeds = TOPIC_TYPES[contract], (contract,)
+            self.topics[key] = _Topic(*key, typename, feeds)
         return self.topics[key]
 
     def warnings(self) -> list[str]:
         """Return what is missing, refused or doubtful."""
         found = self.topics.values()
         good = {self.names.get(one.topic) for one in found if one.messages > one.refused}
-        absent = [" or ".join(names) for names in NEEDED if not good.intersection(names)]
+        absent = [name for name in NEEDED if name not in good]
         missing = [f"no usable messages of {', of '.join(absent)}"] if absent else []
         return missing + [one.complaint for one in found if one.complaint] + self.decoder.warnings
 
@@ -160,7 +144,7 @@ def _wrapper_topics(bag: Ros1Bag, namespace: str) -> dict[str, str]:
         node, _, name = topic.strip("/").rpartition("/")
         above, _, wrapper = node.rpartition("/")
         asked = not namespace or above == namespace.strip("/")
-        if wrapper in WRAPPERS and types_of(name) and asked:
+        if wrapper in WRAPPERS and name in TOPICS and asked:
             aircraft.setdefault(node, {})[topic] = name
     if not aircraft:
         where = f" in namespace {namespace}" if namespace else ""
@@ -178,28 +162,21 @@ def _wrapper_topics(bag: Ros1Bag, namespace: str) -> dict[str, str]:
 
 def _passed(bag: Ros1Bag, pictures: Pictures) -> dict[str, str]:
     """Return the bag's topic -> topic of the contract. Raise BagError if not as asked for."""
-    found = {}
-    if pictures.image:
-        topic, typename = _checked(bag, pictures.image, tuple(_PICTURE_TYPES))
-        found[topic] = _PICTURE_TYPES[typename]
-    if pictures.camera_info:
-        topic, _ = _checked(bag, pictures.camera_info, (TOPIC_TYPES[_CAMERA_INFO],))
-        found[topic] = _CAMERA_INFO
+    found, topics = {}, bag.topics()
+    for asked, contracts in ((pictures.image, _PICTURES), (pictures.camera_info, (_CAMERA_INFO,))):
+        if not asked:
+            continue
+        wanted = {TOPIC_TYPES[contract]: contract for contract in contracts}
+        topic = next((name for name in topics if name.strip("/") == asked.strip("/")), asked)
+        types = topics.get(topic, ())
+        if len(types) != 1 or types[0] not in wanted:
+            there = [name for name, given in topics.items() if set(given) & set(wanted)]
+            raise BagError(
+                f"{bag.path}: {asked} is {', '.join(types) or 'not there'}; of type "
+                f"{' or '.join(wanted)} are: {', '.join(there) or 'none'}"
+            )
+        found[topic] = wanted[types[0]]
     return found
-
-
-def _checked(bag: Ros1Bag, asked: str, wanted: tuple[str, ...]) -> tuple[str, str]:
-    """Return the topic that is asked for, with or without its first slash, and its type."""
-    topics = bag.topics()
-    topic = next((name for name in topics if name.strip("/") == asked.strip("/")), asked)
-    types = topics.get(topic, ())
-    if len(types) == 1 and types[0] in wanted:
-        return topic, types[0]
-    there = [name for name, found in topics.items() if set(found) & set(wanted)]
-    raise BagError(
-        f"{bag.path}: {asked} is {', '.join(types) or 'not there'}; of type "
-        f"{' or '.join(wanted)} are: {', '.join(there) or 'none'}"
-    )
 
 
 def import_ros1(
@@ -216,6 +193,5 @@ def import_ros1(
         "not_read": {
             topic: ", ".join(types) for topic, types in bag.topics().items() if topic not in taken
         },
-        "notes": [note for name in sorted(set(run.names.values())) for note in notes_of(name)],
         "warnings": run.warnings(),
     }

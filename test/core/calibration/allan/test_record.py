@@ -129,7 +129,7 @@ def test_samples_keep_their_order_and_time_in_bursts_and_by_a_coarse_clock():
 @pytest.mark.parametrize(
     ("stamps_ns", "reason"),
     [
-        (even(2), "2 samples are too few to tell their rate"),
+        (even(2), "2 samples are too few to find their rate"),
         (even(3000)[np.random.default_rng(1).random(3000) > 0.4], "missing or not finite"),
     ],
 )

@@ -162,7 +162,9 @@ def test_a_hover_that_does_not_turn_shows_no_latency():
     found = doubt_of(path, seen_by(path, np.random.default_rng(10)), USUAL)
     assert found is not None
     assert found.names == ("latency",)
-    assert "latency cannot be found: the camera moved alike in all pictures" in str(found)
+    assert "latency cannot be found: the camera moved in the same way in all pictures" in str(
+        found
+    )
     assert doubt_of(path, seen_by(path, np.random.default_rng(10)), USUAL[:3]) is None
 
 

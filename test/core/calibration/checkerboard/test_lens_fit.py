@@ -81,7 +81,7 @@ def test_k3_and_the_rational_model_are_found_on_request():
 @pytest.mark.parametrize(
     ("count", "tilt_deg", "message"),
     [
-        (3, 45.0, "3 usable views are left, 4 are the fewest"),
+        (3, 45.0, "3 usable views are left; at least 4 are needed"),
         (8, 2.0, "tilt the board by 20 to 45 deg"),
     ],
 )

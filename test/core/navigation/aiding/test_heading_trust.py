@@ -36,7 +36,7 @@ def fused(belief, sample, q_nb=None):
 
 
 @pytest.mark.parametrize(
-    ("fixed_s", "reason"), [(0.999, "rtk/fix is fixed for 1.0 s only"), (1.0, "")]
+    ("fixed_s", "reason"), [(0.999, "rtk/fix has been fixed for only 1.0 s"), (1.0, "")]
 )
 def test_headings_start_after_a_while_of_fixed_positions(fixed_s, reason):
     found = fused(fixed_belief(fixed_s, 5.0), heading(5.0)).verdict

@@ -26,8 +26,8 @@ from tirgeo_ros.tools.cli._verb import (
 
 _NAMES = ("roll", "pitch", "yaw", "latency", "gimbal_north", "heading_offset", "ground_height")
 _ESTIMATE_HELP = (
-    f"with commas, of {', '.join(_NAMES)}; by itself the first four, and gimbal_north where the "
-    "flight tells it from them"
+    f"of {', '.join(_NAMES)}, separated by commas; default: the first four, and gimbal_north if "
+    "the flight separates it from them"
 )
 
 

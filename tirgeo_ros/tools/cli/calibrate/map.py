@@ -28,7 +28,12 @@ OPTIONS = (
     ("-o --output", "GEOJSON", "the map", NEEDED),
     ("--order", "ORDER", "order of the polynomial: %(choices)s (default: 3)", _ORDERS),
     ("--crs", "CRS", "plane of the fit (default: the UTM zone of the points)", WORD),
-    ("--points-crs", "CRS", "coordinate system of a .points file that does not name it", WORD),
+    (
+        "--points-crs",
+        "CRS",
+        "coordinate system of a .points file that does not name it",
+        WORD,
+    ),
     ("--residuals", "CSV", "print a line for each point"),
     ("--plot", "PNG", "residuals as arrows"),
     ("--image", "ORTHO", "georeference this picture too (needs rasterio)"),

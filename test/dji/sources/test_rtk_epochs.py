@@ -1,4 +1,4 @@
-"""Parts of RTK epochs, three of them without a header, put together by when they were recorded."""
+"""Parts of RTK epochs, three of them without a header, put together by when they came."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tirgeo_ros.dji.sources.readings import GeodeticPlace, RtkReading
-from tirgeo_ros.dji.sources.ros1_rtk_epochs import RtkEpochs
+from tirgeo_ros.dji.sources.rtk_epochs import RtkEpochs
 
 MS = 1_000_000
 PERIOD = 200 * MS
@@ -78,12 +78,7 @@ def test_a_lost_part_costs_itself_alone(lost):
         assert absent == ({lost} if number == 1 else set())
 
 
-def test_without_a_position_the_velocitys_stamp_counts():
-    given_parts = [("yaw_flag", 5 * MS), ("velocity_n", 1 * MS), ("position_flag", 6 * MS)]
-    ((_, reading),) = told((k * MS, part(name, 0, at)) for k, (name, at) in enumerate(given_parts))
-    assert reading.stamp_ns == 1 * MS
-
-
-def test_a_clock_that_goes_back_begins_another_epoch():
-    first, second = told([(PERIOD, part("place", 1, PERIOD)), (0, part("yaw_deg", 0, 0))])
-    assert (first.reading.yaw_deg, second.reading.place) == (None, None)
+def test_a_whole_epoch_does_not_wait():
+    epochs = RtkEpochs()
+    found = [epochs.take(part(name, 1, k), k) for k, name in enumerate(PARTS)]
+    assert [len(each) for each in found] == [0, 0, 0, 0, 1]

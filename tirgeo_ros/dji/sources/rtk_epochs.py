@@ -1,7 +1,9 @@
-"""Combine the five topics on which DJI's ROS 1 wrapper publishes one RTK epoch.
+"""Combine the five topics on which DJI's ROS wrappers publish one RTK epoch.
 
-The wrapper publishes position, velocity, yaw and the two flags one after another when a packet
-comes in. Yaw and flags have no header: only the time when they were recorded shows their epoch.
+The wrappers publish position, velocity, yaw and the two flags within milliseconds, in any order.
+Flags have no header (in ROS 1, nor does the yaw): only the time of arrival shows their epoch. A
+value that did not wait for its flag would get that of the epoch before, and would pass for fixed
+where the fix has just been lost.
 """
 
 from __future__ import annotations
@@ -15,18 +17,18 @@ _HALF_EPOCH_NS = 100_000_000
 
 
 class Arrived(NamedTuple):
-    """Hold a reading and the time when the last of its messages was recorded."""
+    """Hold a reading and the time when the last of its messages arrived."""
 
     arrival_ns: int
     reading: Reading
 
 
 class RtkEpochs:
-    """Collect parts in the order of their arrival; an epoch ends where the next begins.
+    """Collect parts in the order of their arrival.
 
-    The next begins with a part that the epoch has already, or one more than half an epoch after
-    its first. The stamp is that of the position, else of the velocity, which have headers, else of
-    the first part.
+    An epoch ends with its fifth part, or with the first part of the next: one that the epoch has
+    already, or one more than half an epoch after its first. The stamp is that of the position,
+    else of the velocity, which have headers, else of the first part.
     """
 
     def __init__(self) -> None:
@@ -34,7 +36,7 @@ class RtkEpochs:
         self._parts: dict[str, Any] = {}
 
     def take(self, part: RtkReading, arrival_ns: int) -> list[Arrived]:
-        """Take the content of one message; return the epoch that it ends."""
+        """Take the content of one message; return the epochs that it ends."""
         given = {name: value for name, value in part._asdict().items() if value is not None}
         stamp_ns = given.pop("stamp_ns")
         done = self.due(arrival_ns)
@@ -46,7 +48,8 @@ class RtkEpochs:
             self._stamp_ns = stamp_ns
         self._parts |= given
         self._arrival_ns = arrival_ns
-        return done
+        is_whole = len(self._parts) == len(RtkReading._fields) - 1
+        return [*done, *self.flush()] if is_whole else done
 
     def due(self, now_ns: int) -> list[Arrived]:
         """Return the epoch, if nothing more of it can come."""

@@ -1,0 +1,276 @@
+"""RTK and ordinary GPS to samples: status, height, heading, and each measurement once."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from aircraft_readings import KIT, epoch, gps, of, place, rtk, t_ms, taken
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tirgeo_ros.core.config import AircraftConfig, DjiConfig
+from tirgeo_ros.core.config.dji import DjiDelayConfig
+from tirgeo_ros.core.frames.heading import wrap_pi
+from tirgeo_ros.core.streams.sanity_checks import fault_of
+from tirgeo_ros.core.types.measurements import (
+    FixStatus,
+    HeadingSample,
+    PositionSample,
+    Source,
+    VelocitySample,
+)
+from tirgeo_ros.dji.interpret import Interpreter
+from tirgeo_ros.dji.sources.readings import GeodeticPlace
+
+UNDULATION_M = 43.25
+
+
+def interpreter(**config):
+    return Interpreter(DjiConfig(**{"geoid_undulation_m": UNDULATION_M, "aircraft": KIT} | config))
+
+
+def positions(samples):
+    return of(PositionSample, samples)
+
+
+def polled(seconds, poll_hz, receiver_hz=5.0):
+    """The same epoch again and again under new stamps."""
+    for k in range(round(seconds * poll_hz)):
+        t = k / poll_hz
+        yield rtk(1e3 * t, **epoch(math.floor(t * receiver_hz + 1e-6)))
+
+
+@pytest.mark.parametrize("poll_hz", [5.0, 10.0, 50.0, 100.0])
+def test_what_is_polled_goes_out_once_an_epoch(poll_hz):
+    meant = interpreter()
+    samples = taken(meant, polled(10.0, poll_hz))
+    for kind in (PositionSample, VelocitySample, HeadingSample):
+        found = of(kind, samples)
+        assert [t_ms(s) for s in found] == pytest.approx([200.0 * k for k in range(50)])
+    assert meant.counts.get("rtk_repeated", 0) == 10 * poll_hz - 50
+
+
+def test_broadcast_and_subscription_of_one_epoch_are_one():
+    """They differ in the last digits, and the slower one still says the epoch before."""
+    meant = interpreter()
+    readings = []
+    for k in range(50):
+        parts = epoch(k)
+        north, east, down = parts["velocity_n"]
+        other = parts | {"velocity_n": (math.nextafter(north, 9), east, down)}
+        readings.append((200 * k + 1, parts))
+        readings += [
+            (200 * k + 20 * j, other if j > 1 else epoch(max(k - 1, 0))) for j in range(10)
+        ]
+    readings.sort(key=lambda entry: entry[0])
+    samples = taken(meant, [rtk(t, **parts) for t, parts in readings])
+    for kind in (PositionSample, VelocitySample, HeadingSample):
+        assert [t_ms(s) for s in of(kind, samples)][1:] == [200 * k + 1 for k in range(1, 50)]
+    # The epoch before, at 20 ms; at 0 ms it is a repetition.
+    assert meant.counts["rtk_late"] == 49
+
+
+# A fix that is lost
+
+
+@pytest.mark.parametrize("flag", [34, 16, 0])
+def test_a_worse_fix_of_the_same_place_goes_out(flag):
+    meant = interpreter()
+    taken(meant, [rtk(20 * k, **epoch(0)) for k in range(5)])
+    samples = taken(meant, [rtk(100 + 20 * k, **epoch(0, position_flag=flag)) for k in range(5)])
+    (position,) = samples
+    assert t_ms(position) == 100
+    assert position.status < FixStatus.FIXED
+    assert (position.latitude_rad, position.longitude_rad) == place(0)[:2]
+    assert meant.counts["rtk_status_fell"] == 1
+    # What the aircraft has flown in 100 ms since is in the covariance.
+    (alone,) = positions(interpreter().take(rtk(0, **epoch(0, position_flag=flag))))
+    moved_m2 = 0.01 * (3.0**2 + 1.0**2 + 0.2**2)
+    np.testing.assert_allclose(
+        position.covariance_n, alone.covariance_n + moved_m2 * np.eye(3), atol=1e-9
+    )
+
+
+def test_a_fix_that_is_lost_with_its_place_is_told():
+    """Without a solution a receiver says 0, 0."""
+    meant = interpreter()
+    meant.take(rtk(0, **epoch(0)))
+    lost = {"place": GeodeticPlace(0.0, 0.0, 0.0), "position_flag": 0, "yaw_flag": 0}
+    (position,) = positions(meant.take(rtk(200, **epoch(1) | lost)))
+    assert position.status is FixStatus.NONE
+    assert position.covariance_n[0, 0] >= 1e10
+    assert positions(meant.take(rtk(400, **epoch(2) | lost))) == []
+    assert meant.counts["rtk_position_refused"] == 2
+
+
+@given(st.lists(st.tuples(st.integers(0, 30), st.integers(0, 4)), max_size=40), st.randoms())
+def test_stamps_of_each_stream_ascend(steps, random):
+    """Readings of two roads, out of order by less than 20 ms."""
+    meant = interpreter()
+    samples, t = [], 0
+    for step, number in steps:
+        t += step
+        parts = epoch(number, position_flag=random.choice([0, 34, 50]))
+        samples += meant.take(rtk(t - random.randrange(20), **parts))
+    for kind in (PositionSample, VelocitySample, HeadingSample):
+        stamps = [s.stamp_ns for s in of(kind, samples)]
+        assert all(a < b for a, b in itertools.pairwise(stamps))
+
+
+NAN, INF = math.nan, math.inf
+
+
+def test_an_epoch_becomes_three_samples():
+    meant = interpreter()
+    position, velocity, heading = meant.take(rtk(100, **epoch(0)))
+    assert (position.source, velocity.source) == (Source.RTK_POSITION, Source.RTK_VELOCITY)
+    assert position.status is FixStatus.FIXED
+    assert (position.latitude_rad, position.longitude_rad) == place(0)[:2]
+    assert position.height_m == 30.0 + UNDULATION_M
+    np.testing.assert_allclose(position.covariance_n, np.diag([1e-4, 1e-4, 4e-4]), rtol=1e-12)
+    np.testing.assert_array_equal(velocity.velocity_n, [3.0, -1.0, 0.2])
+    np.testing.assert_allclose(velocity.covariance_n, 0.03**2 * np.eye(3), rtol=1e-12)
+    assert math.degrees(heading.heading_rad) == pytest.approx(10.0)  # 100 less the kit's 90
+    assert heading.variance_rad2 == pytest.approx(math.radians(0.6) ** 2)
+    assert [t_ms(s) for s in (position, velocity, heading)] == [100, 100, 100]
+    assert meant.counts == {}
+    assert meant.diagnostics["rtk_flag"] == "50 narrow-lane integer"
+
+
+# Flags
+
+STATUS = {
+    FixStatus.FIXED: [50],
+    FixStatus.FLOAT: [48, 49, 32, 33, 34, 17, 18, 20],
+    FixStatus.SINGLE: [16, 19],
+    FixStatus.NONE: [0, 1, 2, 8, 3, 7, 15, 21, 31, 35, 47, 51, 128, 255],
+}
+CASES = [(flag, status) for status, flags in STATUS.items() for flag in flags]
+
+
+@pytest.mark.parametrize(("flag", "status"), CASES)
+def test_status_by_flag(flag, status):
+    samples = interpreter().take(rtk(0, **epoch(0, position_flag=flag)))
+    (position,) = positions(samples)
+    assert position.status is status
+    assert fault_of(position) == ""
+    assert len(of(VelocitySample, samples)) == (status is not FixStatus.NONE)
+
+
+def test_covariance_is_always_filled_and_worsens_by_class():
+    sigmas = {}
+    for flag, _ in CASES:
+        (position,) = positions(interpreter().take(rtk(0, **epoch(0, position_flag=flag))))
+        diagonal = np.diagonal(position.covariance_n)
+        assert (diagonal > 0).all()
+        assert np.isfinite(diagonal).all()
+        sigmas[flag] = np.sqrt(diagonal[[0, 2]])
+    for better, worse in ((50, 48), (48, 34), (49, 34), (34, 17), (17, 16), (16, 0)):
+        assert (sigmas[better] < sigmas[worse]).all(), (better, worse)
+
+
+# Places
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        GeodeticPlace(0.0, 0.0, 0.0),
+        GeodeticPlace(0.0, 0.0, 30.0),
+        GeodeticPlace(1e-9, -1e-9, 30.0),
+        GeodeticPlace(NAN, 0.07, 30.0),
+        GeodeticPlace(0.9, NAN, 30.0),
+        GeodeticPlace(0.9, 0.07, NAN),
+        GeodeticPlace(0.9, 0.07, INF),
+        GeodeticPlace(INF, 0.07, 30.0),
+        GeodeticPlace(1.6, 0.07, 30.0),
+        GeodeticPlace(-1.6, 0.07, 30.0),
+        GeodeticPlace(0.9, 3.2, 30.0),
+        GeodeticPlace(0.9, 0.07, 1e6),
+        GeodeticPlace(52.0, 4.0, 30.0),  # degrees
+    ],
+)
+def test_what_is_no_place_is_refused(bad):
+    meant = interpreter()
+    samples = meant.take(rtk(0, **epoch(0) | {"place": bad}))
+    assert positions(samples) == []
+    assert len(samples) == 2  # velocity and heading are judged by themselves
+    assert meant.counts == {"rtk_position_refused": 1}
+
+
+# Heading
+
+
+@given(st.integers(-32768, 32767), st.floats(-360, 360))
+def test_heading_of_any_turn(yaw_deg, offset_deg):
+    second_m = math.cos(math.radians(offset_deg)), -math.sin(math.radians(offset_deg)), 0.3
+    meant = interpreter(aircraft=AircraftConfig(second_antenna_m=second_m))
+    (heading,) = meant.take(rtk(0, yaw_deg=yaw_deg, yaw_flag=50))
+    assert 0 <= heading.heading_rad < math.tau
+    # A yaw of 32768 deg has its last digit at 4e-12 deg.
+    expected = math.radians((yaw_deg % 360) - offset_deg)
+    assert wrap_pi(heading.heading_rad - expected) == pytest.approx(0, abs=1e-12)
+
+
+@pytest.mark.parametrize("yaw_flag", [0, 16, 34, 48, 49, 51, 255, None])
+def test_only_a_fixed_yaw_is_a_heading(yaw_flag):
+    meant = interpreter()
+    samples = meant.take(rtk(0, **epoch(0, yaw_flag=yaw_flag)))
+    assert of(HeadingSample, samples) == []
+    assert len(samples) == 2
+    assert meant.counts == {"rtk_yaw_not_fixed": 1}
+
+
+def test_a_flag_of_another_message_holds_for_a_while():
+    meant = interpreter()
+    assert meant.take(rtk(0, position_flag=50)) == []
+    found = [positions(meant.take(rtk(t, place=place(t))))[0].status for t in (10, 1500, 1501)]
+    assert found == [FixStatus.FIXED, FixStatus.FIXED, FixStatus.NONE]
+
+
+SIGMAS = {"horizontal_sigma_m": 0.8, "vertical_sigma_m": 1.6, "velocity_sigma_m_s": 0.09}
+
+
+def whole(number=0, fix=3, **other):
+    return {
+        "place": place(number),
+        "velocity_n": (1.0, 2.0, 1e-3 * number),
+        "fix": fix,
+        **SIGMAS,
+        **other,
+    }
+
+
+def test_a_reading_becomes_two_samples():
+    meant = interpreter(delay=DjiDelayConfig(gps_s=0.1))
+    position, velocity = meant.take(gps(400, **whole()))
+    assert (position.source, velocity.source) == (Source.GPS_POSITION, Source.GPS_VELOCITY)
+    assert position.status is FixStatus.SINGLE
+    assert position.height_m == 73.25
+    np.testing.assert_allclose(position.covariance_n, np.diag([0.64, 0.64, 2.56]))
+    np.testing.assert_allclose(velocity.covariance_n, 0.0081 * np.eye(3))
+    assert [t_ms(position), t_ms(velocity)] == [300, 300]
+
+
+@pytest.mark.parametrize(
+    ("fix", "status"),
+    [(0, -1), (1, -1), (2, 0), (3, 0), (4, 0), (5, -1), (6, -1), (-1, -1), (255, -1)],
+)
+def test_status_by_fix(fix, status):
+    samples = interpreter().take(gps(0, **whole(fix=fix)))
+    (position,) = of(PositionSample, samples)
+    assert position.status == status
+    assert fault_of(position) == ""
+    assert len(of(VelocitySample, samples)) == (status == 0)
+
+
+@pytest.mark.parametrize("unknown", [None, 0.0, math.nan, -1.0, math.inf])
+def test_accuracy_that_is_not_told_is_not_known(unknown):
+    """Zero in a message: the filter has its own."""
+    position, velocity = interpreter().take(gps(0, **whole() | dict.fromkeys(SIGMAS, unknown)))
+    assert not position.covariance_n.any()
+    assert not velocity.covariance_n.any()
+    assert position.status is FixStatus.SINGLE
