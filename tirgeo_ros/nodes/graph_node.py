@@ -131,11 +131,9 @@ class GraphNode(Node):
     ) -> Subscription:
         """Return a subscription to a contract topic; a failing callback does not end the node.
 
-        Messages that DDS reports as lost in transport are counted, if the middleware reports them;
-        messages replaced by a newer one in a shallow queue are not among them. ``typename`` is for
-        a topic outside the contract. ``wrapped`` makes the subscription's callback from the one
-        that takes a message. With ``raw`` that one takes the bytes, and the message is decoded
-        just before ``handle``.
+        Messages lost in transport are counted if the middleware reports them. ``typename`` is for
+        a topic outside the contract. ``wrapped`` makes the callback from the one that takes a
+        message; with ``raw`` that one takes bytes, decoded just before ``handle``.
         """
         kind = message_class(typename or TOPIC_TYPES[topic])
         work = (lambda data: handle(_message(kind, data))) if raw else handle
@@ -149,12 +147,10 @@ class GraphNode(Node):
         options = QoSOverridingOptions.with_default_policies()
 
         def create(**events: Callable[[Any], None]) -> Subscription:
+            given = {"raw": raw, "qos_overriding_options": options}
             counted = SubscriptionEventCallbacks(**events)
             return self.create_subscription(
-                *(kind, topic, callback, qos),
-                raw=raw,
-                qos_overriding_options=options,
-                event_callbacks=counted,
+                kind, topic, callback, qos, event_callbacks=counted, **given
             )
 
         with _overrides():

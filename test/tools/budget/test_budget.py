@@ -109,7 +109,7 @@ def test_a_flight_without_gps_and_with_messages_that_cannot_be_read(sample, tmp_
     assert command.main(arguments) == 0
     told, complaint = capsys.readouterr()
     assert "nan" not in told
-    assert told.count("not recorded; the paper's camera is assumed") == 3  # east, north, height
+    assert told.count("not recorded: the paper's is used") == 3  # east, north, height
     assert "nogps.mcap: " in complaint
     assert " messages could not be used" in complaint
 

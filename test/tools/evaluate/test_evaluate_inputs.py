@@ -116,7 +116,7 @@ def test_wrong_use(sample, tmp_path, capsys):
     words += ["--dem", "d.tif", "--ground-height", "3", "--params", tmp_path / "none.yaml"]
     with pytest.raises(SystemExit, match="2"):
         main([str(word) for word in words])
-    assert "give one" in capsys.readouterr().err
+    assert "give either --dem or --ground-height" in capsys.readouterr().err
     with pytest.raises(ConfigError, match="boresight"):
         evaluate(*files(sample), boresight=tmp_path / "boresight.yaml")
     (tmp_path / "none.csv").write_text("id,stamp_ns,u,v\n")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -34,32 +35,42 @@ def motion_findings(
     ``ground`` is empty if no parameter sets the ground's height.
     """
     if fit.after > max(_LEAST_UNEXPLAINED_PX, _UNEXPLAINED * max(fit.moved, fit.before)):
-        evidence = (
-            f"the pictures move differently from the camera's poses: by {fit.moved:.1f} px from "
-            "one "
-            f"to the next, {fit.before:.1f} px beside what the poses say"
-        )
-        where = "gimbal/joint_states, thermal/image_raw"
-        mend = (
-            "check that the pictures are stamped by the aircraft's clock, that the video "
-            "is live, and that the gimbal's angles have the right axes and signs"
-        )
-        return [Finding("picture_motion", Severity.CAUTION, evidence, where, mend)]
+        return [_unexplained(fit)]
+    errors = (*_of_camera(fit, latency_s, focal_px, lens), *_of_poses(fit, ground))
+    found = []
+    for one, (check, where, evidence, mend) in enumerate(errors):
+        if where and _is_significant(fit, one):
+            is_wrong = one in (FOCAL, HEIGHT) and abs(fit.values[one]) > _WRONG
+            severity = Severity.STOP if is_wrong else Severity.CAUTION
+            text = f"{evidence} ({fit.pairs} pairs of pictures)"
+            found.append(Finding(check, severity, text, where, mend))
+    return found
+
+
+def _unexplained(fit: MotionFit) -> Finding:
+    """Return the finding of motion that no fitted error explains."""
+    evidence = (
+        f"the pictures move differently from the camera's poses: by {fit.moved:.1f} px from one "
+        f"to the next, {fit.before:.1f} px beside what the poses say"
+    )
+    where = "gimbal/joint_states, thermal/image_raw"
+    mend = (
+        "check that the pictures are stamped by the aircraft's clock, that the video "
+        "is live, and that the gimbal's angles have the right axes and signs"
+    )
+    return Finding("picture_motion", Severity.CAUTION, evidence, where, mend)
+
+
+def _of_camera(
+    fit: MotionFit, latency_s: float, focal_px: float, lens: str
+) -> Sequence[tuple[str, str, str, str]]:
+    """Return check, parameter, evidence and what to do for latency and focal length."""
     sigmas = fit.sigmas
     true_s = latency_s + fit.values[LATENCY]
     true_px = focal_px * math.exp(fit.values[FOCAL])
-    true_m = fit.above_m * math.exp(fit.values[HEIGHT])
-    off_m = fit.above_m - true_m
-    if abs(off_m) <= max(_LEAST_HEIGHT_M, _SIGNIFICANT * fit.height_sigma_m):
-        ground = ""
-    off_deg = np.degrees(flu_from_frd(fit.values[BORESIGHT])).tolist()
-    angles = ", ".join(f"{angle:+.1f}" for angle in off_deg)
     lag = f"{true_s:.3f} s (sigma {sigmas[LATENCY]:.3f}), not by {latency_s:.3f}"
     focal = f"{true_px:.0f} px (sigma {true_px * sigmas[FOCAL]:.0f}), not {focal_px:.0f}"
-    height = f"{true_m:.0f} m (sigma {true_m * sigmas[HEIGHT]:.1f}), not from {fit.above_m:.0f} m"
-    aside = f"roll, pitch, yaw {angles}; sigma {math.degrees(sigmas[BORESIGHT].max()):.1f}"
-    move = f"{'raise' if off_m > 0 else 'lower'} the ground by {abs(off_m):.0f} m"
-    errors = (
+    return (
         (
             "video_latency",
             "overlay_node video_latency_s",
@@ -72,6 +83,22 @@ def motion_findings(
             f"the pictures turn as if the focal length were {focal}",
             "run tirgeo calibrate lens, with the pictures' size and zoom",
         ),
+    )
+
+
+def _of_poses(fit: MotionFit, ground: str) -> Sequence[tuple[str, str, str, str]]:
+    """Return the same for height and boresight; no parameter if the height's error is small."""
+    sigmas = fit.sigmas
+    true_m = fit.above_m * math.exp(fit.values[HEIGHT])
+    off_m = fit.above_m - true_m
+    if abs(off_m) <= max(_LEAST_HEIGHT_M, _SIGNIFICANT * fit.height_sigma_m):
+        ground = ""
+    off_deg = np.degrees(flu_from_frd(fit.values[BORESIGHT])).tolist()
+    angles = ", ".join(f"{angle:+.1f}" for angle in off_deg)
+    height = f"{true_m:.0f} m (sigma {true_m * sigmas[HEIGHT]:.1f}), not from {fit.above_m:.0f} m"
+    aside = f"roll, pitch, yaw {angles}; sigma {math.degrees(sigmas[BORESIGHT].max()):.1f}"
+    move = f"{'raise' if off_m > 0 else 'lower'} the ground by {abs(off_m):.0f} m"
+    return (
         (
             "ground_by_motion",
             ground,
@@ -85,14 +112,6 @@ def motion_findings(
             "add these angles, or run tirgeo calibrate boresight; or the principal point is wrong",
         ),
     )
-    found = []
-    for one, (check, where, evidence, mend) in enumerate(errors):
-        if where and _is_significant(fit, one):
-            is_wrong = one in (FOCAL, HEIGHT) and abs(fit.values[one]) > _WRONG
-            severity = Severity.STOP if is_wrong else Severity.CAUTION
-            text = f"{evidence} ({fit.pairs} pairs of pictures)"
-            found.append(Finding(check, severity, text, where, mend))
-    return found
 
 
 def _is_significant(fit: MotionFit, one: int) -> bool:

@@ -62,15 +62,21 @@ def make_budget(
     if bag is not None:
         flight = measured_flight(bag, ekf, gimbal, namespace, progress, camera=known)
         if math.isnan(overlay.ground_height_m) and "height_m" not in given:
-            raise CalibrationError(
-                f"{os.fspath(bag)}: height of the ground not known: give --height, or "
-                "ground_height_m in --params"
-            )
+            why = "height of the ground not known: give --height, or ground_height_m in --params"
+            raise CalibrationError(f"{os.fspath(bag)}: {why}")
         values |= _of_flight(flight, overlay.ground_height_m)
     if known is not None:
         values["camera"] = known
-    setting = Setting(**values | given)
-    made = budget(setting)
+    made = budget(Setting(**values | given))
+    result = _summary(made, flight)
+    if output is not None:
+        result["output"] = _written(Path(output), made)
+    return result
+
+
+def _summary(made: Budget, flight: MeasuredFlight | None) -> dict[str, object]:
+    """Return the budget, and with a flight that by the filter's covariance."""
+    setting = made.setting
     result: dict[str, object] = {
         "height_m": setting.height_m,
         "depression_deg": setting.depression_deg,
@@ -82,8 +88,6 @@ def make_budget(
         filtered = dataclasses.replace(setting, pose_covariance_a=flight.track.covariance_a)
         rows = [row for row in budget(filtered).rows() if row["form"] == "general"]
         result |= {"flight": flight.errors, "rows_of_the_filter": rows, "warning": flight.warning}
-    if output is not None:
-        result["output"] = _written(Path(output), made)
     return result
 
 

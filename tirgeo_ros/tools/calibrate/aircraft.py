@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 from tirgeo_ros.core.aircraft_calibration.filter_run import FlightRuns
-from tirgeo_ros.core.aircraft_calibration.fit import PARTS, fit
+from tirgeo_ros.core.aircraft_calibration.fit import PARTS, AircraftFit, fit
 from tirgeo_ros.core.aircraft_calibration.mounting_level import LEVEL, mounting_level
 from tirgeo_ros.core.aircraft_calibration.parameters import ANTENNA, PARAMETERS
 from tirgeo_ros.core.types.errors import CalibrationError
@@ -45,28 +45,17 @@ def calibrate_aircraft(
 ) -> dict[str, object]:
     """Estimate the aircraft's parameters from a flight and write them; return a summary.
 
-    ``hold`` lists keys of HOLDS, whose parameters keep the values in ``params``. ``plot`` is the
-    path of a PNG of the innovations. Raise CalibrationError if the flight determines no parameter,
-    BagError, ConfigError.
+    ``hold`` lists keys of HOLDS; their parameters keep their values. ``plot`` is a PNG of the
+    innovations. Raise CalibrationError if no parameter is determined, BagError, ConfigError.
     """
     configs = node_configs(params, namespace)
     config = configs.ekf
-    given = (bag_in, *paths_of(params), *configs.files)
-    check_outputs(given, (output, plot), CalibrationError)
+    check_outputs((bag_in, *paths_of(params), *configs.files), (output, plot), CalibrationError)
     held = [name for key in hold for name in HOLDS[key]]
     reader = BagReader(bag_in)
     read = read_aircraft(reader, namespace, config.max_imu_gap_s)
     runs = FlightRuns(read.recorded, config)
-    try:
-        found = fit(runs, held, lambda done: progress(done, max(_USUAL_RUNS, done + 1)))
-    except CalibrationError as error:
-        raise CalibrationError(f"{reader.path}: {error}") from None
-    if not found.told:
-        names: dict[str, list[str]] = {}  # by reason, each reason once
-        for name, reason in found.untold.items():
-            names.setdefault(reason, []).append(f"{name} ({KEYS[name]})")
-        named = "; ".join(f"{', '.join(some)}: {reason}" for reason, some in names.items())
-        raise CalibrationError(f"{reader.path}: the flight shows no parameter: {named}")
+    found = _fitted(reader, runs, held, progress)
     level = mounting_level(found.after, runs.recorded.imu, PARTS)
     result = summary(config, found, level, held)
     numbers = {"parameters": result.estimates, "not_told": result.untold, "nis": result.nis}
@@ -88,3 +77,20 @@ def calibrate_aircraft(
         "notes": notes,
         "error": None if reader.damage is None else f"{reader.path}: {reader.damage}",
     }
+
+
+def _fitted(
+    reader: BagReader, runs: FlightRuns, held: Sequence[str], progress: Report
+) -> AircraftFit:
+    """Return the fit; raise CalibrationError, with each reason once, if it has no parameter."""
+    try:
+        found = fit(runs, held, lambda done: progress(done, max(_USUAL_RUNS, done + 1)))
+    except CalibrationError as error:
+        raise CalibrationError(f"{reader.path}: {error}") from None
+    if not found.told:
+        names: dict[str, list[str]] = {}
+        for name, reason in found.untold.items():
+            names.setdefault(reason, []).append(f"{name} ({KEYS[name]})")
+        named = "; ".join(f"{', '.join(some)}: {reason}" for reason, some in names.items())
+        raise CalibrationError(f"{reader.path}: the flight shows no parameter: {named}")
+    return found

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tirgeo_ros.core.calibration.allan.deviation import allan_curve
+from tirgeo_ros.core.calibration.allan.deviation import AllanCurve, allan_curve
 from tirgeo_ros.core.calibration.allan.noise_fit import NoiseFit, fit_noise
-from tirgeo_ros.core.calibration.allan.stillness import drifts, seconds_of
+from tirgeo_ros.core.calibration.allan.stillness import Seconds, drifts, seconds_of
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
@@ -24,7 +24,7 @@ from tirgeo_ros.tools.calibrate.imu_noise_warnings import (
     movement,
     rest_warnings,
 )
-from tirgeo_ros.tools.calibrate.imu_record import read_imu
+from tirgeo_ros.tools.calibrate.imu_record import ReadImu, read_imu
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.flight_topics import resolved
 
@@ -64,6 +64,27 @@ def calibrate_allan(
     reader = BagReader(bag)
     read = read_imu(reader, resolved(topic, namespace), from_s, to_s, progress)
     seconds = seconds_of(read.record)
+    curve = _curve(read, seconds)
+    moving = "" if moved else movement(seconds, from_s)
+    if moving:
+        raise CalibrationError(f"{reader.path}: {moving}; --moved writes them anyway")
+    fits = [fit_noise(curve, channel) for channel in range(6)]
+    head = _HEAD.format(name=Path(bag).name, hours=curve.span_s / 3600, rate=read.rate_hz)
+    text = parameters_yaml({"ekf_node": parameters_of(fits)}, head + rest_table(rest_axes(fits)))
+    files: dict[PathLike, str | bytes] = {output: text, picture: allan_png(curve, fits)}
+    if csv is not None:
+        files[csv] = curves_csv(curve, fits)
+    write_files(files, CalibrationError)
+    return {
+        "input": os.fspath(bag),
+        "output": [os.fspath(path) for path in files],
+        **_summary(read, curve, fits, rest_warnings(read, fits, seconds, from_s)),
+        "error": None if reader.damage is None else f"{reader.path}: {reader.damage}",
+    }
+
+
+def _curve(read: ReadImu, seconds: Seconds) -> AllanCurve:
+    """Return the curve without steady drifts; raise CalibrationError for an unusable record."""
     changes, steady, _ = drifts(seconds)
     ramps = changes * steady / max(np.ptp(seconds.starts_s), 1.0) if steady.any() else None
     curve = allan_curve(read.record.runs, read.record.step_s, ramps)
@@ -73,34 +94,21 @@ def calibrate_allan(
             f"{read.where}: {curve.span_s:.0f} s without a gap are too short for the "
             "noise; record hours at rest"
         )
-    moving = "" if moved else movement(seconds, from_s)
-    if moving:
-        raise CalibrationError(f"{reader.path}: {moving}; --moved writes them anyway")
-    fits = [fit_noise(curve, channel) for channel in range(6)]
-    axes = rest_axes(fits)
-    parameters = parameters_of(fits)
-    head = _HEAD.format(
-        name=Path(bag).name, hours=curve.span_s / 3600, rate=read.rate_hz
-    ) + rest_table(axes)
-    files: dict[PathLike, str | bytes] = {
-        output: parameters_yaml({"ekf_node": parameters}, head),
-        picture: allan_png(curve, fits),
-    }
-    if csv is not None:
-        files[csv] = curves_csv(curve, fits)
-    write_files(files, CalibrationError)
-    warnings = rest_warnings(read, fits, seconds, from_s)
+    return curve
+
+
+def _summary(
+    read: ReadImu, curve: AllanCurve, fits: Sequence[NoiseFit], warnings: Sequence[str]
+) -> dict[str, object]:
+    """Return the numbers of the record and of its noise."""
     return {
-        "input": os.fspath(bag),
-        "output": [os.fspath(path) for path in files],
         **read.numbers(),
         "span_s": curve.span_s,
         "irregular": {"unreadable": read.unreadable, **read.record.irregular},
-        "axes": axes,
-        "parameters": parameters,
+        "axes": rest_axes(fits),
+        "parameters": parameters_of(fits),
         "warnings": warnings,
         "warning": "; ".join(warnings) or None,
-        "error": None if reader.damage is None else f"{reader.path}: {reader.damage}",
     }
 
 

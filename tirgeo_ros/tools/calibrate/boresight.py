@@ -54,24 +54,18 @@ def calibrate_boresight(
     """Estimate parameters from a flight over surveyed points and write them; return a summary.
 
     ``estimate`` are names of ``core.calibration.boresight.model.PARAMETERS``; None: USUAL, and
-    IF_TOLD if the flight can determine it. Those in ``hold`` keep the values in ``params``.
-    ``plot`` is the path of a PNG of the residuals. Raise CalibrationError if the flight cannot
-    determine what is asked for, BagError, ConfigError, SurveyError.
+    IF_TOLD if the flight can determine it. Those in ``hold`` keep the values in ``params``. Raise
+    CalibrationError if what is asked for is not determined, BagError, ConfigError, SurveyError.
     """
     configs = node_configs(params, namespace, camera=camera)
     given = (bag_in, survey, observations, *paths_of(params), *configs.files)
     check_outputs(given, (output, plot), CalibrationError)
-    asked = (*USUAL, IF_TOLD) if estimate is None else estimate
-    wanted = [name for name in asked if name not in hold]
-    seen, points = load_observations(observations), load_survey(survey)
+    observed = (load_observations(observations), load_survey(survey), click_sigma_px, progress)
     reader = BagReader(bag_in)
     configs, chosen = configs.fitting(reader, namespace)
-    _check_wanted(wanted, configs)
-    read = read_flight(reader, namespace, configs, wanted, seen, points, click_sigma_px, progress)
-    try:
-        found, notes = _fitted(read, wanted, strict=estimate is not None)
-    except CalibrationError as error:
-        raise CalibrationError(f"{reader.path}: {error}") from None
+    wanted = _wanted(estimate, hold, configs)
+    read = read_flight(reader, namespace, configs, wanted, *observed)
+    found, notes = _fitted(reader, read, wanted, strict=estimate is not None)
     result = summary(read, configs, found)
     notes = chosen + read.notes + notes + result.notes
     lines = head("boresight", os.fspath(bag_in), boresight_lines(result.numbers), notes)
@@ -90,7 +84,12 @@ def calibrate_boresight(
     }
 
 
-def _check_wanted(wanted: Sequence[str], configs: NodeConfigs) -> None:
+def _wanted(
+    estimate: Sequence[str] | None, hold: Collection[str], configs: NodeConfigs
+) -> list[str]:
+    """Return the parameters to estimate. Raise CalibrationError for those that cannot be."""
+    asked = (*USUAL, IF_TOLD) if estimate is None else estimate
+    wanted = [name for name in asked if name not in hold]
     if "ground_height" in wanted and configs.overlay.dem:
         raise CalibrationError(
             "ground_height: overlay_node takes the ground from its dem; remove dem from "
@@ -110,11 +109,20 @@ def _check_wanted(wanted: Sequence[str], configs: NodeConfigs) -> None:
             "heading_offset: it turns the second RTK antenna about the first; set "
             "aircraft.rtk_antenna_m and aircraft.second_antenna_m in the parameters"
         )
+    return wanted
 
 
 def _fitted(
-    read: ReadFlight, wanted: list[str], *, strict: bool
+    reader: BagReader, read: ReadFlight, wanted: list[str], *, strict: bool
 ) -> tuple[BoresightFit, list[str]]:
+    """Return the result of ``_fit``; name the bag where it is refused."""
+    try:
+        return _fit(read, wanted, strict=strict)
+    except CalibrationError as error:
+        raise CalibrationError(f"{reader.path}: {error}") from None
+
+
+def _fit(read: ReadFlight, wanted: list[str], *, strict: bool) -> tuple[BoresightFit, list[str]]:
     """Return the fit, and notes on what was left out of it; ``strict``: leave nothing out.
 
     Raise CalibrationError if a parameter is not determined well enough.

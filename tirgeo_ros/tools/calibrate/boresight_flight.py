@@ -7,7 +7,7 @@ a step in each parameter that acts before the camera pose is computed.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +19,7 @@ from tirgeo_ros.core.calibration.boresight.model import (
     Stepped,
     corrected_pose,
 )
+from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader
@@ -70,47 +71,54 @@ def read_flight(
     recorded.read_all(progress)
     usual = passes.pop("")
     if usual.plane is None:
-        raise CalibrationError(
-            f"{reader.path}: the filter made no pose of this flight; 'tirgeo process' says why"
-        )
+        why = "the filter made no pose of this flight; 'tirgeo process' says why"
+        raise CalibrationError(f"{reader.path}: {why}")
     composer = usual.registration.composer
     follows_north = not composer.sees_joints and composer.counts.get("north_used", 0) > 0
     # Joint angles, or the flight's own readings, give the north without this uncertainty.
     shown = composer.sees_joints or follows_north
-    flight = SightedFlight(
-        recorded.camera,
-        usual.at,
-        np.radians(np.array(configs.gimbal.boresight_rpy_deg)),
-        configs.overlay.video_latency_s,
-        configs.gimbal.aircraft.camera_from_pivot_g,
-        click_sigma_px,
-        {name: Stepped(poses.at, math.radians(_STEP_DEG)) for name, poses in passes.items()},
-        0.0 if shown else math.radians(configs.gimbal.north.sigma_deg) ** 2,
-    )
+    north = 0.0 if shown else math.radians(configs.gimbal.north.sigma_deg) ** 2
+    flight = _sighted(recorded.camera, usual, passes, configs, click_sigma_px, north)
     points = {point.id: point for point in survey}
     known = [one for one in seen if one.id in points]
-    places_n = {
-        point.id: usual.plane.ned_from_geodetic(
-            point.latitude_rad, point.longitude_rad, point.height_m
-        )
-        for point in survey
-    }
     present = np.zeros(len(PARAMETERS))
     posed = [one for one in known if corrected_pose(flight, one.stamp_ns, present) is not None]
     heights = [points[name].height_m for name in {one.id for one in posed}]
     return ReadFlight(
         flight,
         usual.plane,
-        [
-            PointSighting(one.id, one.stamp_ns, np.array([one.u, one.v]), places_n[one.id])
-            for one in posed
-        ],
+        [_sighting(one, points[one.id], usual.plane) for one in posed],
         len(seen) - len(known),
         len(known) - len(posed),
         float(np.median(heights)) if heights else math.nan,
         composer.sees_joints,
         follows_north,
     )
+
+
+def _sighted(
+    camera: Camera,
+    usual: FlightPoses,
+    passes: Mapping[str, FlightPoses],
+    configs: NodeConfigs,
+    click_sigma_px: float,
+    north_variance: float,
+) -> SightedFlight:
+    return SightedFlight(
+        camera,
+        usual.at,
+        np.radians(np.array(configs.gimbal.boresight_rpy_deg)),
+        configs.overlay.video_latency_s,
+        configs.gimbal.aircraft.camera_from_pivot_g,
+        click_sigma_px,
+        {name: Stepped(poses.at, math.radians(_STEP_DEG)) for name, poses in passes.items()},
+        north_variance,
+    )
+
+
+def _sighting(one: Observation, point: SurveyPoint, plane: TangentPlane) -> PointSighting:
+    place_n = plane.ned_from_geodetic(point.latitude_rad, point.longitude_rad, point.height_m)
+    return PointSighting(one.id, one.stamp_ns, np.array([one.u, one.v]), place_n)
 
 
 def _passes(

@@ -6,6 +6,7 @@ import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from tirgeo_ros.io.parameters.parameter_output import Value, parameters_yaml
 from tirgeo_ros.tools.calibrate.imu_noise_plots import spectra_png
 from tirgeo_ros.tools.calibrate.imu_noise_result import LOW, flight_axes, flight_table
 from tirgeo_ros.tools.calibrate.imu_noise_warnings import check_flight, flight_warnings
-from tirgeo_ros.tools.calibrate.imu_record import read_imu
+from tirgeo_ros.tools.calibrate.imu_record import ReadImu, read_imu
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.flight_topics import resolved
 from tirgeo_ros.tools.replay.node_configs import node_configs
@@ -55,8 +56,7 @@ def calibrate_imu(
     """Estimate the noise of an IMU in a flight between two times (s) since its first message.
 
     Write parameters for ekf_node and a plot (beside ``output`` as ``.png`` unless named), both or
-    none; nothing without an output. The densities are compared with those in ``params``. Raise
-    BagError, ConfigError, CalibrationError.
+    none. Raise BagError, ConfigError, CalibrationError.
     """
     picture = Path(output).with_suffix(".png") if output and plot is None else plot
     given = [bag, *paths_of(params), *node_configs(params, namespace).files]
@@ -67,36 +67,41 @@ def calibrate_imu(
     pieces = pieces_of(read.record)
     check_flight(read, pieces)
     flying, resting = pieces.where(~pieces.at_rest), pieces.where(pieces.at_rest)
-    clipped = _clipped(read.record)
-    densities = floor_of(flying, resting, imu).tolist()
-    axes = flight_axes(flying, resting, clipped, imu, densities)
-    recorded_s = sum(map(len, read.record.runs)) * read.record.step_s
-    numbers = {
-        **read.numbers(),
-        "flying_s": PIECE_S * len(flying.floors),
-        "resting_s": PIECE_S * len(resting.floors),
-        "skipped_s": PIECE_S * (int(recorded_s // PIECE_S) - len(pieces.floors)),
-        "missing": read.record.irregular["missing"],
-    }
+    result = _result(read, flying, resting, imu)
     files: dict[PathLike, str | bytes] = {}
     if output is not None:
-        head = _HEAD.format(name=Path(bag).name, **numbers) + flight_table(axes)
-        files[output] = parameters_yaml({"ekf_node": parameters_of(densities)}, head)
+        head = _HEAD.format(name=Path(bag).name, **result) + flight_table(result["axes"])
+        files[output] = parameters_yaml({"ekf_node": result["parameters"]}, head)
     if picture is not None:
         name = os.fsencode(Path(bag).name).decode(errors="replace")  # fonts take valid UTF-8 only
-        what = f"{name}: {numbers['flying_s']} s in flight"
-        files[picture] = spectra_png(flying, resting, axes, what)
+        what = f"{name}: {result['flying_s']} s in flight"
+        files[picture] = spectra_png(flying, resting, result["axes"], what)
     write_files(files, CalibrationError)
-    warnings = list(flight_warnings(read, flying, clipped))
     return {
         "input": os.fspath(bag),
         "output": [os.fspath(path) for path in files],
-        **numbers,
-        "axes": axes,
+        **result,
+        "error": None if reader.damage is None else f"{reader.path}: {reader.damage}",
+    }
+
+
+def _result(read: ReadImu, flying: Pieces, resting: Pieces, imu: ImuConfig) -> dict[str, Any]:
+    """Return numbers and noise of the record, and the warnings."""
+    clipped = _clipped(read.record)
+    densities = floor_of(flying, resting, imu).tolist()
+    recorded_s = sum(map(len, read.record.runs)) * read.record.step_s
+    used = len(flying.floors) + len(resting.floors)
+    warnings = list(flight_warnings(read, flying, clipped))
+    return {
+        **read.numbers(),
+        "flying_s": PIECE_S * len(flying.floors),
+        "resting_s": PIECE_S * len(resting.floors),
+        "skipped_s": PIECE_S * (int(recorded_s // PIECE_S) - used),
+        "missing": read.record.irregular["missing"],
+        "axes": flight_axes(flying, resting, clipped, imu, densities),
         "parameters": parameters_of(densities),
         "warnings": warnings,
         "warning": "; ".join(warnings) or None,
-        "error": None if reader.damage is None else f"{reader.path}: {reader.damage}",
     }
 
 

@@ -46,8 +46,7 @@ def calibrate_map(
     """Georeference features in pixels (GeoJSON) by control points; write GeoJSON in WGS84.
 
     ``points`` are ``id,column,row`` with a survey, or a ``.points`` file of QGIS. ``image`` is
-    warped to ``geotiff`` first; of the other files all are written or none. Return a summary.
-    Raise SurveyError, MapError, CalibrationError.
+    warped to ``geotiff``. Return a summary. Raise SurveyError, MapError, CalibrationError.
     """
     named = [path for path in (output, residuals_csv, plot, geotiff) if path is not None]
     check_outputs((vectors, points, survey, image), named, MapError)
@@ -57,30 +56,47 @@ def calibrate_map(
         found, residuals = fit_polynomial(control.pixels, plane.metres(control.degrees), order)
     except CalibrationError as error:
         raise CalibrationError(f"{points}: {error}") from None
-    features = PixelFeatures(vectors)
-    outside = ~found.inside(features.pixels)
-    folded = found.folded(features.pixels)
-    if folded.any():
-        raise CalibrationError(
-            f"{vectors}: the polynomial turns over at {features.features_with(folded)} of "
-            f"{features.count} features, far from the control points; measure points there, "
-            "leave these features out or lower --order"
-        )
-    degrees = plane.degrees(found(features.pixels))
+    features = _features(vectors, found)
+    degrees, outside = plane.degrees(found(features.pixels)), ~found.inside(features.pixels)
     if image is not None and geotiff is not None:
         write_warped(image, geotiff, found, plane, _pixel_size(found, control))
-    rows = _rows(control, residuals)
     files: dict[PathLike, str | bytes] = {output: features.geojson(degrees)}
     if residuals_csv is not None:
-        files[residuals_csv] = _csv(rows)
+        files[residuals_csv] = _csv(_rows(control, residuals))
     if plot is not None:
         files[plot] = orthophoto_png(control, found, residuals, features.pixels, outside)
     write_files(files, MapError)
-    warnings = list(_warnings(control, found, residuals, features, outside))
     return {
         "output": [os.fspath(path) for path in named],
         "order": order,
         "crs": plane.name,
+        **_summary(control, found, residuals, features, outside),
+    }
+
+
+def _features(path: PathLike, found: PolynomialTransform) -> PixelFeatures:
+    """Return the features of a file; raise CalibrationError where the polynomial turns over."""
+    features = PixelFeatures(path)
+    folded = found.folded(features.pixels)
+    if folded.any():
+        raise CalibrationError(
+            f"{path}: the polynomial turns over at {features.features_with(folded)} of "
+            f"{features.count} features, far from the control points; measure points there, "
+            "leave these features out or lower --order"
+        )
+    return features
+
+
+def _summary(
+    control: ControlPoints,
+    found: PolynomialTransform,
+    residuals: Residuals,
+    features: PixelFeatures,
+    outside: BoolArray,
+) -> dict[str, object]:
+    """Return numbers of points, residuals and features, and the warnings."""
+    warnings = list(_warnings(control, found, residuals, features, outside))
+    return {
         "points": len(control.names),
         "mean_residual_px": float(residuals.lengths_px.mean()),
         "rms_residual_px": float(rms(residuals.lengths_px)),
@@ -91,7 +107,7 @@ def calibrate_map(
         "pixel_m": _pixel_size(found, control),
         "features": features.count,
         "features_outside": features.features_with(outside),
-        "residuals": rows,
+        "residuals": _rows(control, residuals),
         "warnings": warnings,
         "warning": "; ".join(warnings) or None,
     }

@@ -6,6 +6,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.config import OverlayConfig
@@ -49,6 +50,19 @@ class _Run:
     series: MethodSeries
 
 
+class _Job(NamedTuple):
+    """Hold what all methods share."""
+
+    paths: tuple[str, str, str]  # of bag, survey and observations
+    reader: BagReader
+    namespace: str
+    given: Experiment
+    setups: Sequence[MethodSetup]
+    layers: Sequence[MapLayer]
+    flight: RecordedFlight
+    checks: FlightChecks
+
+
 def evaluate(
     bag: PathLike,
     survey: PathLike,
@@ -69,14 +83,12 @@ def evaluate(
     """Locate the observations of a bag under every method, in one pass through it.
 
     ``output`` is the folder that ``write_evaluation`` will write: it is checked first.
-    ``params`` are parameter files, of which later ones override earlier ones; ``boresight``, one
-    more, adds the method ``calibrated``. ``dem`` or ``ground_height`` (ellipsoidal m) overrides
-    them; without any ground it is level at the median of the observed points' heights.
-    ``projection`` is ``gauss-krueger`` or ``utm``; ``truth`` is the truth of a simulated flight;
-    ``map_path`` overrides the parameters' map, which is drawn on the stills; ``camera``, a
-    calibration file, overrides the bag's. A method whose topics the bag lacks is reported as
-    missing. Raise BagError, CameraError, ConfigError, SurveyError, ElevationError, MapError, and
-    CalibrationError if no method can be run.
+    ``boresight``, one more parameter file, adds the method ``calibrated``. ``dem`` or
+    ``ground_height`` (ellipsoidal m), ``camera`` and ``map_path``, the map on the stills, override
+    the parameters; without any ground it is level at the median of the observed points' heights.
+    ``projection`` is ``gauss-krueger`` or ``utm``. A method whose topics the bag lacks is reported
+    as missing. Raise BagError, CameraError, ConfigError, SurveyError, ElevationError, MapError,
+    and CalibrationError if no method can be run.
     """
     files = [*paths_of(params), *paths_of(boresight)]
     if output is not None:
@@ -84,53 +96,68 @@ def evaluate(
         read = (bag, survey, observations, truth, *files, *configs.files)
         check_folder(output, (*read, *map_files(os.fspath(map_path or ""))))
     given = load_experiment(survey, observations, projection)
-    heights_m = given.heights_m
-    setups = method_setups(params, boresight, dem, ground_height, namespace, heights_m, camera)
+    of_all = (namespace, given.heights_m, camera)
+    setups = method_setups(params, boresight, dem, ground_height, *of_all)
     last = setups[-1]  # whose parameters are checked and whose map is drawn
     layers = _layers(last.configs.overlay, map_path)
     reader, lens = BagReader(bag), given_camera(last.configs.overlay)
     checks = FlightChecks(last.configs, reader, files, namespace, ground=last.ground, camera=lens)
     flight = RecordedFlight(reader, namespace, pictures=True, camera=lens, checks=checks)
+    paths = (os.fspath(bag), os.fspath(survey), os.fspath(observations))
+    job = _Job(paths, reader, namespace, given, setups, layers, flight, checks)
     true_poses = None if truth is None else load_truth(Path(truth))
+    return _evaluation(job, *_flown(job, true_poses, progress))
+
+
+def _flown(
+    job: _Job, truth: TruePoses | None, progress: Report
+) -> tuple[list[_Run], dict[str, str], SensorSeries]:
+    """Read the flight; return the methods that give poses, why others do not, and the sensors."""
     missing: dict[str, str] = {}
-    begun = [_begun(one, flight, given, namespace, true_poses, missing) for one in setups]
-    missing = {name: why.removeprefix(f"{reader.path}: ") for name, why in missing.items()}
-    runs = _left([run for run in begun if run is not None], missing, reader)
-    runs[-1].poses.checks = checks
+    begun = [_begun(one, job, truth, missing) for one in job.setups]
+    missing = {name: why.removeprefix(f"{job.reader.path}: ") for name, why in missing.items()}
+    runs = _left([run for run in begun if run is not None], missing, job.reader)
+    runs[-1].poses.checks = job.checks
     sensors = SensorSeries()
-    flight.add(sensors.topics, sensors.take)
-    flight.read_all(progress)
+    job.flight.add(sensors.topics, sensors.take)
+    job.flight.read_all(progress)
     for run in runs:
         if run.poses.plane is None or not run.series.has_poses:
             reason = run.poses.registration.navigation.status().reason
             missing[run.setup.method] = f"no camera pose could be made: {reason}"
-    runs = _left(runs, missing, reader)
-    methods = [_result(run, flight.camera, given) for run in runs]
-    best = runs[-1]
+    return _left(runs, missing, job.reader), missing, sensors
+
+
+def _evaluation(
+    job: _Job, runs: list[_Run], missing: dict[str, str], sensors: SensorSeries
+) -> Evaluation:
+    """Return the results of the methods that were run."""
+    given, camera, best = job.given, job.flight.camera, runs[-1]
+    methods = [_result(run, camera, given) for run in runs]
+    drawn = (camera, best.poses, best.setup, job.layers, given)
     return Evaluation(
-        os.fspath(bag),
-        os.fspath(survey),
-        os.fspath(observations),
+        *job.paths,
         given.projection,
         given.control,
         sensors,
         methods,
         missing,
         paired_tests({one.method: one.errors.point_rmse_m for one in methods}),
-        overlay_stills(reader, namespace, flight.camera, best.poses, best.setup, layers, given),
+        overlay_stills(job.reader, job.namespace, *drawn),
         [
-            *setup_notes(setups, heights_m),
+            *setup_notes(job.setups, given.heights_m),
             *(
-                f"{run.setup.method}: {_names(absent, namespace)} absent: continuing without it"
+                f"{run.setup.method}: {_names(absent, job.namespace)} absent: continuing without "
+                "it"
                 for run in runs
                 if (absent := done_without(run.poses.topics, run.setup.configs.ekf.method))
             ),
             *(f"{method} is left out: {why}" for method, why in missing.items()),
-            *input_notes(given, flight.picture_stamps_ns),
+            *input_notes(given, job.flight.picture_stamps_ns),
             *filter(None, [place_note(methods)]),
         ],
-        _error(reader, methods),
-        checks.findings(),
+        _error(job.reader, methods),
+        job.checks.findings(),
     )
 
 
@@ -141,21 +168,16 @@ def _layers(overlay: OverlayConfig, map_path: PathLike | None) -> Sequence[MapLa
 
 
 def _begun(
-    setup: MethodSetup,
-    flight: RecordedFlight,
-    given: Experiment,
-    namespace: str,
-    truth: TruePoses | None,
-    missing: dict[str, str],
+    setup: MethodSetup, job: _Job, truth: TruePoses | None, missing: dict[str, str]
 ) -> _Run | None:
     """Let a method take part; put it into ``missing`` if the bag lacks a topic of it."""
-    ekf, gimbal, *_ = setup.configs
+    flight, (ekf, gimbal, *_) = job.flight, setup.configs
     lacking = [topic for topic in _ESSENTIAL.get(ekf.method, ()) if not flight.has(topic)]
     if lacking:
-        missing[setup.method] = f"needed topic absent: {_names(lacking, namespace)}"
+        missing[setup.method] = f"needed topic absent: {_names(lacking, job.namespace)}"
         return None
     series = MethodSeries(truth)
-    instants_ns = [one.stamp_ns - setup.latency_ns for one in given.observations]
+    instants_ns = [one.stamp_ns - setup.latency_ns for one in job.given.observations]
     try:
         return _Run(setup, flight.registered(ekf, gimbal, instants_ns, series), series)
     except BagError as error:

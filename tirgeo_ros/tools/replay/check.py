@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -45,86 +46,45 @@ def check(
 ) -> dict[str, object]:
     """Run a bag through filter, gimbal and all checks, and return findings and numbers.
 
-    ``error`` is the verdict if it is NO GO, else None. ``map``, ``dem`` or ``ground_height``
-    (ellipsoidal m) and ``camera`` override those in ``params``. A map, an elevation model or a
-    calibration that cannot be read is a finding. Raise BagError and ConfigError.
+    ``error`` is the verdict if it is NO GO, else None. A map, an elevation model or a calibration
+    that cannot be read is a finding. Raise BagError and ConfigError.
     """
     configs = node_configs(params, namespace, dem=dem, ground_height=ground_height, camera=camera)
     reader = BagReader(bag)
     fitted, notes = configs.fitting(reader, namespace)
     overlay = fitted.overlay
-    map_path = overlay.map if map is None else os.fspath(map)
+    path = os.fspath(overlay.map if map is None else map)
+    load = partial(load_layers, path, overlay.style, overlay.label_field, network=overlay.network)
     found: list[Finding] = []
-
-    def read(parameter: str, load: Callable[[], T]) -> T | None:
-        """Read a file that the parameters name; one that cannot be read becomes a finding."""
-        try:
-            return load()
-        except TirgeoError as error:
-            name, mend = f"overlay_node {parameter}", "correct this file, or give another"
-            check = f"{parameter}_unreadable"
-            found.append(Finding(check, Severity.STOP, str(error), name, mend))
-            return None
-
-    def load_map() -> list[MapLayer] | None:
-        if not map_path:
-            return None
-        return load_layers(map_path, overlay.style, overlay.label_field, network=overlay.network)
-
-    ground = read("dem", lambda: ground_of(overlay))
-    known = read("camera", lambda: given_camera(overlay))
-    layers = read("map", load_map)
-    checks = FlightChecks(
-        fitted,
-        reader,
-        params,
-        namespace,
-        ground=ground,
-        layers=layers,
-        camera=known,
-        pictures=True,
-    )
-    recorded = RecordedFlight(
-        reader,
-        namespace,
-        pictures=True,
-        camera=known,
-        checks=checks,
-        needs_camera=False,
-        all_pixels=True,
-    )
+    ground = _read(found, "dem", lambda: ground_of(overlay))
+    known = _read(found, "camera", lambda: given_camera(overlay))
+    layers = _read(found, "map", load) if path else None
+    of_flight = (fitted, reader, params, namespace)
+    checks = FlightChecks(*of_flight, ground=ground, layers=layers, camera=known, pictures=True)
+    wanted = {"pictures": True, "needs_camera": False, "all_pixels": True}
+    recorded = RecordedFlight(reader, namespace, camera=known, checks=checks, **wanted)
     flight = _Flight(Registration(fitted.ekf, fitted.gimbal), checks, layers, ground)
     recorded.add(SAMPLES, flight.take)
     recorded.read_all(progress)
-    found += [*damage_findings(reader.damage), *checks.findings(), *flight.no_ground]
-    status = flight.registration.navigation.status()
-    has_pose = math.isfinite(flight.lowest_m)
-    if not has_pose and not any(one.severity is Severity.STOP for one in found):
-        found += no_pose_findings(status)
-    found = sorted_findings(found)
-    first_ns, last_ns = reader.span_ns
-    checked: dict[str, object] = {
-        "duration_s": (last_ns - first_ns) * 1e-9,
-        "topics": {t: _flow(times) for t, times in sorted(checks.arrivals_ns.items())},
-        "method": status.method,
-        "state": status.state.value,
-        "heading_sigma_deg": math.degrees(status.heading_sigma_rad),
-        "composition": flight.registration.composer.composition,
-        "picture_size": checks.picture_size,
-    }
-    if isinstance(ground, float) and has_pose:
-        heights_m = (flight.lowest_m, flight.highest_m)
-        checked["height_above_ground_m"] = [one - ground for one in heights_m]
-    if layers:
-        checked["map_layers"] = len(layers)
+    found = flight.findings([*found, *damage_findings(reader.damage)])
     return {
         "input": os.fspath(bag),
         "verdict": tally_line(found),
         "findings": finding_items(found),
-        "checked": checked,
+        "checked": flight.numbers(reader),
         "notes": notes,
         "error": verdict_line(found) if found and found[0].severity is Severity.STOP else None,
     }
+
+
+def _read(found: list[Finding], parameter: str, load: Callable[[], T]) -> T | None:
+    """Read a file that the parameters name; one that cannot be read is added to ``found``."""
+    try:
+        return load()
+    except TirgeoError as error:
+        name, mend = f"overlay_node {parameter}", "correct this file, or give another"
+        found.append(Finding(f"{parameter}_unreadable", Severity.STOP, str(error), name, mend))
+        return None
 
 
 def _flow(arrivals_ns: Sequence[int]) -> dict[str, float | None]:
@@ -148,30 +108,59 @@ class _Flight:
         layers: Sequence[MapLayer] | None,
         ground: Ground | None,
     ) -> None:
-        self.registration = registration
+        self._registration = registration
         self._checks, self._layers = checks, layers
-        self._ground = math.nan if ground is None else ground
+        self._ground = ground
         self._plane: TangentPlane | None = None
-        self.no_ground: list[Finding] = []  # why the map cannot be placed in the plane
-        self.lowest_m, self.highest_m = math.inf, -math.inf  # ellipsoidal, of the body
+        self._no_ground: list[Finding] = []  # why the map cannot be placed in the plane
+        self._lowest_m, self._highest_m = math.inf, -math.inf  # ellipsoidal, of the body
 
     def take(self, sample: Sample) -> None:
         """Process a sample."""
-        found = self.registration.take(sample)
-        plane = self.registration.navigation.plane
+        found = self._registration.take(sample)
+        plane = self._registration.navigation.plane
         self._checks.registered(found, plane)
         if plane is not None and plane is not self._plane:
             self._plane = plane
             self._lay(plane)
         if found.solution is not None:
-            self.lowest_m = min(self.lowest_m, found.solution.height_m)
-            self.highest_m = max(self.highest_m, found.solution.height_m)
+            self._lowest_m = min(self._lowest_m, found.solution.height_m)
+            self._highest_m = max(self._highest_m, found.solution.height_m)
+
+    def findings(self, found: list[Finding]) -> list[Finding]:
+        """Return the flight's findings and those that were ``found`` before, the worst first."""
+        found = [*found, *self._checks.findings(), *self._no_ground]
+        stopped = any(one.severity is Severity.STOP for one in found)
+        if not math.isfinite(self._lowest_m) and not stopped:
+            found += no_pose_findings(self._registration.navigation.status())
+        return sorted_findings(found)
+
+    def numbers(self, reader: BagReader) -> dict[str, object]:
+        """Return what the flight and its set-up were."""
+        status, checks = self._registration.navigation.status(), self._checks
+        first_ns, last_ns = reader.span_ns
+        checked: dict[str, object] = {
+            "duration_s": (last_ns - first_ns) * 1e-9,
+            "topics": {t: _flow(times) for t, times in sorted(checks.arrivals_ns.items())},
+            "method": status.method,
+            "state": status.state.value,
+            "heading_sigma_deg": math.degrees(status.heading_sigma_rad),
+            "composition": self._registration.composer.composition,
+            "picture_size": checks.picture_size,
+        }
+        if isinstance(self._ground, float) and math.isfinite(self._lowest_m):
+            heights_m = (self._lowest_m, self._highest_m)
+            checked["height_above_ground_m"] = [one - self._ground for one in heights_m]
+        if self._layers:
+            checked["map_layers"] = len(self._layers)
+        return checked
 
     def _lay(self, plane: TangentPlane) -> None:
         if self._layers is None:
             return
+        ground = math.nan if self._ground is None else self._ground
         try:
-            self._checks.map(lay_layers(self._layers, plane, self._ground))
+            self._checks.map(lay_layers(self._layers, plane, ground))
         except ConfigError as error:
             name, mend = "overlay_node ground_height_m", "give the ground's height, or a dem"
-            self.no_ground = [Finding("no_ground", Severity.STOP, str(error), name, mend)]
+            self._no_ground = [Finding("no_ground", Severity.STOP, str(error), name, mend)]

@@ -27,7 +27,7 @@ from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.finding_lines import finding_items
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
 from tirgeo_ros.tools.replay.flight_poses import RecordedFlight
-from tirgeo_ros.tools.replay.node_configs import node_configs
+from tirgeo_ros.tools.replay.node_configs import NodeConfigs, node_configs
 
 
 def locate_pixels(
@@ -48,30 +48,49 @@ def locate_pixels(
     """Locate pixels (CSV ``id,stamp_ns,u,v``) of a bag's pictures; return a summary.
 
     Write GeoJSON, and KML and Cursor-on-Target if asked: all of them or none. ``dem`` or
-    ``ground_height`` (ellipsoidal m) overrides the ground of ``params``; ``camera``, a calibration
-    file, overrides the bag's. A pixel that cannot be located is written with its reason. Without a
-    given method, the method is chosen by the topics of the bag. Raise BagError, CameraError,
+    ``ground_height`` (ellipsoidal m) and ``camera``, a calibration file, override ``params``. A
+    pixel that cannot be located is written with its reason. Raise BagError, CameraError,
     ConfigError, SurveyError, ElevationError.
     """
     configs = node_configs(
         params, namespace, method=method, dem=dem, ground_height=ground_height, camera=camera
     )
-    overlay = configs.overlay
     outputs = [one for one in (output, kml_out, cot_out) if one]
     check_outputs((bag_in, pixels, *paths_of(params), *configs.files), outputs, SurveyError)
     seen = load_observations(pixels)
-    ground = ground_of(overlay)
+    ground = ground_of(configs.overlay)
     if ground is None:
         raise ConfigError("height of the ground not known: give --ground-height or --dem")
     reader = BagReader(bag_in)
+    answers, flown = _located(reader, configs, params, namespace, seen, ground, progress)
+    forms = {output: geojson, kml_out: kml, cot_out: cot}
+    write_files({path: form(answers) for path, form in forms.items() if path}, SurveyError)
+    return {
+        "input": os.fspath(bag_in),
+        "output": [os.fspath(path) for path in outputs],
+        **flown,
+        "error": _error(reader, answers),
+        **_summary(answers, ground),
+    }
+
+
+def _located(
+    reader: BagReader,
+    configs: NodeConfigs,
+    params: Files,
+    namespace: str,
+    seen: Sequence[Observation],
+    ground: Ground,
+    progress: Report,
+) -> tuple[list[Answered], dict[str, object]]:
+    """Read the flight; return the pixels' places, and the summary of the flight."""
     fitted, notes = configs.fitting(reader, namespace)
-    camera_given = given_camera(overlay)
-    checks = FlightChecks(fitted, reader, params, namespace, ground=ground, camera=camera_given)
+    ekf, gimbal, overlay, _ = fitted
+    camera = given_camera(overlay)
+    checks = FlightChecks(fitted, reader, params, namespace, ground=ground, camera=camera)
+    recorded = RecordedFlight(reader, namespace, camera=camera, checks=checks)
     latency_ns = round(overlay.video_latency_s * 1e9)
-    recorded = RecordedFlight(reader, namespace, camera=camera_given, checks=checks)
-    flight = recorded.registered(
-        fitted.ekf, fitted.gimbal, [one.stamp_ns - latency_ns for one in seen]
-    )
+    flight = recorded.registered(ekf, gimbal, [one.stamp_ns - latency_ns for one in seen])
     flight.checks = checks
     recorded.read_all(progress)
     known = recorded.camera
@@ -86,12 +105,8 @@ def locate_pixels(
         return replace(placed, stamp_ns=one.stamp_ns)
 
     answers = [Answered(one.id, answer(one)) for one in seen]
-    forms = {output: geojson, kml_out: kml, cot_out: cot}
-    write_files({path: form(answers) for path, form in forms.items() if path}, SurveyError)
     navigation = flight.registration.navigation.status()
-    return {
-        "input": os.fspath(bag_in),
-        "output": [os.fspath(path) for path in forms if path],
+    return answers, {
         "method": navigation.method,
         "composition": flight.registration.composer.composition,
         "notes": notes,
@@ -99,8 +114,6 @@ def locate_pixels(
         "messages": recorded.read,
         "messages_refused": recorded.refused,
         "findings": finding_items(checks.findings()),
-        "error": _error(reader, answers),
-        **_summary(answers, ground),
     }
 
 

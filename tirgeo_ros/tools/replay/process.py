@@ -10,10 +10,9 @@ import contextlib
 import math
 import os
 import time
+from typing import NamedTuple
 
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.map.draping import Ground
-from tirgeo_ros.core.map.layers import MapLayer
 from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.types.errors import BagError, ConfigError
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter
@@ -28,7 +27,19 @@ from tirgeo_ros.tools.replay.finding_lines import finding_items
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
 from tirgeo_ros.tools.replay.flight_topics import done_without, inputs_of, resolved
 from tirgeo_ros.tools.replay.message_pipeline import Pipeline
-from tirgeo_ros.tools.replay.node_configs import node_configs
+from tirgeo_ros.tools.replay.node_configs import NodeConfigs, node_configs
+
+
+class _Job(NamedTuple):
+    """Hold what a run through a bag needs."""
+
+    configs: NodeConfigs
+    reader: BagReader
+    namespace: str
+    topics: dict[str, str]  # resolved name -> contract topic
+    drawn: Overlay | None
+    checks: FlightChecks
+    notes: list[str]
 
 
 def process(
@@ -47,16 +58,12 @@ def process(
     camera: PathLike | None = None,
     progress: Report = silent,
 ) -> dict[str, object]:
-    """Process a bag and return a summary.
+    """Process a bag and return a summary; a file gets its name only when it is complete.
 
-    ``error`` in the summary is None, or what of the bag was lost; ``warning`` is None, or which
-    topics were missing. ``notes`` say what of the map is not drawn, and which method was chosen by
-    the bag's topics because none was given. The gimbal is needed for ``images`` only. ``params``
-    are ROS 2 parameter files of the nodes; ``map``, ``dem`` or ``ground_height`` (ellipsoidal m)
-    and ``camera``, a calibration file, override those in them. ``progress`` is called with seconds
-    of the flight. A file gets its name only when it is complete. Raise BagError (no bag, a needed
-    topic absent, nothing readable), CameraError, ConfigError, MapError, ElevationError,
-    VideoError.
+    ``error`` in the summary is None, or what of the bag was lost. ``params`` are parameter files;
+    ``map``, ``dem`` or ``ground_height`` (ellipsoidal m) and ``camera``, a calibration file,
+    override them. ``images`` need the gimbal. Raise BagError (no bag, a needed topic absent,
+    nothing readable), CameraError, ConfigError, MapError, ElevationError, VideoError.
     """
     configs = node_configs(
         params, namespace, method=method, dem=dem, ground_height=ground_height, camera=camera
@@ -66,63 +73,78 @@ def process(
         raise ConfigError("overlay images need a map and images")
     given = [bag_in, *paths_of(params), *configs.files, *map_files(map_path)]
     check_outputs(given, (bag_out, video), BagError)
-    reader = BagReader(bag_in)
+    job = _prepared(configs, BagReader(bag_in), namespace, params, map_path, images=images)
+    return {
+        "input": os.fspath(bag_in),
+        "output": os.fspath(bag_out),
+        **_run(job, bag_out, video, progress, raw_images=raw_images),
+    }
+
+
+def _prepared(
+    configs: NodeConfigs,
+    reader: BagReader,
+    namespace: str,
+    params: Files,
+    map_path: str,
+    *,
+    images: bool,
+) -> _Job:
+    """Choose the topics, load the map on its ground, and set up the checks."""
     fitted, notes = configs.fitting(reader, namespace)
     ekf, gimbal, overlay, _ = fitted
     known = given_camera(overlay)
-    topics = inputs_of(
-        reader,
-        ekf.method,
-        gimbal.composition,
-        namespace,
-        pictures=bool(map_path),
-        camera=known is None,
-        gimbal=images,
-    )
-    layers: list[MapLayer] | None = None
-    ground: Ground | None = None
-    drawn: Overlay | None = None
-    if map_path:
-        layers = load_layers(map_path, overlay.style, overlay.label_field, network=overlay.network)
-        ground = ground_of(overlay)
-        terrain = ground if isinstance(ground, Terrain) else None
-        drawn = Overlay(overlay, layers, terrain)
-        if known is not None:
-            drawn.set_camera(known)
-        notes += [
-            *(terrain.notes if terrain else ()),
-            *(n for one in layers for n in one.left_out),
-        ]
+    needed = {"pictures": bool(map_path), "camera": known is None, "gimbal": images}
+    topics = inputs_of(reader, ekf.method, gimbal.composition, namespace, **needed)
+    style = (overlay.style, overlay.label_field)
+    layers = load_layers(map_path, *style, network=overlay.network) if map_path else None
+    ground = ground_of(overlay) if map_path else None
+    terrain = ground if isinstance(ground, Terrain) else None
+    drawn = Overlay(overlay, layers, terrain) if layers is not None else None
+    if drawn is not None and known is not None:
+        drawn.set_camera(known)
+    notes += [
+        *(terrain.notes if terrain else ()),
+        *(n for one in layers or () for n in one.left_out),
+    ]
     checks = FlightChecks(
         fitted, reader, params, namespace, ground=ground, layers=layers, camera=known
     )
+    return _Job(fitted, reader, namespace, topics, drawn, checks, notes)
+
+
+def _run(
+    job: _Job, bag_out: PathLike, video: PathLike | None, progress: Report, *, raw_images: bool
+) -> dict[str, object]:
+    """Process all messages and write the outputs; return the summary."""
     begun_s = time.perf_counter()
     with contextlib.ExitStack() as stack:
         film = stack.enter_context(VideoFile(video)) if video is not None else None
         writer = stack.enter_context(BagWriter(bag_out))
-        run = Pipeline(fitted, drawn, writer, film, namespace, checks, raw_images=raw_images)
-        run.through(reader, topics, progress)
+        chain = (job.configs, job.drawn, writer, film, job.namespace, job.checks)
+        run = Pipeline(*chain, raw_images=raw_images)
+        run.through(job.reader, job.topics, progress)
         if not run.read:
-            because = f": {reader.damage}" if reader.damage else ""
-            raise BagError(f"{bag_in}: no message could be read{because}")
-    elapsed_s = time.perf_counter() - begun_s
-    if not any(name.startswith("gimbal/") for name in topics.values()):
-        notes.append("the bag has no gimbal topic: no camera poses")
-    absent = [resolved(name, namespace) for name in done_without(topics.values(), ekf.method)]
-    warning = (
-        f"{reader.path} has no {', '.join(absent)}: continuing without it" if absent else None
-    )
-    status, composer = run.registration.navigation.status(), run.registration.composer
-    error = None
-    if reader.damage is not None:
-        error = f"{reader.path}: {reader.damage}; the output is made from the rest"
-    elif not any(name.endswith("tirgeo/odometry") for name in run.written):
-        error = f"{reader.path}: no pose could be made: {status.reason or 'see verdicts'}"
+            because = f": {job.reader.damage}" if job.reader.damage else ""
+            raise BagError(f"{job.reader.path}: no message could be read{because}")
     return {
-        "input": os.fspath(bag_in),
-        "output": os.fspath(bag_out),
-        "warning": warning,
-        "findings": finding_items(checks.findings()),  # damage is in the summary's error
+        **_summary(job, run, time.perf_counter() - begun_s),
+        "video": None if film is None else {"frames": film.frames, "rate_hz": film.rate_hz},
+        "error": _error(job.reader, run),
+    }
+
+
+def _summary(job: _Job, run: Pipeline, elapsed_s: float) -> dict[str, object]:
+    """Return what was read, computed and written."""
+    names = job.topics.values()
+    absent = [resolved(one, job.namespace) for one in done_without(names, job.configs.ekf.method)]
+    without = f"{job.reader.path} has no {', '.join(absent)}: continuing without it"
+    blind = not any(name.startswith("gimbal/") for name in names)
+    lost = ["the bag has no gimbal topic: no camera poses"] if blind else []
+    status, composer = run.registration.navigation.status(), run.registration.composer
+    return {
+        "warning": without if absent else None,
+        "findings": finding_items(job.checks.findings()),  # damage is in the summary's error
         "method": status.method,
         "composition": composer.composition,
         "duration_s": run.duration_s,
@@ -140,8 +162,16 @@ def process(
         "verdicts": {f"{a} {b}": number for (a, b), number in status.counts.items()},
         "heading_sigma_deg": math.degrees(status.heading_sigma_rad),
         "gimbal": composer.counts,
-        "overlay": drawn.counts if drawn is not None else {},
-        "notes": [*notes, *(drawn.notes if drawn is not None else ())],
-        "video": None if film is None else {"frames": film.frames, "rate_hz": film.rate_hz},
-        "error": error,
+        "overlay": job.drawn.counts if job.drawn is not None else {},
+        "notes": [*job.notes, *lost, *(job.drawn.notes if job.drawn is not None else ())],
     }
+
+
+def _error(reader: BagReader, run: Pipeline) -> str | None:
+    """Return what of the bag was lost, or None."""
+    if reader.damage is not None:
+        return f"{reader.path}: {reader.damage}; the output is made from the rest"
+    if not any(name.endswith("tirgeo/odometry") for name in run.written):
+        reason = run.registration.navigation.status().reason
+        return f"{reader.path}: no pose could be made: {reason or 'see verdicts'}"
+    return None

@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.types.errors import ScenarioError
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, made_folder, write_files
-from tirgeo_ros.io.surveys.survey import save_observations, save_survey
+from tirgeo_ros.io.surveys.survey import Observation, save_observations, save_survey
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.simulate.bags import write_flight, write_truth
 from tirgeo_ros.tools.simulate.flight import SimulatedFlight, fly
 from tirgeo_ros.tools.simulate.ground import paint
 from tirgeo_ros.tools.simulate.map_file import map_text
 from tirgeo_ros.tools.simulate.parameters_file import parameters_text
-from tirgeo_ros.tools.simulate.park import lay_out
+from tirgeo_ros.tools.simulate.park import Park, lay_out
 from tirgeo_ros.tools.simulate.relief import WGS84_TEXT, Relief, elevation_text
 from tirgeo_ros.tools.simulate.renderer import Renderer
 from tirgeo_ros.tools.simulate.scenario import Scenario, load_scenario
 from tirgeo_ros.tools.simulate.survey import sightings, surveyed
-from tirgeo_ros.tools.simulate.targets import targets_of, targets_text
+from tirgeo_ros.tools.simulate.targets import Target, targets_of, targets_text
 
 NAMES = (
     *("flight.mcap", "truth.mcap", "map.geojson", "survey.geojson", "targets.geojson"),
@@ -28,6 +31,37 @@ NAMES = (
 #: Files written beside NAMES if the ground is not level.
 ELEVATION = ("dem.asc", "dem.prj")
 _CLEAR_M = 3.0  # smallest height above all ground
+
+
+class _Scene(NamedTuple):
+    """Hold what stands on the ground."""
+
+    scenario: Scenario
+    park: Park
+    targets: list[Target]
+    relief: Relief
+
+    def write(self, folder: Path, plane: TangentPlane) -> None:
+        """Write map, targets, parameters and, if the ground is not level, elevation model."""
+        texts = {
+            "map.geojson": map_text(self.park, plane, self.relief),
+            "targets.geojson": targets_text(self.targets, plane, self.relief),
+            "params.yaml": parameters_text(self.scenario),
+        }
+        if not self.relief.is_level:
+            texts |= {"dem.asc": elevation_text(self.relief, plane), "dem.prj": WGS84_TEXT}
+        write_files({folder / name: text for name, text in texts.items()}, ScenarioError)
+
+    def drawn(
+        self, flight: SimulatedFlight, *, images: bool
+    ) -> tuple[Renderer | None, Sequence[Observation]]:
+        """Return what renders the pictures, if any, and the clicks on their targets."""
+        if not images:
+            return None, []
+        video = self.scenario.video
+        ground = paint(self.park, self.scenario.park, flight.seed)
+        renderer = Renderer(video.camera, ground, video, self.targets, self.relief)
+        return renderer, sightings(flight, video.camera, self.targets)
 
 
 def simulate(
@@ -45,42 +79,27 @@ def simulate(
     """Fly a scenario and write NAMES into ``out_dir``; the same seed gives the same bytes.
 
     ``joint_order`` and ``barometer_hz`` override the scenario's. ``start_s`` and ``duration_s``
-    cut a window out of the flight: the bags hold what arrived in it, the observations are those of
-    its pictures, all other files are for the whole flight. Return what was written. Raise
-    ScenarioError, and BagError or SurveyError if files cannot be written.
+    cut bags and observations, and nothing else. Return what was written. Raise ScenarioError, and
+    BagError or SurveyError if files cannot be written.
     """
     outputs = [Path(out_dir) / name for name in (*NAMES, *ELEVATION)]
     check_outputs([scenario_path], outputs, ScenarioError)
-    scenario = load_scenario(scenario_path)
-    if joint_order is not None:
-        scenario = replace(scenario, gimbal=replace(scenario.gimbal, joint_order=joint_order))
-    if barometer_hz is not None:
-        scenario = replace(scenario, barometer=replace(scenario.barometer, rate_hz=barometer_hz))
+    scenario = _scenario(scenario_path, joint_order, barometer_hz)
     window = _window(scenario, scenario_path, start_s, duration_s)
     flight = fly(scenario, seed)
-    camera, park = scenario.video.camera, lay_out(scenario.park, flight.seed)
-    points, clicks = surveyed(flight, camera, park)
+    park = lay_out(scenario.park, flight.seed)
+    points, clicks = surveyed(flight, scenario.video.camera, park)
     clicks = [click for click in clicks if click.stamp_ns in window]
     targets, relief = targets_of(scenario, flight.seed), Relief(scenario.park)
+    scene = _Scene(scenario, park, targets, relief)
     _check_clear(flight, relief)
     folder = made_folder(out_dir, ScenarioError)
-    texts = {
-        "map.geojson": map_text(park, flight.plane, relief),
-        "targets.geojson": targets_text(targets, flight.plane, relief),
-        "params.yaml": parameters_text(scenario),
-    }
-    if not relief.is_level:
-        texts |= {"dem.asc": elevation_text(relief, flight.plane), "dem.prj": WGS84_TEXT}
-    write_files({folder / name: text for name, text in texts.items()}, ScenarioError)
+    scene.write(folder, flight.plane)
     save_survey(folder / "survey.geojson", points)
     save_observations(folder / "observations.csv", clicks)
     write_truth(folder / "truth.mcap", flight, window)
-    renderer, seen = None, []
-    if images:
-        ground = paint(park, scenario.park, flight.seed)
-        renderer = Renderer(camera, ground, scenario.video, targets, relief)
-        seen = sightings(flight, camera, targets)
-    counts = write_flight(folder / "flight.mcap", flight, window, camera, renderer, seen, progress)
+    drawn = (scenario.video.camera, *scene.drawn(flight, images=images))
+    counts = write_flight(folder / "flight.mcap", flight, window, *drawn, progress)
     return {
         "folder": str(folder),
         "scenario": scenario.name,
@@ -92,6 +111,16 @@ def simulate(
         "messages": counts,
         "bytes": {name: (folder / name).stat().st_size for name in NAMES},
     }
+
+
+def _scenario(path: PathLike, joint_order: str | None, barometer_hz: float | None) -> Scenario:
+    """Return a scenario with what overrides its own values."""
+    scenario = load_scenario(path)
+    if joint_order is not None:
+        scenario = replace(scenario, gimbal=replace(scenario.gimbal, joint_order=joint_order))
+    if barometer_hz is not None:
+        scenario = replace(scenario, barometer=replace(scenario.barometer, rate_hz=barometer_hz))
+    return scenario
 
 
 def _window(scenario: Scenario, path: PathLike, start_s: float, duration_s: float | None) -> range:
