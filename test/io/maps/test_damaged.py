@@ -1,7 +1,9 @@
 """Cut and flipped files of every format: a map, or one line that names the file."""
 
+import json
 import random
 import tracemalloc
+import zipfile
 
 import numpy as np
 import pytest
@@ -14,11 +16,13 @@ from wild_map_files import (
     kml,
     kmz,
     mark,
+    named,
     shapefile,
     text,
 )
 
 from tirgeo_ros.core.types.errors import MapError
+from tirgeo_ros.io.maps import load_layers
 from tirgeo_ros.io.maps.layers import read_layers
 
 ROUNDS = 150
@@ -94,3 +98,54 @@ def test_damaged_files(tmp_path, name, suffix):
         tracemalloc.stop()
     assert most < MOST_BYTES
     assert results.count(False) > (rounds // 20 if suffix != ".cpg" else -1)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.kml", kml(mark("a", LINE.replace(",", ",x", 1))), "is not lon,lat"),
+        ("a.kml", kml(mark("a", LINE.replace(".", ",", 2))), "is not lon,lat"),
+        ("a.kml", kml(mark("a", LINE.replace(",", ",,", 1))), "is not lon,lat"),
+        ("a.kml", kml("<coordinates>" + "1" * 1_000_000 + "</coordinates>"), "is not lon,lat"),
+        ("a.kml", kml("<gx:coord>x16 48 0</gx:coord>"), "'x16,48,0' is not lon,lat"),
+        (
+            "a.geojson",
+            collection(feature(), **named("EPSG:99999")),
+            "unknown coordinate reference system 'EPSG:99999'",
+        ),
+    ],
+    ids=["letter", "decimal comma", "empty", "long", "track", "crs"],
+)
+def test_what_gdal_would_draw_in_a_wrong_place_is_refused(tmp_path, name, content, message):
+    path = tmp_path / name
+    path.write_text(content)
+    with pytest.raises(MapError, match=message):
+        load_layers(str(path))
+
+
+def test_a_kmz_of_several_kml_says_that_one_is_read(tmp_path):
+    with zipfile.ZipFile(tmp_path / "a.kmz", "w") as archive:
+        for name in ("doc.kml", "other.kml"):
+            archive.writestr(name, kml(mark(name, LINE)))
+    (layer,) = load_layers(str(tmp_path / "a.kmz"))
+    assert [f.label for f in layer.features] == ["doc.kml"]
+    assert "of 2 .kml in it only doc.kml (else the first) is read" in layer.left_out[0]
+
+
+def test_a_map_gets_nothing_of_its_reader_s_input(tmp_path):
+    """A description that names stdin would wait for the next task for ever."""
+    path = tmp_path / "a.vrt"
+    path.write_text(
+        "<OGRVRTDataSource><OGRVRTLayer name='a'><SrcDataSource>/vsistdin/</SrcDataSource>"
+        "</OGRVRTLayer></OGRVRTDataSource>"
+    )
+    with pytest.raises(MapError, match=r"a\.vrt: not a readable map"):
+        load_layers(str(path))
+
+
+def test_a_line_of_geojson_that_is_damaged_is_counted(tmp_path):
+    lines = [json.dumps(feature("Point", place)) for place in RING[:3]]
+    (tmp_path / "a.geojsonl").write_text("\n".join([lines[0], lines[1][:40], lines[2]]))
+    (layer,) = read_layers(str(tmp_path / "a.geojsonl"))
+    assert len(layer.features) == 2
+    assert layer.left_out[0].endswith("1 damaged lines left out")
