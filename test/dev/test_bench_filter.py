@@ -25,6 +25,7 @@ def test_without_pyins_the_filter_is_measured_alone(monkeypatch):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_long_flight_is_measured_at_both_ends(monkeypatch):
     monkeypatch.setattr(bench_filter, "_HOUR_MINUTES", 3)
     monkeypatch.setattr(bench_filter, "_COMPARED_MINUTES", 1)
@@ -37,6 +38,7 @@ def test_a_long_flight_is_measured_at_both_ends(monkeypatch):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(not pyins_is_installed(), reason="pyins is not installed: make bench does")
 def test_pyins_is_given_what_it_needs_to_be_good():
     """What a cost is worth depends on the accuracy: 0.12 deg and 2 cm, as the filter's own."""

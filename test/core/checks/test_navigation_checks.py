@@ -291,6 +291,7 @@ CLEAN = {
 
 
 @pytest.mark.slow
+@pytest.mark.long  # the planted faults' judge flies four others
 @pytest.mark.parametrize("name", CLEAN)
 def test_simulated_flights_are_clean(name):
     values, seed = CLEAN[name]
