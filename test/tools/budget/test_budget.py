@@ -13,7 +13,7 @@ import pytest
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter
-from tirgeo_ros.io.pictures.camera_file import save_camera
+from tirgeo_ros.io.pictures.camera_file import camera_yaml
 from tirgeo_ros.tools.budget.budget import Setting, budget
 from tirgeo_ros.tools.budget.budget_files import make_budget
 from tirgeo_ros.tools.cli import main as command
@@ -67,7 +67,9 @@ def test_files(tmp_path, capsys):
 
 
 def test_a_middle_over_the_horizon_has_no_number(capsys, tmp_path):
-    save_camera(tmp_path / "camera.yaml", Camera(640, 512, 800.0, 800.0, 319.5, 300.0))
+    (tmp_path / "camera.yaml").write_text(
+        camera_yaml(Camera(640, 512, 800.0, 800.0, 319.5, 300.0)), encoding="utf-8"
+    )
     arguments = ["budget", "--tilt", "1", "--camera", str(tmp_path / "camera.yaml")]
     assert command.main(arguments) == 0
     lines = capsys.readouterr().out.splitlines()

@@ -14,7 +14,7 @@ from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.types.errors import BagError, CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
 from tirgeo_ros.io.messages import Messages
-from tirgeo_ros.io.pictures.camera_file import save_camera
+from tirgeo_ros.io.pictures.camera_file import camera_yaml
 from tirgeo_ros.tools.calibrate.board_pictures import Taken, thinned
 from tirgeo_ros.tools.calibrate.gimbal import calibrate_gimbal
 from tirgeo_ros.tools.cli.main import main
@@ -103,7 +103,7 @@ def test_the_time_series_is_the_truth(run, video):
 def test_pictures_with_a_calibration_file_and_the_command(video, tmp_path, capsys):
     for number, image in enumerate(video[1][:12]):
         cv2.imwrite(str(tmp_path / f"f{number}.png"), image)
-    save_camera(tmp_path / "camera.yaml", XT2)
+    (tmp_path / "camera.yaml").write_text(camera_yaml(XT2), encoding="utf-8")
     argv = ["calibrate", "gimbal", str(tmp_path), "--board", "9x6", "--square", "0.1"]
     argv += ["--camera", str(tmp_path / "camera.yaml"), "--rate", "5"]
     assert main([*argv, "--json"]) == 0

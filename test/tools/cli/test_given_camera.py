@@ -12,7 +12,7 @@ from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter
 from tirgeo_ros.io.parameters.parameter_output import write_parameters
-from tirgeo_ros.io.pictures.camera_file import save_camera
+from tirgeo_ros.io.pictures.camera_file import camera_yaml
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.replay.graph_outputs import read_pictures
 from tirgeo_ros.tools.replay.locate import locate_pixels
@@ -41,7 +41,7 @@ def flight(sample, tmp_path_factory):
 @pytest.fixture(scope="module")
 def lens(tmp_path_factory):
     path = tmp_path_factory.mktemp("lens") / "lens.yaml"
-    save_camera(path, LONG)
+    path.write_text(camera_yaml(LONG), encoding="utf-8")
     return path
 
 
@@ -53,7 +53,7 @@ def test_without_any_calibration_the_bag_is_refused(flight, sample, tmp_path):
 
 def test_process_draws_with_it(flight, lens, sample, tmp_path):
     given = {"params": sample / "params.yaml", "map": sample / "map.geojson"}
-    save_camera(tmp_path / "xt2.yaml", XT2)
+    (tmp_path / "xt2.yaml").write_text(camera_yaml(XT2), encoding="utf-8")
     drawn = []
     for name in (lens, tmp_path / "xt2.yaml"):
         process(flight, tmp_path / "out.mcap", **given, camera=name)
@@ -68,7 +68,7 @@ def test_locate_with_it_by_a_parameter(flight, lens, sample, tmp_path):
     begun_ns = BagReader(flight).span_ns[0]
     rows = [f"{k},{begun_ns + 8_700_000_000},{u},{XT2.cy}" for k, u in enumerate((XT2.cx, 500))]
     (tmp_path / "pixels.csv").write_text("\n".join(["id,stamp_ns,u,v", *rows]))
-    save_camera(tmp_path / "xt2.yaml", XT2)
+    (tmp_path / "xt2.yaml").write_text(camera_yaml(XT2), encoding="utf-8")
     places = []
     for camera in (lens, tmp_path / "xt2.yaml"):
         write_parameters(tmp_path / "more.yaml", {"overlay_node": {"camera": str(camera)}}, "")
@@ -93,7 +93,7 @@ def test_locate_with_it_by_a_parameter(flight, lens, sample, tmp_path):
 def test_a_calibration_of_another_size_is_refused(verb, sample, tmp_path, capsys):
     """It would put each pixel elsewhere, and say so with a small ellipse."""
     half = replace(XT2, width=320, height=256)
-    save_camera(tmp_path / "half.yaml", half)
+    (tmp_path / "half.yaml").write_text(camera_yaml(half), encoding="utf-8")
     seen = sample / "observations.csv"
     more = {
         "locate": ["--pixels", seen, "-o", tmp_path / "points.geojson"],

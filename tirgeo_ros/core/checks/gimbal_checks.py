@@ -34,6 +34,7 @@ from tirgeo_ros.core.types.poses import BodyPose
 
 _EVERY_NS = 200_000_000  # interval between the compared instants
 _HISTORY_S = 1.0
+_STEP_NS = 18_000_000  # least interval between attitudes that are kept: about the joints' rate
 _KEPT, _FEWEST = 300, 25  # instants: one minute, five seconds
 _NAMES = ("gimbal_yaw_joint", "gimbal_roll_joint", "gimbal_pitch_joint")
 #: Mean square difference without a mistake, from errors of the reported attitudes and of the
@@ -85,13 +86,11 @@ class GimbalChecks:
 
     def autopilot(self, stamp_ns: int, q_nb: Array) -> None:
         """Take the autopilot's attitude (4,), whose errors the reported attitudes share."""
-        if usable_attitude(q_nb):
-            self._autopilot.put(stamp_ns, q_nb)
+        _put(self._autopilot, stamp_ns, q_nb)
 
     def body(self, pose: BodyPose) -> None:
         """Take a body pose, which is used where the autopilot's attitude is missing."""
-        if usable_attitude(pose.q_nb):
-            self._bodies.put(pose.stamp_ns, pose.q_nb)
+        _put(self._bodies, pose.stamp_ns, pose.q_nb)
 
     def reported(self, sample: CameraAttitudeSample) -> None:
         """Take the camera attitude that the flight controller reports."""
@@ -157,6 +156,14 @@ class GimbalChecks:
         where = f"{_TOPIC}, gimbal_node yaw_zero_deg, north.bias_deg"
         mend = "correct the joints' zeros, or their stamps; the boresight is not the cause"
         return [Finding("joints_unlike", Severity.CAUTION, evidence, where, mend)]
+
+
+def _put(attitudes: StampedBuffer[Array], stamp_ns: int, q_nb: Array) -> None:
+    """Keep a usable attitude (4,) if the one before is a step older."""
+    newest_ns = attitudes.newest_ns
+    is_due = newest_ns is None or not 0 <= stamp_ns - newest_ns < _STEP_NS
+    if is_due and usable_attitude(q_nb):
+        attitudes.put(stamp_ns, q_nb)
 
 
 class _Reading(NamedTuple):

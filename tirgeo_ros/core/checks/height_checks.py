@@ -52,9 +52,13 @@ class HeightChecks:
         self._lowest_m, self._highest_m = math.inf, -math.inf  # in the plane
         self._rest = math.inf, math.nan  # height in the plane, and above ground
 
+    def is_due(self, stamp_ns: int) -> bool:
+        """Return whether a pose of this stamp is looked at."""
+        return self._newest_ns is None or not 0 <= stamp_ns - self._newest_ns < _EVERY_NS
+
     def pose(self, pose: CameraPose) -> None:
         """Take a pose, in order of time."""
-        if self._newest_ns is not None and 0 <= pose.stamp_ns - self._newest_ns < _EVERY_NS:
+        if not self.is_due(pose.stamp_ns):
             return
         self._newest_ns, ground = pose.stamp_ns, self._ground
         if self.plane is None or ground is None:

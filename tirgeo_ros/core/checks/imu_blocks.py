@@ -49,10 +49,11 @@ class ImuBlocks:
         self._samples.append(sample)
         if stamp_ns - self._begin_ns < _BLOCK_NS:
             return None
-        with np.errstate(invalid="ignore"):
-            force_b = self._rotation_bi @ np.mean([s.specific_force_b for s in self._samples], 0)
-            rate_b = self._rotation_bi @ np.mean([s.angular_rate_b for s in self._samples], 0)
-        good = bool(np.abs(force_b).max() + np.abs(rate_b).max() < _NO_NUMBER)  # False for nan
+        pairs = [(s.specific_force_b, s.angular_rate_b) for s in self._samples]
+        with np.errstate(invalid="ignore", over="ignore"):
+            sums = np.add.reduce(pairs) @ self._rotation_bi.T
+            force_b, rate_b = sums / len(pairs)
+            good = bool(np.vdot(sums, sums) < _NO_NUMBER**2)  # False for nan
         q_nb = sample.autopilot_q_nb if usable_attitude(sample.autopilot_q_nb) else None
         step_s = (stamp_ns - self._begin_ns) * 1e-9
         block = ImuMean(stamp_ns, step_s, force_b, rate_b, q_nb, self._joined)

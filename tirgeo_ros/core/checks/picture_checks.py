@@ -62,8 +62,9 @@ class PictureChecks:
 
     def pose(self, pose: CameraPose) -> None:
         """Take a camera pose, in order of time."""
-        if not pose_fault(pose.position_n, pose.q_nc, pose.covariance):
-            self._stamps.pose(pose.stamp_ns)
+        self._stamps.pose(pose.stamp_ns)
+        is_due = self._camera is not None or self._heights.is_due(pose.stamp_ns)
+        if is_due and not pose_fault(pose.position_n, pose.q_nc, pose.covariance):
             self._heights.pose(pose)
             self._motion.pose(pose)
 

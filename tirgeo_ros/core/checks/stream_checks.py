@@ -83,9 +83,9 @@ class Stream:
 def _has_no_covariance(sample: NavigationInput) -> bool:
     if isinstance(sample, HeadingSample):
         return sample.variance_rad2 <= 0
-    if isinstance(sample, PositionSample) and sample.status is FixStatus.NONE:
+    if not isinstance(sample, (PositionSample, VelocitySample)):
         return False
-    if not isinstance(sample, PositionSample | VelocitySample):
+    if isinstance(sample, PositionSample) and sample.status is FixStatus.NONE:
         return False
     return bool(sample.covariance_n.diagonal().min() <= 0)
 

@@ -14,7 +14,7 @@ import yaml
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.types.errors import CameraError, ConfigError
-from tirgeo_ros.io.files.whole_files import PathLike, write_files
+from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.messages.pictures import camera as camera_of
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
 
@@ -48,11 +48,6 @@ def camera_yaml(camera: Camera, name: str = "thermal") -> str:
 def _matrix(rows: int, data: Sequence[float]) -> dict[str, object]:
     numbers = [float(f"{number:.10g}") for number in data]
     return {"rows": rows, "cols": len(data) // rows, "data": numbers}
-
-
-def save_camera(path: PathLike, camera: Camera, name: str = "thermal") -> None:
-    """Write a calibration file: the whole file or none. Raises CameraError."""
-    write_files({path: camera_yaml(camera, name)}, CameraError)
 
 
 def load_camera(path: PathLike) -> Camera:
