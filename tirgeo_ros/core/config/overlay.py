@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from tirgeo_ros.core.config.frames import FramesConfig
 from tirgeo_ros.core.config.schema import group, param
 
 PALETTES = ("white_hot", "black_hot", "iron", "rainbow", "arctic", "lava")
@@ -49,7 +50,7 @@ class ConfidenceConfig:
 
 
 @dataclass(frozen=True, slots=True)
-class OverlayConfig:
+class OverlayConfig(FramesConfig):
     """Parameters of overlay_node."""
 
     map: str = param(
