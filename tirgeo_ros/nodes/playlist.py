@@ -19,7 +19,10 @@ _STEADY_S = 1.0
 _POLL_S = 0.05
 _LATCHED = ("tirgeo/origin", "tf_static")
 #: Topics that the running graph publishes itself; the recorded ones would conflict with them.
-_OUTPUTS = ("tirgeo/odometry", "tirgeo/fix", "tirgeo/origin", "tirgeo/camera_pose")
+_OUTPUTS = (
+    *("tirgeo/odometry", "tirgeo/fix", "tirgeo/origin", "tirgeo/camera_pose"),
+    *("tirgeo/footprint", "tirgeo/path", "tf", "tf_static"),
+)
 _OUTPUT_FOLDERS = ("tirgeo/overlay/", "tirgeo/locate/fix", "tirgeo/locate/point")
 _INFRASTRUCTURE = ("clock", "rosout", "parameter_events", "diagnostics")
 

@@ -50,7 +50,7 @@ class Recorder(Node):
             if now_ns > 0:  # before the first /clock message there is no valid time
                 self.resources.write(resolved, typename, data, now_ns)
 
-        qos = latched() if topic == "tirgeo/origin" else output(_DEPTH)
+        qos = latched() if topic in ("tirgeo/origin", "/tf_static") else output(_DEPTH)
         self.create_subscription(message_class(typename), topic, write, qos, raw=True)
 
 

@@ -100,6 +100,7 @@ class OverlayConfig(FramesConfig):
     )
     palette: str = param("white_hot", "colours for pictures without colour", choices=PALETTES)
     rectify: bool = param(False, "show the picture without the lens's distortion")
+    footprint_rate_hz: float = param(5.0, "highest rate of tirgeo/footprint", ("Hz", 0.1, 100))
     jpeg_quality: int = param(80, "quality of tirgeo/overlay/image/compressed", ("", 1, 100))
     picture: PictureConfig = group(PictureConfig)
     confidence: ConfidenceConfig = group(ConfidenceConfig)

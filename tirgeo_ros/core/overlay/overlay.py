@@ -11,6 +11,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.camera.rectification import Rectifier
@@ -26,7 +28,7 @@ from tirgeo_ros.core.overlay.map_renderer import DrapedMap, DrawingVerdict, MapR
 from tirgeo_ros.core.overlay.status_text import VERDICT_BGR, status_line, words_of
 from tirgeo_ros.core.overlay.text_boxes import paint_notice, paint_status, place_notice
 from tirgeo_ros.core.overlay.tone_mapping import ToneMapper
-from tirgeo_ros.core.types.arrays import Pixels, RawPixels
+from tirgeo_ros.core.types.arrays import Array, Pixels, RawPixels
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import NavigationStatus
 
@@ -43,7 +45,7 @@ class OverlayResult:
     image: Pixels  # (h, w, 3) BGR
     pose: CameraPose | None  # at the exposure; None if no map was drawn
     notice: str  # why no map was drawn, or why none is in view; else empty
-    camera: Camera | None = None  # of the picture as it is shown; None if unknown
+    camera: Camera | None = None  # of the picture as shown; None if unknown or of another size
     predicted_s: float = 0.0  # how far the pose was extrapolated
 
 
@@ -134,6 +136,13 @@ class Overlay:
     def laid(self) -> DrapedMap | None:
         """Return the map as draped in the plane, once both are known."""
         return self._drawing.laid
+
+    def footprint(self, result: OverlayResult) -> Array:
+        """Return a picture's outline on the ground (N, 3), NED in the plane, m; empty if unknown.
+
+        It is cut where lines end: too far ahead, or too near the horizon.
+        """
+        return self._drawing.footprint(result.pose) if result.pose else np.empty((0, 3))
 
     def set_map(self, new: DrapedMap) -> None:
         """Draw a map that was draped elsewhere from now on; ignore one in another plane."""
@@ -231,7 +240,7 @@ class Overlay:
             self._verdict.severity,
         )
         paint_status(image, fields)
-        camera = self._drawing.camera
+        camera = self._drawing.camera if self._fits(image) else None
         return OverlayResult(frame.stamp_ns, image, shown_pose, notice, camera, predicted_s)
 
     def _predicted(self, exposure_ns: int) -> tuple[CameraPose | Miss, float]:
@@ -249,8 +258,11 @@ class Overlay:
     def _picture(self, frame: Frame) -> Pixels:
         """Return the frame in colour, rectified if it has the camera's size."""
         image = self._toner.tone(frame.pixels, frame.stamp_ns)
-        fits = self._camera and image.shape[:2] == (self._camera.height, self._camera.width)
-        return self._rectifier.rectified(image) if self._rectifier and fits else image
+        return self._rectifier.rectified(image) if self._rectifier and self._fits(image) else image
+
+    def _fits(self, image: Pixels) -> bool:
+        camera = self._camera
+        return camera is not None and image.shape[:2] == (camera.height, camera.width)
 
     def _without_map(self, frame: Frame, image: Pixels, obstacle: str) -> str:
         """Write why there is no map; return the notice."""
