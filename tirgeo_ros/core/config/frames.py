@@ -10,7 +10,7 @@ from tirgeo_ros.core.types.errors import ConfigError
 
 
 class FrameIds(NamedTuple):
-    """Hold the frame ids of messages, with their prefix; docs/frames.md draws them."""
+    """Hold the frame ids of messages, with their prefix; docs/outputs.md draws them."""
 
     map: str
     base_link: str
