@@ -26,14 +26,16 @@ class _Sequence(Structure):
 
 
 class _Callbacks(Structure):
-    _fields_ = (("namespace", c_char_p), ("name", c_char_p)) + tuple(
-        (name, c_void_p) for name in ("write", "read", "size", "most", "keys")
+    _fields_ = (
+        *(("namespace", c_char_p), ("name", c_char_p)),
+        *((name, c_void_p) for name in ("write", "read", "size", "most", "keys")),
     )
 
 
 class _Support(Structure):
-    _fields_ = (("form", c_char_p),) + tuple(
-        (name, c_void_p) for name in ("data", "find", "hash", "description", "sources")
+    _fields_ = (
+        ("form", c_char_p),
+        *((name, c_void_p) for name in ("data", "find", "hash", "description", "sources")),
     )
 
 
@@ -58,15 +60,9 @@ _init = _symbol(_made, f"{_ELEMENT}__Sequence__init", _Bool, _Pointer, c_size_t)
 _fini = _symbol(_made, f"{_ELEMENT}__Sequence__fini", None, _Pointer)
 _write_item = _symbol(_sent, f"cdr_serialize_{_ELEMENT}", _Bool, _Pointer, _Pointer)
 _read_item = _symbol(_sent, f"cdr_deserialize_{_ELEMENT}", _Bool, _Pointer, _Pointer)
-_item_size = _symbol(
-    _sent, f"get_serialized_size_{_ELEMENT}", c_size_t, _Pointer, c_size_t
-)
-_write_number = _symbol(
-    _number, "cdr_serialize_std_msgs__msg__UInt32", _Bool, _Pointer, _Pointer
-)
-_read_number = _symbol(
-    _number, "cdr_deserialize_std_msgs__msg__UInt32", _Bool, _Pointer, _Pointer
-)
+_item_size = _symbol(_sent, f"get_serialized_size_{_ELEMENT}", c_size_t, _Pointer, c_size_t)
+_write_number = _symbol(_number, "cdr_serialize_std_msgs__msg__UInt32", _Bool, _Pointer, _Pointer)
+_read_number = _symbol(_number, "cdr_deserialize_std_msgs__msg__UInt32", _Bool, _Pointer, _Pointer)
 _from_python = _symbol(
     _python,
     "geometry_msgs__msg__transform_stamped__convert_from_py",
