@@ -27,5 +27,5 @@ class PictureGeometry:
         if result.camera is not None and self._info.get_subscription_count():
             self._info.publish(self._messages.camera_info(result.camera, stamp_ns))
         if self._footprint.get_subscription_count() and self._rate.due(stamp_ns):
-            outline_n = self._overlay.footprint(result)
+            outline_n = self._overlay.footprint(result.pose)
             self._footprint.publish(self._messages.footprint(stamp_ns, outline_n))

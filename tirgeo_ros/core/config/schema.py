@@ -106,7 +106,7 @@ def param(
     """
     if isinstance(default, tuple) and not sizes:
         sizes = (len(default),)
-    made = Parameter("", default, description, *within, choices, sizes, fault)
+    made = Parameter("", default, description, *within, choices, sizes, fault=fault)
     return dataclasses.field(default=default, metadata={"parameter": made})
 
 

@@ -136,13 +136,13 @@ class MapRenderer:
         own_m = self.laid.level_m if self.laid else math.nan
         return self.ground if _is_given(self.ground) else own_m
 
-    def footprint(self, pose: CameraPose) -> Array:
-        """Return the outline on the ground (N, 3), NED in the plane, m, as far as lines reach.
+    def footprint(self, pose: CameraPose | None) -> Array:
+        """Return the picture's outline on the ground (N, 3), NED in the plane, m.
 
-        It is empty without camera, plane or ground.
+        It is cut where lines end, and empty without pose, camera, plane or ground.
         """
         level = self.level
-        if self.view is None or self.laid is None or not _is_given(level):
+        if pose is None or self.view is None or self.laid is None or not _is_given(level):
             return np.empty((0, 3))
         plane = self.laid.plane
         far_m = self.view.farthest_m(height_above_m(pose, plane, level))

@@ -11,8 +11,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.camera.rectification import Rectifier
@@ -28,7 +26,7 @@ from tirgeo_ros.core.overlay.map_renderer import DrapedMap, DrawingVerdict, MapR
 from tirgeo_ros.core.overlay.status_text import VERDICT_BGR, status_line, words_of
 from tirgeo_ros.core.overlay.text_boxes import paint_notice, paint_status, place_notice
 from tirgeo_ros.core.overlay.tone_mapping import ToneMapper
-from tirgeo_ros.core.types.arrays import Array, Pixels, RawPixels
+from tirgeo_ros.core.types.arrays import Pixels, RawPixels
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import NavigationStatus
 
@@ -56,6 +54,7 @@ class Overlay:
     large map. With None the map is draped elsewhere, again for each plane, and given to
     ``set_map``. ``clicks`` locates clicks on the pictures that were returned. ``frames`` wait for
     a pose or to be taken; ``poses`` are the camera's; ``plane`` is the map's, once it is known.
+    ``footprint`` is the map renderer's, for a result's pose.
     """
 
     def __init__(
@@ -68,6 +67,7 @@ class Overlay:
         self._wait_ns = round(config.max_pose_wait_s * 1e9)
         self._prediction_ns = round(config.max_prediction_s * 1e9)
         self._drawing = MapRenderer(config, layers or (), terrain)
+        self.footprint = self._drawing.footprint
         self._laid_elsewhere = layers is None
         given = layers is None or len(layers) > 0
         self._no_map = "the map has no features" if given else "no map is given"
@@ -136,13 +136,6 @@ class Overlay:
     def laid(self) -> DrapedMap | None:
         """Return the map as draped in the plane, once both are known."""
         return self._drawing.laid
-
-    def footprint(self, result: OverlayResult) -> Array:
-        """Return a picture's outline on the ground (N, 3), NED in the plane, m; empty if unknown.
-
-        It is cut where lines end: too far ahead, or too near the horizon.
-        """
-        return self._drawing.footprint(result.pose) if result.pose else np.empty((0, 3))
 
     def set_map(self, new: DrapedMap) -> None:
         """Draw a map that was draped elsewhere from now on; ignore one in another plane."""

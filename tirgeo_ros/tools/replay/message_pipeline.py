@@ -237,7 +237,7 @@ class Pipeline:
             info = self._messages.camera_info(result.camera, result.stamp_ns)
             self._write("tirgeo/overlay/camera_info", info, log_time_ns)
         if self.overlay is not None and self._footprint_rate.due(result.stamp_ns):
-            outline_n = self.overlay.footprint(result)
+            outline_n = self.overlay.footprint(result.pose)
             made = self._messages.footprint(result.stamp_ns, outline_n)
             self._write("tirgeo/footprint", made, log_time_ns)
 
