@@ -1,4 +1,4 @@
-"""The node graph, live or on a bag.
+"""Start the node graph, live or on a bag.
 
 ``ros2 launch tirgeo tirgeo.launch.py map:=park.geojson`` on an aircraft, with dji_node unless
 ``dji:=false`` says that other drivers give its topics;
@@ -59,7 +59,7 @@ ARGUMENTS = {
 
 
 def generate_launch_description() -> LaunchDescription:
-    """What ros2 launch asks for."""
+    """Return the arguments, and the function that makes the nodes of them."""
     choices = {"log_level": list(LEVELS)}
     declared = [
         DeclareLaunchArgument(
@@ -71,7 +71,7 @@ def generate_launch_description() -> LaunchDescription:
 
 
 def graph(context: LaunchContext) -> list[Action]:
-    """The nodes in their environment, from the arguments as given."""
+    """Return the nodes and their environment; raise for arguments that cannot be."""
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     check(given)
     on_bag = bool(given["bag"])
@@ -95,7 +95,7 @@ def check(given: dict[str, str]) -> None:
 
 
 def node(context: LaunchContext, name: str, given: dict[str, str]) -> Node:
-    """One of the package's executables under its own name."""
+    """Return the action that runs one of the package's executables under its own name."""
     respawn = is_true("respawn", given["respawn"])
     level = f"{logger_name(context, given['namespace'], name)}:={given['log_level']}"
     return Node(
@@ -115,7 +115,7 @@ def node(context: LaunchContext, name: str, given: dict[str, str]) -> Node:
 
 
 def parameters(name: str, given: dict[str, str]) -> list[object]:
-    """The file of parameters, and over it what the arguments say to a node."""
+    """Return the file of parameters, and what the arguments set over it for a node."""
     values: dict[str, object] = {}
     if name == "bag_player":
         values |= text("bag", ",".join(paths(given["bag"])))
@@ -128,21 +128,21 @@ def parameters(name: str, given: dict[str, str]) -> list[object]:
 
 
 def text(name: str, value: str) -> dict[str, object]:
-    """A parameter that is a text; none where it is empty, so that params_file decides."""
+    """Return a parameter that is a text; none where it is empty, so that params_file decides."""
     # The type is told, for a bare text is read as YAML: a bag named 7 would become a number.
     return {name: ParameterValue(value, value_type=str)} if value else {}
 
 
 def sim_time(given: dict[str, str]) -> dict[str, object]:
-    """The parameter use_sim_time, where an argument decides on it."""
+    """Return the parameter use_sim_time; none where params_file decides."""
     said = given["use_sim_time"] or ("true" if given["bag"] else "")
     return {"use_sim_time": is_true("use_sim_time", said)} if said else {}
 
 
 def remappings(name: str, given: dict[str, str]) -> list[tuple[str, str]]:
-    """The names that a node takes for others.
+    """Return the topics of a node that have another name: (own, other).
 
-    A bag's clock goes into the namespace, as the bag's topics do: two bags have two clocks.
+    A bag's clock is in the namespace, as the bag's topics are: two bags have two clocks.
     """
     found = [("/clock", "clock")] if given["bag"] else []
     if name != "overlay_node":
@@ -156,7 +156,7 @@ def remappings(name: str, given: dict[str, str]) -> list[tuple[str, str]]:
 
 
 def end_of(name: str) -> object:
-    """What a node's end does to a graph on a bag: it ends, in error unless the bag was played."""
+    """Return what ends the launch when a node of a bag's graph ends: in error, unless played."""
 
     def ended(event: ProcessExited, context: LaunchContext) -> list[Action] | None:
         if context.is_shutdown:
@@ -171,7 +171,7 @@ def end_of(name: str) -> object:
 
 
 def rviz(given: dict[str, str]) -> Node:
-    """RViz in the graph's namespace, time and frames; raise RuntimeError if not installed."""
+    """Return RViz in the graph's namespace, time and frames; raise RuntimeError if absent."""
     try:
         get_package_prefix("rviz2")
     except PackageNotFoundError:
@@ -191,7 +191,7 @@ def rviz(given: dict[str, str]) -> Node:
 
 
 def environment(*, local: bool) -> list[Action]:
-    """What the nodes' environment has otherwise than ours: DDS for video, and who reaches it."""
+    """Return what the nodes' environment has otherwise than ours: DDS, and who reaches it."""
     ours = dict(os.environ)
     theirs = (localhost_environment if local else video_environment)(ours, SHARE / "config")
     changed = {name: value for name, value in theirs.items() if ours.get(name) != value}
@@ -200,7 +200,7 @@ def environment(*, local: bool) -> list[Action]:
 
 
 def is_true(name: str, value: str) -> bool:
-    """A launch argument that is true or false, in any case, or 1 or 0."""
+    """Return whether an argument is true: true or false in any case, or 1 or 0."""
     known = {"true": True, "1": True, "false": False, "0": False}
     if value.lower() not in known:
         raise ValueError(f"argument {name}:={value}: say true or false")
@@ -208,12 +208,12 @@ def is_true(name: str, value: str) -> bool:
 
 
 def logger_name(context: LaunchContext, namespace: str, name: str) -> str:
-    """The name of a node's logger: its own level leaves ROS's libraries quiet, even at debug."""
+    """Return a node's logger: a level for it alone keeps ROS's libraries quiet at debug."""
     pushed = LaunchConfiguration("ros_namespace", default="").perform(context)
     whole = namespace if namespace.startswith("/") else f"{pushed}/{namespace}"
     return ".".join(part for part in [*whole.split("/"), name] if part)
 
 
 def paths(given: str) -> list[str]:
-    """The files of an argument, as seen from where ros2 launch was called."""
+    """Return the files of an argument, as seen from where ros2 launch was called."""
     return [str(Path(path).expanduser().absolute()) for path in named_files(given)]
