@@ -77,6 +77,9 @@ class BagPlayer(GraphNode):
         )
         if missing:
             self.log(WARN, f"playing without {missing}")
+        clock = self._clock_publisher.topic_name if self._clock_publisher else ""
+        if clock and self.count_publishers(clock) > 1:
+            self.log(WARN, f"{clock} has another publisher too: give each bag its own namespace")
         self.log(OK, f"playing {config.bag}")
         self._play_once(stop)
         while self._config.loop and not stop.is_set():

@@ -195,7 +195,7 @@ class OverlayNode(GraphNode):
                 for note in self._logged_notes:
                     self.log(WARN, note)
         elif self.resources.error:
-            self._overlay.map_failed()
+            self._overlay.map_failed(self.resources.failure)
             self._setup.take(self._map_checks.failed, self.resources.error)
 
     def _publish(self, result: OverlayResult) -> None:

@@ -31,7 +31,7 @@ from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import NavigationStatus
 
 _MARGIN_S = 1.0  # poses are kept this much longer than the oldest exposure needs
-_READING, _FAILED = "reading", "its reading failed"
+_READING = "reading"
 _RATES_NS = 100_000_000  # interval of the camera's rates: less than a turn, enough for noise
 
 
@@ -143,9 +143,9 @@ class Overlay:
             self._laid_elsewhere, self._map_not_ready = True, ""
             self._drawing.set_map(new)
 
-    def map_failed(self) -> None:
-        """Record that the map from elsewhere will not come; a map that is drawn stays."""
-        self._map_not_ready = self._map_not_ready and _FAILED
+    def map_failed(self, why: str) -> None:
+        """Record why the map from elsewhere does not come; a map that is drawn stays."""
+        self._map_not_ready = self._map_not_ready and why
 
     def set_status(self, status: NavigationStatus) -> None:
         """Set the estimator's status, for the status line and the notices."""
@@ -184,6 +184,8 @@ class Overlay:
         """Return why the map cannot be drawn whatever the pose, else an empty string."""
         if self._drawing.empty and not self._map_not_ready:
             return self._no_map
+        if self._map_not_ready not in ("", _READING):
+            return self._map_not_ready  # first: a misspelt file is mended before take-off
         camera = self._camera
         if camera is None:
             return "no camera info"
