@@ -168,6 +168,8 @@ def test_outputs_of_the_graph_are_not_played_unless_asked():
         "/uav1/imu/data": "sensor_msgs/msg/Imu",
         "/uav1/tirgeo/odometry": "nav_msgs/msg/Odometry",
         "/uav1/tirgeo/origin": "sensor_msgs/msg/NavSatFix",
+        "/tf": "tf2_msgs/msg/TFMessage",
+        "/tf_static": "tf2_msgs/msg/TFMessage",
         "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
         "/clock": "rosgraph_msgs/msg/Clock",
     }

@@ -72,7 +72,7 @@ class Pipeline:
         self._checks = checks
         self._cdr = Cdr()
         self._messages = Messages(self._cdr.types, configs.ekf.frame_ids)
-        self._poses = PoseOutputs(configs.ekf, self._messages, self._write_one)
+        self._poses = PoseOutputs(configs, self._messages, self._write_one)
         self._writer, self._film = writer, film
         self._prefix = prefix(namespace)
         self._names = {topic: resolved(topic, namespace) for topic in TOPIC_TYPES}

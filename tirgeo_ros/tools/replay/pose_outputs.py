@@ -8,13 +8,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
-from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import Miss
 from tirgeo_ros.core.navigation.track import Track
 from tirgeo_ros.core.streams.rates import RateLimit
 from tirgeo_ros.core.types.poses import BodyPose
 from tirgeo_ros.io.messages import Messages
+from tirgeo_ros.tools.replay.node_configs import NodeConfigs
 from tirgeo_ros.tools.replay.registration import Registered
 
 #: Poses that are written together.
@@ -37,10 +37,10 @@ class _Waiting(NamedTuple):
 class PoseOutputs:
     """Write the poses of a run, in order, and what follows from them."""
 
-    def __init__(self, config: EkfConfig, messages: Messages, write: Write) -> None:
+    def __init__(self, configs: NodeConfigs, messages: Messages, write: Write) -> None:
         self._messages, self._write = messages, write
-        self._with_tf, self._aircraft = config.publish_tf, config.aircraft
-        self._fix_rate = RateLimit(config.fix_rate_hz)
+        self._ekf, self._with_camera_tf = configs.ekf, configs.gimbal.publish_tf
+        self._fix_rate = RateLimit(configs.ekf.fix_rate_hz)
         self._track = Track(messages.track_point)
         self._track_rate = RateLimit(_TRACK_RATE_HZ)
         self._waiting: list[_Waiting] = []
@@ -51,8 +51,8 @@ class PoseOutputs:
         """Write the origin, and with the first one what is fixed to the aircraft."""
         self.flush()
         self._write("tirgeo/origin", self._messages.origin(plane, stamp_ns), log_time_ns)
-        if self._with_tf and not self._has_fixed:
-            fixed = self._messages.fixed_transforms(self._aircraft, stamp_ns)
+        if self._ekf.publish_tf and not self._has_fixed:
+            fixed = self._messages.fixed_transforms(self._ekf.aircraft, stamp_ns)
             self._write("/tf_static", self._messages.tf(fixed), log_time_ns)
             self._has_fixed = True
         self._track.clear()
@@ -61,7 +61,7 @@ class PoseOutputs:
         self, found: Registered, body_at: Callable[[int], BodyPose | Miss], log_time_ns: int
     ) -> None:
         """Add poses; ``body_at`` gives the pose that a camera's pose is made of."""
-        stamps_ns = [pose.stamp_ns for pose in found.cameras] if self._with_tf else []
+        stamps_ns = [pose.stamp_ns for pose in found.cameras] if self._with_camera_tf else []
         self._waiting.append(_Waiting(found, [*map(body_at, stamps_ns)], log_time_ns))
         if len(self._waiting) >= _BLOCK:
             self.flush()
@@ -85,7 +85,7 @@ class PoseOutputs:
         solution, body, messages = one.found.solution, one.found.body, self._messages
         if solution is not None and body is not None:
             yield "tirgeo/odometry", messages.odometry(solution, body)
-            if self._with_tf:
+            if self._ekf.publish_tf:
                 yield "/tf", messages.tf([messages.body_transform(body)])
             if self._fix_rate.due(solution.stamp_ns):
                 yield "tirgeo/fix", messages.fix(solution)
