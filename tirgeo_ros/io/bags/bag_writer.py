@@ -15,6 +15,27 @@ from tirgeo_ros.io.bags.cdr import Cdr
 from tirgeo_ros.io.files.whole_files import PathLike, check_place, part_of
 from tirgeo_ros.io.messages.offered_qos import offered_qos
 
+#: What rosbag2 writes when it opens a file. It reads the version, by which it takes the topics'
+#: QoS as words, not numbers; counts and times come from the summary at the end of the file.
+_METADATA = """\
+version: 9
+storage_identifier: mcap
+duration:
+  nanoseconds: 0
+starting_time:
+  nanoseconds_since_epoch: 0
+message_count: 0
+topics_with_message_count:
+  []
+compression_format: ""
+compression_mode: ""
+relative_file_paths:
+  []
+files:
+  []
+ros_distro: ""
+custom_data: ~"""
+
 
 @final
 class BagWriter:
@@ -41,6 +62,7 @@ class BagWriter:
             self._file = self._part.open("wb")
             self._writer = Writer(self._file, compression=CompressionType.ZSTD)
             self._writer.start("ros2", f"tirgeo {__version__}")
+            self._writer.add_metadata("rosbag2", {"serialized_metadata": _METADATA})
         return self
 
     def write(self, topic: str, typename: str, message: Any, log_time_ns: int) -> None:
