@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
 
@@ -15,7 +15,11 @@ MAGIC = b"SQLite format 3\0"
 _TABLES = """
 SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name IN ('topics', 'messages')
 """
-_SPAN = "SELECT (SELECT min(timestamp) FROM messages), (SELECT max(timestamp) FROM messages)"
+#: Of numbers, before which NULL and behind which text is sorted.
+_SPAN = """
+SELECT (SELECT min(timestamp) FROM messages WHERE timestamp >= 0),
+    (SELECT max(timestamp) FROM messages WHERE timestamp <= 9223372036854775807)
+"""
 #: Ends as soon as every topic was met.
 _SPOKEN = "SELECT DISTINCT topic_id FROM messages LIMIT (SELECT count(*) FROM topics)"
 #: The messages' keys are sorted alone (by the index of the times, where there is one), so that
@@ -58,7 +62,7 @@ class SqliteFile:
         spoken = {key for (key,) in connection.execute(_SPOKEN)}
         rows = connection.execute("SELECT id, name, type, serialization_format FROM topics")
         topics = {key: (str(a), str(b), str(c)) for key, a, b, c in rows if key in spoken}
-        return topics, None if first_ns is None else (int(first_ns), int(last_ns))
+        return topics, None if None in (first_ns, last_ns) else (int(first_ns), int(last_ns))
 
     def topics(self) -> dict[str, str]:
         """Return every topic of which the file has messages, with the name of its type."""
@@ -82,27 +86,23 @@ class SqliteFile:
 
     def _ordered(self, types: dict[int, tuple[str, str]], start_ns: int) -> Iterator[BagMessage]:
         self.read = 0
-        query = _IN_ORDER.format(",".join("?" * len(types)))
-        with self._connection() as connection:
-            rows = connection.execute(query, (start_ns, *types))
-            while (row := self._next(rows)) is not None:
-                key, log_ns, data = row
-                try:
-                    message = BagMessage(*types[key], log_ns, _plain(data))
-                except ValueError as error:
-                    self.losses[1] = f"a message {error}"
-                    continue
-                self.read += 1
-                yield message
+        for key, log_ns, data in self._rows(start_ns, list(types)):
+            try:
+                message = _message(*types[key], log_ns, data)
+            except ValueError as error:
+                self.losses[1] = f"a message {error}"
+                continue
+            self.read += 1
+            yield message
 
-    def _next(self, rows: sqlite3.Cursor) -> tuple[int, int, bytes] | None:
-        """Return the next row; None at the end, or where the file is damaged."""
+    def _rows(self, start_ns: int, keys: Sequence[int]) -> Iterator[tuple[int, object, object]]:
+        """Yield topic, time and data of messages, up to where the file is damaged."""
+        query = _IN_ORDER.format(",".join("?" * len(keys)))
         try:
-            row: tuple[int, int, bytes] | None = rows.fetchone()
+            with self._connection() as connection:
+                yield from connection.execute(query, (start_ns, *keys))
         except sqlite3.Error as error:
             self.losses[0] = f"the database is damaged from here on ({error})"
-            return None
-        return row
 
     @contextmanager
     def _connection(self) -> Iterator[sqlite3.Connection]:
@@ -115,7 +115,8 @@ class SqliteFile:
             yield connection
 
 
-def _plain(data: object) -> bytes:
-    if not isinstance(data, bytes):
-        raise ValueError("has no data")  # noqa: TRY004  as for one that is damaged
-    return plain(data)
+def _message(topic: str, typename: str, log_ns: object, data: object) -> BagMessage:
+    """Return a row's message. Raises ValueError: what is wrong with it."""
+    if not isinstance(log_ns, int) or not isinstance(data, bytes):
+        raise ValueError("has no time or no data")  # noqa: TRY004  as for one that is damaged
+    return BagMessage(topic, typename, log_ns, plain(data))
