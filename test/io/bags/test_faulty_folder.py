@@ -171,6 +171,11 @@ def all_absent(folder):
     return folder
 
 
+def a_name_that_no_file_can_have(folder):
+    write_metadata(folder, ["x" * 300])
+    return folder
+
+
 def unknown_storage(folder):
     write_metadata(folder, ["bag_0.dat"], "of_my_own")
     return folder
@@ -190,6 +195,7 @@ def unknown_compression(folder):
         (all_absent, "{}: bag_0.mcap, named in metadata.yaml, is absent; bag_1.mcap, named in"),
         (unknown_storage, "{}/metadata.yaml: storage 'of_my_own' is not known (mcap, sqlite3"),
         (unknown_compression, "{}/metadata.yaml: compression 'lz4' is not known (zstd is)"),
+        (a_name_that_no_file_can_have, "{}: cannot be read: File name too long"),
         (cut_database, "{}/a.db3: the database is cut off or damaged (database disk image is"),
         (another_database, "{}/a.db3: a SQLite database, but not of rosbag2"),
         (without_messages, "{}/a.db3: no message can be read; it has none"),

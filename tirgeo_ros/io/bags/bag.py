@@ -28,10 +28,13 @@ class BagReader:
 
     def __init__(self, path: PathLike) -> None:
         self.path = Path(path)
-        files, self._lost = bag_files(self.path)
-        self._several = len(files) > 1
-        #: Those with messages, in the order of their first; at one time in the order of the bag.
-        self._storages = sorted(self._opened(files), key=lambda found: _span(found)[0])
+        try:
+            files, self._lost = bag_files(self.path)
+            self._several = len(files) > 1
+            #: Those with messages in the order of their first; at one time in that of the bag.
+            self._storages = sorted(self._opened(files), key=lambda found: _span(found)[0])
+        except OSError as error:
+            raise BagError(f"{self.path}: cannot be read: {error.strerror or error}") from None
         if not self._storages:
             why = self._losses() or "it has none"
             raise BagError(f"{self.path}: no message can be read; {why}")
