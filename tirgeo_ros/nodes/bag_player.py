@@ -50,7 +50,7 @@ class BagPlayer(GraphNode):
         super().__init__("bag_player")
         self._config = declare(self, BagPlayerConfig)
         if not self._config.bag:
-            raise ConfigError("parameter bag: no bag given: set it to an MCAP file")
+            raise ConfigError("parameter bag: no bag given: set it to a bag")
         if self._config.live and self._config.rate != 1:
             rate = self._config.rate
             raise ConfigError(f"parameter rate: a live bag plays at rate 1, not {rate:g}")

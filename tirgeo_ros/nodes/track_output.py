@@ -18,7 +18,7 @@ class TrackOutput:
         self._messages = node.messages
         self._track = Track(node.messages.track_point)
         self._rate = RateLimit(_RATE_HZ)
-        self._path = node.advertise("tirgeo/path", output(1))
+        self._path = node.advertise("tirgeo/path", output())
 
     def begin(self) -> None:
         """Begin a new track, in a new plane."""

@@ -13,13 +13,10 @@ from tirgeo_ros.core.types.poses import BodyPose, CameraPose
 from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.nodes.graph_node import GraphNode, message_class
 from tirgeo_ros.nodes.monitor import OK
-from tirgeo_ros.nodes.qos import latched, output
+from tirgeo_ros.nodes.qos import TF_DEPTH, latched, output
 
 if TYPE_CHECKING:
     from rclpy.publisher import Publisher
-
-#: As tf2's own broadcasters have it.
-_DEPTH = 100
 
 
 class Transforms:
@@ -40,7 +37,7 @@ class Transforms:
         except ConfigError:
             node.log(OK, "no /tf: tf2_msgs is not installed (apt: ros-jazzy-tf2-msgs)")
             return
-        self._tf = node.advertise("/tf", output(_DEPTH))
+        self._tf = node.advertise("/tf", output(TF_DEPTH))
 
     def fixed(self, aircraft: AircraftConfig) -> None:
         """Publish where antennas, gimbal and IMU are on the aircraft."""
