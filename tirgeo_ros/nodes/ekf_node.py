@@ -22,7 +22,7 @@ from tirgeo_ros.io.messages import NAVIGATION_INPUTS, DiagnosticItem
 from tirgeo_ros.nodes.graph_node import GraphNode
 from tirgeo_ros.nodes.inbox import Inbox
 from tirgeo_ros.nodes.monitor import OK, WARN
-from tirgeo_ros.nodes.parameters import declare, given_names
+from tirgeo_ros.nodes.parameters import given_names
 from tirgeo_ros.nodes.qos import STREAM_DEPTH, latched, output, sensor_input
 from tirgeo_ros.nodes.runner import run
 from tirgeo_ros.nodes.setup_checks import InputChecks, SetupChecks
@@ -74,7 +74,7 @@ class EkfNode(GraphNode):
 
     def __init__(self) -> None:
         super().__init__("ekf_node")
-        config = declare(self, EkfConfig)
+        config = self.configured(EkfConfig, self._reconfigure)
         self._navigation = Navigation(config)
         self._checks = NavigationChecks(config, given_names(self, EkfConfig))
         sources = METHOD_SOURCES[config.method]
@@ -100,6 +100,11 @@ class EkfNode(GraphNode):
         self._restart = self.guarded("reset", self._navigation.reset)
         self.create_service(Trigger, "~/reset", self._reset)
         self.report_each_second(self._items)
+
+    def _reconfigure(self, config: EkfConfig) -> None:
+        self._navigation.configure(config)
+        self._fix_rate = RateLimit(config.fix_rate_hz)
+        self._setup.take(self._checks.configure, config)
 
     def _take(self, topic: str, decode: Decode, message: Any) -> None:
         came, arrival_ns = decode(message), self._inbox.taken_ns

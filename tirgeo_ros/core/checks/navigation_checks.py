@@ -42,7 +42,12 @@ class NavigationChecks:
     """
 
     def __init__(self, config: EkfConfig, given: Collection[str] | None) -> None:
-        self._config, self._given = config, given
+        self._given = given
+        self.configure(config)
+
+    def configure(self, config: EkfConfig) -> None:
+        """Take other parameters, and begin again: the evidence was against the former ones."""
+        self._config = config
         self._begin(config)
 
     def _begin(self, config: EkfConfig) -> None:

@@ -86,7 +86,10 @@ class HeadingConfig:
         _PATIENCE,
     )
     bias_sigma_deg: float = param(
-        0.0, "sigma of a slowly varying error that the filter estimates; 0 = none", ("deg", 0, 30)
+        0.0,
+        "sigma of a slowly varying error that the filter estimates; 0 = none",
+        ("deg", 0, 30),
+        live=False,  # it decides the filter's states
     )
     bias_time_s: float = param(600.0, "correlation time of that error", ("s", 1, 1e9))
 

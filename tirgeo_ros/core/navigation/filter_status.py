@@ -42,17 +42,21 @@ class FilterHealth:
     """
 
     def __init__(self, config: EkfConfig) -> None:
-        trust = config.trust
-        self._timeout_ns = round(trust.aid_timeout_s * 1e9)
-        self._bound_m = trust.lost_position_sigma_m
         self._variances: dict[Source, tuple[float, float, float]] = {}  # reported, NED, m2
         self._rtk = FixStatus.NONE, 0  # of the newest position, and its stamp
-        known_deg = _HEADING_SIGMAS * config.autopilot.attitude_sigma_deg[2]
-        self._heading_rad2 = math.radians(max(trust.lost_heading_sigma_deg, known_deg)) ** 2
-        self._patience_s = config.rtk.reset_after_s
+        self.configure(config)
         self._wanted = [Source.RTK_POSITION, Source.RTK_VELOCITY]
         if config.method == "ekf_heading":
             self._wanted.append(Source.RTK_HEADING)
+
+    def configure(self, config: EkfConfig) -> None:
+        """Take the parameters, also others in flight."""
+        trust = config.trust
+        self._timeout_ns = round(trust.aid_timeout_s * 1e9)
+        self._bound_m = trust.lost_position_sigma_m
+        known_deg = _HEADING_SIGMAS * config.autopilot.attitude_sigma_deg[2]
+        self._heading_rad2 = math.radians(max(trust.lost_heading_sigma_deg, known_deg)) ** 2
+        self._patience_s = config.rtk.reset_after_s
 
     def hear(self, sample: PositionSample) -> None:
         """Take a position, for the status and the accuracy that its receiver reports."""

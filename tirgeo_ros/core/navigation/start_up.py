@@ -98,7 +98,7 @@ class StartUp:
     """Take samples until ``ekf`` is there; ``prior`` is what is known of the IMU's biases."""
 
     def __init__(self, config: EkfConfig, prior: Biases | None) -> None:
-        self._config = config
+        self._config, self.prior = config, prior
         use_heading = config.method == "ekf_heading"
         self.aligner = Aligner(config, use_heading=use_heading, prior=prior)
         keep_s = self.aligner.keep_s
