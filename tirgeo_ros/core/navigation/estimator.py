@@ -237,7 +237,7 @@ class Navigation:
 
     def _process_aiding(self, sample: Aiding) -> Verdict:
         source = sample.source
-        delay_ns = self._delays.aid_ns[source]
+        delay_ns = self._delays.aid_ns.get(source, 0)
         if delay_ns:
             sample = replace(sample, stamp_ns=sample.stamp_ns - delay_ns)
         self._clocks.hear_aid(source, sample.stamp_ns)
@@ -252,8 +252,8 @@ class Navigation:
             verdict = self._passthrough.add_aiding(sample)
         elif self._ekf is not None:
             verdict = self._ekf.add_aiding(sample, stale=same is Same.VALUE)
-        elif far := self._start_up.order.out_of_reach(source, sample.stamp_ns):
-            verdict = far
+        elif refused := self._start_up.refused(sample):
+            verdict = refused
         else:
             self._align(sample)
             verdict = Verdict(source, Outcome.WAITING, "not aligned yet")
