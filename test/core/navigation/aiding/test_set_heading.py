@@ -135,10 +135,13 @@ def test_a_filter_that_runs_takes_it_where_its_own_is_worse(own_deg, off_deg, ou
     verdict, after = Fusion(EkfConfig()).fuse(told, belief, (0.0, 0.0, 0.0))
     assert verdict.outcome is outcome
     turned = math.degrees(heading_of(np.array(after.state.q_nb)))
-    # Two variances, weighted.
-    share = own_deg**2 / (own_deg**2 + 3.0**2) if outcome is Outcome.USED else 0.0
+    # Afterwards it is as certain as was said, 3 deg, and saying it again changes nothing.
+    share = 1 - (3.0 / own_deg) ** 2 if outcome is Outcome.USED else 0.0
     assert turned == pytest.approx(share * off_deg, abs=1e-2)
     left_deg = math.degrees(math.sqrt(after.covariance[2, 2]))
     assert left_deg == pytest.approx(own_deg * math.sqrt(1 - share), rel=1e-3)
+    again, same = Fusion(EkfConfig()).fuse(told, after, (0.0, 0.0, 0.0))
+    assert again.outcome is (Outcome.GATED if outcome is Outcome.GATED else Outcome.STANDBY)
+    assert same.covariance[2, 2] == after.covariance[2, 2]
     if outcome is Outcome.GATED:
         assert verdict.reason == "60 deg off"

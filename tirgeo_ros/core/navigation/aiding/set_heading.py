@@ -21,6 +21,9 @@ from tirgeo_ros.core.navigation.strapdown import Vector
 from tirgeo_ros.core.types.measurements import SetHeading, Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
+#: Least ratio of the filter's variance to that of the heading, for the heading to be of use.
+_WORTH = 1.01
+
 
 def set_variance_rad2(sample: SetHeading, config: EkfConfig) -> float:
     """Return the variance of a heading that was set; that of the parameter where it has none."""
@@ -53,13 +56,16 @@ class SetHeadingAid(Aid):
             return vague, belief
         variance = set_variance_rad2(sample, self._config)
         own = float(belief.covariance[2, 2])
-        if own <= variance:
+        if own <= _WORTH * variance:
             reason = (
                 f"the filter's own heading is better, {math.degrees(math.sqrt(own)):.1f} deg: "
                 "call ~/reset first if it is wrong"
             )
             return Verdict(self.source, Outcome.STANDBY, reason), belief
-        return vertical_turn(sample, variance, belief), belief
+        # With this noise the heading becomes as certain as the person is, and no more: who says it
+        # twice knows it no better.
+        noise = 1 / (1 / variance - 1 / own)
+        return vertical_turn(sample, noise, belief), belief
 
     def off(self, aid: AidMeasurement, _track: AidTrack) -> str:
         """Return in words how far a heading is off."""
