@@ -202,7 +202,7 @@ def changed_in_flight(config: T, values: Mapping[str, object]) -> T:
     """
     kind = type(config)
     new = config_from(kind, values_of(config) | dict(values))
-    live = {parameter.name for parameter in parameters_of(kind) if parameter.live}
+    live = {parameter.name for parameter in parameters_of(cast("type", kind)) if parameter.live}
     for name in changes(config, new).keys() - live:
         raise ConfigError(f"parameter {name} {_WHY_NOT[name.startswith('aircraft.')]}")
     return new

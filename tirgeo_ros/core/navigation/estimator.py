@@ -77,23 +77,6 @@ class Navigation:
         self._ekf: Ekf | None = None
         self.reset()
 
-    def configure(self, config: EkfConfig) -> None:
-        """Use other parameters from the next sample on; those that are not live must be the same.
-
-        A filter that runs keeps its state. Measurements of the last ``max_delay_s`` that a late
-        one makes it compute again meet the new ones. An alignment begins again.
-        """
-        self._config = config
-        self._delays = Delays.from_config(config)
-        self._rate = RateLimit(config.publish_rate_hz)
-        self._imu_clock.configure(config.max_imu_gap_s)
-        for part in (self._health, self._clocks, self._autopilot, self._passthrough):
-            part.configure(config)
-        if self._ekf is not None:
-            self._ekf.configure(config)
-        else:
-            self._start_up = StartUp(config, self._start_up.prior)
-
     def reset(self) -> None:
         """Start again from alignment. The origin of ``map`` stays where it is."""
         self._imu_clock = ImuClock(self._config.max_imu_gap_s)
@@ -115,6 +98,23 @@ class Navigation:
         self._clocks = AidClocks(self._config, self._imu_clock.newest_ns)
         self._autopilot = AutopilotHeadingAid(self._config)
         self._watched_ns = 0
+
+    def configure(self, config: EkfConfig) -> None:
+        """Use other parameters from the next sample on; those that are not live must be the same.
+
+        A filter that runs keeps its state. Measurements of the last ``max_delay_s`` that a late
+        one makes it compute again meet the new ones. An alignment begins again.
+        """
+        self._config = config
+        self._delays = Delays.from_config(config)
+        self._rate = RateLimit(config.publish_rate_hz)
+        self._imu_clock.configure(config.max_imu_gap_s)
+        for part in (self._health, self._clocks, self._autopilot, self._passthrough):
+            part.configure(config)
+        if self._ekf is not None:
+            self._ekf.configure(config)
+        else:
+            self._start_up = StartUp(config, self._start_up.prior)
 
     @property
     def plane(self) -> TangentPlane | None:

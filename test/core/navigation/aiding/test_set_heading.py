@@ -11,6 +11,7 @@ import pytest
 from filter_states import SECOND_NS, belief_of, state_of
 from flights import config_for, flight, navigation_samples
 
+from tirgeo_ros.core.checks.navigation_checks import NavigationChecks
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.heading import heading_of, wrapped
 from tirgeo_ros.core.frames.rotations import quat_from_euler, quat_multiply
@@ -145,3 +146,10 @@ def test_a_filter_that_runs_takes_it_where_its_own_is_worse(own_deg, off_deg, ou
     assert same.covariance[2, 2] == after.covariance[2, 2]
     if outcome is Outcome.GATED:
         assert verdict.reason == "60 deg off"
+
+
+def test_it_is_no_stream_that_the_checks_could_miss():
+    checks, topic = NavigationChecks(EkfConfig(), None), Source.SET_HEADING.topic
+    for stamp_ns in (SECOND_NS, 60 * SECOND_NS, 61 * SECOND_NS):
+        checks.take(topic, SetHeading(stamp_ns, 1.0, SIGMA**2), stamp_ns)
+    assert not any(topic in one.line for one in checks.findings())
