@@ -28,7 +28,7 @@ from tirgeo_ros.core.gimbal.composer import GimbalComposer
 from tirgeo_ros.core.navigation.ekf import Ekf
 from tirgeo_ros.core.navigation.estimator import Navigation
 from tirgeo_ros.core.overlay.overlay import Overlay
-from tirgeo_ros.core.types.errors import ConfigError
+from tirgeo_ros.core.types.errors import CameraError, ConfigError
 from tirgeo_ros.core.types.measurements import Source
 from tirgeo_ros.core.types.verdicts import Outcome
 from tirgeo_ros.dji.interpret.interpreter import Interpreter
@@ -137,7 +137,8 @@ def test_a_filter_that_runs_takes_it_and_keeps_its_state(one):
     fresh = Navigation(after)
     for ours, wanted in (
         *((getattr(ekf, name), part) for name, part in vars(bare).items()),
-        *((getattr(navigation, name), getattr(fresh, name)) for name in ("_delays", "_rate")),
+        *((getattr(navigation, name), getattr(fresh, name)) for name in ("_delays",)),
+        (navigation._rate._period_ns, fresh._rate._period_ns),
         (navigation._autopilot._variance_rad2, fresh._autopilot._variance_rad2),
     ):
         assert outline(ours) == outline(wanted)
@@ -218,3 +219,13 @@ def test_the_checks_forget_the_evidence_against_former_parameters():
     after = changed_in_flight(EkfConfig(), {"rtk.delay_s": 0.1})
     checks.configure(after)
     assert outline(checks) == outline(NavigationChecks(after, None))
+
+
+def test_what_cannot_be_rectified_is_refused_and_changes_nothing():
+    made = Overlay(OverlayConfig(), None)
+    made.set_camera(Camera(6000, 4000, 3000.0, 3000.0, 3000.0, 2000.0))
+    before = outline(made)
+    after = changed_in_flight(OverlayConfig(), {"rectify": True, "palette": "iron"})
+    with pytest.raises(CameraError, match="set rectify to false"):
+        made.configure(after)
+    assert outline(made) == before

@@ -105,9 +105,10 @@ class Navigation:
         A filter that runs keeps its state. Measurements of the last ``max_delay_s`` that a late
         one makes it compute again meet the new ones. An alignment begins again.
         """
+        if config.publish_rate_hz != self._config.publish_rate_hz:
+            self._rate = RateLimit(config.publish_rate_hz)
         self._config = config
         self._delays = Delays.from_config(config)
-        self._rate = RateLimit(config.publish_rate_hz)
         self._imu_clock.configure(config.max_imu_gap_s)
         for part in (self._health, self._clocks, self._autopilot, self._passthrough):
             part.configure(config)

@@ -76,6 +76,7 @@ class Overlay:
         self.plane: TangentPlane | None = None
         self._camera: Camera | None = None
         self._rectifier: Rectifier | None = None
+        self._rectify = config.rectify
         self._status: NavigationStatus | None = None
         self._verdict = DrawingVerdict()
         self._results = {"drawn": 0, "predicted": 0, "notices": 0, "late": 0}
@@ -83,9 +84,9 @@ class Overlay:
 
     def configure(self, config: OverlayConfig) -> None:
         """Take the parameters that are live, also others in flight; CameraError as set_camera."""
+        if self._camera is not None and config.rectify is not self._rectify:
+            self._set_lens(self._camera, rectify=config.rectify)
         self._rectify = config.rectify
-        if self._camera is not None:
-            self._set_lens(self._camera)
         self._latency_ns = round(config.video_latency_s * 1e9)
         self._wait_ns = round(config.max_pose_wait_s * 1e9)
         self._prediction_ns = round(config.max_prediction_s * 1e9)
@@ -135,10 +136,10 @@ class Overlay:
     def set_camera(self, camera: Camera) -> None:
         """Set the camera's calibration. Raises CameraError if its images cannot be rectified."""
         if camera != self._camera:
-            self._set_lens(camera)
+            self._set_lens(camera, rectify=self._rectify)
 
-    def _set_lens(self, camera: Camera) -> None:
-        self._rectifier = Rectifier(camera) if self._rectify else None
+    def _set_lens(self, camera: Camera, *, rectify: bool) -> None:
+        self._rectifier = Rectifier(camera) if rectify else None
         self._camera = camera
         self._drawing.set_camera(self._rectifier.camera if self._rectifier else camera)
 
