@@ -4,22 +4,20 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import pytest
 
 rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
 from diagnostic_msgs.msg import DiagnosticArray
-from flights import flight, navigation_samples
+from flights import flight
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from graph_helpers import await_words
+from hover_bags import write_hover
 from nav_msgs.msg import Odometry
 
 from tirgeo_ros.core.frames.heading import heading_of, wrapped
-from tirgeo_ros.core.types.measurements import ImuSample, Source
-from tirgeo_ros.io.bags.bag import BagWriter, Cdr
-from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, body_pose, sensed
+from tirgeo_ros.io.messages import body_pose
 
 pytestmark = pytest.mark.graph
 TOPIC, ITEM, SIGMA_DEG = "/ekf_node/set_heading", "/ekf_node: navigation", 2.0
@@ -28,17 +26,8 @@ TOPIC, ITEM, SIGMA_DEG = "/ekf_node/set_heading", "/ekf_node: navigation", 2.0
 @pytest.fixture(scope="module")
 def hover(tmp_path_factory):
     """A hover whose bag has no rtk/heading and no attitude of the autopilot."""
-    flown, messages = flight(1, 25.0, "hover"), Messages(Cdr().types)
-    path = tmp_path_factory.mktemp("hover") / "hover.mcap"
-    with BagWriter(path) as writer:
-        for given in navigation_samples(flown):
-            sample = given
-            if isinstance(sample, ImuSample):
-                sample = replace(sample, autopilot_q_nb=None)
-            if sample.source is not Source.RTK_HEADING:
-                topic, message = sensed(messages, sample)
-                writer.write(f"/{topic}", TOPIC_TYPES[topic], message, sample.stamp_ns)
-    return flown, path
+    flown = flight(1, 25.0, "hover")
+    return flown, write_hover(tmp_path_factory.mktemp("hover") / "hover.mcap", flown)
 
 
 def heading(heading_rad: float, sigma_deg: float = SIGMA_DEG, frame: str = "map"):
