@@ -46,6 +46,9 @@ def test_help_needs_no_ros_and_ends_well(name, package):
     assert run.stdout == help_text(name, package)
 
 
+LIVE = "  [in flight]"
+
+
 @pytest.mark.parametrize("name", NODE_CONFIGS)
 def test_every_parameter_is_there_with_default_and_unit(name):
     lines = help_text(name).splitlines()
@@ -53,15 +56,17 @@ def test_every_parameter_is_there_with_default_and_unit(name):
     assert max(map(len, lines)) < 115  # a module's first line, led by its name
     for one in parameters_of(NODE_CONFIGS[name]):
         told = next(line for line in lines if line.startswith(f"  {one.name}  "))
-        assert told.endswith((f" {one.unit}", "unset", "empty")) or not one.unit
+        value = told.removesuffix(LIVE)
+        assert (value != told) is one.live
+        assert value.endswith((f" {one.unit}", "unset", "empty")) or not one.unit
 
 
 def test_defaults_are_written_as_in_a_parameter_file():
     text = help_text("overlay_node")
-    assert "  video_latency_s  0.05 s\n      delay of the video: " in text
+    assert f"  video_latency_s  0.05 s{LIVE}\n      delay of the video: " in text
     assert "  ground_height_m  unset\n" in text
-    assert "  picture.stretch_percent  [1.0, 99.0] %\n" in text
-    assert "  rectify  false\n" in text
+    assert f"  picture.stretch_percent  [1.0, 99.0] %{LIVE}\n" in text
+    assert f"  rectify  false{LIVE}\n" in text
     assert "(white_hot, black_hot, iron, rainbow, arctic, lava)" in text
 
 

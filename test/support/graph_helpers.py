@@ -88,8 +88,8 @@ class Stranger:
 
         self.spin_until(step)
 
-    def ask(self, service: str, kind: type) -> Any:
-        """Return a service's answer to an empty request.
+    def ask(self, service: str, kind: type, **request: Any) -> Any:
+        """Return a service's answer to a request, by default an empty one.
 
         Asks again each second: ROS drops an answer where the server has not met the reader of it.
         """
@@ -99,7 +99,7 @@ class Stranger:
         def answered() -> bool:
             due_s = asked[-1][0] + 1.0 if asked else 0.0
             if client.service_is_ready() and time.monotonic() > due_s:
-                asked.append((time.monotonic(), client.call_async(kind.Request())))
+                asked.append((time.monotonic(), client.call_async(kind.Request(**request))))
             return any(answer.done() for _, answer in asked)
 
         self.spin_until(answered)

@@ -25,7 +25,6 @@ from tirgeo_ros.io.bags.bag import BagMessage, BagReader
 from tirgeo_ros.io.messages import stamp_ns
 from tirgeo_ros.nodes.graph_node import GraphNode, message_class
 from tirgeo_ros.nodes.monitor import OK, WARN
-from tirgeo_ros.nodes.parameters import declare
 from tirgeo_ros.nodes.play_clock import PlayClock
 from tirgeo_ros.nodes.playlist import aircraft_topics, await_readers, publishers_for
 from tirgeo_ros.nodes.qos import output
@@ -48,7 +47,7 @@ class BagPlayer(GraphNode):
 
     def __init__(self) -> None:
         super().__init__("bag_player")
-        self._config = declare(self, BagPlayerConfig)
+        self._config = self.configured(BagPlayerConfig)
         if not self._config.bag:
             raise ConfigError("parameter bag: no bag given: set it to a bag")
         if self._config.live and self._config.rate != 1:

@@ -8,10 +8,9 @@ from functools import partial
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.dji.interpret import Interpreter
 from tirgeo_ros.dji.sources.readings import Reading
-from tirgeo_ros.io.messages import DJI_TOPICS, DiagnosticItem, Messages, SensedSample, sensed
-from tirgeo_ros.nodes.graph_node import GraphNode, message_class
+from tirgeo_ros.io.messages import DJI_TOPICS, DiagnosticItem, SensedSample, sensed
+from tirgeo_ros.nodes.graph_node import GraphNode
 from tirgeo_ros.nodes.monitor import OK, WARN
-from tirgeo_ros.nodes.parameters import declare
 from tirgeo_ros.nodes.psdk_source import PsdkSource
 from tirgeo_ros.nodes.qos import STREAM_DEPTH, output
 from tirgeo_ros.nodes.runner import run
@@ -23,8 +22,7 @@ class DjiNode(GraphNode):
 
     def __init__(self) -> None:
         super().__init__("dji_node")
-        config = declare(self, DjiConfig)
-        self.messages = Messages(message_class, config.frame_ids)
+        config = self.configured(DjiConfig, self._reconfigure)
         self._interpreter = Interpreter(config)
         self._topics = {t: self.advertise(t, output(STREAM_DEPTH)) for t in DJI_TOPICS}
         self._lock = threading.Lock()  # the port is read in a thread beside the executor
@@ -37,6 +35,10 @@ class DjiNode(GraphNode):
         """Read the source until ``stop`` is set; return the exit code."""
         self._source.serve(stop)
         return 0
+
+    def _reconfigure(self, config: DjiConfig) -> None:
+        with self._lock:
+            self._interpreter.configure(config)
 
     def _take(self, readings: list[Reading]) -> None:
         with self._lock:

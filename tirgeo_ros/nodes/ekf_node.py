@@ -15,14 +15,15 @@ from tirgeo_ros.core.navigation.aiding.aids import METHOD_SOURCES
 from tirgeo_ros.core.navigation.estimator import Navigation
 from tirgeo_ros.core.streams.arrival_stamps import Arrivals
 from tirgeo_ros.core.streams.rates import RateLimit
+from tirgeo_ros.core.types.errors import MessageError
 from tirgeo_ros.core.types.measurements import NavigationInput, Source
 from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus, Outcome, Verdict
-from tirgeo_ros.io.messages import NAVIGATION_INPUTS, DiagnosticItem, Messages
-from tirgeo_ros.nodes.graph_node import GraphNode, message_class
+from tirgeo_ros.io.messages import NAVIGATION_INPUTS, TOPIC_TYPES, DiagnosticItem
+from tirgeo_ros.nodes.graph_node import GraphNode
 from tirgeo_ros.nodes.inbox import Inbox
 from tirgeo_ros.nodes.monitor import OK, WARN
-from tirgeo_ros.nodes.parameters import declare, given_names
+from tirgeo_ros.nodes.parameters import given_names
 from tirgeo_ros.nodes.qos import STREAM_DEPTH, latched, output, sensor_input
 from tirgeo_ros.nodes.runner import run
 from tirgeo_ros.nodes.setup_checks import InputChecks, SetupChecks
@@ -33,7 +34,8 @@ Decode = Callable[[Any], NavigationInput]
 _IMU = NAVIGATION_INPUTS[Source.IMU][0]
 _POSITIONS = (Source.RTK_POSITION, Source.GPS_POSITION)
 _RESTARTS = (Outcome.TIME_JUMP, Outcome.GAP, Outcome.RESTART)
-
+_SET_HEADING = "~/set_heading"
+_TAKEN = (Outcome.USED, Outcome.WAITING)
 
 _BEST_FIRST = (
     *(FilterState.RUNNING, FilterState.DEGRADED, FilterState.DEAD_RECKONING),
@@ -76,9 +78,8 @@ class EkfNode(GraphNode):
 
     def __init__(self) -> None:
         super().__init__("ekf_node")
-        config = declare(self, EkfConfig)
-        self.messages = Messages(message_class, config.frame_ids)
-        self._navigation = Navigation(config)
+        config = self.configured(EkfConfig, self._reconfigure)
+        self._navigation = Navigation(config, self._heard)
         self._checks = NavigationChecks(config, given_names(self, EkfConfig))
         sources = METHOD_SOURCES[config.method]
         positions = [NAVIGATION_INPUTS[one][0] for one in sources if one in _POSITIONS]
@@ -100,12 +101,22 @@ class EkfNode(GraphNode):
         # message.
         for source in sources:
             topic, decode = NAVIGATION_INPUTS[source]
-            self._inbox.subscribe(topic, partial(self._take, topic, decode), sensor_input())
+            take = partial(self._take, topic, decode)
+            if source is Source.SET_HEADING:  # said once, so it must not be lost
+                kind = TOPIC_TYPES[topic]
+                self._inbox.subscribe(_SET_HEADING, partial(self._in_map, take), output(), kind)
+            else:
+                self._inbox.subscribe(topic, take, sensor_input())
         # Only the IMU is expected here: the filter itself reports which other inputs it misses.
         self.monitor.expects(_IMU)
         self._restart = self.guarded("reset", self._navigation.reset)
         self.create_service(Trigger, "~/reset", self._reset)
         self.report_each_second(self._items)
+
+    def _reconfigure(self, config: EkfConfig) -> None:
+        self._navigation.configure(config)
+        self._fix_rate = RateLimit(config.fix_rate_hz)
+        self._setup.take(self._checks.configure, config)
 
     def _take(self, topic: str, decode: Decode, message: Any) -> None:
         came, arrival_ns = decode(message), self._inbox.taken_ns
@@ -118,6 +129,19 @@ class EkfNode(GraphNode):
         if self._state_log.note(status):
             self.report([self._item(status)])
         self._setup.take(self._checks.take, topic, came, arrival_ns)
+
+    def _in_map(self, take: Callable[[Any], None], message: Any) -> None:
+        """Take a heading in the axes of ``map``; raise MessageError for any other frame."""
+        frame, known = message.header.frame_id, self.messages.frames.map
+        if frame not in {"", known}:
+            raise MessageError(f"its frame is {frame!r}: give it in {known} (RViz: Fixed Frame)")
+        take(message)
+
+    def _heard(self, verdict: Verdict) -> None:
+        if verdict.source is Source.SET_HEADING:
+            taken = verdict.outcome in _TAKEN
+            text = f"{_SET_HEADING}: {verdict.outcome.value}: {verdict.reason}"
+            self.log(OK if taken else WARN, text.removesuffix(": "))
 
     def _publish(self, solution: NavSolution) -> None:
         plane = self._navigation.plane

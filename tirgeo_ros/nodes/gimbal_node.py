@@ -13,15 +13,14 @@ from tirgeo_ros.core.streams.arrival_stamps import Arrivals
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.messages import (
     DiagnosticItem,
-    Messages,
     body_pose,
     camera_attitude,
     imu_sample,
     joint_sample,
 )
-from tirgeo_ros.nodes.graph_node import GraphNode, message_class
+from tirgeo_ros.nodes.graph_node import GraphNode
 from tirgeo_ros.nodes.monitor import OK
-from tirgeo_ros.nodes.parameters import declare, given_names
+from tirgeo_ros.nodes.parameters import given_names
 from tirgeo_ros.nodes.qos import STREAM_DEPTH, output, sensor_input
 from tirgeo_ros.nodes.runner import run
 from tirgeo_ros.nodes.setup_checks import InputChecks, SetupChecks
@@ -33,8 +32,7 @@ class GimbalNode(GraphNode):
 
     def __init__(self) -> None:
         super().__init__("gimbal_node")
-        config = declare(self, GimbalConfig)
-        self.messages = Messages(message_class, config.frame_ids)
+        config = self.configured(GimbalConfig, self._reconfigure)
         self._composer = GimbalComposer(config)
         given = given_names(self, GimbalConfig)
         self._checks = GimbalChecks(config, given)
@@ -54,6 +52,10 @@ class GimbalNode(GraphNode):
         self._listen_for_paper()
         self._logged_composition = ""
         self.report_each_second(self._items)
+
+    def _reconfigure(self, config: GimbalConfig) -> None:
+        self._composer.configure(config)
+        self._setup.take(self._checks.configure, config)
 
     def _take_body(self, message: Any) -> None:
         pose = body_pose(message)

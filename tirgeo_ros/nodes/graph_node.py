@@ -6,14 +6,16 @@ import importlib
 import inspect
 import time
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
-from typing import Any
+from typing import Any, TypeVar
 
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks, UnsupportedEventTypeError
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
@@ -21,11 +23,14 @@ from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
+from tirgeo_ros.core.config.frames import FramesConfig
 from tirgeo_ros.core.types.errors import ConfigError, MessageError, TirgeoError, shown
 from tirgeo_ros.io.messages import TOPIC_TYPES, DiagnosticItem, Messages
+from tirgeo_ros.nodes.live_parameters import LiveParameters, unchanging
 from tirgeo_ros.nodes.monitor import OK, WARN, Monitor
 from tirgeo_ros.nodes.qos import output
 
+T = TypeVar("T")
 _REPORT_S = 1.0
 _THROTTLE_S = 10.0
 #: The signature of a callback that takes a message and its MessageInfo (times and numbers).
@@ -50,10 +55,33 @@ class GraphNode(Node):
     ``messages`` builds ROS messages; ``monitor`` counts what comes and goes.
     """
 
+    _parameters_of_kind: LiveParameters[Any] | None = None
+
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)
         self.messages = Messages(message_class)
         self.monitor = Monitor()
+
+    def configured(self, kind: type[T], take: Callable[[T], None] = unchanging) -> T:
+        """Declare the parameters of ``kind`` and return their values, for the start.
+
+        Where some are live, ``take`` gets the values as a whole each time that they change.
+        Raises ConfigError as ``parameters.declare``.
+        """
+        self._parameters_of_kind = LiveParameters(self, kind, take)
+        config = self._parameters_of_kind.config
+        if isinstance(config, FramesConfig):
+            self.messages = Messages(message_class, config.frame_ids)
+        return config
+
+    def set_parameters_atomically(self, parameter_list: Sequence[Parameter]) -> Any:
+        """Set parameters, all or none; the services of the node call this too."""
+        by_ros, own = super().set_parameters_atomically, self._parameters_of_kind
+        return own.set(parameter_list, by_ros) if own else by_ros(parameter_list)
+
+    def set_parameters(self, parameter_list: Sequence[Parameter]) -> list[SetParametersResult]:
+        """Set parameters one by one."""
+        return [self.set_parameters_atomically([one]) for one in parameter_list]
 
     @property
     def now_ns(self) -> int:

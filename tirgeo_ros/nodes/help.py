@@ -59,11 +59,12 @@ def help_text(name: str, package: str = "tirgeo_ros.nodes") -> str:
 def _parameter(one: Parameter) -> str:
     value = as_yaml(one.default)
     unit = f" {one.unit}" if one.unit and value not in _NONE else ""
+    live = "  [in flight]" if one.live else ""
     choices = f" ({', '.join(one.choices)})" if one.choices else ""
     text = textwrap.fill(
         one.description + choices, 99, initial_indent=" " * 6, subsequent_indent=" " * 6
     )
-    return f"  {one.name}  {value}{unit}\n{text}"
+    return f"  {one.name}  {value}{unit}{live}\n{text}"
 
 
 def as_yaml(value: Value) -> str:

@@ -48,10 +48,15 @@ class Inbox:
         """Return how many messages of each topic were dropped, as values of a diagnostic."""
         return {f"given_up.{topic}": str(n) for topic, n in self._order.given_up.items()}
 
-    def subscribe(self, topic: str, handle: Callable[[Any], None], qos: QoSProfile) -> None:
-        """Have ``handle`` called with each message in its turn; ``taken_ns`` is its arrival."""
+    def subscribe(
+        self, topic: str, handle: Callable[[Any], None], qos: QoSProfile, typename: str = ""
+    ) -> None:
+        """Have ``handle`` called with each message in its turn; ``taken_ns`` is its arrival.
+
+        ``typename`` as in ``GraphNode.listen``.
+        """
         deferred = partial(self._deferred, topic)
-        made = self._node.listen(topic, handle, qos, wrapped=deferred, raw=True)
+        made = self._node.listen(topic, handle, qos, typename, wrapped=deferred, raw=True)
         depth = made.qos_profile.depth
         self._order.open(topic, depth)
         take = partial(made.handle.take_message, made.msg_type, made.raw)

@@ -22,7 +22,6 @@ from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.messages import (
     DiagnosticItem,
-    Messages,
     camera,
     camera_pose,
     compressed_pixels,
@@ -35,10 +34,10 @@ from tirgeo_ros.io.messages import (
 )
 from tirgeo_ros.io.pictures.camera_file import given_camera
 from tirgeo_ros.nodes.frame_statistics import FrameStatistics
-from tirgeo_ros.nodes.graph_node import GraphNode, message_class
+from tirgeo_ros.nodes.graph_node import GraphNode
 from tirgeo_ros.nodes.map_watch import MapWatch
 from tirgeo_ros.nodes.monitor import OK, WARN
-from tirgeo_ros.nodes.parameters import declare, given_names
+from tirgeo_ros.nodes.parameters import given_names
 from tirgeo_ros.nodes.picture_geometry import PictureGeometry
 from tirgeo_ros.nodes.qos import IMAGE_DEPTH, latched, output, sensor_input
 from tirgeo_ros.nodes.runner import run, unless_stopped
@@ -59,8 +58,7 @@ class OverlayNode(GraphNode):
     def __init__(self) -> None:
         super().__init__("overlay_node")
         cv2.setNumThreads(1)  # a frame is too little work for several threads
-        self._config = declare(self, OverlayConfig)
-        self.messages = Messages(message_class, self._config.frame_ids)
+        self._config = self.configured(OverlayConfig, self._reconfigure)
         if not self._config.map:
             self.log(WARN, "no map: set the parameter map to its file")
         layers = None if self._config.map else ()
@@ -95,6 +93,11 @@ class OverlayNode(GraphNode):
         self._subscribe()
         self.report_each_second(self._items)
         gc.freeze()  # keep a large map out of garbage collection while the video runs
+
+    def _reconfigure(self, config: OverlayConfig) -> None:
+        self._config = config
+        self._overlay.configure(config)
+        self._setup.take(self._picture_checks.configure, config)
 
     def _subscribe(self) -> None:
         frames, info = sensor_input(_FRAME_DEPTH), sensor_input(1)

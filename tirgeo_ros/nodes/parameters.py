@@ -72,20 +72,38 @@ def explained(arguments: Sequence[str]) -> Iterator[None]:
 
 
 def declare(node: Node, kind: type[T]) -> T:
-    """Declare every parameter of ``kind`` on the node, read-only, and return their values.
+    """Declare every parameter of ``kind`` on the node, and return their values.
 
-    Raise ConfigError, naming the key and the parameter file, for an unknown name, a wrong type or
-    a value out of range. A whole number for a double is converted.
+    Those that are not live are read-only. Raise ConfigError, naming the key and the parameter
+    file, for an unknown name, a wrong type or a value out of range. A whole number for a double is
+    converted.
     """
     config = config_from(kind, _given(node, kind), ", ".join(parameter_files(sys.argv)))
     values = values_of(config)
     for parameter in parameters_of(kind):
-        value: object = values[parameter.name]
-        if isinstance(value, tuple):
-            # rclpy cannot infer the type of an empty list, so it is declared by type only.
-            value = list(value) or RosParameter.Type.DOUBLE_ARRAY
-        node.declare_parameter(parameter.name, value, _descriptor(parameter), ignore_override=True)
+        value = values[parameter.name]
+        if value == ():
+            _declare_empty(node, parameter)
+        else:
+            given = list(value) if isinstance(value, tuple) else value
+            node.declare_parameter(
+                parameter.name, given, _descriptor(parameter), ignore_override=True
+            )
     return config
+
+
+def _declare_empty(node: Node, parameter: Parameter) -> None:
+    """Declare an empty list of numbers, of which rclpy cannot infer the type.
+
+    It is declared by its type, then set, then gets its descriptor: a parameter without a value
+    makes rclpy answer a request for many parameters with none at all.
+    """
+    kind = RosParameter.Type.DOUBLE_ARRAY
+    node.declare_parameter(parameter.name, kind, ignore_override=True)
+    node.set_parameters([RosParameter(parameter.name, kind, [])])
+    descriptor = _descriptor(parameter)
+    descriptor.type = kind.value
+    node.set_descriptor(parameter.name, descriptor)
 
 
 def given_names(node: Node, kind: type) -> frozenset[str]:
@@ -110,7 +128,7 @@ def _given(node: Node, kind: type) -> dict[str, object]:
 
 
 def _descriptor(parameter: Parameter) -> ParameterDescriptor:
-    made = ParameterDescriptor(name=parameter.name, read_only=True)
+    made = ParameterDescriptor(name=parameter.name, read_only=not parameter.live)
     unit = f" [{parameter.unit}]" if parameter.unit else ""
     made.description = parameter.description + unit
     low, high, default = parameter.low, parameter.high, parameter.default

@@ -36,7 +36,14 @@ parameter goes into the same file, or into a second one, under the name of its n
 
 Give files to the launch file (`params_file:=`), to a node (`--ros-args --params-file`) and to the
 commands (`--params`, which may be repeated: later files override earlier ones). An unknown name, a
-wrong type or a value out of range is refused at start. Parameters are read once, at start.
+wrong type or a value out of range is refused at start.
+
+Where *in flight* says `yes`, a running node takes another value too, within the same range,
+from its next sample on, and logs the change: `ros2 param set /ekf_node
+rtk.position_sigma_floor_m 0.05`. The filter keeps its state; an alignment begins again. What
+was set is gone when the node ends: write it into the file. The others are read at start: they
+are measured before flight (`aircraft.*`), are opened once, or decide how the node is built.
+Setting one is refused with the reason. `ros2 param dump NODE` writes a file that loads again.
 
 - Write a double with its point, also with an exponent: `5.0`, `1.0e-3`.
 - *unset* is `.nan`, *empty* is `""` for a string and `[]` for a list.
@@ -45,8 +52,8 @@ wrong type or a value out of range is refused at start. Parameters are read once
 - `NODE --help` prints the same for one node.
 """
 _COLUMNS = """\
-| parameter | type | unit | range | default | meaning |
-| --- | --- | --- | --- | --- | --- |"""
+| parameter | type | unit | range | default | in flight | meaning |
+| --- | --- | --- | --- | --- | --- | --- |"""
 _KINDS = {bool: "bool", int: "int", float: "double", str: "string"}
 #: What is written once, for all nodes: a group, and names.
 _AIRCRAFT = "aircraft"
@@ -87,7 +94,8 @@ def _row(one: Parameter) -> str:
     kind = _KINDS.get(type(one.default)) or f"{' or '.join(map(str, one.sizes))} doubles"
     text = as_yaml(one.default)
     default = f"*{text}*" if text in ("unset", "empty") else f"`{text}`"
-    cells = [f"`{one.name}`", kind, one.unit, _range(one), default, one.description]
+    live = "yes" if one.live else ""
+    cells = [f"`{one.name}`", kind, one.unit, _range(one), default, live, one.description]
     return f"| {' | '.join(cells)} |"
 
 

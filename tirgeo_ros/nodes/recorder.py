@@ -5,15 +5,12 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
-from rclpy.node import Node
-
 from tirgeo_ros.core.config import RecorderConfig
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.io.bags.bag import BagWriter
 from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.io.messages.offered_qos import offered_qos
-from tirgeo_ros.nodes.graph_node import message_class
-from tirgeo_ros.nodes.parameters import declare
+from tirgeo_ros.nodes.graph_node import GraphNode, message_class
 from tirgeo_ros.nodes.playlist import names
 from tirgeo_ros.nodes.qos import latched, output
 from tirgeo_ros.nodes.runner import run
@@ -23,12 +20,12 @@ _DEPTH = 500
 _CONTRACT = {topic.lstrip("/"): topic for topic in TOPIC_TYPES}
 
 
-class Recorder(Node):
+class Recorder(GraphNode):
     """Record raw subscriptions into one bag; log times are those of the node's clock."""
 
     def __init__(self) -> None:
         super().__init__("recorder")
-        config = declare(self, RecorderConfig)
+        config = self.configured(RecorderConfig)
         if not config.output:
             raise ConfigError("parameter output: no bag given: set it to the MCAP file to write")
         topics = names(config.topics)

@@ -18,15 +18,18 @@ from tirgeo_ros.core.frames.rotations import (
     matrix_from_euler,
     quat_from_euler,
 )
+from tirgeo_ros.core.streams.sanity_checks import fault_of
 from tirgeo_ros.core.types.errors import MessageError
 from tirgeo_ros.core.types.measurements import (
     FixStatus,
     HeadingSample,
     ImuSample,
     JointSample,
+    SetHeading,
     Source,
 )
 from tirgeo_ros.io import messages
+from tirgeo_ros.io.messages import SENSED_SAMPLES, sensed
 from tirgeo_ros.io.messages.encode import UNKNOWN_VARIANCE
 
 unit = st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(
@@ -210,3 +213,18 @@ def test_names_without_positions():
     message.position = message.position[:2]
     with pytest.raises(MessageError, match="no position of gimbal_pitch_joint"):
         messages.joint_sample(message)
+
+
+@pytest.mark.parametrize("heading_rad", [0.0, 1.2, 3.5, 6.2])
+def test_a_heading_that_is_set_is_a_yaw_in_map(heading_rad):
+    sample = SetHeading(given.STAMP_NS, heading_rad, 0.01)
+    topic, message = sensed(made, sample)
+    assert topic == "ekf_node/set_heading"
+    assert message.header.frame_id == "map"
+    turned = message.pose.pose.orientation
+    assert 2 * math.atan2(turned.z, turned.w) == pytest.approx(0.5 * math.pi - heading_rad)
+    back = SENSED_SAMPLES[topic](through_cdr(message))
+    assert (back.stamp_ns, back.variance_rad2) == (sample.stamp_ns, sample.variance_rad2)
+    assert back.heading_rad == pytest.approx(heading_rad, abs=1e-12)
+    turned.z = turned.w = 0.0
+    assert "not finite" in fault_of(SENSED_SAMPLES[topic](message))

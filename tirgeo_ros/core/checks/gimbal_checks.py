@@ -77,6 +77,14 @@ class GimbalChecks:
         self._waiting: CameraAttitudeSample | None = None  # until later data have come
         self._pairs: deque[tuple[Array, Array]] = deque(maxlen=_KEPT)  # joints, reported q_bg
 
+    def configure(self, config: GimbalConfig) -> None:
+        """Take other parameters; forget what was compared with another yaw zero."""
+        self._askew = self._askew and not np.any(config.boresight_rpy_deg)
+        if config.yaw_zero_rad != self._yaw_zero_rad:
+            self._yaw_zero_rad = config.yaw_zero_rad
+            self._joints.clear()
+            self._pairs.clear()
+
     def joints(self, sample: JointSample) -> None:
         """Take joint angles; computed ones, which no encoder measured, are ignored."""
         angles = (sample.yaw_rad, sample.roll_rad, sample.pitch_rad)

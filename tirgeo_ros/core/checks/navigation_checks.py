@@ -26,6 +26,7 @@ from tirgeo_ros.core.types.measurements import (
     ImuSample,
     NavigationInput,
     PositionSample,
+    SetHeading,
     Source,
     VelocitySample,
 )
@@ -42,7 +43,12 @@ class NavigationChecks:
     """
 
     def __init__(self, config: EkfConfig, given: Collection[str] | None) -> None:
-        self._config, self._given = config, given
+        self._given = given
+        self.configure(config)
+
+    def configure(self, config: EkfConfig) -> None:
+        """Take other parameters, and begin again: the evidence was against the former ones."""
+        self._config = config
         self._begin(config)
 
     def _begin(self, config: EkfConfig) -> None:
@@ -60,7 +66,9 @@ class NavigationChecks:
         self._plane: TangentPlane | None = None
 
     def take(self, topic: str, sample: NavigationInput, arrival_ns: int) -> None:
-        """Take a sample of a topic (``rtk/fix``), as it arrived."""
+        """Take a sample of a topic (``rtk/fix``), as it arrived; a set heading is no stream."""
+        if isinstance(sample, SetHeading):
+            return
         if arrival_ns < self._arrived_ns - _BACK_NS:
             self._begin(self._config)
         self._first_ns, self._arrived_ns = self._first_ns or arrival_ns, arrival_ns

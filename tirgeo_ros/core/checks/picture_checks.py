@@ -47,6 +47,12 @@ class PictureChecks:
         self._motion = PictureMotion(config.video_latency_s, ground)
         self._size: tuple[int, int] | None = None  # of a picture that does not fit the lens
 
+    def configure(self, config: OverlayConfig) -> None:
+        """Take other parameters; the evidence against a former latency is forgotten."""
+        if config.video_latency_s != self._latency_s:
+            self._latency_s, self._default = config.video_latency_s, False
+            self._motion.set_latency(self._latency_s)
+
     def camera(self, camera: Camera) -> None:
         """Set the calibration."""
         if camera != self._camera:

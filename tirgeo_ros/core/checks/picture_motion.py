@@ -65,6 +65,11 @@ class PictureMotion:
         """Return whether the ground's height is given, and so may be wrong."""
         return self._ground is not None
 
+    def set_latency(self, latency_s: float) -> None:
+        """Set the delay of the pictures, s; all data so far are removed."""
+        self._latency_ns = round(latency_s * 1e9)
+        self.forget()
+
     def forget(self) -> None:
         """Remove all data, because the plane or the camera has changed."""
         for one in (self._poses, self._waiting, self._turning, self._straight):

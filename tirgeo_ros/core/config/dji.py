@@ -113,9 +113,9 @@ class DjiConfig(FramesConfig):
         "zero of the gimbal's yaw: north (Zenmuse) or body (Ronin-MX)",
         choices=("north", "body"),
     )
-    heading: DjiHeadingConfig = group(DjiHeadingConfig)
-    rtk: DjiRtkConfig = group(DjiRtkConfig)
-    delay: DjiDelayConfig = group(DjiDelayConfig)
+    heading: DjiHeadingConfig = group(DjiHeadingConfig, live=True)
+    rtk: DjiRtkConfig = group(DjiRtkConfig, live=True)
+    delay: DjiDelayConfig = group(DjiDelayConfig, live=True)
     clock: DjiClockConfig = group(DjiClockConfig)
     host: DjiHostConfig = group(DjiHostConfig)
     aircraft: AircraftConfig = group(AircraftConfig)

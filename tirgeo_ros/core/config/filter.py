@@ -134,13 +134,18 @@ class EkfConfig(TransformsConfig):
         "filter, as in Ren et al. 2022)",
         choices=("fused", "rtk_direct"),
     )
-    publish_rate_hz: float = param(100.0, "highest rate of tirgeo/odometry", ("Hz", 0.1, 1000))
-    fix_rate_hz: float = param(10.0, "highest rate of tirgeo/fix", ("Hz", 0.1, 1000))
+    publish_rate_hz: float = param(
+        100.0, "highest rate of tirgeo/odometry", ("Hz", 0.1, 1000), live=True
+    )
+    fix_rate_hz: float = param(10.0, "highest rate of tirgeo/fix", ("Hz", 0.1, 1000), live=True)
     max_delay_s: float = param(
-        0.5, "largest delay behind the IMU at which a measurement is still used", ("s", 0, 5)
+        0.5,
+        "largest delay behind the IMU at which a measurement is still used",
+        ("s", 0, 5),
+        live=True,
     )
     max_imu_gap_s: float = param(
-        0.2, "longest gap between IMU samples that is bridged", ("s", 1e-3, 5)
+        0.2, "longest gap between IMU samples that is bridged", ("s", 1e-3, 5), live=True
     )
     origin_lat_lon_h: tuple[float, ...] = param(
         (),
@@ -148,12 +153,12 @@ class EkfConfig(TransformsConfig):
         "the first accepted RTK position",
         sizes=(0, 3),
     )
-    imu: ImuConfig = group(ImuConfig)
-    rtk: RtkConfig = group(RtkConfig)
-    heading: HeadingConfig = group(HeadingConfig)
-    gps: GpsConfig = group(GpsConfig)
-    barometer: BarometerConfig = group(BarometerConfig)
-    autopilot: AutopilotConfig = group(AutopilotConfig)
-    alignment: AlignmentConfig = group(AlignmentConfig)
-    trust: TrustConfig = group(TrustConfig)
+    imu: ImuConfig = group(ImuConfig, live=True)
+    rtk: RtkConfig = group(RtkConfig, live=True)
+    heading: HeadingConfig = group(HeadingConfig, live=True)
+    gps: GpsConfig = group(GpsConfig, live=True)
+    barometer: BarometerConfig = group(BarometerConfig, live=True)
+    autopilot: AutopilotConfig = group(AutopilotConfig, live=True)
+    alignment: AlignmentConfig = group(AlignmentConfig, live=True)
+    trust: TrustConfig = group(TrustConfig, live=True)
     aircraft: AircraftConfig = group(AircraftConfig)

@@ -86,7 +86,15 @@ class HeadingConfig:
         _PATIENCE,
     )
     bias_sigma_deg: float = param(
-        0.0, "sigma of a slowly varying error that the filter estimates; 0 = none", ("deg", 0, 30)
+        0.0,
+        "sigma of a slowly varying error that the filter estimates; 0 = none",
+        ("deg", 0, 30),
+        live=False,  # it decides the filter's states
+    )
+    set_sigma_deg: float = param(
+        5.0,
+        "standard deviation of a heading on ~/set_heading that comes without a variance",
+        ("deg", 0.1, 90),
     )
     bias_time_s: float = param(600.0, "correlation time of that error", ("s", 1, 1e9))
 

@@ -93,36 +93,46 @@ class GimbalConfig(TransformsConfig):
         "mounting error of the camera: roll, pitch, yaw about its own axes forward, left, up; "
         "found by tirgeo calibrate boresight",
         _ANGLE,
+        live=True,
     )
     yaw_zero_deg: float = param(
         0.0,
         "error of the yaw encoder's zero: yaw joint angle in gimbal/joint_states minus the true "
         "one. Joint angles computed from the reported attitude have north.bias_deg instead",
         _ANGLE,
+        live=True,
     )
-    encoder_sigma_deg: float = param(0.05, "standard deviation of a joint angle", _SIGMA)
+    encoder_sigma_deg: float = param(
+        0.05, "standard deviation of a joint angle", _SIGMA, live=True
+    )
     reported_sigma_deg: tuple[float, ...] = param(
-        (0.2704, 0.4839), "sigma of reported roll and pitch (Ren et al. 2022, Table 8)", _SIGMA
+        (0.2704, 0.4839),
+        "sigma of reported roll and pitch (Ren et al. 2022, Table 8)",
+        _SIGMA,
+        live=True,
     )
     autopilot_tilt_sigma_deg: float = param(
         0.5,
         "standard deviation of the autopilot's own roll and pitch, which joint angles computed "
         "from its attitude inherit",
         _SIGMA,
+        live=True,
     )
     max_wait_s: float = param(
         0.5,
         "longest wait of a gimbal sample for the body pose that follows it; must exceed 1 / "
         "publish_rate_hz of ekf_node",
         ("s", 0, 10),
+        live=True,
     )
     max_gap_s: float = param(
         0.25,
         "longest gap between two body poses that is interpolated; must exceed 1 / "
         "publish_rate_hz of ekf_node",
         ("s", 1e-3, 2),
+        live=True,
     )
-    north: NorthConfig = group(NorthConfig)
+    north: NorthConfig = group(NorthConfig, live=True)
     aircraft: AircraftConfig = group(AircraftConfig)
 
     @property

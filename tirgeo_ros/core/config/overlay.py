@@ -88,19 +88,28 @@ class OverlayConfig(FramesConfig):
         "delay of the video: an image's stamp minus its time of exposure; found by tirgeo "
         "calibrate boresight",
         ("s", -1, 5),
+        live=True,
     )
     max_pose_wait_s: float = param(
-        0.1, "longest wait of a frame for the camera pose at its exposure", ("s", 0, 5)
+        0.1,
+        "longest wait of a frame for the camera pose at its exposure",
+        ("s", 0, 5),
+        live=True,
     )
     max_prediction_s: float = param(
         0.1,
         "longest prediction of a pose for a frame that has waited in vain, which is then drawn "
         "and marked; 0 = never",
         ("s", 0, 1),
+        live=True,
     )
-    palette: str = param("white_hot", "colours for pictures without colour", choices=PALETTES)
-    rectify: bool = param(False, "show the picture without the lens's distortion")
+    palette: str = param(
+        "white_hot", "colours for pictures without colour", choices=PALETTES, live=True
+    )
+    rectify: bool = param(False, "show the picture without the lens's distortion", live=True)
     footprint_rate_hz: float = param(5.0, "highest rate of tirgeo/footprint", ("Hz", 0.1, 100))
-    jpeg_quality: int = param(80, "quality of tirgeo/overlay/image/compressed", ("", 1, 100))
-    picture: PictureConfig = group(PictureConfig)
-    confidence: ConfidenceConfig = group(ConfidenceConfig)
+    jpeg_quality: int = param(
+        80, "quality of tirgeo/overlay/image/compressed", ("", 1, 100), live=True
+    )
+    picture: PictureConfig = group(PictureConfig, live=True)
+    confidence: ConfidenceConfig = group(ConfidenceConfig, live=True)

@@ -37,6 +37,12 @@ RENAMED: Mapping[str, str] = {
     "aircraft.baseline_offset_deg": _DIRECTION,
     **{f"aircraft.{name}": f"is now simulated_aircraft.{name}" for name in _PLAYED},
 }
+#: Why a parameter cannot be set in flight; True: one of the aircraft's.
+_WHY_NOT = {
+    False: "is read at start alone: set it in the parameter file and restart the node",
+    True: "is measured before flight, and all nodes need the same: set it in the parameter file "
+    "and restart them all",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +58,7 @@ class Parameter:
     choices: tuple[str, ...] = ()
     sizes: tuple[int, ...] = ()  # lengths that a list may have
     fault: Callable[[str], str] | None = None  # what is wrong with a text; empty if nothing
+    live: bool | None = None  # whether it can be set in flight; None: as its group
 
     def checked(self, value: object) -> Value:
         """Return the value in this parameter's type; raise ConfigError naming the parameter."""
@@ -98,21 +105,23 @@ def param(
     choices: tuple[str, ...] = (),
     sizes: tuple[int, ...] = (),
     fault: Callable[[str], str] | None = None,
+    live: bool | None = None,
 ) -> Any:
     """Return a dataclass field that is a parameter.
 
     ``within`` is its unit, least and largest value; ``sizes`` are the lengths that a list may
-    have, by default that of ``default``; ``fault`` says what is wrong with a text.
+    have, by default that of ``default``; ``fault`` says what is wrong with a text; ``live``
+    whether it can be set in flight, by default as its group.
     """
     if isinstance(default, tuple) and not sizes:
         sizes = (len(default),)
-    made = Parameter("", default, description, *within, choices, sizes, fault=fault)
+    made = Parameter("", default, description, *within, choices, sizes, live=live, fault=fault)
     return dataclasses.field(default=default, metadata={"parameter": made})
 
 
-def group(kind: type[T]) -> T:
-    """Return a dataclass field that is a group of parameters."""
-    return dataclasses.field(default_factory=kind)
+def group(kind: type[T], *, live: bool = False) -> T:
+    """Return a dataclass field that is a group of parameters; ``live``: settable in flight."""
+    return dataclasses.field(default_factory=kind, metadata={"live": live})
 
 
 @cache
@@ -123,16 +132,19 @@ def _hints(kind: Any) -> dict[str, Any]:
 @cache
 def parameters_of(kind: type) -> tuple[Parameter, ...]:
     """Return every parameter of a tree of dataclasses, with its full name."""
-    return tuple(_parameters(kind, ""))
+    return tuple(_parameters(kind, "", live=False))
 
 
-def _parameters(kind: type, prefix: str) -> Iterator[Parameter]:
+def _parameters(kind: type, prefix: str, *, live: bool) -> Iterator[Parameter]:
     for item in dataclasses.fields(kind):
         name = prefix + item.name
         if "parameter" in item.metadata:
-            yield dataclasses.replace(item.metadata["parameter"], name=name)
+            own = item.metadata["parameter"].live
+            named = {"name": name, "live": live if own is None else own}
+            yield dataclasses.replace(item.metadata["parameter"], **named)
         else:
-            yield from _parameters(_hints(kind)[item.name], name + ".")
+            inner = _hints(kind)[item.name]
+            yield from _parameters(inner, name + ".", live=item.metadata["live"])
 
 
 def config_from(kind: type[T], values: Mapping[str, object], where: str = "") -> T:
@@ -185,3 +197,23 @@ def values_of(config: object, prefix: str = "") -> dict[str, Value]:
         else:
             found |= values_of(value, f"{prefix}{item.name}.")
     return found
+
+
+def changed_in_flight(config: T, values: Mapping[str, object]) -> T:
+    """Return ``config`` with the dotted ``values`` changed, checked as at start.
+
+    Raise ConfigError as ``config_from``, and for a parameter that is read at start alone. Its
+    present value may be set again: that changes nothing.
+    """
+    kind = type(config)
+    new = config_from(kind, values_of(config) | dict(values))
+    live = {parameter.name for parameter in parameters_of(cast("type", kind)) if parameter.live}
+    for name in changes(config, new).keys() - live:
+        raise ConfigError(f"parameter {name} {_WHY_NOT[name.startswith('aircraft.')]}")
+    return new
+
+
+def changes(config: object, new: object) -> dict[str, tuple[Value, Value]]:
+    """Return the parameters in which two trees of one kind differ: name -> old and new value."""
+    both = zip(values_of(config).items(), values_of(new).values(), strict=True)
+    return {name: (old, now) for (name, old), now in both if repr(old) != repr(now)}  # nan is nan

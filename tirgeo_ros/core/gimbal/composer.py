@@ -54,22 +54,33 @@ class GimbalComposer:
     """
 
     def __init__(self, config: GimbalConfig) -> None:
-        self._mount = Mount.from_config(config)
         self._choice = config.composition
-        self._yaw_zero_rad = config.yaw_zero_rad
         self._by_joints = config.composition == "encoders"
         self._computed = False  # of the newest joints
-        self._max_wait_ns = round(config.max_wait_s * 1e9)
-        span_s = _HISTORY_S + config.max_wait_s
-        self._bodies: PoseBuffer[BodyPose] = PoseBuffer(span_s, config.max_gap_s)
-        self._autopilot: StampedBuffer[Array] = StampedBuffer(span_s)
-        self._joints: StampedBuffer[Array] = StampedBuffer(span_s)  # q_bg
+        self._bodies: PoseBuffer[BodyPose] = PoseBuffer()
+        self._autopilot: StampedBuffer[Array] = StampedBuffer()
+        self._joints: StampedBuffer[Array] = StampedBuffer()  # q_bg
         self._presence = StreamPresence()
         self._waiting: deque[JointSample | CameraAttitudeSample] = deque()
         self._newest_ns: int | None = None
         self._handover_ns: int | None = None
         self._counts: Counter[str] = Counter()
         self._north = YawBiasFilter(config.north)
+        self.configure(config)
+
+    def configure(self, config: GimbalConfig) -> None:
+        """Take the parameters, also others in flight: all but ``composition``.
+
+        The bias of the gimbal's north is estimated again from its start if that is another one.
+        """
+        self._mount = Mount.from_config(config)
+        self._yaw_zero_rad = config.yaw_zero_rad
+        self._max_wait_ns = round(config.max_wait_s * 1e9)
+        span_s = _HISTORY_S + config.max_wait_s
+        self._bodies.keep(span_s, config.max_gap_s)
+        for buffer in (self._autopilot, self._joints):
+            buffer.keep(span_s)
+        self._north.configure(config.north)
         self._readings = YawBiasMeasurements(
             config.north, math.radians(config.reported_sigma_deg[0])
         )

@@ -38,10 +38,14 @@ class StampedBuffer(Generic[T]):
 
     def __init__(self, span_s: float = 3.0, max_gap_s: float = 0.25) -> None:
         self.went_back = 0
-        self._span_ns = round(span_s * 1e9)
-        self._max_gap_ns = round(max_gap_s * 1e9)
+        self.keep(span_s, max_gap_s)
         self._stamps: list[int] = []
         self._entries: list[T] = []
+
+    def keep(self, span_s: float = 3.0, max_gap_s: float = 0.25) -> None:
+        """Set for how long entries are kept, and the longest gap that is interpolated."""
+        self._span_ns = round(span_s * 1e9)
+        self._max_gap_ns = round(max_gap_s * 1e9)
 
     def __len__(self) -> int:
         """Return the number of entries."""

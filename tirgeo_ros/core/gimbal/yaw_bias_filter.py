@@ -40,15 +40,25 @@ class YawBiasFilter:
         self.updates = 0
         self.refused = 0
         self.resets = 0
-        self._state = np.array([math.radians(config.bias_deg), 0.0])
-        sigmas = np.radians([config.sigma_deg, config.centred_sigma_deg])
-        self._covariance = np.diag(sigmas**2)
+        self._stamp_ns: int | None = None
+        self._begun: tuple[float, ...] = ()
+        self.configure(config)
+
+    def configure(self, config: NorthConfig) -> None:
+        """Take the parameters, also others in flight; begin again where those of the start change.
+
+        These are the bias and the two standard deviations.
+        """
         self._walk_rad2_s = math.radians(config.walk_deg) ** 2
         self._gate_sigma = config.gate_sigma
         self._reset_after_ns = round(config.reset_after_s * 1e9)
-        self._stamp_ns: int | None = None
-        self._refusals: list[tuple[int, float]] = []  # (stamp, reading), all consistent
-        self._suspect_rad2 = 0.0
+        begun = config.bias_deg, config.sigma_deg, config.centred_sigma_deg
+        if begun != self._begun:
+            self._begun = begun
+            bias, *sigmas = np.radians(begun)
+            self._state, self._covariance = np.array([bias, 0.0]), np.diag(np.square(sigmas))
+            self._refusals: list[tuple[int, float]] = []  # (stamp, reading), all consistent
+            self._suspect_rad2 = 0.0
 
     @property
     def bias_rad(self) -> float:

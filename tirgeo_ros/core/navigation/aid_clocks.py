@@ -26,13 +26,17 @@ class AidClocks:
     """Follow the stamps of IMU and aids; ``imu_ns`` is the IMU's newest, None before the first."""
 
     def __init__(self, config: EkfConfig, imu_ns: int | None) -> None:
-        self._max_delay_s = config.max_delay_s
-        self._timeout_ns = config.trust.aid_timeout_s * 1e9
+        self.configure(config)
         self.imu_ns = imu_ns
         self.aid_ns = 0  # of the newest aid to arrive
         self._aids = self._length_ns = 0  # since the newest IMU sample
         self._begun: dict[Source, tuple[int, int]] = {}  # first stamp, its lead over the IMU
         self._offsets: dict[Source, tuple[int, int]] = {}  # offset and IMU time
+
+    def configure(self, config: EkfConfig) -> None:
+        """Take the parameters, also others in flight."""
+        self._max_delay_s = config.max_delay_s
+        self._timeout_ns = config.trust.aid_timeout_s * 1e9
 
     @property
     def now_ns(self) -> int:

@@ -79,13 +79,8 @@ class Ekf:
         mechanisation: Propagation | None = None,
         fusion: Fusion | None = None,
     ) -> None:
-        self._mechanisation = mechanisation or Propagation(config)
-        self._fusion = fusion or Fusion(config)
-        self._noise_powers = NoisePowers(config.imu)
+        self.configure(config, mechanisation, fusion)
         self._meter = VibrationMeter(alignment.vibration, alignment.vibration_s)
-        self._keep_ns = round(config.max_delay_s * 1e9)
-        self._hold_ns = round(longest_hold_s(config) * 1e9)
-        self._most_held = math.ceil(longest_hold_s(config) * _MOST_HZ)
         states = states_of(config)
         self._at_antenna = has_antenna(states) and not config.aircraft.rtk_lever_b.any()
         # Flat indices of the solution's covariance (9, 9) in the filter's covariance.
@@ -96,6 +91,20 @@ class Ekf:
         self._resolved: list[Verdict] = []
         self._progress: _Progress | None = None
         self._done = 0  # index of the newest epoch that is computed
+
+    def configure(
+        self,
+        config: EkfConfig,
+        mechanisation: Propagation | None = None,
+        fusion: Fusion | None = None,
+    ) -> None:
+        """Take the parameters, also others in flight, with the same error states."""
+        self._mechanisation = mechanisation or Propagation(config)
+        self._fusion = fusion or Fusion(config)
+        self._noise_powers = NoisePowers(config.imu)
+        self._keep_ns = round(config.max_delay_s * 1e9)
+        self._hold_ns = round(longest_hold_s(config) * 1e9)
+        self._most_held = math.ceil(longest_hold_s(config) * _MOST_HZ)
 
     @property
     def newest_ns(self) -> int:

@@ -99,6 +99,24 @@ class Navigation:
         self._autopilot = AutopilotHeadingAid(self._config)
         self._watched_ns = 0
 
+    def configure(self, config: EkfConfig) -> None:
+        """Use other parameters from the next sample on; those that are not live must be the same.
+
+        A filter that runs keeps its state. Measurements of the last ``max_delay_s`` that a late
+        one makes it compute again meet the new ones. An alignment begins again.
+        """
+        if config.publish_rate_hz != self._config.publish_rate_hz:
+            self._rate = RateLimit(config.publish_rate_hz)
+        self._config = config
+        self._delays = Delays.from_config(config)
+        self._imu_clock.configure(config.max_imu_gap_s)
+        for part in (self._health, self._clocks, self._autopilot, self._passthrough):
+            part.configure(config)
+        if self._ekf is not None:
+            self._ekf.configure(config)
+        else:
+            self._start_up = StartUp(config, self._start_up.prior)
+
     @property
     def plane(self) -> TangentPlane | None:
         """Return the plane of ``map``: as configured, or at the first accepted position."""
@@ -220,7 +238,7 @@ class Navigation:
 
     def _process_aiding(self, sample: Aiding) -> Verdict:
         source = sample.source
-        delay_ns = self._delays.aid_ns[source]
+        delay_ns = self._delays.aid_ns.get(source, 0)
         if delay_ns:
             sample = replace(sample, stamp_ns=sample.stamp_ns - delay_ns)
         self._clocks.hear_aid(source, sample.stamp_ns)
@@ -235,8 +253,8 @@ class Navigation:
             verdict = self._passthrough.add_aiding(sample)
         elif self._ekf is not None:
             verdict = self._ekf.add_aiding(sample, stale=same is Same.VALUE)
-        elif far := self._start_up.order.out_of_reach(source, sample.stamp_ns):
-            verdict = far
+        elif refused := self._start_up.refused(sample):
+            verdict = refused
         else:
             self._align(sample)
             verdict = Verdict(source, Outcome.WAITING, "not aligned yet")

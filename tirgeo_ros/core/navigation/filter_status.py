@@ -9,14 +9,12 @@ from collections.abc import Callable, Iterator, Mapping
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.aid_status import NEVER_NS, AidStatus
 from tirgeo_ros.core.navigation.aiding.aids import AIDS
+from tirgeo_ros.core.navigation.aiding.autopilot_heading import lost_heading_rad
 from tirgeo_ros.core.navigation.ins_error_model import POSITION
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
 from tirgeo_ros.core.types.verdicts import FilterState, Outcome, Verdict
 
-#: In units of the autopilot's heading sigma. Its heading is used again from three sigmas on, so
-#: a state is lost only beyond that, with a margin.
-_HEADING_SIGMAS = 3.5
 #: Bound over reported sigma: a state with a position of some sigma may drift by about as much.
 _DRIFT_RATIO = 1.5
 #: The fix status of a receiver that has been silent for longer is NONE.
@@ -42,17 +40,20 @@ class FilterHealth:
     """
 
     def __init__(self, config: EkfConfig) -> None:
-        trust = config.trust
-        self._timeout_ns = round(trust.aid_timeout_s * 1e9)
-        self._bound_m = trust.lost_position_sigma_m
         self._variances: dict[Source, tuple[float, float, float]] = {}  # reported, NED, m2
         self._rtk = FixStatus.NONE, 0  # of the newest position, and its stamp
-        known_deg = _HEADING_SIGMAS * config.autopilot.attitude_sigma_deg[2]
-        self._heading_rad2 = math.radians(max(trust.lost_heading_sigma_deg, known_deg)) ** 2
-        self._patience_s = config.rtk.reset_after_s
+        self.configure(config)
         self._wanted = [Source.RTK_POSITION, Source.RTK_VELOCITY]
         if config.method == "ekf_heading":
             self._wanted.append(Source.RTK_HEADING)
+
+    def configure(self, config: EkfConfig) -> None:
+        """Take the parameters, also others in flight."""
+        trust = config.trust
+        self._timeout_ns = round(trust.aid_timeout_s * 1e9)
+        self._bound_m = trust.lost_position_sigma_m
+        self._heading_rad2 = lost_heading_rad(config) ** 2
+        self._patience_s = config.rtk.reset_after_s
 
     def hear(self, sample: PositionSample) -> None:
         """Take a position, for the status and the accuracy that its receiver reports."""

@@ -42,8 +42,7 @@ class ImuClock:
     """Follow the stamps and readings of the IMU."""
 
     def __init__(self, max_gap_s: float) -> None:
-        self._max_gap_ns = round(max_gap_s * 1e9)
-        self._hold_ns = min(_HOLD_NS, self._max_gap_ns)
+        self.configure(max_gap_s)
         self.newest_ns: int | None = None  # of the accepted samples
         self._force_b: list[float] = []
         self._rate_b: list[float] = []
@@ -52,6 +51,11 @@ class ImuClock:
         self._changed_ns = 0
         self._repeated = 0
         self._alive = 0
+
+    def configure(self, max_gap_s: float) -> None:
+        """Take the longest gap that is bridged, s; also another one in flight."""
+        self._max_gap_ns = round(max_gap_s * 1e9)
+        self._hold_ns = min(_HOLD_NS, self._max_gap_ns)
 
     def check(self, sample: ImuSample) -> Checked:
         """Return the outcome of the next sample to arrive; its numbers must be finite."""

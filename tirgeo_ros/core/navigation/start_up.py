@@ -14,11 +14,13 @@ from collections.abc import Sequence
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.aid_status import PLACE
+from tirgeo_ros.core.navigation.aiding.set_heading import too_vague
+from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding
 from tirgeo_ros.core.navigation.alignment.aligner import Aligner, Alignment, Biases
 from tirgeo_ros.core.navigation.delays import longest_hold_s
 from tirgeo_ros.core.navigation.ekf import Ekf
 from tirgeo_ros.core.navigation.strapdown import NavState
-from tirgeo_ros.core.types.measurements import ImuSample, NavigationInput, Source
+from tirgeo_ros.core.types.measurements import ImuSample, NavigationInput, SetHeading, Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 #: Bounds on the held samples of a source, per second of holding time.
@@ -98,13 +100,24 @@ class StartUp:
     """Take samples until ``ekf`` is there; ``prior`` is what is known of the IMU's biases."""
 
     def __init__(self, config: EkfConfig, prior: Biases | None) -> None:
-        self._config = config
+        self._config, self.prior = config, prior
         use_heading = config.method == "ekf_heading"
         self.aligner = Aligner(config, use_heading=use_heading, prior=prior)
         keep_s = self.aligner.keep_s
         self.order = StampOrder(config.max_delay_s, longest_hold_s(config), keep_s)
         self.ekf: Ekf | None = None
         self.first_state: NavState | None = None
+
+    def refused(self, sample: Aiding) -> Verdict | None:
+        """Return the verdict on a sample that does not serve to align, else None."""
+        if isinstance(sample, SetHeading):
+            if not self.aligner.lacks_heading:
+                reason = f"the alignment does not wait for a heading: {self.aligner.reason}"
+                return Verdict(sample.source, Outcome.STANDBY, reason)
+            vague = too_vague(sample, self._config)
+            if vague is not None:
+                return vague
+        return self.order.out_of_reach(sample.source, sample.stamp_ns)
 
     def add(self, sample: NavigationInput) -> list[Verdict]:
         """Take a sample; return the verdicts on samples dropped, and on those of a start."""
@@ -122,6 +135,8 @@ class StartUp:
         later = sorted((*alignment.imu[1:], *alignment.later), key=lambda s: s.stamp_ns)
         unseen = (s for s in rest if s.stamp_ns > alignment.stamp_ns)
         verdicts = []
+        if Source.SET_HEADING in alignment.sources:
+            verdicts.append(Verdict(Source.SET_HEADING, Outcome.USED, "the filter begins with it"))
         for sample in (*later, *unseen):
             if isinstance(sample, ImuSample):
                 verdicts += self.ekf.add_imu(sample)

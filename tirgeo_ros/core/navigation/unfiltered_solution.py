@@ -36,15 +36,20 @@ class UnfilteredSolution:
         self._source, rtk = source, source is Source.RTK_POSITION
         self._velocity_source = Source.RTK_VELOCITY if rtk else Source.GPS_VELOCITY
         self._lever_b = config.aircraft.antenna_b(source)
+        self._imu: ImuSample | None = None
+        self._position: PositionSample | None = None
+        self._velocity: VelocitySample | None = None
+        self.configure(config)
+
+    def configure(self, config: EkfConfig) -> None:
+        """Take the parameters, also others in flight."""
+        rtk = self._source is Source.RTK_POSITION
         gps_m, rtk_m = config.gps.position_sigma_m, config.rtk.position_sigma_floor_m
         self._default_covariance = np.diag(np.square((rtk_m,) * 3 if rtk else gps_m))
         walk, bias = config.imu.angle_random_walk, config.imu.gyro_turn_on_bias
         x, y, z = (w * w * _NOMINAL_RATE_HZ + bias * bias for w in walk)
         self._rate_variance_b = (x, y, z)
         self._attitude_covariance = np.diag(np.radians(config.autopilot.attitude_sigma_deg) ** 2)
-        self._imu: ImuSample | None = None
-        self._position: PositionSample | None = None
-        self._velocity: VelocitySample | None = None
 
     @property
     def reason(self) -> str:

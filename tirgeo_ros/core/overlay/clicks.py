@@ -65,7 +65,7 @@ class Clicks:
 
     def __init__(self, config: ConfidenceConfig) -> None:
         self.counts: Counter[str] = Counter()
-        self._config = config
+        self.confidence = config
         self._plane: TangentPlane | None = None
         self._ground: Ground | None = None
         self._shown: StampedBuffer[ShownFrame] = StampedBuffer(REMEMBERED_S)
@@ -132,7 +132,7 @@ class Clicks:
         if self._ground is None:
             return Refusal(stamp_ns, uv, Reason.NO_GROUND)
         answer = place(
-            shown.camera, shown.pose, uv, self._plane, self._ground, self._config, shown.rates
+            shown.camera, shown.pose, uv, self._plane, self._ground, self.confidence, shown.rates
         )
         return dataclasses.replace(answer, stamp_ns=stamp_ns)
 

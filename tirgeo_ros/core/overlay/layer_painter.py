@@ -56,7 +56,7 @@ class LayerPainter:
         sigmas = np.array(given, float)[vector_map.layer]
         self._sigmas = None if np.isnan(sigmas).all() else sigmas
         self._painter = painter or LineRenderer()
-        self._config = config
+        self.confidence = config
         self._labels = Labels(vector_map)
         #: Whether some layers have a limited scale range.
         self.minds_scale = any(some != LayerStyle().scale_m_px for some in ranges)
@@ -90,12 +90,12 @@ class LayerPainter:
         """
         areas, lines, marks, _ = seen
         of = self._map.layer
-        frame = FrameConfidence(self._config, view.camera, pose, rates)
+        frame = FrameConfidence(self.confidence, view.camera, pose, rates)
         self._painter.areas(image, areas, of[areas.owner], self._styles, view.reached)
         labels, points = self._labels.place(image, lines, marks, taken)
         anchors, radius_px = with_marks(points, marks), mark_radius_px(image)
         lines_px, opacity, outlines, unknown = marked(
-            self._config, frame, lines, anchors, radius_px, self._sigmas
+            self.confidence, frame, lines, anchors, radius_px, self._sigmas
         )
         diamonds = marks_as_lines(marks, radius_px)
         # Ellipses first, so that the marks, which are the true places, are drawn over them.

@@ -12,6 +12,7 @@ import numpy as np
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.footprint import footprint
@@ -115,6 +116,12 @@ class MapRenderer:
     def camera(self) -> Camera | None:
         """Return the camera of the picture that is drawn into."""
         return self.view.camera if self.view else None
+
+    def set_confidence(self, confidence: ConfidenceConfig) -> None:
+        """Set how the uncertainty is drawn."""
+        self._confidence = confidence
+        if self._map_painting is not None:
+            self._map_painting.confidence = confidence
 
     def set_map(self, new: DrapedMap) -> None:
         """Set a map that was draped elsewhere, in the present plane."""

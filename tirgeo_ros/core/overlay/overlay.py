@@ -63,9 +63,6 @@ class Overlay:
         layers: Sequence[MapLayer] | None,
         terrain: Terrain | None = None,
     ) -> None:
-        self._latency_ns = round(config.video_latency_s * 1e9)
-        self._wait_ns = round(config.max_pose_wait_s * 1e9)
-        self._prediction_ns = round(config.max_prediction_s * 1e9)
         self._drawing = MapRenderer(config, layers or (), terrain)
         self.footprint = self._drawing.footprint
         self._laid_elsewhere = layers is None
@@ -77,15 +74,28 @@ class Overlay:
         self.clicks.set_ground(self._drawing.ground)
         self._toner = ToneMapper(config.picture, config.palette)
         self.frames = FrameQueue()
-        kept_s = max(config.video_latency_s, 0.0) + config.max_pose_wait_s + _MARGIN_S
-        self.poses: PoseBuffer[CameraPose] = PoseBuffer(span_s=kept_s)
+        self.poses: PoseBuffer[CameraPose] = PoseBuffer()
         self.plane: TangentPlane | None = None
         self._camera: Camera | None = None
-        self._rectify = config.rectify
         self._rectifier: Rectifier | None = None
+        self._rectify = config.rectify
         self._status: NavigationStatus | None = None
         self._verdict = DrawingVerdict()
         self._results = {"drawn": 0, "predicted": 0, "notices": 0, "late": 0}
+        self.configure(config)
+
+    def configure(self, config: OverlayConfig) -> None:
+        """Take the parameters that are live, also others in flight; CameraError as set_camera."""
+        if self._camera is not None and config.rectify is not self._rectify:
+            self._set_lens(self._camera, rectify=config.rectify)
+        self._rectify = config.rectify
+        self._latency_ns = round(config.video_latency_s * 1e9)
+        self._wait_ns = round(config.max_pose_wait_s * 1e9)
+        self._prediction_ns = round(config.max_prediction_s * 1e9)
+        self.poses.keep(max(config.video_latency_s, 0.0) + config.max_pose_wait_s + _MARGIN_S)
+        self._toner.configure(config.picture, config.palette)
+        self._drawing.set_confidence(config.confidence)
+        self.clicks.confidence = config.confidence
 
     @property
     def counts(self) -> dict[str, int]:
@@ -128,9 +138,12 @@ class Overlay:
     def set_camera(self, camera: Camera) -> None:
         """Set the camera's calibration. Raises CameraError if its images cannot be rectified."""
         if camera != self._camera:
-            self._rectifier = Rectifier(camera) if self._rectify else None
-            self._camera = camera
-            self._drawing.set_camera(self._rectifier.camera if self._rectifier else camera)
+            self._set_lens(camera, rectify=self._rectify)
+
+    def _set_lens(self, camera: Camera, *, rectify: bool) -> None:
+        self._rectifier = Rectifier(camera) if rectify else None
+        self._camera = camera
+        self._drawing.set_camera(self._rectifier.camera if self._rectifier else camera)
 
     @property
     def laid(self) -> DrapedMap | None:

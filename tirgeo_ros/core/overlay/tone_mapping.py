@@ -44,11 +44,16 @@ class ToneMapper:
     """Convert raw thermal frames to BGR. Raises ConfigError for an unknown palette."""
 
     def __init__(self, config: PictureConfig, palette: str) -> None:
+        self._stretch = Stretch(config.stretch_percent, config.stretch_time_s)
+        self.configure(config, palette)
+
+    def configure(self, config: PictureConfig, palette: str) -> None:
+        """Take the parameters, also others in flight; raises ConfigError as above."""
         if palette not in PALETTES:
             raise ConfigError(f"palette: {palette!r} is not one of {', '.join(PALETTES)}")
         self._map = _MAPS.get(palette)
         self._inverted = palette == "black_hot"
-        self._stretch = Stretch(config.stretch_percent, config.stretch_time_s)
+        self._stretch.configure(config.stretch_percent, config.stretch_time_s)
         self._local = None
         if config.local_contrast > 0:
             self._local = cv2.createCLAHE(config.local_contrast, _TILES)
@@ -84,11 +89,15 @@ class Stretch:
     """
 
     def __init__(self, percent: tuple[float, ...], time_s: float) -> None:
-        self._shares = np.array([min(percent), 50.0, max(percent)]) / 100
-        self._time_s = time_s
         self._ends: tuple[float, float] | None = None
         self._stamp_ns = 0
         self._moves = False
+        self.configure(percent, time_s)
+
+    def configure(self, percent: tuple[float, ...], time_s: float) -> None:
+        """Take the parameters, also others in flight; the range goes on from where it is."""
+        self._shares = np.array([min(percent), 50.0, max(percent)]) / 100
+        self._time_s = time_s
 
     def to_bytes(self, raw: npt.NDArray[np.uint16], stamp_ns: int) -> Pixels:
         """Convert (h, w) values to 8 bits; a picture of one value becomes black."""

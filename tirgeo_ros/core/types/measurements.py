@@ -41,6 +41,7 @@ class Source(Enum):
     GPS_VELOCITY = "gps_velocity", "gps/vel"
     BAROMETER = "barometer", "baro/pressure"
     AUTOPILOT_HEADING = "autopilot_heading", "imu/data"
+    SET_HEADING = "set_heading", "ekf_node/set_heading"
 
     topic: str
 
@@ -130,7 +131,25 @@ class PressureSample:
         return f"pressure is {self.pressure_pa:g}, not {least:g} to {most:g} Pa"
 
 
-NavigationInput = ImuSample | PositionSample | VelocitySample | HeadingSample | PressureSample
+@dataclass(frozen=True, slots=True)
+class SetHeading:
+    """Hold a heading of the nose that a person sets where nothing measures one."""
+
+    source: ClassVar[Source] = Source.SET_HEADING
+    stamp_ns: int
+    heading_rad: float  # 0 = true north, clockwise
+    variance_rad2: float  # zero or negative: not given
+
+    @property
+    def fault(self) -> str:
+        """Return why it cannot be a heading, or an empty string."""
+        finite = math.isfinite(self.heading_rad) and math.isfinite(self.variance_rad2)
+        return "" if finite else "heading or its variance is not finite"
+
+
+NavigationInput = (
+    ImuSample | PositionSample | VelocitySample | HeadingSample | PressureSample | SetHeading
+)
 
 
 @dataclass(frozen=True, slots=True)

@@ -53,13 +53,17 @@ class GimbalInterpreter:
         self, config: DjiConfig, attitudes: AutopilotAttitudes, counts: Counter[str]
     ) -> None:
         self._from_nose = config.gimbal_reference == "body"
-        self._delay_ns = round(config.delay.gimbal_s * 1e9)
-        self._attitude_delay_ns = round(config.delay.imu_s * 1e9)
+        self.configure(config)
         self._attitudes, self._counts = attitudes, counts
         self.waiting: deque[GimbalReading] = deque()  # for an attitude
         self._newest_ns: int | None = None
         self._psi_coder: float | None = None
         self._cameras, self._joints = Sequence(), Sequence()
+
+    def configure(self, config: DjiConfig) -> None:
+        """Take the delays, also others in flight."""
+        self._delay_ns = round(config.delay.gimbal_s * 1e9)
+        self._attitude_delay_ns = round(config.delay.imu_s * 1e9)
 
     def take(self, reading: GimbalReading) -> list[GimbalSample]:
         """Take a reading; return samples of those before it if it comes from another clock."""

@@ -41,6 +41,10 @@ class GpsInterpreter(Receiver[GpsReading]):
         self._fix: Held[int] = Held()
         self._sigmas: Held[_Sigmas] = Held()
 
+    def configure(self, config: DjiConfig) -> None:
+        """Take the delay, also another one in flight."""
+        self._delay_ns = round(config.delay.gps_s * 1e9)
+
     def _hear(self, stamp_ns: int, reading: GpsReading) -> None:
         self._fix.hear(stamp_ns, reading.fix)
         sigmas = (

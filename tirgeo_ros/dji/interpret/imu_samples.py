@@ -45,7 +45,7 @@ class ImuInterpreter:
     def __init__(
         self, config: DjiConfig, attitudes: AutopilotAttitudes, counts: Counter[str]
     ) -> None:
-        self._delay_ns = round(config.delay.imu_s * 1e9)
+        self.configure(config)
         self._attitudes = attitudes
         self._counts = counts
         self._streams = DrivingStream()
@@ -53,6 +53,10 @@ class ImuInterpreter:
         self._held: deque[_Held] = deque()
         self._held_origin: ImuOrigin | None = None
         self._newest_ns: int | None = None
+
+    def configure(self, config: DjiConfig) -> None:
+        """Take the delay, also another one in flight."""
+        self._delay_ns = round(config.delay.imu_s * 1e9)
 
     def take(self, reading: ImuReading) -> list[ImuSample]:
         """Return the sample of a reading and those held back until it; or none."""

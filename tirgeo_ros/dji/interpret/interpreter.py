@@ -51,6 +51,11 @@ class Interpreter:
             GimbalReading: self._gimbal.take,
         }
 
+    def configure(self, config: DjiConfig) -> None:
+        """Take other sigmas and delays in flight; the rest of the parameters must be the same."""
+        for part in (self._imu, self._rtk, self._gps, self._gimbal):
+            part.configure(config)
+
     def take(self, reading: Reading) -> list[Sample]:
         """Return the samples of a reading, and of earlier ones that waited for it."""
         samples: list[Sample] = self._takers[type(reading)](reading)

@@ -80,11 +80,16 @@ class RtkInterpreter(Receiver[RtkReading]):
     def __init__(self, config: DjiConfig, undulation_m: float, counts: Counter[str]) -> None:
         super().__init__("rtk", config.rtk.delay_s, undulation_m, counts)
         self._offset_deg = baseline_deg(config.aircraft)
-        self._heading_variance = math.radians(config.heading.sigma_deg) ** 2
-        self._qualities = _qualities(config.rtk)
+        self.configure(config)
         self._position_flag: Held[int] = Held()
         self._yaw_flag: Held[int] = Held()
         self._headings = Sequence()
+
+    def configure(self, config: DjiConfig) -> None:
+        """Take sigmas and delay, also others in flight."""
+        self._delay_ns = round(config.rtk.delay_s * 1e9)
+        self._heading_variance = math.radians(config.heading.sigma_deg) ** 2
+        self._qualities = _qualities(config.rtk)
 
     def take(self, reading: RtkReading) -> list[Any]:
         """Return the samples of what is new in a reading."""

@@ -15,6 +15,7 @@ from tirgeo_ros.core.types.measurements import (
     JointSample,
     NavigationInput,
     PressureSample,
+    SetHeading,
 )
 from tirgeo_ros.dji.link.framing import encode_frame
 from tirgeo_ros.dji.protocol.broadcast import Layout, encode_broadcast
@@ -120,7 +121,7 @@ class Aircraft:
                 _, sample = self._waiting.popleft()
                 if isinstance(sample, ImuSample):
                     imu.append(sample)
-                elif not isinstance(sample, PressureSample):  # DJI's messages have no pressure
+                elif not isinstance(sample, PressureSample | SetHeading):  # not DJI's
                     self._satellites.take(sample)
             for sample in imu:
                 frames += self._tell(sample, together_ns)

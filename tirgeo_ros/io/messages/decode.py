@@ -22,6 +22,7 @@ from tirgeo_ros.core.types.measurements import (
     ImuSample,
     JointSample,
     PositionSample,
+    SetHeading,
     Source,
     VelocitySample,
 )
@@ -94,6 +95,12 @@ def heading_sample(msg: Any) -> HeadingSample:
     yaw = _enu_yaw(msg.orientation) if present else math.nan
     heading = (0.5 * math.pi - yaw) % math.tau
     return HeadingSample(stamp_ns(msg), heading, float(msg.orientation_covariance[8]))
+
+
+def set_heading(msg: Any) -> SetHeading:
+    """Convert ``geometry_msgs/PoseWithCovarianceStamped``: the yaw alone, and its variance."""
+    heading = (0.5 * math.pi - _enu_yaw(msg.pose.pose.orientation)) % math.tau
+    return SetHeading(stamp_ns(msg), heading, float(msg.pose.covariance[35]))
 
 
 def joint_sample(msg: Any) -> JointSample:

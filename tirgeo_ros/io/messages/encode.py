@@ -21,6 +21,7 @@ from tirgeo_ros.core.types.measurements import (
     ImuSample,
     JointSample,
     PositionSample,
+    SetHeading,
     VelocitySample,
 )
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
@@ -144,6 +145,14 @@ class Messages(FrameMessages):
         """Return ``geometry_msgs/PoseWithCovarianceStamped``, map -> tir_optical_frame."""
         turned = positive(quat_turned_world(*pose.q_nc.tolist()))
         return self._map_pose(pose.stamp_ns, pose.position_n, turned, pose.covariance)
+
+    def set_heading(self, sample: SetHeading) -> Any:
+        """Return ``geometry_msgs/PoseWithCovarianceStamped``: the yaw and its variance alone."""
+        half = 0.5 * (0.5 * math.pi - sample.heading_rad)
+        covariance = np.zeros((6, 6))
+        covariance[5, 5] = sample.variance_rad2
+        turned = (math.cos(half), 0.0, 0.0, math.sin(half))
+        return self._map_pose(sample.stamp_ns, np.zeros(3), turned, covariance)
 
     def pixel(self, stamp_ns: int, u: float, v: float) -> Any:
         """Return ``geometry_msgs/PointStamped`` of a click at a column and row of a picture."""

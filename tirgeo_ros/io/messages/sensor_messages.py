@@ -19,6 +19,7 @@ from tirgeo_ros.io.messages.decode import (
     imu_sample,
     joint_sample,
     position_sample,
+    set_heading,
     stamp_ns,
     velocity_sample,
 )
@@ -55,6 +56,7 @@ class _Row(NamedTuple):
 
 
 _FIX, _TWIST = "sensor_msgs/msg/NavSatFix", "geometry_msgs/msg/TwistWithCovarianceStamped"
+_POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 _IMU, _PRESSURE = "sensor_msgs/msg/Imu", "sensor_msgs/msg/FluidPressure"
 
 
@@ -76,6 +78,7 @@ _ROWS: dict[Source | type, _Row] = {
     Source.GPS_POSITION: _fix(Source.GPS_POSITION, "gps_antenna"),
     Source.GPS_VELOCITY: _velocity(Source.GPS_VELOCITY, "gps_antenna"),
     Source.BAROMETER: _Row(_PRESSURE, pressure_sample, _pressure, by_dji=False),
+    Source.SET_HEADING: _Row(_POSE, set_heading, Messages.set_heading, by_dji=False),
     JointSample: _Row(
         "sensor_msgs/msg/JointState", joint_sample, Messages.joints, "gimbal/joint_states"
     ),

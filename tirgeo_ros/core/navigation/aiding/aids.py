@@ -10,6 +10,7 @@ from tirgeo_ros.core.navigation.aiding.barometer import BarometerAid
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import HeadingAid
 from tirgeo_ros.core.navigation.aiding.gnss_position import GpsPositionAid, RtkPositionAid
 from tirgeo_ros.core.navigation.aiding.gnss_velocity import GpsVelocityAid, RtkVelocityAid
+from tirgeo_ros.core.navigation.aiding.set_heading import SetHeadingAid
 from tirgeo_ros.core.types.measurements import Source
 
 #: Everything that asks for an aid finds it here, by its source.
@@ -23,6 +24,7 @@ AIDS: Mapping[Source, type[Aid]] = {
         GpsVelocityAid,
         BarometerAid,
         AutopilotHeadingAid,
+        SetHeadingAid,
     )
 }
 

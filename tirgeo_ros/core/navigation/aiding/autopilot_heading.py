@@ -24,13 +24,35 @@ from tirgeo_ros.core.navigation.kalman import Measurement
 from tirgeo_ros.core.navigation.strapdown import Vector
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.core.types.measurements import AutopilotHeading, ImuSample, Source
+from tirgeo_ros.core.types.measurements import AutopilotHeading, ImuSample, SetHeading, Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
-#: It is used where the state's heading sigma exceeds this multiple of its own.
-_SIGMAS = 3.0
+#: It is used where the state's heading sigma exceeds this multiple of its own. A state is lost
+#: only beyond that, with a margin.
+_SIGMAS, _LOST_SIGMAS = 3.0, 3.5
 _GATE_SIGMA = 5.0
 _AGAIN_NS = 1_000_000_000
+
+
+def lost_heading_rad(config: EkfConfig) -> float:
+    """Return the standard deviation of the heading, rad, beyond which a state is lost."""
+    known_deg = _LOST_SIGMAS * config.autopilot.attitude_sigma_deg[2]
+    return math.radians(max(config.trust.lost_heading_sigma_deg, known_deg))
+
+
+def vertical_turn(
+    sample: AutopilotHeading | SetHeading, variance_rad2: float, belief: StateEstimate
+) -> AidMeasurement:
+    """Return the measurement of the nose's heading: a turn about the vertical alone.
+
+    Tilt is known better than from such a heading.
+    """
+    off = wrapped(sample.heading_rad - azimuth(rotation_of(belief.state.q_nb)[0::3]))
+    design = np.zeros((1, len(belief.covariance)))
+    design[0, 2] = 1.0
+    noise = np.array(((variance_rad2,),))
+    measurement = Measurement(np.array((off,)), design, noise, _GATE_SIGMA)
+    return AidMeasurement(sample.source, sample.stamp_ns, measurement, (off,), (0.0,), 0.0)
 
 
 class AutopilotHeadingAid(Aid):
@@ -41,9 +63,13 @@ class AutopilotHeadingAid(Aid):
 
     def __init__(self, config: EkfConfig) -> None:
         super().__init__(config)
+        self._newest_ns = NEVER_NS
+
+    def configure(self, config: EkfConfig) -> None:
+        """Take the parameters, also others in flight."""
+        super().configure(config)
         self._variance_rad2 = math.radians(config.autopilot.attitude_sigma_deg[2]) ** 2
         self._worth_rad2 = _SIGMAS**2 * self._variance_rad2
-        self._newest_ns = NEVER_NS
 
     def _is_worth(self, covariance: Array) -> bool:
         """Return whether the state's heading is uncertain enough for the autopilot's to help."""
@@ -62,15 +88,8 @@ class AutopilotHeadingAid(Aid):
     def measured(
         self, sample: AutopilotHeading, belief: StateEstimate, _rate_b: Vector
     ) -> Modelled:
-        """Return the measurement: a turn about the vertical alone, for tilt is known better."""
+        """Return the measurement; STANDBY where the filter's own heading is better."""
         if not self._is_worth(belief.covariance):
             reason = "the filter's heading is more precise"
             return Verdict(self.source, Outcome.STANDBY, reason), belief
-        off = wrapped(sample.heading_rad - azimuth(rotation_of(belief.state.q_nb)[0::3]))
-        design = np.zeros((1, len(belief.covariance)))
-        design[0, 2] = 1.0
-        noise = np.array(((sample.variance_rad2,),))
-        measurement = Measurement(np.array((off,)), design, noise, _GATE_SIGMA)
-        return AidMeasurement(
-            self.source, sample.stamp_ns, measurement, (off,), (0.0,), 0.0
-        ), belief
+        return vertical_turn(sample, sample.variance_rad2, belief), belief

@@ -16,12 +16,13 @@ from tirgeo_ros.core.types.measurements import (
     HeadingSample,
     PositionSample,
     PressureSample,
+    SetHeading,
     Source,
     VelocitySample,
 )
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
-Aiding = PositionSample | VelocitySample | HeadingSample | PressureSample
+Aiding = PositionSample | VelocitySample | HeadingSample | PressureSample | SetHeading
 #: The same, and the heading that the filter takes from the IMU's messages.
 AidSample = Aiding | AutopilotHeading
 

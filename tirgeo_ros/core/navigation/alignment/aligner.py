@@ -9,6 +9,7 @@ contradiction it tries the next best ones.
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -16,6 +17,7 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import quat_from_matrix
 from tirgeo_ros.core.navigation.alignment.consistency_checks import (
     CONTRADICTION,
+    HEADING_STAGES,
     MOTION_STAGE,
     NotAlignedError,
     Recurrence,
@@ -36,6 +38,7 @@ from tirgeo_ros.core.types.measurements import (
     ImuSample,
     NavigationInput,
     PositionSample,
+    SetHeading,
     Source,
     VelocitySample,
 )
@@ -70,7 +73,12 @@ class _Plan(NamedTuple):
 
     velocity: Source | None
     position: Source
-    antennas: bool  # the heading is that of rtk/heading, else the autopilot's
+    heading: Source  # of two antennas, set by a person, or the autopilot's
+
+    @property
+    def antennas(self) -> bool:
+        """Return whether the heading is that of rtk/heading."""
+        return self.heading is Source.RTK_HEADING
 
 
 #: Best first. Errors of ordinary GPS positions change slowly, so their differences give a
@@ -107,6 +115,8 @@ class Aligner:
         self._lasting: tuple[int, NotAlignedError | None] = (0, None)  # the newest lasting doubt
         self._doubts: defaultdict[str, Recurrence] = defaultdict(Recurrence)
         self.reason = "needs imu/data"
+        #: Whether nothing but a heading is missing: one that is set would do.
+        self.lacks_heading = False
 
     def add(self, sample: NavigationInput) -> Alignment | None:
         """Take one valid sample; return the alignment once it is possible."""
@@ -129,6 +139,7 @@ class Aligner:
     def _try(self) -> Alignment | None:
         """Try the best sources; once ``wait_s`` has passed, try all of them, best first."""
         lacks: list[NotAlignedError] = []
+        self.lacks_heading = False
         retry_ns = self._samples.newest_ns + _RETRY_NS
         if self._waited:
             self._next_ns = retry_ns
@@ -151,14 +162,16 @@ class Aligner:
             if doubt or self._still_doubted("samples"):
                 return None
         if lacks:
-            self.reason = str(furthest(lacks))
+            lack = furthest(lacks)
+            self.reason, self.lacks_heading = str(lack), lack.stage in HEADING_STAGES
         return None
 
     def _plans(self) -> list[_Plan]:
-        kinds = (True, False) if self._use_heading else (False,)
-        plans = [_Plan(v, p, antennas) for v, p in _SOURCES for antennas in kinds]
+        kinds = [Source.RTK_HEADING] if self._use_heading else []
+        kinds += [Source.SET_HEADING] if self._samples.set_headings() else []
+        plans = [_Plan(v, p, h) for v, p in _SOURCES for h in (*kinds, Source.AUTOPILOT_HEADING)]
         if not self._waited:
-            return plans[:1]
+            return plans[: max(len(kinds), 1)]
         # While antennas are in doubt, they are not replaced by the autopilot's heading.
         return [plan for plan in plans if plan.antennas] if self._lately_doubted() else plans
 
@@ -197,14 +210,7 @@ class Aligner:
         stamps = [s.stamp_ns for track in (positions, velocities) for s in track]
         first, last = min(stamps), max(stamps)
         imu = self._samples.imu_over(first, last)
-        readings: list[HeadingSample] = []
-        if plan.antennas:
-            settled_s = self._config.heading.start_after_s
-            readings = self._samples.headings(first, last, settled_s)
-            if len(readings) < _LEAST_HEADINGS:
-                raise NotAlignedError("needs rtk/heading with rtk/fix fixed", 2)
-        elif not any(usable_attitude(s.autopilot_q_nb) for s in imu):
-            raise NotAlignedError(self._needs_heading, 3)
+        readings = self._headings(plan, first, last, imu)
         measured = Measured(imu, positions, velocities, readings, self._needs_heading)
         found = self._turn_on.fitted(measured, self._samples.newest_ns)
         doubted = self._lately_doubted()
@@ -212,14 +218,36 @@ class Aligner:
             # A small difference is accepted once it has lasted: the autopilot may err.
             autopilot = self._config.autopilot
             for what, doubt in differences(found.fit, found.hint_nb, autopilot).items():
+                if what == "heading" and plan.heading is Source.SET_HEADING:
+                    continue  # a person says it because the autopilot is wrong
                 if doubt.lasting or self._still_doubted(what):
                     raise doubt
         elif plan.antennas and doubted is not None:
             raise doubted  # nothing has contradicted the doubt since
         sources = {positions[-1].source, *(s.source for s in velocities)}
-        if plan.antennas:
-            sources.add(Source.RTK_HEADING)
+        if plan.heading is not Source.AUTOPILOT_HEADING:
+            sources.add(plan.heading)
         return self._start(measured, found, frozenset(sources))
+
+    def _headings(
+        self, plan: _Plan, first: int, last: int, imu: Sequence[ImuSample]
+    ) -> Sequence[HeadingSample | SetHeading]:
+        """Return the headings between two stamps, none for the autopilot's.
+
+        Raises NotAlignedError where those of the plan are missing.
+        """
+        if plan.antennas:
+            settled_s = self._config.heading.start_after_s
+            readings = self._samples.headings(first, last, settled_s)
+            if len(readings) < _LEAST_HEADINGS:
+                raise NotAlignedError("needs rtk/heading with rtk/fix fixed", 2)
+            return readings
+        told = self._samples.set_headings() if plan.heading is Source.SET_HEADING else []
+        told = [s for s in told if first <= s.stamp_ns <= last][-1:]
+        by_autopilot = plan.heading is Source.AUTOPILOT_HEADING
+        if not told and not (by_autopilot and any(usable_attitude(s.autopilot_q_nb) for s in imu)):
+            raise NotAlignedError(self._needs_heading, 3)
+        return told
 
     def _motion(
         self, plan: _Plan, length_s: float
@@ -245,8 +273,8 @@ class Aligner:
     def _needs_heading(self) -> str:
         antennas = "rtk/heading or " if self._use_heading else ""
         return (
-            f"needs {antennas}an orientation in imu/data that follows the gyroscopes: velocity "
-            "tells no heading while hovering"
+            f"needs {antennas}an orientation in imu/data that follows the gyroscopes, or "
+            "~/set_heading: velocity tells no heading while hovering"
         )
 
     def _start(self, measured: Measured, fitted: Fitted, sources: frozenset[Source]) -> Alignment:

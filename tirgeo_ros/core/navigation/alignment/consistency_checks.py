@@ -43,6 +43,8 @@ _UNITS = {
 
 #: Stages of an alignment that lacks nothing but motion, and of one that nothing is lacking.
 MOTION_STAGE, CONTRADICTION = 5, 6
+#: Stages of one that lacks a heading.
+HEADING_STAGES = (2, 3)
 
 
 class NotAlignedError(Exception):

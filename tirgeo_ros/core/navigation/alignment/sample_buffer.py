@@ -15,6 +15,7 @@ from tirgeo_ros.core.types.measurements import (
     ImuSample,
     NavigationInput,
     PositionSample,
+    SetHeading,
     Source,
     VelocitySample,
 )
@@ -116,6 +117,10 @@ class AlignmentSamples:
         headings = self._reached(HeadingSample, Source.RTK_HEADING)
         inside = [s for s in headings if first_ns <= s.stamp_ns <= last_ns]
         return [s for s in inside if fixed_around(s.stamp_ns)]
+
+    def set_headings(self) -> list[SetHeading]:
+        """Return the headings that a person has set, by stamp."""
+        return self._reached(SetHeading, Source.SET_HEADING)
 
     def imu_over(self, first_ns: int, last_ns: int) -> list[ImuSample]:
         """Return the IMU samples of an interval, with one before and one after if available."""

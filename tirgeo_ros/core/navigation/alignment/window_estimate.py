@@ -11,17 +11,24 @@ integrated again with them subtracted.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.heading import azimuth, wrap_pi
-from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_matrix, rotvec_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.frames.wgs84 import gravity_down
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline
+from tirgeo_ros.core.navigation.aiding.set_heading import set_variance_rad2
 from tirgeo_ros.core.navigation.aiding.state_estimate import floored
+from tirgeo_ros.core.navigation.alignment.autopilot_hints import (
+    autopilot_attitude,
+    autopilot_gyro_bias,
+    rotations_of,
+    usable_samples,
+)
 from tirgeo_ros.core.navigation.alignment.batch_least_squares import (
     AlignmentObservation,
     ObservationKind,
@@ -31,7 +38,6 @@ from tirgeo_ros.core.navigation.alignment.batch_least_squares import (
 from tirgeo_ros.core.navigation.alignment.consistency_checks import (
     NotAlignedError,
     agreeing,
-    central,
 )
 from tirgeo_ros.core.navigation.alignment.imu_preintegration import (
     Biases,
@@ -40,22 +46,20 @@ from tirgeo_ros.core.navigation.alignment.imu_preintegration import (
 )
 from tirgeo_ros.core.navigation.ins_error_model import NoisePowers
 from tirgeo_ros.core.navigation.vibration_noise import Powers, mean_powers
-from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import (
     FixStatus,
     HeadingSample,
     ImuSample,
     PositionSample,
+    SetHeading,
     Source,
     VelocitySample,
 )
 
-_PICKED = 9
 #: Error of the autopilot's azimuth: white part, and correlation time of the rest (as simulated).
 _AZIMUTH_NOISE_RAD = np.radians(0.3)
 _AZIMUTH_TIME_S = 30.0
-_AUTOPILOT_APART_RAD = np.radians(5.0)
 _WHOLE_DEG = 1e-3  # whole degrees that went through a message in single precision
 _PASSES = 5
 #: A change of the biases that turns the window by less needs no new integration: the linear fit
@@ -69,7 +73,7 @@ class Measured(NamedTuple):
     imu: Sequence[ImuSample]
     positions: Sequence[PositionSample]
     velocities: Sequence[VelocitySample]
-    readings: Sequence[HeadingSample]
+    readings: Sequence[HeadingSample | SetHeading]  # of one kind
     needs_heading: str  # the reason given where there is no heading
 
     @property
@@ -179,14 +183,17 @@ def velocity_observation(sample: VelocitySample, config: EkfConfig) -> Alignment
 
 
 def heading_observations(
-    samples: Sequence[HeadingSample], config: EkfConfig
+    samples: Sequence[HeadingSample | SetHeading], config: EkfConfig
 ) -> list[AlignmentObservation]:
-    """Return the azimuths of the antenna baseline.
+    """Return the azimuths of the antenna baseline, or of the nose where a person has set it.
 
     Rounding to whole degrees errs by 1/sqrt(12) deg. Where readings spread by s degrees (by noise
     or a turn), that averages away down to ``exp(-2 pi^2 s^2)`` of it (Widrow and Kollar,
     Quantization Noise, chapter 5).
     """
+    told = [s for s in samples if isinstance(s, SetHeading)]
+    if told:
+        return [_of_nose(s, s.heading_rad, set_variance_rad2(s, config)) for s in told]
     baseline = Baseline.from_config(config.aircraft)
     floor = np.radians(config.heading.sigma_floor_deg) ** 2
     shared = np.array([_shared_rounding_rad(np.array([s.heading_rad for s in samples]))])
@@ -228,71 +235,31 @@ def _headings(
         first_ns = min(
             s.stamp_ns for track in (measured.positions, measured.velocities) for s in track
         )
-        usable = _usable(measured.imu, first_ns, measured.last_ns)
+        usable = usable_samples(measured.imu, first_ns, measured.last_ns)
         if usable:
             white, time_s = _AZIMUTH_NOISE_RAD**2, _AZIMUTH_TIME_S
-            turned = zip(usable, _rotations(usable), strict=True)
-            return [_of_nose(s.stamp_ns, r, white, slow, time_s) for s, r in turned]
+            turned = zip(usable, rotations_of(usable), strict=True)
+            return [_of_nose(s, azimuth(r[:, 0]), white, slow, time_s) for s, r in turned]
     if hint_nb is None:
         raise NotAlignedError(measured.needs_heading, 3)
-    return [_of_nose(measured.last_ns, hint_nb, slow**2, 0.0, np.inf)]
+    last = replace(measured.imu[-1], stamp_ns=measured.last_ns)
+    return [_of_nose(last, azimuth(hint_nb[:, 0]), slow**2)]
 
 
 def _of_nose(
-    stamp_ns: int, rotation_nb: Array, variance: float, slow: float, time_s: float
+    sample: ImuSample | SetHeading,
+    heading_rad: float,
+    variance: float,
+    slow: float = 0.0,
+    time_s: float = np.inf,
 ) -> AlignmentObservation:
     return AlignmentObservation(
-        stamp_ns,
-        "imu/data",
+        sample.stamp_ns,
+        sample.source.topic,
         ObservationKind.AZIMUTH,
-        np.array([azimuth(rotation_nb[:, 0])]),
+        np.array([heading_rad]),
         np.array([1.0, 0.0, 0.0]),
         np.array([[variance]]),
         np.array([slow]),
         time_s,
     )
-
-
-def _usable(imu: Sequence[ImuSample], first_ns: int, last_ns: int) -> list[ImuSample]:
-    """Return some samples of a window with an attitude, evenly spaced."""
-    usable = [
-        s for s in imu if first_ns <= s.stamp_ns <= last_ns and usable_attitude(s.autopilot_q_nb)
-    ]
-    last = len(usable) - 1
-    return [usable[k] for k in np.unique(np.linspace(0, last, _PICKED, dtype=int)) if usable]
-
-
-def _rotations(samples: Sequence[ImuSample]) -> Array:
-    """Return the autopilot's attitudes (n, 3, 3)."""
-    return matrix_from_quat(np.array([s.autopilot_q_nb for s in samples], float).reshape(-1, 4))
-
-
-def autopilot_gyro_bias(window: PreintegratedImu, imu: Sequence[ImuSample]) -> Array | None:
-    """Return the gyroscope bias (3,), rad/s, by the autopilot's attitudes; None if they are few.
-
-    Carried to the window's end, each attitude is turned by the bias times the time to the end.
-    """
-    picked = _usable(imu, *window.stamps_ns[[0, -1]].tolist())
-    if len(picked) < _PICKED:
-        return None
-    at = window.at([s.stamp_ns for s in picked])
-    at_end = _rotations(picked) @ window.to_end[at].swapaxes(1, 2)
-    turned = np.array([rotvec_from_quat(quat_from_matrix(at_end[-1].T @ r)) for r in at_end])
-    before_s = window.before_s[at] - window.before_s[at].mean()
-    return np.asarray(before_s @ turned / (before_s @ before_s) + window.taken[:3])
-
-
-def autopilot_attitude(window: PreintegratedImu, imu: Sequence[ImuSample]) -> Array | None:
-    """Return the autopilot's attitude (3, 3) at the window's end, if most of its attitudes agree.
-
-    The gyroscopes carry some attitudes of the window to its end. More than half of them must be
-    within 5 deg of the central one, so that they follow the body's turn.
-    """
-    picked = _usable(imu, *window.stamps_ns[[0, -1]].tolist())
-    if not picked:
-        return None
-    to_end = window.to_end[window.at([s.stamp_ns for s in picked])]
-    at_end = _rotations(picked) @ to_end.swapaxes(1, 2)
-    cosines = 0.5 * (np.einsum("aij,bij->ab", at_end, at_end) - 1)
-    middle, near = central(np.arccos(np.clip(cosines, -1, 1)), _AUTOPILOT_APART_RAD)
-    return np.asarray(at_end[middle]) if near.sum() * 2 > len(picked) else None
