@@ -105,10 +105,7 @@ class Overlay:
         pose; ``notices`` have none; ``late`` counts frames of both kinds that were finished after
         the longest wait for a pose or later. Poses: ``poses_invalid`` and ``poses_went_back``.
         """
-        poses = {
-            "poses_invalid": self.poses.invalid,
-            "poses_went_back": self.poses.went_back,
-        }
+        poses = {"poses_invalid": self.poses.invalid, "poses_went_back": self.poses.went_back}
         return self._results | self.frames.counts | poses
 
     @property
