@@ -15,6 +15,7 @@ import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
+from diagnostic_msgs.msg import DiagnosticArray
 from graph_helpers import deep_queues
 from nav_msgs.msg import Odometry
 from project import reader_of
@@ -85,7 +86,11 @@ def test_a_bag_goes_through_and_others_see_each_message_once(
 ):
     params = tmp_path / "params.yaml"
     params.write_text((sample / "params.yaml").read_text() + deep_queues())
-    stranger = meet(tirgeo__overlay__image__compressed=CompressedImage, tirgeo__odometry=Odometry)
+    stranger = meet(
+        tirgeo__overlay__image__compressed=CompressedImage,
+        tirgeo__odometry=Odometry,
+        **{"/diagnostics": DiagnosticArray},
+    )
     run = start("--bag", short_bag, "--params", params, "--map", sample / "map.geojson")
     stranger.spin_until(lambda: run.process.poll() is not None, 120.0)
     assert run.ended() == 0, run.log.read_text()
@@ -98,6 +103,15 @@ def test_a_bag_goes_through_and_others_see_each_message_once(
         # The stranger may have met the nodes late; from then on it misses none.
         assert seen
         assert seen == sent[-len(seen) :]
+    # All nodes run by the bag's clock, though one alone listens to it.
+    first_ns, last_ns = BagReader(short_bag).span_ns
+    newest = {a.status[0].name: stamp_ns(a) for a in stranger.received["/diagnostics"]}
+    assert {name.partition(":")[0] for name in newest} == {
+        "/ekf_node",
+        "/gimbal_node",
+        "/overlay_node",
+    }
+    assert all(first_ns < stamp <= last_ns for stamp in newest.values())
 
 
 def test_a_stop_signal_ends_all(start, sample):
@@ -125,12 +139,14 @@ def await_end(pid: int) -> None:
 
 
 def test_a_node_that_dies_ends_the_others(start, flight_bag, tmp_path):
-    damaged = tmp_path / "damaged.mcap"
+    """At its start, or later: the player reads the damaged part of a bag after seconds."""
+    damaged, wrong = tmp_path / "damaged.mcap", tmp_path / "wrong.yaml"
     data = flight_bag.read_bytes()
     damaged.write_bytes(data[: len(data) * 3 // 4])
+    wrong.write_text("/**/gimbal_node: {ros__parameters: {composition: so_so}}")
     runs = {
         start("--bag", damaged): "damaged.mcap: ",
-        start("--no-dji", "--map", tmp_path / "none.geojson"): "none.geojson: ",
+        start("--no-dji", "--params", wrong): "wrong.yaml: parameter composition: ",
     }
     for run, reason in runs.items():
         assert run.ended() == 1

@@ -7,12 +7,16 @@ each node is a process. Each node has a thread of its own, as it would have ther
 
 from __future__ import annotations
 
-import importlib
 import sys
 import threading
 from functools import partial
 from typing import Any
 
+from tirgeo_ros.nodes.bag_player import BagPlayer
+from tirgeo_ros.nodes.dji_node import DjiNode
+from tirgeo_ros.nodes.ekf_node import EkfNode
+from tirgeo_ros.nodes.gimbal_node import GimbalNode
+from tirgeo_ros.nodes.overlay_node import OverlayNode
 from tirgeo_ros.nodes.runner import Part, Work, run_all
 
 #: The user's command, at the beginning of its errors.
@@ -25,13 +29,7 @@ _SETTLE_S = 3.5
 def main() -> int:
     """Run the nodes that the command line names; return the exit code."""
     names = sys.argv[sys.argv.index("--") + 1 :]
-    return run_all(_PROGRAM, {name: _part(name) for name in names})
-
-
-def _part(name: str) -> Part:
-    """Return what the node's own executable runs."""
-    part = Part(*importlib.import_module(f"tirgeo_ros.nodes.{name}").main.args[1:])
-    return part._replace(work=partial(_settled, part.work)) if part.work else part
+    return run_all(_PROGRAM, {name: _PARTS[name] for name in names})
 
 
 def _settled(work: Work, node: Any, stop: threading.Event) -> int:
@@ -40,3 +38,12 @@ def _settled(work: Work, node: Any, stop: threading.Event) -> int:
         return work(node, stop)
     finally:
         stop.wait(_SETTLE_S)
+
+
+_PARTS = {
+    "dji_node": Part(DjiNode, DjiNode.serve),
+    "ekf_node": Part(EkfNode),
+    "gimbal_node": Part(GimbalNode),
+    "overlay_node": Part(OverlayNode),
+    "bag_player": Part(BagPlayer, partial(_settled, BagPlayer.play)),
+}

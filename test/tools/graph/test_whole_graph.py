@@ -52,14 +52,24 @@ def test_live_is_the_launch_files_live(become):
     assert set(stop_signals()) <= signal.pthread_sigmask(signal.SIG_BLOCK, ())
 
 
-def test_a_bag_brings_its_own_time_and_stays_on_this_machine(become):
+def test_a_bag_brings_its_own_time_and_stays_on_this_machine(become, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("flight.mcap", "7", "a.yaml", "b.yaml"):
+        (tmp_path / name).touch()
     words = ["--map", "7", "--params", "a.yaml", "--params", "b.yaml", "--namespace", "/uav1/"]
     argv, environment = become("--bag", "flight.mcap", *words)
     assert argv == [
         *("--ros-args", "--params-file", "a.yaml", "--params-file", "b.yaml"),
         # In quotes: as YAML, a map named 7 would be a number.
         *("-p", 'bag:="flight.mcap"', "-p", "use_sim_time:=true", "-p", 'map:="7"'),
-        *("-r", "__ns:=/uav1", "--", *WholeGraph(Path("flight.mcap")).nodes),
+        *(
+            "-r",
+            "__ns:=/uav1",
+            "-r",
+            "/clock:=clock",
+            "--",
+            *WholeGraph(Path("flight.mcap")).nodes,
+        ),
     ]
     assert set(WholeGraph(Path("flight.mcap")).nodes) == NODES - {"dji_node"}
     assert environment[PROFILES[0]] == str(PROJECT / "config" / "fastdds_localhost.xml")
@@ -78,6 +88,14 @@ def test_what_runs_is_said_on_stdout_for_programs(become, capsys, monkeypatch):
     nodes = '["ekf_node", "gimbal_node", "overlay_node", "dji_node"]'
     assert said.out == f'{{"nodes": {nodes}, "ros_domain_id": "0"}}\n'
     assert "ROS_DOMAIN_ID=7" in said.err
+
+
+@pytest.mark.parametrize("option", ["--bag", "--map", "--params"])
+def test_a_file_that_is_absent_is_named_before_anything_runs(option, capsys):
+    assert command.main(["run", option, "none.in"]) == 1
+    assert (
+        capsys.readouterr().err == "tirgeo run: none.in: there is no such file; check its name\n"
+    )
 
 
 def test_a_wrong_namespace_is_wrong_use(become, capsys):

@@ -22,7 +22,7 @@ from typing import NoReturn
 from tirgeo_ros.tools.cli._verb import PARAMS, WORD, UsageError
 
 _NAMESPACE = "namespace of the aircraft, as uav1; default: none"
-_NAMES = re.compile(r"(/?[A-Za-z_]\w*)*/?", re.ASCII)
+_NAMES = re.compile(r"(/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*)?/?", re.ASCII)
 OPTIONS = (
     ("--bag", "IN", "flight to play instead of a live aircraft; the graph ends with it"),
     ("--map", "MAP", "the map to draw; default: that of --params"),

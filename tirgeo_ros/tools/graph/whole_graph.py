@@ -9,7 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
+from tirgeo_ros.core.types.errors import GraphError
 from tirgeo_ros.io.files.child_python import stop_signals
+from tirgeo_ros.io.files.text_file import named_files
 from tirgeo_ros.tools.graph import find_resource
 from tirgeo_ros.tools.graph.localhost import localhost_environment, video_environment
 from tirgeo_ros.tools.graph.node_graph import parameter_words
@@ -22,8 +24,8 @@ _USUAL_PARAMS = "config/m600_xt2.yaml"
 class WholeGraph:
     """Hold which nodes run, on what; the launch file says the same to ``ros2 launch``.
 
-    Without ``params``, the parameters of an M600 apply. ``dji`` says whether dji_node brings the
-    aircraft's topics where there is no bag.
+    Raise GraphError for a file that does not exist. Without ``params``, the parameters of an M600
+    apply. ``dji`` says whether dji_node brings the aircraft's topics where there is no bag.
     """
 
     bag: Path | None = None
@@ -32,6 +34,12 @@ class WholeGraph:
     namespace: str = ""
     dji: bool = True
 
+    def __post_init__(self) -> None:
+        maps = map(Path, named_files(str(self.map or "")))
+        for path in (self.bag, *maps, *self.params):
+            if path and not path.exists():
+                raise GraphError(f"{path}: there is no such file; check its name")
+
     @property
     def nodes(self) -> list[str]:
         """Return the names of the nodes: what gives their inputs comes last."""
@@ -39,15 +47,17 @@ class WholeGraph:
         return ["ekf_node", "gimbal_node", "overlay_node", *source]
 
     @property
-    def command(self) -> list[str]:
-        """Return the command that runs all nodes in one process."""
+    def arguments(self) -> list[str]:
+        """Return the arguments of each node, for ROS."""
         usual = find_resource(_USUAL_PARAMS)
         files = self.params or ([usual] if usual else [])
         bag = {"bag": self.bag, "use_sim_time": True} if self.bag else {}
         words = parameter_words(bag | ({"map": self.map} if self.map else {}), files)
         if self.namespace:
             words += ["-r", f"__ns:=/{self.namespace.strip('/')}"]
-        return node_command("one_process", [*words, "--", *self.nodes])
+        if self.bag:  # the bag's clock goes into the namespace, as its topics do
+            words += ["-r", "/clock:=clock"]
+        return words
 
     @property
     def environment(self) -> dict[str, str]:
@@ -62,7 +72,7 @@ class WholeGraph:
 
         So there is no child that could outlive this process, and the exit code is theirs.
         """
-        command = self.command
+        command = node_command("one_process", [*self.arguments, "--", *self.nodes])
         # As in any process of nodes: blocked from the first instruction, polled for later.
         signal.pthread_sigmask(signal.SIG_BLOCK, stop_signals())
         os.execve(command[0], command, self.environment)  # noqa: S606  this very Python
