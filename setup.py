@@ -6,13 +6,33 @@ import re
 import sys
 from pathlib import Path
 
+import setuptools
 from setuptools import find_packages, setup
 
 NAME = "tirgeo"
+HOME = "https://tirgeo.example"
 NODES = ("dji_node", "ekf_node", "gimbal_node", "overlay_node", "bag_player")
 VERSION = re.search(
     r'^__version__ = "(.+)"$', Path("tirgeo_ros/__init__.py").read_text(), re.MULTILINE
 )
+CLASSIFIERS = [
+    "Development Status :: 4 - Beta",
+    "Intended Audience :: Developers",
+    "Intended Audience :: Science/Research",
+    "Operating System :: POSIX :: Linux",
+    "Programming Language :: Python :: 3",
+    *(f"Programming Language :: Python :: 3.{minor}" for minor in range(10, 14)),
+    "Topic :: Multimedia :: Video",
+    "Topic :: Scientific/Engineering :: GIS",
+    "Topic :: Scientific/Engineering :: Image Processing",
+]
+# From 77 on setuptools takes the licence as PEP 639 has it and warns of a classifier of it;
+# earlier ones warn of the new key. A warning is an error output of colcon's build.
+if int(setuptools.__version__.partition(".")[0]) >= 77:
+    LICENSE = {"license_expression": "Apache-2.0", "classifiers": CLASSIFIERS}
+else:
+    osi = "License :: OSI Approved :: Apache Software License"
+    LICENSE = {"license": "Apache-2.0", "classifiers": [*CLASSIFIERS, osi]}
 
 # A wheel has its executables in bin, where ros2 run does not look: these pass on to them.
 FORWARD = '#!/bin/sh\nexec "$(dirname "$0")/../../bin/$(basename "$0")" "$@"\n'
@@ -33,17 +53,35 @@ def forwarding_scripts() -> list[tuple[str, list[str]]]:
         return []
     folder = Path("build/forward")
     folder.mkdir(parents=True, exist_ok=True)
-    for name in NODES:
-        (folder / name).write_text(FORWARD)
-        (folder / name).chmod(0o755)
-    return [(f"lib/{NAME}", [str(folder / name) for name in NODES])]
+    scripts = [folder / name for name in (NAME, *NODES)]
+    for script in scripts:
+        script.write_text(FORWARD)
+        script.chmod(0o755)
+    return [(f"lib/{NAME}", [str(script) for script in scripts])]
+
+
+def described() -> str:
+    """The README for a package index, where links lead to the project's own pages."""
+    text = Path("README.md").read_text(encoding="utf-8")
+    return re.sub(r"\]\((?!https?:|#)", f"]({HOME}/", text)
 
 
 setup(
     name=NAME,
     version=VERSION.group(1),
     description="A map on a drone's thermal video, placed by sensors alone",
-    license="Apache-2.0",
+    long_description=described(),
+    long_description_content_type="text/markdown",
+    url=HOME,
+    project_urls={
+        "Documentation": f"{HOME}/docs/quick_start.md",
+        "Source": f"{HOME}/tirgeo.git",
+        "Tracker": f"{HOME}/issues",
+        "Changelog": f"{HOME}/CHANGELOG.rst",
+    },
+    keywords=["ROS 2", "UAV", "thermal", "georeferencing", "augmented reality", "INS", "RTK"],
+    license_files=["LICENSE"],
+    **LICENSE,
     author="The tirgeo maintainers",
     author_email="maintainers@tirgeo.example",
     packages=find_packages(include=["tirgeo_ros", "tirgeo_ros.*"]),

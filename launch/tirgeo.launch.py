@@ -1,16 +1,18 @@
-"""The node graph, live or on a bag.
+"""Start the node graph, live or on a bag.
 
 ``ros2 launch tirgeo tirgeo.launch.py map:=park.geojson`` on an aircraft, with dji_node unless
 ``dji:=false`` says that other drivers give its topics;
 ``ros2 launch tirgeo tirgeo.launch.py map:=park.geojson bag:=flight.mcap`` plays a flight in sim
-time and ends when it ends; only this machine reaches that graph (docs/security.md).
+time and ends when it ends, or with exit code 1 when a node of it dies; only this machine reaches
+that graph (docs/security.md). ``--show-args`` lists all arguments.
 """
 
 from __future__ import annotations
 
 import os
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
+from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 from launch import LaunchContext, LaunchDescription
 from launch.action import Action
 from launch.actions import (
@@ -20,34 +22,176 @@ from launch.actions import (
     Shutdown,
     UnsetEnvironmentVariable,
 )
+from launch.events.process import ProcessExited
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
+from tirgeo_ros.io.files.text_file import named_files
 from tirgeo_ros.tools.graph.localhost import localhost_environment, video_environment
 
 SHARE = Path(__file__).resolve().parents[1]  # share/tirgeo when installed, else the source tree
+RVIZ = SHARE / "config" / "tirgeo.rviz"
+IMAGE, CAMERA_INFO = "thermal/image_raw", "thermal/camera_info"
+RESPAWN_DELAY_S = 2.0
+LEVELS = ("debug", "info", "warn", "error", "fatal")
 ARGUMENTS = {
     "params_file": (str(SHARE / "config" / "m600_xt2.yaml"), "parameters of all nodes (YAML)"),
-    "map": ("", "the map to draw; empty = as params_file says"),
-    "bag": ("", "MCAP file to play instead of a live aircraft; the graph ends with it"),
+    "map": ("", "the map to draw, or several with commas; empty = as params_file says"),
+    "bag": ("", "recorded flight to play instead of a live aircraft; the graph ends with it"),
     "dji": ("true", "whether dji_node brings the aircraft's topics; never with a bag"),
     "namespace": ("", "namespace of the aircraft, as uav1; empty = none"),
+    "frames": ("", "prefix of all frames, as uav1/ (frame_prefix); empty = as params_file says"),
+    "image": ("", f"topic in place of {IMAGE}, as /flir/image_raw; its /compressed comes along"),
+    "camera_info": ("", f"topic in place of {CAMERA_INFO}; empty = camera_info beside the image"),
+    "use_sim_time": (
+        "",
+        "whether /clock is the nodes' time; empty = with a bag, else as params_file says",
+    ),
     "localhost_only": ("", "whether only this machine reaches the graph; empty = with a bag"),
+    "log_level": ("info", "least severity that the nodes log"),
+    "respawn": (
+        "false",
+        f"whether a node that ends is started again after {RESPAWN_DELAY_S:g} s; not with a bag",
+    ),
+    "rviz": ("false", "whether rviz2 shows picture, aircraft and located points"),
 }
 
 
 def generate_launch_description() -> LaunchDescription:
-    """What ros2 launch asks for."""
+    """Return the arguments, and the function that makes the nodes of them."""
+    choices = {"log_level": list(LEVELS)}
     declared = [
-        DeclareLaunchArgument(name, default_value=default, description=description)
+        DeclareLaunchArgument(
+            name, default_value=default, description=description, choices=choices.get(name)
+        )
         for name, (default, description) in ARGUMENTS.items()
     ]
     return LaunchDescription([*declared, OpaqueFunction(function=graph)])
 
 
+def graph(context: LaunchContext) -> list[Action]:
+    """Return the nodes and their environment; raise for arguments that cannot be."""
+    given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+    check(given)
+    on_bag = bool(given["bag"])
+    local = is_true("localhost_only", given["localhost_only"] or str(on_bag))
+    source = ["bag_player"] if on_bag else ["dji_node"] * is_true("dji", given["dji"])
+    names = ["ekf_node", "gimbal_node", "overlay_node", *source]
+    nodes = [node(context, name, given) for name in names]
+    viewer = [rviz(given)] if is_true("rviz", given["rviz"]) else []
+    return [*environment(local=local), *nodes, *viewer]
+
+
+def check(given: dict[str, str]) -> None:
+    """Raise ValueError for a file that is not there, before any node is started without it."""
+    for name in ("params_file", "map", "bag"):
+        for path in map(Path, paths(given[name])):
+            # A recorded flight may be a folder, and so may a map (File Geodatabase).
+            if not (path.is_file() or (name != "params_file" and path.is_dir())):
+                raise ValueError(f"argument {name}:={given[name]}: there is no file {path}")
+    if given["bag"] and is_true("respawn", given["respawn"]):
+        raise ValueError("argument respawn:=true: not with bag:=, which ends when a node dies")
+
+
+def node(context: LaunchContext, name: str, given: dict[str, str]) -> Node:
+    """Return the action that runs one of the package's executables under its own name."""
+    respawn = is_true("respawn", given["respawn"])
+    level = f"{logger_name(context, given['namespace'], name)}:={given['log_level']}"
+    return Node(
+        package="tirgeo",
+        executable=name,
+        name=name,
+        namespace=given["namespace"],
+        parameters=parameters(name, given),
+        remappings=remappings(name, given),
+        output="screen",
+        # The first says whose keys it has, under SROS 2.
+        ros_arguments=["--enclave", f"/tirgeo/{name}", "--log-level", level],
+        respawn=respawn,
+        respawn_delay=RESPAWN_DELAY_S,
+        on_exit=end_of(name) if given["bag"] else None,
+    )
+
+
+def parameters(name: str, given: dict[str, str]) -> list[object]:
+    """Return the file of parameters, and what the arguments set over it for a node."""
+    values: dict[str, object] = {}
+    if name == "bag_player":
+        values |= text("bag", ",".join(paths(given["bag"])))
+    else:
+        values |= sim_time(given)
+    if name == "overlay_node":
+        values |= text("map", ",".join(paths(given["map"])))
+    values |= text("frame_prefix", given["frames"])
+    return [*paths(given["params_file"]), *([values] if values else [])]
+
+
+def text(name: str, value: str) -> dict[str, object]:
+    """Return a parameter that is a text; none where it is empty, so that params_file decides."""
+    # The type is told, for a bare text is read as YAML: a bag named 7 would become a number.
+    return {name: ParameterValue(value, value_type=str)} if value else {}
+
+
+def sim_time(given: dict[str, str]) -> dict[str, object]:
+    """Return the parameter use_sim_time; none where params_file decides."""
+    said = given["use_sim_time"] or ("true" if given["bag"] else "")
+    return {"use_sim_time": is_true("use_sim_time", said)} if said else {}
+
+
+def remappings(name: str, given: dict[str, str]) -> list[tuple[str, str]]:
+    """Return the topics of a node that have another name: (own, other).
+
+    A bag's clock is in the namespace, as the bag's topics are: two bags have two clocks.
+    """
+    found = [("/clock", "clock")] if given["bag"] else []
+    if name != "overlay_node":
+        return found
+    image = given["image"].removesuffix("/compressed")
+    beside = str(PurePosixPath(image).with_name("camera_info")) if image else ""
+    if image:
+        found += [(IMAGE, image), (f"{IMAGE}/compressed", f"{image}/compressed")]
+    info = given["camera_info"] or beside
+    return [*found, (CAMERA_INFO, info)] if info else found
+
+
+def end_of(name: str) -> object:
+    """Return what ends the launch when a node of a bag's graph ends: in error, unless played."""
+
+    def ended(event: ProcessExited, context: LaunchContext) -> list[Action] | None:
+        if context.is_shutdown:
+            return None
+        if name == "bag_player" and event.returncode == 0:
+            return [Shutdown(reason="the bag has ended")]
+        # Launch itself ends with exit code 1 for an exception only.
+        why = f"{name} has ended (exit code {event.returncode}); its last line above says why"
+        raise RuntimeError(why)
+
+    return ended
+
+
+def rviz(given: dict[str, str]) -> Node:
+    """Return RViz in the graph's namespace, time and frames; raise RuntimeError if absent."""
+    try:
+        get_package_prefix("rviz2")
+    except PackageNotFoundError:
+        raise RuntimeError(
+            "argument rviz:=true: rviz2 is not installed: sudo apt install ros-jazzy-rviz2"
+        ) from None
+    return Node(
+        package="rviz2",
+        executable="rviz2",
+        namespace=given["namespace"],
+        arguments=["-d", str(RVIZ), "-f", f"{given['frames']}map"],
+        parameters=[sim_time(given)] if sim_time(given) else [],
+        remappings=remappings("rviz2", given),
+        output="screen",
+        ros_arguments=["--enclave", "/tirgeo/operator"],
+    )
+
+
 def environment(*, local: bool) -> list[Action]:
-    """What the nodes' environment has otherwise than ours: DDS for video, and who reaches it."""
+    """Return what the nodes' environment has otherwise than ours: DDS, and who reaches it."""
     ours = dict(os.environ)
     theirs = (localhost_environment if local else video_environment)(ours, SHARE / "config")
     changed = {name: value for name, value in theirs.items() if ours.get(name) != value}
@@ -55,55 +199,21 @@ def environment(*, local: bool) -> list[Action]:
     return [*gone, *(SetEnvironmentVariable(name, value) for name, value in changed.items())]
 
 
-def graph(context: LaunchContext) -> list[Action]:
-    """The nodes in their environment, from the arguments as given."""
-    given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
-    params = [absolute(given["params_file"])] if given["params_file"] else []
-    common = [*params, {"use_sim_time": True}] if given["bag"] else params
-    drawn = [*common, *path_parameter("map", given["map"])]
-    nodes = [
-        node("ekf_node", given["namespace"], common),
-        node("gimbal_node", given["namespace"], common),
-        node("overlay_node", given["namespace"], drawn),
-    ]
-    if given["bag"]:
-        played = [*params, *path_parameter("bag", given["bag"])]
-        end = Shutdown(reason="the bag has ended")
-        nodes.append(node("bag_player", given["namespace"], played, on_exit=end))
-    elif is_true("dji", given["dji"]):
-        nodes.append(node("dji_node", given["namespace"], common))
-    local = is_true("localhost_only", given["localhost_only"] or str(bool(given["bag"])))
-    return [*environment(local=local), *nodes]
-
-
 def is_true(name: str, value: str) -> bool:
-    """A launch argument that is true or false, in any case, or 1 or 0."""
+    """Return whether an argument is true: true or false in any case, or 1 or 0."""
     known = {"true": True, "1": True, "false": False, "0": False}
     if value.lower() not in known:
         raise ValueError(f"argument {name}:={value}: say true or false")
     return known[value.lower()]
 
 
-def node(name: str, namespace: str, parameters: list[object], **more: object) -> Node:
-    """One of the package's executables under its own name."""
-    return Node(
-        package="tirgeo",
-        executable=name,
-        name=name,
-        namespace=namespace,
-        parameters=parameters,
-        output="screen",
-        ros_arguments=["--enclave", f"/tirgeo/{name}"],  # whose keys it has, under SROS 2
-        **more,
-    )
+def logger_name(context: LaunchContext, namespace: str, name: str) -> str:
+    """Return a node's logger: a level for it alone keeps ROS's libraries quiet at debug."""
+    pushed = LaunchConfiguration("ros_namespace", default="").perform(context)
+    whole = namespace if namespace.startswith("/") else f"{pushed}/{namespace}"
+    return ".".join(part for part in [*whole.split("/"), name] if part)
 
 
-def path_parameter(name: str, path: str) -> list[dict[str, ParameterValue]]:
-    """A parameter that is a path; none where it is empty, so that params_file decides."""
-    # The type is told, for a bare text is read as YAML: a bag named 7 would become a number.
-    return [{name: ParameterValue(absolute(path), value_type=str)}] if path else []
-
-
-def absolute(path: str) -> str:
-    """The path as seen from where ros2 launch was called."""
-    return str(Path(path).expanduser().absolute())
+def paths(given: str) -> list[str]:
+    """Return the files of an argument, as seen from where ros2 launch was called."""
+    return [str(Path(path).expanduser().absolute()) for path in named_files(given)]

@@ -21,16 +21,29 @@ class Recorded(SimpleNamespace):
 
 class Argument(Recorded):
     def perform(self, context):
-        return context[self.positional[0]]
+        (name,) = self.positional
+        return context.get(name, getattr(self, "default", None))
+
+
+class PackageNotFoundError(KeyError):
+    """As ament_index_python has it."""
+
+
+def no_prefix(package):
+    raise PackageNotFoundError(package)
 
 
 @pytest.fixture
 def launch_file(monkeypatch):
     names = {
+        "ament_index_python": "",
+        "ament_index_python.packages": "",
         "launch": "LaunchContext LaunchDescription",
         "launch.action": "Action",
         "launch.actions": "DeclareLaunchArgument OpaqueFunction SetEnvironmentVariable Shutdown "
         "UnsetEnvironmentVariable",
+        "launch.events": "",
+        "launch.events.process": "ProcessExited",
         "launch_ros": "",
         "launch_ros.actions": "Node",
         "launch_ros.parameter_descriptions": "ParameterValue",
@@ -42,6 +55,8 @@ def launch_file(monkeypatch):
             setattr(module, name, type(name, (Recorded,), {}))
         monkeypatch.setitem(sys.modules, module_name, module)
     sys.modules["launch.substitutions"].LaunchConfiguration = Argument
+    packages = sys.modules["ament_index_python.packages"]
+    packages.PackageNotFoundError, packages.get_package_prefix = PackageNotFoundError, no_prefix
     for name in [name for name in os.environ if name.startswith(("ROS_", "RMW_", "FAST"))]:
         monkeypatch.delenv(name)
     return runpy.run_path(str(PROJECT / "launch" / "tirgeo.launch.py"))
@@ -63,6 +78,13 @@ def launched(launch_file, **given):
     return {node.name: node for node in actions if type(node).__name__ == "Node"}
 
 
+@pytest.fixture
+def flight(tmp_path):
+    path = tmp_path / "flight.mcap"
+    path.touch()
+    return str(path)
+
+
 def environment_of(launch_file, **given):
     """What the launch file sets, and None for what it takes away."""
     return {
@@ -80,18 +102,131 @@ def test_launch_without_arguments_starts_the_live_graph(launch_file):
         assert node.parameters == [str(PROJECT / "config" / "m600_xt2.yaml")]
 
 
-def test_launch_on_a_bag_runs_in_sim_time_and_ends_with_it(launch_file, monkeypatch, tmp_path):
+def test_launch_on_a_bag_runs_in_sim_time_and_in_its_namespace(launch_file, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    nodes = launched(launch_file, bag="7", map="my map.geojson", params_file="", namespace="uav1")
+    for name in ("7", "my map.geojson", "b.gpkg"):
+        (tmp_path / name).touch()
+    given = {"map": "my map.geojson,b.gpkg", "params_file": "", "namespace": "uav1"}
+    nodes = launched(launch_file, bag="7", **given)
     assert set(nodes) == NODES - {"dji_node"}
-    assert {node.namespace for node in nodes.values()} == {"uav1"}
+    for node in nodes.values():
+        assert (node.namespace, node.remappings) == ("uav1", [("/clock", "clock")])
     assert nodes["ekf_node"].parameters == [{"use_sim_time": True}]
-    (sim_time, drawn) = nodes["overlay_node"].parameters
-    assert sim_time == {"use_sim_time": True}
-    assert drawn["map"].positional == (str(tmp_path / "my map.geojson"),)
+    (drawn,) = nodes["overlay_node"].parameters
+    assert drawn["use_sim_time"] is True
+    assert drawn["map"].positional == (f"{tmp_path / 'my map.geojson'},{tmp_path / 'b.gpkg'}",)
     (played,) = nodes["bag_player"].parameters
     assert (played["bag"].positional, played["bag"].value_type) == ((str(tmp_path / "7"),), str)
-    assert type(nodes["bag_player"].on_exit).__name__ == "Shutdown"
+    assert "use_sim_time" not in played
+
+
+def ended(node, code, *, shuts_down=False):
+    return node.on_exit(SimpleNamespace(returncode=code), SimpleNamespace(is_shutdown=shuts_down))
+
+
+def test_launch_ends_with_the_bag_and_in_error_with_any_other_node(launch_file, flight):
+    nodes = launched(launch_file, bag=flight)
+    (end,) = ended(nodes["bag_player"], 0)
+    assert (type(end).__name__, end.reason) == ("Shutdown", "the bag has ended")
+    for name, node in nodes.items():
+        # Launch has exit code 1 for an exception, and for nothing else.
+        with pytest.raises(RuntimeError, match=rf"^{name} has ended \(exit code -9\)"):
+            ended(node, -9)
+        assert ended(node, -2, shuts_down=True) is None
+    with pytest.raises(RuntimeError, match="overlay_node has ended"):
+        ended(nodes["overlay_node"], 0)
+    assert {node.on_exit for node in launched(launch_file).values()} == {None}
+
+
+@pytest.mark.parametrize("name", ["params_file", "map", "bag"])
+def test_launch_refuses_a_file_that_is_not_there(launch_file, name, flight, tmp_path):
+    with pytest.raises(
+        ValueError, match=rf"^argument {name}:=nowhere: there is no file /.*/nowhere"
+    ):
+        launched(launch_file, **{name: "nowhere"})
+    with pytest.raises(ValueError, match=rf"^argument {name}:=.*: there is no file /.*/no"):
+        launched(launch_file, **{name: f"{flight},no"})
+    launched(launch_file, **{name: flight})
+    if name == "params_file":
+        with pytest.raises(ValueError, match="there is no file"):
+            launched(launch_file, params_file=str(tmp_path))
+    else:
+        launched(launch_file, **{name: str(tmp_path)})  # a recorded folder, a File Geodatabase
+
+
+def test_every_argument_is_described_and_has_a_default(launch_file):
+    (*declared, _) = launch_file["generate_launch_description"]().positional[0]
+    for one in declared:
+        assert type(one).__name__ == "DeclareLaunchArgument"
+        assert isinstance(one.default_value, str)
+        assert len(one.description) > 10
+        assert one.choices is None or one.default_value in one.choices
+    contract = "params_file map bag namespace dji use_sim_time log_level respawn rviz"
+    assert set(contract.split()) <= {one.positional[0] for one in declared}
+
+
+def test_launch_takes_sim_time_as_said(launch_file, flight):
+    for node in launched(launch_file, params_file="", use_sim_time="true").values():
+        assert node.parameters == [{"use_sim_time": True}]
+        assert node.remappings == []  # a simulator's /clock is the whole domain's
+    live = launched(launch_file, params_file="", bag=flight, use_sim_time="False")
+    assert live["ekf_node"].parameters == [{"use_sim_time": False}]
+
+
+def test_launch_takes_the_camera_by_its_own_name(launch_file):
+    at_flir = [
+        ("thermal/image_raw", "/flir/image_raw"),
+        ("thermal/image_raw/compressed", "/flir/image_raw/compressed"),
+        ("thermal/camera_info", "/flir/camera_info"),
+    ]
+    for image in ("/flir/image_raw", "/flir/image_raw/compressed"):
+        nodes = launched(launch_file, image=image)
+        assert nodes["overlay_node"].remappings == at_flir
+        assert nodes["ekf_node"].remappings == []
+    other = launched(launch_file, image="video", camera_info="info")["overlay_node"]
+    assert dict(other.remappings)["thermal/camera_info"] == "info"
+    (info,) = launched(launch_file, camera_info="info")["overlay_node"].remappings
+    assert info == ("thermal/camera_info", "info")
+    beside = launched(launch_file, image="video")["overlay_node"]
+    assert dict(beside.remappings)["thermal/camera_info"] == "camera_info"
+
+
+def test_launch_prefixes_the_frames_and_sets_the_level_of_our_loggers(launch_file):
+    given = {"params_file": "", "frames": "uav1/", "namespace": "/a/b/", "log_level": "debug"}
+    for name, node in launched(launch_file, **given).items():
+        (values,) = node.parameters
+        assert values["frame_prefix"].positional == ("uav1/",)
+        assert node.ros_arguments[-2:] == ["--log-level", f"a.b.{name}:=debug"]
+    graph, declared = launch_file["graph"], launch_file["ARGUMENTS"]
+    context = {name: default for name, (default, _) in declared.items()}
+    pushed = graph(context | {"ros_namespace": "/fleet", "namespace": "uav1"})
+    (ekf_node,) = (each for each in pushed if getattr(each, "name", "") == "ekf_node")
+    assert ekf_node.ros_arguments[-1] == "fleet.uav1.ekf_node:=info"
+
+
+def test_launch_starts_nodes_again_but_never_with_a_bag(launch_file, flight):
+    assert {node.respawn for node in launched(launch_file).values()} == {False}
+    for node in launched(launch_file, respawn="true").values():
+        assert (node.respawn, node.respawn_delay) == (True, 2.0)
+    with pytest.raises(ValueError, match="argument respawn:=true: not with bag:="):
+        launched(launch_file, respawn="true", bag=flight)
+
+
+def test_launch_shows_rviz_in_the_namespace_and_the_frames(launch_file, flight, monkeypatch):
+    with pytest.raises(RuntimeError, match="sudo apt install ros-jazzy-rviz2"):
+        launched(launch_file, rviz="true")
+    monkeypatch.setitem(launch_file["rviz"].__globals__, "get_package_prefix", lambda _: "/opt")
+    given = {"rviz": "true", "namespace": "uav1", "frames": "uav1/", "bag": flight}
+    (shown,) = (
+        each
+        for each in actions_of(launch_file, **given)
+        if getattr(each, "executable", "") == "rviz2"
+    )
+    assert shown.arguments == ["-d", str(PROJECT / "config" / "tirgeo.rviz"), "-f", "uav1/map"]
+    assert (shown.package, shown.namespace) == ("rviz2", "uav1")
+    assert shown.parameters == [{"use_sim_time": True}]
+    assert shown.remappings == [("/clock", "clock")]
+    assert not hasattr(shown, "on_exit")  # closing the window does not end the flight
 
 
 @pytest.mark.parametrize("word", ["false", "False", "0"])
@@ -104,18 +239,18 @@ def test_launch_asks_for_true_or_false(launch_file):
         launched(launch_file, dji="maybe")
 
 
-@pytest.mark.parametrize("given", [{}, {"bag": "flight.mcap"}])
+@pytest.mark.parametrize("given", [{}, {"bag": str(PROJECT)}])
 def test_each_node_has_the_enclave_of_the_policy(launch_file, given):
     policy = ET.parse(PROJECT / "config" / "sros2_policy.xml").getroot()
     enclaves = {item.get("path") for item in policy.iter("enclave")}
     for name, node in launched(launch_file, **given).items():
-        assert node.ros_arguments == ["--enclave", f"/tirgeo/{name}"]
+        assert node.ros_arguments[:2] == ["--enclave", f"/tirgeo/{name}"]
         assert node.ros_arguments[1] in enclaves
 
 
-def test_launch_on_a_bag_is_for_this_machine_alone(launch_file, monkeypatch):
+def test_launch_on_a_bag_is_for_this_machine_alone(launch_file, monkeypatch, flight):
     monkeypatch.setenv("ROS_STATIC_PEERS", "192.0.2.7")
-    assert environment_of(launch_file, bag="flight.mcap") == {
+    assert environment_of(launch_file, bag=flight) == {
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT",
         "ROS_STATIC_PEERS": None,
         PROFILE: str(PROJECT / "config" / "fastdds_localhost.xml"),
@@ -123,7 +258,7 @@ def test_launch_on_a_bag_is_for_this_machine_alone(launch_file, monkeypatch):
     }
 
 
-@pytest.mark.parametrize("given", [{"bag": "flight.mcap", "localhost_only": "false"}, {}])
+@pytest.mark.parametrize("given", [{"bag": str(PROJECT), "localhost_only": "false"}, {}])
 def test_launch_leaves_the_reach_to_the_user(launch_file, monkeypatch, given):
     """Where the launch file is told to, and on an aircraft, whose ground station looks on."""
     monkeypatch.setenv("ROS_STATIC_PEERS", "192.0.2.7")
@@ -132,8 +267,8 @@ def test_launch_leaves_the_reach_to_the_user(launch_file, monkeypatch, given):
     assert (PROJECT / "config" / "fastdds.xml").is_file()
 
 
-def test_launch_leaves_a_users_dds_profile_alone(launch_file, monkeypatch):
+def test_launch_leaves_a_users_dds_profile_alone(launch_file, monkeypatch, flight):
     monkeypatch.setenv(PROFILE, "/home/user/own.xml")
     assert environment_of(launch_file) == {}
     on_bag = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-    assert environment_of(launch_file, bag="flight.mcap") == on_bag
+    assert environment_of(launch_file, bag=flight) == on_bag

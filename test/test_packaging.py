@@ -7,8 +7,10 @@ import configparser
 import importlib
 import re
 import runpy
+import shutil
 import subprocess
 import sys
+import tarfile
 import xml.etree.ElementTree as ET
 from functools import cache
 from pathlib import Path
@@ -18,37 +20,22 @@ import setuptools
 from project import NODES, PROJECT
 
 import tirgeo_ros
+from tirgeo_ros.io.files.missing_package import PACKAGES
 
 NAME = "tirgeo"
 
-#: What the modules that the code imports are called in package.xml, where not the same.
-KEYS = {
-    "numpy": "python3-numpy",
-    "cv2": "python3-opencv",
-    "pyproj": "python3-pyproj",
-    "yaml": "python3-yaml",
-    "PIL": "python3-pil",
-    "matplotlib": "python3-matplotlib",
-    "scipy": "python3-scipy",
-    "serial": "python3-serial",
-    "cryptography": "python3-cryptography",
-}
-#: What they are called on PyPI.
-WHEELS = {
-    "cv2": "opencv-python-headless",
-    "yaml": "PyYAML",
-    "PIL": "Pillow",
-    "serial": "pyserial",
-}
-#: No key of rosdep that a system with an externally managed Python would take.
+#: What the modules that the code imports are called in package.xml, where not the same. Neither
+#: lz4 and zstandard, which come with mcap, nor what has no key of rosdep that a system with an
+#: externally managed Python would take.
 BY_PIP_ALONE = {"av", "mcap", "lz4", "zstandard", "rosbags", "pyogrio"}
+KEYS = {name: apt for name, (apt, _) in PACKAGES.items() if name not in BY_PIP_ALONE}
 #: Not in the distribution, and needed with an M300 or M350 alone.
 FROM_SOURCE = {"psdk_interfaces"}
 #: Imported where they are needed and installed: extras of setup.py.
 OPTIONAL = {"rasterio": "dem"}
 #: Types of messages in bags that others recorded: their definitions come with the bags.
 IN_BAGS = {"dji_sdk"}
-LAUNCH = {"launch", "launch_ros", "ros2launch"}
+LAUNCH = {"ament_index_python", "launch", "launch_ros", "ros2launch"}
 
 
 @pytest.fixture(scope="module")
@@ -133,9 +120,59 @@ def test_what_the_code_imports_is_in_package_xml_and_no_more(package_xml):
 
 
 def test_what_the_code_imports_is_in_setup_py_and_no_more(arguments):
-    code = imported_modules(PROJECT / "tirgeo_ros") & {*KEYS, *BY_PIP_ALONE}
+    code = imported_modules(PROJECT / "tirgeo_ros") & PACKAGES.keys()
+    assert code | OPTIONAL.keys() == PACKAGES.keys()
     needed = {re.split(r"[<>=]", item)[0] for item in arguments["install_requires"]}
-    assert needed == {WHEELS.get(name, name) for name in code}
+    assert needed == {PACKAGES[name][1] for name in code - OPTIONAL.keys()}
+    for name, extra in OPTIONAL.items():
+        (item,) = arguments["extras_require"][extra]
+        assert re.split(r"[<>=]", item)[0] == PACKAGES[name][1]
+
+
+def test_an_index_shows_what_the_package_is(arguments, package_xml):
+    """As pip and twine read it: the README, whose links lead out of the index, and addresses."""
+    assert arguments["long_description_content_type"] == "text/markdown"
+    links = re.findall(r"\]\(([^)#]+)", arguments["long_description"])
+    assert len(links) > 10
+    assert all(link.startswith("https://") for link in links)
+    urls = {item.get("type"): item.text for item in package_xml.findall("url")}
+    known = arguments["project_urls"]
+    assert urls == {
+        "website": arguments["url"],
+        "repository": known["Source"],
+        "bugtracker": known["Tracker"],
+    }
+
+
+@pytest.mark.parametrize(
+    ("version", "key"), [("59.6.0", "license"), ("84.2", "license_expression")]
+)
+def test_the_licence_is_told_as_each_setuptools_reads_it(version, key, monkeypatch):
+    """A later one warns of the classifier, an earlier one of the key; colcon shows warnings."""
+    monkeypatch.chdir(PROJECT)
+    version = {"license": "59.6.0", "license_expression": "84.2"}[key]
+    monkeypatch.setattr(setuptools, "__version__", version)
+    given = setup_arguments(monkeypatch, "install")
+    assert {name for name in given if name in {"license", "license_expression"}} == {key}
+    assert given[key] == "Apache-2.0"
+    told = [one for one in given["classifiers"] if one.startswith("License ::")]
+    assert bool(told) == (key == "license")
+
+
+@pytest.mark.slow
+def test_a_source_distribution_holds_the_whole_project(tmp_path):
+    """Tests and documents too, so that ``make test`` runs where it was unpacked."""
+    made = (".git*", ".venv*", "*.egg-info", "__pycache__", "build", "dist", ".*_cache", "demo")
+    copy = tmp_path / "project"
+    shutil.copytree(PROJECT, copy, ignore=shutil.ignore_patterns(*made, ".hypothesis"))
+    command = [sys.executable, "setup.py", "-q", "sdist", "--dist-dir", tmp_path]
+    run = subprocess.run(command, cwd=copy, capture_output=True, text=True, check=False)
+    assert (run.returncode, run.stderr) == (0, "")
+    (packed,) = tmp_path.glob("*.tar.gz")
+    with tarfile.open(packed) as archive:
+        held = {name.partition("/")[2] for name in archive.getnames()}
+    files = {str(path.relative_to(copy)) for path in copy.rglob("*") if path.is_file()}
+    assert {name for name in files if not name.startswith(f"{NAME}.egg-info")} <= held
 
 
 def test_every_executable_is_there_and_resolves(arguments):
@@ -165,11 +202,11 @@ def test_share_holds_what_the_tools_look_for(arguments):
 
 def test_only_a_wheel_has_forwarding_scripts(monkeypatch, tmp_path, arguments):
     assert not any(folder.startswith("lib") for folder, _ in arguments["data_files"])
-    for name in ("tirgeo_ros", "resource", "package.xml", "config", "launch"):
+    for name in ("tirgeo_ros", "resource", "package.xml", "README.md", "config", "launch"):
         (tmp_path / name).symlink_to(PROJECT / name)
     monkeypatch.chdir(tmp_path)
     files = dict(setup_arguments(monkeypatch, "bdist_wheel")["data_files"])
-    assert {Path(path).name for path in files[f"lib/{NAME}"]} == NODES
+    assert {Path(path).name for path in files[f"lib/{NAME}"]} == {NAME, *NODES}
     lay_out(tmp_path / "prefix", files[f"lib/{NAME}"])
     script = tmp_path / "prefix" / "lib" / NAME / "ekf_node"
     run = subprocess.run([script, "a b", "c"], capture_output=True, text=True, check=True)

@@ -69,12 +69,15 @@ def sample_graph(sample: Path, environment: dict[str, str]) -> Callable[..., Gra
 
 @pytest.fixture
 def spawn(tmp_path: Path, environment: dict[str, str]) -> Iterator[Spawn]:
-    """Start nodes: ``spawn("ekf_node", "-p", "method:=rtk")``; none outlives the test."""
+    """Start nodes: ``spawn("ekf_node", "-p", "method:=rtk")``; none outlives the test.
+
+    Keyword arguments are variables of the environment.
+    """
     processes: list[NodeProcess] = []
 
-    def start(name: str, *arguments: str) -> NodeProcess:
+    def start(name: str, *arguments: str, **variables: str) -> NodeProcess:
         log = tmp_path / f"{name}.{len(processes)}.log"
-        processes.append(NodeProcess(name, arguments, environment, log))
+        processes.append(NodeProcess(name, arguments, environment | variables, log))
         return processes[-1]
 
     yield start

@@ -15,6 +15,7 @@ rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 from geometry_msgs.msg import PoseStamped
 from graph_helpers import await_words
 from nav_msgs.msg import Path as PathMessage
+from recorded_bags import record
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, NavSatFix
 
@@ -33,7 +34,17 @@ def seconds(stamp) -> float:
     return stamp.sec + 1e-9 * stamp.nanosec
 
 
-def test_every_message_arrives_with_the_clock(spawn, meet, flight_bag):
+@pytest.fixture
+def split_bag(flight_bag, tmp_path):
+    """The flight as a recorder leaves it: a folder with three databases, compressed."""
+    messages = list(BagReader(flight_bag).messages())
+    parts = [messages[:200], messages[200:500], messages[500:]]
+    return record(tmp_path / "split", parts, "sqlite3", "file")
+
+
+@pytest.mark.parametrize("form", ["flight_bag", "split_bag"])
+def test_every_message_arrives_with_the_clock(spawn, meet, form, request):
+    flight_bag = request.getfixturevalue(form)
     stranger = meet(imu__data=Imu, rtk__fix=NavSatFix, clock=Clock)
     player = spawn("bag_player", "-p", f"bag:={flight_bag}", "-p", "rate:=2.0")
     stranger.spin_until(lambda: player.poll() is not None)
@@ -168,6 +179,8 @@ def test_outputs_of_the_graph_are_not_played_unless_asked():
         "/uav1/imu/data": "sensor_msgs/msg/Imu",
         "/uav1/tirgeo/odometry": "nav_msgs/msg/Odometry",
         "/uav1/tirgeo/origin": "sensor_msgs/msg/NavSatFix",
+        "/tf": "tf2_msgs/msg/TFMessage",
+        "/tf_static": "tf2_msgs/msg/TFMessage",
         "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
         "/clock": "rosgraph_msgs/msg/Clock",
     }

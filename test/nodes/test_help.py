@@ -21,12 +21,13 @@ sys.modules["rclpy"] = None
 from tirgeo_ros.nodes.start import start
 sys.exit(start(sys.argv.pop(1), sys.argv.pop(1)))
 """
-#: Topics that the node's module has by another name.
+TF = ("/tf", "/tf_static")
+#: Topics that the node's module has by another name, or through another module.
 ELSEWHERE = {
     "dji_node": {*DJI_TOPICS},
-    "ekf_node": {topic for topic, _ in NAVIGATION_INPUTS.values()},
-    "gimbal_node": set(),
-    "overlay_node": set(),
+    "ekf_node": {*(t for t, _ in NAVIGATION_INPUTS.values()), *TF, "tirgeo/path"},
+    "gimbal_node": {"/tf"},
+    "overlay_node": {"tirgeo/overlay/camera_info", "tirgeo/footprint"},
 }
 
 

@@ -115,7 +115,7 @@ WRONG = [
     ("ekf_node", "-p qos_overrides./imu/data.subscription.reliability:=so_so", "so_so"),
     ("ekf_node", "--params-file /nowhere.yaml", "/nowhere.yaml: cannot be read"),
     ("gimbal_node", "-p aircraft.gimbal_pivot_m:=[1,2.0,3]", "with a decimal point"),
-    ("overlay_node", "-p map:=/nowhere.geojson", "/nowhere.geojson"),
+    ("overlay_node", "-p map:=a.geojson -p style:=/nowhere.yaml", "/nowhere.yaml"),
     ("bag_player", "", "parameter bag: no bag given"),
     ("bag_player", "-p bag:=/nowhere.mcap", "/nowhere.mcap: cannot be read"),
     ("recorder", "-p output:=/nowhere/a.mcap -p topics:=rtk/fix", "/nowhere/a.mcap"),
@@ -134,18 +134,26 @@ def test_wrong_arguments_end_in_one_line(spawn):
         assert "Traceback" not in process.log.read_text()
 
 
-def test_without_ros_a_node_says_so():
-    """As on a machine where ROS is neither sourced nor installed."""
+@pytest.mark.parametrize(
+    ("missing", "distribution", "remedy"),
+    [
+        ("rclpy", "", "source ROS 2 Jazzy (/opt/ros/jazzy/setup.bash) or install its wheels"),
+        ("std_msgs", "jazzy", "sudo apt install ros-jazzy-std-msgs"),
+        ("cv2", "jazzy", "sudo apt install python3-opencv, or pip install opencv-python-headless"),
+        ("mcap", "jazzy", "pip install mcap"),
+    ],
+)
+def test_a_node_names_the_package_that_is_missing(missing, distribution, remedy, monkeypatch):
+    monkeypatch.setenv("ROS_DISTRO", distribution)
     program = (
-        "import sys; sys.modules['rclpy'] = None\n"
-        "from tirgeo_ros.nodes.start import start\nsys.exit(start('ekf_node'))"
+        f"import sys; sys.modules[{missing!r}] = None\n"
+        "from tirgeo_ros.nodes.start import start\nsys.exit(start('bag_player'))"
     )
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=False, timeout=60
     )
     assert done.returncode == 1
-    assert "source ROS 2 Jazzy" in done.stderr
-    assert "Traceback" not in done.stderr
+    assert done.stderr == f"bag_player: the Python package {missing} is missing: {remedy}\n"
 
 
 @pytest.mark.slow

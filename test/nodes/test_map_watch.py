@@ -99,6 +99,22 @@ def config(tmp_path) -> OverlayConfig:
     return OverlayConfig(map=str(tmp_path / "map.geojson"), ground_height_m=30.0, reload_s=0.05)
 
 
+def test_a_map_that_comes_later_is_read_then(config):
+    """And the node starts without it: the video does not wait for a file."""
+    told, path = KeptLog(), Path(config.map)
+    path.rename(path.with_suffix(".kept"))
+    with MapWatch(told, config, lambda: PLANE) as watch:
+        until(lambda: watch.changed() or watch.error)
+        assert watch.failure == "map.geojson not found"
+        path.with_suffix(".kept").rename(path)
+        found = []
+        until(lambda: (laid := watch.changed()) and (found.append(laid) or True))
+    assert found[0].features == 1
+    assert watch.error == ""
+    (line,) = told.texts("warning")
+    assert line == f"there is no map: {path}: there is no such map; check its name"
+
+
 def test_a_fault_of_the_watching_thread_is_told_and_the_map_is_watched_all_the_same(config):
     told, asked = KeptLog(), []
 
@@ -113,7 +129,7 @@ def test_a_fault_of_the_watching_thread_is_told_and_the_map_is_watched_all_the_s
         until(lambda: (laid := watch.changed()) and (found.append(laid) or True))
     assert found[0].features == 1
     assert any("Traceback" in line and "a fault of ours" in line for line in told.texts())
-    assert any("the previous map stays in use" in line for line in told.texts())
+    assert any("there is no map" in line for line in told.texts())
 
 
 def test_what_a_reader_says_that_fails_is_told_and_no_more_than_a_page(

@@ -15,6 +15,7 @@ from tirgeo_ros.io.messages import Messages
 serialization = pytest.importorskip("rclpy.serialization", exc_type=ImportError)
 for package in ("sensor_msgs", "geometry_msgs", "nav_msgs", "diagnostic_msgs", "rosgraph_msgs"):
     pytest.importorskip(f"{package}.msg", exc_type=ImportError)
+import tf_messages  # noqa: E402, F401 makes tf2_msgs importable
 
 
 def ros_class(typename):

@@ -12,6 +12,7 @@ pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
 from sros2_policy import Permissions, allowed
+from tf_messages import with_tf
 
 from tirgeo_ros.io.bags.bag import BagWriter
 from tirgeo_ros.io.messages import SENSED_TOPICS, TOPIC_TYPES
@@ -38,11 +39,13 @@ def every_input(tmp_path) -> Path:
     return path
 
 
-def test_each_node_may_do_what_it_does_and_no_more(spawn, meet, every_input, tmp_path):
+def test_each_node_may_do_what_it_does_and_no_more(
+    spawn, meet, every_input, tmp_path, environment
+):
     """In a namespace, which tells relative names from absolute ones."""
     here = ("-r", "__ns:=/uav1", "-p", "use_sim_time:=true")
     for name in ("ekf_node", "gimbal_node", "overlay_node"):
-        spawn(name, *here)
+        spawn(name, *here, **with_tf(environment))
     port = ("-p", f"port:={tmp_path / 'aircraft'}")
     spawn("dji_node", *here, "-r", "__node:=dji_serial", *port)
     spawn("dji_node", *here, "-p", "source:=psdk")

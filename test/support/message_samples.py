@@ -112,6 +112,15 @@ EVERY_MESSAGE: dict[str, tuple[str, Callable[[Messages], Any]]] = {
     ),
     "plumb_bob": ("sensor_msgs/msg/CameraInfo", lambda m: m.camera_info(BROWN, STAMP_NS)),
     "rational": ("sensor_msgs/msg/CameraInfo", lambda m: m.camera_info(RATIONAL, STAMP_NS)),
+    "transforms": (
+        "tf2_msgs/msg/TFMessage",
+        lambda m: m.tf([m.body_transform(BODY), m.camera_transform(BODY, CAMERA_POSE)]),
+    ),
+    "footprint": (
+        "geometry_msgs/msg/PolygonStamped",
+        lambda m: m.footprint(STAMP_NS, np.arange(12.0).reshape(4, 3)),
+    ),
+    "path": ("nav_msgs/msg/Path", lambda m: m.path(STAMP_NS, [m.track_point(BODY)] * 2)),
     "clock": ("rosgraph_msgs/msg/Clock", lambda m: m.clock(STAMP_NS)),
     "diagnostics": (
         "diagnostic_msgs/msg/DiagnosticArray",

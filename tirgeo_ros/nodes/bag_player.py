@@ -50,7 +50,7 @@ class BagPlayer(GraphNode):
         super().__init__("bag_player")
         self._config = declare(self, BagPlayerConfig)
         if not self._config.bag:
-            raise ConfigError("parameter bag: no bag given: set it to an MCAP file")
+            raise ConfigError("parameter bag: no bag given: set it to a bag")
         if self._config.live and self._config.rate != 1:
             rate = self._config.rate
             raise ConfigError(f"parameter rate: a live bag plays at rate 1, not {rate:g}")
@@ -77,6 +77,9 @@ class BagPlayer(GraphNode):
         )
         if missing:
             self.log(WARN, f"playing without {missing}")
+        clock = self._clock_publisher.topic_name if self._clock_publisher else ""
+        if clock and self.count_publishers(clock) > 1:
+            self.log(WARN, f"{clock} has another publisher too: give each bag its own namespace")
         self.log(OK, f"playing {config.bag}")
         self._play_once(stop)
         while self._config.loop and not stop.is_set():

@@ -8,8 +8,8 @@ from functools import partial
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.dji.interpret import Interpreter
 from tirgeo_ros.dji.sources.readings import Reading
-from tirgeo_ros.io.messages import DJI_TOPICS, DiagnosticItem, SensedSample, sensed
-from tirgeo_ros.nodes.graph_node import GraphNode
+from tirgeo_ros.io.messages import DJI_TOPICS, DiagnosticItem, Messages, SensedSample, sensed
+from tirgeo_ros.nodes.graph_node import GraphNode, message_class
 from tirgeo_ros.nodes.monitor import OK, WARN
 from tirgeo_ros.nodes.parameters import declare
 from tirgeo_ros.nodes.psdk_source import PsdkSource
@@ -24,6 +24,7 @@ class DjiNode(GraphNode):
     def __init__(self) -> None:
         super().__init__("dji_node")
         config = declare(self, DjiConfig)
+        self.messages = Messages(message_class, config.frame_ids)
         self._interpreter = Interpreter(config)
         self._topics = {t: self.advertise(t, output(STREAM_DEPTH)) for t in DJI_TOPICS}
         self._lock = threading.Lock()  # the port is read in a thread beside the executor

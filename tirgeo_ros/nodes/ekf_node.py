@@ -18,14 +18,16 @@ from tirgeo_ros.core.streams.rates import RateLimit
 from tirgeo_ros.core.types.measurements import NavigationInput, Source
 from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus, Outcome, Verdict
-from tirgeo_ros.io.messages import NAVIGATION_INPUTS, DiagnosticItem
-from tirgeo_ros.nodes.graph_node import GraphNode
+from tirgeo_ros.io.messages import NAVIGATION_INPUTS, DiagnosticItem, Messages
+from tirgeo_ros.nodes.graph_node import GraphNode, message_class
 from tirgeo_ros.nodes.inbox import Inbox
 from tirgeo_ros.nodes.monitor import OK, WARN
 from tirgeo_ros.nodes.parameters import declare, given_names
 from tirgeo_ros.nodes.qos import STREAM_DEPTH, latched, output, sensor_input
 from tirgeo_ros.nodes.runner import run
 from tirgeo_ros.nodes.setup_checks import InputChecks, SetupChecks
+from tirgeo_ros.nodes.track_output import TrackOutput
+from tirgeo_ros.nodes.transforms import Transforms
 
 Decode = Callable[[Any], NavigationInput]
 _IMU = NAVIGATION_INPUTS[Source.IMU][0]
@@ -75,6 +77,7 @@ class EkfNode(GraphNode):
     def __init__(self) -> None:
         super().__init__("ekf_node")
         config = declare(self, EkfConfig)
+        self.messages = Messages(message_class, config.frame_ids)
         self._navigation = Navigation(config)
         self._checks = NavigationChecks(config, given_names(self, EkfConfig))
         sources = METHOD_SOURCES[config.method]
@@ -89,6 +92,9 @@ class EkfNode(GraphNode):
         self._fix_rate = RateLimit(config.fix_rate_hz)
         self._fix = self.advertise("tirgeo/fix", output())
         self._origin = self.advertise("tirgeo/origin", latched())
+        self._track = TrackOutput(self)
+        self._transforms = Transforms(self, config)
+        self._transforms.fixed(config.aircraft)
         self._published_plane: TangentPlane | None = None
         # Only the sources that the method uses: an unused subscription costs time at every
         # message.
@@ -120,7 +126,11 @@ class EkfNode(GraphNode):
         if plane != self._published_plane:
             self._origin.publish(self.messages.origin(plane, solution.stamp_ns))
             self._published_plane = plane
-        self._odometry.publish(self.messages.odometry(solution, plane.body_pose(solution)))
+            self._track.begin()
+        body = plane.body_pose(solution)
+        self._odometry.publish(self.messages.odometry(solution, body))
+        self._transforms.body(body)
+        self._track.add(body)
         if self._fix_rate.due(solution.stamp_ns) and self._fix.get_subscription_count():
             self._fix.publish(self.messages.fix(solution))
         self.monitor.published("tirgeo/odometry", 1e-9 * (self.now_ns - solution.stamp_ns))

@@ -13,17 +13,19 @@ from tirgeo_ros.core.streams.arrival_stamps import Arrivals
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.messages import (
     DiagnosticItem,
+    Messages,
     body_pose,
     camera_attitude,
     imu_sample,
     joint_sample,
 )
-from tirgeo_ros.nodes.graph_node import GraphNode
+from tirgeo_ros.nodes.graph_node import GraphNode, message_class
 from tirgeo_ros.nodes.monitor import OK
 from tirgeo_ros.nodes.parameters import declare, given_names
 from tirgeo_ros.nodes.qos import STREAM_DEPTH, output, sensor_input
 from tirgeo_ros.nodes.runner import run
 from tirgeo_ros.nodes.setup_checks import InputChecks, SetupChecks
+from tirgeo_ros.nodes.transforms import Transforms
 
 
 class GimbalNode(GraphNode):
@@ -32,6 +34,7 @@ class GimbalNode(GraphNode):
     def __init__(self) -> None:
         super().__init__("gimbal_node")
         config = declare(self, GimbalConfig)
+        self.messages = Messages(message_class, config.frame_ids)
         self._composer = GimbalComposer(config)
         given = given_names(self, GimbalConfig)
         self._checks = GimbalChecks(config, given)
@@ -41,6 +44,7 @@ class GimbalNode(GraphNode):
         self._arrivals = Arrivals()
         stream = output(STREAM_DEPTH)
         self._camera_pose = self.advertise("tirgeo/camera_pose", stream)
+        self._transforms = Transforms(self, config)
         self.listen("tirgeo/odometry", self._take_body, stream)
         self.monitor.expects("tirgeo/odometry")
         if config.composition != "paper":
@@ -79,6 +83,7 @@ class GimbalNode(GraphNode):
     def _publish(self, poses: list[CameraPose]) -> None:
         for pose in poses:
             self._camera_pose.publish(self.messages.camera_pose(pose))
+            self._transforms.camera(pose, self._composer.body_at)
             self.monitor.published("tirgeo/camera_pose", 1e-9 * (self.now_ns - pose.stamp_ns))
 
     def _items(self) -> list[DiagnosticItem]:

@@ -20,16 +20,20 @@ TOPICS: Mapping[str, tuple[Sequence[str], Sequence[str]]] = {
     "dji_node": ((), (*DJI_TOPICS, "/diagnostics")),
     "ekf_node": (
         [topic for topic, _ in NAVIGATION_INPUTS.values()],
-        ("tirgeo/odometry", "tirgeo/fix", "tirgeo/origin", "/diagnostics"),
+        (
+            *("tirgeo/odometry", "tirgeo/fix", "tirgeo/origin", "tirgeo/path"),
+            *("/tf", "/tf_static", "/diagnostics"),
+        ),
     ),
     "gimbal_node": (
         ("tirgeo/odometry", "gimbal/joint_states", "gimbal/attitude", "imu/data"),
-        ("tirgeo/camera_pose", "/diagnostics"),
+        ("tirgeo/camera_pose", "/tf", "/diagnostics"),
     ),
     "overlay_node": (
         (*_PICTURES, "tirgeo/camera_pose", "tirgeo/origin", "/diagnostics", "tirgeo/locate/pixel"),
         (
             *("tirgeo/overlay/image", "tirgeo/overlay/image/compressed"),
+            *("tirgeo/overlay/camera_info", "tirgeo/footprint"),
             *("tirgeo/locate/fix", "tirgeo/locate/point", "/diagnostics"),
         ),
     ),

@@ -13,6 +13,7 @@ from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.overlay.map_renderer import DrapedMap
 from tirgeo_ros.core.types.errors import MapError, TirgeoError
+from tirgeo_ros.io.files.text_file import named_files
 from tirgeo_ros.io.maps import map_files
 from tirgeo_ros.io.maps.map_process import MapContents, MapProcess
 from tirgeo_ros.nodes.graph_node import GraphNode
@@ -22,13 +23,15 @@ from tirgeo_ros.nodes.runner import done_or_stopped
 # ``stop`` kills the child; the thread can then only hang on a file that does not respond.
 _JOIN_S = 1.0
 Signature = list[tuple[str, int, int] | None]
+_UNREAD: Signature = [("", 0, 0)]  # of no file, so that what failed at the start is read again
 
 
 @final
 class MapWatch:
     """Hold the map of ``config.map`` and keep it up to date, as a context manager.
 
-    Entering raises what the first reading raises; it returns early when a stop signal comes.
+    Entering waits for the first reading, or a stop signal, and raises what it raises. A MapError
+    is not raised but found like one of a later reading: the video goes on without a map.
     ``plane`` returns the tangent plane in which the map is placed, or None before it is known;
     ``look`` says that it may have changed. The map's files and its style are checked periodically.
     A thread with a child process does the reading, placing and waiting; ``changed`` returns the
@@ -40,6 +43,7 @@ class MapWatch:
     ) -> None:
         self.counts = {"reloads": 0, "reload_errors": 0}
         self.error = ""  # of the newest change; empty if the map is up to date
+        self.failure = ""  # the same in a few words, for the picture
         self._node = node
         self._config = config
         self._plane = plane
@@ -47,13 +51,14 @@ class MapWatch:
         self._found: SimpleQueue[tuple[DrapedMap | TirgeoError, MapContents | None]]
         self._found = SimpleQueue()
         self._child = MapProcess()
+        self._laid = False  # a map has come
         self._stop = threading.Event()
         self._wake = threading.Event()
         self._first = threading.Event()  # the first reading has ended
         self._first_error: Exception | None = None  # what the first reading raised
         self._thread = threading.Thread(target=self._run, name="map watch", daemon=True)
         # The state of the files that were read last, and the plane in which they were placed.
-        self._tried: tuple[Signature, TangentPlane | None] = ([], None)
+        self._tried: tuple[Signature, TangentPlane | None] = (_UNREAD, None)
 
     def __enter__(self) -> MapWatch:
         """Read the map, if there is one, and start to watch it."""
@@ -85,10 +90,11 @@ class MapWatch:
         if isinstance(result, TirgeoError):
             self.counts["reload_errors"] += 1
             if str(result) != self.error:
-                self._node.log(WARN, f"the previous map stays in use: {result}")
+                stays = "the previous map stays in use" if self._laid else "there is no map"
+                self._node.log(WARN, f"{stays}: {result}")
             self.error = str(result)
             return None
-        self.error = ""
+        self.error, self._laid = "", True
         if contents is not None:
             self.counts["reloads"] += 1
             self._log_contents("the map has changed and was read again", contents)
@@ -102,8 +108,11 @@ class MapWatch:
     def _run(self) -> None:
         # One thread for all: the child process ends with the thread that started it.
         try:
-            self._tried = self._signature(), None
+            signature = self._signature()
             self._log_contents(self._config.map, self._child.read(self._config))
+            self._tried = signature, None
+        except MapError as error:
+            self._fail(error)
         except Exception as error:  # noqa: BLE001  raised again where the node begins
             self._first_error = error
             self._log_child_output()
@@ -115,7 +124,7 @@ class MapWatch:
                 self._watch()
             except Exception as fault:  # noqa: BLE001  a fault of ours: the next change is read
                 self._node.get_logger().error(traceback.format_exc())
-                self._found.put((MapError(f"{self._config.map}: {fault!r}"), None))
+                self._fail(MapError(f"{self._config.map}: {fault!r}"))
             self._wake.wait(self._config.reload_s or None)
             self._wake.clear()
 
@@ -133,8 +142,15 @@ class MapWatch:
             contents = self._child.read(self._config) if reads else None
             self._found.put((self._child.lay(plane), contents if changed else None))
         except TirgeoError as error:
-            self._log_child_output()
-            self._found.put((error, None))
+            self._fail(error)
+
+    def _fail(self, error: TirgeoError) -> None:
+        """Report why there is no map, or no new one."""
+        self._log_child_output()
+        paths = map(Path, named_files(self._config.map))
+        missing = next((path.name for path in paths if not path.exists()), "")
+        self.failure = f"{missing} not found" if missing else "its reading failed"
+        self._found.put((error, None))
 
     def _log_child_output(self) -> None:
         """Log the error output of a child that failed: it holds the traceback of a fault."""

@@ -22,6 +22,7 @@ from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.messages import (
     DiagnosticItem,
+    Messages,
     camera,
     camera_pose,
     compressed_pixels,
@@ -34,10 +35,11 @@ from tirgeo_ros.io.messages import (
 )
 from tirgeo_ros.io.pictures.camera_file import given_camera
 from tirgeo_ros.nodes.frame_statistics import FrameStatistics
-from tirgeo_ros.nodes.graph_node import GraphNode
+from tirgeo_ros.nodes.graph_node import GraphNode, message_class
 from tirgeo_ros.nodes.map_watch import MapWatch
 from tirgeo_ros.nodes.monitor import OK, WARN
 from tirgeo_ros.nodes.parameters import declare, given_names
+from tirgeo_ros.nodes.picture_geometry import PictureGeometry
 from tirgeo_ros.nodes.qos import IMAGE_DEPTH, latched, output, sensor_input
 from tirgeo_ros.nodes.runner import run, unless_stopped
 from tirgeo_ros.nodes.setup_checks import SUBJECT, InputChecks, SetupChecks
@@ -58,6 +60,7 @@ class OverlayNode(GraphNode):
         super().__init__("overlay_node")
         cv2.setNumThreads(1)  # a frame is too little work for several threads
         self._config = declare(self, OverlayConfig)
+        self.messages = Messages(message_class, self._config.frame_ids)
         if not self._config.map:
             self.log(WARN, "no map: set the parameter map to its file")
         layers = None if self._config.map else ()
@@ -83,6 +86,7 @@ class OverlayNode(GraphNode):
         self._arrivals = Arrivals()
         self._image = self.advertise("tirgeo/overlay/image", output(IMAGE_DEPTH))
         self._jpeg = self.advertise("tirgeo/overlay/image/compressed", output(IMAGE_DEPTH))
+        self._geometry = PictureGeometry(self, self._overlay, self._config.footprint_rate_hz)
         self._fix = self.advertise("tirgeo/locate/fix", output())
         self._point = self.advertise("tirgeo/locate/point", output())
         self._click_refused = ""  # why the last click was refused
@@ -191,7 +195,7 @@ class OverlayNode(GraphNode):
                 for note in self._logged_notes:
                     self.log(WARN, note)
         elif self.resources.error:
-            self._overlay.map_failed()
+            self._overlay.map_failed(self.resources.failure)
             self._setup.take(self._map_checks.failed, self.resources.error)
 
     def _publish(self, result: OverlayResult) -> None:
@@ -201,6 +205,7 @@ class OverlayNode(GraphNode):
             quality = [cv2.IMWRITE_JPEG_QUALITY, self._config.jpeg_quality]
             jpeg = cv2.imencode(".jpg", result.image, quality)[1].tobytes()
             self._jpeg.publish(self.messages.compressed(result.stamp_ns, jpeg))
+        self._geometry.publish(result)
 
     def _items(self) -> list[DiagnosticItem]:
         self._renew_map()

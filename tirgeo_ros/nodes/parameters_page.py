@@ -13,7 +13,7 @@ from functools import reduce
 from itertools import groupby
 from pathlib import Path
 
-from tirgeo_ros.core.config import NODE_CONFIGS, AircraftConfig, EkfConfig
+from tirgeo_ros.core.config import NODE_CONFIGS, AircraftConfig, EkfConfig, FramesConfig
 from tirgeo_ros.core.config.schema import Parameter, parameters_of
 from tirgeo_ros.nodes.help import as_yaml
 
@@ -26,7 +26,7 @@ Made from the code by `make parameters`: do not edit this page, but the descript
 No file needs them all: a parameter that no file sets has its default. An owner edits the lines of
 [m600_xt2.yaml](../config/m600_xt2.yaml) or [m300_h20t.yaml](../config/m300_h20t.yaml); any other
 parameter goes into the same file, or into a second one, under the name of its node, and the block
-`aircraft` under `/**`, for all nodes:
+`aircraft` and the frames' names under `/**`, for all nodes:
 
 ```yaml
 /**/ekf_node:
@@ -48,7 +48,9 @@ _COLUMNS = """\
 | parameter | type | unit | range | default | meaning |
 | --- | --- | --- | --- | --- | --- |"""
 _KINDS = {bool: "bool", int: "int", float: "double", str: "string"}
-_AIRCRAFT = "aircraft"  # the group that is written once, for all nodes
+#: What is written once, for all nodes: a group, and names.
+_AIRCRAFT = "aircraft"
+_FRAMES = {one.name for one in parameters_of(FramesConfig)}
 
 
 def parameters_page() -> str:
@@ -57,9 +59,12 @@ def parameters_page() -> str:
     parts = [_HEAD, f"[All nodes](#all-nodes), {links}\n", "## All nodes\n"]
     shared = (one for one in parameters_of(EkfConfig) if _group_name(one) == _AIRCRAFT)
     parts += _group(_AIRCRAFT, AircraftConfig, "", shared)
+    parts += ["### Frames\n\n[Outputs](outputs.md#the-frames) draws them.\n"]
+    parts += _group("", None, "", parameters_of(FramesConfig))
     for node, kind in NODE_CONFIGS.items():
         parts.append(f"## {node}\n")
-        for name, own in groupby(parameters_of(kind), _group_name):
+        other = (one for one in parameters_of(kind) if one.name not in _FRAMES)
+        for name, own in groupby(other, _group_name):
             if name != _AIRCRAFT:
                 holder = type(reduce(getattr, name.split("."), kind())) if name else None
                 parts += _group(name, holder, f" of {node}", own)

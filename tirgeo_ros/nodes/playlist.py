@@ -10,16 +10,19 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 
 from tirgeo_ros.core.types.errors import BagError, ConfigError, shown
-from tirgeo_ros.io.messages import DJI_TOPICS, SENSED_TOPICS
+from tirgeo_ros.io.messages import DJI_TOPICS
+from tirgeo_ros.io.messages.offered_qos import offered_qos
 from tirgeo_ros.nodes.graph_node import message_class
-from tirgeo_ros.nodes.qos import STREAM_DEPTH, latched, output
+from tirgeo_ros.nodes.qos import latched, output
 
 _DEPTH = 100
 _STEADY_S = 1.0
 _POLL_S = 0.05
-_LATCHED = ("tirgeo/origin", "tf_static")
 #: Topics that the running graph publishes itself; the recorded ones would conflict with them.
-_OUTPUTS = ("tirgeo/odometry", "tirgeo/fix", "tirgeo/origin", "tirgeo/camera_pose")
+_OUTPUTS = (
+    *("tirgeo/odometry", "tirgeo/fix", "tirgeo/origin", "tirgeo/camera_pose"),
+    *("tirgeo/footprint", "tirgeo/path", "tf", "tf_static"),
+)
 _OUTPUT_FOLDERS = ("tirgeo/overlay/", "tirgeo/locate/fix", "tirgeo/locate/point")
 _INFRASTRUCTURE = ("clock", "rosout", "parameter_events", "diagnostics")
 
@@ -40,8 +43,8 @@ def publishers_for(
         if topic in otherwise:
             continue
         relative = topic.lstrip("/")
-        depth = STREAM_DEPTH if relative.endswith(SENSED_TOPICS) else _DEPTH
-        qos = latched() if relative.endswith(_LATCHED) else output(depth)
+        offered = offered_qos(relative)
+        qos = latched() if offered.latched else output(max(offered.depth, _DEPTH))
         try:
             found[topic] = node.create_publisher(message_class(topics[topic]), relative, qos)
         except ConfigError as error:

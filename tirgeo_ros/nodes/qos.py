@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-#: For streams of which every sample counts: 2 s of an IMU at 400 Hz. A node that pauses for 2 s
-#: still gets every sample, if the transport buffers as much (``config/fastdds.xml``).
-STREAM_DEPTH = 800
-#: A frame that waits behind another is already too late.
-IMAGE_DEPTH = 2
-OUTPUT_DEPTH = 20
+from tirgeo_ros.io.messages.offered_qos import (
+    IMAGE_DEPTH,
+    OUTPUT_DEPTH,
+    STREAM_DEPTH,
+    TF_DEPTH,
+)
+
+__all__ = ["IMAGE_DEPTH", "STREAM_DEPTH", "TF_DEPTH", "latched", "output", "sensor_input"]
 
 
 def sensor_input(depth: int = STREAM_DEPTH) -> QoSProfile:

@@ -11,6 +11,7 @@ from tirgeo_ros.core.config import RecorderConfig
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.io.bags.bag import BagWriter
 from tirgeo_ros.io.messages import TOPIC_TYPES
+from tirgeo_ros.io.messages.offered_qos import offered_qos
 from tirgeo_ros.nodes.graph_node import message_class
 from tirgeo_ros.nodes.parameters import declare
 from tirgeo_ros.nodes.playlist import names
@@ -50,7 +51,7 @@ class Recorder(Node):
             if now_ns > 0:  # before the first /clock message there is no valid time
                 self.resources.write(resolved, typename, data, now_ns)
 
-        qos = latched() if topic == "tirgeo/origin" else output(_DEPTH)
+        qos = latched() if offered_qos(topic).latched else output(_DEPTH)
         self.create_subscription(message_class(typename), topic, write, qos, raw=True)
 
 

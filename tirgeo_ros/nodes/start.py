@@ -15,6 +15,7 @@ import sys
 from functools import partial
 
 from tirgeo_ros.io.files.child_python import stop_signals
+from tirgeo_ros.io.files.missing_package import missing_line
 
 STOP_SIGNALS = stop_signals()
 #: Parameters of mallopt (malloc.h), and values that keep some tens of pictures of 1 MB.
@@ -38,9 +39,9 @@ def start(name: str, package: str = "tirgeo_ros.nodes") -> int:
     try:
         module = importlib.import_module(f"{package}.{name}")
     except ModuleNotFoundError as error:
-        if (error.name or "").startswith("tirgeo_ros"):
+        if (error.name or "tirgeo_ros").startswith("tirgeo_ros"):
             raise
-        sys.stderr.write(f"{name}: {error}: source ROS 2 Jazzy or install its wheels\n")
+        sys.stderr.write(f"{name}: {missing_line(str(error.name))}\n")
         return 1
     return int(module.main())
 

@@ -107,10 +107,10 @@ def test_a_map_that_is_laid_elsewhere_is_waited_for_in_each_plane():
 
 def test_a_map_that_fails_to_come_is_told_and_one_that_is_drawn_stays():
     overlay = ready(layers=None, told=False)
-    overlay.map_failed()
-    assert pictured(overlay, START + MS).notice == "NO MAP: its reading failed"
+    overlay.map_failed("park.geojson not found")
+    assert pictured(overlay, START + MS).notice == "NO MAP: park.geojson not found"
     overlay.set_map(lay_layers([MapLayer("map", [geo(SQUARE_N)])], PLANE, math.nan))
-    overlay.map_failed()
+    overlay.map_failed("its reading failed")
     assert_on(pictured(overlay, START + 2 * MS).image, pose_at(START))
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import message_samples as given
 import numpy as np
 import pytest
+import yaml
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from rosbags.typesys import Stores, get_typestore
@@ -147,6 +148,36 @@ def test_the_container_is_what_others_expect(tmp_path):
         assert [m.log_time for _, _, m in reader.iter_messages()] == list(range(5000))
 
 
+def test_ros2_bag_play_finds_the_qos_of_each_topic(tmp_path):
+    """In the words of metadata version 9, which a record at the beginning names."""
+    path = tmp_path / "a.mcap"
+    topics = {"/uav1/tirgeo/origin": "transient_local", "/uav1/imu/data": "volatile"}
+    with BagWriter(path) as bag:
+        for topic in topics:
+            bag.write(topic, IMU, imu(1), 1)
+    with path.open("rb") as file:
+        reader = make_reader(file)
+        (record,) = reader.iter_metadata()
+        channels = reader.get_summary().channels.values()
+    assert record.name == "rosbag2"
+    assert yaml.safe_load(record.metadata["serialized_metadata"])["version"] == 9
+    infinite = {"sec": 9223372036, "nsec": 854775807}
+    for channel in channels:
+        (profile,) = yaml.safe_load(channel.metadata["offered_qos_profiles"])
+        assert profile == {
+            "history": "keep_last",
+            "depth": 1 if "origin" in channel.topic else 800,
+            "reliability": "reliable",
+            "durability": topics.pop(channel.topic),
+            "deadline": infinite,
+            "lifespan": infinite,
+            "liveliness": "automatic",
+            "liveliness_lease_duration": infinite,
+            "avoid_ros_namespace_conventions": False,
+        }
+    assert not topics
+
+
 # nothing half-written
 
 
@@ -184,10 +215,10 @@ def test_what_is_no_file_is_not_replaced(tmp_path):
 # refused
 
 
-@pytest.mark.parametrize("data", [b"#ROSBAG V2.0\n" + bytes(100), b"SQLite format 3\0", b"\x89"])
+@pytest.mark.parametrize("data", [b"#ROSBAG V2.0\n" + bytes(100), b"\x89", b"text"])
 def test_of_another_kind(tmp_path, data):
     (tmp_path / "a.mcap").write_bytes(data)
-    with pytest.raises(BagError, match="not an MCAP file; give a bag in MCAP format"):
+    with pytest.raises(BagError, match=r"not a ROS 2 bag; give an MCAP file, a \.db3 file or"):
         BagReader(tmp_path / "a.mcap")
 
 

@@ -7,6 +7,7 @@ import random
 import numpy as np
 import pytest
 from mcap.writer import CompressionType, Writer
+from recorded_bags import segments_of
 
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
@@ -77,7 +78,7 @@ def test_a_cut_keeps_what_is_before_it(tmp_path, form, share):
 def test_a_cut_chunk_gives_its_beginning(tmp_path, form):
     """Of a chunk of megabytes, as a flight without pictures has it for some seconds."""
     path = bag(tmp_path / "a.mcap", chunk_size=1 << 24, repeat=40, **FORMS[form])
-    (chunk,) = BagReader(path)._contents.segments
+    (chunk,) = segments_of(path)
     path.write_bytes(path.read_bytes()[: chunk.offset + chunk.length * 2 // 3])
     reader = BagReader(path)
     assert 300 < len(list(reader.messages())) < COUNT * 40
@@ -88,7 +89,7 @@ def test_a_cut_chunk_gives_its_beginning(tmp_path, form):
 def test_a_damaged_chunk_is_left_out(tmp_path, form):
     path = bag(tmp_path / "a.mcap", **FORMS[form])
     data = bytearray(path.read_bytes())
-    segment = BagReader(path)._contents.segments[10]
+    segment = segments_of(path)[10]
     middle = segment.offset + segment.length // 2
     data[middle : middle + 20] = bytes(b ^ 0x5A for b in data[middle : middle + 20])
     path.write_bytes(data)
@@ -105,7 +106,7 @@ def test_damage_over_the_head_of_a_chunk(tmp_path, summary):
     """A file with its summary loses the chunk, one without it all that follows too."""
     path = bag(tmp_path / "a.mcap")
     data = bytearray(path.read_bytes())
-    segment = BagReader(path)._contents.segments[5]
+    segment = segments_of(path)[5]
     data[segment.offset : segment.offset + 30] = bytes(30)
     path.write_bytes(data if summary else data[:-100])
     numbers, damage = read(path)
@@ -130,7 +131,7 @@ def test_a_damaged_summary_costs_nothing(tmp_path):
 def test_what_is_lost_with_the_descriptions(tmp_path):
     path = bag(tmp_path / "a.mcap")
     data = bytearray(path.read_bytes())
-    first = BagReader(path)._contents.segments[0]
+    first = segments_of(path)[0]
     data[first.offset + first.length // 2] ^= 1
     path.write_bytes(data[:-100])  # neither the first chunk nor the summary says what /a is
     with pytest.raises(BagError, match=r"no message can be read; .*to no known topic"):

@@ -13,7 +13,7 @@ import zstandard
 from mcap.opcode import Opcode
 
 from tirgeo_ros.core.types.errors import BagError
-from tirgeo_ros.io.bags import bag as bags
+from tirgeo_ros.io.bags import mcap_file
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
 from tirgeo_ros.io.bags.mcap_contents import MAGIC
 from tirgeo_ros.io.files.bounded_unpacking import MOST_BYTES, unpacked
@@ -100,6 +100,6 @@ def test_messages_that_all_overlap_in_time(tmp_path, monkeypatch):
         for number in range(100):  # 10 messages a chunk
             bag.write("/a", kind.__msgtype__, data, 0 if number % 10 == 0 else number)
     assert len(list(BagReader(path).messages())) == 100
-    monkeypatch.setattr(bags, "_MOST_WAITING", 5 << 20)
+    monkeypatch.setattr(mcap_file, "_MOST_WAITING", 5 << 20)
     with pytest.raises(BagError, match=r"a\.mcap: more than 5 MiB of messages overlap in time"):
         list(BagReader(path).messages())

@@ -8,11 +8,12 @@ import json
 import cv2
 import numpy as np
 import pytest
+from recorded_bags import segments_of
 
 from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.types.errors import BagError, CalibrationError
-from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
+from tirgeo_ros.io.bags.bag import BagWriter, Cdr
 from tirgeo_ros.io.messages import Messages
 from tirgeo_ros.io.pictures.camera_file import camera_yaml
 from tirgeo_ros.tools.calibrate.board_pictures import Taken, thinned
@@ -140,7 +141,7 @@ def test_a_damaged_bag_is_used_as_far_as_it_can_be_read(video, tmp_path, capsys)
     stamps, images, _ = video
     bag = bag_of(tmp_path / "wall.mcap", stamps, images)
     words = ["calibrate", "gimbal", str(bag), "--board", "9x6", "--square", "0.1"]
-    segments = BagReader(bag)._contents.segments
+    segments = segments_of(bag)
     damage(bag, segments[3:4])
     assert main(words) == 1
     told = capsys.readouterr()

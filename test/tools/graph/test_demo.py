@@ -27,6 +27,7 @@ from tirgeo_ros.tools.graph import find_resource
 from tirgeo_ros.tools.graph.demo import (
     against_targets,
     against_truth,
+    demo_setup,
     demonstrate,
     make_pictures,
     summary,
@@ -209,3 +210,10 @@ def test_the_serial_link_runs_in_real_time(tmp_path):
     given = ["demo", "--serial", "--rate", "2", "-o", str(tmp_path)]
     with pytest.raises(UsageError, match=r"--serial runs in real time: leave --rate out"):
         demo.run(parser.parse_args(given))
+
+
+def test_a_map_that_is_not_there_is_refused_before_the_flight(tmp_path):
+    """The node would go on without it."""
+    nowhere = tmp_path / "nowhere.geojson"
+    with pytest.raises(GraphError, match=rf"^{nowhere}: there is no such map"):
+        demo_setup(tmp_path / "a.mcap", tmp_path, None, nowhere, None, 1.0, serial=False)

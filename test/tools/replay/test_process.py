@@ -14,20 +14,17 @@ from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.tools.replay.pose_comparison import differences
 from tirgeo_ros.tools.replay.process import process
 
+POSES = ("odometry", "fix", "origin", "camera_pose", "path")
+GEOMETRY = ("overlay/camera_info", "footprint")
+GLOBAL = ("/diagnostics", "/tf", "/tf_static")
+
 
 def test_every_output_topic_with_its_type(whole):
     folder, summary = whole
     topics = BagReader(folder / "out.mcap").topics()
-    names = (
-        "odometry",
-        "fix",
-        "origin",
-        "camera_pose",
-        "overlay/image",
-        "overlay/image/compressed",
-    )
+    names = (*POSES, "overlay/image", "overlay/image/compressed", *GEOMETRY)
     expected = {f"/tirgeo/{name}": TOPIC_TYPES[f"tirgeo/{name}"] for name in names}
-    assert topics == expected | {"/diagnostics": "diagnostic_msgs/msg/DiagnosticArray"}
+    assert topics == expected | {name: TOPIC_TYPES[name] for name in GLOBAL}
     assert set(summary["written"]) == set(topics)
     assert summary["error"] is None
 
@@ -104,10 +101,7 @@ def test_namespace_moves_every_relative_topic(cut, sample, options, tmp_path, po
     moved = rewritten(cut, tmp_path / "uav1.mcap", renamed, without=[IMAGES])
     process(moved, tmp_path / "out.mcap", images=False, namespace="/uav1", **options)
     topics = set(BagReader(tmp_path / "out.mcap").topics())
-    assert "/diagnostics" in topics
-    assert {t for t in topics if t != "/diagnostics"} == {
-        f"/uav1/tirgeo/{name}" for name in ("odometry", "fix", "origin", "camera_pose")
-    }
+    assert topics == {*GLOBAL, *(f"/uav1/tirgeo/{name}" for name in POSES)}
     found = data_of(tmp_path / "out.mcap", f"/uav1{CAMERA_POSE}")
     assert found == data_of(poses_only[0], CAMERA_POSE)
     with pytest.raises(BagError, match=r"needed topic absent: /imu/data.*is there a --namespace"):

@@ -229,7 +229,7 @@ def test_no_bag_no_map_no_sense(cut, options, tmp_path):
     unknown.write_text("/**/ekf_node:\n  ros__parameters:\n    methud: ekf\n")
     cases = [
         (BagError, r"absent\.mcap: ", tmp_path / "absent.mcap", {}),
-        (BagError, r"text\.mcap: not an MCAP file", text, {}),
+        (BagError, r"text\.mcap: not a ROS 2 bag", text, {}),
         (MapError, r"map\.geojson: ", cut, {"map": broken}),
         (ConfigError, r"params\.yaml: unknown parameter methud", cut, {"params": unknown}),
         (ConfigError, r"ground_height_m: 90000 m is outside", cut, {"ground_height": 9e4}),

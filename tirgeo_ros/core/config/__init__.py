@@ -13,6 +13,7 @@ from tirgeo_ros.core.config.filter import (
     ImuNoiseConfig,
 )
 from tirgeo_ros.core.config.filter_aiding import RtkConfig
+from tirgeo_ros.core.config.frames import FrameIds, FramesConfig
 from tirgeo_ros.core.config.gimbal import GimbalConfig, NorthConfig
 from tirgeo_ros.core.config.overlay import OverlayConfig
 from tirgeo_ros.core.config.schema import RENAMED
@@ -29,6 +30,7 @@ NODE_CONFIGS: dict[str, type] = {
 
 __all__ = [
     "METHODS", "NODE_CONFIGS", "RENAMED", "AircraftConfig", "AutopilotConfig", "BagPlayerConfig",
-    "DjiConfig", "EkfConfig", "GimbalConfig", "ImuConfig", "ImuNoiseConfig", "NorthConfig",
-    "OverlayConfig", "RecorderConfig", "RtkConfig", "SimulatedAircraftConfig",
+    "DjiConfig", "EkfConfig", "FrameIds", "FramesConfig", "GimbalConfig", "ImuConfig",
+    "ImuNoiseConfig", "NorthConfig", "OverlayConfig", "RecorderConfig", "RtkConfig",
+    "SimulatedAircraftConfig",
 ]  # fmt: skip

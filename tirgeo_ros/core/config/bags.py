@@ -48,7 +48,9 @@ class SimulatedAircraftConfig:
 class BagPlayerConfig:
     """Parameters of bag_player."""
 
-    bag: str = param("", "MCAP file to play")
+    bag: str = param(
+        "", "bag to play: a file (.mcap, .db3), or a folder as ros2 bag record leaves it"
+    )
     rate: float = param(1.0, "speed of playing, as a multiple of real time", ("", 0.01, 100))
     start_offset_s: float = param(0.0, "time in the bag at which playing begins", ("s", 0, 1e6))
     loop: bool = param(False, "begin again at the end")

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from tirgeo_ros.core.config.aircraft import AircraftConfig
+from tirgeo_ros.core.config.frames import FramesConfig
 from tirgeo_ros.core.config.schema import group, param
 
 #: Codes of the broadcast rates: 0 Hz, 1, 10, 50, 100, as it is, 200, 400.
@@ -76,7 +77,7 @@ class DjiHostConfig:
 
 
 @dataclass(frozen=True, slots=True)
-class DjiConfig:
+class DjiConfig(FramesConfig):
     """Parameters of dji_node."""
 
     source: str = param(

@@ -14,6 +14,7 @@ from tirgeo_ros.core.config.filter_aiding import (
     HeadingConfig,
     RtkConfig,
 )
+from tirgeo_ros.core.config.frames import TransformsConfig
 from tirgeo_ros.core.config.schema import group, param
 
 METHODS = ("raw", "rtk", "ekf", "ekf_heading")
@@ -117,7 +118,7 @@ class TrustConfig:
 
 
 @dataclass(frozen=True, slots=True)
-class EkfConfig:
+class EkfConfig(TransformsConfig):
     """Parameters of ekf_node."""
 
     method: str = param(

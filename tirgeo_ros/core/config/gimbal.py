@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tirgeo_ros.core.config.aircraft import AircraftConfig
+from tirgeo_ros.core.config.frames import TransformsConfig
 from tirgeo_ros.core.config.schema import group, param
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.types.arrays import Array
@@ -72,7 +73,7 @@ class NorthConfig:
 
 
 @dataclass(frozen=True, slots=True)
-class GimbalConfig:
+class GimbalConfig(TransformsConfig):
     """Parameters of gimbal_node."""
 
     composition: str = param(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from tirgeo_ros.core.config.frames import FramesConfig
 from tirgeo_ros.core.config.schema import group, param
 
 PALETTES = ("white_hot", "black_hot", "iron", "rainbow", "arctic", "lava")
@@ -49,7 +50,7 @@ class ConfidenceConfig:
 
 
 @dataclass(frozen=True, slots=True)
-class OverlayConfig:
+class OverlayConfig(FramesConfig):
     """Parameters of overlay_node."""
 
     map: str = param(
@@ -99,6 +100,7 @@ class OverlayConfig:
     )
     palette: str = param("white_hot", "colours for pictures without colour", choices=PALETTES)
     rectify: bool = param(False, "show the picture without the lens's distortion")
+    footprint_rate_hz: float = param(5.0, "highest rate of tirgeo/footprint", ("Hz", 0.1, 100))
     jpeg_quality: int = param(80, "quality of tirgeo/overlay/image/compressed", ("", 1, 100))
     picture: PictureConfig = group(PictureConfig)
     confidence: ConfidenceConfig = group(ConfidenceConfig)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, TypeVar, cast, get_type_hints
@@ -51,6 +51,7 @@ class Parameter:
     high: float = math.inf
     choices: tuple[str, ...] = ()
     sizes: tuple[int, ...] = ()  # lengths that a list may have
+    fault: Callable[[str], str] | None = None  # what is wrong with a text; empty if nothing
 
     def checked(self, value: object) -> Value:
         """Return the value in this parameter's type; raise ConfigError naming the parameter."""
@@ -70,6 +71,9 @@ class Parameter:
             raise self._error(f"{value!r} is not of type {_KIND_NAMES[kind]}")
         if self.choices and value not in self.choices:
             raise self._error(f"{value!r} is not one of {', '.join(self.choices)}")
+        fault = self.fault(cast("str", value)) if self.fault else ""
+        if fault:
+            raise self._error(f"{value!r} {fault}")
         if kind in (int, float):
             self._check_range(float(cast("float", value)))
         return cast("bool | int | float | str", kind(value))
@@ -93,15 +97,16 @@ def param(
     *,
     choices: tuple[str, ...] = (),
     sizes: tuple[int, ...] = (),
+    fault: Callable[[str], str] | None = None,
 ) -> Any:
     """Return a dataclass field that is a parameter.
 
     ``within`` is its unit, least and largest value; ``sizes`` are the lengths that a list may
-    have, by default that of ``default``.
+    have, by default that of ``default``; ``fault`` says what is wrong with a text.
     """
     if isinstance(default, tuple) and not sizes:
         sizes = (len(default),)
-    made = Parameter("", default, description, *within, choices, sizes)
+    made = Parameter("", default, description, *within, choices, sizes, fault=fault)
     return dataclasses.field(default=default, metadata={"parameter": made})
 
 

@@ -115,6 +115,10 @@ class GimbalComposer:
         """
         return YawBias(self._north.bias_rad, self._north.variance)
 
+    def body_at(self, stamp_ns: int) -> BodyPose | Miss:
+        """Return the body's pose that a camera pose of this stamp, just composed, is made of."""
+        return self._bodies.at(stamp_ns)
+
     @property
     def diagnostics(self) -> dict[str, str]:
         """Return the diagnostics: the counts, and the north bias where it may be used.

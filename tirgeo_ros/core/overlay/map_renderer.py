@@ -14,6 +14,7 @@ from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.footprint import footprint
 from tirgeo_ros.core.map.draping import Ground, check_heights
 from tirgeo_ros.core.map.layers import MapLayer
 from tirgeo_ros.core.map.vector_map import VectorMap
@@ -129,6 +130,24 @@ class MapRenderer:
         if self.view is None or camera != self.view.camera:
             self.view = View(camera)
 
+    @property
+    def level(self) -> Ground:
+        """Return the given ground, else the middle height of the map's own; nan without any."""
+        own_m = self.laid.level_m if self.laid else math.nan
+        return self.ground if _is_given(self.ground) else own_m
+
+    def footprint(self, pose: CameraPose | None) -> Array:
+        """Return the picture's outline on the ground (N, 3), NED in the plane, m.
+
+        It is cut where lines end, and empty without pose, camera, plane or ground.
+        """
+        level = self.level
+        if pose is None or self.view is None or self.laid is None or not _is_given(level):
+            return np.empty((0, 3))
+        plane = self.laid.plane
+        far_m = self.view.farthest_m(height_above_m(pose, plane, level))
+        return footprint(self.view.camera, pose, plane, level, far_m)
+
     def _set(self, laid: DrapedMap) -> None:
         self.laid, self._map_painting, self._absence = laid, None, None
 
@@ -148,8 +167,7 @@ class MapRenderer:
         assert self.view is not None
         assert self.laid is not None
         camera, ground = self.view.camera, self.ground
-        level = ground if _is_given(ground) else self.laid.level_m
-        seen = camera, pose, self.laid.plane, level
+        seen = camera, pose, self.laid.plane, self.level
         if self._map_painting is None:
             self._map_painting = LayerPainter(self._confidence, self.laid.map, self._painter)
         painter = self._map_painting

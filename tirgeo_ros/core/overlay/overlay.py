@@ -31,7 +31,7 @@ from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import NavigationStatus
 
 _MARGIN_S = 1.0  # poses are kept this much longer than the oldest exposure needs
-_READING, _FAILED = "reading", "its reading failed"
+_READING = "reading"
 _RATES_NS = 100_000_000  # interval of the camera's rates: less than a turn, enough for noise
 
 
@@ -43,7 +43,7 @@ class OverlayResult:
     image: Pixels  # (h, w, 3) BGR
     pose: CameraPose | None  # at the exposure; None if no map was drawn
     notice: str  # why no map was drawn, or why none is in view; else empty
-    camera: Camera | None = None  # of the picture as it is shown; None if unknown
+    camera: Camera | None = None  # of the picture as shown; None if unknown or of another size
     predicted_s: float = 0.0  # how far the pose was extrapolated
 
 
@@ -54,6 +54,7 @@ class Overlay:
     large map. With None the map is draped elsewhere, again for each plane, and given to
     ``set_map``. ``clicks`` locates clicks on the pictures that were returned. ``frames`` wait for
     a pose or to be taken; ``poses`` are the camera's; ``plane`` is the map's, once it is known.
+    ``footprint`` is the map renderer's, for a result's pose.
     """
 
     def __init__(
@@ -66,6 +67,7 @@ class Overlay:
         self._wait_ns = round(config.max_pose_wait_s * 1e9)
         self._prediction_ns = round(config.max_prediction_s * 1e9)
         self._drawing = MapRenderer(config, layers or (), terrain)
+        self.footprint = self._drawing.footprint
         self._laid_elsewhere = layers is None
         given = layers is None or len(layers) > 0
         self._no_map = "the map has no features" if given else "no map is given"
@@ -141,9 +143,9 @@ class Overlay:
             self._laid_elsewhere, self._map_not_ready = True, ""
             self._drawing.set_map(new)
 
-    def map_failed(self) -> None:
-        """Record that the map from elsewhere will not come; a map that is drawn stays."""
-        self._map_not_ready = self._map_not_ready and _FAILED
+    def map_failed(self, why: str) -> None:
+        """Record why the map from elsewhere does not come; a map that is drawn stays."""
+        self._map_not_ready = self._map_not_ready and why
 
     def set_status(self, status: NavigationStatus) -> None:
         """Set the estimator's status, for the status line and the notices."""
@@ -182,6 +184,8 @@ class Overlay:
         """Return why the map cannot be drawn whatever the pose, else an empty string."""
         if self._drawing.empty and not self._map_not_ready:
             return self._no_map
+        if self._map_not_ready not in ("", _READING):
+            return self._map_not_ready  # first: a misspelt file is mended before take-off
         camera = self._camera
         if camera is None:
             return "no camera info"
@@ -231,7 +235,7 @@ class Overlay:
             self._verdict.severity,
         )
         paint_status(image, fields)
-        camera = self._drawing.camera
+        camera = self._drawing.camera if self._fits(image) else None
         return OverlayResult(frame.stamp_ns, image, shown_pose, notice, camera, predicted_s)
 
     def _predicted(self, exposure_ns: int) -> tuple[CameraPose | Miss, float]:
@@ -249,8 +253,11 @@ class Overlay:
     def _picture(self, frame: Frame) -> Pixels:
         """Return the frame in colour, rectified if it has the camera's size."""
         image = self._toner.tone(frame.pixels, frame.stamp_ns)
-        fits = self._camera and image.shape[:2] == (self._camera.height, self._camera.width)
-        return self._rectifier.rectified(image) if self._rectifier and fits else image
+        return self._rectifier.rectified(image) if self._rectifier and self._fits(image) else image
+
+    def _fits(self, image: Pixels) -> bool:
+        camera = self._camera
+        return camera is not None and image.shape[:2] == (camera.height, camera.width)
 
     def _without_map(self, frame: Frame, image: Pixels, obstacle: str) -> str:
         """Write why there is no map; return the notice."""

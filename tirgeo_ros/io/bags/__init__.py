@@ -1,1 +1,1 @@
-"""Read and write bags: MCAP of ROS 2, and ROS 1."""
+"""Read and write bags: of ROS 2 as recorders leave them, and of ROS 1."""

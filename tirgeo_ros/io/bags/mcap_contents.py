@@ -237,16 +237,16 @@ def _reason(error: BaseException) -> str:
 
 
 @contextmanager
-def mapped(path: Path) -> Iterator[mmap]:
-    """Yield the bytes of a file. Raises BagError, naming it, if it is empty or cannot be read."""
+def mapped(path: Path, name: Path) -> Iterator[mmap]:
+    """Yield the bytes of a file. Raises BagError for ``name`` if it is empty or unreadable."""
     try:
         with path.open("rb") as file:
             if not os.fstat(file.fileno()).st_size:
-                raise BagError(f"{path}: the file is empty")
+                raise BagError(f"{name}: the file is empty")
             with mmap(file.fileno(), 0, access=ACCESS_READ) as data:
                 yield data
     except OSError as error:
-        raise BagError(f"{path}: cannot be read: {error.strerror or error}") from None
+        raise BagError(f"{name}: cannot be read: {error.strerror or error}") from None
 
 
 def part_of_file(data: mmap, start: int, length: int) -> bytes:

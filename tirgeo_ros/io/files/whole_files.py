@@ -21,12 +21,13 @@ def check_outputs(
     """Raise ``error`` for an output in the place of an input, of another output or of no file.
 
     Places are compared by name with links resolved, and by file: other names of one file (hard
-    links) count. The program's own streams count too. Paths that are None or empty are ignored.
+    links) count. So do the files in a folder that is an input, and the program's own streams.
+    Paths that are None or empty are ignored.
     """
     taken = _streams()
     for path in inputs:
-        if path:
-            taken |= dict.fromkeys(_places(path), f"the input {os.fspath(path)}")
+        for one in (path, *_inside(path)) if path else ():
+            taken |= dict.fromkeys(_places(one), f"the input {os.fspath(one)}")
     for path in outputs:
         if not path:
             continue
@@ -48,6 +49,11 @@ def check_place(path: PathLike, error: type[TirgeoError]) -> None:
 def part_of(path: PathLike) -> Path:
     """Return the temporary name beside a file under which it is written."""
     return Path(path).with_name(f".{Path(path).name}.{os.getpid()}.part")
+
+
+def _inside(folder: PathLike) -> list[Path]:
+    """Return what is in a folder; nothing if it is none."""
+    return list(Path(folder).iterdir()) if Path(folder).is_dir() else []
 
 
 def _places(path: PathLike) -> set[object]:

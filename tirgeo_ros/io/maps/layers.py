@@ -10,10 +10,10 @@ from tirgeo_ros.core.types.errors import ConfigError, MapError
 from tirgeo_ros.io.files.offline_reading import read_map
 from tirgeo_ros.io.files.text_file import named_files
 from tirgeo_ros.io.maps.features import laid
+from tirgeo_ros.io.maps.gdal_tables import read_tables
 from tirgeo_ros.io.maps.label_rule import LabelRule
 from tirgeo_ros.io.maps.style_condition import Wanted
 from tirgeo_ros.io.maps.style_sheet import SheetLayer, load_style_sheet
-from tirgeo_ros.io.maps.table import read_tables
 
 #: Files that belong to a shapefile.
 _SIDECARS = (".shx", ".dbf", ".prj", ".cpg")

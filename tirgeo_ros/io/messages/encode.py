@@ -14,7 +14,7 @@ from tirgeo_ros.core.frames.rotations import rotation_of
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.navigation.strapdown import cross
-from tirgeo_ros.core.types.arrays import Array, Quaternion, Vector
+from tirgeo_ros.core.types.arrays import Array, Vector
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
     HeadingSample,
@@ -26,39 +26,35 @@ from tirgeo_ros.core.types.measurements import (
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
 from tirgeo_ros.core.types.verdicts import NavigationStatus
 from tirgeo_ros.io.messages.diagnostics import DiagnosticItem, navigation_item
+from tirgeo_ros.io.messages.frame_messages import FrameMessages
 from tirgeo_ros.io.messages.message_axes import (
+    NO_TURN,
     covariance_turned_world,
     positive,
     quat_turned_both,
     quat_turned_world,
 )
-from tirgeo_ros.io.messages.message_parts import COVARIANCE_KNOWN, MessageParts
-from tirgeo_ros.io.messages.topics import (
-    BODY_FRAME,
-    COMPUTED_FROM,
-    JOINT_SIGNS,
-    MAP_FRAME,
-    OPTICAL_FRAME,
-)
+from tirgeo_ros.io.messages.message_parts import COVARIANCE_KNOWN
+from tirgeo_ros.io.messages.topics import COMPUTED_FROM, JOINT_SIGNS
 
 #: Variance of an unknown value, where a reader takes any number for a variance: so large that it
 #: has no weight. (rad/s)^2 in a twist, rad^2 in a heading message's roll and pitch.
 UNKNOWN_VARIANCE = 1e6
 
 _ENCODINGS = {("|u1", 2): "mono8", ("|u1", 3): "bgr8", ("<u2", 2): "mono16"}
-_NO_TURN: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
 
-class Messages(MessageParts):
+class Messages(FrameMessages):
     """Build messages of the classes that ``types`` gives for names like ``nav_msgs/msg/Odometry``.
 
-    Nodes pass rclpy's classes, bags those they are written with (``io.bags.cdr.Cdr.types``).
+    ``frames`` are the ids of their frames. Nodes pass rclpy's classes, bags those they are written
+    with (``io.bags.cdr.Cdr.types``).
     """
 
     def imu(self, sample: ImuSample) -> Any:
         """Return ``sensor_msgs/Imu``: FRD to FLU; covariances zero, which means unknown."""
         attitude = sample.autopilot_q_nb
-        turned = _NO_TURN if attitude is None else quat_turned_both(*attitude.tolist())
+        turned = NO_TURN if attitude is None else quat_turned_both(*attitude.tolist())
         return self._imu(
             sample.stamp_ns,
             (turned, _absent() if attitude is None else np.zeros(9)),
@@ -102,7 +98,7 @@ class Messages(MessageParts):
         return self.stamped(
             "sensor_msgs/msg/JointState",
             sample.stamp_ns,
-            COMPUTED_FROM if sample.computed else BODY_FRAME,
+            COMPUTED_FROM if sample.computed else self.frames.base_link,
             name=list(JOINT_SIGNS),
             position=self._doubles(angles),
             velocity=self._doubles([]),
@@ -113,7 +109,7 @@ class Messages(MessageParts):
         """Return ``geometry_msgs/QuaternionStamped``: camera body FLU in ENU."""
         turned = self._quaternion(positive(quat_turned_both(*sample.q_ng.tolist())))
         typename = "geometry_msgs/msg/QuaternionStamped"
-        return self.stamped(typename, sample.stamp_ns, MAP_FRAME, quaternion=turned)
+        return self.stamped(typename, sample.stamp_ns, self.frames.map, quaternion=turned)
 
     def odometry(self, solution: NavSolution, pose: BodyPose) -> Any:
         """Return ``nav_msgs/Odometry``, map -> base_link.
@@ -126,19 +122,20 @@ class Messages(MessageParts):
         return self.stamped(
             "nav_msgs/msg/Odometry",
             solution.stamp_ns,
-            MAP_FRAME,
-            child_frame_id=BODY_FRAME,
+            self.frames.map,
+            child_frame_id=self.frames.base_link,
             pose=self._pose(pose.position_n, turned, pose.covariance),
             twist=self._body_twist(solution),
         )
 
     def fix(self, solution: NavSolution) -> Any:
         """Return ``sensor_msgs/NavSatFix`` of base_link."""
-        return self._fix(solution.stamp_ns, BODY_FRAME, solution, solution.covariance[:3, :3])
+        frame, covariance = self.frames.base_link, solution.covariance[:3, :3]
+        return self._fix(solution.stamp_ns, frame, solution, covariance)
 
     def origin(self, plane: TangentPlane, stamp_ns: int) -> Any:
         """Return ``sensor_msgs/NavSatFix`` of the map's origin. It is exact by definition."""
-        message = self._fix(stamp_ns, MAP_FRAME, plane, np.zeros((3, 3)))
+        message = self._fix(stamp_ns, self.frames.map, plane, np.zeros((3, 3)))
         message.position_covariance = np.zeros(9)  # turned ones have minus signs
         message.position_covariance_type = COVARIANCE_KNOWN
         return message
@@ -151,11 +148,12 @@ class Messages(MessageParts):
     def pixel(self, stamp_ns: int, u: float, v: float) -> Any:
         """Return ``geometry_msgs/PointStamped`` of a click at a column and row of a picture."""
         point = self._class("geometry_msgs/msg/Point")(x=u, y=v, z=0.0)
-        return self.stamped("geometry_msgs/msg/PointStamped", stamp_ns, OPTICAL_FRAME, point=point)
+        typename = "geometry_msgs/msg/PointStamped"
+        return self.stamped(typename, stamp_ns, self.frames.camera, point=point)
 
     def located_fix(self, located: Located) -> Any:
         """Return ``sensor_msgs/NavSatFix`` of a ground point, with the picture's stamp."""
-        return self._fix(located.stamp_ns, MAP_FRAME, located, located.covariance_n)
+        return self._fix(located.stamp_ns, self.frames.map, located, located.covariance_n)
 
     def located_point(self, located: Located) -> Any:
         """Return ``geometry_msgs/PoseWithCovarianceStamped`` of a ground point in ``map``.
@@ -165,7 +163,7 @@ class Messages(MessageParts):
         """
         covariance = np.diag([0.0] * 3 + [UNKNOWN_VARIANCE] * 3)
         covariance[:3, :3] = located.covariance_n
-        return self._map_pose(located.stamp_ns, located.point_n, _NO_TURN, covariance)
+        return self._map_pose(located.stamp_ns, located.point_n, NO_TURN, covariance)
 
     def image(self, stamp_ns: int, pixels: npt.NDArray[Any]) -> Any:
         """Return ``sensor_msgs/Image``: mono8 (h, w), bgr8 (h, w, 3) or mono16 (h, w).
@@ -179,7 +177,7 @@ class Messages(MessageParts):
         return self.stamped(
             "sensor_msgs/msg/Image",
             stamp_ns,
-            OPTICAL_FRAME,
+            self.frames.camera,
             height=height,
             width=width,
             encoding=encoding,
@@ -192,7 +190,7 @@ class Messages(MessageParts):
         """Return ``sensor_msgs/CompressedImage`` of a JPEG file's bytes."""
         data = self._octets(np.frombuffer(jpeg, np.uint8))
         typename = "sensor_msgs/msg/CompressedImage"
-        return self.stamped(typename, stamp_ns, OPTICAL_FRAME, format="jpeg", data=data)
+        return self.stamped(typename, stamp_ns, self.frames.camera, format="jpeg", data=data)
 
     def camera_info(self, camera: Camera, stamp_ns: int) -> Any:
         """Return ``sensor_msgs/CameraInfo``: R identity, P from K; plumb_bob with five numbers."""
@@ -203,7 +201,7 @@ class Messages(MessageParts):
         return self.stamped(
             "sensor_msgs/msg/CameraInfo",
             stamp_ns,
-            OPTICAL_FRAME,
+            self.frames.camera,
             height=camera.height,
             width=camera.width,
             distortion_model="plumb_bob" if size == 5 else "rational_polynomial",

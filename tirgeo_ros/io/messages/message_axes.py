@@ -14,6 +14,7 @@ from tirgeo_ros.core.frames.axes import ENU_NED, quat_turned_both
 from tirgeo_ros.core.types.arrays import Array, Quaternion
 
 __all__ = [
+    "NO_TURN",
     "covariance_turned_world",
     "positive",
     "quat_turned_both",
@@ -21,6 +22,8 @@ __all__ = [
 ]
 
 _HALF = math.sqrt(0.5)
+#: The rotation between equal axes.
+NO_TURN: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
 
 def quat_turned_world(w: float, x: float, y: float, z: float) -> Quaternion:

@@ -11,23 +11,27 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from tirgeo_ros.core.config import FrameIds, FramesConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.types.arrays import Array, Quaternion
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample
 from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.io.messages.message_axes import covariance_turned_world, positive
-from tirgeo_ros.io.messages.topics import BODY_FRAME, MAP_FRAME
 
 _SERVICE_GPS = 1  # the satellite systems in use are unknown here; GPS always takes part
 COVARIANCE_UNKNOWN, COVARIANCE_KNOWN = 0, 3
 
 
 class MessageParts:
-    """Build parts of messages of the classes that ``types`` gives for their names."""
+    """Build parts of messages of the classes that ``types`` gives for their names.
 
-    def __init__(self, types: Callable[[str], type]) -> None:
+    ``frames`` are the ids that the messages have; None is the default names.
+    """
+
+    def __init__(self, types: Callable[[str], type], frames: FrameIds | None = None) -> None:
         self.types = types
+        self.frames = frames or FramesConfig().frame_ids
         #: A message class by its type's name; a look-up takes as long as making a message.
         self._class: Callable[[str], Callable[..., Any]] = cache(types)
         # rclpy takes array.array at no cost and an ndarray byte by byte; rosbags only ndarray.
@@ -65,7 +69,7 @@ class MessageParts:
         return self.stamped(
             "sensor_msgs/msg/Imu",
             stamp_ns,
-            BODY_FRAME,
+            self.frames.base_link,
             orientation=self._quaternion(positive(attitude[0])),
             orientation_covariance=attitude[1],
             angular_velocity=self._vector((rate_x, -rate_y, -rate_z)),
@@ -106,20 +110,23 @@ class MessageParts:
     ) -> Any:
         typename = "geometry_msgs/msg/PoseWithCovarianceStamped"
         pose = self._pose(position_n, turned, covariance)
-        return self.stamped(typename, stamp_ns, MAP_FRAME, pose=pose)
+        return self.stamped(typename, stamp_ns, self.frames.map, pose=pose)
 
     def _pose(self, position_n: Array, turned: Quaternion, covariance: Array) -> Any:
         """Return ``geometry_msgs/PoseWithCovariance`` of (3,) and (6, 6) in NED.
 
         ``turned`` is the attitude in ENU.
         """
+        pose, flat = self._bare_pose(position_n, turned), covariance_turned_world(covariance, 6)
+        return self._class("geometry_msgs/msg/PoseWithCovariance")(pose=pose, covariance=flat)
+
+    def _bare_pose(self, position_n: Array, turned: Quaternion) -> Any:
+        """Return ``geometry_msgs/Pose`` of (3,) in NED and an attitude in ENU."""
         north, east, down = position_n.tolist()
-        pose = self._class("geometry_msgs/msg/Pose")(
+        return self._class("geometry_msgs/msg/Pose")(
             position=self._class("geometry_msgs/msg/Point")(x=east, y=north, z=-down),
             orientation=self._quaternion(turned),
         )
-        flat = covariance_turned_world(covariance, 6)
-        return self._class("geometry_msgs/msg/PoseWithCovariance")(pose=pose, covariance=flat)
 
     def _twist(self, linear: Sequence[float], angular: Sequence[float], covariance: Array) -> Any:
         """Return ``geometry_msgs/TwistWithCovariance``; (36,) covariance."""

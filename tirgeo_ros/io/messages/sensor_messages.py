@@ -23,7 +23,7 @@ from tirgeo_ros.io.messages.decode import (
     velocity_sample,
 )
 from tirgeo_ros.io.messages.encode import Messages
-from tirgeo_ros.io.messages.topics import BODY_FRAME, OTHER_TYPES
+from tirgeo_ros.io.messages.topics import OTHER_TYPES
 
 SensedSample = NavigationInput | JointSample | CameraAttitudeSample
 
@@ -38,7 +38,7 @@ def _pressure(messages: Messages, sample: PressureSample) -> Any:
     return messages.stamped(
         _PRESSURE,
         sample.stamp_ns,
-        BODY_FRAME,
+        messages.frames.base_link,
         fluid_pressure=sample.pressure_pa,
         variance=sample.variance_pa2,
     )
@@ -58,14 +58,14 @@ _FIX, _TWIST = "sensor_msgs/msg/NavSatFix", "geometry_msgs/msg/TwistWithCovarian
 _IMU, _PRESSURE = "sensor_msgs/msg/Imu", "sensor_msgs/msg/FluidPressure"
 
 
-def _fix(source: Source, frame_id: str) -> _Row:
+def _fix(source: Source, frame: str) -> _Row:
     decode = partial(position_sample, source=source)
-    return _Row(_FIX, decode, lambda m, s: m.nav_sat_fix(s, frame_id))
+    return _Row(_FIX, decode, lambda m, s: m.nav_sat_fix(s, getattr(m.frames, frame)))
 
 
-def _velocity(source: Source, frame_id: str) -> _Row:
+def _velocity(source: Source, frame: str) -> _Row:
     decode = partial(velocity_sample, source=source)
-    return _Row(_TWIST, decode, lambda m, s: m.velocity(s, frame_id))
+    return _Row(_TWIST, decode, lambda m, s: m.velocity(s, getattr(m.frames, frame)))
 
 
 _ROWS: dict[Source | type, _Row] = {

@@ -14,15 +14,17 @@ OTHER_TYPES: dict[str, str] = {
     "tirgeo/camera_pose": "geometry_msgs/msg/PoseWithCovarianceStamped",
     "tirgeo/overlay/image": "sensor_msgs/msg/Image",
     "tirgeo/overlay/image/compressed": "sensor_msgs/msg/CompressedImage",
+    "tirgeo/overlay/camera_info": "sensor_msgs/msg/CameraInfo",
+    "tirgeo/footprint": "geometry_msgs/msg/PolygonStamped",
+    "tirgeo/path": "nav_msgs/msg/Path",
     "tirgeo/locate/fix": "sensor_msgs/msg/NavSatFix",
     "tirgeo/locate/point": "geometry_msgs/msg/PoseWithCovarianceStamped",
     "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
     "/clock": "rosgraph_msgs/msg/Clock",
+    "/tf": "tf2_msgs/msg/TFMessage",
+    "/tf_static": "tf2_msgs/msg/TFMessage",
 }
 
-MAP_FRAME = "map"
-BODY_FRAME = "base_link"
-OPTICAL_FRAME = "tir_optical_frame"
 #: Frame of joint messages that were computed without encoders: the topic of their source.
 COMPUTED_FROM = "gimbal/attitude"
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -19,6 +18,7 @@ from tirgeo_ros.core.types.arrays import RawPixels
 from tirgeo_ros.core.types.errors import BagError, CalibrationError, TirgeoError
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
+from tirgeo_ros.io.bags.bag_files import by_numbers, is_bag
 from tirgeo_ros.io.files.encoded_picture import MOST_OF_FILE, unpacked
 from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.tools.presentation.progress import Report
@@ -44,7 +44,7 @@ def opened(inputs: Sequence[Path], namespace: str) -> tuple[list[Path], BoardVid
 
     Raise CalibrationError for a bag among other inputs, or inputs without pictures; BagError.
     """
-    bags = [path for path in inputs if path.suffix.lower() == ".mcap"]
+    bags = [path for path in inputs if is_bag(path)]
     if bags and len(inputs) > 1:
         raise CalibrationError(f"{bags[0]}: give either one bag or pictures")
     return (bags, BoardVideo(bags[0], namespace)) if bags else (files_of(inputs), None)
@@ -61,18 +61,12 @@ def files_of(paths: Sequence[Path]) -> list[Path]:
             inside = [one for one in path.iterdir() if one.suffix.lower() in _SUFFIXES]
             if not inside:
                 raise CalibrationError(f"{path}: no pictures in it ({' '.join(_SUFFIXES)})")
-            found += sorted(inside, key=_by_numbers)
+            found += sorted(inside, key=by_numbers)
         elif path.is_file():
             found.append(path)
         else:
             raise CalibrationError(f"{path}: there is no such file or folder")
     return list(dict.fromkeys(found))
-
-
-def _by_numbers(path: Path) -> list[tuple[int, str]]:
-    """Return a sort key that puts ``view_2`` before ``view_10``."""
-    parts = re.split(r"(\d+)", path.name)
-    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
 
 
 def pictures_of_files(files: Sequence[Path], progress: Report) -> Iterator[Taken]:

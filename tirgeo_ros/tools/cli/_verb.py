@@ -23,7 +23,9 @@ T = TypeVar("T")
 METHODS = ("raw", "rtk", "ekf", "ekf_heading")
 NUMBER, WORD, NEEDED = {"type": float}, {"type": str}, {"required": True}
 
-FLIGHT: tuple[Option, ...] = (("bag", "IN.mcap", "the recorded flight"),)
+#: What a bag may be.
+ANY_BAG = "a file (.mcap, .db3), or a folder as ros2 bag record leaves it"
+FLIGHT: tuple[Option, ...] = (("bag", "BAG", f"the recorded flight: {ANY_BAG}"),)
 _NAMESPACE = "namespace of the aircraft's topics in the bag, as uav1; default: none"
 NAMESPACE: tuple[Option, ...] = (("--namespace", "NS", _NAMESPACE, WORD | {"default": ""}),)
 _PARAMS = "ROS 2 parameter file; may be repeated: later files override earlier ones"
@@ -61,7 +63,7 @@ WINDOW: tuple[Option, ...] = (
         {"dest": "to_s", "type": float, "default": math.inf},
     ),
 )
-_PICTURES = "pictures of 8 or 16 bits, folders of them, or one bag (.mcap) with thermal video"
+_PICTURES = "pictures of 8 or 16 bits, folders of them, or one bag with thermal video"
 _BOARD = "inner corners of the board, as 9x6: one fewer than squares in each direction"
 BOARD: tuple[Option, ...] = (
     ("pictures", "PICTURES", _PICTURES, {"nargs": "+"}),

@@ -17,7 +17,7 @@ import argparse
 import math
 from typing import Any
 
-from tirgeo_ros.tools.cli._verb import NUMBER, PARAMETERS, call
+from tirgeo_ros.tools.cli._verb import ANY_BAG, NUMBER, PARAMETERS, call
 
 #: Option, metavar, help text, name of the value.
 _VALUES = (
@@ -32,7 +32,7 @@ _VALUES = (
     ("--pitch-error", "DEG", "of the camera's attitude", "pitch_error_deg"),
 )
 OPTIONS = (
-    ("bag", "IN.mcap", "a flight", {"nargs": "?"}),
+    ("bag", "BAG", f"a flight: {ANY_BAG}", {"nargs": "?"}),
     ("-o --output", "DIR", "for CSV and maps (PNG)"),
     *PARAMETERS,
     *((*option, NUMBER | {"dest": name}) for *option, name in _VALUES),

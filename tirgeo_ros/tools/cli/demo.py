@@ -15,13 +15,13 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from tirgeo_ros.tools.cli._verb import METHODS, NUMBER, UsageError
+from tirgeo_ros.tools.cli._verb import ANY_BAG, METHODS, NUMBER, UsageError
 from tirgeo_ros.tools.presentation.progress import Progress, three
 
 _SERIAL = "simulate the aircraft's serial port: DJI's protocol to dji_node over a pseudo-terminal"
 OPTIONS = (
     ("-o --output", "DIR", "default: %(default)s", {"default": Path("demo")}),
-    ("--bag", "IN.mcap", "another flight"),
+    ("--bag", "BAG", f"another flight: {ANY_BAG}"),
     ("--rate", "X", "times real time", NUMBER | {"default": 1.0}),
     ("--params", "YAML", "default: beside the bag"),
     ("--map", "MAP", "default: beside the bag"),

@@ -17,6 +17,7 @@ from typing import Any, NoReturn
 import tirgeo_ros
 from tirgeo_ros.core.types.errors import TirgeoError, shown
 from tirgeo_ros.io.files.child_python import stop_signals
+from tirgeo_ros.io.files.missing_package import missing_line
 from tirgeo_ros.tools import cli
 from tirgeo_ros.tools.cli._lines import lines
 from tirgeo_ros.tools.cli._verb import UsageError, add_verb, verbs_of
@@ -55,6 +56,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _closed_pipe()
     except (TirgeoError, OSError) as error:
         return _say(args, _message(error), FAILED)
+    except ModuleNotFoundError as error:
+        if (error.name or "tirgeo_ros").startswith("tirgeo_ros"):
+            raise
+        return _say(args, missing_line(str(error.name)), FAILED)
     except KeyboardInterrupt:
         return _say(args, "interrupted", INTERRUPTED)
     return code

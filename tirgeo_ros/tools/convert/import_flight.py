@@ -8,7 +8,9 @@ from pathlib import Path
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.bag import BagWriter
+from tirgeo_ros.io.bags.bag_files import is_bag
 from tirgeo_ros.io.bags.mcap_contents import MAGIC as MCAP
+from tirgeo_ros.io.bags.sqlite_file import MAGIC as SQLITE
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.convert.import_capture import CaptureOptions, import_capture
@@ -16,10 +18,11 @@ from tirgeo_ros.tools.convert.import_ros1 import Pictures, import_ros1
 from tirgeo_ros.tools.convert.import_sink import ImportSink
 from tirgeo_ros.tools.presentation.progress import Report, silent
 
-_ROS1, _SQLITE = b"#ROSBAG V2.0", b"SQLite format 3\0"
+_ROS1 = b"#ROSBAG V2.0"
+_ROS2 = "already a ROS 2 bag; give it to tirgeo process"
 _OTHERS = {
-    MCAP: "already an MCAP bag; give it to tirgeo process",
-    _SQLITE: "a ROS 2 bag in SQLite; convert it to MCAP with ros2 bag convert",
+    MCAP: _ROS2,
+    SQLITE: _ROS2,
     b"#ROSBAG": "a ROS 1 bag of an older version; make it 2.0 with rosbag fix",
     b"\x1f\x8b": "packed with gzip; unpack it",
     b"PK\3\4": "packed with zip; unpack it",
@@ -77,8 +80,8 @@ def _result(imported: dict[str, object], sink: ImportSink) -> dict[str, object]:
 def _is_ros1(path: Path) -> bool:
     """Return whether a file is a ROS 1 bag; False: a capture. Raise BagError if it is neither."""
     if path.is_dir():
-        kind = "a ROS 2 bag" if (path / "metadata.yaml").exists() else "a directory"
-        raise BagError(f"{path}: {kind}; give a ROS 1 bag or a capture of the serial port")
+        other = "a directory; give a ROS 1 bag or a capture of the serial port"
+        raise BagError(f"{path}: {_ROS2 if is_bag(path) else other}")
     try:
         with path.open("rb") as file:
             head = file.read(_HEAD)

@@ -37,7 +37,7 @@ class ImportSink:
         self.interpreter = Interpreter(config)
         self.written: dict[str, Written] = {}
         self._writer = writer
-        self._messages = Messages(Cdr().types)
+        self._messages = Messages(Cdr().types, config.frame_ids)
         self._names = {topic: resolved(topic, namespace) for topic in TOPIC_TYPES}
         self._waiting: list[tuple[int, int, str, Any]] = []
         self._number = 0

@@ -13,6 +13,7 @@ import cv2
 from tirgeo_ros.core.accuracy.ground_errors import rms
 from tirgeo_ros.core.types.errors import BagError, GraphError
 from tirgeo_ros.io.bags.bag import BagReader
+from tirgeo_ros.io.files.text_file import named_files
 from tirgeo_ros.io.files.whole_files import check_outputs, write_files
 from tirgeo_ros.io.maps import map_files
 from tirgeo_ros.io.surveys.survey import load_survey
@@ -81,8 +82,8 @@ def demo_setup(
 ) -> GraphSetup:
     """Return what to run: the sample flight by default, with the files beside the bag.
 
-    Raise BagError if the sample is not installed, and GraphError if an output would overwrite an
-    input.
+    Raise BagError if the sample is not installed, and GraphError if a map does not exist or an
+    output would overwrite an input.
     """
     bag = bag or find_resource(f"{SAMPLE}/flight.mcap")
     if bag is None:
@@ -90,6 +91,9 @@ def demo_setup(
     names = ("params.yaml", "map.geojson", "truth.mcap", TARGETS)
     beside = {name: path for name in names if (path := bag.with_name(name)).is_file()}
     params, map_file = params or beside.get("params.yaml"), map_file or beside.get("map.geojson")
+    for name in named_files(str(map_file or "")):
+        if not Path(name).exists():
+            raise GraphError(f"{name}: there is no such map; check its name")
     files = (*node_configs(params).files, *map_files(str(map_file or "")))
     outputs = [folder / name for name in _NAMES]
     check_outputs((bag, *beside.values(), params, *files), outputs, GraphError)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from itertools import islice
 from typing import Any
 
@@ -16,7 +16,7 @@ import cv2
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.ground_point import Located
-from tirgeo_ros.core.overlay.overlay import Overlay
+from tirgeo_ros.core.overlay.overlay import Overlay, OverlayResult
 from tirgeo_ros.core.streams.arrival_stamps import Arrivals
 from tirgeo_ros.core.streams.rates import RateLimit
 from tirgeo_ros.core.types.errors import MessageError, TirgeoError
@@ -28,11 +28,11 @@ from tirgeo_ros.tools.presentation.video import VideoFile
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
 from tirgeo_ros.tools.replay.flight_topics import CAMERA_INFO, prefix, resolved
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs
+from tirgeo_ros.tools.replay.pose_outputs import PoseOutputs
 from tirgeo_ros.tools.replay.registration import SAMPLES, Registered, Registration
 
 DIAGNOSTICS_PERIOD_NS = 1_000_000_000
-#: Messages that are decoded together, and poses that are written together: work of one kind in a
-#: row uses the processor's caches better.
+#: Messages that are decoded together: work of one kind in a row uses the caches better.
 _BLOCK = 32
 #: Of the messages that only the checks want, every tenth is decoded: 5 a second at 50 Hz.
 _LOOKED_AT = 10
@@ -67,16 +67,16 @@ class Pipeline:
         self.states_s: Counter[str] = Counter()
         self.arrivals = Arrivals()
         self.duration_s = 0.0  # from the first to the newest message
-        self._fix_rate = RateLimit(configs.ekf.fix_rate_hz)
+        self._footprint_rate = RateLimit(configs.overlay.footprint_rate_hz)
         self._jpeg_quality, self._raw_images = configs.overlay.jpeg_quality, raw_images
         self._checks = checks
         self._cdr = Cdr()
-        self._messages = Messages(self._cdr.types)
+        self._messages = Messages(self._cdr.types, configs.ekf.frame_ids)
+        self._poses = PoseOutputs(configs, self._messages, self._write_one)
         self._writer, self._film = writer, film
         self._prefix = prefix(namespace)
         self._names = {topic: resolved(topic, namespace) for topic in TOPIC_TYPES}
         self._plane: TangentPlane | None = None
-        self._unwritten: list[tuple[Registered, int]] = []  # with log times
         self._diagnosed_ns: int | None = None
         self._unwanted = 0
 
@@ -161,11 +161,12 @@ class Pipeline:
         if self.overlay is not None:
             for deadline_ns in self.overlay.deadlines_ns:
                 self._draw(log_time_ns, deadline_ns)
+        self._poses.finish(log_time_ns)
         self._publish_diagnostics(log_time_ns)
 
     def _write(self, topic: str, message: object, log_time_ns: int) -> None:
         """Write an output under its resolved name, after all poses, which are older."""
-        self._write_poses()
+        self._poses.flush()
         self._write_one(topic, message, log_time_ns)
 
     def _write_one(self, topic: str, message: object, log_time_ns: int) -> None:
@@ -190,32 +191,11 @@ class Pipeline:
         for pose in found.cameras:
             if self.overlay is not None:
                 self.overlay.add_pose(pose)
-        self._unwritten.append((found, log_time_ns))
-        if len(self._unwritten) >= _BLOCK:
-            self._write_poses()
-
-    def _write_poses(self) -> None:
-        """Write the poses that wait; each block is converted as a whole, then written."""
-        unwritten, self._unwritten = self._unwritten, []
-        made = [
-            (topic, message, log_time_ns)
-            for found, log_time_ns in unwritten
-            for topic, message in self._pose_messages(found)
-        ]
-        for topic, message, log_time_ns in made:
-            self._write_one(topic, message, log_time_ns)
-
-    def _pose_messages(self, found: Registered) -> Iterator[tuple[str, object]]:
-        if found.solution is not None and found.body is not None:
-            yield "tirgeo/odometry", self._messages.odometry(found.solution, found.body)
-            if self._fix_rate.due(found.solution.stamp_ns):
-                yield "tirgeo/fix", self._messages.fix(found.solution)
-        for pose in found.cameras:
-            yield "tirgeo/camera_pose", self._messages.camera_pose(pose)
+        self._poses.add(found, self.registration.composer.body_at, log_time_ns)
 
     def _new_plane(self, plane: TangentPlane, stamp_ns: int, log_time_ns: int) -> None:
         self._plane = plane
-        self._write("tirgeo/origin", self._messages.origin(plane, stamp_ns), log_time_ns)
+        self._poses.new_plane(plane, stamp_ns, log_time_ns)
         if self.overlay is not None:
             self.overlay.set_plane(plane)
             if self.overlay.laid is not None:
@@ -249,6 +229,17 @@ class Pipeline:
         if self._raw_images:
             raw = self._messages.image(result.stamp_ns, result.image)
             self._write("tirgeo/overlay/image", raw, log_time_ns)
+        self._write_geometry(result, log_time_ns)
+
+    def _write_geometry(self, result: OverlayResult, log_time_ns: int) -> None:
+        """Write a picture's calibration, and its footprint if that is due."""
+        if result.camera is not None:
+            info = self._messages.camera_info(result.camera, result.stamp_ns)
+            self._write("tirgeo/overlay/camera_info", info, log_time_ns)
+        if self.overlay is not None and self._footprint_rate.due(result.stamp_ns):
+            outline_n = self.overlay.footprint(result.pose)
+            made = self._messages.footprint(result.stamp_ns, outline_n)
+            self._write("tirgeo/footprint", made, log_time_ns)
 
     def _publish_diagnostics(self, log_time_ns: int) -> None:
         status = self.registration.navigation.status()

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.config.schema import config_from, values_of
+from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.text_file import named_files
 from tirgeo_ros.io.files.whole_files import PathLike
@@ -76,4 +77,9 @@ def node_configs(
         )
     if camera is not None:
         overlay = replace(overlay, camera=os.fspath(camera))
+    if not ekf.frame_ids == gimbal.frame_ids == overlay.frame_ids:
+        raise ConfigError(
+            "the nodes name their frames differently: set map_frame, base_link_frame, "
+            "camera_frame and frame_prefix once, under /**"
+        )
     return NodeConfigs(ekf, gimbal, overlay, frozenset(given))

@@ -15,11 +15,11 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from tirgeo_ros.tools.cli._verb import NAMESPACE, NEEDED, WINDOW, WORD, call
+from tirgeo_ros.tools.cli._verb import ANY_BAG, NAMESPACE, NEEDED, WINDOW, WORD, call
 
 _TOPIC_HELP = "of sensor_msgs/Imu (default: %(default)s)"
 OPTIONS = (
-    ("bag", "IN.mcap", "the record at rest"),
+    ("bag", "BAG", f"the record at rest: {ANY_BAG}"),
     ("-o --output", "YAML", "the parameters", NEEDED),
     ("--topic", "TOPIC", _TOPIC_HELP, WORD | {"default": "imu/data"}),
     *NAMESPACE,

@@ -1,0 +1,229 @@
+"""Folders, databases and compressed files that are incomplete: read as far as they go, or said."""
+
+from __future__ import annotations
+
+import random
+import sqlite3
+import tempfile
+from collections import Counter
+from contextlib import closing
+from types import SimpleNamespace
+
+import pytest
+import zstandard
+from recorded_bags import (
+    MESSAGES,
+    THIRDS,
+    compressed,
+    record,
+    write_mcap,
+    write_metadata,
+    write_sqlite,
+)
+
+from tirgeo_ros.core.types.errors import BagError
+from tirgeo_ros.io.bags import opened_file
+from tirgeo_ros.io.bags.bag import BagReader
+
+
+@pytest.fixture(autouse=True)
+def scratch(tmp_path_factory, monkeypatch):
+    """The folder for temporary files, which every reader leaves empty."""
+    folder = tmp_path_factory.mktemp("scratch")
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    yield folder
+    assert list(folder.iterdir()) == []
+
+
+def read(path):
+    reader = BagReader(path)
+    return list(reader.messages()), reader.damage
+
+
+# a part is lost
+
+
+def test_a_file_that_is_absent(tmp_path):
+    folder = record(tmp_path / "bag", THIRDS)
+    (folder / "bag_1.mcap").unlink()
+    found, damage = read(folder)
+    assert found == THIRDS[0] + THIRDS[2]
+    assert damage == "bag_1.mcap, named in metadata.yaml, is absent; 200 messages were read"
+
+
+def test_an_empty_last_file(tmp_path):
+    folder = record(tmp_path / "bag", THIRDS, metadata=False)
+    (folder / "bag_2.mcap").write_bytes(b"")
+    found, damage = read(folder)
+    assert found == THIRDS[0] + THIRDS[1]
+    assert damage == "bag_2.mcap: the file is empty; 200 messages were read"
+
+
+@pytest.mark.parametrize("text", ["", "a: [", "rosbag2_bagfile_information: {}", "- 1"])
+def test_metadata_that_say_nothing(tmp_path, text):
+    folder = record(tmp_path / "bag", THIRDS)
+    (folder / "metadata.yaml").write_text(text)
+    found, damage = read(folder)
+    assert found == MESSAGES
+    assert damage == "metadata.yaml is damaged; 300 messages were read"
+
+
+@pytest.mark.parametrize("mode", ["", "file"])
+def test_a_cut_file_among_others(tmp_path, mode):
+    folder = record(tmp_path / "bag", THIRDS, "mcap", mode)
+    (middle,) = folder.glob("bag_1.*")
+    data = middle.read_bytes()
+    middle.write_bytes(data[: len(data) // 2])
+    found, damage = read(folder)
+    assert found == [one for one in MESSAGES if one in found]
+    assert 200 <= len(found) < 300
+    assert damage.startswith(f"{middle.name}: ")
+    assert damage.endswith(f"; {len(found)} messages were read")
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_a_message_whose_compression_is_damaged(tmp_path, storage):
+    parts = [[one._replace(data=zstandard.compress(one.data)) for one in MESSAGES]]
+    parts[0][5] = parts[0][5]._replace(data=parts[0][5].data[:-9])
+    found, damage = read(record(tmp_path / "bag", parts, storage))
+    assert found == MESSAGES[:5] + MESSAGES[6:]
+    assert "a message" in damage
+    assert "is cut off or damaged; 299 messages were read" in damage
+
+
+@pytest.mark.parametrize("name", ["a.db3", "a.db3.zstd", "a.mcap.zstd"])
+def test_no_damage_raises_anything_else(tmp_path, name):
+    """Many random hits and cuts: messages with damage told, or one line.
+
+    What is in a message can be wrong: neither SQLite nor rosbag2's compression has checksums.
+    """
+    path = tmp_path / name.removesuffix(".zstd")
+    (write_mcap if ".mcap" in name else write_sqlite)(path, MESSAGES * 3)
+    path = compressed(path) if name.endswith(".zstd") else path
+    whole, rng, told = path.read_bytes(), random.Random(5), Counter()
+    for _ in range(150):
+        data = bytearray(whole)
+        at, size = rng.randrange(16, len(data)), rng.choice([1, 8, 200, 4096])
+        data[at : at + size] = rng.randbytes(size)
+        path.write_bytes(data if rng.random() < 0.7 else data[: rng.randrange(20, len(data))])
+        try:
+            found, damage = read(path)
+        except BagError as error:
+            told["refused" if "\n" not in str(error) else "several lines"] += 1
+        else:
+            told["all" if damage is None else "a part"] += 1
+            assert all(isinstance(one.log_time_ns, int) for one in found)
+    assert {"refused", "a part"} <= told.keys() <= {"refused", "a part", "all"}
+
+
+def test_a_row_without_time_or_data(tmp_path):
+    path = tmp_path / "a.db3"
+    write_sqlite(path, MESSAGES)
+    with closing(sqlite3.connect(path)) as base, base:
+        base.execute("UPDATE messages SET data = 5000000000 WHERE id = 8")
+        base.execute("UPDATE messages SET timestamp = 'late' WHERE id = 300")
+    found, damage = read(path)
+    assert found == MESSAGES[:7] + MESSAGES[8:299]
+    assert damage == "a message has no time or no data; 298 messages were read"
+
+
+# refused
+
+
+def cut_database(folder):
+    path = folder / "a.db3"
+    write_sqlite(path, MESSAGES * 10)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size * 2 // 3])
+    return path
+
+
+def another_database(folder):
+    with closing(sqlite3.connect(folder / "a.db3")) as base, base:
+        base.execute("CREATE TABLE points(id INTEGER PRIMARY KEY)")
+    return folder / "a.db3"
+
+
+def in_another_form(folder):
+    write_sqlite(folder / "a.db3", MESSAGES, "json")
+    return folder / "a.db3"
+
+
+def without_messages(folder):
+    write_sqlite(folder / "a.db3", [])
+    return folder / "a.db3"
+
+
+def cut_compression(folder):
+    write_sqlite(folder / "a.db3", MESSAGES)
+    path = compressed(folder / "a.db3")
+    path.write_bytes(path.read_bytes()[:40])
+    return path
+
+
+def two_recordings(folder):
+    for name in ("first_0", "first_1", "other_0"):
+        write_mcap(folder / f"{name}.mcap", MESSAGES)
+    return folder
+
+
+def all_absent(folder):
+    write_metadata(folder, ["bag_0.mcap", "bag_1.mcap"])
+    return folder
+
+
+def a_name_that_no_file_can_have(folder):
+    write_metadata(folder, ["x" * 300])
+    return folder
+
+
+def unknown_storage(folder):
+    write_metadata(folder, ["bag_0.dat"], "of_my_own")
+    return folder
+
+
+def unknown_compression(folder):
+    write_metadata(folder, ["bag_0.mcap.lz4"], mode="file", form="lz4")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda folder: folder, "{}: no bag in this folder: no .mcap and no .db3 file"),
+        (lambda folder: folder / "a.mcap", "{}/a.mcap: cannot be read: No such file"),
+        (two_recordings, "{}: 2 recordings without a metadata.yaml (first, other): give one"),
+        (all_absent, "{}: bag_0.mcap, named in metadata.yaml, is absent; bag_1.mcap, named in"),
+        (unknown_storage, "{}/metadata.yaml: storage 'of_my_own' is not known (mcap, sqlite3"),
+        (unknown_compression, "{}/metadata.yaml: compression 'lz4' is not known (zstd is)"),
+        (a_name_that_no_file_can_have, "{}: cannot be read: File name too long"),
+        (cut_database, "{}/a.db3: the database is cut off or damaged (database disk image is"),
+        (another_database, "{}/a.db3: a SQLite database, but not of rosbag2"),
+        (without_messages, "{}/a.db3: no message can be read; it has none"),
+        (in_another_form, "{}/a.db3: topic /a is encoded as json; record it with ROS 2 (cdr)"),
+        (cut_compression, "{}/a.db3.zstd: the compressed file is cut off or damaged: nothing"),
+    ],
+)
+def test_one_clear_line(tmp_path, make, said):
+    path = make(tmp_path)
+    with pytest.raises(BagError) as told:
+        read(path)
+    assert str(told.value).startswith(said.format(tmp_path))
+    assert "\n" not in str(told.value)
+
+
+def test_a_file_that_unpacks_to_far_more(tmp_path, monkeypatch):
+    monkeypatch.setattr(opened_file, "_ANYWAY", 1 << 20)
+    path = tmp_path / "a.mcap.zstd"
+    path.write_bytes(zstandard.compress(bytes(32 << 20)))
+    with pytest.raises(BagError, match=r"a\.mcap\.zstd: unpacks to more than 1000 times its size"):
+        BagReader(path)
+
+
+def test_a_disk_that_is_full(tmp_path, scratch, monkeypatch):
+    write_mcap(tmp_path / "a.mcap", MESSAGES)
+    path = compressed(tmp_path / "a.mcap")
+    full = SimpleNamespace(free=opened_file._RESERVE + 1000)
+    monkeypatch.setattr(opened_file.shutil, "disk_usage", lambda _: full)
+    said = rf"{path}: cannot be unpacked to {scratch}: only 0 MiB are free there; set TMPDIR to"
+    with pytest.raises(BagError, match=said):
+        BagReader(path)

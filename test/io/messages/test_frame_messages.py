@@ -1,0 +1,115 @@
+"""Transforms, outlines and tracks as messages: against rotations by SciPy, and their frames."""
+
+from __future__ import annotations
+
+import message_samples as given
+import numpy as np
+import pytest
+from message_round_trips import cdr, made, through_cdr
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial.transform import Rotation
+from transform_chains import Chains, rigid
+
+from tirgeo_ros.core.config import AircraftConfig, FramesConfig
+from tirgeo_ros.io.messages import Messages, sensed
+
+#: Some ten products of numbers of order 30.
+ROUNDING = 1e-13
+AIRCRAFT = AircraftConfig(
+    imu_m=(0.5, 0.25, -0.125),
+    imu_rpy_deg=(0.0, 0.0, 90.0),
+    rtk_antenna_m=(1.0, 2.0, 3.0),
+    second_antenna_m=(1.0, -2.0, 3.0),
+    gps_antenna_m=(4.0, 5.0, 6.0),
+    gimbal_pivot_m=(0.25, 0.0, -0.5),
+)
+
+
+def test_the_chain_of_transforms_is_the_camera_pose():
+    body = made.body_transform(given.BODY)
+    camera = made.camera_transform(given.BODY, given.CAMERA_POSE)
+    chains = Chains([through_cdr(made.tf([body])), through_cdr(made.tf([camera]))])
+    pose = made.camera_pose(given.CAMERA_POSE).pose.pose
+    wanted = rigid(pose.position, pose.orientation)
+    found = chains.pose("tir_optical_frame", given.STAMP_NS)
+    assert_allclose(found, wanted, rtol=0, atol=ROUNDING)
+    odometry = made.odometry(given.SOLUTION, given.BODY).pose.pose
+    assert_array_equal(
+        rigid(odometry.position, odometry.orientation),
+        rigid(body.transform.translation, body.transform.rotation),
+    )
+
+
+def test_what_is_fixed_is_where_the_aircraft_block_has_it():
+    found = made.fixed_transforms(AIRCRAFT, given.STAMP_NS)
+    chains = Chains([through_cdr(made.tf(found))])
+    assert set(chains.parents.values()) == {"base_link"}
+    places = {
+        "rtk_antenna": (0.5, 1.75, 3.125),
+        "second_antenna": (0.5, -2.25, 3.125),
+        "gps_antenna": (3.5, 4.75, 6.125),
+        "gimbal_pivot": (-0.25, -0.25, -0.375),
+        "imu_link": (0.0, 0.0, 0.0),
+    }
+    assert set(chains.parents) == set(places)
+    for name, place in places.items():
+        pose = chains.pose(name, given.STAMP_NS)
+        assert_array_equal(pose[:3, 3], place)
+        if name != "imu_link":
+            assert_array_equal(pose[:3, :3], np.eye(3))
+    # Turned by 90 deg about up, the IMU's forward axis points to the aircraft's left.
+    assert_allclose(chains.pose("imu_link", given.STAMP_NS)[:3, 0], [0, 1, 0], atol=1e-15)
+    alone = Chains([made.tf(made.fixed_transforms(AircraftConfig(), 0))])
+    assert "second_antenna" not in alone.parents
+
+
+@pytest.mark.parametrize("rpy_deg", [(10.0, 0.0, 0.0), (0.0, 20.0, 0.0), (10.0, -20.0, 30.0)])
+def test_the_imu_is_turned_as_the_block_says(rpy_deg):
+    """Roll, pitch, yaw about forward, left, up, applied yaw first."""
+    aircraft = AircraftConfig(imu_rpy_deg=rpy_deg)
+    pose = Chains([made.tf(made.fixed_transforms(aircraft, 0))]).pose("imu_link", 0)
+    wanted = Rotation.from_euler("ZYX", rpy_deg[::-1], degrees=True).as_matrix()
+    assert_allclose(pose[:3, :3], wanted, atol=1e-15)
+
+
+def test_outline_and_track_are_in_the_map():
+    outline_n = np.array([[1.0, 2.0, -3.0], [4.0, 5.0, -6.0]])
+    footprint = through_cdr(made.footprint(given.STAMP_NS, outline_n))
+    points = [(p.x, p.y, p.z) for p in footprint.polygon.points]
+    assert points == [(2.0, 1.0, 3.0), (5.0, 4.0, 6.0)]
+    path = through_cdr(made.path(7, [made.track_point(given.BODY)]))
+    place = path.poses[0].pose.position
+    assert (place.x, place.y, place.z) == (-20.0, 10.0, 30.0)
+    assert (footprint.header.frame_id, path.header.frame_id) == ("map", "map")
+    assert through_cdr(made.footprint(0, np.empty((0, 3)))).polygon.points == []
+
+
+def ids_of(message) -> set[str]:
+    """Every frame id that stands anywhere in a message."""
+    found = set()
+    for name in message.__dataclass_fields__:
+        value = getattr(message, name)
+        if name in ("frame_id", "child_frame_id"):
+            found.add(value)
+        for each in value if isinstance(value, list) else [value]:
+            if hasattr(each, "__dataclass_fields__"):
+                found |= ids_of(each)
+    return found
+
+
+def test_every_message_has_the_prefix():
+    config = FramesConfig("field", "body", "eye", "uav1/")
+    named = Messages(cdr.types, config.frame_ids)
+    samples = (given.IMU, given.POSITION, given.VELOCITY, given.HEADING, given.JOINTS)
+    messages = [sensed(named, one)[1] for one in (*samples, given.CAMERA_ATTITUDE)]
+    without = ("position", "velocity", "clock", "diagnostics")  # given there, or none
+    makers = {name: make for name, (_, make) in given.EVERY_MESSAGE.items() if name not in without}
+    messages += [make(named) for make in makers.values()]
+    messages += [named.tf(named.fixed_transforms(AIRCRAFT, 0))]
+    found = set().union(*map(ids_of, messages))
+    assert found == {
+        *("uav1/field", "uav1/body", "uav1/eye", "uav1/imu_link", "uav1/gimbal_pivot"),
+        *("uav1/rtk_antenna", "uav1/second_antenna", "uav1/gps_antenna"),
+    }
+    assert named.odometry(given.SOLUTION, given.BODY).child_frame_id == "uav1/body"
+    assert named.image(0, np.zeros((2, 2), np.uint8)).header.frame_id == "uav1/eye"

@@ -1,0 +1,136 @@
+"""Frames over DDS: transforms, the track, the picture's calibration and its footprint."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
+
+from geometry_msgs.msg import PolygonStamped, PoseWithCovarianceStamped
+from graph_helpers import KeptLog, await_words
+from nav_msgs.msg import Odometry, Path
+from overlay_flight import Flight, write_map
+from overlays import SQUARE_N, pose_at
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import CameraInfo, Image
+from tf_messages import TFMessage, with_tf
+from transform_chains import Chains, rigid
+
+from tirgeo_ros.core.camera.camera_model import XT2
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.frames.rotations import matrix_from_quat
+from tirgeo_ros.core.types.errors import ConfigError
+from tirgeo_ros.io.messages import camera, stamp_ns
+from tirgeo_ros.nodes import transforms
+
+PREFIX = ("-p", "frame_prefix:=uav1/")
+INPUTS = "imu/data,rtk/fix,rtk/vel,rtk/heading,gimbal/joint_states"
+
+
+@pytest.mark.graph
+def test_through_tf_the_camera_is_at_its_pose(spawn, meet, flight_bag, environment):
+    words, tf = ("-p", "use_sim_time:=true", *PREFIX), with_tf(environment)
+    nodes = [spawn(name, *words, **tf) for name in ("ekf_node", "gimbal_node")]
+    observer = meet(
+        **{"/tf": TFMessage, "tirgeo/camera_pose": PoseWithCovarianceStamped},
+        **{"tirgeo/odometry": Odometry, "tirgeo/path": Path},
+    )
+    observer.spin_until(lambda: observer.node.count_publishers("/tf") == 2)
+    parameters = (f"bag:={flight_bag}", f"wait_for:={INPUTS}", "rate:=0.5")
+    player = spawn("bag_player", *(word for each in parameters for word in ("-p", each)))
+    got = observer.received
+    observer.spin_until(lambda: player.poll() is not None and got["tirgeo/path"])
+    chains = Chains(got["/tf"])
+    whole = [one for one in got["tirgeo/camera_pose"] if is_whole(chains, stamp_ns(one))]
+    assert len(whole) > 20
+    for one in whole:
+        wanted = rigid(one.pose.pose.position, one.pose.pose.orientation)
+        found = chains.pose("uav1/tir_optical_frame", stamp_ns(one))
+        np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-10)  # roundings, at some 100 m
+        assert one.header.frame_id == "uav1/map"
+    odometry, path = got["tirgeo/odometry"][0], got["tirgeo/path"][-1]
+    ids = odometry.header.frame_id, odometry.child_frame_id, path.header.frame_id
+    assert ids == ("uav1/map", "uav1/base_link", "uav1/map")
+    assert stamp_ns(path.poses[-1]) == stamp_ns(path)
+    late, latched = [], QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    observer.node.create_subscription(TFMessage, "/tf_static", late.append, latched)
+    observer.spin_until(lambda: late)
+    assert {one.header.frame_id for one in late[0].transforms} == {"uav1/base_link"}
+    assert "uav1/imu_link" in {one.child_frame_id for one in late[0].transforms}
+    for node in nodes:
+        node.check_running()
+
+
+def is_whole(chains: Chains, stamp: int) -> bool:
+    """Whether no transform of a camera pose is lost; the filter gives 100 a second."""
+    around_ns = chains.gap_ns("uav1/base_link", stamp)
+    return chains.has("uav1/tir_optical_frame", stamp) and around_ns < 15_000_000
+
+
+@pytest.mark.graph
+def test_a_rectified_picture_has_its_calibration_and_its_footprint(spawn, meet, tmp_path):
+    write_map(tmp_path / "map.geojson", SQUARE_N)
+    given = (f"map:={tmp_path}/map.geojson", "ground_height_m:=25.0", "rectify:=true")
+    node = spawn("overlay_node", *PREFIX, *(word for each in given for word in ("-p", each)))
+    await_words(node, "ready")
+    topics = {
+        "tirgeo/overlay/image": Image,
+        "tirgeo/overlay/camera_info": CameraInfo,
+        "tirgeo/footprint": PolygonStamped,
+    }
+    flown = Flight(meet(**topics))
+    flown.shown()
+    got = flown.stranger.received
+
+    def all_came() -> bool:
+        outlines = got["tirgeo/footprint"]
+        return bool(outlines and outlines[-1].polygon.points and paired(got))
+
+    flown.until(all_came)
+    info, picture = paired(got)[-1]
+    assert info.header == picture.header
+    assert picture.header.frame_id == "uav1/tir_optical_frame"
+    found = camera(info)
+    assert (found.fx, found.fy, found.cx, found.cy) == (XT2.fx, XT2.fy, XT2.cx, XT2.cy)
+    assert not any(info.d)
+    outline = got["tirgeo/footprint"][-1]
+    assert outline.header.frame_id == "uav1/map"
+    points = np.array([(p.x, p.y, p.z) for p in outline.polygon.points])
+    # Float32, and the Earth's bend over the 100 m to the upper edge: 1 mm.
+    np.testing.assert_allclose(points[:: len(points) // 4], corners_enu(), atol=5e-3)
+    node.check_running()
+
+
+def paired(got) -> list[tuple[CameraInfo, Image]]:
+    """The calibrations and pictures of one stamp."""
+    infos = {stamp_ns(one): one for one in got["tirgeo/overlay/camera_info"]}
+    pictures = got["tirgeo/overlay/image"]
+    return [(infos[stamp_ns(one)], one) for one in pictures if stamp_ns(one) in infos]
+
+
+def corners_enu() -> np.ndarray:
+    """The corners of a picture without distortion, on the plane 20 m below the camera."""
+    pose, corners = pose_at(0), [(-0.5, -0.5), (639.5, -0.5), (639.5, 511.5), (-0.5, 511.5)]
+    rays = [[(u - XT2.cx) / XT2.fx, (v - XT2.cy) / XT2.fy, 1.0] for u, v in corners]
+    rays_n = np.array(rays) @ matrix_from_quat(pose.q_nc).T
+    points_n = pose.position_n - pose.position_n[2] / rays_n[:, 2:] * rays_n
+    return points_n[:, [1, 0, 2]] * [1, 1, -1]
+
+
+def test_without_tf2_msgs_it_is_said_once_and_nothing_is_published(monkeypatch):
+    def absent(typename):
+        raise ConfigError(f"message type {typename} is not installed")
+
+    monkeypatch.setattr(transforms, "message_class", absent)
+    node = KeptLog()
+    made = transforms.Transforms(node, EkfConfig())
+    made.fixed(EkfConfig().aircraft)
+    made.body(None)
+    made.camera(None, math.nan)
+    assert node.lines == [("info", "no /tf: tf2_msgs is not installed (apt: ros-jazzy-tf2-msgs)")]
+    quiet = KeptLog()
+    transforms.Transforms(quiet, EkfConfig(publish_tf=False))
+    assert quiet.lines == []

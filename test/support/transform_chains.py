@@ -1,0 +1,65 @@
+"""Look transforms up as tf2 does: interpolated in time, chained to the root, by SciPy alone."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections import defaultdict
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from tirgeo_ros.io.messages import stamp_ns
+
+
+def rigid(xyz, q) -> np.ndarray:
+    """(4, 4) of a translation and a rotation as messages have them."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix()
+    matrix[:3, 3] = xyz.x, xyz.y, xyz.z
+    return matrix
+
+
+class Chains:
+    """The newest of each stamp of all transforms; ``parents`` has each frame's one parent."""
+
+    def __init__(self, messages) -> None:
+        self.parents: dict[str, str] = {}
+        self._poses: dict[str, dict[int, np.ndarray]] = defaultdict(dict)
+        for message in messages:
+            for one in message.transforms:
+                child, parent = one.child_frame_id, one.header.frame_id
+                assert self.parents.setdefault(child, parent) == parent, f"{child} has two parents"
+                pose = rigid(one.transform.translation, one.transform.rotation)
+                self._poses[child][stamp_ns(one)] = pose
+
+    def has(self, child: str, stamp: int) -> bool:
+        """Whether there is a transform of this very stamp."""
+        return stamp in self._poses[child]
+
+    def gap_ns(self, child: str, stamp: int) -> float:
+        """The time between the transforms around a stamp; infinite outside."""
+        stamps = sorted(self._poses[child])
+        after = bisect_left(stamps, stamp)
+        if after == len(stamps) or (after == 0 and stamps[0] != stamp):
+            return np.inf
+        return 0 if stamps[after] == stamp else stamps[after] - stamps[after - 1]
+
+    def pose(self, child: str, stamp: int) -> np.ndarray:
+        """(4, 4) of a frame in the root of its tree."""
+        parent = self.parents[child]
+        own = self._between(self._poses[child], stamp)
+        return self.pose(parent, stamp) @ own if parent in self.parents else own
+
+    @staticmethod
+    def _between(poses: dict[int, np.ndarray], stamp: int) -> np.ndarray:
+        if stamp in poses:
+            return poses[stamp]
+        stamps = sorted(poses)
+        after = bisect_left(stamps, stamp)
+        start, end = stamps[after - 1], stamps[after]
+        share, two = (stamp - start) / (end - start), [poses[start], poses[end]]
+        found = np.eye(4)
+        turns = Rotation.from_matrix([pose[:3, :3] for pose in two])
+        found[:3, :3] = Slerp([0, 1], turns)(share).as_matrix()
+        found[:3, 3] = two[0][:3, 3] + share * (two[1][:3, 3] - two[0][:3, 3])
+        return found

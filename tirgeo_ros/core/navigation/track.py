@@ -1,0 +1,57 @@
+"""Keep the track of a whole flight in few points."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+from tirgeo_ros.core.types.poses import BodyPose
+
+T = TypeVar("T")
+
+#: The track is sent whole each time: with more points it would hold up the filter.
+MOST_POINTS = 1000
+_FIRST_SPACING_M = 1.0
+
+
+class Track(Generic[T]):
+    """Keep points of a track, each made once from a pose by ``point_of``.
+
+    Two points are a metre apart or more. When there are ``MOST_POINTS``, every second one is
+    dropped and the spacing doubles, so the whole flight stays.
+    """
+
+    def __init__(self, point_of: Callable[[BodyPose], T]) -> None:
+        self._point_of = point_of
+        self.clear()
+
+    def clear(self) -> None:
+        """Begin a new track."""
+        self._points: list[T] = []
+        self._spacing_m = _FIRST_SPACING_M
+        self._last: BodyPose | None = None  # the pose of the last point
+        self._newest: BodyPose | None = None
+
+    def add(self, body: BodyPose) -> None:
+        """Add a pose; one with an earlier stamp than the last begins a new track."""
+        if self._newest is not None and body.stamp_ns < self._newest.stamp_ns:
+            self.clear()
+        self._newest = body
+        if self._last is not None and self._apart_m(self._last, body) < self._spacing_m:
+            return
+        if len(self._points) == MOST_POINTS:
+            del self._points[1::2]
+            self._spacing_m *= 2
+        self._points.append(self._point_of(body))
+        self._last = body
+
+    def points(self) -> list[T]:
+        """Return the points in order of time; the last one is where the aircraft is now."""
+        if self._newest is None or self._newest is self._last:
+            return list(self._points)
+        return [*self._points, self._point_of(self._newest)]
+
+    @staticmethod
+    def _apart_m(one: BodyPose, other: BodyPose) -> float:
+        return math.dist(one.position_n.tolist(), other.position_n.tolist())

@@ -1,0 +1,114 @@
+"""Write bags: one MCAP file of profile ``ros2``, ``ros2msg`` schemas, CDR messages."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any, final
+
+from mcap.writer import CompressionType, Writer
+
+from tirgeo_ros import __version__
+from tirgeo_ros.core.types.errors import BagError
+from tirgeo_ros.io.bags.cdr import Cdr
+from tirgeo_ros.io.files.whole_files import PathLike, check_place, part_of
+from tirgeo_ros.io.messages.offered_qos import offered_qos
+
+#: What rosbag2 writes when it opens a file. It reads the version, by which it takes the topics'
+#: QoS as words, not numbers; counts and times come from the summary at the end of the file.
+_METADATA = """\
+version: 9
+storage_identifier: mcap
+duration:
+  nanoseconds: 0
+starting_time:
+  nanoseconds_since_epoch: 0
+message_count: 0
+topics_with_message_count:
+  []
+compression_format: ""
+compression_mode: ""
+relative_file_paths:
+  []
+files:
+  []
+ros_distro: ""
+custom_data: ~"""
+
+
+@final
+class BagWriter:
+    """Write a bag; a context manager.
+
+    The file appears under its name when the context ends without an error; on an error nothing is
+    left behind. The same calls give the same bytes. Each topic has the QoS of its publisher with
+    it, so that ``ros2 bag play`` offers the same. Raises BagError if it cannot be written.
+    """
+
+    def __init__(self, path: PathLike) -> None:
+        self.path = Path(path)
+        self._cdr = Cdr()
+        self._channels: dict[str, tuple[int, str]] = {}
+        self._schemas: dict[str, int] = {}
+        self._part = part_of(self.path)
+        self._file: IO[bytes]
+        self._writer: Writer
+
+    def __enter__(self) -> BagWriter:
+        """Open a temporary file beside the future bag."""
+        check_place(self.path, BagError)
+        with self._errors():
+            self._file = self._part.open("wb")
+            self._writer = Writer(self._file, compression=CompressionType.ZSTD)
+            self._writer.start("ros2", f"tirgeo {__version__}")
+            self._writer.add_metadata("rosbag2", {"serialized_metadata": _METADATA})
+        return self
+
+    def write(self, topic: str, typename: str, message: Any, log_time_ns: int) -> None:
+        """Append a message, an object or its CDR bytes, to a topic (``/imu/data``)."""
+        number, first = self._channels.get(topic) or self._channel(topic, typename)
+        if first != typename:
+            raise BagError(f"{self.path}: topic {topic} is {first} and cannot be {typename} too")
+        ready = isinstance(message, bytes)
+        data = message if ready else self._cdr.serialize(message, typename)
+        try:
+            self._writer.add_message(number, log_time_ns, data, log_time_ns)
+        except OSError as error:
+            raise self._error(error) from None
+
+    def _channel(self, topic: str, typename: str) -> tuple[int, str]:
+        schema = self._schema(typename)
+        number = self._writer.register_channel(
+            topic, "cdr", schema, {"offered_qos_profiles": offered_qos(topic).text}
+        )
+        self._channels[topic] = (number, typename)
+        return number, typename
+
+    def _schema(self, typename: str) -> int:
+        if typename not in self._schemas:
+            text = self._cdr.definition(typename).encode()
+            self._schemas[typename] = self._writer.register_schema(typename, "ros2msg", text)
+        return self._schemas[typename]
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        """Finish the file and rename it, or remove it after an error."""
+        try:
+            with self._errors(), self._file:
+                if kind is None:
+                    self._writer.finish()  # type: ignore[no-untyped-call]
+            if kind is None:
+                with self._errors():
+                    self._part.replace(self.path)
+        finally:
+            self._part.unlink(missing_ok=True)
+
+    @contextmanager
+    def _errors(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise self._error(error) from None
+
+    def _error(self, error: OSError) -> BagError:
+        return BagError(f"{self.path}: cannot be written: {error.strerror or error}")

@@ -1,0 +1,57 @@
+"""Define what a bag's files have in common: messages, and what to ask a file for."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+import zstandard
+
+from tirgeo_ros.io.files.bounded_unpacking import unpacked
+
+#: Begins a message that rosbag2 compressed by itself, and a compressed file. No CDR begins so.
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+
+
+class BagMessage(NamedTuple):
+    """Hold a message as it is in a bag."""
+
+    topic: str
+    typename: str
+    log_time_ns: int
+    data: bytes  # CDR
+
+
+class Storage(Protocol):
+    """Read one file of a bag."""
+
+    name: Path  # for messages to people: the file itself may be an unpacked copy
+    span_ns: tuple[int, int] | None  # log times of the first and the last message
+    losses: dict[int, str]  # what could not be read, by place
+    read: int  # messages that the last iteration gave
+
+    def topics(self) -> dict[str, str]:
+        """Return every topic of which the file has messages, with the name of its type."""
+        ...
+
+    def messages(self, topics: Collection[str] | None, start_ns: int) -> Iterator[BagMessage]:
+        """Return the messages of these topics (None: all) in order of log time, from one on.
+
+        Raises BagError if one of these topics is not in CDR.
+        """
+        ...
+
+
+def plain(data: bytes) -> bytes:
+    """Return a message's CDR, unpacked if it was compressed by itself.
+
+    Raises ValueError: ``is cut off or damaged``.
+    """
+    if data[:4] != ZSTD_MAGIC:
+        return data
+    try:
+        size = zstandard.frame_content_size(data)
+    except zstandard.ZstdError:
+        raise ValueError("is cut off or damaged") from None
+    return unpacked(data, "zstd", size if size >= 0 else None)

@@ -1,0 +1,45 @@
+"""Say how to install a Python package that is missing."""
+
+from __future__ import annotations
+
+import os
+
+#: Module -> Ubuntu's package ("" where there is none) and the name on PyPI: what setup.py lists.
+PACKAGES = {
+    "PIL": ("python3-pil", "Pillow"),
+    "av": ("python3-av", "av"),
+    "cryptography": ("python3-cryptography", "cryptography"),
+    "cv2": ("python3-opencv", "opencv-python-headless"),
+    "lz4": ("python3-lz4", "lz4"),
+    "matplotlib": ("python3-matplotlib", "matplotlib"),
+    "mcap": ("", "mcap"),
+    "numpy": ("python3-numpy", "numpy"),
+    "pyogrio": ("python3-pyogrio", "pyogrio"),
+    "pyproj": ("python3-pyproj", "pyproj"),
+    "rasterio": ("python3-rasterio", "rasterio"),
+    "rosbags": ("", "rosbags"),
+    "scipy": ("python3-scipy", "scipy"),
+    "serial": ("python3-serial", "pyserial"),
+    "yaml": ("python3-yaml", "PyYAML"),
+    "zstandard": ("python3-zstandard", "zstandard"),
+}
+
+
+_MESSAGES = ("_msgs", "_srvs", "_interfaces")
+_ROS = ("rclpy", "rosidl", "ament_", "rpyutils")
+
+
+def missing_line(module: str) -> str:
+    """Return one line for a module, as ``cv2`` or ``sensor_msgs.msg``, that cannot be imported."""
+    name = module.partition(".")[0]
+    return f"the Python package {name} is missing: {_remedy(name)}"
+
+
+def _remedy(name: str) -> str:
+    distribution = os.environ.get("ROS_DISTRO", "")
+    if distribution and name.endswith(_MESSAGES):
+        return f"sudo apt install ros-{distribution}-{name.replace('_', '-')}"
+    if name.endswith(_MESSAGES) or name.startswith(_ROS):
+        return "source ROS 2 Jazzy (/opt/ros/jazzy/setup.bash) or install its wheels"
+    apt, pip = PACKAGES.get(name, ("", name))
+    return f"sudo apt install {apt}, or pip install {pip}" if apt else f"pip install {pip}"
