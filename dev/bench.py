@@ -21,6 +21,7 @@ from dev.bench_dji import dji_speeds
 from dev.bench_filter import filter_times, long_times
 from dev.bench_overlay import overlay_times
 from dev.bench_pyins import pyins_is_installed
+from dev.bench_run import run_figures
 from dev.judging import Figure, line
 from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.io.bags.bag import BagReader
@@ -46,6 +47,7 @@ def figures(folder: Path, work: Path, *, graph: bool) -> Iterator[Figure]:
     yield from allan_cost(work)
     if graph:
         yield from _graph_cost(folder, work)
+        yield from run_figures(folder, work / "run")
         yield from _serial_cost(folder, work)
         yield from _dds_latency(work)
 

@@ -1,4 +1,4 @@
-"""Run a node: start it, spin it in a thread, stop it on a signal, return the exit code.
+"""Run nodes: start them, spin each in a thread, stop them on a signal, return the exit code.
 
 rclpy's own signal handlers sometimes fail when a signal meets ``spin`` in the main thread, or when
 two signals come within a tenth of a second. Here they are off: the signals stay blocked
@@ -12,10 +12,10 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from contextlib import contextmanager, nullcontext, suppress
-from typing import Any, TypeVar
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
+from typing import Any, NamedTuple, TypeVar
 
 import rclpy
 from rclpy.exceptions import InvalidHandle
@@ -34,21 +34,38 @@ T = TypeVar("T")
 Work = Callable[[Any, threading.Event], int]
 
 
-def run(name: str, build: Callable[[], Node], work: Work | None = None) -> int:
-    """Build a node and spin it until a stop signal or the end of ``work(node, stop)``.
+class Part(NamedTuple):
+    """Say how a node is made, and what it does beside its callbacks, if anything."""
 
-    Return the exit code: 0 when stopped, the result of ``work`` when it ends by itself, 1 with one
-    line on stderr for a TirgeoError. The node's ``resources``, a context manager, if it has them,
-    are open meanwhile.
+    build: Callable[[], Node]
+    work: Work | None = None
+
+
+def run(name: str, build: Callable[[], Node], work: Work | None = None) -> int:
+    """Run one node as ``run_all`` does."""
+    return run_all(name, {name: Part(build, work)})
+
+
+def run_all(program: str, parts: Mapping[str, Part]) -> int:
+    """Build nodes and spin them until a stop signal or the end of a ``work(node, stop)``.
+
+    ``parts`` are the nodes by name. Return the exit code: 0 when stopped, the result of the work
+    that ends by itself, 1 for a TirgeoError, with one line on stderr that begins with ``program``.
+    A node's ``resources``, a context manager, if it has them, are open meanwhile.
     """
     signal.pthread_sigmask(signal.SIG_BLOCK, STOP_SIGNALS)
     try:
-        check_arguments(name, sys.argv)
-        with _context(), _node(build) as node, getattr(node, "resources", None) or nullcontext():
-            node.get_logger().info("ready")
-            return _until_stopped(node, work)
+        for name in parts:
+            check_arguments(name, sys.argv)
+        with _context(), ExitStack() as opened:
+            nodes = [opened.enter_context(_node(part.build)) for part in parts.values()]
+            _share_clock(nodes)
+            for node in nodes:
+                opened.enter_context(getattr(node, "resources", None) or nullcontext())
+                node.get_logger().info("ready")
+            return _until_stopped(nodes, [part.work for part in parts.values()])
     except TirgeoError as error:
-        sys.stderr.write(f"{name}: {error}\n")
+        sys.stderr.write(f"{program}: {error}\n")
         return 1
 
 
@@ -88,25 +105,41 @@ def _node(build: Callable[[], Node]) -> Iterator[Node]:
         node.destroy_node()
 
 
-def _until_stopped(node: Node, work: Work | None) -> int:
+def _share_clock(nodes: Sequence[Node]) -> None:
+    """Set the clocks of all nodes from the last node's subscription to ``/clock``.
+
+    Each node has one of its own, and each of its messages, at 100 Hz, costs as much as a sample
+    of the IMU. rclpy has no public access to what subscribes.
+    """
+    source = nodes[-1]._time_source  # noqa: SLF001
+    for node in nodes[:-1]:
+        node._time_source.detach_node()  # noqa: SLF001
+        source.attach_clock(node.get_clock())
+
+
+def _until_stopped(nodes: Sequence[Node], works: Sequence[Work | None]) -> int:
     stop = threading.Event()
-    executor = make_executor()
-    executor.add_node(node)
-    with ThreadPoolExecutor(max_workers=2) as pool:
-        jobs = [pool.submit(_spin, executor, stop)]
-        if work is not None:
-            jobs.append(pool.submit(work, node, stop))
+    executors = [make_executor() for _ in nodes]
+    with ThreadPoolExecutor(max_workers=2 * len(nodes)) as pool:
+        jobs = []
+        for executor, node, work in zip(executors, nodes, works, strict=True):
+            executor.add_node(node)
+            jobs.append(pool.submit(_spin, executor, stop))
+            if work is not None:
+                jobs.append(pool.submit(work, node, stop))
         try:
             caught = _wait(jobs)
             if caught is not None:
                 name = signal.Signals(caught.si_signo).name
-                node.get_logger().info(f"stopped by {name} from process {caught.si_pid}")
+                nodes[0].get_logger().info(f"stopped by {name} from process {caught.si_pid}")
         finally:
             stop.set()
-            executor.wake()
+            for executor in executors:
+                executor.wake()
         code = max(job.result() for job in jobs)
-    executor.remove_node(node)
-    executor.shutdown()
+    for executor, node in zip(executors, nodes, strict=True):
+        executor.remove_node(node)
+        executor.shutdown()
     return code
 
 

@@ -1,4 +1,4 @@
-"""Run the node graph as processes; do the work of ``tirgeo demo``."""
+"""Run the node graph; do the work of ``tirgeo demo`` and ``tirgeo run``."""
 
 from __future__ import annotations
 

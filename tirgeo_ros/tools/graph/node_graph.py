@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import re
 import signal
 import socket
 import time
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -130,19 +131,19 @@ def free_domain(but: Collection[int] = ()) -> int:
 def _nodes(setup: GraphSetup, recording: Path) -> dict[str, list[str]]:
     """Return the arguments of each node."""
     # The serial link is stamped by the host's clock, so all nodes use that clock.
-    clock = {} if setup.serial else {"use_sim_time": "true"}
+    clock: dict[str, object] = {} if setup.serial else {"use_sim_time": True}
     record = {"output": recording, "topics": ",".join(setup.topics)}
-    common = _words(clock) + _params(setup)
+    common = parameter_words(clock, _files(setup))
     nodes = {
-        "ekf_node": common + _words({"method": setup.method} if setup.method else {}),
+        "ekf_node": common + parameter_words({"method": setup.method} if setup.method else {}),
         "gimbal_node": common,
-        "overlay_node": common + _words({"map": setup.map} if setup.map else {}),
-        "recorder": _words(clock | record),
+        "overlay_node": common + parameter_words({"map": setup.map} if setup.map else {}),
+        "recorder": parameter_words(clock | record),
     }
     if not setup.serial:
         return nodes
     link = {"source": "serial", "port": setup.folder / _PORT}
-    return {"dji_node": common + _words(link), **nodes}
+    return {"dji_node": common + parameter_words(link), **nodes}
 
 
 def _player(setup: GraphSetup) -> list[str]:
@@ -151,18 +152,23 @@ def _player(setup: GraphSetup) -> list[str]:
     awaited = [name for name in (*AWAITED, *PICTURES) if f"/{name}" in played]
     values: dict[str, object] = {"bag": setup.bag, "rate": float(setup.rate)}
     if setup.serial:
-        values |= {"live": "true", "serial_port": setup.folder / _PORT}
+        values |= {"live": True, "serial_port": setup.folder / _PORT}
         awaited = [name for name in awaited if name not in DJI_TOPICS]
-    return _params(setup) + _words(values | {"wait_for": ",".join(awaited)})
+    return parameter_words(values | {"wait_for": ",".join(awaited)}, _files(setup))
 
 
-def _words(values: Mapping[str, object]) -> list[str]:
-    return [word for name, value in values.items() for word in ("-p", f"{name}:={value}")]
+def parameter_words(values: Mapping[str, object], files: Iterable[Path] = ()) -> list[str]:
+    """Return the arguments that give a node parameters; ``values`` override ``files``."""
+    words = [word for path in files for word in ("--params-file", str(path))]
+    for name, value in values.items():
+        # ROS reads the value as YAML: a file named 7 would be a number without its quotes.
+        plain = value if isinstance(value, bool | int | float) else str(value)
+        words += ["-p", f"{name}:={json.dumps(plain, ensure_ascii=False)}"]
+    return words
 
 
-def _params(setup: GraphSetup) -> list[str]:
-    files = [path for path in (setup.params, *setup.more_params) if path is not None]
-    return [word for path in files for word in ("--params-file", str(path))]
+def _files(setup: GraphSetup) -> list[Path]:
+    return [path for path in (setup.params, *setup.more_params) if path is not None]
 
 
 @contextlib.contextmanager

@@ -16,6 +16,13 @@ _RUN = "import sys; from tirgeo_ros.nodes.start import start; sys.exit(start({!r
 _TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 
 
+def node_command(
+    name: str, arguments: Sequence[str], package: str = "tirgeo_ros.nodes"
+) -> list[str]:
+    """Return the command that runs a package's node with arguments of ROS."""
+    return python_command(_RUN.format(name, package), "--ros-args", *arguments)
+
+
 @dataclass(frozen=True, slots=True)
 class Ended:
     """Hold how a process ended."""
@@ -38,7 +45,7 @@ class NodeProcess:
         self.name = name
         self.log = log
         self.ended: Ended | None = None
-        command = python_command(_RUN.format(name, package), "--ros-args", *arguments)
+        command = node_command(name, arguments, package)
         flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC
         self.pid = os.posix_spawn(
             command[0],

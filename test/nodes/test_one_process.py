@@ -1,0 +1,157 @@
+"""``tirgeo run``: the whole graph in one process, as other processes see it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from itertools import takewhile
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
+
+from diagnostic_msgs.msg import DiagnosticArray
+from graph_helpers import deep_queues
+from nav_msgs.msg import Odometry
+from project import reader_of
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import CompressedImage, Imu
+
+from tirgeo_ros.io.bags.bag import BagReader, BagWriter
+from tirgeo_ros.io.messages import stamp_ns
+
+pytestmark = pytest.mark.graph
+
+#: Enough for the filter to align and for some pictures with the map.
+PLAYED_NS = 5_000_000_000
+
+
+class Run:
+    """The command as a process, with its output in a file."""
+
+    def __init__(self, log: Path, *arguments: object) -> None:
+        self.log = log
+        command = [sys.executable, "-m", "tirgeo_ros.tools.cli.main", "run", *map(str, arguments)]
+        with log.open("w") as file:
+            self.process = subprocess.Popen(command, stdout=file, stderr=file)
+
+    def await_ready(self) -> None:
+        end_s = time.monotonic() + 60
+        while self.log.read_text().count("]: ready") < 3:
+            assert self.process.poll() is None, self.log.read_text()
+            assert time.monotonic() < end_s, self.log.read_text()
+            time.sleep(0.05)
+
+    def ended(self) -> int:
+        return self.process.wait(60)
+
+
+@pytest.fixture
+def start(tmp_path):
+    runs = []
+
+    def begin(*arguments: object) -> Run:
+        runs.append(Run(tmp_path / f"run{len(runs)}.log", *arguments))
+        return runs[-1]
+
+    yield begin
+    for run in runs:
+        run.process.kill()
+        run.process.wait()
+
+
+@pytest.fixture
+def short_bag(sample, tmp_path):
+    """The sample's first seconds, with pictures."""
+    reader, path = BagReader(sample / "flight.mcap"), tmp_path / "short.mcap"
+    end_ns = reader.span_ns[0] + PLAYED_NS
+    with BagWriter(path) as writer:
+        for item in takewhile(lambda one: one.log_time_ns < end_ns, reader.messages()):
+            writer.write(item.topic, item.typename, item.data, item.log_time_ns)
+    return path
+
+
+def stamps_of(bag: Path, topic: str, kind: type) -> list[int]:
+    found = BagReader(bag).messages([topic])
+    return [stamp_ns(deserialize_message(item.data, kind)) for item in found]
+
+
+def test_a_bag_goes_through_and_others_see_each_message_once(
+    start, meet, sample, short_bag, tmp_path
+):
+    params = tmp_path / "params.yaml"
+    params.write_text((sample / "params.yaml").read_text() + deep_queues())
+    stranger = meet(
+        tirgeo__overlay__image__compressed=CompressedImage,
+        tirgeo__odometry=Odometry,
+        **{"/diagnostics": DiagnosticArray},
+    )
+    run = start("--bag", short_bag, "--params", params, "--map", sample / "map.geojson")
+    stranger.spin_until(lambda: run.process.poll() is not None, 120.0)
+    assert run.ended() == 0, run.log.read_text()
+    # The stranger may have met the nodes late; from then on it misses none.
+    poses = [stamp_ns(message) for message in stranger.received["tirgeo/odometry"]]
+    assert poses
+    assert poses == stamps_of(short_bag, "/imu/data", Imu)[-len(poses) :]
+    # A frame may wait for its pose so long that a newer one replaces it, but none is lost.
+    pictures = [stamp_ns(one) for one in stranger.received["tirgeo/overlay/image/compressed"]]
+    frames = stamps_of(short_bag, "/thermal/image_raw/compressed", CompressedImage)
+    assert pictures == [stamp for stamp in frames if stamp in pictures] != []
+    overlay = stranger.diagnostic("/overlay_node: overlay")
+    assert overlay["frames_sent"] == str(len(frames))
+    assert overlay["frames_missed"] == "0"
+    # All nodes run by the bag's clock, though one alone listens to it.
+    first_ns, last_ns = BagReader(short_bag).span_ns
+    newest = {a.status[0].name: stamp_ns(a) for a in stranger.received["/diagnostics"]}
+    assert {name.partition(":")[0] for name in newest} == {
+        "/ekf_node",
+        "/gimbal_node",
+        "/overlay_node",
+    }
+    assert all(first_ns < stamp <= last_ns for stamp in newest.values())
+
+
+def test_a_stop_signal_ends_all(start, sample):
+    """SIGKILL too, which no process can answer: the reader of the map ends with its parent."""
+    codes = {signal.SIGINT: 0, signal.SIGTERM: 0, signal.SIGKILL: -signal.SIGKILL}
+    words = ("--no-dji", "--map", sample / "map.geojson")
+    runs = {number: start(*words, "--namespace", number.name.lower()) for number in codes}
+    for number, run in runs.items():
+        run.await_ready()
+        reader = reader_of(run.process.pid)
+        run.process.send_signal(number)
+        assert run.ended() == codes[number], run.log.read_text()
+        assert "Traceback" not in run.log.read_text()
+        await_end(reader)
+
+
+def await_end(pid: int) -> None:
+    """Wait until a process that is not a child of this one is gone."""
+    end_s = time.monotonic() + 30
+    with suppress(ProcessLookupError):
+        while time.monotonic() < end_s:
+            os.kill(pid, 0)
+            time.sleep(0.05)
+        pytest.fail(f"process {pid} runs on")
+
+
+def test_a_node_that_dies_ends_the_others(start, flight_bag, tmp_path):
+    """At its start, or later: the player reads the damaged part of a bag after seconds."""
+    damaged, wrong = tmp_path / "damaged.mcap", tmp_path / "wrong.yaml"
+    data = flight_bag.read_bytes()
+    damaged.write_bytes(data[: len(data) * 3 // 4])
+    wrong.write_text("/**/gimbal_node: {ros__parameters: {composition: so_so}}")
+    runs = {
+        start("--bag", damaged): "damaged.mcap: ",
+        start("--no-dji", "--params", wrong): "wrong.yaml: parameter composition: ",
+    }
+    for run, reason in runs.items():
+        assert run.ended() == 1
+        last = run.log.read_text().splitlines()[-1]
+        assert last.startswith("tirgeo run: ")
+        assert reason in last

@@ -1,0 +1,105 @@
+"""What ``tirgeo run`` becomes: the launch file's nodes, parameters and environment."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+
+import pytest
+from project import NODES, PROJECT
+
+from tirgeo_ros.io.files.child_python import stop_signals
+from tirgeo_ros.tools.cli import main as command
+from tirgeo_ros.tools.graph.localhost import PROFILES
+from tirgeo_ros.tools.graph.whole_graph import WholeGraph
+
+
+class ReplacedError(Exception):
+    """This process would be another one now."""
+
+
+@pytest.fixture
+def become(monkeypatch):
+    """Run ``tirgeo run`` up to the call that replaces this process; return that call."""
+    for name in [*PROFILES, "ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE"]:
+        monkeypatch.delenv(name, raising=False)
+    calls = []
+
+    def replace(*call: object) -> None:
+        calls.append(call)
+        raise ReplacedError
+
+    monkeypatch.setattr(os, "execve", replace)
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+    def run(*words: str) -> tuple[list[str], dict[str, str]]:
+        with pytest.raises(ReplacedError):
+            command.main(["run", *words])
+        _, argv, environment = calls.pop()
+        return argv[argv.index("--ros-args") :], environment
+
+    yield run
+    signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def test_live_is_the_launch_files_live(become):
+    argv, environment = become()
+    usual = ["--params-file", str(PROJECT / "config" / "m600_xt2.yaml")]
+    assert argv == ["--ros-args", *usual, "--", *WholeGraph().nodes]
+    assert set(WholeGraph().nodes) == NODES - {"bag_player"}
+    assert environment[PROFILES[0]] == str(PROJECT / "config" / "fastdds.xml")
+    assert set(stop_signals()) <= signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+
+def test_a_bag_brings_its_own_time_and_stays_on_this_machine(become, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("flight.mcap", "7", "a.yaml", "b.yaml"):
+        (tmp_path / name).touch()
+    words = ["--map", "7", "--params", "a.yaml", "--params", "b.yaml", "--namespace", "/uav1/"]
+    argv, environment = become("--bag", "flight.mcap", *words)
+    assert argv == [
+        *("--ros-args", "--params-file", "a.yaml", "--params-file", "b.yaml"),
+        # In quotes: as YAML, a map named 7 would be a number.
+        *("-p", 'bag:="flight.mcap"', "-p", "use_sim_time:=true", "-p", 'map:="7"'),
+        *(
+            "-r",
+            "__ns:=/uav1",
+            "-r",
+            "/clock:=clock",
+            "--",
+            *WholeGraph(Path("flight.mcap")).nodes,
+        ),
+    ]
+    assert set(WholeGraph(Path("flight.mcap")).nodes) == NODES - {"dji_node"}
+    assert environment[PROFILES[0]] == str(PROJECT / "config" / "fastdds_localhost.xml")
+
+
+def test_other_drivers_may_bring_the_topics(become):
+    argv, _ = become("--no-dji")
+    assert set(argv[argv.index("--") + 1 :]) == NODES - {"dji_node", "bag_player"}
+
+
+def test_what_runs_is_said_on_stdout_for_programs(become, capsys, monkeypatch):
+    become("--json")
+    monkeypatch.setenv("ROS_DOMAIN_ID", "7")
+    become()
+    said = capsys.readouterr()
+    nodes = '["ekf_node", "gimbal_node", "overlay_node", "dji_node"]'
+    assert said.out == f'{{"nodes": {nodes}, "ros_domain_id": "0"}}\n'
+    assert "ROS_DOMAIN_ID=7" in said.err
+
+
+@pytest.mark.parametrize("option", ["--bag", "--map", "--params"])
+def test_a_file_that_is_absent_is_named_before_anything_runs(option, capsys):
+    assert command.main(["run", option, "none.in"]) == 1
+    assert (
+        capsys.readouterr().err == "tirgeo run: none.in: there is no such file; check its name\n"
+    )
+
+
+def test_a_wrong_namespace_is_wrong_use(become, capsys):
+    with pytest.raises(SystemExit) as raised:
+        become("--namespace", "uav 1")
+    assert raised.value.code == 2
+    assert "--namespace uav 1: use letters" in capsys.readouterr().err

@@ -1,0 +1,50 @@
+"""Run the whole node graph in one process, where no ros2 command is.
+
+Live, or with --bag in simulated time until the bag ends. The nodes, their topics and their
+parameters are those of the launch file, and ROS_DOMAIN_ID applies: rviz, Foxglove and recorders
+see and feed every topic. With --bag only this machine reaches the nodes. Ctrl-C ends all. A node
+that fails ends the others, with exit code 1. Needs ROS 2 Jazzy or its wheels.
+
+example:
+  tirgeo run --map park.geojson --params my_aircraft.yaml
+  tirgeo run --bag flight.mcap --map park.geojson --params my_aircraft.yaml
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import re
+import sys
+from typing import NoReturn
+
+from tirgeo_ros.tools.cli._verb import PARAMS, WORD, UsageError
+
+_NAMESPACE = "namespace of the aircraft, as uav1; default: none"
+_NAMES = re.compile(r"(/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*)?/?", re.ASCII)
+OPTIONS = (
+    ("--bag", "IN", "flight to play instead of a live aircraft; the graph ends with it"),
+    ("--map", "MAP", "the map to draw; default: that of --params"),
+    *PARAMS,
+    ("--namespace", "NS", _NAMESPACE, WORD | {"default": ""}),
+    ("--no-dji", None, "without dji_node: other drivers publish the aircraft's topics"),
+)
+
+
+def run(args: argparse.Namespace) -> NoReturn:
+    """Say what runs, and become the process that runs it."""
+    from tirgeo_ros.tools.graph.whole_graph import WholeGraph  # noqa: PLC0415 heavy
+
+    if not _NAMES.fullmatch(args.namespace):
+        raise UsageError(f"--namespace {args.namespace}: use letters, digits, _ and /, as uav1")
+    params = args.params or ()
+    graph = WholeGraph(args.bag, args.map, params, args.namespace, dji=not args.no_dji)
+    domain = os.environ.get("ROS_DOMAIN_ID") or "0"
+    if args.json:
+        print(json.dumps({"nodes": graph.nodes, "ros_domain_id": domain}), flush=True)
+    else:
+        nodes = ", ".join(graph.nodes)
+        sys.stderr.write(f"{nodes} with ROS_DOMAIN_ID={domain}; Ctrl-C ends them\n")
+        sys.stderr.flush()
+    graph.run()

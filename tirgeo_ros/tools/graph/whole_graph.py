@@ -1,0 +1,78 @@
+"""Run the whole node graph, live or on a bag, in the place of this process."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NoReturn
+
+from tirgeo_ros.core.types.errors import GraphError
+from tirgeo_ros.io.files.child_python import stop_signals
+from tirgeo_ros.io.files.text_file import named_files
+from tirgeo_ros.tools.graph import find_resource
+from tirgeo_ros.tools.graph.localhost import localhost_environment, video_environment
+from tirgeo_ros.tools.graph.node_graph import parameter_words
+from tirgeo_ros.tools.graph.node_process import node_command
+
+_USUAL_PARAMS = "config/m600_xt2.yaml"
+
+
+@dataclass(frozen=True)
+class WholeGraph:
+    """Hold which nodes run, on what; the launch file says the same to ``ros2 launch``.
+
+    Raise GraphError for a file that does not exist. Without ``params``, the parameters of an M600
+    apply. ``dji`` says whether dji_node brings the aircraft's topics where there is no bag.
+    """
+
+    bag: Path | None = None
+    map: Path | None = None
+    params: Sequence[Path] = ()
+    namespace: str = ""
+    dji: bool = True
+
+    def __post_init__(self) -> None:
+        maps = map(Path, named_files(str(self.map or "")))
+        for path in (self.bag, *maps, *self.params):
+            if path and not path.exists():
+                raise GraphError(f"{path}: there is no such file; check its name")
+
+    @property
+    def nodes(self) -> list[str]:
+        """Return the names of the nodes: what gives their inputs comes last."""
+        source = ["bag_player"] if self.bag else ["dji_node"] if self.dji else []
+        return ["ekf_node", "gimbal_node", "overlay_node", *source]
+
+    @property
+    def arguments(self) -> list[str]:
+        """Return the arguments of each node, for ROS."""
+        usual = find_resource(_USUAL_PARAMS)
+        files = self.params or ([usual] if usual else [])
+        bag = {"bag": self.bag, "use_sim_time": True} if self.bag else {}
+        words = parameter_words(bag | ({"map": self.map} if self.map else {}), files)
+        if self.namespace:
+            words += ["-r", f"__ns:=/{self.namespace.strip('/')}"]
+        if self.bag:  # the bag's clock goes into the namespace, as its topics do
+            words += ["-r", "/clock:=clock"]
+        return words
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """Return the nodes' environment; with a bag, only this machine reaches them."""
+        config = find_resource("config")
+        if self.bag:
+            return localhost_environment(os.environ, config)
+        return video_environment(os.environ, config) if config else dict(os.environ)
+
+    def run(self) -> NoReturn:
+        """Become the process of the nodes.
+
+        So there is no child that could outlive this process, and the exit code is theirs.
+        """
+        command = node_command("one_process", [*self.arguments, "--", *self.nodes])
+        # As in any process of nodes: blocked from the first instruction, polled for later.
+        signal.pthread_sigmask(signal.SIG_BLOCK, stop_signals())
+        os.execve(command[0], command, self.environment)  # noqa: S606  this very Python
