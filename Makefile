@@ -26,14 +26,16 @@ unexport PYTHONDONTWRITEBYTECODE
 export OPENBLAS_NUM_THREADS := 1
 # On processors with AVX-512 NumPy takes one of two forms of arctan2, and of its like, by where in
 # memory the result happens to lie: last digits would differ from run to run.
+ifeq ($(shell uname -m),x86_64)
 test test-slow test-long test-floor: export NPY_DISABLE_CPU_FEATURES := AVX512F AVX512_SKX X86_V4
+endif
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow test-long test-all test-floor lint types bench fuzz planted-faults soak consistency real-flights states parameters reproduction clean
+.PHONY: help setup demo test test-slow test-long test-all test-floor lint types bench check-arm64 fuzz planted-faults soak consistency real-flights states parameters reproduction clean
 .DELETE_ON_ERROR:
 
 help:  ## this list
-	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1	\2/p' $(MAKEFILE_LIST) | expand -t 18
+	@sed -n 's/^\([a-z0-9-]*\):.*## \(.*\)/make \1	\2/p' $(MAKEFILE_LIST) | expand -t 18
 
 setup: $(READY)  ## ROS 2 Jazzy and tirgeo in .venv; then .venv/bin/tirgeo works
 	@echo "ready: $(BIN)/tirgeo"
@@ -65,6 +67,9 @@ types: $(LINT_READY)  ## mypy
 
 bench: $(BENCH_READY)  ## speed of process, filter (beside pyins), overlay, graph and DJI's frames
 	$(BIN)/python -m dev.bench
+
+check-arm64: $(READY)  ## whether every dependency has a wheel for Linux on ARM64, by pip
+	@$(BIN)/python -m dev.arm64_wheels
 
 fuzz: $(READY)  ## 1e8 bytes of damage through the decoder of the serial link
 	$(BIN)/python -m dev.fuzz

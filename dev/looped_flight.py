@@ -27,7 +27,7 @@ class LoopedFlight:
 
     def __init__(self, imu_rate_hz: float = 100.0) -> None:
         """Simulate the minute."""
-        flight = fly(_scenario(imu_rate_hz))
+        flight = fly(hover(imu_rate_hz))
         first_ns = flight.scenario.start_ns + round(_FIRST_S * 1e9)
         end_ns = first_ns + round(PERIOD_S * 1e9)
         self.config: EkfConfig = fitting_config(flight)
@@ -49,7 +49,8 @@ class LoopedFlight:
             shift_ns += round(PERIOD_S * 1e9)
 
 
-def _scenario(imu_rate_hz: float) -> Scenario:
+def hover(imu_rate_hz: float) -> Scenario:
+    """Return the scenario of the minute and of what comes before it."""
     # A quarter turn in 2 s and 4 s of rest, to and fro: 12 s.
     return scenario_from(
         {

@@ -65,8 +65,10 @@ def test_files_of_the_project_exist(page):
 
 @pytest.mark.parametrize("page", PAGES, ids=ids)
 def test_make_targets_exist(page):
-    targets = set(re.findall(r"^([a-z-]+):.*##", (PROJECT / "Makefile").read_text(), re.MULTILINE))
-    assert set(re.findall(r"\bmake ([a-z][a-z-]*)", code(page))) <= targets
+    targets = set(
+        re.findall(r"^([a-z0-9-]+):.*##", (PROJECT / "Makefile").read_text(), re.MULTILINE)
+    )
+    assert set(re.findall(r"\bmake ([a-z][a-z0-9-]*)", code(page))) <= targets
 
 
 @pytest.mark.parametrize("page", PAGES, ids=ids)

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from tirgeo_ros.core.camera.camera_model import XT2
+from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import quat_from_euler, quat_multiply
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
@@ -27,6 +27,15 @@ from tirgeo_ros.nodes.runner import run
 FRAME_HZ, POSE_HZ = 30.0, 50.0
 
 
+def scaled(camera: Camera, times: int) -> Camera:
+    """Return the camera with as many times the pixels on each side, and the same view."""
+    width, height, fx, fy = (
+        times * each for each in (camera.width, camera.height, camera.fx, camera.fy)
+    )
+    cx, cy = (times * (each + 0.5) - 0.5 for each in (camera.cx, camera.cy))
+    return Camera(round(width), round(height), fx, fy, cx, cy, camera.distortion)
+
+
 class VideoSource(GraphNode):
     """Frames, camera poses, camera info and origin, each stamped as it is sent."""
 
@@ -36,6 +45,7 @@ class VideoSource(GraphNode):
         self.duration_s = parameter("duration_s", 10.0).value
         self.output = parameter("output", "").value
         latitude, longitude, height_m = parameter("origin_rad_m", [0.0, 0.0, 0.0]).value
+        camera = scaled(XT2, parameter("times", 1).value)
         above_m, pitch_deg = parameter("camera_m_deg", [20.0, -30.0]).value
         self._position_n = np.array([0.0, 0.0, -above_m])
         self._q_nc = quat_multiply(
@@ -43,8 +53,9 @@ class VideoSource(GraphNode):
         )
         self._sent: list[int] = []
         messages = self.messages
-        grey = np.random.default_rng(1).integers(60, 180, (XT2.height, XT2.width), np.uint8)
-        self._frame = messages.image(0, grey)
+        shape = camera.height, camera.width
+        grey = np.random.default_rng(1).integers(60, 180, shape, np.uint8)
+        self._frame, self._camera = messages.image(0, grey), camera
         self._image = self.advertise("thermal/image_raw", output(IMAGE_DEPTH))
         self._info = self.advertise("thermal/camera_info", output(1))
         self._pose = self.advertise("tirgeo/camera_pose", output())
@@ -55,7 +66,7 @@ class VideoSource(GraphNode):
 
     def _send_frame(self) -> None:
         if len(self._sent) % round(FRAME_HZ) == 0:
-            self._info.publish(self.messages.camera_info(XT2, time.time_ns()))
+            self._info.publish(self.messages.camera_info(self._camera, time.time_ns()))
         now_ns = time.time_ns()
         stamp = self._frame.header.stamp
         stamp.sec, stamp.nanosec = divmod(now_ns, 1_000_000_000)

@@ -33,6 +33,8 @@ from tirgeo_ros.nodes.transforms import Transforms
 Decode = Callable[[Any], NavigationInput]
 _IMU = NAVIGATION_INPUTS[Source.IMU][0]
 _POSITIONS = (Source.RTK_POSITION, Source.GPS_POSITION)
+#: How often plain IMU samples let the node look at the filter's state, a fifth of its cost.
+_STATE_HZ = 50.0
 _RESTARTS = (Outcome.TIME_JUMP, Outcome.GAP, Outcome.RESTART)
 _SET_HEADING = "~/set_heading"
 _TAKEN = (Outcome.USED, Outcome.WAITING)
@@ -89,6 +91,7 @@ class EkfNode(GraphNode):
         self._inbox = Inbox(self)
         self._state_log = StateLog(self)
         self._state_log.note(self._navigation.status())
+        self._state_rate = RateLimit(_STATE_HZ)
         self._odometry = self.advertise("tirgeo/odometry", output(STREAM_DEPTH))
         self._fix_rate = RateLimit(config.fix_rate_hz)
         self._fix = self.advertise("tirgeo/fix", output())
@@ -125,10 +128,15 @@ class EkfNode(GraphNode):
             self._warn(step.verdict)
         if step.solution is not None:
             self._publish(step.solution)
+        plain = topic == _IMU and step.verdict.outcome is Outcome.USED
+        if not plain or self._state_rate.due(came.stamp_ns):
+            self._note_state()
+        self._setup.take(self._checks.take, topic, came, arrival_ns)
+
+    def _note_state(self) -> None:
         status = self._navigation.status()
         if self._state_log.note(status):
             self.report([self._item(status)])
-        self._setup.take(self._checks.take, topic, came, arrival_ns)
 
     def _in_map(self, take: Callable[[Any], None], message: Any) -> None:
         """Take a heading in the axes of ``map``; raise MessageError for any other frame."""

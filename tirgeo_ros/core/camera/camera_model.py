@@ -137,7 +137,10 @@ class Camera:
         ``x`` and ``y`` have any one shape (...); the points must lie within ``max_radius``.
         """
         x, y = _distort(self._k, x, y)
-        return np.stack([self.fx * x + self.cx, self.fy * y + self.cy])
+        uv = np.empty((2, *np.shape(x)))
+        np.add(np.multiply(x, self.fx, out=uv[0, ...]), self.cx, out=uv[0, ...])
+        np.add(np.multiply(y, self.fy, out=uv[1, ...]), self.cy, out=uv[1, ...])
+        return uv
 
     def slopes(self, x: T, y: T) -> tuple[T, T, T, T]:
         """Return du/dx, du/dy, dv/dx, dv/dy (px) of ``pixels``; arrays of any shape, or floats."""
@@ -261,7 +264,10 @@ def _distort(k: tuple[float, ...], x: T, y: T) -> tuple[T, T]:
     factor = _radial(k, s)
     factor += 2 * p1 * y
     factor += 2 * p2 * x
-    return x * factor + p2 * s, y * factor + p1 * s
+    u, v = x * factor, y * factor
+    u += p2 * s
+    v += p1 * s
+    return u, v
 
 
 def _newton_step(k: tuple[float, ...], x: T, y: T, xd: T, yd: T) -> tuple[T, T]:

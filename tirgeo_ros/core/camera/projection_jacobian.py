@@ -21,6 +21,7 @@ MOVES[:3, :, 3:] = [skew(axis) for axis in np.eye(3)]
 MOVES[3, :, :3] = -np.eye(3)
 _FIRST, _SECOND = np.triu_indices(4)  # which two of x, y, 1 and 1/z make each product
 _ROWS, _COLUMNS = np.triu_indices(3)  # upper triangle of the displacement's covariance
+_LEVEL = np.where(_ROWS == _COLUMNS, 1.0, 0.0)  # the upper triangle of I
 _TIMES = np.where(_FIRST == _SECOND, 0.5, 1.0)  # squares are counted twice in _WEIGHTS
 
 
@@ -71,7 +72,7 @@ def level_moves(rotation_cn: Array) -> Array:
     It is I - down down', given as its upper triangle (6,).
     """
     down_c = rotation_cn[:, 2]
-    return np.asarray((np.eye(3) - np.outer(down_c, down_c))[_ROWS, _COLUMNS])
+    return np.asarray(_LEVEL - down_c[_ROWS] * down_c[_COLUMNS])
 
 
 def on_plane(rays: Array, moves: Array) -> Spread:

@@ -46,12 +46,12 @@ class Polylines:
 
         Lines of one length are taken together, in a third of the time that slicing takes.
         """
-        first, count = self.starts[which], self.starts[which + 1] - self.starts[which]
         if not len(which):
             return []
-        times = np.bincount(count)
-        if len(which) == len(self) and times[count[0]] == len(which):
+        if len(which) == len(self) and (np.diff(self.starts) == self.starts[1]).all():
             return list(rows.reshape(len(which), -1, *rows.shape[1:]))
+        first, count = self.starts[which], self.starts[which + 1] - self.starts[which]
+        times = np.bincount(count)
         lines: list[npt.NDArray[T]] = []
         for length in np.flatnonzero(times >= _OFTEN).tolist():
             index = first[count == length][:, None] + np.arange(length)

@@ -204,6 +204,8 @@ class View:
     def marks(self, vector_map: VectorMap, pose: CameraPose, far_m: float = FAR_M) -> VisibleLines:
         """Return the map's points in the image, up to ``far_m`` ahead: lines of one point, px."""
         marks = vector_map.marks
+        if not len(marks):
+            return _NOTHING
         points_c = (marks.points.T - pose.position_n) @ matrix_from_quat(pose.q_nc)
         uv, valid = self.camera.project(points_c)
         valid[valid] = self.inside(uv[valid].T) & (points_c[valid, 2] <= far_m)
@@ -225,6 +227,8 @@ class View:
         squared[flat.starts[1:-1] - 1] = 0.0  # not a segment: the gap between two lines
         squared *= self._pieces_per_length**2
         long = np.flatnonzero(squared > 1)
+        if not len(long):
+            return flat
         pieces = np.ones(len(squared), np.int64)
         pieces[long] = np.ceil(np.sqrt(squared[long]))
         return flat.subdivided(pieces)

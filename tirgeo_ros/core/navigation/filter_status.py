@@ -148,12 +148,14 @@ class VerdictLog:
         self.test_ratios: dict[Source, float] = {}
         self.unused: dict[Source, Unused] = {}
         self._nis: dict[Source, deque[tuple[int, float]]] = {}  # stamp and value, 30 s of each
+        self._means: dict[Source, float] = {}  # of those, until the next value
         self._heard = heard
 
     def begin(self) -> None:
         """Forget what belongs to the former state."""
         self.unused = {}
         self._nis = {}
+        self._means = {}
 
     def add(self, verdict: Verdict, now_ns: int) -> None:
         """Take a verdict that was given at ``now_ns``."""
@@ -168,6 +170,7 @@ class VerdictLog:
             values.append((now_ns, min(verdict.nis, _NIS_CAP)))
             while values[0][0] < now_ns - _NIS_NS:
                 values.popleft()
+            self._means.pop(source, None)
         if verdict.outcome in _REFUSED:
             self.unused[source] = now_ns, f"refused: {verdict.reason}"
         elif verdict.outcome is Outcome.NOT_FIXED:
@@ -178,10 +181,16 @@ class VerdictLog:
     def nis(self, now_ns: int) -> dict[str, float]:
         """Return the mean NIS over degrees of freedom by source, where there are enough values."""
         return {
-            source.value: sum(nis for _, nis in values) / len(values)
+            source.value: self._mean(source, values)
             for source, values in self._nis.items()
             if len(values) >= _LEAST_VALUES and now_ns - values[-1][0] <= _NIS_NS
         }
+
+    def _mean(self, source: Source, values: deque[tuple[int, float]]) -> float:
+        # The status is asked for at each IMU sample: 30 s of values are not added up each time.
+        if source not in self._means:
+            self._means[source] = sum(nis for _, nis in values) / len(values)
+        return self._means[source]
 
     def warnings(self, now_ns: int) -> Iterator[str]:
         """Yield a warning for each source whose NIS is too high, with the parameters to check."""

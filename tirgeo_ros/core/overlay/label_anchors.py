@@ -26,6 +26,10 @@ class Features:
     half: Array  # (2, F) half of the feature's width and height in the picture, px
 
 
+_NOTHING = np.empty(0, np.int64), np.empty(0, bool), np.empty(0, bool)
+_NOWHERE = np.empty((2, 0)), np.empty((3, 0)), np.empty((2, 0))
+
+
 class AnchorFinder:
     """Find the anchors of one map's labels in any view of it."""
 
@@ -49,6 +53,8 @@ class AnchorFinder:
         """
         line = np.flatnonzero(self._labelled[lines.owner])
         mark = np.flatnonzero(self._labelled[marks.owner])
+        if not len(line) and not len(mark):
+            return Features(*_NOTHING, *_NOWHERE)
         mark_owner, line_owner = marks.owner[mark], lines.owner[line]
         near = np.concatenate([marks.rays[2, mark], lines.rays[2, lines.starts[line]]])
         chosen = self._first(mark_owner, line_owner, near, shown, most)

@@ -72,7 +72,8 @@ def sampled(lines: VisibleLines, step_px: float) -> tuple[VisibleLines, Samples]
 
 def _lengths(lines: VisibleLines) -> Array:
     step = lines.points[:, 1:] - lines.points[:, :-1]
-    return np.asarray(np.maximum(*np.abs(step, out=step)))
+    np.abs(step, out=step)
+    return np.asarray(np.maximum(step[0], step[1], out=step[0]))
 
 
 def cut(lines: Polylines, some: Samples, value: Array) -> tuple[Polylines, IntArray]:

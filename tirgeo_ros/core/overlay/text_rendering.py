@@ -107,25 +107,24 @@ class TextBitmap:
         cv2.add(below, ink, dst=below)
 
 
+@lru_cache(maxsize=_CACHED)
 def stamp(text: str, size_px: int, colour: Colour) -> TextBitmap:
     """Return a text in a BGR colour with a dark halo, cut at ``LONGEST``, controls as spaces."""
-    return _stamp(cut(text, LONGEST), size_px, colour)
+    return _rendered(text, size_px, colour)
 
 
+# Without its own cache, reasons with a running time in seconds (60 characters each) would fill
+# the large one with 70 MB.
+@lru_cache(maxsize=_PASSING)
 def passing_stamp(text: str, size_px: int, colour: Colour) -> TextBitmap:
     """Return the stamp of a text that will not come again, from a small cache of its own."""
-    return _kept_briefly(cut(text, LONGEST), size_px, colour)
+    return _rendered(text, size_px, colour)
 
 
 def _rendered(text: str, size_px: int, colour: Colour) -> TextBitmap:
-    alpha = coverage("".join(c if c.isprintable() else " " for c in text), size_px)
+    printable = "".join(c if c.isprintable() else " " for c in cut(text, LONGEST))
+    alpha = coverage(printable, size_px)
     return TextBitmap.of(alpha, cv2.dilate(alpha, _disc(_halo_px(size_px))), colour)
-
-
-_stamp = lru_cache(maxsize=_CACHED)(_rendered)
-#: Without its own cache, reasons with a running time in seconds (60 characters each) would fill
-#: the large one with 70 MB.
-_kept_briefly = lru_cache(maxsize=_PASSING)(_rendered)
 
 
 def composed(width: int, height: int, parts: Sequence[tuple[TextBitmap, int, int]]) -> TextBitmap:

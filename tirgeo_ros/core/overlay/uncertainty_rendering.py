@@ -39,6 +39,7 @@ _CORNERS = 48  # of an ellipse
 _TURN = np.linspace(0, 2 * np.pi, _CORNERS + 1)
 _CIRCLE = np.array([np.cos(_TURN), np.sin(_TURN)])
 _PERIOD, _DASH, _DOT = 6, 3, 1  # in corners: from dash to dash, of a dash, of a dot
+NO_DASHES = Polylines(np.empty((2, 0)), np.zeros(1, np.int64), np.empty(0, np.int64))
 
 
 class Anchors(NamedTuple):
@@ -103,6 +104,8 @@ def marked(
 
 def with_marks(labelled: Anchors, marks: VisibleLines) -> Anchors:
     """Return the anchors of labels and those of the nearest other marks, ``MOST_ELLIPSES``."""
+    if not len(marks):
+        return labelled
     others = np.flatnonzero(~np.isin(marks.owner, labelled.owner))
     most = max(MOST_ELLIPSES - len(labelled.owner), 0)
     if len(others) > most:
@@ -123,6 +126,8 @@ def ellipse_dashes(
     ``semi_px`` (N, 2) are the semi-axes and ``angle`` (N,) those of the larger ones, as returned
     by ``ellipse_95``. ``owner`` (N,) are the features; ``dotted`` (N,) ones have shorter dashes.
     """
+    if not len(owner):
+        return NO_DASHES
     c, s = np.cos(angle), np.sin(angle)
     along, across = semi_px.T
     axes = np.array([[along * c, -across * s], [along * s, across * c]])
