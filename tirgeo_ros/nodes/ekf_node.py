@@ -85,6 +85,7 @@ class EkfNode(GraphNode):
         self._inbox = Inbox(self)
         self._state_log = StateLog(self)
         self._state_log.note(self._navigation.status())
+        self._noted = self._navigation.state_and_resets()
         self._odometry = self.advertise("tirgeo/odometry", output(STREAM_DEPTH))
         self._fix_rate = RateLimit(config.fix_rate_hz)
         self._fix = self.advertise("tirgeo/fix", output())
@@ -108,10 +109,18 @@ class EkfNode(GraphNode):
             self._warn(step.verdict)
         if step.solution is not None:
             self._publish(step.solution)
+        self._note_state()
+        self._setup.take(self._checks.take, topic, came, arrival_ns)
+
+    def _note_state(self) -> None:
+        """Log and report a change at once; asked at each sample, so the whole status waits."""
+        found = self._navigation.state_and_resets()
+        if found == self._noted:
+            return
+        self._noted = found
         status = self._navigation.status()
         if self._state_log.note(status):
             self.report([self._item(status)])
-        self._setup.take(self._checks.take, topic, came, arrival_ns)
 
     def _publish(self, solution: NavSolution) -> None:
         plane = self._navigation.plane

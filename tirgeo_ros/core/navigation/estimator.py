@@ -151,6 +151,13 @@ class Navigation:
             densities(self._ekf.vibration) if self._ekf else (),
         )
 
+    def state_and_resets(self) -> tuple[FilterState, int]:
+        """Return the state and the number of resets, at a tenth of what ``status`` costs."""
+        state, _ = self._state()
+        self._enter(state)
+        of_this = sum(self._ekf.control.resets) if self._ekf else 0
+        return state, self._resets.total() + of_this
+
     def _reset_counts(self) -> tuple[Counter[Source], str]:
         """Return the number of resets by source, over all filters so far, and the newest reset."""
         if self._ekf is None:
