@@ -55,11 +55,13 @@ def run_fleet(
     folder: Path,
     flights: Sequence[FleetFlight],
     nodes: Sequence[str] = NODES,
+    rate: float = 1.0,
     progress: Report = silent,
 ) -> FleetRun:
     """Start each aircraft's nodes in its namespace, play the flights, judge what came.
 
-    ``folder`` takes logs and recording. Raise GraphError for a node that ends early.
+    ``folder`` takes logs and recording; ``rate`` is how fast the flights are played, as a multiple
+    of real time. Raise GraphError for a node that ends early.
     """
     environment = graph_environment(GraphSetup(folder, folder))
     recording, shifts = folder / "recording.mcap", folder / "shifts.json"
@@ -77,9 +79,9 @@ def run_fleet(
         names = [flight.name for flight in flights]
         bags = ",".join(str(flight.bag) for flight in flights)
         start("fleet_witness", "witness", *_words(aircraft=",".join(names), output=recording))
-        player = start("fleet_player", "player", *_words(bags=bags, output=shifts))
+        player = start("fleet_player", "player", *_words(bags=bags, output=shifts, rate=rate))
         await_words(processes, "ready")
-        cores, memory_mb = _watch(processes, player, progress)
+        cores, memory_mb = _watch(processes, player, rate, progress)
     moved_ns, heard = json.loads(shifts.read_text()), read_heard(recording, names)
     judged = [judge(flight, moved_ns[flight.name], heard[flight.name]) for flight in flights]
     return FleetRun(cores, memory_mb, judged)
@@ -90,9 +92,12 @@ def _words(**values: object) -> list[str]:
 
 
 def _watch(
-    processes: Sequence[NodeProcess], player: NodeProcess, progress: Report
+    processes: Sequence[NodeProcess], player: NodeProcess, rate: float, progress: Report
 ) -> tuple[dict[str, float], float]:
-    """Wait for the end of the flights; return the cores by kind of node, and the memory (MB)."""
+    """Wait for the end of the flights; return the cores by kind of node, and the memory (MB).
+
+    Cores are processor time (s) by time flown (s).
+    """
     begin_s, before = time.monotonic(), [0.0] * len(processes)
     playing = False
     while not player.said("played"):
@@ -104,8 +109,9 @@ def _watch(
         progress(time.monotonic() - begin_s, None)
         time.sleep(_POLL_S)
     cores: dict[str, float] = {}
+    flown_s = (time.monotonic() - begin_s) * rate
     for process, spent_s in zip(processes, before, strict=True):
-        used = (process.cpu_s() - spent_s) / (time.monotonic() - begin_s)
+        used = (process.cpu_s() - spent_s) / flown_s
         cores[process.name] = cores.get(process.name, 0.0) + used
     memory_mb = sum(map(_proportional_mb, processes))
     time.sleep(_SETTLE_S)
@@ -154,6 +160,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--aircraft", type=int, default=10)
     parser.add_argument("--seconds", type=float, default=60.0, help="of flight")
     parser.add_argument("--cores", type=float, default=2.0, help="that the nodes may use in all")
+    parser.add_argument(
+        "--rate", type=float, default=1.0, help="less than 1 where the machine has other work"
+    )
     parser.add_argument("--nodes", default=",".join(NODES), help="of each aircraft")
     parser.add_argument("-o", "--out", type=Path, metavar="DIR", help="for logs and recording")
     args = parser.parse_args(argv)
@@ -166,7 +175,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             with Progress("simulating the flights") as bar:
                 flights = make_fleet(folder, args.aircraft, args.seconds, bar)
             with Progress("flying", "s") as bar:
-                run = run_fleet(folder, flights, args.nodes.split(","), bar)
+                run = run_fleet(folder, flights, args.nodes.split(","), args.rate, bar)
     except (TirgeoError, OSError) as error:
         sys.stderr.write(f"fleet: {error}\n")
         return 1

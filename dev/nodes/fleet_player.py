@@ -30,6 +30,7 @@ from tirgeo_ros.nodes.runner import run
 
 _MS, _LEAD_NS = 1_000_000, 500_000_000
 _OWN_NS = _MS + 1  # between the stamps of an aircraft and the next
+_WAIT_S = 120.0
 _AWAITED = ("imu/data", "rtk/fix", "rtk/vel", "rtk/heading", "gimbal/joint_states")
 
 Due = tuple[int, int, Publisher, bytearray]  # when, with which stamp (ns), by whom, what
@@ -42,7 +43,7 @@ class FleetPlayer(GraphNode):
         super().__init__("fleet_player")
         bags = [Path(bag) for bag in self.declare_parameter("bags", "").value.split(",")]
         self._output = Path(self.declare_parameter("output", "").value)
-        self._wait_s = self.declare_parameter("wait_s", 120.0).value
+        self._rate = self.declare_parameter("rate", 1.0).value
         self._names = [bag.stem for bag in bags]
         self._all: list[Publisher] = []
         flights = [self._flight(bag, number) for number, bag in enumerate(bags, 1)]
@@ -69,7 +70,7 @@ class FleetPlayer(GraphNode):
     def play(self, stop: threading.Event) -> int:
         """Wait for the graphs, play all to the end, stay until stopped; return the exit code."""
         wanted = ",".join(f"{name}/{topic}" for name in self._names for topic in _AWAITED)
-        missing = await_readers(self, self._all, wanted, self._wait_s, stop)
+        missing = await_readers(self, self._all, wanted, _WAIT_S, stop)
         if missing:
             self.get_logger().error(f"no {missing}")
             return 1
@@ -78,7 +79,7 @@ class FleetPlayer(GraphNode):
         shifts = {name: moved_ns + n * _OWN_NS for n, name in enumerate(self._names, 1)}
         self._output.write_text(json.dumps(shifts))
         self.get_logger().info("playing")
-        clock = PlayClock(1.0, 1.0, lambda _: None)
+        clock = PlayClock(self._rate, 1.0, lambda _: None)
         clock.begin(first_ns, _LEAD_NS * 1e-9)
         for due_ns, stamp_ns, publisher, data in self._due:
             if not clock.wait_until(due_ns, stop):
