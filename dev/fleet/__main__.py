@@ -1,8 +1,8 @@
 """Fly several simulated aircraft through node graphs on this machine, without pictures.
 
-``python -m dev.fleet --aircraft 10 --seconds 60``: each aircraft has a namespace, its own place and
-heading, an IMU at 100 Hz, RTK and heading at 5 Hz, joints at 50 Hz. Exit code 1 where a sample got
-no pose, or one that stems from another aircraft, or the nodes use more cores than ``--cores``.
+``python -m dev.fleet --aircraft 10 --seconds 60``: each aircraft has a namespace, its own place
+and heading, an IMU at 100 Hz, RTK and heading at 5 Hz, joints at 50 Hz. Exit code 1 where a sample
+got no pose, or one that stems from another aircraft, or the nodes use more cores than ``--cores``.
 """
 
 from __future__ import annotations
@@ -147,8 +147,8 @@ def faults(run: FleetRun, cores: float) -> list[str]:
     for one in run.judged:
         if not one.odometry or not one.poses:
             found.append(f"{one.name}: no poses")
-        if one.odometry_lost + one.poses_lost:
-            found.append(f"{one.name}: {one.odometry_lost + one.poses_lost} samples without a pose")
+        if lost := one.odometry_lost + one.poses_lost:
+            found.append(f"{one.name}: {lost} samples without a pose")
         if one.crossed:
             found.append(f"{one.name}: {one.crossed} messages of another, or off the truth")
     return found

@@ -1,10 +1,10 @@
-"""Play the flights of several aircraft at once, each in its namespace, for ``python -m dev.fleet``.
+"""Play the flights of several aircraft at once, each in its namespace, for ``dev.fleet``.
 
-All begin now. An aircraft's stamps are later than those of the one before by a millisecond, so that
-not all speak in the same instant, and by a nanosecond: stamps of the flights are whole
+All begin now. An aircraft's stamps are later than those of the one before by a millisecond, so
+that not all speak in the same instant, and by a nanosecond: stamps of the flights are whole
 milliseconds, so the nanoseconds below say whose sample it was, whatever comes of it.
 
-When it ends it writes as JSON how much later (ns) each aircraft's stamps are than its bag's.
+When it starts it writes as JSON how much later (ns) each aircraft's stamps are than its bag's.
 """
 
 from __future__ import annotations
