@@ -42,3 +42,11 @@ def test_rviz_shows_the_overlay_and_what_was_located():
     assert topics["/tirgeo/overlay/image"] == "rviz_default_plugins/Image"
     assert topics["/tirgeo/locate/point"] == "rviz_default_plugins/PoseWithCovariance"
     assert set(topics) <= TOPICS
+
+
+def test_the_router_of_an_aircraft_limits_topics_that_exist():
+    text = (PROJECT / "config" / "zenoh_aircraft.json5").read_text()
+    limited = re.findall(r'key_expr: "\*/\*\*/(.+?)/\*\*"', text)
+    assert len(limited) >= 5
+    types = {name.replace("/msg/", "::msg::dds_::") + "_" for name in TOPIC_TYPES.values()}
+    assert set(limited) <= set(TOPIC_TYPES) | types

@@ -17,6 +17,7 @@ from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.overlay.map_renderer import DrawingVerdict
 from tirgeo_ros.core.overlay.overlay import Overlay, OverlayResult
 from tirgeo_ros.core.streams.arrival_stamps import Arrivals
+from tirgeo_ros.core.streams.rates import RateLimit
 from tirgeo_ros.core.types.errors import cut
 from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.io.elevation.elevation_model import ground_of
@@ -83,6 +84,7 @@ class OverlayNode(GraphNode):
         self._arrivals = Arrivals()
         self._image = self.advertise("tirgeo/overlay/image", output(IMAGE_DEPTH))
         self._jpeg = self.advertise("tirgeo/overlay/image/compressed", output(IMAGE_DEPTH))
+        self._jpeg_rate = RateLimit(self._config.compressed_rate_hz)
         self._fix = self.advertise("tirgeo/locate/fix", output())
         self._point = self.advertise("tirgeo/locate/point", output())
         self._click_refused = ""  # why the last click was refused
@@ -197,7 +199,7 @@ class OverlayNode(GraphNode):
     def _publish(self, result: OverlayResult) -> None:
         if self._image.get_subscription_count():
             self._image.publish(self.messages.image(result.stamp_ns, result.image))
-        if self._jpeg.get_subscription_count():
+        if self._jpeg.get_subscription_count() and self._jpeg_rate.due(result.stamp_ns):
             quality = [cv2.IMWRITE_JPEG_QUALITY, self._config.jpeg_quality]
             jpeg = cv2.imencode(".jpg", result.image, quality)[1].tobytes()
             self._jpeg.publish(self.messages.compressed(result.stamp_ns, jpeg))

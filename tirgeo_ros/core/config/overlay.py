@@ -99,6 +99,11 @@ class OverlayConfig:
     )
     palette: str = param("white_hot", "colours for pictures without colour", choices=PALETTES)
     rectify: bool = param(False, "show the picture without the lens's distortion")
+    compressed_rate_hz: float = param(
+        100.0,
+        "highest rate of tirgeo/overlay/image/compressed, for a thin link",
+        ("Hz", 0.1, 1000),
+    )
     jpeg_quality: int = param(80, "quality of tirgeo/overlay/image/compressed", ("", 1, 100))
     picture: PictureConfig = group(PictureConfig)
     confidence: ConfidenceConfig = group(ConfidenceConfig)
