@@ -19,6 +19,7 @@ from pathlib import Path
 from tirgeo_ros.core.types.errors import BagError, TirgeoError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.tools.graph import find_resource
+from tirgeo_ros.tools.graph.localhost import PROFILES
 from tirgeo_ros.tools.graph.node_graph import (
     GraphSetup,
     await_words,
@@ -33,12 +34,14 @@ RECORDED = (
     *("tirgeo/odometry", "tirgeo/fix", "tirgeo/camera_pose", "tirgeo/overlay/image"),
     *("tirgeo/overlay/image/compressed", "tirgeo/locate/point", "/diagnostics"),
 )
-_FASTER = 2.0  # than real time: what repeats by the clock (heartbeats) is counted half
+_FASTER = 3.0  # than real time: what repeats by the clock (heartbeats) counts a third
 _PLAYER_S = 120.0
 
 
-def rows(bag: Path, folder: Path, progress: Report = silent) -> list[str]:
-    """Return a row of Markdown for each topic of a bag: rate, size, payload, on the network."""
+def rows(
+    bag: Path, folder: Path, wanted: Sequence[str] = (), progress: Report = silent
+) -> list[str]:
+    """Return a row of Markdown for each topic of a bag, or those wanted: rate, size, kbit/s."""
     reader = BagReader(bag)
     counts, sizes = Counter[str](), Counter[str]()
     for item in reader.messages():
@@ -46,24 +49,21 @@ def rows(bag: Path, folder: Path, progress: Report = silent) -> list[str]:
         sizes[item.topic] += len(item.data)
     span_s = (reader.span_ns[1] - reader.span_ns[0]) * 1e-9
     found = []
-    for done, topic in enumerate(reader.topics(), 1):
+    topics = [one for one in counts if not wanted or one.strip("/") in wanted]
+    for done, topic in enumerate(sorted(topics), 1):
         rate_hz, mean = counts[topic] / span_s, sizes[topic] / counts[topic]
         on_wire = _bytes_on_loopback(bag, topic, folder) / counts[topic]
         kbit_s = rate_hz * on_wire * 8e-3
         cells = (f"{rate_hz:.1f}", f"{mean:.0f}", f"{on_wire:.0f}", f"{kbit_s:.0f}")
         found.append(f"| `{topic.lstrip('/')}` | {' | '.join(cells)} |")
-        progress(done, len(counts))
+        progress(done, len(topics))
     return found
 
 
 def _bytes_on_loopback(bag: Path, topic: str, folder: Path) -> int:
     """Play one topic to one reader over UDP; return the bytes that the loopback carried."""
     environment = graph_environment(GraphSetup(bag, folder))
-    environment = {k: v for k, v in environment.items() if "PROFILES_FILE" not in k}
-    environment |= {
-        "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-    }
+    environment[PROFILES[0]] = str(_udp_profile(folder))
     output = folder / f"{topic.strip('/').replace('/', '_')}.mcap"
     names: dict[str, dict[str, object]] = {
         "recorder": {"output": output, "topics": topic},
@@ -84,6 +84,17 @@ def _bytes_on_loopback(bag: Path, topic: str, folder: Path) -> int:
     return carried
 
 
+def _udp_profile(folder: Path) -> Path:
+    """Write the profile of localhost without shared memory, and with few peers to call."""
+    given = find_resource("config/fastdds_localhost.xml")
+    assert given is not None
+    used = f"{' ' * 8}<transport_id>shared_memory</transport_id>\n"
+    text = given.read_text().replace(used, "").replace("Range>32<", "Range>2<")
+    path = folder / "udp.xml"
+    path.write_text(text)
+    return path
+
+
 def _carried() -> int:
     """Return the bytes that the loopback has sent so far (proc(5), net/dev)."""
     lines = Path("/proc/net/dev").read_text().splitlines()
@@ -95,6 +106,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Print the table; return the exit code."""
     parser = argparse.ArgumentParser(prog="python -m dev.fleet.bandwidth", description=__doc__)
     parser.add_argument("--jpeg-quality", type=int, default=80)
+    parser.add_argument("--topics", nargs="*", default=(), help="these alone, as tirgeo/odometry")
     parser.add_argument("--rate", type=float, default=100.0, help="compressed_rate_hz")
     args = parser.parse_args(argv)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -110,8 +122,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             flight, wanted = sample / "flight.mcap", {"topics": RECORDED, "more_params": [more]}
             setup = GraphSetup(flight, folder, params, map_file, **wanted)
             run = run_graph(setup, 30.0)
-            found = rows(run.recording, folder, bar)
-            found += rows(flight, folder, bar)
+            found = rows(run.recording, folder, args.topics, bar)
+            found += rows(flight, folder, args.topics, bar)
     except (TirgeoError, OSError) as error:
         sys.stderr.write(f"bandwidth: {error}\n")
         return 1
