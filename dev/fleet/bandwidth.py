@@ -118,12 +118,17 @@ def main(argv: Sequence[str] | None = None) -> int:
             given = {"jpeg_quality": args.jpeg_quality, "compressed_rate_hz": args.rate}
             more = folder / "more.yaml"
             more.write_text(f"/**/overlay_node: {{ros__parameters: {given}}}\n")
-            params, map_file = sample / "params.yaml", sample / "map.geojson"
-            flight, wanted = sample / "flight.mcap", {"topics": RECORDED, "more_params": [more]}
-            setup = GraphSetup(flight, folder, params, map_file, **wanted)
+            setup = GraphSetup(
+                sample / "flight.mcap",
+                folder,
+                sample / "params.yaml",
+                sample / "map.geojson",
+                topics=RECORDED,
+                more_params=[more],
+            )
             run = run_graph(setup, 30.0)
             found = rows(run.recording, folder, args.topics, bar)
-            found += rows(flight, folder, args.topics, bar)
+            found += rows(setup.bag, folder, args.topics, bar)
     except (TirgeoError, OSError) as error:
         sys.stderr.write(f"bandwidth: {error}\n")
         return 1
