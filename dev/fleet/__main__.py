@@ -55,15 +55,19 @@ def run_fleet(
     folder: Path,
     flights: Sequence[FleetFlight],
     nodes: Sequence[str] = NODES,
+    *,
+    together: bool = False,
     rate: float = 1.0,
     progress: Report = silent,
 ) -> FleetRun:
     """Start each aircraft's nodes in its namespace, play the flights, judge what came.
 
     ``folder`` takes logs and recording; ``rate`` is how fast the flights are played, as a multiple
-    of real time. Raise GraphError for a node that ends early.
+    of real time. The nodes of an aircraft are a process each, or one ``together``, as ``tirgeo
+    run`` has them. Raise GraphError for a node that ends early.
     """
     environment = graph_environment(GraphSetup(folder, folder))
+    programs = {"one_process": ("--", *nodes)} if together else {name: () for name in nodes}
     recording, shifts = folder / "recording.mcap", folder / "shifts.json"
     with node_processes() as processes:
 
@@ -74,8 +78,8 @@ def run_fleet(
 
         for flight in flights:
             words = ("--params-file", str(flight.params), "-r", f"__ns:=/{flight.name}")
-            for name in nodes:
-                start(name, f"{flight.name}_{name}", *words)
+            for name, more in programs.items():
+                start(name, f"{flight.name}_{name}", *words, *more)
         names = [flight.name for flight in flights]
         bags = ",".join(str(flight.bag) for flight in flights)
         start("fleet_witness", "witness", *_words(aircraft=",".join(names), output=recording))
@@ -164,6 +168,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         "--rate", type=float, default=1.0, help="less than 1 where the machine has other work"
     )
     parser.add_argument("--nodes", default=",".join(NODES), help="of each aircraft")
+    parser.add_argument("--together", action="store_true", help="each aircraft's in one process")
     parser.add_argument("-o", "--out", type=Path, metavar="DIR", help="for logs and recording")
     args = parser.parse_args(argv)
     if args.aircraft < 1 or args.seconds < 10:
@@ -175,7 +180,14 @@ def main(argv: Sequence[str] | None = None) -> int:
             with Progress("simulating the flights") as bar:
                 flights = make_fleet(folder, args.aircraft, args.seconds, bar)
             with Progress("flying", "s") as bar:
-                run = run_fleet(folder, flights, args.nodes.split(","), args.rate, bar)
+                run = run_fleet(
+                    folder,
+                    flights,
+                    args.nodes.split(","),
+                    together=args.together,
+                    rate=args.rate,
+                    progress=bar,
+                )
     except (TirgeoError, OSError) as error:
         sys.stderr.write(f"fleet: {error}\n")
         return 1
