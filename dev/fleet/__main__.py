@@ -67,7 +67,7 @@ def run_fleet(
     run`` has them. Raise GraphError for a node that ends early.
     """
     environment = graph_environment(GraphSetup(folder, folder))
-    programs = {"one_process": ("--", *nodes)} if together else {name: () for name in nodes}
+    programs = {"one_process": ("--", *nodes)} if together else dict.fromkeys(nodes, ())
     recording, shifts = folder / "recording.mcap", folder / "shifts.json"
     with node_processes() as processes:
 
