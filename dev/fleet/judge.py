@@ -42,7 +42,7 @@ class Judged:
     odometry: int
     odometry_lost: int  # samples of the IMU since then without odometry
     poses: int  # of the camera
-    poses_lost: int  # joint samples since the first one without
+    poses_lost: int  # joint samples between the first odometry and the last one without a pose
     crossed: int  # messages that stem from another aircraft's sample, or lie off the own truth
     error_m: float  # the largest distance from the truth; nan: no odometry
 
@@ -79,8 +79,8 @@ def judge(flight: FleetFlight, shift_ns: int, heard: Heard) -> Judged:
     odometry, cameras = (heard.stamps_ns[topic] for topic in _OUTPUTS)
     first_ns = min(odometry, default=0)
     errors = _errors_m(flight, shift_ns, heard)
-    # A joint sample waits for the body's pose after it.
-    due = {one for one in joints if min(cameras, default=0) <= one <= max(odometry, default=0)}
+    # A camera's pose needs the body's before and after it.
+    due = {one for one in joints if first_ns <= one <= max(odometry, default=0)}
     foreign = len(set(odometry) - imu) + len(set(cameras) - joints)
     return Judged(
         flight.name,
