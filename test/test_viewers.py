@@ -43,3 +43,11 @@ def test_rviz_shows_the_overlay_and_what_was_located():
     assert topics["tirgeo/locate/point"] == "rviz_default_plugins/PoseWithCovariance"
     assert set(topics) <= TOPIC_TYPES.keys()  # relative, for a namespace
     assert "Frame: map" not in text.replace("Fixed Frame: map", "")  # rviz2 -f changes that one
+
+
+def test_the_router_of_an_aircraft_limits_topics_that_exist():
+    text = (PROJECT / "config" / "zenoh_aircraft.json5").read_text()
+    limited = re.findall(r'key_expr: "\*/\*\*/(.+?)/\*\*"', text)
+    assert len(limited) >= 5
+    types = {name.replace("/msg/", "::msg::dds_::") + "_" for name in TOPIC_TYPES.values()}
+    assert set(limited) <= set(TOPIC_TYPES) | types

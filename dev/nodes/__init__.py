@@ -3,4 +3,4 @@
 
 def package_of(name: str) -> str:
     """Return the package that a node stands in: the laboratory's or the product's."""
-    return "dev.nodes" if name.startswith(("bench_", "soak_")) else "tirgeo_ros.nodes"
+    return "dev.nodes" if name.startswith(("bench_", "fleet_", "soak_")) else "tirgeo_ros.nodes"

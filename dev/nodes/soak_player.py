@@ -94,7 +94,7 @@ class SoakPlayer(GraphNode):
         stamp_ns = original_ns + flown_ns + self._shift_ns
         if topic == FRAMES:
             self._note(f"frame {stamp_ns} {time.monotonic():.6f}")
-        self._topics[topic].publish(_stamped(data, stamp_ns))
+        self._topics[topic].publish(stamped(data, stamp_ns))
 
     def _jump(self) -> None:
         self._jump_asked.clear()
@@ -109,7 +109,7 @@ class SoakPlayer(GraphNode):
         os.write(self._ledger, f"{line}\n".encode())
 
 
-def _stamped(data: bytearray, stamp_ns: int) -> Any:
+def stamped(data: bytearray, stamp_ns: int) -> Any:
     """CDR bytes of a message that begins with a header, under another stamp."""
     given = bytearray(data)
     struct.pack_into("<iI" if data[1] else ">iI", given, 4, *divmod(stamp_ns, 1_000_000_000))

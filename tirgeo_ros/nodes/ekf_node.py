@@ -33,8 +33,6 @@ from tirgeo_ros.nodes.transforms import Transforms
 Decode = Callable[[Any], NavigationInput]
 _IMU = NAVIGATION_INPUTS[Source.IMU][0]
 _POSITIONS = (Source.RTK_POSITION, Source.GPS_POSITION)
-#: How often plain IMU samples let the node look at the filter's state, a fifth of its cost.
-_STATE_HZ = 50.0
 _RESTARTS = (Outcome.TIME_JUMP, Outcome.GAP, Outcome.RESTART)
 _SET_HEADING = "~/set_heading"
 _TAKEN = (Outcome.USED, Outcome.WAITING)
@@ -91,7 +89,7 @@ class EkfNode(GraphNode):
         self._inbox = Inbox(self)
         self._state_log = StateLog(self)
         self._state_log.note(self._navigation.status())
-        self._state_rate = RateLimit(_STATE_HZ)
+        self._noted = self._navigation.state_and_resets()
         self._odometry = self.advertise("tirgeo/odometry", output(STREAM_DEPTH))
         self._fix_rate = RateLimit(config.fix_rate_hz)
         self._fix = self.advertise("tirgeo/fix", output())
@@ -128,12 +126,15 @@ class EkfNode(GraphNode):
             self._warn(step.verdict)
         if step.solution is not None:
             self._publish(step.solution)
-        plain = topic == _IMU and step.verdict.outcome is Outcome.USED
-        if not plain or self._state_rate.due(came.stamp_ns):
-            self._note_state()
+        self._note_state()
         self._setup.take(self._checks.take, topic, came, arrival_ns)
 
     def _note_state(self) -> None:
+        """Log and report a change at once; asked at each sample, so the whole status waits."""
+        found = self._navigation.state_and_resets()
+        if found == self._noted:
+            return
+        self._noted = found
         status = self._navigation.status()
         if self._state_log.note(status):
             self.report([self._item(status)])

@@ -43,11 +43,11 @@ class GimbalNode(GraphNode):
         stream = output(STREAM_DEPTH)
         self._camera_pose = self.advertise("tirgeo/camera_pose", stream)
         self._transforms = Transforms(self, config)
-        self.listen("tirgeo/odometry", self._take_body, stream)
+        self.listen("tirgeo/odometry", self._take_body, stream, raw=True)
         self.monitor.expects("tirgeo/odometry")
         if config.composition != "paper":
-            self.listen("gimbal/joint_states", self._take_joints, sensor_input())
-        self.listen("gimbal/attitude", self._take_attitude, sensor_input())
+            self.listen("gimbal/joint_states", self._take_joints, sensor_input(), raw=True)
+        self.listen("gimbal/attitude", self._take_attitude, sensor_input(), raw=True)
         self._imu: Any = None  # the subscription, or None while there is none
         self._listen_for_paper()
         self._logged_composition = ""

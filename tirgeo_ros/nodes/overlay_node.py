@@ -17,6 +17,7 @@ from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.overlay.map_renderer import DrawingVerdict
 from tirgeo_ros.core.overlay.overlay import Overlay, OverlayResult
 from tirgeo_ros.core.streams.arrival_stamps import Arrivals
+from tirgeo_ros.core.streams.rates import RateLimit
 from tirgeo_ros.core.types.errors import cut
 from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.io.elevation.elevation_model import ground_of
@@ -86,6 +87,7 @@ class OverlayNode(GraphNode):
         self._arrivals = Arrivals()
         self._image = self.advertise(_IMAGE, output(IMAGE_DEPTH))
         self._jpeg = self.advertise(_JPEG, output(IMAGE_DEPTH))
+        self._jpeg_rate = RateLimit(self._config.compressed_rate_hz)
         encode = self.guarded(_JPEG, self._publish_jpeg)
         self._encoder: NewestWorker[tuple[OverlayResult, bool]] = NewestWorker("JPEG", encode)
         self._geometry = PictureGeometry(self, self._overlay, self._config.footprint_rate_hz)
@@ -100,6 +102,7 @@ class OverlayNode(GraphNode):
 
     def _reconfigure(self, config: OverlayConfig) -> None:
         self._config = config
+        self._jpeg_rate = RateLimit(config.compressed_rate_hz)
         self._overlay.configure(config)
         self._setup.take(self._picture_checks.configure, config)
 
@@ -205,7 +208,9 @@ class OverlayNode(GraphNode):
             self._setup.take(self._map_checks.failed, self.resources.error)
 
     def _publish(self, result: OverlayResult) -> None:
-        as_jpeg, raw = (each.get_subscription_count() for each in (self._jpeg, self._image))
+        raw = self._image.get_subscription_count() > 0
+        wanted = self._jpeg.get_subscription_count() > 0
+        as_jpeg = wanted and self._jpeg_rate.due(result.stamp_ns)
         if as_jpeg:
             self._encoder.put((result, not raw))
         if raw:

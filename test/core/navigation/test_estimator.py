@@ -33,7 +33,8 @@ def test_states_and_reasons():
     for sample in navigation_samples(flown):
         navigation.process(sample)
         imu_ns = sample.stamp_ns if isinstance(sample, ImuSample) else imu_ns
-        seen.setdefault(navigation.status().state, imu_ns)
+        seen.setdefault(navigation.state_and_resets()[0], imu_ns)
+        assert navigation.status().state is navigation.state_and_resets()[0]
     assert list(seen) == [FilterState.WAITING, FilterState.ALIGNING, FilterState.RUNNING]
     status = navigation.status()
     assert status.reason == ""
@@ -147,6 +148,7 @@ def test_a_position_that_stays_away_is_followed_after_a_counted_reset(gps, patie
     found, _, navigation = filtered(flight(duration_s=5.0 + patience_s + 4.0), change)
     status = navigation.status()
     assert status.resets == {"rtk_position": 1}
+    assert navigation.state_and_resets() == (status.state, 1)
     assert status.last_reset.startswith("position moved by 3.")
     # Refusals at 5 Hz, the first at 5.2 s; the one after so long sets the state.
     assert status.counts["rtk_position", "gated"] == round(5 * patience_s)

@@ -108,6 +108,12 @@ class OverlayConfig(FramesConfig):
     )
     rectify: bool = param(False, "show the picture without the lens's distortion", live=True)
     footprint_rate_hz: float = param(5.0, "highest rate of tirgeo/footprint", ("Hz", 0.1, 100))
+    compressed_rate_hz: float = param(
+        100.0,
+        "highest rate of tirgeo/overlay/image/compressed, for a thin link",
+        ("Hz", 0.1, 1000),
+        live=True,
+    )
     jpeg_quality: int = param(
         80, "quality of tirgeo/overlay/image/compressed", ("", 1, 100), live=True
     )

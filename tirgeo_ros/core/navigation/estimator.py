@@ -32,7 +32,6 @@ from tirgeo_ros.core.navigation.vibration_noise import densities
 from tirgeo_ros.core.streams.rates import RateLimit
 from tirgeo_ros.core.streams.sanity_checks import fault_of
 from tirgeo_ros.core.types.measurements import (
-    FixStatus,
     ImuSample,
     NavigationInput,
     PositionSample,
@@ -122,11 +121,6 @@ class Navigation:
         """Return the plane of ``map``: as configured, or at the first accepted position."""
         return self._origin.plane
 
-    @property
-    def rtk_status(self) -> FixStatus:
-        """Return the RTK receiver's newest fix status; NONE once it is silent."""
-        return self._health.rtk_status(self._clocks.now_ns)
-
     def process(self, sample: NavigationInput) -> Step:
         """Take one sample, whatever is in it; return its verdict, and a solution if one is due."""
         fault = fault_of(sample)
@@ -148,15 +142,13 @@ class Navigation:
         self._enter(state)
         resets, last_reset = self._reset_counts()
         now_ns, newest = self._clocks.now_ns, self._newest
-        sigma_rad = math.nan
-        if newest is not None and state.navigating:
-            sigma_rad = math.sqrt(newest.covariance[5, 5])
+        known = newest.covariance[5, 5] if newest and state.navigating else math.nan
         return NavigationStatus(
             self._config.method,
             state,
             reason,
-            self.rtk_status,
-            sigma_rad,
+            self._health.rtk_status(now_ns),
+            math.sqrt(known),
             {(a.value, b.value): number for (a, b), number in self._log.counts.items()},
             {source.value: ratio for source, ratio in self._log.test_ratios.items()},
             (now_ns - self._entered[1]) * 1e-9,
@@ -168,6 +160,13 @@ class Navigation:
             self._ekf.process_noise if self._ekf else "",
             densities(self._ekf.vibration) if self._ekf else (),
         )
+
+    def state_and_resets(self) -> tuple[FilterState, int]:
+        """Return the state and the number of resets, at a tenth of what ``status`` costs."""
+        state, _ = self._state()
+        self._enter(state)
+        of_this = sum(self._ekf.control.resets) if self._ekf else 0
+        return state, self._resets.total() + of_this
 
     def _reset_counts(self) -> tuple[Counter[Source], str]:
         """Return the number of resets by source, over all filters so far, and the newest reset."""

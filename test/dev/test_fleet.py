@@ -1,0 +1,89 @@
+"""Three aircraft side by side over DDS, and what the judge of a fleet counts."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
+
+from dev.fleet.__main__ import FleetRun, faults, run_fleet, table
+from dev.fleet.flights import make_fleet
+from dev.fleet.judge import Heard, judge
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.frames.wgs84 import geodetic_from_ecef
+from tirgeo_ros.io.bags.bag import BagReader
+from tirgeo_ros.io.bags.cdr import header_stamp_ns
+
+SHIFT_NS = 7_000_000_007
+
+
+@pytest.fixture(scope="module")
+def flights(tmp_path_factory):
+    return make_fleet(tmp_path_factory.mktemp("fleet"), 2, 5.0)
+
+
+def perfect(flight) -> Heard:
+    """What a graph without error and loss gives."""
+    plane = TangentPlane(*map(float, geodetic_from_ecef(flight.place_e[0])))
+    joints = [
+        header_stamp_ns(item.data) + SHIFT_NS
+        for item in BagReader(flight.bag).messages(["/gimbal/joint_states"])
+    ]
+    stamps = {
+        "tirgeo/odometry": [one + SHIFT_NS for one in flight.stamp_ns],
+        "tirgeo/camera_pose": joints,
+    }
+    places = [plane.ned_from_geodetic(*geodetic_from_ecef(place)) for place in flight.place_e]
+    return Heard(stamps, places, plane)
+
+
+def test_nothing_is_lost_or_crossed_where_all_came(flights):
+    one = judge(flights[0], SHIFT_NS, perfect(flights[0]))
+    assert (one.odometry_lost, one.poses_lost, one.crossed) == (0, 0, 0)
+    assert one.odometry == one.imu_sent == 501
+    assert one.error_m < 1e-6
+    assert faults(FleetRun({"ekf_node": 0.2, "fleet_player": 9.0}, 1.0, [one]), 0.3) == []
+
+
+def test_what_is_lost_is_counted(flights):
+    heard = perfect(flights[0])
+    for stamps in heard.stamps_ns.values():
+        del stamps[10]
+    del heard.place_n[10]
+    one = judge(flights[0], SHIFT_NS, heard)
+    assert (one.odometry_lost, one.poses_lost, one.crossed) == (1, 1, 0)
+    told = faults(FleetRun({"ekf_node": 0.5}, 1.0, [one]), 0.3)
+    assert told == ["the nodes use more than 0.3 cores", "uav1: 2 samples without a pose"]
+
+
+def test_another_aircrafts_samples_and_places_are_crossed(flights):
+    heard, other = perfect(flights[0]), perfect(flights[1])
+    heard.stamps_ns["tirgeo/camera_pose"][20] += 1  # the next aircraft's stamps end so
+    heard.place_n[7] = heard.place_n[7] + np.array([200.0, 0.0, 0.0])
+    one = judge(flights[0], SHIFT_NS, heard)
+    assert one.crossed == 2
+    assert one.error_m == pytest.approx(200.0, abs=0.01)
+    swapped = dataclasses.replace(other, stamps_ns=heard.stamps_ns)
+    assert judge(flights[0], SHIFT_NS, swapped).crossed > 500
+
+
+@pytest.mark.graph
+@pytest.mark.slow
+@pytest.mark.long
+def test_three_aircraft_lose_and_cross_nothing(tmp_path):
+    """At half of real time and with patient gimbals, so that a busy machine has no part in it."""
+    flights = make_fleet(tmp_path, 3, 10.0)
+    for flight in flights:
+        patient = "/*/gimbal_node: {ros__parameters: {max_wait_s: 5.0}}\n"
+        flight.params.write_text(flight.params.read_text() + patient)
+    run = run_fleet(tmp_path, flights, rate=0.5)
+    assert faults(run, 99.0) == []
+    for one in run.judged:
+        assert one.imu_sent == 1001
+        assert one.odometry > 700
+        assert one.poses > 300
+    assert "uav3" in table(run)
+    assert run.node_cores > 0

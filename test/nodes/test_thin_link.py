@@ -1,0 +1,118 @@
+"""What leaves an aircraft: fewer compressed pictures, and who finds whom by a discovery server."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
+
+from graph_helpers import await_words
+from overlay_flight import Flight, write_map
+from overlays import SQUARE_N
+from sensor_msgs.msg import CompressedImage, Image
+
+from tirgeo_ros.io.files.child_python import python_command
+from tirgeo_ros.io.messages import stamp_ns
+from tirgeo_ros.tools.graph import find_resource
+from tirgeo_ros.tools.graph.node_process import NodeProcess
+
+pytestmark = pytest.mark.graph
+
+_SERVER = """
+import signal, rclpy
+rclpy.init()
+node = rclpy.create_node("discovery_server")
+print("ready", flush=True)
+signal.sigwait({signal.SIGTERM, signal.SIGINT})
+"""
+
+
+def test_compressed_pictures_come_at_their_own_rate(spawn, meet, tmp_path):
+    write_map(tmp_path / "map.geojson", SQUARE_N)
+    given = {"map": tmp_path / "map.geojson", "ground_height_m": 25.0, "compressed_rate_hz": 5.0}
+    words = [word for name, value in given.items() for word in ("-p", f"{name}:={value}")]
+    await_words(spawn("overlay_node", *words), "ready")
+    flown = Flight(
+        meet(tirgeo__overlay__image__compressed=CompressedImage, tirgeo__overlay__image=Image)
+    )
+    jpegs = flown.stranger.received["tirgeo/overlay/image/compressed"]
+    pictures = flown.stranger.received["tirgeo/overlay/image"]
+    flown.until(lambda: len(jpegs) >= 8 and len(pictures) >= 12)
+    stamps = [stamp_ns(jpeg) for jpeg in jpegs]
+    # Eight in 7 periods of 0.2 s; the first and the last may be off by a quarter of one.
+    assert stamps[7] - stamps[0] >= 7 * 200_000_000 - 2 * 50_000_000
+    assert set(stamps[1:-1]) <= {stamp_ns(one) for one in pictures}
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("", 0))
+        return int(probe.getsockname()[1])
+
+
+@pytest.fixture
+def remote(environment, tmp_path) -> dict[str, str]:
+    """The environment of a launch that others may reach, as a client of a server on this host."""
+    theirs = {k: v for k, v in environment.items() if not k.startswith(("ROS_AUTO", "SKIP"))}
+    port = free_port()
+    profile = find_resource("config/fastdds_server.xml").read_text()
+    (tmp_path / "server.xml").write_text(profile.replace("<port>11811<", f"<port>{port}<"))
+    return theirs | {
+        "FASTRTPS_DEFAULT_PROFILES_FILE": str(find_resource("config/fastdds.xml")),
+        "ROS_DISCOVERY_SERVER": f"127.0.0.1:{port}",
+    }
+
+
+@contextmanager
+def running(pid: int) -> Iterator[None]:
+    try:
+        yield
+    finally:
+        os.kill(pid, signal.SIGTERM)
+        os.waitpid(pid, 0)
+
+
+@pytest.fixture
+def start(tmp_path) -> Iterator[Callable[..., NodeProcess]]:
+    """Start nodes in an environment of their own; none outlives the test."""
+    nodes = []
+
+    def spawn(name: str, environment: dict[str, str], *arguments: str) -> NodeProcess:
+        log = tmp_path / f"{name}_{len(nodes)}.log"
+        nodes.append(NodeProcess(name, arguments, environment, log))
+        return nodes[-1]
+
+    yield spawn
+    for node in nodes:
+        node.signal(signal.SIGINT)
+        node.wait(20.0)
+        node.signal(signal.SIGKILL)
+
+
+def test_nodes_meet_through_a_discovery_server_alone(start, remote, flight_bag, tmp_path):
+    ekf = start("ekf_node", remote)
+    await_words(ekf, "ready")
+    play = ["-p", f"bag:={flight_bag}", "-p", "live:=true", "-p", "wait_for:=imu/data", "-p"]
+    alone = start("bag_player", remote, *play, "wait_timeout_s:=3.0")
+    await_words(alone, "playing without a subscriber of")
+    server = remote | {"FASTRTPS_DEFAULT_PROFILES_FILE": str(tmp_path / "server.xml")}
+    del server["ROS_DISCOVERY_SERVER"]
+    command = python_command(_SERVER)
+    log = Path(tmp_path / "server.log")
+    flags = os.O_WRONLY | os.O_CREAT
+    files = [(os.POSIX_SPAWN_OPEN, 1, str(log), flags, 0o644), (os.POSIX_SPAWN_DUP2, 1, 2)]
+    with running(os.posix_spawn(command[0], command, server, file_actions=files)):
+        player = start("bag_player", remote, *play, "wait_timeout_s:=60.0")
+        await_words(player, "playing")
+        assert "playing without" not in player.text()
+        await_words(ekf, "aligning")
+    # A profile that Fast DDS cannot read is told on stderr, and then not used.
+    assert log.read_text() == "ready\n"
+    assert "XMLPARSER" not in ekf.text() + player.text()
