@@ -110,7 +110,7 @@ BASES: dict[type, Callable[[], Any]] = {
     GimbalConfig: lambda: GimbalConfig(north=NorthConfig(centred=True))
 }
 #: What only the node uses.
-BY_NODE = {"jpeg_quality"}
+BY_NODE = {"compressed_rate_hz", "jpeg_quality"}
 
 
 @pytest.mark.parametrize(("kind", "one"), LIVE, ids=[f"{k.__name__}-{p.name}" for k, p in LIVE])

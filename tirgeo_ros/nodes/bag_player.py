@@ -64,6 +64,8 @@ class BagPlayer(GraphNode):
         spoken = aircraft_topics(topics, wanted) if port else {}
         self._topics = publishers_for(self, topics, wanted, spoken)
         self._clock_publisher = None if self._config.live else self.advertise("/clock", output())
+        if self._clock_publisher is not None:  # DDS finds the other one sooner or later
+            self._rival_timer = self.steady_timer("clock", 0.5, self._look_for_a_rival)
         config = self._config.simulated_aircraft, self._config.aircraft
         self._aircraft = SerialAircraft(port, *config, spoken) if port else None
         self.resources = self._aircraft.terminal if self._aircraft else None
@@ -76,9 +78,6 @@ class BagPlayer(GraphNode):
         )
         if missing:
             self.log(WARN, f"playing without {missing}")
-        clock = self._clock_publisher.topic_name if self._clock_publisher else ""
-        if clock and self.count_publishers(clock) > 1:
-            self.log(WARN, f"{clock} has another publisher too: give each bag its own namespace")
         self.log(OK, f"playing {config.bag}")
         self._play_once(stop)
         while self._config.loop and not stop.is_set():
@@ -89,6 +88,13 @@ class BagPlayer(GraphNode):
         if self._reader.damage:
             raise BagError(f"{self._config.bag}: {self._reader.damage}")
         return 0
+
+    def _look_for_a_rival(self) -> None:
+        """Warn, once, of another publisher of the clock."""
+        clock = self._clock_publisher.topic_name if self._clock_publisher else ""
+        if self.count_publishers(clock) > 1:
+            self.log(WARN, f"{clock} has another publisher too: give each bag its own namespace")
+            self._rival_timer.cancel()
 
     def _attend(self) -> str:
         """Serve the simulated aircraft's host; return which reader is missing."""

@@ -60,8 +60,8 @@ def test_silent_receiver_has_no_status():
         stamp_ns = imu.stamp_ns + step * 10_000_000
         navigation.process(replace(imu, stamp_ns=stamp_ns, angular_rate_b=rate_b))
         if step in {1, 150}:
-            assert navigation.rtk_status is FixStatus.FIXED
-    assert navigation.rtk_status is FixStatus.NONE
+            assert navigation.status().rtk_status is FixStatus.FIXED
+    assert navigation.status().rtk_status is FixStatus.NONE
 
 
 def test_a_bag_played_again_starts_again():
