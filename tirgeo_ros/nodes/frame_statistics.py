@@ -6,7 +6,6 @@ a shallow queue, or it was lost in transport.
 
 from __future__ import annotations
 
-import threading
 import time
 from collections import deque
 from collections.abc import Callable
@@ -24,11 +23,10 @@ class FrameStatistics:
 
     ``sent`` counts frames since the first that came, ``missed`` those of them that did not come.
     A number that goes back means a new publisher. With two publishers at once on one topic both
-    counts are wrong. Pictures may leave in another thread than that in which frames arrive.
+    counts are wrong.
     """
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()
         self.sent = self.missed = 0
         self._last: dict[str, int] = {}  # number of each topic's newest frame
         self._arrived_s: deque[tuple[int, float]] = deque(maxlen=_FRAMES)  # stamp (ns), time
@@ -55,15 +53,13 @@ class FrameStatistics:
 
     def arrived(self, stamp_ns: int) -> None:
         """Record the arrival of a frame."""
-        with self._lock:
-            self._arrived_s.append((stamp_ns, time.monotonic()))
+        self._arrived_s.append((stamp_ns, time.monotonic()))
 
     def left(self, stamp_ns: int) -> float:
         """Record that its picture was published; return seconds since arrival, 0 if unknown."""
         now_s = time.monotonic()
-        with self._lock:
-            took_s = now_s - dict(self._arrived_s).get(stamp_ns, now_s)
-            self._took_s.append(took_s)
+        took_s = now_s - dict(self._arrived_s).get(stamp_ns, now_s)
+        self._took_s.append(took_s)
         return took_s
 
     @property
@@ -73,8 +69,6 @@ class FrameStatistics:
         if self._arrived_s:
             seconds = divmod(self._arrived_s[-1][0], 1_000_000_000)
             found["newest_frame"] = "{}.{:09d}".format(*seconds)
-        with self._lock:
-            took_s = [*self._took_s]
-        for share in (50, 95) if took_s else ():
-            found[f"latency p{share} [ms]"] = f"{1e3 * np.percentile(took_s, share):.1f}"
+        for share in (50, 95) if self._took_s else ():
+            found[f"latency p{share} [ms]"] = f"{1e3 * np.percentile(self._took_s, share):.1f}"
         return found

@@ -38,7 +38,6 @@ from tirgeo_ros.nodes.frame_statistics import FrameStatistics
 from tirgeo_ros.nodes.graph_node import GraphNode
 from tirgeo_ros.nodes.map_watch import MapWatch
 from tirgeo_ros.nodes.monitor import OK, WARN
-from tirgeo_ros.nodes.newest_worker import NewestWorker
 from tirgeo_ros.nodes.parameters import given_names
 from tirgeo_ros.nodes.picture_geometry import PictureGeometry
 from tirgeo_ros.nodes.qos import IMAGE_DEPTH, latched, output, sensor_input
@@ -52,7 +51,6 @@ _RELEASE_PERIOD_S = 0.02
 _FRAME_DEPTH = 1
 _RAW, _COMPRESSED = "thermal/image_raw", "thermal/image_raw/compressed"
 _INFO = "thermal/camera_info"
-_IMAGE, _JPEG = "tirgeo/overlay/image", "tirgeo/overlay/image/compressed"
 
 
 class OverlayNode(GraphNode):
@@ -85,11 +83,9 @@ class OverlayNode(GraphNode):
         self.resources = MapWatch(self, self._config, lambda: self._overlay.plane)
         self._frames = FrameStatistics()
         self._arrivals = Arrivals()
-        self._image = self.advertise(_IMAGE, output(IMAGE_DEPTH))
-        self._jpeg = self.advertise(_JPEG, output(IMAGE_DEPTH))
+        self._image = self.advertise("tirgeo/overlay/image", output(IMAGE_DEPTH))
+        self._jpeg = self.advertise("tirgeo/overlay/image/compressed", output(IMAGE_DEPTH))
         self._jpeg_rate = RateLimit(self._config.compressed_rate_hz)
-        encode = self.guarded(_JPEG, self._publish_jpeg)
-        self._encoder: NewestWorker[tuple[OverlayResult, bool]] = NewestWorker("JPEG", encode)
         self._geometry = PictureGeometry(self, self._overlay, self._config.footprint_rate_hz)
         self._fix = self.advertise("tirgeo/locate/fix", output())
         self._point = self.advertise("tirgeo/locate/point", output())
@@ -208,40 +204,20 @@ class OverlayNode(GraphNode):
             self._setup.take(self._map_checks.failed, self.resources.error)
 
     def _publish(self, result: OverlayResult) -> None:
-        raw = self._image.get_subscription_count() > 0
-        wanted = self._jpeg.get_subscription_count() > 0
-        as_jpeg = wanted and self._jpeg_rate.due(result.stamp_ns)
-        if as_jpeg:
-            self._encoder.put((result, not raw))
-        if raw:
+        if self._image.get_subscription_count():
             self._image.publish(self.messages.image(result.stamp_ns, result.image))
-        if raw or not as_jpeg:
-            self.monitor.published(_IMAGE, self._frames.left(result.stamp_ns))
+        if self._jpeg.get_subscription_count() and self._jpeg_rate.due(result.stamp_ns):
+            quality = [cv2.IMWRITE_JPEG_QUALITY, self._config.jpeg_quality]
+            jpeg = cv2.imencode(".jpg", result.image, quality)[1].tobytes()
+            self._jpeg.publish(self.messages.compressed(result.stamp_ns, jpeg))
+        self.monitor.published("tirgeo/overlay/image", self._frames.left(result.stamp_ns))
         self._geometry.publish(result)
-
-    def _publish_jpeg(self, drawn: tuple[OverlayResult, bool]) -> None:
-        """Publish a picture as JPEG, in the encoder's thread; count it if it is not sent raw.
-
-        The thread may read the picture: once drawn, it is not written into again.
-        """
-        result, counts = drawn
-        quality = [cv2.IMWRITE_JPEG_QUALITY, self._config.jpeg_quality]
-        jpeg = cv2.imencode(".jpg", result.image, quality)[1].tobytes()
-        self._jpeg.publish(self.messages.compressed(result.stamp_ns, jpeg))
-        if counts:
-            self.monitor.published(_IMAGE, self._frames.left(result.stamp_ns))
-
-    def destroy_node(self) -> None:
-        """Wait for the picture that is being encoded, then destroy the node."""
-        self._encoder.close()
-        super().destroy_node()
 
     def _items(self) -> list[DiagnosticItem]:
         self._renew_map()
         watch = self.resources
         overlay, clicks = self._overlay, self._overlay.clicks.counts
         numbers = overlay.counts | {"waiting": len(overlay.frames)} | watch.counts
-        numbers["jpegs_replaced"] = self._encoder.replaced
         numbers |= {f"clicks_{name}": number for name, number in sorted(clicks.items())}
         values = {name: str(number) for name, number in numbers.items()}
         texts = {
