@@ -35,6 +35,9 @@ LONG = (
     "tools/calibrate/test_allan.py",
     "io/maps/test_bombs.py",
     "core/aircraft_calibration/test_fit.py",
+    "nodes/test_graph.py",
+    "nodes/test_lifecycle.py",
+    "nodes/test_live_parameters.py",
 )
 
 

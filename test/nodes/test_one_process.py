@@ -116,6 +116,7 @@ def test_a_bag_goes_through_and_others_see_each_message_once(
     assert all(first_ns < stamp <= last_ns for stamp in newest.values())
 
 
+@pytest.mark.slow
 def test_a_stop_signal_ends_all(start, sample):
     """SIGKILL too, which no process can answer: the reader of the map ends with its parent."""
     codes = {signal.SIGINT: 0, signal.SIGTERM: 0, signal.SIGKILL: -signal.SIGKILL}
@@ -140,6 +141,7 @@ def await_end(pid: int) -> None:
         pytest.fail(f"process {pid} runs on")
 
 
+@pytest.mark.slow
 def test_a_node_that_dies_ends_the_others(start, flight_bag, tmp_path):
     """At its start, or later: the player reads the damaged part of a bag after seconds."""
     damaged, wrong = tmp_path / "damaged.mcap", tmp_path / "wrong.yaml"

@@ -22,6 +22,7 @@ CAMERA = {
 }
 
 
+@pytest.mark.slow
 def test_a_bags_clock_stays_in_its_namespace(spawn, meet, flight_bag):
     """Two launches with bags in one domain: each graph has the time of its own flight."""
     heard = {"/uav1/clock": Clock, "/clock": Clock, "/diagnostics": DiagnosticArray}
