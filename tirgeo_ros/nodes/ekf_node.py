@@ -161,7 +161,8 @@ class EkfNode(GraphNode):
             self._published_plane = plane
             self._track.begin()
         body = plane.body_pose(solution)
-        self._odometry.publish(self.messages.odometry(solution, body))
+        odometry = self.plain.odometry(solution, body)
+        self.publish_bytes(self._odometry, "tirgeo/odometry", odometry)
         self._transforms.body(body)
         self._track.add(body)
         if self._fix_rate.due(solution.stamp_ns) and self._fix.get_subscription_count():

@@ -52,14 +52,16 @@ def message_class(typename: str) -> type:
 class GraphNode(Node):
     """Serve as the base of the nodes.
 
-    ``messages`` builds ROS messages; ``monitor`` counts what comes and goes.
+    ``messages`` builds ROS messages; ``monitor`` counts what comes and goes. For a stream,
+    ``plain`` builds messages for ``publish_bytes``, in half the time.
     """
 
     _parameters_of_kind: LiveParameters[Any] | None = None
 
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)
-        self.messages = Messages(message_class)
+        self._cdr = Cdr()
+        self.messages, self.plain = Messages(message_class), Messages(self._cdr.types)
         self.monitor = Monitor()
 
     def configured(self, kind: type[T], take: Callable[[T], None] = unchanging) -> T:
@@ -72,6 +74,7 @@ class GraphNode(Node):
         config = self._parameters_of_kind.config
         if isinstance(config, FramesConfig):
             self.messages = Messages(message_class, config.frame_ids)
+            self.plain = Messages(self._cdr.types, config.frame_ids)
         return config
 
     def set_parameters_atomically(self, parameter_list: Sequence[Parameter]) -> Any:
@@ -147,6 +150,10 @@ class GraphNode(Node):
         with _overrides():
             return self.create_publisher(kind, topic, qos, qos_overriding_options=options)
 
+    def publish_bytes(self, publisher: Publisher, topic: str, message: object) -> None:
+        """Publish a message that ``plain`` has built, encoded as those of a bag are."""
+        publisher.publish(self._cdr.serialize(message, TOPIC_TYPES[topic]))
+
     def listen(
         self,
         topic: str,
@@ -165,7 +172,7 @@ class GraphNode(Node):
         bag are: five times as fast as rclpy.
         """
         typename = typename or TOPIC_TYPES[topic]
-        kind, cdr = message_class(typename), Cdr()
+        kind, cdr = message_class(typename), self._cdr
         work = (lambda data: handle(cdr.deserialize(data, typename))) if raw else handle
         take = self.guarded(topic, work)
 
