@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import random
 import sqlite3
-import tempfile
 from collections import Counter
 from contextlib import closing
 from types import SimpleNamespace
@@ -27,12 +26,10 @@ from tirgeo_ros.io.bags.bag import BagReader
 
 
 @pytest.fixture(autouse=True)
-def scratch(tmp_path_factory, monkeypatch):
-    """The folder for temporary files, which every reader leaves empty."""
-    folder = tmp_path_factory.mktemp("scratch")
-    monkeypatch.setattr(tempfile, "tempdir", str(folder))
-    yield folder
-    assert list(folder.iterdir()) == []
+def nothing_left(scratch):
+    """Every reader leaves the folder for temporary files empty."""
+    yield
+    assert list(scratch.iterdir()) == []
 
 
 def read(path):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import sqlite3
-import tempfile
 from contextlib import closing
 from pathlib import Path
 
@@ -26,13 +25,7 @@ from recorded_bags import (
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader
 from tirgeo_ros.io.bags.bag_files import by_numbers, is_bag
 
-
-@pytest.fixture(autouse=True)
-def scratch(tmp_path_factory, monkeypatch):
-    """The folder for temporary files."""
-    folder = tmp_path_factory.mktemp("scratch")
-    monkeypatch.setattr(tempfile, "tempdir", str(folder))
-    return folder
+pytestmark = pytest.mark.usefixtures("scratch")
 
 
 @pytest.mark.parametrize("metadata", [True, False])
