@@ -65,7 +65,8 @@ class BagPlayer(GraphNode):
         self._topics = publishers_for(self, topics, wanted, spoken)
         self._clock_publisher = None if self._config.live else self.advertise("/clock", output())
         if self._clock_publisher is not None:  # DDS finds the other one sooner or later
-            self._rival_timer = self.steady_timer("clock", 0.5, self._look_for_a_rival)
+            look = partial(self._look_for_rivals, self._clock_publisher.topic_name)
+            self._rival_timer = self.steady_timer("clock", 0.5, look)
         config = self._config.simulated_aircraft, self._config.aircraft
         self._aircraft = SerialAircraft(port, *config, spoken) if port else None
         self.resources = self._aircraft.terminal if self._aircraft else None
@@ -89,9 +90,8 @@ class BagPlayer(GraphNode):
             raise BagError(f"{self._config.bag}: {self._reader.damage}")
         return 0
 
-    def _look_for_a_rival(self) -> None:
+    def _look_for_rivals(self, clock: str) -> None:
         """Warn, once, of another publisher of the clock."""
-        clock = self._clock_publisher.topic_name if self._clock_publisher else ""
         if self.count_publishers(clock) > 1:
             self.log(WARN, f"{clock} has another publisher too: give each bag its own namespace")
             self._rival_timer.cancel()

@@ -161,7 +161,7 @@ class EkfNode(GraphNode):
             self._published_plane = plane
             self._track.begin()
         body = plane.body_pose(solution)
-        odometry = self.plain.odometry(solution, body)
+        odometry = self.cdr_messages.odometry(solution, body)
         self.publish_bytes(self._odometry, "tirgeo/odometry", odometry)
         self._transforms.body(body)
         self._track.add(body)

@@ -84,7 +84,7 @@ class GimbalNode(GraphNode):
 
     def _publish(self, poses: list[CameraPose]) -> None:
         for pose in poses:
-            message = self.plain.camera_pose(pose)
+            message = self.cdr_messages.camera_pose(pose)
             self.publish_bytes(self._camera_pose, "tirgeo/camera_pose", message)
             self._transforms.camera(pose, self._composer.body_at)
             self.monitor.published("tirgeo/camera_pose", 1e-9 * (self.now_ns - pose.stamp_ns))

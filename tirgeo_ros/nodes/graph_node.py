@@ -53,7 +53,7 @@ class GraphNode(Node):
     """Serve as the base of the nodes.
 
     ``messages`` builds ROS messages; ``monitor`` counts what comes and goes. For a stream,
-    ``plain`` builds messages for ``publish_bytes``, in half the time.
+    ``cdr_messages`` builds messages for ``publish_bytes``, in half the time.
     """
 
     _parameters_of_kind: LiveParameters[Any] | None = None
@@ -61,7 +61,8 @@ class GraphNode(Node):
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)
         self._cdr = Cdr()
-        self.messages, self.plain = Messages(message_class), Messages(self._cdr.types)
+        self.messages = Messages(message_class)
+        self.cdr_messages = Messages(self._cdr.types)
         self.monitor = Monitor()
 
     def configured(self, kind: type[T], take: Callable[[T], None] = unchanging) -> T:
@@ -74,7 +75,7 @@ class GraphNode(Node):
         config = self._parameters_of_kind.config
         if isinstance(config, FramesConfig):
             self.messages = Messages(message_class, config.frame_ids)
-            self.plain = Messages(self._cdr.types, config.frame_ids)
+            self.cdr_messages = Messages(self._cdr.types, config.frame_ids)
         return config
 
     def set_parameters_atomically(self, parameter_list: Sequence[Parameter]) -> Any:
@@ -151,7 +152,7 @@ class GraphNode(Node):
             return self.create_publisher(kind, topic, qos, qos_overriding_options=options)
 
     def publish_bytes(self, publisher: Publisher, topic: str, message: object) -> None:
-        """Publish a message that ``plain`` has built, encoded as those of a bag are."""
+        """Publish a message that ``cdr_messages`` has built, encoded as those of a bag are."""
         publisher.publish(self._cdr.serialize(message, TOPIC_TYPES[topic]))
 
     def listen(

@@ -142,13 +142,13 @@ class Navigation:
         self._enter(state)
         resets, last_reset = self._reset_counts()
         now_ns, newest = self._clocks.now_ns, self._newest
-        known = newest.covariance[5, 5] if newest and state.navigating else math.nan
+        variance_rad2 = newest.covariance[5, 5] if newest and state.navigating else math.nan
         return NavigationStatus(
             self._config.method,
             state,
             reason,
             self._health.rtk_status(now_ns),
-            math.sqrt(known),
+            math.sqrt(variance_rad2),
             {(a.value, b.value): number for (a, b), number in self._log.counts.items()},
             {source.value: ratio for source, ratio in self._log.test_ratios.items()},
             (now_ns - self._entered[1]) * 1e-9,

@@ -90,7 +90,7 @@ class Pipeline:
             first_ns = first_ns or block[0].log_time_ns
             self.duration_s = (last_ns - first_ns) * 1e-9
             progress(self.duration_s, (end_ns - begin_ns) * 1e-9)
-            contents = [self._early(topics[message.topic], message) for message in block]
+            contents = [self._wanted_content(topics[message.topic], message) for message in block]
             for message, content in zip(block, contents, strict=True):
                 self._take(topics[message.topic], message, content)
         if self.read:
@@ -100,8 +100,8 @@ class Pipeline:
         """Return whether a topic changes outputs: attitudes do until the joints are trusted."""
         return topic != "gimbal/attitude" or self.registration.composer.composition == "paper"
 
-    def _early(self, topic: str, message: BagMessage) -> object | None:
-        """Return the content; of what only the checks want, of every tenth message."""
+    def _wanted_content(self, topic: str, message: BagMessage) -> object | None:
+        """Return the content, or None; of what only the checks want, each tenth is decoded."""
         if not self._is_wanted(topic):
             self._unwanted += 1
             if self._unwanted % _LOOKED_AT:
@@ -116,7 +116,7 @@ class Pipeline:
         return content
 
     def _take(self, topic: str, message: BagMessage, content: object | None) -> None:
-        """Process a message; ``content`` is None if damaged, or not wanted a block earlier."""
+        """Process a message; it is decoded here if it was not wanted when its block was."""
         if not self._is_wanted(topic):
             if content is not None:
                 with contextlib.suppress(TirgeoError):
