@@ -98,7 +98,13 @@ def test_marks_off_the_model_are_left_out():
     assert got.without_ground == 1
 
 
-def test_too_fine_a_model_is_touched_less_often(monkeypatch):
+def test_too_fine_a_model_is_touched_less_often_and_the_operator_is_told(monkeypatch):
+    line = feature([[-450, 0], [450, 0]])
+    every_cell = draped(line)
+    assert not every_cell.notes
     monkeypatch.setattr(draping, "MOST_VERTICES", 50)
-    got = draped(feature([[-450, 0], [450, 0]]))
+    got = draped(line)
     assert 40 < got.lines.points.shape[1] < 70
+    [note] = got.notes
+    steps = every_cell.lines.points.shape[1] / got.lines.points.shape[1]
+    assert float(note.partition(" cells")[0].split()[-1]) == pytest.approx(steps, rel=0.1)

@@ -22,6 +22,7 @@ from tirgeo_ros.core.overlay.clicks import (
     PlacedMarkers,
 )
 from tirgeo_ros.core.overlay.line_renderer import LineRenderer
+from tirgeo_ros.core.types.marked_place import MarkedPlace
 
 PLANE = TangentPlane(0.6955, 2.0368, 30.0)
 S = 1_000_000_000
@@ -143,3 +144,30 @@ def painted(sigma_m, point_n=(0.0, 0.0, 0.0)):
 def test_the_ellipse_holds_95_percent(sigma_m):
     # 2 px of ink and 1 px of halo on each side, both anti-aliased
     assert painted(sigma_m).max() == pytest.approx(2.4477 * sigma_m * 40, abs=4)
+
+
+def test_targets_take_the_place_of_clicks_and_stay_in_another_plane(clicks):
+    answer = clicks.locate(CENTRE, S)
+    place = answer.latitude_rad, answer.longitude_rad, answer.height_m
+    clicks.set_targets([MarkedPlace("1 fire", *place, np.eye(3))])
+    (marker,) = clicks.markers()
+    assert marker.label == "1 fire"
+    np.testing.assert_allclose(marker.point_n, answer.point_n, atol=1e-6)
+    moved = TangentPlane(PLANE.latitude_rad + 1e-6, PLANE.longitude_rad, PLANE.height_m)
+    clicks.set_plane(moved)
+    (marker,) = clicks.markers()
+    np.testing.assert_allclose(marker.point_n, moved.ned_from_geodetic(*place), atol=1e-6)
+    # A target stays, however long ago its picture was.
+    clicks.show(10**12 * S, XT2, pose_over(0.0))
+    assert len(clicks.markers()) == 1
+    clicks.set_targets([])
+    assert clicks.markers() == []
+
+
+def test_targets_wait_for_the_plane():
+    made = Clicks(ConfidenceConfig())
+    place = PLANE.latitude_rad, PLANE.longitude_rad, PLANE.height_m
+    made.set_targets([MarkedPlace("1 fire", *place, np.eye(3))])
+    assert made.markers() == []
+    made.set_plane(PLANE)
+    assert [marker.label for marker in made.markers()] == ["1 fire"]

@@ -17,6 +17,7 @@ from tirgeo_ros.core.config.frames import FrameIds, FramesConfig
 from tirgeo_ros.core.config.gimbal import GimbalConfig, NorthConfig
 from tirgeo_ros.core.config.overlay import OverlayConfig
 from tirgeo_ros.core.config.schema import RENAMED
+from tirgeo_ros.core.config.viewer import VideoWriterConfig, ViewerConfig
 
 #: Every node's parameter tree, by the node's name.
 NODE_CONFIGS: dict[str, type] = {
@@ -24,13 +25,15 @@ NODE_CONFIGS: dict[str, type] = {
     "ekf_node": EkfConfig,
     "gimbal_node": GimbalConfig,
     "overlay_node": OverlayConfig,
+    "viewer_node": ViewerConfig,
     "bag_player": BagPlayerConfig,
     "recorder": RecorderConfig,
+    "video_writer": VideoWriterConfig,
 }
 
 __all__ = [
     "METHODS", "NODE_CONFIGS", "RENAMED", "AircraftConfig", "AutopilotConfig", "BagPlayerConfig",
     "DjiConfig", "EkfConfig", "FrameIds", "FramesConfig", "GimbalConfig", "ImuConfig",
     "ImuNoiseConfig", "NorthConfig", "OverlayConfig", "RecorderConfig", "RtkConfig",
-    "SimulatedAircraftConfig",
+    "SimulatedAircraftConfig", "VideoWriterConfig", "ViewerConfig",
 ]  # fmt: skip

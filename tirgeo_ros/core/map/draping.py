@@ -39,25 +39,27 @@ def check_heights(layers: Sequence[MapLayer], ground: Ground) -> None:
             )
 
 
-def lay(lines: Polylines, plane: TangentPlane, ground: Ground) -> Polylines:
+def lay(lines: Polylines, plane: TangentPlane, ground: Ground) -> tuple[Polylines, float]:
     """Drape lines (3, V) of latitude, longitude (rad), height (m) on the ground.
 
     Return them as north, east, down in the plane, m. On an elevation model the lines get a vertex
     for each cell, so that they follow it, or ``MOST_VERTICES`` in all; vertices are nan where it
-    has no height.
+    has no height. The second result is the number of cells from vertex to vertex, 1 or more.
     """
     if not isinstance(ground, Terrain):
         height = lines.points[2]
         height = np.full_like(height, ground) if math.isfinite(ground) else height
-        return _placed(lines, plane, lines.points[0], lines.points[1], height)
+        return _placed(lines, plane, lines.points[0], lines.points[1], height), 1.0
     latitude, longitude = lines.points[:2]
     flat = _placed(lines, plane, latitude, longitude, np.zeros_like(latitude))
+    step = 1.0
     for cells in (_FIRST_CELLS, 1.0):
         spans = _cells_spanned(latitude, longitude, ground) * flat.links() / cells
         step = max(1.0, float(spans.sum()) / MOST_VERTICES)
         flat = flat.subdivided(np.maximum(np.ceil(spans / step), 1.0).astype(np.int64))
         latitude, longitude, _ = plane.geodetic_from_ned(flat.points.T)
-    return _placed(flat, plane, latitude, longitude, ground.height_m(latitude, longitude))
+    laid = _placed(flat, plane, latitude, longitude, ground.height_m(latitude, longitude))
+    return laid, step
 
 
 def _cells_spanned(latitude: Array, longitude: Array, terrain: Terrain) -> Array:

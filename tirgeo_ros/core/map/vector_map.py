@@ -70,18 +70,25 @@ class VectorMap:
         features = list(chain.from_iterable(of_layers))
         single = np.array([len(feature.points) == 1 for feature in features], bool)
         parts = [_closed(feature) for feature in features]
-        lines = lay(_joined(parts, owner, np.flatnonzero(~single)), plane, ground)
-        marks = lay(_joined(parts, owner, np.flatnonzero(single)), plane, ground)
+        lines, cells = lay(_joined(parts, owner, np.flatnonzero(~single)), plane, ground)
+        marks, _ = lay(_joined(parts, owner, np.flatnonzero(single)), plane, ground)
         filled = np.array([each.style.fill_bgr is not None for each in layers], bool)
         rings = np.array([feature.closed for feature in features], bool)[~single]
         rings &= filled[layer[lines.owner]]
         lines, rings, lost = _on_ground(lines, rings)
         marks, _, lost_marks = _on_ground(marks, np.zeros(len(marks), bool))
         without_ground = len(np.union1d(lost, lost_marks))
-        note = (
-            f"map: {without_ground} of {len(labels)} features lie where the elevation model has "
-            "no height, and are not drawn there"
-        )
+        notes = []
+        if without_ground:
+            notes.append(
+                f"map: {without_ground} of {len(labels)} features lie where the elevation model "
+                "has no height, and are not drawn there"
+            )
+        if cells > 1:
+            notes.append(
+                f"map: its lines follow the elevation model in steps of {cells:.1f} cells, since "
+                "they are too long for a vertex in each; cut the map to where you fly"
+            )
         details = Details.of(lines, layer[lines.owner])
         return cls(
             labels,
@@ -93,7 +100,7 @@ class VectorMap:
             details,
             _rings(lines, np.flatnonzero(rings), details),
             without_ground,
-            (note,) if without_ground else (),
+            tuple(notes),
         )
 
 

@@ -1,4 +1,4 @@
-"""Locate clicks on the picture with the camera, pose and image that the person saw.
+"""Locate clicks on the picture with the camera, pose and image that the person saw; mark places.
 
 ``camera`` is the camera of the picture as shown: the rectified camera if the picture is rectified.
 ``pose`` is None if the picture was shown without a trusted pose.
@@ -29,6 +29,7 @@ from tirgeo_ros.core.overlay.line_renderer import LineRenderer, mark_radius_px, 
 from tirgeo_ros.core.overlay.text_rendering import Box, TextBitmap, stamp, text_px
 from tirgeo_ros.core.overlay.uncertainty_rendering import ELLIPSE_BGR, MARK_TIMES, ellipse_dashes
 from tirgeo_ros.core.types.arrays import Array, Pixels
+from tirgeo_ros.core.types.marked_place import MarkedPlace
 from tirgeo_ros.core.types.poses import CameraPose
 
 #: Time for which pictures are kept: a person looks, thinks and clicks on a paused picture.
@@ -58,8 +59,9 @@ class ShownFrame(NamedTuple):
 
 
 class Clicks:
-    """Hold the newest pictures' cameras and poses, and the points that were located on them.
+    """Hold the newest pictures' cameras and poses, and the places that are marked in all.
 
+    These are the points that were located by clicks, or the targets once there are some.
     ``counts`` holds the number of clicks by result: ``located`` or ``refused_`` and the reason.
     """
 
@@ -70,6 +72,8 @@ class Clicks:
         self._ground: Ground | None = None
         self._shown: StampedBuffer[ShownFrame] = StampedBuffer(REMEMBERED_S)
         self._located: deque[Located] = deque(maxlen=MARKERS)
+        self._targets: Sequence[MarkedPlace] | None = None
+        self._target_markers: list[Marker] = []
 
     def set_plane(self, plane: TangentPlane) -> None:
         """Set the map's plane; forget pictures in another plane, keep markers at their place."""
@@ -81,6 +85,23 @@ class Clicks:
             place_rad = one.latitude_rad, one.longitude_rad
             point_n = plane.ned_from_geodetic(*place_rad, one.height_m)
             self._located[number] = dataclasses.replace(one, point_n=point_n)
+        self._place_targets()
+
+    def set_targets(self, targets: Sequence[MarkedPlace]) -> None:
+        """Mark these places from now on, and no click that is not among them."""
+        self._targets = targets
+        self._place_targets()
+
+    def _place_targets(self) -> None:
+        if self._plane is None or not self._targets:
+            self._target_markers = []
+            return
+        places = [(one.latitude_rad, one.longitude_rad, one.height_m) for one in self._targets]
+        points_n = self._plane.ned_from_geodetic(*np.array(places).T)
+        self._target_markers = [
+            Marker(point_n, one.label, one.covariance_n)
+            for point_n, one in zip(points_n, self._targets, strict=True)
+        ]
 
     def set_ground(self, ground: Ground | None) -> None:
         """Set an ellipsoidal height (m) or an elevation model; None or nan if it is not known."""
@@ -108,7 +129,9 @@ class Clicks:
         return answer
 
     def markers(self) -> list[Marker]:
-        """Return the located points whose markers are still shown, oldest first."""
+        """Return the targets, or the clicked points that are still shown, oldest first."""
+        if self._targets is not None:
+            return self._target_markers
         newest_ns = self._shown.newest_ns
         return [
             Marker(one.point_n, one.label, one.covariance_n)

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from tirgeo_ros.core.camera.camera_model import Camera
-from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.camera.rectification import Rectifier
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
@@ -20,6 +19,7 @@ from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseBuffer
 from tirgeo_ros.core.gimbal.pose_extrapolation import FIT_S, TRIAL_S, predicted
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.map.layers import MapLayer
+from tirgeo_ros.core.overlay.camera_motion import rates_up_to
 from tirgeo_ros.core.overlay.clicks import Clicks
 from tirgeo_ros.core.overlay.frame_queue import Frame, FrameQueue
 from tirgeo_ros.core.overlay.map_renderer import DrapedMap, DrawingVerdict, MapRenderer
@@ -32,7 +32,6 @@ from tirgeo_ros.core.types.verdicts import NavigationStatus
 
 _MARGIN_S = 1.0  # poses are kept this much longer than the oldest exposure needs
 _READING = "reading"
-_RATES_NS = 100_000_000  # interval of the camera's rates: less than a turn, enough for noise
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +53,7 @@ class Overlay:
     large map. With None the map is draped elsewhere, again for each plane, and given to
     ``set_map``. ``clicks`` locates clicks on the pictures that were returned. ``frames`` wait for
     a pose or to be taken; ``poses`` are the camera's; ``plane`` is the map's, once it is known.
-    ``footprint`` is the map renderer's, for a result's pose.
+    ``footprint`` is the map renderer's, for a result's pose; ``ground`` is nan if it is not given.
     """
 
     def __init__(
@@ -64,7 +63,7 @@ class Overlay:
         terrain: Terrain | None = None,
     ) -> None:
         self._drawing = MapRenderer(config, layers or (), terrain)
-        self.footprint = self._drawing.footprint
+        self.footprint, self.ground = self._drawing.footprint, self._drawing.ground
         self._laid_elsewhere = layers is None
         given = layers is None or len(layers) > 0
         self._no_map = "the map has no features" if given else "no map is given"
@@ -288,12 +287,7 @@ class Overlay:
         """Draw the map; return a notice if none of it is in view, and the height above ground."""
         assert self._drawing.camera is not None
         self._results["drawn"] += 1
-        rates = self._rates(pose)
+        rates = rates_up_to(pose, self.poses)
         self.clicks.show(frame.stamp_ns, self._drawing.camera, pose, rates)
         drawn = self._drawing.draw(image, pose, rates, self.clicks.markers(), self._verdict)
         return f"NO MAP IN VIEW: {drawn.absence}" if drawn.absence else "", drawn.above_m
-
-    def _rates(self, pose: CameraPose) -> CameraRates | None:
-        """Return the camera's rates up to a pose; None if they are not known."""
-        before = self.poses.at(pose.stamp_ns - _RATES_NS)
-        return None if isinstance(before, Miss) else CameraRates.between(before, pose)

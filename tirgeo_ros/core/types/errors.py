@@ -66,6 +66,10 @@ class SurveyError(TirgeoError):
     """Report a survey file or an observation file that cannot be read."""
 
 
+class TargetError(TirgeoError):
+    """Report a file of targets, a target or a change of it that is not possible."""
+
+
 class ScenarioError(TirgeoError):
     """Report a scenario that the simulator cannot fly."""
 
@@ -84,3 +88,7 @@ class GraphError(TirgeoError):
 
 class DjiError(TirgeoError):
     """Report a capture, a package table, a key or an aircraft link that cannot be used."""
+
+
+class PageError(TirgeoError):
+    """Report an operator's page that cannot be served as its parameters say."""

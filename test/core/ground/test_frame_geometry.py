@@ -1,0 +1,161 @@
+"""What a picture shows from where: angles by trigonometry, places by rays and by OpenCV."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+from scenes import PLANE, camera_pose
+
+from tirgeo_ros.core.camera.camera_model import XT2, Camera
+from tirgeo_ros.core.config.overlay import ConfidenceConfig
+from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
+from tirgeo_ros.core.frames.rotations import (
+    matrix_from_euler,
+    matrix_from_quat,
+    quat_from_euler,
+    quat_multiply,
+)
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.frames.wgs84 import ecef_from_geodetic, rotation_ecef_from_ned
+from tirgeo_ros.core.ground.footprint import footprint
+from tirgeo_ros.core.ground.frame_geometry import Sight, frame_geometry
+from tirgeo_ros.core.ground.ground_point import Located, place
+from tirgeo_ros.core.ground.target_error import circular_error_90, linear_error_90
+from tirgeo_ros.core.types.poses import BodyPose, CameraPose
+
+CONFIG = ConfidenceConfig()
+MIDDLE = Camera(640, 512, 800.0, 800.0, 319.5, 255.5)
+SIGMA2 = 1e-6
+ABOVE_M = 50.0
+
+
+def sight_of(body_deg, sensor_deg, camera=MIDDLE, plane=PLANE, north_m=0.0, ground=None):
+    """A sight from ABOVE_M over the ground; angles in degrees are (roll, pitch, yaw)."""
+    q_nb = quat_from_euler(*np.radians(body_deg))
+    q_ng = quat_multiply(q_nb, quat_from_euler(*np.radians(sensor_deg)))
+    position_n = np.array([north_m, 0.0, -ABOVE_M])
+    covariance = SIGMA2 * np.eye(6)
+    pose = CameraPose(7, position_n, quat_multiply(q_ng, Q_BODY_OPTICAL), covariance)
+    body = BodyPose(7, position_n, q_nb, covariance)
+    return Sight(camera, pose, plane, plane.height_m if ground is None else ground, body)
+
+
+def line_of_sight_n(geometry):
+    """The line of sight in the axes of the place, by the two sets of angles alone."""
+    turned = matrix_from_euler(*geometry.platform_rpy) @ matrix_from_euler(*geometry.sensor_rpy)
+    return turned[:, 0]
+
+
+@pytest.mark.parametrize(
+    ("body_deg", "sensor_deg", "azimuth", "elevation"),
+    [
+        ((0, 0, 45), (0, -30, 90), 135.0, -30.0),
+        ((3, 5, 45), (0, -30, 90), 131.7605, -32.8585),
+        ((3, 5, 45), (0, -30, 0), 43.3460, -24.9569),
+    ],
+)
+def test_the_standard_s_order_of_angles(body_deg, sensor_deg, azimuth, elevation):
+    geometry = frame_geometry(sight_of(body_deg, sensor_deg), CONFIG)
+    assert_allclose(np.degrees(geometry.platform_rpy), body_deg, atol=1e-9)
+    assert_allclose(np.degrees(geometry.sensor_rpy), sensor_deg, atol=1e-9)
+    north, east, down = line_of_sight_n(geometry)
+    assert math.degrees(math.atan2(east, north)) == pytest.approx(azimuth, abs=1e-4)
+    assert -math.degrees(math.asin(down)) == pytest.approx(elevation, abs=1e-4)
+
+
+@given(
+    st.sampled_from([-90.0, -89.9999, -33.0, 0.0, 47.0, 90.0]),
+    st.sampled_from([-180.0, -179.9999, 16.0, 180.0]),
+    st.floats(-180, 180),
+    st.floats(-90, -20),
+    st.floats(-180, 180),
+    st.floats(-30, 30),
+    st.floats(-5000, 5000),
+)
+def test_angles_point_from_the_camera_to_the_centre(lat, lon, yaw, pitch, heading, tilt, north):
+    """Anywhere on the earth, with a lens whose axis is not the picture's middle."""
+    plane = TangentPlane(math.radians(lat), math.radians(lon), 0.0)
+    # Composed in the plane, so far from its origin the angles there are others.
+    pose = camera_pose([north, 0.0, -200.0], tilt / 3, pitch, yaw, SIGMA2)
+    q_nb = quat_from_euler(*np.radians([tilt, -tilt, heading]))
+    body = BodyPose(0, pose.position_n, q_nb, pose.covariance)
+    geometry = frame_geometry(Sight(XT2, pose, plane, -30.0, body), CONFIG)
+    if not math.isfinite(geometry.slant_range_m):
+        assert pitch > -35
+        return
+    camera_e, centre_e = (ecef_from_geodetic(*p) for p in (geometry.sensor, geometry.centre))
+    rotation_en = rotation_ecef_from_ned(*geometry.sensor[:2])
+    to_centre_n = (centre_e - camera_e) @ rotation_en
+    assert np.linalg.norm(to_centre_n) == pytest.approx(geometry.slant_range_m, abs=1e-6)
+    # 1e-8 m of coordinates over 100 m and more.
+    assert_allclose(to_centre_n / geometry.slant_range_m, line_of_sight_n(geometry), atol=1e-9)
+
+
+@given(st.floats(-180, 180), st.floats(-90, -35), st.floats(-10, 10))
+def test_corners_are_those_of_the_footprint(yaw, pitch, roll):
+    pose = camera_pose([30.0, -20.0, -ABOVE_M], roll, pitch, yaw, SIGMA2)
+    geometry = frame_geometry(Sight(XT2, pose, PLANE, PLANE.height_m), CONFIG)
+    outline_n = footprint(XT2, pose, PLANE, PLANE.height_m, 1e9)
+    latitudes, longitudes, _ = PLANE.geodetic_from_ned(outline_n[::8])
+    assert_allclose(geometry.corners, np.stack([latitudes, longitudes], 1), rtol=0, atol=1e-15)
+
+
+def test_fields_of_view_and_width_by_trigonometry():
+    geometry = frame_geometry(sight_of((0, 0, 10), (0, -90, 0)), CONFIG)
+    expected = [2 * math.atan(half / 800.0) for half in (320, 256)]
+    assert_allclose(geometry.fields_of_view, expected, rtol=1e-12)
+    assert geometry.slant_range_m == pytest.approx(ABOVE_M, abs=1e-6)
+    assert geometry.width_m == pytest.approx(ABOVE_M * 640 / 800, rel=1e-5)  # the earth is round
+
+
+def test_the_lens_does_not_turn_the_picture():
+    """With the axis off the middle, roll is that of the picture's own rows."""
+    sight = sight_of((0, 0, 30), (12, -60, 5), XT2)
+    geometry = frame_geometry(sight, CONFIG)
+    across = matrix_from_euler(*geometry.platform_rpy) @ matrix_from_euler(*geometry.sensor_rpy)
+    left, right = XT2.rays(np.array([[-0.5, 255.5], [639.5, 255.5]]))
+    row_n = matrix_from_quat(sight.pose.q_nc) @ (right - left)
+    down = across[:, 2] @ row_n / np.linalg.norm(row_n)
+    assert down == pytest.approx(0.0, abs=1e-12)
+
+
+def test_target_error_is_that_of_a_click():
+    sight = sight_of((0, 0, 0), (0, -50, 20), XT2)
+    geometry = frame_geometry(sight, CONFIG)
+    click = place(XT2, sight.pose, (319.5, 255.5), PLANE, PLANE.height_m, CONFIG)
+    assert isinstance(click, Located)
+    assert geometry.centre == (click.latitude_rad, click.longitude_rad, click.height_m)
+    assert geometry.ce90_m == circular_error_90(click.covariance_n)
+    assert geometry.le90_m == linear_error_90(click.covariance_n)
+    assert 0.1 < geometry.ce90_m < 1.0
+
+
+@pytest.mark.parametrize(
+    ("sensor_deg", "ground", "known"),
+    [
+        ((0, -45, 0), None, (True, True)),
+        ((0, -15, 0), None, (True, False)),  # the upper corners are above the horizon
+        ((0, 10, 0), None, (False, False)),
+        ((0, -0.2, 0), None, (False, False)),  # too flat for a click
+        ((0, -45, 0), math.nan, (False, False)),
+        ((0, -45, 0), 9000.0, (False, False)),
+    ],
+)
+def test_what_is_not_known_is_nan(sensor_deg, ground, known):
+    geometry = frame_geometry(sight_of((0, 0, 0), sensor_deg, ground=ground), CONFIG)
+    numbers = (*geometry.centre, geometry.slant_range_m, geometry.ce90_m, geometry.le90_m)
+    assert set(np.isfinite(numbers)) == {known[0]}
+    assert set(np.isfinite(geometry.corners).ravel()) == {known[1]}
+    assert np.isfinite([*geometry.sensor, *geometry.sensor_rpy]).all()
+
+
+def test_without_the_aircraft_s_attitude_no_angles():
+    sight = sight_of((0, 0, 0), (0, -45, 0))._replace(body=None)
+    geometry = frame_geometry(sight, CONFIG)
+    assert np.isnan([*geometry.platform_rpy, *geometry.sensor_rpy]).all()
+    assert np.isfinite(geometry.corners).all()

@@ -1,0 +1,145 @@
+"""Describe where a picture was taken and what it shows, as video systems want to know it.
+
+The line of sight is the ray of the picture's middle, not the optical axis: a viewer takes field
+of view and angles as symmetrical about the middle, and the two can be degrees apart.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.camera.projection_covariance import CameraRates
+from tirgeo_ros.core.config.overlay import ConfidenceConfig
+from tirgeo_ros.core.frames.rotations import euler_from_matrix, matrix_from_quat
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.ground.backprojection import Ground, locate
+from tirgeo_ros.core.ground.ground_point import Located, place
+from tirgeo_ros.core.ground.target_error import circular_error_90, linear_error_90
+from tirgeo_ros.core.types.arrays import Array, Vector
+from tirgeo_ros.core.types.poses import BodyPose, CameraPose
+
+_UNKNOWN: Vector = (math.nan, math.nan, math.nan)
+_NO_CORNERS = np.full((4, 2), np.nan)
+
+
+class Sight(NamedTuple):
+    """Hold what is known of a picture at its exposure; both poses are in ``plane``."""
+
+    camera: Camera  # of the picture as shown
+    pose: CameraPose
+    plane: TangentPlane
+    ground: Ground  # nan if it is not known
+    body: BodyPose | None = None  # None if it is not known at the exposure
+    rates: CameraRates | None = None  # the camera's; None if they are not known
+
+
+@dataclass(frozen=True, slots=True)
+class FrameGeometry:
+    """Hold a picture's geometry; nan stands for what is not known. Places are (3,), see below.
+
+    A place is latitude, longitude (rad) and ellipsoidal height (m).
+    """
+
+    sensor: Vector  # place
+    #: Roll, pitch and heading of the aircraft against north, east and down at the sensor, rad.
+    platform_rpy: Vector
+    #: Roll, elevation and azimuth of the line of sight in the aircraft's axes, rad: azimuth
+    #: first, then elevation (up positive), then roll about the line of sight.
+    sensor_rpy: Vector
+    #: The same angles of the line of sight against north, east and down at the sensor.
+    sight_rpy: Vector
+    fields_of_view: tuple[float, float]  # horizontal, vertical, from edge to edge, rad
+    centre: Vector  # place: the ground point in the picture's middle
+    slant_range_m: float  # from the camera to the centre
+    width_m: float  # between the ground points in the middle of the left and the right edge
+    ce90_m: float  # the centre's true place is within this distance with 90 %
+    le90_m: float  # the centre's true height is within plus or minus this with 90 %
+    #: (4, 2) latitude, longitude (rad): upper left, upper right, lower right, lower left corner
+    #: of the picture. All nan if one has no ground point.
+    corners: Array
+
+
+def frame_geometry(sight: Sight, config: ConfidenceConfig) -> FrameGeometry:
+    """Return the geometry of a picture.
+
+    The centre is unknown, and with it all that follows from it, where a click there would be
+    refused. ``config`` gives the sigmas besides the pose's, as for clicks.
+    """
+    camera, pose, plane = sight.camera, sight.pose, sight.plane
+    middle, left, right, top, bottom = camera.rays(_crosshair(camera))
+    latitude, longitude, height_m = (float(x) for x in plane.geodetic_from_ned(pose.position_n))
+    to_local = plane.rotation_from_local(latitude, longitude).T
+    rotation_ls = to_local @ matrix_from_quat(pose.q_nc) @ _sensor_axes(middle, left, right)
+    platform_rpy = sensor_rpy = _UNKNOWN
+    if sight.body is not None:
+        rotation_lb = to_local @ matrix_from_quat(sight.body.q_nb)
+        platform_rpy = _angles(rotation_lb)
+        sensor_rpy = _angles(rotation_lb.T @ rotation_ls)
+    centre = _centre(sight, config)
+    width_m, corners = _rim(sight) if centre else (math.nan, _NO_CORNERS)
+    return FrameGeometry(
+        (latitude, longitude, height_m),
+        platform_rpy,
+        sensor_rpy,
+        _angles(rotation_ls),
+        (_between(left, right), _between(top, bottom)),
+        (centre.latitude_rad, centre.longitude_rad, centre.height_m) if centre else _UNKNOWN,
+        math.dist(centre.point_n.tolist(), pose.position_n.tolist()) if centre else math.nan,
+        width_m,
+        circular_error_90(centre.covariance_n) if centre else math.nan,
+        linear_error_90(centre.covariance_n) if centre else math.nan,
+        corners,
+    )
+
+
+def _crosshair(camera: Camera) -> Array:
+    """Return pixels (5, 2): the middle, and those of the left, right, top and bottom edge."""
+    right, bottom = camera.width - 0.5, camera.height - 0.5
+    u, v = (right - 0.5) / 2, (bottom - 0.5) / 2
+    return np.array([[u, v], [-0.5, v], [right, v], [u, -0.5], [u, bottom]])
+
+
+def _sensor_axes(middle: Array, left: Array, right: Array) -> Array:
+    """Return the rotation (3, 3) to the optical frame from forward, right and down of the picture.
+
+    Forward is the middle's ray; right is to the right edge. nan where the lens has no ray.
+    """
+    forward = middle / np.linalg.norm(middle)
+    across = right - left
+    across -= (across @ forward) * forward
+    across /= np.linalg.norm(across)
+    return np.stack([forward, across, np.cross(forward, across)], axis=1)
+
+
+def _angles(rotation: Array) -> Vector:
+    roll, pitch, yaw = euler_from_matrix(rotation).tolist()
+    return roll, pitch, yaw
+
+
+def _between(first: Array, last: Array) -> float:
+    """Return the angle between two rays (3,), rad."""
+    return math.atan2(float(np.linalg.norm(np.cross(first, last))), float(first @ last))
+
+
+def _centre(sight: Sight, config: ConfidenceConfig) -> Located | None:
+    u, v = _crosshair(sight.camera)[0].tolist()
+    surface = sight.plane, sight.ground
+    found = place(sight.camera, sight.pose, (u, v), *surface, config, sight.rates)
+    return found if isinstance(found, Located) else None
+
+
+def _rim(sight: Sight) -> tuple[float, Array]:
+    """Return the width on the ground, m, and the corners (4, 2), as in FrameGeometry."""
+    camera = sight.camera
+    right, bottom = camera.width - 0.5, camera.height - 0.5
+    corners = np.array([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])
+    uv = np.concatenate([_crosshair(camera)[1:3], corners])
+    points_n, _ = locate(camera, sight.pose, uv, sight.plane, sight.ground)
+    places = np.stack(sight.plane.geodetic_from_ned(points_n[2:])[:2], axis=1)
+    width_m = math.dist(*points_n[:2].tolist())
+    return width_m, places if np.isfinite(places).all() else _NO_CORNERS

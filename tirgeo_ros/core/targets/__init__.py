@@ -1,0 +1,1 @@
+"""Hold targets: places that a person clicked, averaged over their clicks."""
