@@ -11,7 +11,7 @@ from setuptools import find_packages, setup
 
 NAME = "tirgeo"
 HOME = "https://tirgeo.example"
-NODES = ("dji_node", "ekf_node", "gimbal_node", "overlay_node", "bag_player")
+NODES = ("dji_node", "ekf_node", "gimbal_node", "overlay_node", "viewer_node", "bag_player")
 VERSION = re.search(
     r'^__version__ = "(.+)"$', Path("tirgeo_ros/__init__.py").read_text(), re.MULTILINE
 )
@@ -85,6 +85,7 @@ setup(
     author="The tirgeo maintainers",
     author_email="maintainers@tirgeo.example",
     packages=find_packages(include=["tirgeo_ros", "tirgeo_ros.*"]),
+    package_data={"tirgeo_ros.page": ["static/*", "static/*/*", "static/*/*/*"]},
     python_requires=">=3.10",
     install_requires=[
         "numpy>=1.26",
@@ -99,7 +100,12 @@ setup(
         "pyserial>=3.5",
         "cryptography>=41",
         "pyogrio>=0.12",  # from there on its wheels read all of KML
-        "av>=13",
+        "av>=16.1",  # from there on it writes KLV
+        # The operator's page: its server, written coordinates, codes to scan, Cursor-on-Target.
+        "aiohttp>=3.9",
+        "mgrs>=1.4.6",
+        "segno>=1.5",
+        "pytak>=7.5.2",
         # Of the commands alone: plots and statistics.
         "matplotlib>=3.6",
         "scipy>=1.11",
@@ -111,7 +117,11 @@ setup(
             "ros-jazzy-rmw-fastrtps-cpp",
         ],
         # launch_testing, which a sourced ROS 2 brings into every pytest, fails with pytest 9.
-        "test": ["pytest>=7.4,<9", "pytest-xdist>=3.7", "hypothesis>=6.98", "setuptools>=64"],
+        "test": [
+            *("pytest>=7.4,<9", "pytest-xdist>=3.7", "hypothesis>=6.98", "setuptools>=64"),
+            # Judges that are not ours: a browser's driver, a TAK server, a reader of KLV.
+            *("playwright>=1.45", "taky>=0.10", "klvdata>=0.0.3"),
+        ],
         # Elevation models.
         "dem": ["rasterio>=1.3"],
         # Measured beside the filter by make bench, and used nowhere else.

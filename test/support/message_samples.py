@@ -10,6 +10,8 @@ import numpy as np
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.frames.rotations import canonical
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.ground.ground_point import Located
+from tirgeo_ros.core.types.marked_place import MarkedPlace
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
     FixStatus,
@@ -22,7 +24,7 @@ from tirgeo_ros.core.types.measurements import (
 )
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
-from tirgeo_ros.io.messages import Messages
+from tirgeo_ros.io.messages import Messages, answer_item
 
 STAMP_NS = 1_700_000_000_123_456_789
 Q = canonical(np.array([0.8, -0.3, 0.2, 0.4]))
@@ -60,6 +62,10 @@ CAMERA_POSE = CameraPose(STAMP_NS, np.array([11.0, -21.0, -29.0]), Q, covariance
 PLANE = TangentPlane(0.55, -2.1, 100.0)
 BROWN = Camera(640, 512, 803.5, 797.6, 349.3, 251.8, (0.054, 0.3462, -0.0037, 0.0076))
 RATIONAL = Camera(64, 48, 60.0, 61.0, 31.0, 23.0, (0.1, 0.02, 1e-3, 2e-3, 0.01, 0.2, 0.03, 0.01))
+TARGET = MarkedPlace("1 fire: barn", 0.55001, -2.10002, 95.5, covariance(3, 4))
+LOCATED = Located(
+    STAMP_NS, (12.25, 200.5), np.array([1.0, 2.0, 3.0]), covariance(3, 5), 0.55, -2.1, 99.5
+)
 STATUS = NavigationStatus(
     "ekf_heading",
     FilterState.ALIGNING,
@@ -121,6 +127,11 @@ EVERY_MESSAGE: dict[str, tuple[str, Callable[[Messages], Any]]] = {
         lambda m: m.footprint(STAMP_NS, np.arange(12.0).reshape(4, 3)),
     ),
     "path": ("nav_msgs/msg/Path", lambda m: m.path(STAMP_NS, [m.track_point(BODY)] * 2)),
+    "targets": ("visualization_msgs/msg/MarkerArray", lambda m: m.targets(PLANE, [TARGET] * 2)),
+    "answer": (
+        "diagnostic_msgs/msg/DiagnosticArray",
+        lambda m: m.diagnostics(STAMP_NS, [answer_item("/overlay_node", LOCATED)]),
+    ),
     "clock": ("rosgraph_msgs/msg/Clock", lambda m: m.clock(STAMP_NS)),
     "diagnostics": (
         "diagnostic_msgs/msg/DiagnosticArray",

@@ -32,18 +32,22 @@ def write_map(path, ring_n) -> None:
 
 
 class Flight:
-    """A camera that stands still, its video, and what overlay_node makes of it."""
+    """A camera that stands still, its video, and what overlay_node makes of it.
 
-    def __init__(self, stranger) -> None:
-        self.stranger = stranger
+    ``prefix`` is its namespace, as uav1/; ``north`` is where it stands.
+    """
+
+    def __init__(self, stranger, prefix: str = "", north: float = 0.0) -> None:
+        self.stranger, self.prefix, self.north = stranger, prefix, north
         node = stranger.node
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self.origin = node.create_publisher(NavSatFix, "tirgeo/origin", latched)
+        self.origin = node.create_publisher(NavSatFix, prefix + "tirgeo/origin", latched)
         self.origin.publish(MESSAGES.origin(PLANE, 0))
-        self.info = node.create_publisher(CameraInfo, "thermal/camera_info", 1)
-        self.image = node.create_publisher(Image, "thermal/image_raw", 1)
-        self.pose = node.create_publisher(PoseWithCovarianceStamped, "tirgeo/camera_pose", 10)
-        self.pixel = node.create_publisher(PointStamped, "tirgeo/locate/pixel", 10)
+        self.info = node.create_publisher(CameraInfo, prefix + "thermal/camera_info", 1)
+        self.image = node.create_publisher(Image, prefix + "thermal/image_raw", 1)
+        pose = prefix + "tirgeo/camera_pose"
+        self.pose = node.create_publisher(PoseWithCovarianceStamped, pose, 10)
+        self.pixel = node.create_publisher(PointStamped, prefix + "tirgeo/locate/pixel", 10)
         self.sent_s = 0.0
         self.unstamped = False
 
@@ -54,7 +58,7 @@ class Flight:
         self.sent_s = time.monotonic()
         now_ns = time.time_ns()
         self.info.publish(MESSAGES.camera_info(XT2, now_ns))
-        self.pose.publish(MESSAGES.camera_pose(pose_at(now_ns)))
+        self.pose.publish(MESSAGES.camera_pose(pose_at(now_ns, self.north)))
         self.image.publish(MESSAGES.image(0 if self.unstamped else now_ns, GREY))
 
     def until(self, done, timeout_s: float = 60.0) -> None:

@@ -9,7 +9,9 @@ from pathlib import Path
 PROJECT = Path(__file__).resolve().parents[2]
 
 #: The executables that a launch file starts.
-NODES = frozenset({"dji_node", "ekf_node", "gimbal_node", "overlay_node", "bag_player"})
+NODES = frozenset(
+    {"dji_node", "ekf_node", "gimbal_node", "overlay_node", "viewer_node", "bag_player"}
+)
 
 
 def verb_parsers(
@@ -53,3 +55,12 @@ def reader_of(pid: int) -> int:
         if parent == pid and "tirgeo_ros.io.maps.map_process" in words:
             return int(path.name)
     raise AssertionError(f"process {pid} has none that reads a map")
+
+
+def child_of(pid: int, name: str) -> int:
+    """The process of a node that a process has started."""
+    for task in Path(f"/proc/{pid}/task").iterdir():
+        for child in (task / "children").read_text().split():
+            if f"'{name}'" in Path(f"/proc/{child}/cmdline").read_text():
+                return int(child)
+    raise AssertionError(f"process {pid} has no {name}")

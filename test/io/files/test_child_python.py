@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -68,3 +69,33 @@ def test_workers_do_not(traps):
 def test_the_traps_would_be_run_by_a_plain_child(traps):
     subprocess.run([sys.executable, "-c", "import yaml"], check=True)
     assert marks(traps) == ["yaml.mark"]
+
+
+def test_a_node_ends_with_the_process_that_started_it(tmp_path):
+    """By SIGTERM, which it takes for a stop: it completes its files."""
+    (tmp_path / "others").mkdir()
+    (tmp_path / "others" / "waiting.py").write_text(
+        "import signal\n"
+        "from pathlib import Path\n"
+        "def main():\n"
+        f"    Path({str(tmp_path / 'ready')!r}).touch()\n"
+        "    got = signal.sigwait({signal.SIGTERM})\n"
+        f"    Path({str(tmp_path / 'told')!r}).write_text(got.name)\n"
+        "    return 0\n"
+    )
+    program = (
+        "import os, subprocess, sys, time\n"
+        f"sys.path.append({str(tmp_path)!r})\n"
+        "from tirgeo_ros.io.files.child_python import node_command\n"
+        "command = node_command('waiting', [], 'others', ends_with=os.getpid())\n"
+        "child = subprocess.Popen(command)\n"
+        f"while child.poll() is None and not os.path.exists({str(tmp_path / 'ready')!r}):\n"
+        "    time.sleep(0.05)\n"
+        "os.kill(os.getpid(), 9)\n"
+    )
+    subprocess.run([sys.executable, "-c", program], check=False)
+    told, end_s = tmp_path / "told", time.monotonic() + 30
+    while not (told.exists() and told.read_text()):
+        assert time.monotonic() < end_s, list(tmp_path.iterdir())
+        time.sleep(0.05)
+    assert told.read_text() == "SIGTERM"

@@ -36,22 +36,29 @@ files:
 ros_distro: ""
 custom_data: ~"""
 
+#: Bytes of messages that a process that is killed takes with it: a second without pictures.
+_GROWING_CHUNK = 1 << 17
+_CHUNK = 1 << 20
+
 
 @final
 class BagWriter:
     """Write a bag; a context manager.
 
     The file appears under its name when the context ends without an error; on an error nothing is
-    left behind. The same calls give the same bytes. Each topic has the QoS of its publisher with
-    it, so that ``ros2 bag play`` offers the same. Raises BagError if it cannot be written.
+    left behind. One that is ``growing`` has its name from the start, and can be read up to about
+    the last ``flush``, whatever ends the process. The same calls give the same bytes. Each topic
+    has the QoS of its publisher with it, so that ``ros2 bag play`` offers the same. Raises
+    BagError if it cannot be written.
     """
 
-    def __init__(self, path: PathLike) -> None:
+    def __init__(self, path: PathLike, *, growing: bool = False) -> None:
         self.path = Path(path)
+        self._growing = growing
         self._cdr = Cdr()
         self._channels: dict[str, tuple[int, str]] = {}
         self._schemas: dict[str, int] = {}
-        self._part = part_of(self.path)
+        self._part = self.path if growing else part_of(self.path)
         self._file: IO[bytes]
         self._writer: Writer
 
@@ -60,7 +67,8 @@ class BagWriter:
         check_place(self.path, BagError)
         with self._errors():
             self._file = self._part.open("wb")
-            self._writer = Writer(self._file, compression=CompressionType.ZSTD)
+            chunk = _GROWING_CHUNK if self._growing else _CHUNK
+            self._writer = Writer(self._file, chunk, CompressionType.ZSTD)
             self._writer.start("ros2", f"tirgeo {__version__}")
             self._writer.add_metadata("rosbag2", {"serialized_metadata": _METADATA})
         return self
@@ -76,6 +84,11 @@ class BagWriter:
             self._writer.add_message(number, log_time_ns, data, log_time_ns)
         except OSError as error:
             raise self._error(error) from None
+
+    def flush(self) -> None:
+        """Give the system what is written, but for the messages of the newest chunk."""
+        with self._errors():
+            self._file.flush()
 
     def _channel(self, topic: str, typename: str) -> tuple[int, str]:
         schema = self._schema(typename)
@@ -95,13 +108,14 @@ class BagWriter:
         """Finish the file and rename it, or remove it after an error."""
         try:
             with self._errors(), self._file:
-                if kind is None:
+                if kind is None or self._growing:
                     self._writer.finish()  # type: ignore[no-untyped-call]
             if kind is None:
                 with self._errors():
                     self._part.replace(self.path)
         finally:
-            self._part.unlink(missing_ok=True)
+            if not self._growing:
+                self._part.unlink(missing_ok=True)
 
     @contextmanager
     def _errors(self) -> Iterator[None]:

@@ -9,20 +9,49 @@ path of this process is passed on instead, without the working directory.
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import tirgeo_ros
+
+_PR_SET_PDEATHSIG = 1  # of prctl (linux/prctl.h)
+_NODE = "import sys; from tirgeo_ros.nodes.start import start; sys.exit(start({!r}, {!r}))"
+_ENDS_WITH = """\
+import signal
+from tirgeo_ros.io.files.child_python import end_with
+end_with({}, signal.SIGTERM)
+"""
 
 
 def python_command(code: str, *arguments: str) -> list[str]:
     """Return the command that runs ``code`` with ``arguments`` in ``sys.argv[1:]``."""
     start = f"import sys; sys.path[:] = {_path()!r}\n{code}"
     return [sys.executable, "-I", "-c", start, *arguments]
+
+
+def node_command(
+    name: str, arguments: Sequence[str], package: str = "tirgeo_ros.nodes", *, ends_with: int = 0
+) -> list[str]:
+    """Return the command that runs a package's node with arguments of ROS.
+
+    With ``ends_with``, the number of the process that will start it, the node gets SIGTERM when
+    that process ends, for whatever reason, or the thread of it that started the node.
+    """
+    first = _ENDS_WITH.format(ends_with) if ends_with else ""
+    return python_command(first + _NODE.format(name, package), "--ros-args", *arguments)
+
+
+def end_with(parent: int, number: signal.Signals) -> None:
+    """Have the kernel send this process a signal when its parent ends, however it does (Linux)."""
+    with suppress(AttributeError, OSError):
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, number, 0, 0, 0)
+    if os.getppid() != parent:  # it has ended already
+        sys.exit(1)
 
 
 def _path() -> list[str]:

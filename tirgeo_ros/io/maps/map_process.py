@@ -14,7 +14,6 @@ second, the map that is made of them a twentieth of that.
 
 from __future__ import annotations
 
-import ctypes
 import gc
 import math
 import os
@@ -35,13 +34,13 @@ from tirgeo_ros.core.map.layers import MapLayer
 from tirgeo_ros.core.overlay.map_renderer import DrapedMap, lay_layers
 from tirgeo_ros.core.types.errors import MapError, TirgeoError
 from tirgeo_ros.io.elevation.elevation_model import ground_of
-from tirgeo_ros.io.files.child_python import python_command
+from tirgeo_ros.io.files.child_python import end_with, python_command
 from tirgeo_ros.io.files.memory_bound import MOST_BYTES, MOST_S, bounded_memory
 from tirgeo_ros.io.maps.layers import read_layers
+from tirgeo_ros.io.maps.page_map import page_map
 
 _RUN = "from tirgeo_ros.io.maps.map_process import main; main()"
 _SAID_BYTES = 4000  # of a child's last output; a traceback has as many
-_PR_SET_PDEATHSIG = 1  # of prctl (linux/prctl.h)
 _TOO_LARGE = (
     f"the map does not fit into memory ({MOST_BYTES >> 20} MB); cut out the area of the flight"
 )
@@ -193,7 +192,7 @@ def _fault(code: int, said: str) -> str:
 
 def main() -> None:
     """Do the tasks on stdin, (method of ``_Work``, arguments), and answer each on stdout."""
-    _end_with(int(sys.argv[1]))
+    end_with(int(sys.argv[1]), signal.SIGKILL)
     os.nice(5)  # the video has priority
     gc.disable()  # it takes half the time of a large map and frees nothing
     work = _Work()
@@ -214,14 +213,6 @@ def main() -> None:
             answers.flush()
 
 
-def _end_with(parent: int) -> None:
-    """Let the kernel end this process when its parent ends, for whatever reason (Linux)."""
-    with suppress(AttributeError, OSError):
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
-    if os.getppid() != parent:  # it has ended already
-        sys.exit(1)
-
-
 @dataclass(slots=True)
 class _Work:
     """Hold the map that was read, in the process."""
@@ -231,6 +222,9 @@ class _Work:
 
     def layers(self, map_text: str, style: str, label_field: str, network: bool) -> list[MapLayer]:
         return read_layers(map_text, style, label_field, network=network)
+
+    def page(self, map_text: str) -> bytes:
+        return page_map(read_layers(map_text))
 
     def contents(self, config: OverlayConfig) -> MapContents:
         network = config.network

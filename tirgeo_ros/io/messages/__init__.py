@@ -30,6 +30,12 @@ from tirgeo_ros.io.messages.sensor_messages import (
     SensedSample,
     sensed,
 )
+from tirgeo_ros.io.messages.target_messages import (
+    ClickAnswer,
+    answer_item,
+    click_answer,
+    marked_places,
+)
 
 __all__ = [
     "DJI_TOPICS",
@@ -37,13 +43,16 @@ __all__ = [
     "SENSED_SAMPLES",
     "SENSED_TOPICS",
     "TOPIC_TYPES",
+    "ClickAnswer",
     "DiagnosticItem",
     "Messages",
     "SensedSample",
+    "answer_item",
     "body_pose",
     "camera",
     "camera_attitude",
     "camera_pose",
+    "click_answer",
     "compressed_pixels",
     "diagnostic_level",
     "ground_point",
@@ -51,6 +60,7 @@ __all__ = [
     "image_pixels",
     "imu_sample",
     "joint_sample",
+    "marked_places",
     "navigation_status",
     "pixel",
     "pixels",

@@ -36,6 +36,7 @@ from tirgeo_ros.io.messages.message_axes import (
     quat_turned_world,
 )
 from tirgeo_ros.io.messages.message_parts import COVARIANCE_KNOWN
+from tirgeo_ros.io.messages.target_messages import TargetMessages
 from tirgeo_ros.io.messages.topics import COMPUTED_FROM, JOINT_SIGNS
 
 #: Variance of an unknown value, where a reader takes any number for a variance: so large that it
@@ -45,7 +46,7 @@ UNKNOWN_VARIANCE = 1e6
 _ENCODINGS = {("|u1", 2): "mono8", ("|u1", 3): "bgr8", ("<u2", 2): "mono16"}
 
 
-class Messages(FrameMessages):
+class Messages(FrameMessages, TargetMessages):
     """Build messages of the classes that ``types`` gives for names like ``nav_msgs/msg/Odometry``.
 
     ``frames`` are the ids of their frames. Nodes pass rclpy's classes, bags those they are written

@@ -19,6 +19,8 @@ OTHER_TYPES: dict[str, str] = {
     "tirgeo/path": "nav_msgs/msg/Path",
     "tirgeo/locate/fix": "sensor_msgs/msg/NavSatFix",
     "tirgeo/locate/point": "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "tirgeo/locate/answer": "diagnostic_msgs/msg/DiagnosticArray",
+    "tirgeo/targets": "visualization_msgs/msg/MarkerArray",
     "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
     "/clock": "rosgraph_msgs/msg/Clock",
     "/tf": "tf2_msgs/msg/TFMessage",

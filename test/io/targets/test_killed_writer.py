@@ -1,0 +1,89 @@
+"""Kill -9 of a process that edits targets: every confirmed edit is in the file."""
+
+from __future__ import annotations
+
+import random
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from project import PROJECT
+from target_writer import edit, state_of
+
+from tirgeo_ros.core.types.errors import TargetError
+from tirgeo_ros.io.targets.store import TargetStore
+
+
+def states_after_each(folder, edits):
+    """What the store holds after 0, 1, 2, ... edits."""
+    store = TargetStore(folder / "expected.gpkg")
+    found = [state_of(store)]
+    for number in range(edits):
+        edit(store, number)
+        found.append(state_of(store))
+    store.close()
+    return found
+
+
+def writer(path, edits):
+    script = PROJECT / "test" / "support" / "target_writer.py"
+    return subprocess.Popen(
+        [sys.executable, script, path, str(edits)],
+        stdout=subprocess.PIPE,
+        cwd=PROJECT,
+        env={"PYTHONPATH": f"{PROJECT}:{script.parent}"},
+    )
+
+
+def confirmed_before_kill(path, edits, wanted, delay_s):
+    """Kill a writer some time after a number of edits; return how many it confirmed."""
+    with writer(path, edits) as process:
+        for _ in range(wanted):
+            assert process.stdout.readline()
+        time.sleep(delay_s)
+        process.send_signal(signal.SIGKILL)
+        return wanted + len(process.stdout.read().splitlines())
+
+
+def check_kills(folder, edits, kills, seed):
+    expected = states_after_each(folder, edits)
+    rng = random.Random(seed)
+    for kill in range(kills):
+        path = folder / f"{kill}.gpkg"
+        wanted = rng.randrange(1, edits)
+        confirmed = confirmed_before_kill(path, edits, wanted, rng.uniform(0, 0.03))
+        assert confirmed <= edits
+        store = TargetStore(path)
+        # one more may be on disk, whose confirmation was not yet said
+        assert state_of(store) in expected[confirmed : confirmed + 2], (kill, confirmed)
+        assert store.undo()
+        store.close()
+
+
+def test_three_kills_lose_no_confirmed_edit(tmp_path):
+    check_kills(tmp_path, edits=60, kills=3, seed=1)
+
+
+@pytest.mark.slow
+@pytest.mark.long
+def test_twenty_kills_during_a_thousand_edits_lose_no_confirmed_edit(tmp_path):
+    check_kills(tmp_path, edits=1000, kills=20, seed=2)
+
+
+def test_a_file_whose_making_was_killed_can_be_opened(tmp_path):
+    for kill, delay_s in enumerate((0.0, 0.3, 0.6)):
+        path = tmp_path / f"{kill}.gpkg"
+        confirmed_before_kill(path, 1, 0, delay_s)
+        TargetStore(path).close()
+
+
+def test_a_second_process_is_refused_and_the_first_goes_on(tmp_path):
+    path = tmp_path / "targets.gpkg"
+    with writer(path, 10_000) as process:
+        assert process.stdout.readline()
+        with pytest.raises(TargetError, match=r"targets\.gpkg: another program has it open"):
+            TargetStore(path)
+        assert process.stdout.readline()
+        process.kill()

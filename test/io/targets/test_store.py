@@ -1,0 +1,238 @@
+"""The store of targets: what is changed is in the file, and undone step by step."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from target_samples import click
+
+from tirgeo_ros.core.targets.target import averaged
+from tirgeo_ros.core.types.errors import TargetError
+from tirgeo_ros.io.targets import store as store_module
+from tirgeo_ros.io.targets.store import (
+    MOST_CLICKS,
+    MOST_NAME,
+    MOST_NOTE,
+    MOST_PICTURE,
+    TargetStore,
+    TimeMark,
+)
+
+JPEG = b"\xff\xd8 a picture"
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "targets.gpkg"
+
+
+@pytest.fixture
+def store(path):
+    opened = TargetStore(path)
+    yield opened
+    opened.close()
+
+
+def reopened(store):
+    store.close()
+    return TargetStore(store.path)
+
+
+def test_a_target_and_its_changes_come_back(store):
+    one = store.add(click(), kind="fire", name="barn", aircraft="uav1", picture=JPEG, now_ns=5)
+    two = store.add(click(3), now_ns=6)
+    assert (one.number, two.number, two.kind, two.name) == (1, 2, "other", "")
+    refined = store.refine(one.id, click(1, after_s=60), 7)
+    assert refined.place == averaged([click(), click(1, after_s=60)])
+    edited = store.edit(two.id, 8, kind="person", note="waves\nboth arms")
+    assert (edited.created_ns, edited.changed_ns) == (6, 8)
+    assert store.all() == [refined, edited]
+    again = reopened(store)
+    assert again.all() == [refined, edited]
+    assert again.picture(one.id) == JPEG
+    assert again.picture(two.id) is None
+    assert again.revision == 4
+    again.close()
+
+
+def test_a_number_is_never_given_again(store):
+    first = store.add(click(), now_ns=1)
+    store.undo()
+    second = store.add(click(), now_ns=2)
+    store.delete(second.id, 3)
+    again = reopened(store)
+    assert again.add(click(), now_ns=4).number == 3
+    assert first.id != second.id
+    again.close()
+
+
+def test_each_change_is_undone_in_turn_also_after_a_restart(store):
+    one = store.add(click(), name="a", picture=JPEG, now_ns=1)
+    refined = store.refine(one.id, click(1), 2)
+    edited = store.edit(one.id, 3, name="b")
+    store.delete(one.id, 4)
+    assert store.all() == []
+    store = reopened(store)
+    words, states = [], []
+    for _ in range(5):
+        words.append(store.undo())
+        states.append(store.all())
+    assert words == [
+        "target 1 is back",
+        "target 1 as before",
+        "the last click on target 1 removed",
+        "target 1 removed again",
+        "",
+    ]
+    assert states == [[edited], [refined], [one], [], []]
+    store.close()
+
+
+def test_undo_after_new_changes_takes_the_newest(store):
+    one = store.add(click(), now_ns=1)
+    store.edit(one.id, 2, name="b")
+    store.undo()
+    store.edit(one.id, 3, name="c")
+    store.undo()
+    assert [target.name for target in store.all()] == [""]
+    assert store.undo() == "target 1 removed again"
+
+
+def test_a_deleted_target_comes_back_with_its_picture(store):
+    one = store.add(click(), picture=JPEG, now_ns=1)
+    store.delete(one.id, 2)
+    store.undo()
+    assert store.all() == [one]
+    assert store.picture(one.id) == JPEG
+
+
+def test_the_journal_and_loose_pictures_have_a_bound(store, monkeypatch):
+    monkeypatch.setattr(store_module, "MOST_CHANGES", 5)
+    gone = store.add(click(), picture=JPEG, now_ns=1)
+    store.delete(gone.id, 2)
+    kept = store.add(click(), picture=JPEG, now_ns=3)
+    for number in range(10):
+        store.edit(kept.id, number, name=str(number))
+    assert store._read("SELECT count(*) FROM tirgeo_changes") == [(5,)]
+    assert store.picture(gone.id) is None
+    assert store.picture(kept.id) == JPEG
+    assert [bool(store.undo()) for _ in range(6)].count(True) <= 5
+
+
+def test_the_revision_grows_with_each_change_also_from_run_to_run(store):
+    seen = [store.revision]
+    one = store.add(click(), now_ns=1)
+    seen.append(store.revision)
+    store.edit(one.id, 2, name="x")
+    seen.append(store.revision)
+    assert store.edit(one.id, 3, name="x").changed_ns == 2  # nothing was changed
+    assert store.revision == seen[-1]
+    store.undo()
+    seen.append(store.revision)
+    store = reopened(store)
+    assert store.revision == seen[-1]
+    store.delete(one.id, 4)
+    seen.append(store.revision)
+    assert seen == sorted(set(seen))
+    store.close()
+
+
+def test_marks_in_time(store):
+    store.mark("smoke", 7)
+    store.mark("second pass", 9)
+    again = reopened(store)
+    assert again.marks() == [TimeMark(7, "smoke"), TimeMark(9, "second pass")]
+    again.close()
+
+
+@settings(max_examples=40)
+@given(st.text(max_size=80), st.text(max_size=80))
+def test_any_text_can_be_a_name_and_a_note(shared_store, name, note):
+    one = shared_store.add(click(), name=name, now_ns=1)
+    edited = shared_store.edit(one.id, 2, note=note)
+    assert edited.name.isprintable()
+    assert edited.note.replace("\n", "").isprintable()
+    # what is there is what was typed
+    assert set(edited.name) <= set(name) | {" "}
+    assert shared_store._read("SELECT name, note FROM targets WHERE id = ?", one.id) == [
+        (edited.name, edited.note)
+    ]
+    shared_store.delete(one.id, 3)
+
+
+@pytest.fixture(scope="module")
+def shared_store(tmp_path_factory):
+    opened = TargetStore(tmp_path_factory.mktemp("store") / "targets.gpkg")
+    yield opened
+    opened.close()
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda s, _: s.add(click(), kind="cow", now_ns=1), "one of person, fire"),
+        (lambda s, _: s.add(click(), name="x" * (MOST_NAME + 1), now_ns=1), "shorten it to 100"),
+        (lambda s, _: s.add(click(), picture=b"GIF8", now_ns=1), "no JPEG"),
+        (lambda s, _: s.add(click(), picture=JPEG * MOST_PICTURE, now_ns=1), "no JPEG of up to"),
+        (lambda s, t: s.edit(t.id, 1, note="x" * (MOST_NOTE + 1)), "shorten it to 2000"),
+        (lambda s, _: s.edit("0" * 32, 1, name="x"), "no such target"),
+        (lambda s, _: s.delete("0" * 32, 1), "no such target"),
+        (lambda s, _: s.refine("0" * 32, click(), 1), "no such target"),
+        (lambda s, t: s.refine(t.id, click(7000), 1), r"7\.0 km from target 1"),
+    ],
+)
+def test_what_cannot_be_done_changes_nothing(store, change, said):
+    one = store.add(click(), picture=JPEG, now_ns=1)
+    revision = store.revision
+    with pytest.raises(TargetError, match=said):
+        change(store, one)
+    assert store.all() == [one]
+    assert store.revision == revision
+    again = reopened(store)
+    assert again.all() == [one]
+    again.close()
+
+
+def test_targets_clicks_and_marks_have_a_bound(store, monkeypatch):
+    one = store.add(click(), now_ns=1)
+    for number in range(1, MOST_CLICKS):
+        store.refine(one.id, click(after_s=number), number)
+    with pytest.raises(TargetError, match="has 50 clicks"):
+        store.refine(one.id, click(), 99)
+    monkeypatch.setattr(store_module, "MOST_TARGETS", 1)
+    with pytest.raises(TargetError, match="delete some"):
+        store.add(click(), now_ns=100)
+    monkeypatch.setattr(store_module, "MOST_MARKS", 0)
+    with pytest.raises(TargetError, match="marks already"):
+        store.mark("x", 1)
+
+
+def test_threads_share_a_store(store):
+    def work(name):
+        for number in range(8):
+            one = store.add(click(), name=name, now_ns=number)
+            store.edit(one.id, number, note="seen")
+            store.all()
+
+    threads = [threading.Thread(target=work, args=(f"t{k}",)) for k in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    found = store.all()
+    assert sorted(one.number for one in found) == list(range(1, 33))
+    assert {one.note for one in found} == {"seen"}
+    assert store.revision == 64
+    again = reopened(store)
+    assert again.all() == found
+    again.close()
+
+
+def test_a_closed_store_says_so(store):
+    store.close()
+    store.close()
+    with pytest.raises(TargetError, match=r"targets\.gpkg: closed"):
+        store.add(click(), now_ns=1)

@@ -1,0 +1,219 @@
+"""A picture's packet: what a receiver computes from it alone lands where our rays do."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from klv_reader import by_klvdata, items_in, step_of, values_in
+from numpy.testing import assert_allclose
+from pyproj import Transformer
+from scenes import camera_pose
+
+from tirgeo_ros.core.camera.camera_model import XT2
+from tirgeo_ros.core.camera.projection_covariance import CameraRates
+from tirgeo_ros.core.config.overlay import ConfidenceConfig
+from tirgeo_ros.core.frames.rotations import quat_from_euler
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.ground.backprojection import locate
+from tirgeo_ros.core.ground.frame_geometry import Sight, frame_geometry
+from tirgeo_ros.core.types.poses import BodyPose
+from tirgeo_ros.io.video.frame_metadata import FrameMetadata
+
+TIME_NS = 1_634_731_264_888_888_888
+CONFIG = ConfidenceConfig()
+METADATA = FrameMetadata(CONFIG)
+GROUND_M = 150.0
+CORNERS_UV = np.array([[-0.5, -0.5], [639.5, -0.5], [639.5, 511.5], [-0.5, 511.5]])
+#: What the receiver of the check by projection may look at.
+SEEN = (5, 6, 7, 13, 14, 75, 18, 19, 20)
+TO_EARTH = Transformer.from_crs(4979, 4978, always_xy=True).transform
+FROM_EARTH = Transformer.from_crs(4978, 4979, always_xy=True).transform
+
+attitudes = st.tuples(
+    st.floats(-180, 180),  # the camera's azimuth
+    st.floats(-90, -30),
+    st.floats(-15, 15),
+    st.floats(-180, 180),  # the aircraft's heading
+    st.floats(-19, 19),
+    st.floats(-49, 49),
+)
+places = st.tuples(st.floats(-89.9, 89.9), st.floats(-180, 180), st.floats(20, 400))
+
+
+def sight_at(lat_deg, lon_deg, above_m, attitude, ground_m=GROUND_M):
+    yaw, elevation, roll, heading, pitch, tilt = attitude
+    plane = TangentPlane(math.radians(lat_deg), math.radians(lon_deg), GROUND_M)
+    pose = camera_pose([10.0, 20.0, -above_m], roll, elevation, yaw, 1e-6)
+    q_nb = quat_from_euler(*np.radians([tilt, pitch, heading]))
+    body = BodyPose(0, pose.position_n, q_nb, pose.covariance)
+    return Sight(XT2, pose, plane, ground_m, body)
+
+
+SIGHT = sight_at(48.2, 16.4, 80.0, (30.0, -50.0, 4.0, 10.0, -8.0, 12.0))
+
+
+def turn(axis, angle_deg):
+    """A rotation about x, y or z, written out."""
+    s, c = math.sin(math.radians(angle_deg)), math.cos(math.radians(angle_deg))
+    about = {"x": [[1, 0, 0], [0, c, -s], [0, s, c]], "y": [[c, 0, s], [0, 1, 0], [-s, 0, c]]}
+    return np.array(about.get(axis, [[c, -s, 0], [s, c, 0], [0, 0, 1]]))
+
+
+def projected(values):
+    """The ground at GROUND_M in the line of sight, latitude and longitude (deg), by PROJ."""
+    lat, lon = math.radians(values[13]), math.radians(values[14])
+    looking = turn("z", values[5]) @ turn("y", values[6]) @ turn("x", values[7])
+    north, east, down = (looking @ turn("z", values[18]) @ turn("y", values[19]))[:, 0]
+    axes = np.array(
+        [
+            [-math.sin(lat) * math.cos(lon), -math.sin(lon), -math.cos(lat) * math.cos(lon)],
+            [-math.sin(lat) * math.sin(lon), math.cos(lon), -math.cos(lat) * math.sin(lon)],
+            [math.cos(lat), 0.0, -math.sin(lat)],
+        ]
+    )
+    ray = axes @ [north, east, down]
+    camera = np.array(TO_EARTH(values[14], values[13], values[75]))
+    way = (values[75] - GROUND_M) / down
+    for _ in range(8):  # the ellipsoid bends away by millimetres
+        longitude, latitude, height = FROM_EARTH(*(camera + way * ray))
+        way += (height - GROUND_M) / down
+    return np.array([latitude, longitude])
+
+
+def apart(first, second):
+    """Latitude and longitude of one place less those of another, deg."""
+    found = np.asarray(first) - second
+    found[..., 1] = (found[..., 1] + 180.0) % 360.0 - 180.0
+    return found
+
+
+@settings(max_examples=60)
+@given(places, attitudes)
+def test_a_receiver_s_own_projection_lands_on_the_frame_s_centre(place, attitude):
+    values = values_in(METADATA.packet(TIME_NS, sight_at(*place, attitude)))
+    found = projected(values)
+    # Each item is right to half a step; what that moves the point by adds up at the worst.
+    allowed = np.array([step_of(23) / 2, step_of(24) / 2]) + 1e-9
+    for tag in SEEN:
+        moved = projected(values | {tag: values[tag] + step_of(tag) / 2})
+        allowed += 1.05 * np.abs(apart(moved, found))  # not quite linear
+    assert (np.abs(apart(found, [values[23], values[24]])) <= allowed).all()
+    assert values[78] == pytest.approx(GROUND_M, abs=step_of(78) / 2 + 1e-6)
+
+
+@settings(max_examples=60)
+@given(places, attitudes)
+def test_corners_are_our_rays(place, attitude):
+    sight = sight_at(*place, attitude)
+    packet = METADATA.packet(TIME_NS, sight)
+    values = values_in(packet)
+    points_n, reasons = locate(XT2, sight.pose, CORNERS_UV, sight.plane, GROUND_M)
+    if any(reasons):
+        assert not values.keys() & {*range(82, 90), *range(26, 34)}
+        return
+    expected = np.degrees(np.stack(sight.plane.geodetic_from_ned(points_n)[:2], axis=1))
+    corners = np.array([values[tag] for tag in range(82, 90)]).reshape(4, 2)
+    off = np.abs(apart(corners, expected))
+    assert (off <= np.array([step_of(82), step_of(83)]) / 2 + 1e-9).all()
+    assert off.max() < 1e-6
+    if 26 in values:
+        offsets = np.array([values[tag] for tag in range(26, 34)]).reshape(4, 2)
+        summed = np.array([values[23], values[24]]) + offsets
+        # Half a step of the offset, and of each of the places that it is between.
+        assert np.abs(apart(summed, corners)).max() <= step_of(26) / 2 + step_of(24)
+    by_klvdata(packet)
+
+
+def test_offsets_across_the_date_line_are_short():
+    sight = sight_at(10.0, 179.9995, 100.0, (90.0, -60.0, 0.0, 0.0, 0.0, 0.0))
+    values = values_in(METADATA.packet(TIME_NS, sight))
+    assert {math.copysign(1, values[tag]) for tag in range(83, 90, 2)} == {-1.0, 1.0}
+    assert max(abs(values[tag]) for tag in range(26, 34)) < 0.01
+
+
+def test_offsets_that_do_not_fit_are_left_out():
+    sight = sight_at(85.0, 16.0, 3000.0, (0.0, -89.0, 0.0, 0.0, 0.0, 0.0))
+    values = values_in(METADATA.packet(TIME_NS, sight))
+    assert abs(values[83] - values[24]) > 0.075  # near a pole a degree is short
+    assert not values.keys() & set(range(26, 34))
+
+
+def test_without_a_trusted_pose_there_is_the_time_alone():
+    metadata = FrameMetadata(CONFIG, 45.0, "M600")
+    metadata.packet(TIME_NS, SIGHT)
+    packet = metadata.packet(TIME_NS, None)
+    assert [tag for tag, _ in items_in(packet)] == [2, 65, 1]
+    assert by_klvdata(packet)[2] == "2021-10-20 12:01:04.888888+00:00"
+
+
+def test_heights_above_the_sea_only_with_the_undulation():
+    values = values_in(FrameMetadata(CONFIG, 45.0).packet(TIME_NS, SIGHT))
+    for hae, msl in ((75, 15), (78, 25)):
+        assert values[hae] - values[msl] == pytest.approx(45.0, abs=step_of(hae))
+    assert values[75] == pytest.approx(GROUND_M + 80.0, abs=step_of(75))
+    assert not values_in(METADATA.packet(TIME_NS, SIGHT)).keys() & {15, 25}
+
+
+@given(
+    st.tuples(*[st.floats(-1e6, 1e6)] * 3),
+    st.tuples(*[st.floats(-200, 200)] * 6),
+    st.sampled_from([0.0, 1e-6, 1.0, 1e9, math.nan]),
+    st.sampled_from([math.nan, -450.0, 0.0, 9000.0]),
+)
+def test_any_pose_makes_a_good_packet(position_n, attitude, variance, ground_m):
+    sight = sight_at(47.0, 179.0, 1.0, attitude, ground_m)
+    pose = camera_pose(position_n, *attitude[:3], variance)
+    rates = CameraRates(np.array(position_n) / 10, np.radians(attitude[:3]))
+    for known in (None, rates):
+        values = values_in(METADATA.packet(0, sight._replace(pose=pose, rates=known)))
+        assert values.keys() >= {2, 5, 13, 14, 16, 17, 18, 19, 20}
+        assert (23 in values) == (21 in values)
+        assert 23 in values or not values.keys() & {45, 46, *range(82, 90)}
+
+
+@pytest.mark.parametrize(
+    ("pitch", "tilt", "there", "absent"),
+    [(19, -49, {6, 7}, {90, 91}), (-25, 55, {90, 91}, {6, 7}), (25, 95, {90}, {6, 7, 91})],
+)
+def test_steep_attitudes_have_items_of_their_own(pitch, tilt, there, absent):
+    sight = sight_at(48.2, 16.4, 80.0, (30.0, -50.0, 4.0, 10.0, pitch, tilt))
+    values = values_in(METADATA.packet(TIME_NS, sight))
+    assert there <= values.keys()
+    assert not absent & values.keys()
+    if 90 in values:
+        assert values[90] == pytest.approx(pitch, abs=1e-3)  # the plane's origin is 22 m away
+
+
+def test_errors_and_views_are_those_of_the_geometry():
+    geometry = frame_geometry(SIGHT, CONFIG)
+    values = values_in(METADATA.packet(TIME_NS, SIGHT))
+    expected = {
+        16: math.degrees(geometry.fields_of_view[0]),
+        17: math.degrees(geometry.fields_of_view[1]),
+        21: geometry.slant_range_m,
+        22: geometry.width_m,
+        45: geometry.ce90_m,
+        46: geometry.le90_m,
+    }
+    for tag, value in expected.items():
+        assert values[tag] == pytest.approx(value, abs=step_of(tag) / 2 + 1e-9)
+    assert values[46] < values[45] < 2.0
+
+
+def test_texts_and_security():
+    items = dict(items_in(FrameMetadata(CONFIG, platform="Höhe 1").packet(TIME_NS, SIGHT)))
+    assert items[10].decode() == "Höhe 1"
+    assert items[12] == b"Geodetic WGS84"
+    assert items[48] == bytes.fromhex("010101 1602000c")
+    assert 10 not in dict(items_in(METADATA.packet(TIME_NS, SIGHT)))
+
+
+def test_no_ground_no_centre():
+    sight = SIGHT._replace(ground=math.nan)
+    values = values_in(METADATA.packet(TIME_NS, sight))
+    assert set(values) == {2, *SEEN, 16, 17}
+    assert_allclose(values[13], 48.2, atol=1e-3)

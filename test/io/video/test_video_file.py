@@ -1,0 +1,123 @@
+"""Video files: what browsers play, each frame for its time, whole or not there."""
+
+from __future__ import annotations
+
+import av
+import numpy as np
+import pytest
+
+from tirgeo_ros.core.types.errors import VideoError
+from tirgeo_ros.io.video.video_file import VideoFile
+
+STEP_NS = 111_111_111  # 9 Hz
+TICK_S = 1 / 1000  # Matroska counts milliseconds, the finer MP4 has 1/90000 s
+
+
+def frame(level, shape=(48, 64, 3)):
+    return np.full(shape, level, np.uint8)
+
+
+def write(path, stamps, levels=None):
+    with VideoFile(path) as video:
+        for stamp_ns, level in zip(stamps, levels or [90] * len(stamps), strict=True):
+            video.add(stamp_ns, frame(level))
+    return video
+
+
+def frames_of(path):
+    """The time in seconds and the mean brightness of each frame."""
+    with av.open(str(path)) as container:
+        found = [(one.time, one.to_ndarray(format="gray").mean()) for one in container.decode()]
+    return zip(*found, strict=True)
+
+
+@pytest.mark.parametrize(("name", "count"), [("out.mp4", 25), ("out.webm", 25), ("OUT.MP4", 3)])
+def test_frames_come_back_at_their_times(tmp_path, count, name):
+    levels = [10 * k for k in range(count)]
+    stamps = [10**18 + k * STEP_NS for k in range(count)]
+    video = write(tmp_path / name, stamps, levels)
+    assert video.frames == count
+    assert video.rate_hz == pytest.approx(9.0, rel=1e-6)
+    times, found = frames_of(tmp_path / name)
+    np.testing.assert_allclose(times, np.arange(count) / 9.0, atol=TICK_S)
+    # limited-range YUV with quantised blocks: a flat grey comes back within a few levels
+    np.testing.assert_allclose(found, levels, atol=6)
+
+
+@pytest.mark.parametrize(
+    ("stamps", "steps_s"),
+    [
+        ([5], []),
+        ([5, 5], [0.1]),
+        ([9, 5], [0.1]),
+        ([0, STEP_NS, 0, STEP_NS], [1 / 9] * 3),
+        ([0, STEP_NS, 10**18], [1 / 9] * 2),
+    ],
+)
+def test_stamps_that_repeat_or_jump_keep_the_step_before(tmp_path, stamps, steps_s):
+    write(tmp_path / "out.mp4", stamps)
+    times, _ = frames_of(tmp_path / "out.mp4")
+    np.testing.assert_allclose(np.diff(times), steps_s, atol=TICK_S)
+
+
+def test_forms_are_those_that_browsers_take(tmp_path):
+    for name, codec in (("out.mp4", "h264"), ("out.webm", "vp9")):
+        write(tmp_path / name, [k * STEP_NS for k in range(30)])
+        with av.open(str(tmp_path / name)) as container:
+            (form,) = (one.codec_context for one in container.streams)
+            assert (form.name, form.pix_fmt) == (codec, "yuv420p")
+    # Boxes of ISO/IEC 14496-12: with the index before the pictures it plays while it loads.
+    data = (tmp_path / "out.mp4").read_bytes()
+    assert 0 < data.index(b"moov") < data.index(b"mdat")
+
+
+def test_a_side_of_odd_length_has_its_last_pixel_twice(tmp_path):
+    levels = np.arange(63 * 47, dtype=np.uint32).reshape(47, 63) * 250 // (63 * 47)
+    pixels = np.repeat(levels.astype(np.uint8)[..., None], 3, axis=2)
+    with VideoFile(tmp_path / "out.mp4") as video:
+        video.add(0, pixels)
+    with av.open(str(tmp_path / "out.mp4")) as container:
+        (found,) = [one.to_ndarray(format="bgr24") for one in container.decode()]
+    assert found.shape == (48, 64, 3)
+    np.testing.assert_allclose(found[:47, :63], pixels, atol=12)
+    np.testing.assert_allclose(found[47, :63], pixels[46], atol=12)
+
+
+def write_and_fail(path, last):
+    with VideoFile(path) as video:
+        for k in range(12):
+            video.add(k * STEP_NS, frame(0))
+        video.add(12 * STEP_NS, last)
+        raise RuntimeError("work failed")
+
+
+@pytest.mark.parametrize(
+    ("shape", "error", "said"),
+    [
+        ((48, 64, 3), RuntimeError, "work failed"),
+        ((24, 32, 3), VideoError, r"out\.mp4: a frame of 32x24 .* follows .* 64x48"),
+    ],
+)
+def test_nothing_is_left_after_an_error(tmp_path, shape, error, said):
+    path = tmp_path / "out.mp4"
+    path.write_bytes(b"what was there")
+    with pytest.raises(error, match=said):
+        write_and_fail(path, frame(0, shape))
+    assert path.read_bytes() == b"what was there"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["out.mp4"]
+
+
+def test_a_growing_file_plays_as_far_as_it_was_written(tmp_path):
+    path = tmp_path / "flight.ts"
+
+    def killed():
+        with VideoFile(path, growing=True) as film:
+            for number in range(300):
+                film.add(number * 33_000_000, np.full((64, 64, 3), number % 250, np.uint8))
+            raise KeyboardInterrupt  # whatever ends it
+
+    with pytest.raises(KeyboardInterrupt):
+        killed()
+    with av.open(str(path)) as film:
+        assert sum(1 for _ in film.decode(video=0)) == 300
+    assert [each.name for each in tmp_path.iterdir()] == ["flight.ts"]

@@ -1,0 +1,183 @@
+"""Chromium for the tests of the operator's page: what a page says, asks for and shows."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+from playwright.sync_api import Browser, ConsoleMessage, Locator, Page, expect, sync_playwright
+
+NAMES = ("chromium", "chromium-browser", "google-chrome")
+PHONE, TABLET, DESK = (390, 844), (820, 1180), (1920, 1080)
+#: A limit, not a wait: a busy machine takes long to draw a first page.
+LIMIT_S = 30.0
+#: What a finger in a glove hits (WCAG 2.2, target size enhanced), CSS pixels.
+FINGER_PX = 44
+
+
+def browser_path() -> str:
+    """Return the installed Chromium; skips without one, and fails where one must be there."""
+    found = next(filter(None, map(shutil.which, NAMES)), None)
+    if found:
+        return found
+    words = "no Chromium: install the package chromium to test the operator's page in a browser"
+    if os.environ.get("TIRGEO_NEED_BROWSER"):
+        pytest.fail(words)
+    pytest.skip(words)
+
+
+@contextmanager
+def chromium() -> Iterator[Browser]:
+    """Run Chromium; while it runs, this thread has an asyncio loop of Playwright's."""
+    path = browser_path()
+    with sync_playwright() as driver:
+        options = ["--no-sandbox", "--disable-dev-shm-usage", "--mute-audio"]
+        browser = driver.chromium.launch(executable_path=path, args=options)
+        yield browser
+        browser.close()
+
+
+class Screen:
+    """Be one tablet: a page of its own, whose complaints and requests are written down."""
+
+    def __init__(self, browser: Browser, size: tuple[int, int] = TABLET, **more: object):
+        width, height = size
+        self.context = browser.new_context(
+            viewport={"width": width, "height": height}, has_touch=True, **more
+        )
+        self.context.set_default_timeout(LIMIT_S * 1000)
+        self.complaints: list[str] = []
+        self.taps = 0
+        self.expected = "$^"  # a pattern of complaints that a test provokes
+        self.hosts: set[str] = set()
+        self.page: Page = self.context.new_page()
+        self.page.on("console", self._console)
+        self.page.on("pageerror", lambda error: self.complaints.append(f"error: {error}"))
+        self.page.on("request", lambda asked: self.hosts.add(urlsplit(asked.url).netloc))
+
+    def _console(self, message: ConsoleMessage) -> None:
+        if message.type in {"error", "warning"} and not re.search(self.expected, message.text):
+            self.complaints.append(f"{message.type}: {message.text} {message.location}")
+
+    def open(self, url: str) -> Screen:
+        """Go to a page and wait until its connection is open."""
+        self.page.goto(url)
+        return self
+
+    def tap(self, x: float, y: float) -> None:
+        """Touch a place of the screen, CSS pixels."""
+        self.taps += 1
+        self.page.touchscreen.tap(x, y)
+
+    def tap_on(self, selector: str, **filters: object) -> None:
+        """Touch the first visible element."""
+        self.taps += 1
+        self.one(selector, **filters).tap()
+
+    def reads(self, selector: str, words: str) -> None:
+        """Wait until an element shows words."""
+        expect(self.page.locator(selector).locator("visible=true").first).to_contain_text(
+            words, timeout=LIMIT_S * 1000, ignore_case=True
+        )
+
+    def stamp_ns(self, aircraft: str = "") -> int:
+        """Return the stamp of the picture that is on the screen; 0 before the first."""
+        return int(self.page.evaluate(_STAMP, aircraft))
+
+    def hold_still(self) -> int:
+        """Keep the picture that is on the screen, and return its stamp."""
+        self.await_picture()
+        self.tap_on("#still")
+        self.reads(".words-over", "STILL PICTURE")
+        return self.stamp_ns()
+
+    def await_picture(self, after_ns: int = 0) -> int:
+        """Wait for a picture later than a stamp; return its stamp."""
+        end_s = time.monotonic() + LIMIT_S
+        while (stamp_ns := self.stamp_ns()) <= after_ns:
+            assert time.monotonic() < end_s, f"no picture after {after_ns}"
+            self.page.wait_for_timeout(50)
+        return stamp_ns
+
+    def on_screen(self, u: float, v: float, aircraft: str = "") -> tuple[float, float]:
+        """Return where a pixel of the picture is on the screen."""
+        return tuple(self.page.evaluate(_ON_SCREEN, [aircraft, u, v]))
+
+    def video(self) -> tuple[bytes, float, float]:
+        """Return the video as it is on the screen (PNG), and the screen place of its corner."""
+        stage = self.one(".stage canvas")
+        box = stage.bounding_box()
+        assert box is not None
+        return stage.screenshot(), box["x"], box["y"]
+
+    def wait(self, script: str, *arguments: object) -> object:
+        """Return what a JavaScript function returns as soon as that is true."""
+        argument = arguments[0] if len(arguments) == 1 else list(arguments)
+        handle = self.page.wait_for_function(script, arg=argument, polling=50)
+        return handle.json_value()
+
+    def one(self, selector: str, **filters: object) -> Locator:
+        """Return the first visible element."""
+        return self.page.locator(selector, **filters).locator("visible=true").first
+
+    def download(self, press: Callable[[], object], folder: Path) -> Path:
+        """Return the file that a press brings."""
+        with self.page.expect_download() as waiting:
+            press()
+        path = folder / waiting.value.suggested_filename
+        waiting.value.save_as(path)
+        return path
+
+    def too_wide(self) -> list[str]:
+        """Return what is wider than the screen or stands out of it sideways."""
+        return self.page.evaluate(_TOO_WIDE)
+
+    def too_small(self) -> list[str]:
+        """Return what can be pressed and is smaller than a finger."""
+        return self.page.evaluate(_TOO_SMALL, FINGER_PX)
+
+    def close(self) -> None:
+        """Close the page and all of it."""
+        self.context.close()
+
+
+_STAMP = """async (aircraft) => {
+  const { stageOf } = await import("/static/js/video/stages.js");
+  return stageOf(aircraft)?.frame?.stampNs ?? "0";
+}"""
+_ON_SCREEN = """async ([aircraft, u, v]) => {
+  const { stageOf } = await import("/static/js/video/stages.js");
+  const { view, over } = stageOf(aircraft);
+  const { x, y } = view.toScreen(u, v);
+  const box = over.getBoundingClientRect();
+  return [box.x + x, box.y + y];
+}"""
+_TOO_WIDE = """() => {
+  const width = document.documentElement.clientWidth;
+  const found = document.documentElement.scrollWidth > width ? ["the page scrolls sideways"] : [];
+  const inMap = (node) => node.closest(".leaflet-container") !== null;
+  for (const node of document.querySelectorAll("body *")) {
+    if (inMap(node) || node.closest("svg") || !node.checkVisibility()) continue;
+    const { left, right, width: own } = node.getBoundingClientRect();
+    if (own && (right > width + 0.5 || left < -0.5)) found.push(node.outerHTML.slice(0, 90));
+  }
+  return found;
+}"""
+_TOO_SMALL = """(least) => {
+  const found = [];
+  const pressed = "button, a[href], input, select, textarea, summary, [role=button]";
+  for (const node of document.querySelectorAll(pressed)) {
+    if (!node.checkVisibility({ visibilityProperty: true })) continue;
+    const { width, height } = node.getBoundingClientRect();
+    if (width && (width < least - 0.5 || height < least - 0.5))
+      found.push(`${width.toFixed(0)} x ${height.toFixed(0)}: ${node.outerHTML.slice(0, 90)}`);
+  }
+  return found;
+}"""

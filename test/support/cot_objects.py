@@ -1,0 +1,53 @@
+"""A target and an aircraft to say as Cursor-on-Target, and a link that says them."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import time
+from collections.abc import Iterator
+
+import numpy as np
+
+from tirgeo_ros.core.camera.camera_model import XT2
+from tirgeo_ros.core.config.overlay import ConfidenceConfig
+from tirgeo_ros.core.frames.axes import BODY_OPTICAL
+from tirgeo_ros.core.frames.rotations import matrix_from_euler, quat_from_matrix
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.ground.frame_geometry import Sight, frame_geometry
+from tirgeo_ros.core.targets.target import Fixing, Target
+from tirgeo_ros.core.types.poses import CameraPose
+from tirgeo_ros.io.cot.aircraft_events import AircraftState
+from tirgeo_ros.page.cot.address import CotParameters
+from tirgeo_ros.page.cot.link import CotLink
+
+#: 2 m in each level direction and 0.5 m up, one standard deviation.
+ROUND = (4.0, 0, 0, 0, 4.0, 0, 0, 0, 0.25)
+
+
+def target(number: int, name: str = "", latitude_deg: float = 48.20817425) -> Target:
+    now_ns = time.time_ns()
+    click = Fixing(now_ns, latitude_deg, 16.37381885, 211.25, ROUND)
+    return Target(f"{number:032x}", number, name, "person", "", "", now_ns, now_ns, (click,))
+
+
+def flying() -> AircraftState:
+    """Return an aircraft 150 m above the ground whose camera looks down to the south-west."""
+    plane = TangentPlane(math.radians(48.2), math.radians(16.37), 200.0)
+    q_nc = quat_from_matrix(matrix_from_euler(*np.radians([3, -50, 225])) @ BODY_OPTICAL)
+    covariance = np.diag([0.01] * 3 + [1e-6] * 3)
+    pose = CameraPose(0, np.array([0.0, 0, -150]), q_nc, covariance)
+    view = frame_geometry(Sight(XT2, pose, plane, 200.0), ConfidenceConfig())
+    return AircraftState("uav1", 48.2, 16.37, 350.0, 0.1, 0.2, 225.0, 8.5, view)
+
+
+@contextlib.contextmanager
+def sharing(cot: str, **parameters: str) -> Iterator[CotLink]:
+    """Run a link that shares."""
+    link = CotLink(CotParameters(cot, **parameters))
+    link.start()
+    link.share(on=True)
+    try:
+        yield link
+    finally:
+        link.stop()

@@ -1,0 +1,234 @@
+"""A simulated node behind the page: a camera that circles over a square of coloured plots.
+
+``python test/support/page_backend.py`` serves the page with it. ``--help`` says what else it can.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import math
+import sys
+import tempfile
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from tirgeo_ros.core.config.viewer import ViewerConfig
+from tirgeo_ros.core.targets.target import Fixing
+from tirgeo_ros.io.targets.store import TargetStore
+from tirgeo_ros.page.backend import Click, Pixel
+from tirgeo_ros.page.invitation import invitation
+from tirgeo_ros.page.server import PageServer
+
+WIDTH, HEIGHT, HZ = 640, 512, 30.0
+LATITUDE, LONGITUDE, GROUND_M = 48.2081743, 16.3738189, 190.0
+M_PER_PIXEL, SKY_ROWS = 0.1, 40  # nothing above SKY_ROWS has a ground point
+NORTH_M, EAST_M = 111_200.0, 111_320.0 * math.cos(math.radians(LATITUDE))  # in a degree
+SIGMA_M = (0.5, 0.3, 0.4)
+PLOTS = [(e, n) for e in range(-60, 61, 20) for n in range(-60, 61, 20)]  # centres, m
+PLOT_M = 3.0  # half a side
+
+
+def camera_at(stamp_ns):
+    """East, north (m) of what is in the middle of the picture of a stamp."""
+    turn = stamp_ns * 1e-9 % 60 / 60 * 2 * math.pi
+    return 30 * math.cos(turn), 30 * math.sin(turn)
+
+
+def place_of(east, north):
+    return LATITUDE + north / NORTH_M, LONGITUDE + east / EAST_M
+
+
+def place_at(stamp_ns, u, v):
+    """Latitude, longitude (deg) at a pixel."""
+    east, north = camera_at(stamp_ns)
+    right, up = (u - WIDTH / 2) * M_PER_PIXEL, (HEIGHT / 2 - v) * M_PER_PIXEL
+    return place_of(east + right, north + up)
+
+
+def pixel_of(stamp_ns, latitude_deg, longitude_deg):
+    east, north = camera_at(stamp_ns)
+    right = (longitude_deg - LONGITUDE) * EAST_M - east
+    up = (latitude_deg - LATITUDE) * NORTH_M - north
+    return WIDTH / 2 + right / M_PER_PIXEL, HEIGHT / 2 - up / M_PER_PIXEL
+
+
+class SimulatedBackend:
+    """Answers clicks from the pose of their stamp, as ``page/backend.py`` says."""
+
+    def __init__(self, targets, answer_s=0.02):
+        self.targets = targets
+        self.newest_ns = {}
+        self.recording, self.sharing = {}, False
+        self._answer_s = answer_s
+        rings = [[_corner(e, n, k) for k in (0, 1, 2, 3, 0)] for e, n in PLOTS]
+        features = [
+            {
+                "type": "Feature",
+                "properties": {"name": f"plot {k}"},
+                "geometry": {"type": "Polygon", "coordinates": [ring]},
+            }
+            for k, ring in enumerate(rings)
+        ]
+        found = {"type": "FeatureCollection", "features": features}
+        self._map = json.dumps(found).encode()
+
+    async def click(self, click: Click) -> Fixing | str:
+        await asyncio.sleep(self._answer_s)
+        if not (0 <= click.u < WIDTH and 0 <= click.v < HEIGHT):
+            return "the pixel is outside the picture"
+        if click.v < SKY_ROWS:
+            return "the ray does not meet the ground"
+        place = place_at(click.stamp_ns, click.u, click.v)
+        return Fixing(click.stamp_ns, *place, GROUND_M, tuple(np.diag(SIGMA_M).ravel() ** 2))
+
+    async def where(self, aircraft, latitude_deg, longitude_deg) -> Pixel | str:
+        stamp_ns = self.newest_ns.get(aircraft)
+        if stamp_ns is None:
+            return "there is no video yet"
+        u, v = pixel_of(stamp_ns, latitude_deg, longitude_deg)
+        if not (0 <= u < WIDTH and 0 <= v < HEIGHT):
+            return "it is outside the picture"
+        return Pixel(stamp_ns, u, v)
+
+    async def record(self, aircraft, on):
+        self.recording[aircraft] = on
+        return "recording" if on else "recorded 12 s"
+
+    async def share(self, on):
+        self.sharing = on
+        return "sharing" if on else "sharing ended"
+
+    def vector_map(self, aircraft):  # noqa: ARG002 the same for all
+        return self._map
+
+
+def _corner(east, north, k):
+    east += PLOT_M if k in {1, 2} else -PLOT_M
+    north += PLOT_M if k in {2, 3} else -PLOT_M
+    latitude, longitude = place_of(east, north)
+    return longitude, latitude
+
+
+class Pictures:
+    """Draws what the camera sees, as JPEG of some 90 kB."""
+
+    def __init__(self):
+        rng = np.random.default_rng(1)
+        self._noise = rng.integers(40, 110, (2 * HEIGHT, 2 * WIDTH), np.uint8)
+        self._noise = cv2.GaussianBlur(self._noise, (0, 0), 0.8)
+
+    def jpeg(self, stamp_ns):
+        shift = stamp_ns // 7919 % HEIGHT, stamp_ns // 104729 % WIDTH
+        grey = self._noise[shift[0] : shift[0] + HEIGHT, shift[1] : shift[1] + WIDTH]
+        image = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
+        for k, (east, north) in enumerate(PLOTS):
+            corners = [_corner(east, north, c) for c in range(4)]
+            pixels = np.array([pixel_of(stamp_ns, lat, lon) for lon, lat in corners])
+            if (pixels > -200).all() and (pixels < 900).all():
+                cv2.polylines(image, [np.rint(pixels).astype(np.int32)], True, (0, 255, 255), 1)
+                at = tuple(int(x) for x in pixels.mean(axis=0))
+                cv2.putText(image, str(k), at, cv2.FONT_HERSHEY_PLAIN, 1.2, (0, 255, 0))
+        text = f"{stamp_ns * 1e-9:.3f}"
+        cv2.putText(image, text, (8, HEIGHT - 8), cv2.FONT_HERSHEY_PLAIN, 1.2, (255, 255, 255))
+        return cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()
+
+
+def state_at(backend, aircraft, stamp_ns, points):
+    """A state as viewer_node reports it; every minute there is no map for five seconds."""
+    east, north = camera_at(stamp_ns)
+    bad = stamp_ns * 1e-9 % 60 > 55
+    corners = [(0, 0), (WIDTH, 0), (WIDTH, HEIGHT), (0, HEIGHT)]
+    finding = {
+        "severity": "error" if bad else "warning",
+        "title": "RTK is not fixed" if bad else "no boresight was given",
+        "text": "status 1 for 5 s" if bad else "gimbal_node: boresight_rpy_deg is unset",
+        "mend": "wait, or look at the base station" if bad else "tirgeo calibrate boresight",
+    }
+    return {
+        "stamp_ns": str(stamp_ns),
+        "navigation": {"state": "lost" if bad else "running", "reason": "no RTK" if bad else ""},
+        "no_map": "no pose for 2.0 s" if bad else "",
+        "rtk": "float" if bad else "fixed",
+        "position": [*place_of(east, north), GROUND_M + 40],
+        "heading_deg": stamp_ns * 1e-9 * 6 % 360,
+        "heading_sigma_deg": math.nan if bad else 0.21,
+        "position_sigma_m": 0.03,
+        "speed_m_s": 3.1,
+        "above_ground_m": 40.0,
+        "ages_s": {"video": 0.05, "pose": 0.02, "rtk": 0.1},
+        "video_hz": HZ,
+        "track": points,
+        "footprint": [place_at(stamp_ns, u, v) for u, v in corners],
+        "findings": [finding],
+        "go": not bad,
+        "recording": backend.recording.get(aircraft, False),
+        "sharing": {"on": backend.sharing, "queued": 0, "connected": backend.sharing},
+    }
+
+
+class SimulatedFlight:
+    """Feeds a server with pictures and states from a thread of its own until it is stopped."""
+
+    def __init__(self, server, backend, aircraft=("",), hz=HZ):
+        self._server, self._backend = server, backend
+        self._aircraft, self._hz = aircraft, hz
+        self._pictures = Pictures()
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def __enter__(self):
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self._over.set()
+        self._thread.join()
+
+    def _run(self):
+        count = 0
+        while not self._over.wait(1 / self._hz - time.time() % (1 / self._hz)):
+            stamp_ns = time.time_ns()
+            jpeg = self._pictures.jpeg(stamp_ns)
+            for aircraft in self._aircraft:
+                self._backend.newest_ns[aircraft] = stamp_ns
+                self._server.show(aircraft, stamp_ns, jpeg)
+                if count % round(self._hz / 5) == 0:
+                    point = place_of(*camera_at(stamp_ns))
+                    state = state_at(self._backend, aircraft, stamp_ns, [point])
+                    self._server.report(aircraft, state)
+            count += 1
+
+
+def main():
+    parser = argparse.ArgumentParser(prog="python test/support/page_backend.py")
+    parser.add_argument("--listen", default="127.0.0.1:8080", help="default: %(default)s")
+    parser.add_argument("--token", default="", help="of operators")
+    parser.add_argument("--tiles", default="", help="MBTiles file")
+    parser.add_argument("--targets", type=Path, help="file of the targets; default: a new one")
+    parser.add_argument("--aircraft", default="", help="ids, separated by commas")
+    args = parser.parse_args()
+    config = replace(ViewerConfig(), listen=args.listen, token=args.token, tiles=args.tiles)
+    with tempfile.TemporaryDirectory() as folder:
+        backend = SimulatedBackend(TargetStore(args.targets or Path(folder) / "targets.gpkg"))
+        aircraft = {name: name or "aircraft" for name in args.aircraft.split(",")}
+        server = PageServer(backend, config, aircraft)
+        server.start()
+        sys.stdout.write(f"{invitation(server.operator_url)}\n")
+        sys.stdout.write(f"viewers: {server.viewer_url or 'the same'}\n")
+        sys.stdout.flush()
+        try:
+            with SimulatedFlight(server, backend, tuple(aircraft)):
+                threading.Event().wait()
+        except KeyboardInterrupt:
+            server.stop()
+
+
+if __name__ == "__main__":
+    main()

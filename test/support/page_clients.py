@@ -1,0 +1,162 @@
+"""Served pages for tests, and who opens them: as a page would, and with bytes of one's own."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import socket
+import sqlite3
+from dataclasses import replace
+
+import aiohttp
+from page_backend import SimulatedBackend, SimulatedFlight
+
+from tirgeo_ros.core.config.viewer import ViewerConfig
+from tirgeo_ros.io.targets.store import TargetStore
+from tirgeo_ros.page.server import PageServer
+
+OPERATOR_TOKEN, VIEWER_TOKEN = "operator-of-a-test", "viewer-of-a-test"
+LIMIT_S = 90.0  # a node starts slowly on a busy machine
+TOKENS = {"token": OPERATOR_TOKEN, "viewer_token": VIEWER_TOKEN}
+
+
+class Served:
+    """A server on a free port, a flight to look at, and what both hold."""
+
+    def __init__(self, folder, **config):
+        self.backend = SimulatedBackend(TargetStore(folder / "targets.gpkg"))
+        config = replace(ViewerConfig(), **{"listen": "127.0.0.1:0", **config})
+        self.server = PageServer(self.backend, config, {"": "aircraft"})
+
+    def __enter__(self):
+        self.server.start()
+        self._flight = SimulatedFlight(self.server, self.backend)
+        self._flight.__enter__()
+        return self
+
+    def __exit__(self, *_):
+        self._flight.__exit__()
+        self.server.stop()
+        self.backend.targets.close()
+
+    @property
+    def url(self):
+        return self.server.operator_url.partition("?")[0].rstrip("/")
+
+    @property
+    def port(self):
+        return int(self.url.rpartition(":")[2])
+
+
+class Page:
+    """What a browser does: its origin goes with all it sends."""
+
+    def __init__(self, url, **options):
+        self.url = url
+        jar = aiohttp.CookieJar(unsafe=True)  # of an address, not a name
+        self.session = aiohttp.ClientSession(headers={"Origin": url}, cookie_jar=jar, **options)
+
+    async def __aenter__(self):
+        return self
+
+    async def __aexit__(self, *_):
+        await self.session.close()
+
+    async def enter(self, token):
+        async with self.session.post(f"{self.url}/enter", json={"token": token}) as answer:
+            return answer.status
+
+    async def get(self, path, **options):
+        async with self.session.get(f"{self.url}{path}", **options) as answer:
+            return answer.status, await answer.read()
+
+    @contextlib.asynccontextmanager
+    async def state(self):
+        async with self.session.ws_connect(f"{self.url}/state") as socket_:
+            yield StateClient(socket_)
+
+    def video(self, **options):
+        return self.session.ws_connect(f"{self.url}/video/", **options)
+
+
+class StateClient:
+    """A page's WebSocket of states and requests."""
+
+    def __init__(self, socket_):
+        self.socket = socket_
+        self._count = 0
+        self._told = []
+
+    async def until(self, kind, good=lambda _: True):
+        """The first message of a type that is good, of those not asked for yet."""
+        return await asyncio.wait_for(self._until(kind, good), LIMIT_S)
+
+    async def _until(self, kind, good):
+        seen = 0
+        while True:
+            for at in range(seen, len(self._told)):
+                if self._told[at]["type"] == kind and good(self._told[at]):
+                    return self._told.pop(at)
+            seen = len(self._told)
+            self._told.append(json.loads((await self.socket.receive()).data))
+
+    async def ask(self, kind, /, **fields):
+        """The answer to a request."""
+        self._count += 1
+        name = fields.pop("request", f"r{self._count}")
+        await self.socket.send_str(json.dumps({"type": kind, "request": name, **fields}))
+        return await self.until("answer", lambda told: told["request"] == name)
+
+    async def click(self, stamp_ns, u=320.0, v=256.0, **fields):
+        place = {"aircraft": "", "stamp_ns": str(stamp_ns), "u": u, "v": v}
+        return await self.ask("click", **{**place, "kind": "person", "refine": None, **fields})
+
+
+async def next_picture(video):
+    """Stamp and number of the next picture, which is answered."""
+    data = (await asyncio.wait_for(video.receive(), LIMIT_S)).data
+    number = int.from_bytes(data[16:20], "little")
+    await video.send_str(f"shown {number}")
+    return int.from_bytes(data[:8], "little"), number
+
+
+def tile_file(path, form="png"):
+    """An MBTiles file with two pictures, if that is what they are."""
+    with sqlite3.connect(path) as db:
+        db.execute("create table metadata (name text, value text)")
+        db.execute(
+            "create table tiles (zoom_level int, tile_column int, tile_row int, tile_data blob)"
+        )
+        db.execute("insert into metadata values ('format', ?)", (form,))
+        db.execute("insert into tiles values (2, 1, 3, ?)", (b"north",))
+        db.execute("insert into tiles values (5, 1, 3, ?)", (b"deep",))
+    db.close()
+    return path
+
+
+def status(port, request):
+    """The status of the answer to bytes."""
+    with socket.create_connection(("127.0.0.1", port), 20) as own:
+        own.sendall(request)
+        return int(own.recv(1024).split()[1])
+
+
+def raw_answer(port, request, wait_s=20.0):
+    """All that a server says to bytes, until it closes or 1 kB has come."""
+    with socket.create_connection(("127.0.0.1", port), wait_s) as own:
+        own.sendall(request)
+        return received(own)
+
+
+def received(own):
+    said = b""
+    with contextlib.suppress(ConnectionResetError):
+        while len(said) < 1024 and (part := own.recv(4096)):
+            said += part
+    return said
+
+
+def http(path, *headers, method="GET"):
+    """A request's bytes, as nobody checks them."""
+    return "\r\n".join([f"{method} {path} HTTP/1.1", *headers, "", ""]).encode("latin-1")

@@ -1,0 +1,115 @@
+"""The page as it is served, with the simulated node of page_backend.py behind it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import cv2
+import numpy as np
+import page_backend
+from page_backend import (
+    EAST_M,
+    HEIGHT,
+    M_PER_PIXEL,
+    NORTH_M,
+    PLOT_M,
+    PLOTS,
+    WIDTH,
+    SimulatedBackend,
+    SimulatedFlight,
+    pixel_of,
+    place_of,
+)
+
+from tirgeo_ros.core.config.viewer import ViewerConfig
+from tirgeo_ros.core.targets.target import Target
+from tirgeo_ros.io.targets.store import TargetStore
+from tirgeo_ros.page.server import PageServer
+
+HZ = 10.0
+#: Chi-square of two degrees of freedom, 95 %.
+ELLIPSE = 5.991
+
+
+class ServedPage:
+    """Serves the page from a folder; ``stop`` and ``start`` are a restart of the node."""
+
+    def __init__(self, folder: Path, aircraft: tuple[str, ...] = ("",), **config: str) -> None:
+        self.file = folder / "targets.gpkg"
+        self.config = replace(ViewerConfig(), **{"listen": "127.0.0.1:0", **config})
+        self.aircraft = {name: name or "aircraft" for name in aircraft}
+        self.start()
+
+    def start(self) -> None:
+        self.backend = SimulatedBackend(TargetStore(self.file))
+        self.server = PageServer(self.backend, self.config, self.aircraft)
+        self.server.start()
+        address = urlsplit(self.server.operator_url).netloc
+        self.config = replace(self.config, listen=address)  # the same after a restart
+        self.flight = SimulatedFlight(self.server, self.backend, tuple(self.aircraft), HZ)
+        self.flight.__enter__()
+
+    def stop(self) -> None:
+        self.flight.__exit__()
+        self.server.stop()
+        self.backend.targets.close()
+
+    @property
+    def url(self) -> str:
+        return self.server.operator_url
+
+    @property
+    def targets(self) -> list[Target]:
+        return self.backend.targets.all()
+
+
+def well(monkeypatch, **changes):
+    """Let the simulated aircraft report that all is well, but for ``changes``."""
+    state_at = page_backend.state_at
+
+    def report(backend, aircraft, stamp_ns, points):
+        state = state_at(backend, aircraft, stamp_ns, points)
+        fine = state_at(backend, aircraft, 0, points)
+        keys = ("navigation", "no_map", "rtk", "heading_sigma_deg", "go")
+        return {**state, **{key: fine[key] for key in keys}, "findings": [], **changes}
+
+    monkeypatch.setattr(page_backend, "state_at", report)
+
+
+def corner_in(stamp_ns: int) -> tuple[float, float]:
+    """Return the pixel of the plots' upper left corner that is nearest to the picture's middle."""
+    corners = [place_of(e - PLOT_M, n + PLOT_M) for e, n in PLOTS]
+    pixels = [pixel_of(stamp_ns, *corner) for corner in corners]
+    return min(pixels, key=lambda pixel: np.hypot(pixel[0] - WIDTH / 2, pixel[1] - HEIGHT / 2))
+
+
+def corner_on(screenshot: bytes) -> tuple[float, float] | None:
+    """Return where that corner is on a picture of the screen; None if no plot is seen wholly."""
+    image = cv2.imdecode(np.frombuffer(screenshot, np.uint8), cv2.IMREAD_COLOR).astype(int)
+    blue, green, red = np.moveaxis(image, 2, 0)
+    yellow = (np.minimum(green, red) - blue > 25) & (abs(green - red) < 60)
+    lines = cv2.dilate(yellow.astype(np.uint8), np.ones((5, 5)))
+    high, wide = yellow.shape
+    side = 2 * PLOT_M / M_PER_PIXEL * min(high / HEIGHT, wide / WIDTH)
+    found = [
+        np.add(box[:2], box[2:4] / 2) - side / 2
+        for box in cv2.connectedComponentsWithStats(lines)[2][1:, :4]
+        if np.allclose(box[2:] - 4, side, rtol=0.1, atol=3)  # a whole square, no words
+    ]
+    middle = np.array([wide, high]) / 2 - side / 2
+    return min(found, key=lambda corner: np.hypot(*(corner - middle)), default=None)
+
+
+def off_corner(target: Target) -> tuple[float, float]:
+    """Return how far a target is from the nearest true corner: metres, and chi-square."""
+    corners = [(e - PLOT_M, n + PLOT_M) for e, n in PLOTS]
+    places = [place_of(*corner) for corner in corners]
+    offsets = [
+        np.array([(target.longitude_deg - lon) * EAST_M, (target.latitude_deg - lat) * NORTH_M])
+        for lat, lon in places
+    ]
+    off = min(offsets, key=np.linalg.norm)
+    covariance = np.reshape(target.covariance_enu, (3, 3))[:2, :2]
+    return float(np.linalg.norm(off)), float(off @ np.linalg.solve(covariance, off))

@@ -1,0 +1,291 @@
+"""Keep targets in a file: each change is on disk before it is confirmed, and can be undone."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import json
+import math
+import os
+import threading
+import uuid
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from tirgeo_ros.core.frames.wgs84 import ecef_from_geodetic
+from tirgeo_ros.core.targets.target import KINDS, Fixing, Target
+from tirgeo_ros.core.types.errors import TargetError
+from tirgeo_ros.io.targets.geopackage import next_number, put_picture, put_target, remove_target
+from tirgeo_ros.io.targets.properties import utc
+from tirgeo_ros.io.targets.target_file import explained, opened, transaction
+
+#: Limits: characters, bytes and numbers.
+MOST_NAME, MOST_NOTE, MOST_MARK = 100, 2000, 200
+MOST_PICTURE = 1 << 18
+MOST_TARGETS, MOST_CLICKS, MOST_MARKS = 2000, 50, 10_000
+MOST_CHANGES = 1000  # that can be undone
+#: A click farther from the target is of another one.
+MOST_APART_M = 5000.0
+
+_UNDONE = {
+    "add": "target {} removed again",
+    "refine": "the last click on target {} removed",
+    "edit": "target {} as before",
+    "delete": "target {} is back",
+}
+_LOG = "INSERT INTO tirgeo_changes (at_ns, action, target, before, undone) VALUES (?, ?, ?, ?, ?)"
+_LAST = (
+    "SELECT revision, action, target, before FROM tirgeo_changes WHERE undone = 0 "
+    "ORDER BY revision DESC LIMIT 1"
+)
+#: Pictures of targets that are deleted, and that no undo can bring back.
+_LOOSE = (
+    "DELETE FROM pictures WHERE target NOT IN (SELECT id FROM targets) "
+    "AND target NOT IN (SELECT target FROM tirgeo_changes)"
+)
+
+
+class TimeMark(NamedTuple):
+    """Hold a moment that the operator marked."""
+
+    stamp_ns: int
+    text: str
+
+
+class TargetStore:
+    """Keep targets in a GeoPackage that this process alone has open.
+
+    Each method that changes something returns after the change is on disk, and raises TargetError,
+    with nothing changed, if that is not possible. Threads may share a store. ``revision`` grows
+    with each change of a target, also from one run of the program to the next.
+    """
+
+    def __init__(self, path: Path | str) -> None:
+        self.path = Path(path)
+        self._lock = threading.RLock()
+        self._db, targets = opened(self.path)
+        self._open = True
+        self._file = _identity(self.path)
+        self._targets = {target.id: target for target in targets}
+        last = self._read("SELECT max(revision) FROM tirgeo_changes")
+        self.revision = int(last[0][0] or 0)
+
+    def all(self) -> list[Target]:
+        """Return the targets by number, without deleted ones."""
+        with self._lock:
+            return sorted(self._targets.values(), key=lambda target: target.number)
+
+    def get(self, target_id: str) -> Target:
+        """Return a target. Raises TargetError if there is none, or no longer."""
+        with self._lock:
+            if target_id not in self._targets:
+                raise TargetError("there is no such target; perhaps it was deleted")
+            return self._targets[target_id]
+
+    def add(
+        self,
+        fixing: Fixing,
+        *,
+        aircraft: str = "",
+        kind: str = "other",
+        name: str = "",
+        picture: bytes | None = None,
+        now_ns: int,
+    ) -> Target:
+        """Add a target at a click; ``picture`` is a cut-out of the video, JPEG."""
+        texts = _text("name", name, MOST_NAME), _kind(kind), ""
+        aircraft = _text("aircraft", aircraft, MOST_NAME)
+        if picture is not None and not (
+            len(picture) <= MOST_PICTURE and picture.startswith(b"\xff\xd8")
+        ):
+            raise TargetError(f"the picture is no JPEG of up to {MOST_PICTURE} bytes")
+        with self._lock:
+            if len(self._targets) >= MOST_TARGETS:
+                raise TargetError(f"there are {MOST_TARGETS} targets already; delete some")
+            with self._transaction():
+                number = next_number(self._db)
+                own = uuid.uuid4().hex, number, *texts, aircraft, now_ns, now_ns, (fixing,)
+                target = Target(*own)
+                put_target(self._db, target)
+                if picture is not None:
+                    put_picture(self._db, target.id, picture)
+                revision = self._log("add", target.id, None, now_ns)
+            return self._kept(target, revision)
+
+    def refine(self, target_id: str, fixing: Fixing, now_ns: int) -> Target:
+        """Add a click to a target, which is then at the average of its clicks."""
+        with self._lock:
+            before = self.get(target_id)
+            if len(before.fixings) >= MOST_CLICKS:
+                raise TargetError(f"target {before.number} has {MOST_CLICKS} clicks already")
+            apart_m = _distance_m(before.place, fixing)
+            if apart_m > MOST_APART_M:
+                raise TargetError(
+                    f"the click is {apart_m / 1000:.1f} km from target {before.number}: "
+                    "click it as a target of its own"
+                )
+            return self._change("refine", before, now_ns, fixings=(*before.fixings, fixing))
+
+    def edit(
+        self,
+        target_id: str,
+        now_ns: int,
+        *,
+        name: str | None = None,
+        kind: str | None = None,
+        note: str | None = None,
+    ) -> Target:
+        """Change name, kind and note; None leaves one as it is."""
+        with self._lock:
+            before = self.get(target_id)
+            new: dict[str, Any] = {
+                "name": before.name if name is None else _text("name", name, MOST_NAME),
+                "kind": before.kind if kind is None else _kind(kind),
+                "note": before.note if note is None else _text("note", note, MOST_NOTE),
+            }
+            if dataclasses.replace(before, **new) == before:
+                return before
+            return self._change("edit", before, now_ns, **new)
+
+    def delete(self, target_id: str, now_ns: int) -> None:
+        """Delete a target; ``undo`` brings it back, with its picture."""
+        with self._lock:
+            before = self.get(target_id)
+            with self._transaction():
+                remove_target(self._db, before.id)
+                revision = self._log("delete", before.id, before, now_ns)
+            del self._targets[before.id]
+            self.revision = revision
+
+    def undo(self) -> str:
+        """Undo the last change that is not undone; return words for the operator, "" if none."""
+        with self._lock:
+            rows = self._read(_LAST)
+            if not rows:
+                return ""
+            undone, action, target_id, text = rows[0]
+            before = _decoded(text)
+            target = before or self._targets.get(target_id)
+            with self._transaction():
+                if before is None:
+                    remove_target(self._db, target_id)
+                else:
+                    put_target(self._db, before)
+                done = "UPDATE tirgeo_changes SET undone = 1 WHERE revision = ?"
+                self._db.execute(done, (undone,))
+                revision = self._log("undo", target_id, None, None)
+            if target is None:  # another program removed it while we were away
+                return self.undo()
+            self._kept(target, revision)
+            if before is None:
+                del self._targets[target_id]
+            return _UNDONE[action].format(target.number)
+
+    def picture(self, target_id: str) -> bytes | None:
+        """Return a target's cut-out of the video, JPEG, or None."""
+        rows = self._read("SELECT jpeg FROM pictures WHERE target = ?", target_id)
+        return bytes(rows[0][0]) if rows else None
+
+    def mark(self, text: str, stamp_ns: int) -> None:
+        """Mark a moment."""
+        text = _text("mark", text, MOST_MARK)
+        with self._lock:
+            if self._read("SELECT count(*) FROM marks")[0][0] >= MOST_MARKS:
+                raise TargetError(f"there are {MOST_MARKS} marks already")
+            with self._transaction():
+                row = "INSERT INTO marks (stamp_ns, time, text) VALUES (?, ?, ?)"
+                self._db.execute(row, (stamp_ns, utc(stamp_ns), text))
+
+    def marks(self) -> list[TimeMark]:
+        """Return the marks in the order in which they were made."""
+        return [TimeMark(*row) for row in self._read("SELECT stamp_ns, text FROM marks")]
+
+    def close(self) -> None:
+        """Close the file: another process may then open it. May be called again."""
+        with self._lock:
+            self._open = False
+            self._db.close()
+
+    def _change(self, action: str, before: Target, now_ns: int, **new: Any) -> Target:
+        after = dataclasses.replace(before, changed_ns=now_ns, **new)
+        with self._transaction():
+            put_target(self._db, after)
+            revision = self._log(action, before.id, before, now_ns)
+        return self._kept(after, revision)
+
+    def _kept(self, target: Target, revision: int) -> Target:
+        self._targets[target.id] = target
+        self.revision = revision
+        return target
+
+    def _log(self, action: str, target_id: str, before: Target | None, now_ns: int | None) -> int:
+        """Note a change in the journal, of which the newest part is kept; return its revision."""
+        text = None if before is None else json.dumps(dataclasses.asdict(before))
+        row = (now_ns, action, target_id, text, action == "undo")
+        revision = int(self._db.execute(_LOG, row).lastrowid or 0)
+        old = "DELETE FROM tirgeo_changes WHERE revision <= ?"
+        if self._db.execute(old, (revision - MOST_CHANGES,)).rowcount:
+            self._db.execute(_LOOSE)
+        return revision
+
+    @contextlib.contextmanager
+    def _transaction(self) -> Iterator[None]:
+        self._check_open()
+        if _identity(self.path) != self._file:
+            raise TargetError(
+                f"{self.path}: moved or deleted while it is in use; put it back, or export the "
+                "targets and start again"
+            )
+        with explained(self.path), transaction(self._db):
+            yield
+
+    def _read(self, query: str, *values: object) -> list[Any]:
+        with self._lock, explained(self.path):
+            self._check_open()
+            return self._db.execute(query, values).fetchall()
+
+    def _check_open(self) -> None:
+        if not self._open:
+            raise TargetError(f"{self.path}: closed")
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    """Return what tells a file from another that takes its name; None if there is none."""
+    try:
+        status = os.stat(path)  # noqa: PTH116
+    except OSError:
+        return None
+    return status.st_dev, status.st_ino
+
+
+def _decoded(text: str | None) -> Target | None:
+    """Return a target of the journal."""
+    if text is None:
+        return None
+    fields = json.loads(text)
+    clicks = (one | {"covariance_enu": tuple(one["covariance_enu"])} for one in fields["fixings"])
+    return Target(**fields | {"fixings": tuple(Fixing(**one) for one in clicks)})
+
+
+def _text(what: str, text: str, most: int) -> str:
+    """Return a text without control characters. Raises TargetError if it is too long."""
+    clean = "".join(c for c in text if c.isprintable() or c == "\n").strip()
+    if len(clean) > most:
+        raise TargetError(f"the {what} has {len(clean)} characters; shorten it to {most}")
+    return clean if what == "note" else " ".join(clean.split())
+
+
+def _kind(kind: str) -> str:
+    if kind not in KINDS:
+        raise TargetError(f"a target is one of {', '.join(KINDS)}")
+    return kind
+
+
+def _distance_m(one: Fixing, other: Fixing) -> float:
+    """Return the distance of two places, straight through the earth."""
+    ends = [
+        ecef_from_geodetic(math.radians(p.latitude_deg), math.radians(p.longitude_deg), p.height_m)
+        for p in (one, other)
+    ]
+    return math.dist(*ends)

@@ -1,0 +1,1 @@
+"""Write videos: files that every player shows, and streams with metadata for video systems."""

@@ -1,0 +1,162 @@
+"""Send the video live with its metadata: H.264 and KLV in MPEG-TS over UDP."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+import urllib.parse
+from collections import Counter
+from typing import NamedTuple, final
+
+import cv2
+import numpy as np
+
+from tirgeo_ros.core.ground.frame_geometry import Sight
+from tirgeo_ros.core.types.arrays import Pixels
+from tirgeo_ros.core.types.errors import VideoError, shown
+from tirgeo_ros.io.files.encoded_picture import MOST_OF_VIDEO, unpacked
+from tirgeo_ros.io.video.encoder import Encoder, Form, FrameTimes, require_av
+from tirgeo_ros.io.video.frame_metadata import FrameMetadata
+
+#: A viewer that joins waits for a key frame, so they come often. Seven packets of 188 bytes fit
+#: into the datagram that any network carries whole.
+_FORM = Form(
+    "mpegts",
+    "libx264",
+    {"preset": "veryfast", "tune": "zerolatency", "crf": "26", "g": "15"},
+    {"flush_packets": "1"},
+)
+_DATAGRAM = "pkt_size=1316"
+_OPTIONS = ("ttl", "localaddr")
+_RETRY_S = 1.0
+
+
+class _Frame(NamedTuple):
+    time_ns: int
+    picture: Pixels | bytes
+    sight: Sight | None
+
+
+def stream_url(address: str) -> str:
+    """Return FFmpeg's address for ``udp://HOST:PORT``; raise VideoError for any other form.
+
+    ``?ttl=N`` says over how many routers a multicast goes, ``localaddr=IP`` from which of this
+    computer's addresses it is sent.
+    """
+    try:
+        parts = urllib.parse.urlsplit(address)
+        known = all(name in _OPTIONS for name, _ in urllib.parse.parse_qsl(parts.query))
+        good = parts.scheme == "udp" and parts.hostname and parts.port and not parts.path
+    except ValueError:
+        known = good = False
+    if not (good and known):
+        raise VideoError(
+            f"stream {shown(address)}: give udp://HOST:PORT, and after a question mark "
+            f"{' or '.join(_OPTIONS)}: udp://239.1.1.1:5004?ttl=4"
+        )
+    return f"{address}{'&' if parts.query else '?'}{_DATAGRAM}"
+
+
+@final
+class LiveStream:
+    """Send pictures from a thread of its own, the newest first; the caller never waits.
+
+    A picture that comes while the one before waits replaces it. If nothing can be sent (no route,
+    an unknown host), it tries again every second; whether anyone listens does not matter.
+    ``counts``: ``sent``, ``replaced``, ``failed`` (not sent, see ``error``) and ``invalid``
+    pictures. ``error`` is the reason why the newest picture was not sent; empty if it was.
+    """
+
+    def __init__(self, address: str, metadata: FrameMetadata) -> None:
+        self._address, self._url = address, stream_url(address)
+        require_av(address)
+        self.counts: Counter[str] = Counter(sent=0, replaced=0, failed=0, invalid=0)
+        self.error = ""
+        self._metadata = metadata
+        self._waiting: _Frame | None = None
+        self._closed = False
+        self._changed = threading.Condition()
+        self._times = FrameTimes()
+        self._encoder: Encoder | None = None
+        self._shape: tuple[int, ...] = ()
+        self._retry_s = 0.0
+        self._thread = threading.Thread(target=self._run, name="live_stream", daemon=True)
+        self._thread.start()
+
+    def add(self, time_ns: int, picture: Pixels | bytes, sight: Sight | None) -> None:
+        """Send a picture, (h, w, 3) BGR or JPEG, that was exposed at ``time_ns``.
+
+        ``sight`` is None if there is no trusted pose at that time. The arrays must not be changed
+        afterwards.
+        """
+        with self._changed:
+            self.counts["replaced"] += self._waiting is not None
+            self._waiting = _Frame(time_ns, picture, sight)
+            self._changed.notify()
+
+    def close(self) -> None:
+        """Stop sending; wait for the thread, at most 2 s."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify()
+        self._thread.join(2.0)
+
+    def _run(self) -> None:
+        while (frame := self._next()) is not None:
+            pixels = _pixels(frame.picture)
+            if pixels is None:
+                self.counts["invalid"] += 1
+            elif time.monotonic() < self._retry_s:
+                self.counts["failed"] += 1
+            else:
+                self._try(frame, pixels)
+        self._drop()
+
+    def _next(self) -> _Frame | None:
+        """Return the newest picture as soon as there is one; None when it is closed."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._closed or self._waiting is not None)
+            frame, self._waiting = self._waiting, None
+            return None if self._closed else frame
+
+    def _try(self, frame: _Frame, pixels: Pixels) -> None:
+        packet = self._metadata.packet(frame.time_ns, frame.sight)
+        try:
+            encoder = self._encoder_for(pixels)
+            encoder.add(self._times.at(frame.time_ns), pixels, packet)
+        except OSError as error:  # PyAV's own errors are OSErrors too
+            self.counts["failed"] += 1
+            self.error = f"{self._address}: cannot be sent: {error.strerror or error}"
+            self._retry_s = time.monotonic() + _RETRY_S
+            self._drop()
+        else:
+            self.counts["sent"] += 1
+            self.error = ""
+
+    def _encoder_for(self, pixels: Pixels) -> Encoder:
+        """Return the encoder; open one if there is none or if the size has changed."""
+        if self._encoder is not None and pixels.shape != self._shape:
+            self._drop()
+        if self._encoder is None:
+            self._shape = pixels.shape
+            size = pixels.shape[1], pixels.shape[0]
+            self._encoder = Encoder(self._url, _FORM, size, metadata=True)
+        return self._encoder
+
+    def _drop(self) -> None:
+        if self._encoder is not None:
+            with contextlib.suppress(OSError):
+                self._encoder.close()
+        self._encoder = None
+
+
+def _pixels(picture: Pixels | bytes) -> Pixels | None:
+    """Return a picture's pixels (h, w, 3) BGR; None if it is none."""
+    if isinstance(picture, bytes):
+        try:
+            decoded = unpacked(picture, cv2.IMREAD_COLOR, MOST_OF_VIDEO)
+        except ValueError:
+            return None
+        return None if decoded is None else np.asarray(decoded, np.uint8)
+    return picture if picture.ndim == 3 and picture.shape[2] == 3 and picture.size else None

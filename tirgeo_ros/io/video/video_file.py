@@ -1,0 +1,111 @@
+"""Write a video file from stamped frames: under its name it is complete or absent."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import final
+
+from tirgeo_ros.core.types.arrays import Pixels
+from tirgeo_ros.core.types.errors import VideoError
+from tirgeo_ros.io.files.whole_files import check_place, part_of
+from tirgeo_ros.io.video.encoder import Encoder, Form, FrameTimes, require_av
+
+#: The quality is the one at which thin lines of the map still have their colours. A key frame
+#: comes every 100 frames at most.
+_H264 = {"preset": "veryfast", "crf": "26", "g": "100"}
+_VP9 = {"deadline": "realtime", "cpu-used": "6", "crf": "38", "b:v": "0", "g": "100"}
+#: By the ending of the file name. Every browser and player shows 4:2:0 in 8 bit.
+_FORMS: Mapping[str, Form] = {
+    # The index comes first, so that it plays while it loads.
+    ".mp4": Form("mp4", "libx264", _H264, {"movflags": "+faststart"}),
+    ".webm": Form("webm", "libvpx-vp9", _VP9, {}),
+    ".ts": Form("mpegts", "libx264", _H264, {}),
+}
+_WITH_METADATA = {".ts"}
+
+
+@final
+class VideoFile:
+    """Write frames (h, w, 3) BGR as H.264 (.mp4, .ts) or VP9 (.webm), each at its own time.
+
+    A step between stamps that is not between 0 and 10 s is replaced by the step before it. If a
+    side has an odd number of pixels, its last pixel is repeated. This is a context manager: the
+    file gets its name when the block ends without an error; without a frame there is no file. One
+    that is ``growing`` (.ts) has its name from the start and plays as far as it was written.
+    Raise VideoError if it cannot be written or frames change their size.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], *, growing: bool = False) -> None:
+        self.path = Path(path)
+        self._growing = growing
+        self.frames = 0
+        if self.path.suffix.lower() not in _FORMS:
+            *most, last = _FORMS
+            raise VideoError(f"{path}: the video's name must end with {', '.join(most)} or {last}")
+        if not self.path.parent.is_dir():
+            raise VideoError(f"{self.path}: no such folder {self.path.parent}")
+        check_place(self.path, VideoError)
+        part = part_of(self.path).with_suffix(self.path.suffix)
+        self._part = self.path if growing else part
+        try:
+            str(self._part).encode()
+        except UnicodeEncodeError:
+            raise VideoError(
+                f"{self.path}: FFmpeg takes names in UTF-8 alone; give another one"
+            ) from None
+        require_av(str(path))
+        self._shape: tuple[int, ...] | None = None
+        self._times = FrameTimes()
+        self._encoder: Encoder | None = None
+
+    @property
+    def takes_metadata(self) -> bool:
+        """Return whether the file holds a packet of metadata to each frame (.ts)."""
+        return self.path.suffix.lower() in _WITH_METADATA
+
+    @property
+    def rate_hz(self) -> float:
+        """Return the mean rate of the frames, 1/s; NaN for fewer than two."""
+        time_ns = self._times.time_ns
+        return (self.frames - 1) / (time_ns * 1e-9) if time_ns else float("nan")
+
+    def add(self, stamp_ns: int, pixels: Pixels, metadata: bytes = b"") -> None:
+        """Append a frame with its metadata: all frames have some, or none has."""
+        self._shape = self._shape or pixels.shape
+        if pixels.shape != self._shape:
+            raise VideoError(
+                f"{self.path}: a frame of {pixels.shape[1]}x{pixels.shape[0]} pixels follows "
+                f"frames of {self._shape[1]}x{self._shape[0]}"
+            )
+        with self._writing():
+            if self._encoder is None:
+                form, size = _FORMS[self.path.suffix.lower()], (pixels.shape[1], pixels.shape[0])
+                self._encoder = Encoder(str(self._part), form, size, metadata=bool(metadata))
+            self._encoder.add(self._times.at(stamp_ns), pixels, metadata)
+        self.frames += 1
+
+    @contextlib.contextmanager
+    def _writing(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:  # PyAV's own errors are OSErrors too
+            raise VideoError(f"{self.path}: cannot be written: {error.strerror}") from error
+
+    def __enter__(self) -> VideoFile:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        try:
+            if (kind is None or self._growing) and self._encoder is not None:
+                with self._writing():
+                    self._encoder.finish()
+                    self._part.replace(self.path)
+        finally:
+            if self._encoder is not None:
+                with contextlib.suppress(OSError):
+                    self._encoder.close()
+            if not self._growing:
+                self._part.unlink(missing_ok=True)
