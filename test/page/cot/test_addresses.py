@@ -1,0 +1,101 @@
+"""Parameters of Cursor-on-Target: what is refused at the start, and with which words."""
+
+from __future__ import annotations
+
+import errno
+import re
+import socket
+import ssl
+
+import pytest
+
+from tirgeo_ros.core.types.errors import ConfigError
+from tirgeo_ros.page.cot.address import CotParameters, endpoint, pytak_settings
+from tirgeo_ros.page.cot.trouble import words_of
+
+
+@pytest.mark.parametrize(
+    ("cot", "where"),
+    [
+        ("tcp://tak.example", "tcp://tak.example:8087"),
+        ("tcp://10.0.0.5:9000/", "tcp://10.0.0.5:9000"),
+        ("udp://239.2.3.1", "udp://239.2.3.1:6969"),
+        ("udp://239.2.3.1:6970?interface=10.0.0.2", "udp://239.2.3.1:6970"),
+    ],
+)
+def test_an_address_needs_no_port(cot, where):
+    assert endpoint(pytak_settings(CotParameters(cot))) == where
+
+
+@pytest.mark.parametrize(
+    ("cot", "words"),
+    [
+        ("", "write tcp://HOST:8087, tls://HOST:8089 or udp://239.2.3.1:6969"),
+        ("tak.example:8087", "is no address"),
+        ("http://tak.example", "is no address"),
+        ("tcp://", "is no address"),
+        ("tcp://tak.example:0", "is no address"),
+        ("tcp://tak.example:65536", "is no address"),
+        ("tcp://tak.example:port", "is no address"),
+        ("tcp://user:secret@tak.example", "is no address"),
+        ("tcp://tak.example/path", "is no address"),
+        ("tcp://[::1]:8087", "name or IPv4 address"),
+        ("tcp://tak.example?name=other", "takes nothing after the port"),
+        ("udp://239.2.3.1?ttl=5", r"takes only \?interface="),
+        ("udp://239.2.3.1?interface=eth0", "IPv4 address of this computer"),
+        ("tls://tak.example", "cot_certificate: tls:// needs the certificate"),
+    ],
+)
+def test_what_is_no_address_is_refused(cot, words):
+    with pytest.raises(ConfigError, match=words):
+        pytak_settings(CotParameters(cot))
+
+
+def test_a_certificate_without_tls_is_refused_as_nothing_would_be_encrypted():
+    with pytest.raises(ConfigError, match="does not encrypt"):
+        pytak_settings(CotParameters("tcp://tak.example", certificate="mine.p12"))
+
+
+@pytest.mark.parametrize("key", ["cot_certificate", "cot_key", "cot_ca"])
+def test_absent_and_broken_files_are_named(key, tmp_path):
+    broken = tmp_path / "100%.pem"
+    broken.write_text("no certificate")
+    files = {name: str(broken) for name in ("certificate", "key", "ca")}
+    absent = files | {key.removeprefix("cot_"): str(tmp_path / "absent")}
+    with pytest.raises(ConfigError, match=f"{key}: there is no file"):
+        pytak_settings(CotParameters("tls://tak.example", **absent))
+    for ca, named in ((str(broken), "cot_ca"), ("", "cot_certificate")):
+        with pytest.raises(ConfigError, match=rf"{named}: .*100%\.pem"):
+            pytak_settings(CotParameters("tls://tak.example", **files | {"ca": ca}))
+
+
+def distrust(message):
+    error = ssl.SSLCertVerificationError()
+    error.verify_message = message
+    wrapper = SyntaxError("Bypass with PYTAK_TLS_DONT_VERIFY=1")
+    wrapper.__cause__ = error
+    return wrapper
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (ConnectionRefusedError(errno.ECONNREFUSED, "refused"), "nobody answers"),
+        (ConnectionResetError("closed by the server"), "the server ended the connection"),
+        (BrokenPipeError(errno.EPIPE, "broken"), "the server ended the connection"),
+        (TimeoutError("no answer"), "no answer; is this computer in the team's network"),
+        (OSError(errno.ENETUNREACH, "unreachable"), "no way there"),
+        (socket.gaierror(socket.EAI_NONAME, "unknown"), "write its IP address in cot"),
+        (distrust("Hostname mismatch, certificate is not valid"), r"\?name=THAT_NAME"),
+        (distrust("self-signed certificate in certificate chain"), "cot_ca must be"),
+        (ssl.SSLError(1, "[SSL: TLSV1_ALERT_UNKNOWN_CA] tlsv1"), "refuses cot_certificate"),
+        (ssl.SSLError(1, "[SSL: WRONG_VERSION_NUMBER] wrong"), "is the port right"),
+        (OSError(errno.EACCES, "\x1b[31mdenied"), "denied"),
+    ],
+)
+def test_failures_are_said_in_plain_words(error, words):
+    said = words_of(error, "tls://tak.example:8089")
+    assert re.search(words, said)
+    assert said.startswith("tls://tak.example:8089: ")
+    assert "PYTAK" not in said
+    assert said.isprintable()

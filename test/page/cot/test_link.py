@@ -1,0 +1,166 @@
+"""The link to the team: on and off, what waits, what is said again, how it ends."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+
+import pytest
+from cot_objects import flying, sharing, target
+from tak_server import Member, free_port, wait_until
+
+from tirgeo_ros.io.cot.event import utc
+from tirgeo_ros.page.cot import outbox as outbox_module
+from tirgeo_ros.page.cot import team_picture
+from tirgeo_ros.page.cot.address import CotParameters
+from tirgeo_ros.page.cot.link import CotLink
+from tirgeo_ros.page.cot.outbox import Outbox
+from tirgeo_ros.page.cot.team_picture import TeamPicture, aircraft_uid
+
+GROUP = "239.2.3.1"
+
+
+def uid(number):
+    return "tirgeo-" + target(number).id
+
+
+def flush(outbox):
+    """Send all that waits; return the uids."""
+    uids = []
+    while (entry := outbox.first()) is not None:
+        uids.append(entry.make(0).get("uid"))
+        outbox.sent(entry)
+    return uids
+
+
+def test_the_newest_of_each_waits_and_kept_ones_wait_again():
+    outbox = Outbox()
+    old, new = object(), object()
+    outbox.put("a", old, keep=True)
+    outbox.put("b", old, keep=False)
+    entry = outbox.first()
+    assert entry == ("a", old)
+    outbox.put("a", new, keep=True)
+    outbox.sent(entry)  # of the old one: the new one still waits, behind b
+    assert [outbox.first(), len(outbox)] == [("b", old), 2]
+    outbox.sent(outbox.first())
+    outbox.sent(outbox.first())
+    assert outbox.first() is None
+    outbox.all_again()
+    assert [outbox.first(), len(outbox)] == [("a", new), 1]
+
+
+def test_the_outbox_is_bounded_and_counts_what_it_drops(monkeypatch):
+    monkeypatch.setattr(outbox_module, "MOST", 3)
+    outbox = Outbox()
+    for number in range(5):
+        outbox.put(str(number), object(), keep=False)
+    assert (len(outbox), outbox.dropped, outbox.first().uid) == (3, 2, "2")
+
+
+def test_a_target_that_never_went_out_needs_no_deletion_and_an_undone_one_none():
+    outbox = Outbox()
+    picture = TeamPicture(outbox)
+    picture.targets([target(1)])
+    assert flush(outbox) == [uid(1)]
+    picture.targets([target(1), target(2)])
+    picture.targets([])
+    assert flush(outbox) == [uid(1), uid(1) + "-deleted"]
+    outbox.all_again()
+    assert flush(outbox) == [uid(1) + "-deleted"]
+    picture.targets([target(1)])  # the deletion is undone
+    outbox.all_again()
+    assert flush(outbox) == [uid(1)]
+
+
+def test_targets_of_an_earlier_run_are_deleted_too():
+    outbox = Outbox()
+    picture = TeamPicture(outbox)
+    picture.targets([target(1)])
+    picture.targets([])
+    assert flush(outbox) == [uid(1), uid(1) + "-deleted"]
+
+
+def test_old_deletions_are_not_said_for_ever(monkeypatch):
+    monkeypatch.setattr(team_picture, "_DELETIONS_KEPT", 2)
+    outbox = Outbox()
+    picture = TeamPicture(outbox)
+    picture.targets([target(number) for number in range(4)])
+    flush(outbox)
+    picture.targets([])
+    assert len(flush(outbox)) == 8  # each goes once
+    outbox.all_again()
+    assert len(flush(outbox)) == 2
+
+
+def test_an_aircraft_is_said_once_a_second_with_its_own_time_and_never_without_a_place():
+    outbox = Outbox()
+    picture = TeamPicture(outbox)
+    picture.aircraft("lost", dataclasses.replace(flying(), latitude_deg=math.nan))
+    assert len(outbox) == 0
+    before = utc(time.time_ns())
+    for _ in range(20):
+        picture.aircraft("uav1", flying())
+    after = utc(time.time_ns())
+    event = outbox.first().make(time.time_ns() + 10**12)  # sent much later
+    assert before <= event.get("time") <= after
+    assert flush(outbox) == [aircraft_uid("uav1"), aircraft_uid("uav1") + "-looks-at"]
+    assert aircraft_uid("uav1") != aircraft_uid("uav2")
+
+
+def test_nothing_goes_out_while_it_is_off():
+    member = Member.of_group(GROUP)
+    with sharing(f"udp://{GROUP}:{member.port}?interface=127.0.0.1") as link:
+        link.targets([target(1), target(2)])
+        member.got(lambda event: event.get("uid") == uid(2))
+        wait_until(lambda: not link.status.queued)
+        assert "stays" in link.share(on=False)
+        link.targets([target(3)])
+        link.aircraft("", flying())
+        assert link._outbox.first() is None  # also before the connection has ended
+        link.targets([target(2), target(4)])  # 1 is deleted, 3 was never seen
+        assert (link.status.connected, link.status.queued) == (False, 0)
+        link.share(on=True)
+        missing = {uid(2), uid(4), uid(1) + "-deleted"}
+        while missing:
+            missing.remove(member.got(lambda event: event.get("uid") in missing).get("uid"))
+        gone = {event.get("uid") for event in member.events}
+        assert uid(3) not in gone
+        assert aircraft_uid("") not in gone
+
+
+def test_what_cannot_be_said_is_counted_and_holds_nothing_up():
+    member = Member.of_group(GROUP)
+    with sharing(f"udp://{GROUP}:{member.port}?interface=127.0.0.1") as link:
+        apart = (target(1).fixings[0], target(1, latitude_deg=-48.0).fixings[0])
+        link.targets([dataclasses.replace(target(1), fixings=apart), target(2)])
+        member.got(lambda event: event.get("uid") == uid(2))
+        assert link.status.error == "1 events could not be sent"
+
+
+@pytest.mark.parametrize("on", [False, True])
+def test_it_ends_at_once(on):
+    link = CotLink(CotParameters(f"tcp://127.0.0.1:{free_port()}"))
+    link.start()
+    link.share(on)
+    if on:
+        wait_until(lambda: "nobody answers" in link.status.error)
+    thread = link._thread
+    link.stop()
+    assert not thread.is_alive()
+    CotLink(CotParameters("tcp://127.0.0.1")).stop()  # never started
+
+
+def test_changes_are_told_once_and_not_each_attempt():
+    told = []
+    link = CotLink(CotParameters(f"tcp://127.0.0.1:{free_port()}"), told.append)
+    link.start()
+    link.share(on=True)
+    try:
+        wait_until(lambda: link.status.error)
+        time.sleep(2.5)  # one or two attempts more
+        assert len(told) == 1
+        assert "nobody answers" in told[0]
+    finally:
+        link.stop()

@@ -1,0 +1,46 @@
+"""Chromium, tablets on it, and a served page."""
+
+from __future__ import annotations
+
+import pytest
+from browser import TABLET, Screen, chromium
+from served_page import ServedPage
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """One a file: beside a running one no asyncio loop of another test could run."""
+    with chromium() as running:
+        yield running
+
+
+@pytest.fixture
+def serve(tmp_path):
+    """Serve pages; all end with the test."""
+    served = []
+
+    def begin(*aircraft, **config):
+        served.append(ServedPage(tmp_path, aircraft or ("",), **config))
+        return served[-1]
+
+    yield begin
+    for one in served:
+        one.stop()
+
+
+@pytest.fixture
+def tablet(browser):
+    """Open tablets, each a browser of its own; at the end none may have complained."""
+    screens = []
+
+    def take(url, size=TABLET, **options):
+        screens.append(Screen(browser, size, **options))
+        return screens[-1].open(url)
+
+    yield take
+    complaints = [line for screen in screens for line in screen.complaints]
+    hosts = {host for screen in screens for host in screen.hosts}
+    for screen in screens:
+        screen.close()
+    assert complaints == []
+    assert len(hosts) <= 1

@@ -1,0 +1,147 @@
+"""The operator's page in a real browser: what it shows, a target's life, a restart."""
+
+from __future__ import annotations
+
+import json
+
+import pyogrio
+import pytest
+from browser import DESK, PHONE, TABLET
+from served_page import ELLIPSE, corner_in, corner_on, off_corner, well
+
+
+@pytest.fixture(autouse=True)
+def all_is_well(monkeypatch):
+    well(monkeypatch)
+
+
+def press(screen):
+    """Touch the corner of a plot in a still picture; its row is then there."""
+    before = screen.page.locator(".row").count()
+    screen.tap(*screen.on_screen(*corner_in(screen.hold_still())))
+    screen.wait("(n) => document.querySelectorAll('.row').length > n", before)
+    screen.tap_on("#still")
+
+
+def still_with_corner(screen):
+    """Hold a picture in which a plot is seen wholly; return where its corner is on the screen."""
+    while True:
+        screen.hold_still()
+        picture, left, top = screen.video()
+        corner = corner_on(picture)
+        if corner is not None:
+            return left + corner[0], top + corner[1]
+        screen.tap_on("#still")
+        screen.page.wait_for_timeout(1000)
+
+
+def test_it_loads_and_the_video_moves(serve, tablet):
+    """No complaint and no request to elsewhere: the fixture looks at its end."""
+    screen = tablet(serve().url)
+    first_ns = screen.await_picture()
+    assert screen.await_picture(first_ns + 500_000_000) > first_ns
+    screen.reads("#verdict", "GO")
+    screen.reads(".latency", "ms")
+
+
+def test_a_press_on_an_outline_is_a_target_within_its_ellipse(serve, tablet):
+    page = serve()
+    screen = tablet(page.url)
+    screen.tap_on(".kind[data-kind=fire]")
+    screen.tap(*still_with_corner(screen))
+    screen.reads(".row", "1")
+    (target,) = page.targets
+    off_m, chi_square = off_corner(target)
+    assert chi_square < ELLIPSE
+    assert off_m < 0.3  # three pixels of 0.1 m
+    assert target.kind == "fire"
+    screen.tap_on(".row")
+    screen.reads(".value[data-form=decimal]", f"{target.latitude_deg:.5f}")
+    assert screen.one(".picture").evaluate("(image) => image.decode().then(() => true)")
+    assert screen.one(".qr").evaluate("(image) => image.decode().then(() => true)")
+
+
+def test_a_press_into_the_sky_says_why_not(serve, tablet):
+    page = serve()
+    screen = tablet(page.url)
+    screen.await_picture()
+    _, left, top = screen.video()
+    screen.tap(left + 400, top + 20)
+    screen.reads(".answer", "the ray does not meet the ground")
+    assert page.targets == []
+
+
+@pytest.mark.slow
+def test_a_target_is_named_deleted_brought_back_and_handed_over(serve, tablet, tmp_path):
+    page = serve()
+    screen = tablet(page.url)
+    press(screen)
+    screen.tap_on(".row")
+    screen.one("input[aria-label=Name]").fill("Zwei Personen <b>")
+    screen.one("textarea[aria-label=Note]").fill("am Ufer")
+    screen.tap_on("#target-card .kind[data-kind=person]")
+    screen.reads("#toast", "changed")
+    screen.tap_on("#delete")
+    screen.reads("#toast", "deleted")
+    screen.wait("() => document.querySelectorAll('.row').length === 0")
+    screen.tap_on("#undo")
+    screen.reads(".row", "Zwei Personen <b>")
+    (target,) = page.targets
+    assert (target.name, target.note, target.kind) == ("Zwei Personen <b>", "am Ufer", "person")
+    screen.tap_on("#export")
+    files = {
+        form: screen.download(
+            lambda form=form: screen.tap_on(f".exports a[href$={form}]"), tmp_path
+        )
+        for form in ("geojson", "gpkg", "kml", "gpx", "csv")
+    }
+    place = (target.longitude_deg, target.latitude_deg)
+    written = json.loads(files["geojson"].read_text())
+    points = [f for f in written["features"] if f["geometry"]["type"] == "Point"]
+    assert points[0]["geometry"]["coordinates"][:2] == pytest.approx(place, abs=1e-8)
+    for form in ("geojson", "gpkg", "kml", "gpx"):
+        layers = [name for name, _ in pyogrio.list_layers(files[form])]
+        _, _, shapes, fields = pyogrio.raw.read(files[form], layer=layers[0])
+        assert len(shapes) >= 1, form
+        assert any("Zwei Personen" in str(one) for column in fields for one in column), form
+    assert "Zwei Personen" in files["csv"].read_text()
+
+
+def test_a_restart_of_the_server_loses_nothing(serve, tablet):
+    page = serve()
+    screen = tablet(page.url)
+    screen.expected = "WebSocket connection|ERR_CONNECTION"
+    press(screen)
+    (before,) = page.targets
+    page.stop()
+    screen.reads("#banner", "Connection lost")
+    page.start()
+    stamp_ns = screen.stamp_ns()
+    assert screen.await_picture(stamp_ns) > stamp_ns
+    assert screen.one(".row").is_visible()
+    screen.wait("() => document.querySelector('#banner').hidden")
+    press(screen)
+    assert [target.number for target in page.targets] == [1, 2]
+    assert page.targets[0] == before
+
+
+@pytest.mark.parametrize(
+    "size",
+    [
+        pytest.param(PHONE, id="phone"),
+        pytest.param(TABLET, id="tablet", marks=pytest.mark.slow),
+        pytest.param(DESK, id="desk", marks=pytest.mark.slow),
+    ],
+)
+def test_everything_fits_and_a_glove_hits_it(serve, tablet, size):
+    screen = tablet(serve().url, size)
+    press(screen)
+    assert (screen.too_wide(), screen.too_small()) == ([], [])
+    screen.tap_on(".row")
+    assert (screen.too_wide(), screen.too_small()) == ([], [])
+    for tab in ("checks", "map"):
+        if screen.page.locator(f"[data-tab={tab}][role=tab]").is_visible():
+            screen.tap_on(f"[data-tab={tab}][role=tab]")
+        assert (screen.too_wide(), screen.too_small()) == ([], []), tab
+    screen.tap_on("#menu-button")
+    assert (screen.too_wide(), screen.too_small()) == ([], [])

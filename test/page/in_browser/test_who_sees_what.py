@@ -1,0 +1,140 @@
+"""In a real browser: tokens and roles, two viewers, alarms, a press on the map, night colours."""
+
+from __future__ import annotations
+
+import pytest
+from browser import DESK, TABLET
+from served_page import corner_in, well
+
+TOKEN, VIEWER_TOKEN = "operator-token-1", "viewer-token-123"
+
+
+@pytest.fixture
+def guarded(serve, monkeypatch):
+    """A page that wants a token."""
+    well(monkeypatch)
+    return serve(token=TOKEN, viewer_token=VIEWER_TOKEN)
+
+
+def press(screen):
+    """Touch the corner of a plot in a still picture."""
+    screen.tap(*screen.on_screen(*corner_in(screen.hold_still())))
+
+
+def test_without_the_token_nothing_is_shown_and_with_it_all(guarded, tablet):
+    screen = tablet(guarded.url.partition("?")[0])
+    screen.expected = "401|403|429"
+    screen.reads("#enter", "needs a token")
+    screen.one("#enter input").fill("not-the-token")
+    screen.tap_on("#enter button")
+    screen.reads("#enter", "Wrong token")
+    assert screen.page.locator(".stage").count() == 0
+    screen.one("#enter input").fill(guarded.url)
+    while screen.page.locator("#enter").is_visible():  # a wrong one costs some seconds
+        screen.tap_on("#enter button")
+        screen.page.wait_for_timeout(500)
+    screen.await_picture()
+
+
+@pytest.mark.slow
+def test_the_token_leaves_the_address_and_the_script_cannot_read_the_session(guarded, tablet):
+    screen = tablet(guarded.url)
+    screen.await_picture()
+    assert TOKEN not in screen.page.url
+    assert screen.page.evaluate("() => document.cookie") == ""
+    (cookie,) = screen.context.cookies()
+    assert (cookie["httpOnly"], cookie["sameSite"]) == (True, "Strict")
+    screen.page.reload()
+    screen.await_picture()
+
+
+def test_a_viewer_sees_what_operators_set_and_cannot_change_it(guarded, tablet):
+    operator, viewer = tablet(guarded.url), tablet(guarded.server.viewer_url, DESK)
+    viewer.await_picture()
+    press(operator)
+    operator.reads(".row .badge", "1")
+    viewer.reads(".row .badge", "1")
+    press(viewer)
+    viewer.reads(".answer", "viewer")
+    assert len(guarded.targets) == 1
+    viewer.tap_on(".row")
+    assert not viewer.page.locator(".operator-only").locator("visible=true").count()
+    viewer.reads("#target-card", "95 %")
+    fields = viewer.page.locator("#target-card :is(input, textarea)").locator("visible=true")
+    assert all(field.get_attribute("readonly") is not None for field in fields.all())
+    refusal = viewer.page.evaluate(
+        """async (id) => {
+          const { ask } = await import("/static/js/link/state_link.js");
+          return ask("delete", { id });
+        }""",
+        guarded.targets[0].id,
+    )
+    assert not refusal["ok"]
+    assert len(guarded.targets) == 1
+
+
+@pytest.mark.slow
+def test_two_operators_agree(guarded, tablet):
+    one, other = tablet(guarded.url), tablet(guarded.url, DESK)
+    other.await_picture()
+    press(one)
+    other.tap_on(".row")
+    other.one("input[aria-label=Name]").fill("Boot")
+    other.one("input[aria-label=Name]").blur()
+    one.reads(".row", "Boot")
+    press(other)
+    for screen in (one, other):
+        screen.wait("() => document.querySelectorAll('.row').length === 2")
+    shown = [screen.page.locator(".row").all_text_contents() for screen in (one, other)]
+    assert shown[0] == shown[1]
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"no_map": "no pose for 2.0 s", "go": False}, ("NO MAP", "no pose for 2.0 s")),
+        ({"navigation": {"state": "lost", "reason": "no RTK"}, "go": False}, ("LOST", "no RTK")),
+    ],
+    ids=["no map", "lost"],
+)
+def test_what_is_wrong_cannot_be_missed(serve, tablet, monkeypatch, changes, words):
+    well(monkeypatch, **changes)
+    screen = tablet(serve().url)
+    screen.await_picture()
+    for text in words:
+        screen.reads("#banner", text)
+    screen.reads("#verdict", "NO GO")
+
+
+@pytest.mark.slow
+def test_a_press_on_the_map_blinks_in_the_video_where_it_is(guarded, tablet):
+    screen = tablet(guarded.url, DESK)
+    screen.await_picture()
+    place = screen.one("#map").bounding_box()
+    screen.wait("() => document.querySelector('#map canvas, #map path') !== null")
+    # The map follows the aircraft, which is in the middle of what the camera sees.
+    screen.tap(place["x"] + place["width"] / 2 + 30, place["y"] + place["height"] / 2 + 20)
+    screen.wait("() => !document.querySelector('.ring').hidden")
+    across, down = screen.page.evaluate(
+        """() => {
+          const ring = document.querySelector(".ring").getBoundingClientRect();
+          const video = document.querySelector(".stage canvas").getBoundingClientRect();
+          const middle = (box) => [box.x + box.width / 2, box.y + box.height / 2];
+          return middle(ring).map((at, k) => 2 * (at - middle(video)[k]) / video.height);
+        }"""
+    )
+    assert 0 < across < 1
+    assert 0 < down < 1
+
+
+@pytest.mark.slow
+def test_red_night_colours_stay_after_a_reload(guarded, tablet):
+    screen = tablet(guarded.url, TABLET)
+    screen.await_picture()
+    screen.tap_on("#night")
+    screen.page.reload()
+    screen.await_picture()
+    colour = screen.page.evaluate("() => getComputedStyle(document.body).color")
+    red, green, blue = (int(part) for part in colour.strip("rgba()").split(",")[:3])
+    assert red > 100
+    assert max(green, blue) < red / 2

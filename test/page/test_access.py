@@ -1,0 +1,263 @@
+"""Who may use the page: names, origins, tokens, roles; and paths that lead elsewhere."""
+
+from __future__ import annotations
+
+import asyncio
+import ssl
+
+import aiohttp
+import pytest
+from page_clients import (
+    OPERATOR_TOKEN,
+    TOKENS,
+    VIEWER_TOKEN,
+    Page,
+    Served,
+    http,
+    next_picture,
+    raw_answer,
+    status,
+)
+from signed_certificates import certificate
+
+UPGRADE = (
+    *("Upgrade: websocket", "Connection: Upgrade", "Sec-WebSocket-Version: 13"),
+    "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==",
+)
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example", "127.0.0.1.evil.example", "localhost.evil", "", "a b", "x@127.0.0.1"]
+)
+@pytest.mark.parametrize("path", ["/", "/state", "/map/", "/static/index.html"])
+def test_a_name_that_is_not_the_servers_is_refused(served, host, path):
+    request = http(path, f"Host: {host}", "Connection: close")
+    assert status(served.port, request) in {400, 403}
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "LOCALHOST:9000", "[::1]:80"])
+def test_addresses_and_own_names_are_taken(served, host):
+    assert status(served.port, http("/", f"Host: {host}", "Connection: close")) == 200
+
+
+@pytest.mark.parametrize(
+    "origin",
+    [
+        "http://evil.example",
+        "null",
+        "https://127.0.0.1:{port}",
+        "http://127.0.0.1",
+        "http://127.0.0.1:{port}.evil.example",
+        None,
+    ],
+)
+@pytest.mark.parametrize("path", ["/state", "/video/"])
+def test_websockets_of_other_origins_are_refused(served, origin, path):
+    host = f"127.0.0.1:{served.port}"
+    sent = [] if origin is None else [f"Origin: {origin.format(port=served.port)}"]
+    assert status(served.port, http(path, f"Host: {host}", *UPGRADE, *sent)) == 403
+
+
+def test_a_websocket_of_the_own_origin_is_taken(served):
+    host = f"127.0.0.1:{served.port}"
+    request = http("/state", f"Host: {host}", *UPGRADE, f"Origin: http://{host}")
+    assert status(served.port, request) == 101
+
+
+@pytest.mark.parametrize("path", ["/map/", "/export/geojson", "/targets/x/picture"])
+def test_other_sites_do_not_embed_what_the_page_has(served, path):
+    host = f"Host: 127.0.0.1:{served.port}"
+    request = http(path, host, "Sec-Fetch-Site: cross-site", "Connection: close")
+    assert status(served.port, request) == 403
+
+
+def test_answers_tell_the_browser_what_the_page_may_do(served):
+    said = raw_answer(served.port, http("/", "Host: localhost", "Connection: close")).decode()
+    policy = next(line for line in said.splitlines() if line.startswith("Content-Security-Policy"))
+    assert "default-src 'none'" in policy
+    assert "connect-src 'self' ws://localhost wss://localhost;" in policy
+    assert "unsafe" not in policy
+    assert "frame-ancestors 'none'" in policy
+    assert "X-Content-Type-Options: nosniff" in said
+    assert "Referrer-Policy: no-referrer" in said
+
+
+PATHS = ["/state", "/video/", "/map/", "/export/geojson", "/targets/x/picture", "/tiles/1/1/1"]
+
+
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize(
+    "cookie",
+    [
+        None,
+        "operator",
+        "operator.9999999999.x.y",
+        f"operator.9999999999.x.{'0' * 64}",
+        ".9999999999.x.",
+        "operator.\N{LATIN SMALL LETTER E WITH ACUTE}.x.y",
+    ],
+)
+def test_without_a_session_there_is_nothing_but_the_empty_page(guarded, path, cookie):
+    host = f"127.0.0.1:{guarded.port}"
+    sent = [] if cookie is None else [f"Cookie: tirgeo_{guarded.port}={cookie}"]
+    request = http(path, f"Host: {host}", f"Origin: http://{host}", *UPGRADE[:2], *sent)
+    assert status(guarded.port, request) in {400, 401}
+
+
+def test_tokens_give_roles_and_a_cookie_that_scripts_do_not_see(guarded):
+    async def enter(token):
+        async with Page(guarded.url) as page:
+            before = (await page.get("/enter"))[0]
+            sent = {"json": {"token": token}}
+            async with page.session.post(f"{page.url}/enter", **sent) as answer:
+                told, cookie = await answer.json(), answer.headers["Set-Cookie"]
+            after = (await page.get("/enter"))[0]
+            async with page.state() as state:
+                hello = await state.until("hello")
+            return before, told, cookie, after, hello["role"]
+
+    for token, role in ((OPERATOR_TOKEN, "operator"), (VIEWER_TOKEN, "viewer")):
+        before, told, cookie, after, seen = asyncio.run(enter(token))
+        assert (before, told, after, seen) == (401, {"role": role}, 200, role)
+        assert "HttpOnly" in cookie
+        assert "SameSite=Strict" in cookie
+        assert token not in cookie
+
+
+def test_a_session_outlives_a_restart_but_not_another_token(tmp_path):
+    async def session(one):
+        async with Page(one.url) as page:
+            assert await page.enter(VIEWER_TOKEN) == 200
+            return next(iter(page.session.cookie_jar)).value
+
+    async def role(one, cookie):
+        headers = {"Cookie": f"tirgeo_{one.port}={cookie}"}
+        async with Page(one.url) as page:
+            return (await page.get("/enter", headers=headers))[0]
+
+    with Served(tmp_path, **TOKENS) as one:
+        cookie = asyncio.run(session(one))
+    with Served(tmp_path, **TOKENS) as one:
+        assert asyncio.run(role(one, cookie)) == 200
+        assert asyncio.run(role(one, cookie.replace("viewer", "operator", 1))) == 401
+    with Served(tmp_path, token=OPERATOR_TOKEN, viewer_token="another-viewer") as one:
+        assert asyncio.run(role(one, cookie)) == 401
+
+
+def test_wrong_tokens_wait_longer_each_time_and_then_even_right_ones(tmp_path):
+    async def enter():
+        async with Page(one.url) as page:
+            said = [await page.enter("wrong-token-here") for _ in range(6)]
+            return said, await page.enter(OPERATOR_TOKEN)
+
+    with Served(tmp_path, **TOKENS) as one:
+        said, right = asyncio.run(enter())
+    assert said[0] == 403
+    assert 429 in said
+    assert right == 429
+
+
+@pytest.mark.parametrize(
+    "body", [b"", b"{", b"[]", b'"x"', b'{"token": 1}', b'{"token": ""}', b"\xff"]
+)
+def test_what_is_no_token_is_refused(tmp_path, body):
+    async def enter():
+        async with (
+            Page(one.url) as page,
+            page.session.post(f"{page.url}/enter", data=body) as answer,
+        ):
+            return answer.status
+
+    with Served(tmp_path, **TOKENS) as one:
+        assert asyncio.run(enter()) == 403
+
+
+def test_a_viewer_sees_all_and_changes_nothing(guarded):
+    target = "0" * 32
+    requests = (
+        ("edit", {"id": target, "name": "x"}),
+        ("delete", {"id": target}),
+        ("undo", {}),
+        ("record", {"aircraft": "", "on": True}),
+        ("share", {"on": True}),
+        ("mark", {"text": "x"}),
+    )
+
+    async def ask():
+        async with Page(guarded.url) as page:
+            await page.enter(VIEWER_TOKEN)
+            async with page.state() as state, page.video() as video:
+                stamp_ns, _ = await next_picture(video)
+                said = [await state.click(stamp_ns)]
+                said += [await state.ask(kind, **fields) for kind, fields in requests]
+                may = {"from": [48, 16], "to": [48, 17]}
+                return said, await state.ask("measure", **may), await page.get("/export/csv")
+
+    revision = guarded.backend.targets.revision
+    said, measure, export = asyncio.run(ask())
+    assert {answer["reason"] for answer in said} == {"you may look on, not change anything"}
+    assert measure["ok"]
+    assert export[0] == 200
+    assert guarded.backend.targets.revision == revision
+    assert not guarded.backend.targets.marks()
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/../pyproject.toml",
+        "/static/../server.py",
+        "/static/%2e%2e/server.py",
+        "/static/..%2fserver.py",
+        "/static/..%5cserver.py",
+        "/static/..\\server.py",
+        "/static//etc/passwd",
+        "/static/%2fetc%2fpasswd",
+        "/static/index.html%00.js",
+        "/static/index.html\x00",
+        "/static/....//server.py",
+        "/static/%252e%252e/server.py",
+        "/static/%c0%ae%c0%ae/server.py",
+        "/static/",
+        "/static",
+        "/video/../state",
+        "/map/../../etc/passwd",
+        "/export/../../x",
+        "/export/geojson%00",
+        "/targets/../../etc/passwd/picture",
+        "/targets/%2e%2e%2f%2e%2e%2fx/picture",
+        "/targets/' or 1=1 --/picture",
+        "/tiles/-1/0/0",
+        "/tiles/1/1/../../../x",
+        "/tiles/99/99999999/99999999",
+        "http://evil.example/",
+        "/static/" + "a" * 3000,
+        "/" + "a" * 9000,
+    ],
+)
+def test_no_path_leads_to_the_disk(served, path):
+    said = raw_answer(served.port, http(path, "Host: localhost", "Connection: close"))
+    assert int(said.split()[1]) in {400, 403, 404, 414}
+    assert b"import" not in said
+    assert b"root:" not in said
+
+
+def test_over_tls_the_cookie_is_for_tls_alone(tmp_path):
+    pem, key = certificate(tmp_path)
+    trusting = ssl.create_default_context(cafile=pem)
+
+    async def enter():
+        connector = aiohttp.TCPConnector(ssl=trusting)
+        async with Page(one.url, connector=connector) as page:
+            async with page.session.post(
+                f"{page.url}/enter", json={"token": OPERATOR_TOKEN}
+            ) as answer:
+                cookie = answer.headers["Set-Cookie"]
+            async with page.video() as video:
+                await next_picture(video)
+            return cookie
+
+    with Served(tmp_path, certificate=str(pem), key=str(key), **TOKENS) as one:
+        assert one.server.operator_url == f"https://127.0.0.1:{one.port}/?token={OPERATOR_TOKEN}"
+        assert one.server.viewer_url == f"{one.url}/?token={VIEWER_TOKEN}"
+        assert "Secure" in asyncio.run(enter())

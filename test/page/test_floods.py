@@ -1,0 +1,268 @@
+"""Too much of anything: it is refused, memory stays, and the video goes on."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import os
+import re
+import resource
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import aiohttp
+import pytest
+from page_clients import Page, Served, http, next_picture, received, status
+from project import PROJECT
+from signed_certificates import certificate
+
+from tirgeo_ros.page import connections
+
+WIDE = 10_000_000
+#: What a server may take more under an attack: buffers of 100 connections, and what Python keeps.
+MOST_GROWN = 60 * 2**20
+
+
+class ServedApart:
+    """A page in a process of its own, so that its memory is its own."""
+
+    def __enter__(self):
+        command = [sys.executable, "test/support/page_backend.py", "--listen", "127.0.0.1:0"]
+        self._process = subprocess.Popen(
+            command,
+            cwd=PROJECT,
+            stdout=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "PYTHONPATH": str(PROJECT)},
+        )
+        for line in self._process.stdout:
+            if found := re.match(r"http://127.0.0.1:(\d+)", line):
+                self.port = int(found[1])
+                self.url = f"http://127.0.0.1:{self.port}"
+                return self
+        raise AssertionError("the page did not start")
+
+    def __exit__(self, *_):
+        self._process.terminate()
+        self._process.wait()
+        self._process.stdout.close()
+
+    @property
+    def memory_bytes(self):
+        pages = Path(f"/proc/{self._process.pid}/statm").read_text().split()[1]
+        return int(pages) * resource.getpagesize()
+
+
+@pytest.fixture(scope="module")
+def apart():
+    with ServedApart() as one:
+        yield one
+
+
+@contextlib.contextmanager
+def watched(one):
+    """While something happens, the video goes on and the server's memory stays."""
+    asyncio.run(see_pictures(one, 60))
+    before = one.memory_bytes
+    yield
+    assert one.memory_bytes - before < MOST_GROWN
+    asyncio.run(see_pictures(one, 3))
+
+
+async def see_pictures(one, count):
+    async with Page(one.url) as page, page.video() as video:
+        for _ in range(count):
+            await next_picture(video)
+
+
+async def beside(one, attack):
+    """Run an attack while somebody looks on; nobody may wait for a picture for long."""
+    async with Page(one.url) as page, page.video() as video:
+        task, seen = asyncio.create_task(attack), 0
+        while not task.done() or seen < 10:
+            await next_picture(video)
+            seen += 1
+        return await task
+
+
+def opened(one):
+    return socket.create_connection(("127.0.0.1", one.port), 20)
+
+
+def upgraded(one, path):
+    own = opened(one)
+    own.sendall(
+        http(
+            path,
+            f"Host: 127.0.0.1:{one.port}",
+            f"Origin: {one.url}",
+            *("Upgrade: websocket", "Connection: Upgrade", "Sec-WebSocket-Version: 13"),
+            "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==",
+        )
+    )
+    assert own.recv(12).endswith(b"101")
+    return own
+
+
+def sent(own, data, pieces=200):
+    """Send as much of the data as the peer takes."""
+    with contextlib.suppress(OSError):
+        for at in range(0, len(data), max(1, len(data) // pieces)):
+            own.sendall(data[at : at + max(1, len(data) // pieces)])
+
+
+@pytest.mark.parametrize("path", ["/state", "/video/"])
+def test_a_message_of_ten_megabytes_ends_its_connection(served, path):
+    async def send():
+        async with (
+            Page(served.url) as page,
+            page.session.ws_connect(f"{page.url}{path}") as socket_,
+        ):
+            with contextlib.suppress(OSError, aiohttp.ClientError):
+                await socket_.send_str("x" * WIDE)
+            async for _ in socket_:
+                pass
+            return socket_.closed
+
+    assert asyncio.run(asyncio.wait_for(beside(served, send()), 60))
+
+
+def test_a_body_and_headers_of_ten_megabytes_are_refused(served):
+    head = (f"Host: 127.0.0.1:{served.port}", f"Origin: {served.url}")
+    body = http("/enter", *head, f"Content-Length: {WIDE}", method="POST") + b"x" * WIDE
+    for attack in (body, http("/", *head, "X: " + "x" * WIDE), b"x" * WIDE):
+        with opened(served) as own:
+            sent(own, attack)
+            assert b" 200 " not in received(own)
+
+
+@pytest.mark.parametrize("piece", [b"G", b"GET / HTTP/1.1\r\nHost: localhost\r\nX: "])
+def test_a_request_that_never_ends_is_ended(served, monkeypatch, piece):
+    monkeypatch.setattr(connections, "_FIRST_REQUEST_S", 0.3)
+    with opened(served) as own:
+        own.sendall(piece)
+        assert received(own) == b""
+
+
+def test_a_second_request_that_never_ends_is_ended(served, monkeypatch):
+    monkeypatch.setattr(connections, "_KEEP_ALIVE_S", 0.5)
+    with opened(served) as own:
+        own.sendall(http("/", "Host: localhost"))
+        assert own.recv(15).startswith(b"HTTP/1.1 200")
+        own.sendall(b"GET / HT")
+        deadline = time.monotonic() + 20
+        while own.recv(65536):
+            assert time.monotonic() < deadline
+
+
+def test_a_tls_handshake_that_never_comes_is_ended(tmp_path, monkeypatch):
+    monkeypatch.setattr(connections, "_HANDSHAKE_S", 0.3)
+    pem, key = certificate(tmp_path)
+    with (
+        Served(tmp_path, certificate=str(pem), key=str(key)) as one,
+        socket.create_connection(("127.0.0.1", one.port), 20) as own,
+    ):
+        own.sendall(b"\x16\x03\x01")
+        assert received(own) == b""
+
+
+def test_a_body_that_never_comes_is_not_waited_for(served, monkeypatch):
+    monkeypatch.setattr("tirgeo_ros.page.guard._BODY_S", 0.2)
+    head = (f"Host: 127.0.0.1:{served.port}", f"Origin: {served.url}", "Content-Length: 30")
+    assert status(served.port, http("/enter", *head, method="POST") + b'{"token"') == 408
+
+
+def test_who_does_not_take_the_answer_is_ended(served, monkeypatch):
+    monkeypatch.setattr(connections, "_ANSWERS_S", 0.3)
+    with opened(served) as own:
+        own.sendall(http("/", "Host: localhost") * 3)
+        deadline = time.monotonic() + 20
+        with contextlib.suppress(ConnectionResetError):
+            while own.recv(65536):
+                assert time.monotonic() < deadline
+
+
+@pytest.mark.parametrize("text", ["hello", "shown", "shown -1", "shown x", "shown 1 2", ""])
+def test_what_is_no_answer_to_a_picture_ends_the_video(served, text):
+    async def send():
+        async with Page(served.url) as page, page.video() as video:
+            await video.send_str(text)
+            async for _ in video:
+                pass
+            return video.close_code
+
+    assert asyncio.run(asyncio.wait_for(send(), 30)) == 1008
+
+
+def test_too_many_requests_are_refused_each_with_an_answer(served):
+    async def ask():
+        async with Page(served.url) as page, page.state() as state:
+            measure = {"type": "measure", "from": [0, 0], "to": [1, 1]}
+            for k in range(400):
+                await state.socket.send_str(json.dumps({"request": f"r{k}", **measure}))
+            names = {f"r{k}" for k in range(400)}
+            answers = [await state.until("answer") for _ in range(400)]
+            assert {one["request"] for one in answers} == names
+            return [one["ok"] for one in answers]
+
+    good = asyncio.run(ask())
+    assert 60 < sum(good) < 400
+
+
+@pytest.mark.slow
+def test_too_many_gets_are_refused():
+    with ServedApart() as one, opened(one) as own:
+        flood = http("/enter", f"Host: 127.0.0.1:{one.port}") * 600
+        sent(own, flood)
+        said = b""
+        while b" 429 " not in said:
+            part = own.recv(65536)
+            assert part, "ended without a refusal"
+            said = said[-10:] + part
+
+
+@pytest.mark.slow
+def test_a_thousand_connections_leave_those_who_look_on_alone(apart):
+    async def attack():
+        held = []
+        for _ in range(1000):
+            with contextlib.suppress(OSError):
+                held.append(await asyncio.open_connection("127.0.0.1", apart.port))
+        deadline = time.monotonic() + 30
+        while sum(not reader.at_eof() for reader, _ in held) > connections.MOST_OF_ADDRESS:
+            assert time.monotonic() < deadline, "more are taken than one address may have"
+            await asyncio.sleep(0.05)
+        for _, writer in held:
+            writer.close()
+
+    with watched(apart):
+        asyncio.run(beside(apart, attack()))
+
+
+@pytest.mark.slow
+def test_frames_that_never_end_and_messages_that_are_too_long_cost_no_memory(apart):
+    with watched(apart), contextlib.ExitStack() as stack:
+        many = [stack.enter_context(upgraded(apart, "/state")) for _ in range(40)]
+        long = bytes([0x81, 0xFF]) + WIDE.to_bytes(8, "big") + b"mask"
+        unfinished = bytes([0x01, 0xFE]) + (60_000).to_bytes(2, "big") + b"mask"
+        for own in many[:20]:
+            sent(own, long + b"x" * WIDE, 20)
+        for own in many[20:]:
+            for _ in range(20):
+                sent(own, unfinished + b"x" * 60_000)
+        asyncio.run(see_pictures(apart, 10))
+
+
+@pytest.mark.slow
+def test_who_looks_and_never_reads_costs_no_memory(apart):
+    with watched(apart), contextlib.ExitStack() as stack:
+        for _ in range(40):
+            own = stack.enter_context(upgraded(apart, "/video/"))
+            for number in range(60):  # answers before anything was shown
+                text = f"shown {number}".encode()
+                sent(own, bytes([0x81, 0x80 + len(text)]) + b"\0\0\0\0" + text)
+        asyncio.run(see_pictures(apart, 60))

@@ -1,0 +1,240 @@
+"""The page's server as a browser uses it: video, states, targets, files."""
+
+from __future__ import annotations
+
+import asyncio
+import gzip
+import json
+import math
+
+import cv2
+import numpy as np
+import pytest
+from page_backend import Pictures, pixel_of, place_at
+from page_clients import Page, Served, next_picture, tile_file
+
+from tirgeo_ros.core.config.viewer import ViewerConfig
+from tirgeo_ros.core.types.errors import PageError
+from tirgeo_ros.page.server import PageServer
+
+
+def test_video_comes_untouched_to_a_quick_viewer_with_its_stamp_and_size(served):
+    async def look():
+        async with Page(served.url) as page, page.video() as video:
+            before = 0
+            for _ in range(3000):  # on a busy machine it takes a while
+                data = (await asyncio.wait_for(video.receive(), 30)).data
+                number = int.from_bytes(data[16:20], "little")
+                assert number > before
+                before = number
+                await video.send_str(f"shown {number}")
+                stamp_ns = int.from_bytes(data[:8], "little")
+                if data[24:] == pictures.jpeg(stamp_ns):
+                    return np.frombuffer(data, "<u2", 2, 20).tolist()
+            return None
+
+    pictures = Pictures()
+    assert asyncio.run(look()) == [640, 512]
+
+
+def test_a_click_is_a_target_for_all_pages_and_on_the_disk(served):
+    async def click():
+        async with (
+            Page(served.url) as one,
+            one.state() as mine,
+            one.video() as video,
+            Page(served.url) as other,
+            other.state() as theirs,
+        ):
+            stamp_ns, _ = await next_picture(video)
+            answer = await mine.click(stamp_ns, 400.5, 300.25, kind="fire")
+            target = answer["target"]
+            both = [
+                await page.until("targets", lambda told: target in told["targets"])
+                for page in (mine, theirs)
+            ]
+            assert both[0] == both[1]
+            picture = await other.get(f"/targets/{target['id']}/picture")
+            code = await other.get(f"/targets/{target['id']}/qr")
+            return stamp_ns, target, picture, code
+
+    stamp_ns, target, picture, code = asyncio.run(click())
+    place = place_at(stamp_ns, 400.5, 300.25)
+    assert (target["latitude_deg"], target["longitude_deg"]) == pytest.approx(place, abs=1e-9)
+    assert target["kind"] == "fire"
+    assert target["coordinates"]["decimal"] == f"{place[0]:.6f}, {place[1]:.6f}"
+    assert target["ellipse"]["major_m"] == pytest.approx(0.5 * 2.4477, rel=1e-3)
+    assert target["outline"][0] == target["outline"][-1]
+    assert target["height_msl_m"] is None
+    assert served.backend.targets.get(target["id"]).kind == "fire"
+    assert picture[0] == code[0] == 200
+    assert cv2.imdecode(np.frombuffer(picture[1], np.uint8), 1).shape == (160, 160, 3)
+    assert b"<svg" in code[1]
+
+
+def test_refine_edit_delete_undo_and_refusals_are_answered(served):
+    async def ask():
+        async with Page(served.url) as page, page.state() as state, page.video() as video:
+            stamp_ns, _ = await next_picture(video)
+            first = (await state.click(stamp_ns))["target"]
+            again = await state.click(stamp_ns, 321.0, refine=first["id"])
+            edit = await state.ask("edit", id=first["id"], name="Anna", note="two\nlines")
+            gone = await state.ask("delete", id=first["id"])
+            lost = await state.ask("edit", id=first["id"], name="Berta")
+            back = await state.ask("undo")
+            sky = await state.click(stamp_ns, v=1.0)
+            listed = await state.until("targets", lambda told: len(told["targets"]) > 0)
+            return again, edit, gone, lost, back, sky, listed
+
+    again, edit, gone, lost, back, sky, _ = asyncio.run(ask())
+    assert again["target"]["clicks"] == 2
+    assert (edit["target"]["name"], edit["target"]["note"]) == ("Anna", "two\nlines")
+    assert gone["ok"]
+    assert lost == {
+        **lost,
+        "ok": False,
+        "reason": "there is no such target; perhaps it was deleted",
+    }
+    assert back["ok"]
+    assert "is back" in back["text"]
+    assert not sky["ok"]
+    assert sky["reason"] == "the ray does not meet the ground"
+
+
+def test_what_needs_no_target_is_answered(served):
+    async def ask():
+        async with Page(served.url) as page, page.state() as state, page.video() as video:
+            await next_picture(video)
+            latitude, longitude = place_at(served.backend.newest_ns[""], 320, 256)
+            return (
+                await state.ask(
+                    "where", aircraft="", latitude_deg=latitude, longitude_deg=longitude
+                ),
+                await state.ask("where", aircraft="", latitude_deg=0, longitude_deg=0),
+                await state.ask("measure", **{"from": [48.0, 16.0], "to": [48.0, 16.1]}),
+                await state.ask("record", aircraft="", on=True),
+                await state.ask("record", aircraft="none", on=True),
+                await state.ask("share", on=True),
+                await state.ask("mark", text="smoke"),
+            )
+
+    where, far, measure, record, unknown, share, mark = asyncio.run(ask())
+    latitude, longitude = place_at(int(where["stamp_ns"]), where["u"], where["v"])
+    assert pixel_of(int(where["stamp_ns"]), latitude, longitude) == pytest.approx(
+        (where["u"], where["v"])
+    )
+    assert far["reason"] == "it is outside the picture"
+    # The parallel's arc, and half the meridians' convergence; the geodesic is 0.3 mm shorter.
+    across_m = 6378137 / math.sqrt(1 - 0.00669438 * math.sin(math.radians(48)) ** 2)
+    arc_m = across_m * math.cos(math.radians(48)) * math.radians(0.1)
+    assert measure["distance_m"] == pytest.approx(arc_m, abs=0.01)
+    assert measure["bearing_deg"] == pytest.approx(
+        90 - 0.05 * math.sin(math.radians(48)), abs=1e-4
+    )
+    assert record["text"] == "recording"
+    assert unknown["reason"] == "there is no such aircraft"
+    assert share["text"] == "sharing"
+    assert mark["ok"]
+    assert "smoke" in [one.text for one in served.backend.targets.marks()]
+
+
+def test_a_request_that_is_sent_again_is_done_once(served):
+    async def ask():
+        async with Page(served.url) as page, page.video() as video:
+            stamp_ns, _ = await next_picture(video)
+            answers = []
+            for _ in range(2):  # the connection is lost in between
+                async with page.state() as state:
+                    name = "0123456789abcdef-1"
+                    answers.append(await state.click(stamp_ns, request=name))
+            return answers
+
+    before = len(served.backend.targets.all())
+    first, second = asyncio.run(ask())
+    assert first == second
+    assert len(served.backend.targets.all()) == before + 1
+
+
+def test_states_come_with_the_whole_track_and_the_own_latency(served):
+    async def look():
+        async with Page(served.url) as page, page.state() as state, page.video() as video:
+            hello = await state.until("hello")
+            track = []
+            for _ in range(60):
+                for _ in range(6):
+                    await next_picture(video)
+                told = await state.until("state")
+                assert told["track_from"] == len(track)
+                track += told["track"]
+                if told["latency_ms"] is not None and len(track) > 5:
+                    return hello, told
+            return None
+
+    hello, state = asyncio.run(look())
+    assert hello["role"] == "operator"
+    assert hello["aircraft"] == [{"id": "", "name": "aircraft"}]
+    assert state["latency_ms"] > 0
+    assert state["go"] in {True, False}
+
+
+def test_diagnostics_have_counts(served):
+    async def look():
+        async with Page(served.url) as page, page.video() as video:
+            served.server.show("", 1, b"no picture")
+            for _ in range(100):
+                await next_picture(video)
+                if served.server.counts["damaged pictures"]:
+                    return served.server.counts
+            return None
+
+    counts = asyncio.run(look())
+    assert counts["connections"] >= 1
+    assert counts["connections refused"] == 0
+
+
+def test_files_come_zipped_and_not_twice(served):
+    async def look():
+        async with Page(served.url, auto_decompress=False) as page:
+            async with page.session.get(f"{served.url}/map/") as answer:
+                body, tag = await answer.read(), answer.headers["ETag"]
+                assert answer.headers["Content-Encoding"] == "gzip"
+            again = await page.get("/map/", headers={"If-None-Match": tag})
+            exports = [await page.get(f"/export/{form}") for form in ("geojson", "kml", "none")]
+            return body, again, exports
+
+    body, again, exports = asyncio.run(look())
+    assert len(json.loads(gzip.decompress(body))["features"]) == 49
+    assert again == (304, b"")
+    assert [status for status, _ in exports] == [200, 200, 404]
+
+
+def test_tiles_come_where_there_are_any(tmp_path):
+    async def look():
+        async with Page(one.url) as page, page.state() as state:
+            hello = await state.until("hello")
+            return hello, [await page.get(f"/tiles/{at}") for at in ("2/1/0", "2/1/3", "2/x/0")]
+
+    with Served(tmp_path, tiles=str(tile_file(tmp_path / "a.mbtiles"))) as one:
+        hello, answers = asyncio.run(look())
+    assert hello["tiles"] == {"min": 2, "max": 5, "attribution": ""}
+    assert answers[:2] == [(200, b"north"), (204, b"")]
+    assert answers[2][0] == 404
+
+
+def test_an_address_that_is_taken_is_named(served):
+    config = ViewerConfig(listen=f"127.0.0.1:{served.port}")
+    with pytest.raises(PageError, match=f"listen: 127.0.0.1:{served.port}: .*free port"):
+        PageServer(served.backend, config, {"": "aircraft"}).start()
+
+
+def test_wrong_files_are_named(served, tmp_path):
+    pem = tmp_path / "wrong.pem"
+    pem.write_text("no certificate")
+    for wrong, words in (
+        ({"certificate": str(pem)}, "certificate: .*wrong.pem"),
+        ({"certificate": str(tmp_path / "absent.pem")}, "certificate: .*absent.pem"),
+        ({"tiles": str(pem)}, "tiles: .*wrong.pem: .*MBTiles"),
+    ):
+        server = PageServer(served.backend, ViewerConfig(listen="127.0.0.1:0", **wrong), {})
+        with pytest.raises(PageError, match=words):
+            server.start()

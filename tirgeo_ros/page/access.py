@@ -1,0 +1,148 @@
+"""Decide who may use the page: addressed name, origin, token, session and role."""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import ipaddress
+import re
+import secrets
+import socket
+import time
+
+from aiohttp import web
+
+from tirgeo_ros.core.config.viewer import ViewerConfig, address_of
+
+OPERATOR, VIEWER = "operator", "viewer"
+_SESSION_S = 3 * 24 * 3600
+_SAME_SITE = {"", "same-origin", "none"}  # none: typed or scanned by the user
+_LOOPBACK_NAMES = {"localhost", "localhost.localdomain"}
+_HOST = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]+)(?::([0-9]{1,5}))?", re.ASCII)
+
+
+class Access:
+    """Know names, tokens and sessions of one server.
+
+    A session is role, end and a random number, signed with the role's token: it outlives a
+    restart with the same tokens, takes no memory, and tells nothing of the other role's token.
+    """
+
+    def __init__(self, config: ViewerConfig) -> None:
+        host, _ = address_of(config.listen)
+        self.open = is_loopback(host) and not (config.token or config.viewer_token)
+        self.tokens = {
+            OPERATOR: config.token or secrets.token_urlsafe(18),
+            VIEWER: config.viewer_token or secrets.token_urlsafe(18),
+        }
+        self.scheme = "https" if config.certificate else "http"
+        self._names = {*_LOOPBACK_NAMES, host.lower()}
+        if not is_loopback(host):
+            self._names |= _own_names()
+
+    def refusal(self, request: web.Request) -> str:
+        """Return why a request may not come from where it comes from; empty if it may."""
+        host = request.headers.get("Host", "")
+        if not (self._is_own(host) and request.raw_path.startswith("/")):
+            return "this name is not the server's: open it by its address"
+        origin = request.headers.get("Origin")
+        if origin is None:
+            if request.method not in {"GET", "HEAD"} or is_websocket(request):
+                return "the request names no origin"
+            site = request.headers.get("Sec-Fetch-Site", "")
+            if request.path != "/" and site not in _SAME_SITE:
+                return "the request comes from another site"
+        elif origin != f"{self.scheme}://{host}":
+            return "the request comes from another site"
+        return ""
+
+    def _is_own(self, host: str) -> bool:
+        """Return whether a Host header is an address or a name of this server.
+
+        Another name may be one that an attacker's name server leads here (DNS rebinding).
+        """
+        found = _HOST.fullmatch(host)
+        if found is None or int(found[2] or 0) > 65535:
+            return False
+        name = found[1].strip("[]").lower()
+        return name in self._names or _is_address(name)
+
+    def role(self, request: web.Request) -> str | None:
+        """Return the role of who sends a request; None without a valid session."""
+        if self.open:
+            return OPERATOR
+        session = request.cookies.get(self.cookie(request), "")
+        role, _, _ = session.partition(".")
+        signed, _, signature = session.rpartition(".")
+        if role not in self.tokens or not _same(self._signature(role, signed), signature):
+            return None
+        end = signed.split(".")[1]  # signed by us, so of our form
+        return role if int(end) > time.time() else None
+
+    def role_of_token(self, token: str) -> str | None:
+        """Return the role that a token opens, in the same time for every token."""
+        fits = [role for role, own in self.tokens.items() if _same(own, token)]
+        return fits[0] if fits else None
+
+    def admit(self, response: web.Response, request: web.Request, role: str) -> None:
+        """Give the browser a session."""
+        signed = f"{role}.{int(time.time()) + _SESSION_S}.{secrets.token_urlsafe(18)}"
+        response.set_cookie(
+            self.cookie(request),
+            f"{signed}.{self._signature(role, signed)}",
+            max_age=_SESSION_S,
+            path="/",
+            httponly=True,
+            samesite="Strict",
+            secure=self.scheme == "https",
+        )
+
+    @staticmethod
+    def cookie(request: web.Request) -> str:
+        """Return the cookie's name: servers on other ports of a computer get the same cookies."""
+        found = _HOST.fullmatch(request.headers.get("Host", ""))
+        return f"tirgeo_{(found and found[2]) or ''}"
+
+    def _signature(self, role: str, signed: str) -> str:
+        key = b"tirgeo session " + self.tokens[role].encode()
+        return hmac.new(key, _bytes(signed), hashlib.sha256).hexdigest()
+
+
+def plain_host(request: web.Request) -> str:
+    """Return the Host header, if it has the form of one."""
+    host = request.headers.get("Host", "")
+    return host if _HOST.fullmatch(host) else ""
+
+
+def is_websocket(request: web.Request) -> bool:
+    """Return whether a request wants to become a WebSocket."""
+    return request.headers.get("Upgrade", "").lower() == "websocket"
+
+
+def is_loopback(host: str) -> bool:
+    """Return whether only this computer can reach a host."""
+    return host in _LOOPBACK_NAMES or (
+        _is_address(host) and ipaddress.ip_address(host).is_loopback
+    )
+
+
+def _is_address(host: str) -> bool:
+    try:
+        ipaddress.ip_address(host)
+    except ValueError:
+        return False
+    return True
+
+
+def _same(own: str, given: str) -> bool:
+    return hmac.compare_digest(_bytes(own), _bytes(given))
+
+
+def _bytes(text: str) -> bytes:
+    """Return a text's bytes; one from outside may hold what has none."""
+    return text.encode(errors="replace")
+
+
+def _own_names() -> set[str]:
+    name = socket.gethostname().lower()
+    return {name, f"{name.partition('.')[0]}.local"}

@@ -1,0 +1,1 @@
+"""Send Cursor-on-Target to the team while the aircraft flies."""

@@ -1,0 +1,145 @@
+"""Check the parameters of Cursor-on-Target and make PyTAK's settings of them."""
+
+from __future__ import annotations
+
+import ipaddress
+import ssl
+from configparser import RawConfigParser, SectionProxy
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import SplitResult, parse_qsl, urlsplit
+
+import pytak
+from pytak.client_functions import get_ssl_ctx, get_tls_config
+
+from tirgeo_ros.core.types.errors import ConfigError, shown
+
+#: Port of each scheme where none is written: those of TAK's programs.
+_PORTS = {"tcp": 8087, "tls": 8089, "udp": 6969}
+#: What may follow the port, as ``?name=takserver``.
+_OPTIONS = {"tls": "name", "udp": "interface"}
+_EXAMPLES = "write tcp://HOST:8087, tls://HOST:8089 or udp://239.2.3.1:6969"
+#: The password that TAK servers give the files for their clients.
+PASSWORD = "atakatak"  # noqa: S105 - everybody's, not a secret
+#: Waits between attempts (s): short, for a team that stands in the field.
+_FIRST_WAIT_S, _LONGEST_WAIT_S, _SETTLED_S = 1, 15, 10
+
+
+@dataclass(frozen=True, slots=True)
+class CotParameters:
+    """Hold viewer_node's parameters ``cot`` and ``cot_...``."""
+
+    cot: str  # address
+    certificate: str = ""  # of this client, PEM or .p12
+    key: str = ""  # PEM; empty if it is in the file of the certificate
+    ca: str = ""  # PEM of the authority that signed the server's; empty = this computer's
+    password: str = PASSWORD  # of the key
+
+
+def pytak_settings(given: CotParameters) -> SectionProxy:
+    """Return PyTAK's settings; raise ConfigError that names the parameter and says what to do."""
+    url = _checked(given.cot)
+    host, port = url.hostname, url.port or _PORTS[url.scheme]
+    only = "+wo" if url.scheme == "udp" else ""  # a reader would need the port on this computer
+    settings = {
+        "COT_URL": f"{url.scheme}{only}://{host}:{port}",
+        "TAK_PROTO": "0",
+        "PYTAK_RECONNECT_INITIAL": str(_FIRST_WAIT_S),
+        "PYTAK_RECONNECT_MAX": str(_LONGEST_WAIT_S),
+        "PYTAK_RECONNECT_RESET": str(_SETTLED_S),
+    }
+    options = dict(parse_qsl(url.query))
+    if "interface" in options:
+        settings["PYTAK_MULTICAST_LOCAL_ADDR"] = options["interface"]
+    if url.scheme == "tls":
+        settings |= _tls_settings(given, options.get("name"))
+    elif given.certificate or given.key or given.ca:
+        raise ConfigError(
+            f"cot: {url.scheme}:// does not encrypt, and takes no certificate: write tls://, or "
+            "leave cot_certificate, cot_key and cot_ca empty"
+        )
+    config = RawConfigParser()
+    config["cot"] = settings
+    if url.scheme == "tls":
+        _check_files(given, config["cot"])
+    return config["cot"]
+
+
+def _checked(cot: str) -> SplitResult:
+    """Return the parts of an address; raise ConfigError if it is none."""
+    try:
+        url = urlsplit(cot)
+        right = url.scheme in _PORTS and bool(url.hostname) and url.port != 0
+    except ValueError:  # a port that is no number, or too large
+        right = False
+    if not right or url.username or url.fragment or url.path.strip("/"):
+        raise ConfigError(f"cot: {shown(cot, 200)!r} is no address: {_EXAMPLES}")
+    if ":" in (url.hostname or ""):
+        raise ConfigError(f"cot: {shown(cot, 200)!r}: write the host's name or IPv4 address")
+    _check_options(url)
+    return url
+
+
+def _check_options(url: SplitResult) -> None:
+    allowed = _OPTIONS.get(url.scheme, "")
+    options = dict(parse_qsl(url.query, keep_blank_values=True))
+    unknown = [name for name in options if name != allowed]
+    if unknown:
+        instead = f"only ?{allowed}=..." if allowed else "nothing"
+        raise ConfigError(f"cot: {url.scheme}:// takes {instead} after the port, not {unknown[0]}")
+    if "interface" in options:
+        try:
+            ipaddress.IPv4Address(options["interface"])
+        except ValueError:
+            raise ConfigError(
+                "cot: ?interface= is the IPv4 address of this computer in the team's network, "
+                f"not {options['interface']!r}"
+            ) from None
+
+
+def _tls_settings(given: CotParameters, name: str | None) -> dict[str, str]:
+    if not given.certificate:
+        raise ConfigError(
+            "cot_certificate: tls:// needs the certificate (.p12 or .pem) that the owner of the "
+            "TAK server made for this computer"
+        )
+    files = {"cot_certificate": given.certificate, "cot_key": given.key, "cot_ca": given.ca}
+    for key, path in files.items():
+        if path and not Path(path).is_file():
+            raise ConfigError(f"{key}: there is no file {path}")
+    settings = {
+        "PYTAK_TLS_CLIENT_CERT": given.certificate,
+        "PYTAK_TLS_CLIENT_KEY": given.key or given.certificate,
+        "PYTAK_TLS_CLIENT_CAFILE": given.ca or ssl.get_default_verify_paths().cafile or "",
+        "PYTAK_TLS_CLIENT_PASSWORD": given.password,
+        "PYTAK_TLS_CLIENT_CIPHERS": "DEFAULT",  # PyTAK's own choice takes weak ones too
+        "PYTAK_TLS_SERVER_EXPECTED_HOSTNAME": name or "",
+    }
+    # PyTAK reads these through an interpolating parser.
+    return {key: text.replace("%", "%%") for key, text in settings.items() if text}
+
+
+def _check_files(given: CotParameters, settings: SectionProxy) -> None:
+    """Load the certificates as a connection will; raise ConfigError if that is impossible."""
+    if given.ca:
+        try:
+            ssl.create_default_context(cafile=given.ca)
+        except (OSError, ValueError) as error:  # SSLError is an OSError
+            raise ConfigError(
+                f"cot_ca: {given.ca} is not the certificate of an authority in PEM ({error}); of "
+                f"a .p12: openssl pkcs12 -in {given.ca} -nokeys -out ca.pem"
+            ) from None
+    try:
+        get_ssl_ctx(get_tls_config(settings))
+    except (ValueError, OSError, SyntaxError, SystemError, AttributeError) as error:
+        reason = error.__cause__ or error
+        raise ConfigError(
+            f"cot_certificate: {given.certificate} cannot be used ({reason}); give the .p12 with "
+            "its cot_password, or certificate and cot_key in PEM"
+        ) from None
+
+
+def endpoint(settings: SectionProxy) -> str:
+    """Return where the settings lead, for a person: ``tls://HOST:PORT``."""
+    host, port = pytak.parse_url(settings["COT_URL"])
+    return f"{settings['COT_URL'].partition(':')[0].removesuffix('+wo')}://{host}:{port}"

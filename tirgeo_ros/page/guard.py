@@ -1,0 +1,125 @@
+"""Look at each request before anything answers it, and mark each answer."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import Awaitable, Callable
+from typing import TYPE_CHECKING
+
+from aiohttp import web
+
+from tirgeo_ros.core.types.errors import TirgeoError
+from tirgeo_ros.page.access import Access, is_websocket, plain_host
+from tirgeo_ros.page.connections import Connection
+from tirgeo_ros.page.limits import AddressAllowances, WrongTokens
+
+if TYPE_CHECKING:
+    from aiohttp.typedefs import Middleware
+
+Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+#: A page begins with some thirty files, a map with as many tiles.
+_REQUESTS_A_S, _REQUESTS_AT_ONCE = 60.0, 400.0
+_BODY_S = 5.0
+HEADERS = {
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
+    "img-src 'self' blob: data:; font-src 'self'; connect-src 'self'{}; manifest-src 'self'; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+}
+_LOG = logging.getLogger("tirgeo.page")
+
+
+class Guard:
+    """Refuse requests from elsewhere, too many of them, and those without a session."""
+
+    def __init__(self, access: Access) -> None:
+        self._access = access
+        self._requests = AddressAllowances(_REQUESTS_A_S, _REQUESTS_AT_ONCE)
+        self._wrong = WrongTokens()
+
+    def middleware(self) -> Middleware:
+        """Return what aiohttp calls around each handler."""
+
+        @web.middleware
+        async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
+            try:
+                refused = self._refused(request)
+                # Not "or": an answer counts as false where aiohttp has it as an empty mapping.
+                return await handler(request) if refused is None else refused
+            except web.HTTPException as error:
+                return refusal(error.status, error.reason.lower())
+            except TirgeoError as error:
+                return refusal(500, str(error))
+
+        return guard
+
+    def _refused(self, request: web.Request) -> web.Response | None:
+        if isinstance(request.protocol, Connection):
+            request.protocol.asked(websocket=is_websocket(request))
+        if not self._requests.take(request.remote or "", time.monotonic()):
+            return refusal(429, "too many requests: wait a moment")
+        words = self._access.refusal(request)
+        if words:
+            return refusal(403, words)
+        if not _is_open(request) and self._access.role(request) is None:
+            return refusal(401, "open the page by the address or the code that the terminal shows")
+        return None
+
+    async def role(self, request: web.Request) -> web.Response:
+        """Answer ``GET /enter``: the role; 401 says that a token is needed."""
+        role = self._access.role(request)
+        return web.json_response({"role": role}) if role else refusal(401, "a token is needed")
+
+    async def enter(self, request: web.Request) -> web.Response:
+        """Answer ``POST /enter`` with a session for a right token; a wrong one costs time."""
+        address, now_s = request.remote or "", time.monotonic()
+        wait_s = self._wrong.wait_s(address, now_s)
+        if wait_s > 0:
+            answer = refusal(429, f"too many wrong tokens: wait {wait_s:.0f} s")
+            answer.headers["Retry-After"] = str(round(wait_s) + 1)
+            return answer
+        role = self._access.role_of_token(await _token(request))
+        if role is None:
+            self._wrong.add(address, now_s)
+            _LOG.warning("wrong token from %s", address)
+            return refusal(403, "wrong token: scan the code again")
+        self._wrong.forget(address)
+        response = web.json_response({"role": role})
+        self._access.admit(response, request, role)
+        return response
+
+
+def refusal(status: int, words: str) -> web.Response:
+    """Return an answer that says why not."""
+    return web.json_response({"reason": words}, status=status)
+
+
+async def mark(request: web.Request, response: web.StreamResponse) -> None:
+    """Give each answer the headers that tell the browser what the page may do."""
+    host = plain_host(request)  # for browsers to which 'self' is no WebSocket, as before 2022
+    sockets = f" ws://{host} wss://{host}" if host else ""
+    for name, value in HEADERS.items():
+        response.headers.setdefault(name, value.format(sockets))
+    response.headers.setdefault("Cache-Control", "no-store")
+    response.headers["Server"] = "tirgeo"
+
+
+def _is_open(request: web.Request) -> bool:
+    """Return whether a request needs no session: the page itself, which holds no data."""
+    return request.path in {"/", "/enter"} or request.path.startswith("/static/")
+
+
+async def _token(request: web.Request) -> str:
+    try:
+        given = await asyncio.wait_for(request.json(), _BODY_S)
+    except asyncio.TimeoutError:
+        raise web.HTTPRequestTimeout from None
+    except ValueError:
+        given = None
+    token = given.get("token") if isinstance(given, dict) else None
+    return token if isinstance(token, str) else ""

@@ -1,0 +1,199 @@
+"""Answer the page's GETs and open its WebSockets."""
+
+from __future__ import annotations
+
+import asyncio
+import io
+import time
+from collections.abc import Callable, Mapping
+from typing import TypeVar
+
+import segno
+from aiohttp import web
+
+from tirgeo_ros.core.targets.target import KINDS
+from tirgeo_ros.core.types.errors import TargetError
+from tirgeo_ros.io.targets.exports import FORMATS, exported
+from tirgeo_ros.page.access import VIEWER
+from tirgeo_ros.page.actions import Actions
+from tirgeo_ros.page.backend import Backend
+from tirgeo_ros.page.guard import Guard
+from tirgeo_ros.page.limits import AddressAllowances
+from tirgeo_ros.page.state_hub import StateHub
+from tirgeo_ros.page.state_socket import StatePage
+from tirgeo_ros.page.static_files import Content
+from tirgeo_ros.page.tiles import Tiles
+from tirgeo_ros.page.video_feed import VideoFeed
+from tirgeo_ros.page.video_socket import VideoViewer, bound_kernel_buffer
+
+_T = TypeVar("_T")
+_MESSAGE_BYTES = 64 * 1024
+_HEARTBEAT_S, _CLOSING_S = 10.0, 2.0
+_ASKED_A_S, _ASKED_AT_ONCE = 100.0, 200.0  # by all pages of an address, on /state
+_DAY = "max-age=86400"
+
+
+class Routes:
+    """Know what the pages are made from."""
+
+    def __init__(
+        self,
+        backend: Backend,
+        aircraft: Mapping[str, str],
+        feeds: Mapping[str, VideoFeed],
+        static: Mapping[str, Content],
+        tiles: Tiles | None,
+        role: Callable[[web.Request], str | None],
+    ) -> None:
+        self._backend, self._aircraft, self._feeds = backend, aircraft, feeds
+        self._static, self._tiles, self._role = static, tiles, role
+        self._viewers: set[tuple[str, VideoViewer]] = set()
+        self._sockets: set[web.WebSocketResponse] = set()
+        self._maps: dict[str, Content] = {}
+        self._asked = AddressAllowances(_ASKED_A_S, _ASKED_AT_ONCE)
+        self._large = asyncio.Semaphore(2)  # exports and maps must not keep clicks waiting
+        self.hub = StateHub(self._latency_ms)
+
+    def table(self, guard: Guard, actions: Actions) -> list[web.RouteDef]:
+        """Return which handler answers what."""
+
+        async def state(request: web.Request) -> web.StreamResponse:
+            return await self._state(request, actions)
+
+        return [
+            web.get("/", self._page),
+            web.get("/static/{name:.*}", self._static_file),
+            web.get("/enter", guard.role),
+            web.post("/enter", guard.enter),
+            web.get("/state", state),
+            web.get("/video/{aircraft:.*}", self._video),
+            web.get("/map/{aircraft:.*}", self._map),
+            web.get(r"/tiles/{z:\d{1,2}}/{x:\d{1,8}}/{y:\d{1,8}}", self._tile),
+            web.get("/export/{format}", self._export),
+            web.get("/targets/{id}/picture", self._picture),
+            web.get("/targets/{id}/qr", self._code),
+        ]
+
+    async def close(self, _: web.Application) -> None:
+        """Tell every page that the server ends."""
+        closing = (one.close(code=1001, message=b"the server ends") for one in [*self._sockets])
+        await asyncio.gather(*closing, return_exceptions=True)
+
+    async def _page(self, request: web.Request) -> web.Response:
+        return self._static["index.html"].response(request)
+
+    async def _static_file(self, request: web.Request) -> web.Response:
+        return _found(self._static.get(request.match_info["name"])).response(request)
+
+    async def _state(self, request: web.Request, actions: Actions) -> web.StreamResponse:
+        role = self._role(request) or VIEWER
+        hello = {
+            "type": "hello",
+            "role": role,
+            "aircraft": [{"id": id_, "name": name} for id_, name in self._aircraft.items()],
+            "kinds": KINDS,
+            "tiles": self._tiles.about if self._tiles else None,
+            "now_ns": str(time.time_ns()),
+        }
+        socket = await self._opened(request, compress=True)
+        address = request.remote or ""
+        page = StatePage(
+            socket, role, actions, self.hub, lambda: self._asked.take(address, time.monotonic())
+        )
+        try:
+            await page.run(hello, _who(request))
+        finally:
+            self._sockets.discard(socket)
+        return socket
+
+    async def _video(self, request: web.Request) -> web.StreamResponse:
+        aircraft = request.match_info["aircraft"]
+        feed = _found(self._feeds.get(aircraft))
+        socket = await self._opened(request, compress=False)
+        bound_kernel_buffer(request)
+        viewer = aircraft, VideoViewer(feed, socket, _who(request))
+        self._viewers.add(viewer)
+        try:
+            await viewer[1].run()
+        finally:
+            self._viewers.discard(viewer)
+            self._sockets.discard(socket)
+        return socket
+
+    async def _opened(self, request: web.Request, *, compress: bool) -> web.WebSocketResponse:
+        socket = web.WebSocketResponse(
+            timeout=_CLOSING_S,
+            heartbeat=_HEARTBEAT_S,
+            compress=compress,
+            max_msg_size=_MESSAGE_BYTES,
+        )
+        await socket.prepare(request)
+        self._sockets.add(socket)
+        return socket
+
+    def _latency_ms(self, aircraft: str, who: str) -> float | None:
+        """Return the slowest of somebody's screens."""
+        screens = (v for of, v in self._viewers if of == aircraft and v.who == who)
+        known = [one.latency_ms for one in screens if one.latency_ms is not None]
+        return round(max(known), 1) if known else None
+
+    async def _map(self, request: web.Request) -> web.Response:
+        aircraft = request.match_info["aircraft"]
+        _found(self._feeds.get(aircraft))
+
+        def content() -> Content:
+            body, known = self._backend.vector_map(aircraft), self._maps.get(aircraft)
+            if known is None or known.body != body:
+                self._maps[aircraft] = Content.of(body, "application/geo+json")
+            return self._maps[aircraft]
+
+        found = await self._made(content)
+        return found.response(request) if found.body else web.Response(status=204)
+
+    async def _tile(self, request: web.Request) -> web.Response:
+        tiles = _found(self._tiles)
+        place = (int(request.match_info[name]) for name in "zxy")
+        body = await asyncio.to_thread(tiles.tile, *place)
+        if body is None:
+            return web.Response(status=204)
+        return web.Response(
+            body=body, content_type=tiles.content_type, headers={"Cache-Control": _DAY}
+        )
+
+    async def _export(self, request: web.Request) -> web.Response:
+        form = request.match_info["format"]
+        _found(FORMATS.get(form))
+        targets = self._backend.targets
+        body = await self._made(lambda: exported(targets.all(), form, targets.picture))
+        named = {"Content-Disposition": f'attachment; filename="targets.{form}"'}
+        return web.Response(body=body, content_type="application/octet-stream", headers=named)
+
+    async def _picture(self, request: web.Request) -> web.Response:
+        body = await self._made(lambda: self._backend.targets.picture(request.match_info["id"]))
+        return web.Response(body=_found(body), content_type="image/jpeg")
+
+    async def _code(self, request: web.Request) -> web.Response:
+        try:
+            target = await self._made(lambda: self._backend.targets.get(request.match_info["id"]))
+        except TargetError:
+            raise web.HTTPNotFound from None
+        out = io.BytesIO()
+        uri = f"geo:{target.latitude_deg:.7f},{target.longitude_deg:.7f}"
+        segno.make(uri, micro=False).save(out, kind="svg", scale=4, light="white")
+        return web.Response(body=out.getvalue(), content_type="image/svg+xml")
+
+    async def _made(self, call: Callable[[], _T]) -> _T:
+        async with self._large:
+            return await asyncio.to_thread(call)
+
+
+def _found(value: _T | None) -> _T:
+    if value is None:
+        raise web.HTTPNotFound
+    return value
+
+
+def _who(request: web.Request) -> str:
+    """Return what the sockets of one screen have in common."""
+    told = (request.headers.get(name, "") for name in ("Cookie", "User-Agent"))
+    return " ".join((request.remote or "", *told))

@@ -1,0 +1,215 @@
+"""Serve the operator's page from a thread of its own."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import socket
+import ssl
+import threading
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+from aiohttp import web
+
+from tirgeo_ros.core.config.viewer import ViewerConfig, address_of
+from tirgeo_ros.core.types.errors import PageError
+from tirgeo_ros.page.access import OPERATOR, VIEWER, Access
+from tirgeo_ros.page.actions import Actions
+from tirgeo_ros.page.backend import Backend
+from tirgeo_ros.page.connections import Door, listening_socket
+from tirgeo_ros.page.guard import Guard, mark
+from tirgeo_ros.page.routes import Routes
+from tirgeo_ros.page.state_hub import plain
+from tirgeo_ros.page.static_files import read_static
+from tirgeo_ros.page.target_messages import targets_message
+from tirgeo_ros.page.tiles import Tiles
+from tirgeo_ros.page.video_feed import VideoFeed
+
+STATIC = Path(__file__).parent / "static"
+_BODY_BYTES = 2048
+_ENDING_S = 5.0
+
+
+class PageServer:
+    """Serve the page. ``show``, ``report`` and ``targets_changed`` may be called by any thread.
+
+    ``aircraft`` holds names by id; the id of an only one is "".
+    """
+
+    def __init__(
+        self, backend: Backend, config: ViewerConfig, aircraft: Mapping[str, str]
+    ) -> None:
+        self._backend, self._config, self._aircraft = backend, config, dict(aircraft)
+        self._access = Access(config)
+        self._workers = ThreadPoolExecutor(1, "page pictures")
+        self._feeds = {id_: VideoFeed(self._workers) for id_ in self._aircraft}
+        self._thread = threading.Thread(target=self._run, name="page", daemon=True)
+        self._started: Future[asyncio.AbstractEventLoop] = Future()
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._stale, self._ending = asyncio.Event(), asyncio.Event()
+        self._port = 0
+        self._door: Door | None = None
+
+    def start(self) -> None:
+        """Return when the page can be opened; raises PageError if it cannot be served."""
+        self._listening = self._listen()
+        self._port = self._listening.getsockname()[1]
+        self._thread.start()
+        self._loop = self._started.result()
+
+    def stop(self) -> None:
+        """End all connections and the thread."""
+        self._call(self._ending.set)
+        self._thread.join(_ENDING_S)
+        self._workers.shutdown(wait=False)
+        self._loop = None
+
+    @property
+    def operator_url(self) -> str:
+        """Return where an operator opens the page, with the token if one is needed."""
+        return self._url(OPERATOR)
+
+    @property
+    def viewer_url(self) -> str:
+        """Return where a viewer opens the page; empty where all are operators."""
+        return "" if self._access.open else self._url(VIEWER)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Return what diagnostics say of the page."""
+        return {
+            "connections": self._door.connections if self._door else 0,
+            "connections refused": self._door.refused if self._door else 0,
+            "damaged pictures": sum(feed.damaged for feed in self._feeds.values()),
+        }
+
+    def show(self, aircraft: str, stamp_ns: int, jpeg: bytes, begun_ns: int | None = None) -> None:
+        """Show the newest picture.
+
+        ``begun_ns`` is this computer's time when it was taken; ``stamp_ns`` is that unless a
+        simulation sets the time, where it is the picture's arrival.
+        """
+        begun_ns = stamp_ns if begun_ns is None else begun_ns
+        feed = self._feeds[aircraft]
+        self._call(lambda: feed.show(stamp_ns, begun_ns, jpeg))
+
+    def report(self, aircraft: str, state: Mapping[str, Any]) -> None:
+        """Show a state; numbers that are not finite become null; ``track``: new points alone."""
+        given = {str(key): plain(value) for key, value in state.items()}
+        self._call(lambda: self._routes.hub.report(aircraft, given))
+
+    def targets_changed(self) -> None:
+        """Show the targets as they are now in the store."""
+        self._call(self._stale.set)
+
+    def _call(self, call: Callable[[], object]) -> None:
+        """Call on the server's loop, while there is one."""
+        if self._loop is not None:
+            with contextlib.suppress(RuntimeError):  # it has just ended
+                self._loop.call_soon_threadsafe(call)
+
+    def _url(self, role: str) -> str:
+        host = _reachable(address_of(self._config.listen)[0])
+        host = f"[{host}]" if ":" in host else host
+        token = "" if self._access.open else f"?token={self._access.tokens[role]}"
+        return f"{self._access.scheme}://{host}:{self._port}/{token}"
+
+    def _listen(self) -> socket.socket:
+        try:
+            return listening_socket(*address_of(self._config.listen))
+        except OSError as error:
+            raise PageError(
+                f"listen: {self._config.listen}: {error.strerror or error}: is another one "
+                "running? Choose an address of this computer and a free port"
+            ) from None
+
+    def _run(self) -> None:
+        try:
+            asyncio.run(self._serve())
+        except Exception as error:
+            if self._started.done():
+                raise
+            self._started.set_exception(error)
+        finally:
+            self._listening.close()
+
+    async def _serve(self) -> None:
+        tls = tls_context(self._config)
+        tiles = Tiles(Path(self._config.tiles)) if self._config.tiles else None
+        runner = await self._runner(tiles)
+        server = runner.server
+        assert server is not None
+        self._door = Door(self._listening, server, tls)
+        tasks = [
+            asyncio.create_task(self._door.accept()),
+            asyncio.create_task(self._keep_targets()),
+        ]
+        self._stale.set()
+        self._started.set_result(asyncio.get_running_loop())
+        try:
+            await self._ending.wait()
+        finally:
+            for task in tasks:
+                task.cancel()
+            await runner.cleanup()
+            if tiles:
+                tiles.close()
+
+    async def _runner(self, tiles: Tiles | None) -> web.AppRunner:
+        guard = Guard(self._access)
+        static = read_static(STATIC)
+        self._routes = Routes(
+            self._backend, self._aircraft, self._feeds, static, tiles, self._access.role
+        )
+        undulation_m = self._config.geoid_undulation_m
+        actions = Actions(self._backend, self._feeds, undulation_m, self._stale.set)
+        app = web.Application(middlewares=[guard.middleware()], client_max_size=_BODY_BYTES)
+        app.add_routes(self._routes.table(guard, actions))
+        app.on_response_prepare.append(mark)
+        app.on_shutdown.append(self._routes.close)
+        runner = web.AppRunner(app, access_log=None, shutdown_timeout=1.0)
+        await runner.setup()
+        return runner
+
+    async def _keep_targets(self) -> None:
+        """Send the list of targets after each change; changes meanwhile make one more list."""
+        store, undulation_m = self._backend.targets, self._config.geoid_undulation_m
+        while True:
+            await self._stale.wait()
+            self._stale.clear()
+            text = await asyncio.to_thread(
+                lambda: json.dumps(targets_message(store, undulation_m))
+            )
+            self._routes.hub.set_targets(text)
+
+
+def tls_context(config: ViewerConfig) -> ssl.SSLContext | None:
+    """Return what https needs; None without a certificate. Raises PageError."""
+    if not config.certificate:
+        return None
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    try:
+        context.load_cert_chain(config.certificate, config.key or None)
+    except (OSError, ssl.SSLError) as error:
+        raise PageError(
+            f"certificate: {config.certificate}, key: {config.key}: {error}: give PEM files that "
+            "belong together"
+        ) from None
+    return context
+
+
+def _reachable(host: str) -> str:
+    """Return an address that others reach; of a server on all addresses, that of the main way."""
+    if host not in {"0.0.0.0", "::"}:  # noqa: S104 compared, not listened on
+        return host
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))  # sends nothing: asks for the way there
+            return str(probe.getsockname()[0])
+        except OSError:
+            return socket.gethostname()

@@ -1,0 +1,159 @@
+"""Hold what every page must know, and give each the newest of it; all on the server's loop."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+_PERIOD_S = 0.2  # states go out at most at 5 Hz
+_MOST_POINTS = 20_000  # of a track that newcomers get
+_POINTS_AT_ONCE = 500  # so that a slow link's state isn't late for them
+
+
+class Track:
+    """Hold the aircraft's way; a point's index stays when the oldest ones go."""
+
+    def __init__(self) -> None:
+        self.first = 0  # index of the oldest point kept
+        self.points: list[Any] = []
+
+    def add(self, points: list[Any], start: int | None) -> None:
+        """Add points, the first of which has the index ``start``; None: the next one's."""
+        at = len(self.points) if start is None else start - self.first
+        if not 0 <= at <= len(self.points):  # the node began anew
+            at, self.first, self.points = 0, start or 0, []
+        self.points[at:] = points
+        spare = len(self.points) - _MOST_POINTS
+        if spare > 0:
+            self.points = self.points[spare:]
+            self.first += spare
+
+    def after(self, index: int) -> tuple[int, list[Any]]:
+        """Return the next points from an index on, and the index of the first of them."""
+        at = max(index - self.first, 0)
+        return self.first + at, self.points[at : at + _POINTS_AT_ONCE]
+
+
+class Outbox:
+    """Hold what one page gets next: of each thing the newest, and every answer."""
+
+    def __init__(self) -> None:
+        self._answers: list[str] = []
+        self._newest: dict[str, Callable[[], str]] = {}
+        self._some = asyncio.Event()
+        self.track_ends: dict[str, int] = {}
+
+    @property
+    def answers(self) -> int:
+        """Return how many answers wait."""
+        return len(self._answers)
+
+    def answer(self, message: Mapping[str, Any]) -> None:
+        """Add an answer."""
+        self._answers.append(json.dumps(message))
+        self._some.set()
+
+    def put(self, what: str, text: Callable[[], str]) -> None:
+        """Replace the newest of something; its text is made when it is sent."""
+        self._newest[what] = text
+        self._some.set()
+
+    async def take(self) -> str:
+        """Return the next text: answers first."""
+        while not self._answers and not self._newest:
+            self._some.clear()
+            await self._some.wait()
+        if self._answers:
+            return self._answers.pop(0)
+        return self._newest.pop(next(iter(self._newest)))()
+
+
+class StateHub:
+    """Give states and targets to every page.
+
+    ``latency_ms`` returns, of an aircraft and of somebody who looks on, the time from taking a
+    picture to its being on that screen.
+    """
+
+    def __init__(self, latency_ms: Callable[[str, str], float | None]) -> None:
+        self._latency_ms = latency_ms
+        self._pages: dict[Outbox, str] = {}
+        self._states: dict[str, dict[str, Any]] = {}
+        self._tracks: dict[str, Track] = {}
+        self._waiting: dict[str, asyncio.TimerHandle] = {}
+        self._sent_s: dict[str, float] = {}
+        self._targets = ""
+
+    def join(self, outbox: Outbox, who: str) -> None:
+        """Give a page all there is, and from now on what is new."""
+        self._pages[outbox] = who
+        if self._targets:
+            outbox.put("targets", lambda: self._targets)
+        for aircraft in self._states:
+            self._put(outbox, who, aircraft)
+
+    def leave(self, outbox: Outbox) -> None:
+        """Give a page nothing more."""
+        self._pages.pop(outbox, None)
+
+    def set_targets(self, text: str) -> None:
+        """Give all pages the list of targets."""
+        self._targets = text
+        for outbox in self._pages:
+            outbox.put("targets", lambda: self._targets)
+
+    def report(self, aircraft: str, state: dict[str, Any]) -> None:
+        """Give all pages a state, now or when the last is 0.2 s old; ``track`` has new points."""
+        track = self._tracks.setdefault(aircraft, Track())
+        start = state.pop("track_from", None)
+        track.add(state.pop("track", None) or [], start)
+        for outbox in self._pages if start is not None else ():  # what they had from there is old
+            outbox.track_ends[aircraft] = min(outbox.track_ends.get(aircraft, 0), start)
+        self._states[aircraft] = {"type": "state", "aircraft": aircraft, **state}
+        if aircraft in self._waiting:
+            return
+        loop = asyncio.get_running_loop()
+        wait_s = self._sent_s.get(aircraft, -math.inf) + _PERIOD_S - loop.time()
+        self._waiting[aircraft] = loop.call_later(max(wait_s, 0), self._send, aircraft)
+
+    def _send(self, aircraft: str) -> None:
+        del self._waiting[aircraft]
+        self._sent_s[aircraft] = asyncio.get_running_loop().time()
+        for outbox, who in self._pages.items():
+            self._put(outbox, who, aircraft)
+
+    def _put(self, outbox: Outbox, who: str, aircraft: str) -> None:
+        outbox.put(f"state {aircraft}", lambda: self._state_text(outbox, who, aircraft))
+
+    def _state_text(self, outbox: Outbox, who: str, aircraft: str) -> str:
+        start, points = self._tracks[aircraft].after(outbox.track_ends.get(aircraft, 0))
+        outbox.track_ends[aircraft] = start + len(points)
+        own = {
+            "track_from": start,
+            "track": points,
+            "latency_ms": self._latency_ms(aircraft, who),
+        }
+        return json.dumps(self._states[aircraft] | own)
+
+
+def plain(value: Any) -> Any:
+    """Return a value that JSON has: numbers that are not finite become None, tuples lists.
+
+    Raises TypeError for one that has no JSON.
+    """
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if value is None or isinstance(value, (str, bool)):
+        return value
+    if isinstance(value, (int, float)):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {str(key): plain(one) for key, one in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(one) for one in value]
+    raise TypeError(f"{type(value).__name__} has no JSON")

@@ -1,0 +1,92 @@
+/** The checks: go or no go, the findings with their mends, and the numbers behind them. */
+
+import { byId, element, icon, setText } from "../shell/dom.js";
+import { age, capital, plain } from "../shell/words.js";
+import { currentState, store } from "../store.js";
+import { READINGS } from "./readings.js";
+import * as judged from "./verdict.js";
+
+const ICONS = { bad: "stop", caution: "warning", good: "good", "": "note" };
+
+const NUMBERS = Object.values(READINGS);
+
+/** Builds the panel and keeps it as the newest state says. */
+export function buildChecks() {
+  const head = element("p", { class: "verdict-words" });
+  const top = element("header", { class: "list-head" }, element("h2", { text: "Checks" }), head);
+  const findings = element("ol", { class: "findings" });
+  const numbers = element("dl", { class: "numbers" });
+  const ages = element("dl", { class: "numbers ages" });
+  byId("checks").append(
+    top,
+    findings,
+    numbers,
+    element("h3", { text: "Age of the newest" }),
+    ages,
+  );
+  const cells = NUMBERS.map(({ words }) => cell(numbers, words));
+  store.watch(["states", "current"], () => {
+    const state = currentState() ?? {};
+    const { tone, words } = judged.verdict(currentState());
+    setText(head, words);
+    head.dataset.tone = tone;
+    NUMBERS.forEach((number, index) =>
+      set(cells[index], number.text(state), number.tone?.(state) ?? ""),
+    );
+    showAges(ages, state.ages_s ?? {});
+    showFindings(findings, state.findings ?? []);
+  });
+}
+
+/** @param {HTMLElement} list @param {string} words @returns {HTMLElement} the value's place */
+function cell(list, words) {
+  const value = element("dd", {});
+  list.append(element("div", {}, element("dt", { text: words }), value));
+  return value;
+}
+
+/** @param {HTMLElement} value @param {string} text @param {string} tone */
+function set(value, text, tone) {
+  setText(value, text);
+  value.dataset.tone = tone;
+}
+
+/** @param {HTMLElement} list @param {Record<string, number | null>} ages */
+function showAges(list, ages) {
+  const names = Object.keys(ages);
+  if (list.dataset.names !== names.join()) {
+    list.replaceChildren();
+    names.forEach((name) => cell(list, name === "rtk" ? "RTK" : capital(plain(name))));
+    list.dataset.names = names.join();
+  }
+  const values = list.querySelectorAll("dd");
+  names.forEach((name, index) => set(values[index], age(ages[name]), judged.ageTone(ages[name])));
+}
+
+/** @param {HTMLElement} list @param {any[]} findings  built again only when they differ */
+function showFindings(list, findings) {
+  const known = Boolean(currentState());
+  const key = JSON.stringify([known, findings]);
+  if (list.dataset.key === key) return;
+  list.dataset.key = key;
+  const fine = element(
+    "li",
+    { class: "finding", data: { tone: "good" } },
+    icon("good"),
+    element("p", { text: "The checks find nothing wrong." }),
+  );
+  list.replaceChildren(...(findings.length ? findings.map(finding) : known ? [fine] : []));
+}
+
+/** @param {any} found  {severity, title, text, mend} */
+function finding({ severity, title, text, mend }) {
+  const tone = judged.toneOf(severity);
+  const words = element(
+    "div",
+    {},
+    element("strong", { text: title }),
+    element("p", { text }),
+    mend ? element("p", { class: "mend", text: mend }) : null,
+  );
+  return element("li", { class: "finding", data: { tone } }, icon(ICONS[tone]), words);
+}

@@ -1,0 +1,105 @@
+/** What an aircraft's state amounts to, in words: plain functions of the newest state. */
+
+import { capital, known, plain } from "../shell/words.js";
+
+/** @typedef {"good" | "caution" | "bad" | ""} Tone */
+
+const POOR_HEADING_DEG = 1.0;
+const BAD_HEADING_DEG = 3.0;
+const POOR_POSITION_M = 0.5;
+const BAD_POSITION_M = 5.0;
+const LATE_S = 1.0;
+const GONE_S = 3.0;
+
+/** Severities as findings have them: by name, or by rank. */
+const TONES = {
+  stop: "bad",
+  error: "bad",
+  caution: "caution",
+  warning: "caution",
+  note: "",
+  2: "bad",
+  1: "caution",
+  0: "",
+};
+
+/** @param {any} severity @returns {Tone} */
+export function toneOf(severity) {
+  const key = typeof severity === "string" ? severity.toLowerCase() : severity;
+  return /** @type {any} */ (TONES)[key] ?? "";
+}
+
+/**
+ * @param {any} state  or null
+ * @returns {{tone: Tone, words: string}} GO, CAUTION, NO GO; never GO while nothing can be drawn
+ */
+export function verdict(state) {
+  if (!state || state.go === null || state.go === undefined) return { tone: "", words: "NO DATA" };
+  if (!state.go) return { tone: "bad", words: "NO GO" };
+  const alarm = alarmOf(state);
+  if (alarm?.alarm)
+    return { tone: "bad", words: alarm.words.startsWith("LOST") ? "LOST" : "NO MAP" };
+  const cautious = (state.findings ?? []).some(
+    (/** @type {any} */ one) => toneOf(one.severity) === "caution",
+  );
+  return cautious ? { tone: "caution", words: "CAUTION" } : { tone: "good", words: "GO" };
+}
+
+/** @param {any} state @returns {Tone} of the navigation */
+export function navigationTone(state) {
+  const name = state?.navigation?.state;
+  if (name === "running") return "good";
+  if (name === "lost") return "bad";
+  return name ? "caution" : "";
+}
+
+/** @param {any} state @returns {Tone} */
+export function rtkTone(state) {
+  if (!state?.rtk) return "";
+  return /fix/i.test(state.rtk) && !/no/i.test(state.rtk) ? "good" : "caution";
+}
+
+/**
+ * @param {number | null | undefined} value
+ * @param {number} poor
+ * @param {number} bad
+ * @returns {Tone}
+ */
+function toneBetween(value, poor, bad) {
+  if (!known(value)) return "";
+  if (value < poor) return "good";
+  return value < bad ? "caution" : "bad";
+}
+
+/** @param {number | null | undefined} deg */
+export const headingTone = (deg) => toneBetween(deg, POOR_HEADING_DEG, BAD_HEADING_DEG);
+/** @param {number | null | undefined} metres */
+export const positionTone = (metres) => toneBetween(metres, POOR_POSITION_M, BAD_POSITION_M);
+/** @param {number | null | undefined} seconds */
+export const ageTone = (seconds) => toneBetween(seconds, LATE_S, GONE_S);
+
+/**
+ * Returns the banner's words about one aircraft, the gravest alone; null while all is well.
+ * @param {any} state
+ * @returns {{tone: Tone, words: string, alarm: boolean} | null}
+ */
+export function alarmOf(state) {
+  if (!state) return null;
+  const { navigation, no_map: noMap } = state;
+  if (navigation?.state === "lost") {
+    return { tone: "bad", alarm: true, words: `LOST: ${navigation.reason || "no position"}` };
+  }
+  if (noMap) {
+    const words = noMap.startsWith("NO MAP") ? noMap : `NO MAP: ${noMap}`;
+    return { tone: "bad", alarm: true, words };
+  }
+  if (navigation && navigationTone(state) === "caution") {
+    const reason = navigation.reason ? `: ${navigation.reason}` : "";
+    return {
+      tone: "caution",
+      alarm: false,
+      words: `${capital(plain(navigation.state))}${reason}`,
+    };
+  }
+  return null;
+}

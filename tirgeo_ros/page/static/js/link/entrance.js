@@ -1,0 +1,87 @@
+/** The entrance: hands over the token of the address bar, and says what to do without one. */
+
+import { byId, element } from "../shell/dom.js";
+import { capital } from "../shell/words.js";
+
+const WHERE =
+  "The terminal that started tirgeo shows a link and a code to scan. Each start makes " +
+  "new ones, unless a token is set.";
+
+/**
+ * Resolves as soon as the server lets this browser in; until then it asks for the token.
+ * @returns {Promise<void>}
+ */
+export async function enter() {
+  const token = new URLSearchParams(location.search).get("token");
+  if (token !== null) history.replaceState(null, "", location.pathname);
+  const refusal = token === null ? await refusalNow() : await handOver(token);
+  if (refusal) await askForToken(refusal);
+}
+
+/** @returns {Promise<string>} why this browser may not come in; "" if it may */
+async function refusalNow() {
+  const answer = await reach(() => fetch("/enter"));
+  return answer.ok ? "" : "This page needs a token.";
+}
+
+/**
+ * @param {string} token
+ * @returns {Promise<string>} the refusal; "" if the token was taken
+ */
+async function handOver(token) {
+  const body = JSON.stringify({ token });
+  const headers = { "Content-Type": "application/json" };
+  const answer = await reach(() => fetch("/enter", { method: "POST", headers, body }));
+  if (answer.ok) return "";
+  const { reason = "wrong token" } = await answer.json().catch(() => ({}));
+  return capital(reason);
+}
+
+/**
+ * Asks until the server can be reached.
+ * @param {() => Promise<Response>} request
+ * @returns {Promise<Response>}
+ */
+async function reach(request) {
+  for (;;) {
+    try {
+      return await request();
+    } catch {
+      await new Promise((resolve) => setTimeout(resolve, 1000));
+    }
+  }
+}
+
+/**
+ * @param {string} refusal
+ * @returns {Promise<void>} when a token was taken
+ */
+function askForToken(refusal) {
+  const dialog = byId("enter");
+  const reason = element("h1", { text: refusal });
+  const field = element("input", {
+    "aria-label": "Token or link",
+    autocomplete: "off",
+    placeholder: "token, or the whole link",
+    spellcheck: "false",
+  });
+  const send = element("button", { class: "primary", text: "Enter" });
+  const form = element("form", {}, reason, element("p", { text: WHERE }), field, send);
+  dialog.replaceChildren(form);
+  dialog.addEventListener("cancel", (/** @type {Event} */ event) => event.preventDefault());
+  dialog.showModal();
+  return new Promise((resolve) => {
+    form.addEventListener("submit", async (/** @type {Event} */ event) => {
+      event.preventDefault();
+      reason.textContent = await handOver(tokenOf(field.value.trim()));
+      if (reason.textContent) return;
+      dialog.close();
+      resolve();
+    });
+  });
+}
+
+/** @param {string} text  a token, or the link with it */
+function tokenOf(text) {
+  return text.match(/[?&]token=([^&#\s]+)/)?.[1] ?? text;
+}

@@ -1,0 +1,98 @@
+/** The connection for states, targets and requests: what comes in goes into the store. */
+
+import { store } from "../store.js";
+import { enter } from "./entrance.js";
+import { Requests } from "./requests.js";
+import { RetryingSocket } from "./retrying_socket.js";
+
+const SILENCE_MS = 1500; // then the server is asked whether it is there
+const DEAD_MS = 4500;
+const STALE_MS = 3000; // an older state says nothing of now
+
+const socket = new RetryingSocket("/state", { received, lost });
+const requests = new Requests((text) => {
+  if (!socket.open || store.get("link").phase !== "open") return false;
+  socket.send(text);
+  return true;
+});
+let heardAt = 0;
+
+/** Opens the connection, and keeps it open. */
+export function startLink() {
+  socket.start();
+  setInterval(watchSilence, 1000);
+  window.addEventListener("beforeunload", (event) => {
+    if (requests.unconfirmed) event.preventDefault(); // the browser asks whether to leave
+  });
+}
+
+/** @type {typeof requests.ask} */
+export function ask(type, fields, options) {
+  return requests.ask(type, fields, options);
+}
+
+/** @param {string} text */
+function received(text) {
+  heardAt = performance.now();
+  const message = JSON.parse(text);
+  if (message.type === "hello") welcomed(message);
+  else if (message.type === "targets") store.set({ targets: message.targets });
+  else if (message.type === "state") stateOf(message);
+  else if (message.type === "answer") requests.answered(message);
+}
+
+/** @param {any} hello */
+function welcomed({ role, aircraft, kinds, tiles }) {
+  const kept = aircraft.some((/** @type {any} */ one) => one.id === store.get("current"));
+  const current = kept ? store.get("current") : (aircraft[0]?.id ?? "");
+  const link = { phase: "open", retryAt: 0 };
+  store.set({ role, aircraft, kinds, tiles, current, link });
+  requests.reconnected();
+}
+
+/** @type {Map<string, number>} when the newest state of each aircraft came */
+const stateAt = new Map();
+
+/** @param {any} message */
+function stateOf(message) {
+  const { aircraft, track = [], track_from: from = 0 } = message;
+  stateAt.set(aircraft, performance.now());
+  const before = store.get("tracks")[aircraft] ?? [];
+  const changes = { states: { ...store.get("states"), [aircraft]: message } };
+  if (track.length) {
+    const whole = [...before.slice(0, from), ...track]; // from 0: the server began again
+    Object.assign(changes, { tracks: { ...store.get("tracks"), [aircraft]: whole } });
+  }
+  store.set(changes);
+}
+
+/** @type {Promise<void> | null} */
+let entering = null;
+
+/** @param {number} retryAt */
+function lost(retryAt) {
+  // A server that was started again may have other tokens: then it is the entrance that is wanted.
+  entering ??= enter().finally(() => {
+    entering = null;
+    socket.retry();
+  });
+  requests.disconnected();
+  store.set({ link: { phase: "lost", retryAt }, states: {} });
+}
+
+/** Finds connections that are dead without a word, as when the network has gone. */
+function watchSilence() {
+  dropStale();
+  if (!socket.open) return;
+  const silence = performance.now() - heardAt;
+  if (silence > DEAD_MS) socket.restart();
+  else if (silence > SILENCE_MS) requests.ask("measure", { from: [0, 0], to: [0, 0] });
+}
+
+/** Forgets states that no newer one has followed: a GO of some time ago is none. */
+function dropStale() {
+  const limit = performance.now() - STALE_MS;
+  const all = Object.entries(store.get("states"));
+  const fresh = all.filter(([id]) => (stateAt.get(id) ?? 0) > limit);
+  if (fresh.length < all.length) store.set({ states: Object.fromEntries(fresh) });
+}

@@ -1,0 +1,116 @@
+/** What lies under everything on the map: the vector map, its labels, and tiles, if any. */
+
+import { element } from "../shell/dom.js";
+import { store } from "../store.js";
+import { featureStyle } from "./colours.js";
+import L from "./leaflet.js";
+
+const MOST_LABELS = 40;
+const LABELS_FROM_ZOOM = 17;
+const [LETTER_PX, LINE_PX] = [6.8, 17];
+const LEAST_PX = 30; // what is smaller on the screen gets no label
+
+/**
+ * Draws the base and keeps it.
+ * @param {any} map  Leaflet's
+ * @param {() => void} ready  called when the vector map is there
+ */
+export function buildBase(map, ready) {
+  const vector = L.geoJSON(null, {
+    style: featureStyle,
+    interactive: false,
+    pointToLayer: (/** @type {any} */ feature, /** @type {any} */ place) =>
+      L.circleMarker(place, featureStyle(feature)),
+  }).addTo(map);
+  const labels = L.layerGroup().addTo(map);
+  let loadedFor = /** @type {string | null} */ (null);
+  let tiles = /** @type {any} */ (null);
+
+  store.watch(["link", "current"], async () => {
+    if (store.get("link").phase !== "open") return;
+    const { current } = store.values;
+    if (loadedFor === current) return;
+    loadedFor = current;
+    if (await load(vector, current)) {
+      label(map, vector, labels);
+      ready();
+    } else loadedFor = null;
+  });
+  store.watch(["theme"], () => vector.setStyle(featureStyle));
+  map.on("moveend", () => {
+    if (store.get("tiles") && !tiles) tiles = tileLayer().addTo(map); // not before a place is known
+    label(map, vector, labels);
+  });
+  return vector;
+}
+
+/** @returns {any} tiles of an MBTiles file, below all lines */
+function tileLayer() {
+  const { deepest } = store.get("tiles");
+  return L.tileLayer("/tiles/{z}/{x}/{y}", {
+    maxZoom: 22,
+    maxNativeZoom: deepest,
+    className: "tiles",
+  });
+}
+
+/**
+ * @param {any} vector
+ * @param {string} aircraft
+ * @returns {Promise<boolean>} whether it answered; an aircraft without a map has an empty one
+ */
+async function load(vector, aircraft) {
+  try {
+    const answer = await fetch(`/map/${encodeURIComponent(aircraft)}`);
+    const text = answer.ok ? await answer.text() : "";
+    vector.clearLayers();
+    if (text) vector.addData(JSON.parse(text));
+    return answer.ok || answer.status === 404;
+  } catch {
+    return false; // asked again after the next reconnection
+  }
+}
+
+/**
+ * Writes the names of what is in view, as many as do not cover each other.
+ * @param {any} map @param {any} vector @param {any} labels
+ */
+function label(map, vector, labels) {
+  labels.clearLayers();
+  if (map.getZoom() < LABELS_FROM_ZOOM) return;
+  /** @type {any[]} */
+  const taken = [];
+  vector.eachLayer((/** @type {any} */ layer) => {
+    const name = layer.feature?.properties?.name;
+    if (!name || taken.length >= MOST_LABELS || !isLargeEnough(map, layer)) return;
+    const place = layer.getLatLng?.() ?? layer.getBounds().getCenter();
+    const box = boxOf(map.latLngToContainerPoint(place), String(name));
+    if (!map.getBounds().contains(place) || taken.some((other) => other.overlaps(box))) return;
+    taken.push(box);
+    labels.addLayer(labelAt(place, String(name)));
+  });
+}
+
+/** @param {any} map @param {any} layer @returns {boolean} points always are, from near */
+function isLargeEnough(map, layer) {
+  if (layer.getLatLng) return map.getZoom() > LABELS_FROM_ZOOM + 1;
+  const { min, max } = L.bounds(
+    [layer.getBounds().getNorthWest(), layer.getBounds().getSouthEast()].map((corner) =>
+      map.latLngToContainerPoint(corner),
+    ),
+  );
+  return Math.max(max.x - min.x, max.y - min.y) >= LEAST_PX;
+}
+
+/** @param {{x: number, y: number}} middle @param {string} name @returns {any} on the screen */
+function boxOf({ x, y }, name) {
+  const [wide, high] = [(name.length * LETTER_PX) / 2 + 4, LINE_PX / 2];
+  return L.bounds([x - wide, y - high], [x + wide, y + high]);
+}
+
+/** @param {any} place @param {string} name */
+function labelAt(place, name) {
+  const html = element("span", { text: name });
+  const symbol = L.divIcon({ className: "map-label", html, iconSize: [0, 0] });
+  return L.marker(place, { icon: symbol, interactive: false, keyboard: false });
+}

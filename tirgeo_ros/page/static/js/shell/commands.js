@@ -1,0 +1,47 @@
+/** Commands of the operator that are no target's: record, mark, share. */
+
+import { ask } from "../link/state_link.js";
+import { currentState, mayChange, store } from "../store.js";
+import { toast } from "./toast.js";
+import { capital, clock } from "./words.js";
+
+/**
+ * @param {string} type
+ * @param {Record<string, any>} fields
+ * @param {string} done  said if the server says nothing itself
+ */
+async function command(type, fields, done) {
+  if (!mayChange()) return;
+  const answer = await ask(type, fields);
+  if (answer.ok) toast(capital(answer.text || done), { milliseconds: 4000 });
+  else toast(`Not done: ${answer.reason}`, { tone: "bad" });
+}
+
+export function record() {
+  const on = !currentState()?.recording;
+  return command(
+    "record",
+    { aircraft: store.get("current"), on },
+    on ? "recording" : "recording ended",
+  );
+}
+
+export function mark() {
+  const text = `mark at ${clock(Date.now() * 1e6)}`;
+  return command("mark", { text }, text);
+}
+
+export function share() {
+  const on = !currentState()?.sharing?.on;
+  return command("share", { on }, on ? "sharing with the team" : "sharing ended");
+}
+
+/**
+ * @param {any} sharing  {on, queued, connected} or null
+ * @returns {{tone: string, words: string}}
+ */
+export function sharingWords(sharing) {
+  if (!sharing?.on) return { tone: "", words: "Share" };
+  if (sharing.connected) return { tone: "good", words: "Shared" };
+  return { tone: "caution", words: sharing.queued ? `${sharing.queued} wait` : "No server" };
+}

@@ -1,0 +1,96 @@
+/** The keyboard. */
+
+import { store } from "../store.js";
+import { undo } from "../targets/changes.js";
+import { stageOf } from "../video/stages.js";
+import { mark, record } from "./commands.js";
+import { changeTheme } from "./settings.js";
+
+const STEP_PX = 8;
+const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+
+/** What the menu lists. */
+export const KEYS = [
+  ["1 to 6", "kind of the next target"],
+  ["arrows, Enter", "move a cross over the video, press there (Shift: fine steps)"],
+  ["Space", "still picture, live picture"],
+  ["+ and −", "zoom the video"],
+  ["M", "mark this moment"],
+  ["R", "record on and off"],
+  ["N", "red night colours"],
+  ["Ctrl+Z", "undo the last change"],
+  ["Esc", "close, cancel"],
+];
+
+/** Listens to keys that no field takes. */
+export function listenToKeys() {
+  document.addEventListener("keydown", (event) => {
+    const typing = /** @type {HTMLElement} */ (event.target).closest(
+      "input, textarea, dialog, #map",
+    );
+    if (typing || event.altKey || event.metaKey) return;
+    const run = event.ctrlKey ? withControl(event) : commandOf(event);
+    if (!run) return;
+    event.preventDefault();
+    run();
+  });
+}
+
+/** @param {KeyboardEvent} event @returns {(() => unknown) | undefined} */
+function withControl(event) {
+  return event.key === "z" ? undo : undefined;
+}
+
+/** @param {KeyboardEvent} event @returns {(() => unknown) | undefined} */
+function commandOf(event) {
+  const { key } = event;
+  const kind = store.get("kinds")[Number(key) - 1];
+  if (kind) return () => store.set({ kind });
+  const onButton = /** @type {HTMLElement} */ (event.target).closest("button, a, summary");
+  if (onButton && (key === "Enter" || key === " ")) return undefined; // the button takes it
+  const stage = stageOf(store.get("current"));
+  const step = event.shiftKey ? 1 : STEP_PX;
+  if (key in ARROWS) return () => moveCursor(stage, /** @type {any} */ (ARROWS)[key], step);
+  return {
+    Enter: () => pressAtCursor(stage),
+    " ": () => store.set({ still: !store.get("still") }),
+    "+": () => stage?.zoom(1.5),
+    "-": () => stage?.zoom(1 / 1.5),
+    m: mark,
+    r: record,
+    n: changeTheme,
+    Escape: () => store.set({ refine: null, measuring: false }),
+  }[key];
+}
+
+/** @typedef {import("../video/stage.js").Stage} Stage */
+
+/**
+ * @param {Stage | undefined} stage
+ * @returns {{u: number, v: number} | undefined} where the cross is
+ */
+function cursorOf(stage) {
+  if (!stage) return undefined;
+  const { pictureWidth, pictureHeight } = stage.view;
+  return (
+    stage.marks.places.get(stage.marks.cursor) ?? { u: pictureWidth / 2, v: pictureHeight / 2 }
+  );
+}
+
+/** @param {Stage | undefined} stage @param {number[]} direction @param {number} step  screen px */
+function moveCursor(stage, [dx, dy], step) {
+  const at = cursorOf(stage);
+  if (!stage || !at) return;
+  const { scale, pictureWidth, pictureHeight } = stage.view;
+  const u = Math.min(Math.max(at.u + (dx * step) / scale, 0), pictureWidth - 1);
+  const v = Math.min(Math.max(at.v + (dy * step) / scale, 0), pictureHeight - 1);
+  stage.marks.put(stage.marks.cursor, u, v);
+}
+
+/** @param {Stage | undefined} stage */
+function pressAtCursor(stage) {
+  const at = cursorOf(stage);
+  if (!stage || !at || stage.marks.cursor.hidden) return;
+  const { x, y } = stage.view.toScreen(at.u, at.v);
+  stage.pressed(x, y, stage.frame?.stampNs ?? null);
+}

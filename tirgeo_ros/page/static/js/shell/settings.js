@@ -1,0 +1,39 @@
+/** What this device remembers: theme, sound, kind. The night mode is red. */
+
+import { store } from "../store.js";
+
+const KEPT = ["theme", "sound", "kind"];
+const PLACE = "tirgeo";
+
+/** Takes what was kept, and keeps what changes. */
+export function keepSettings() {
+  store.set(kept());
+  store.watch(["theme"], () => {
+    document.documentElement.dataset.theme = store.get("theme");
+  });
+  store.watch(KEPT, () => {
+    const values = Object.fromEntries(KEPT.map((name) => [name, store.get(name)]));
+    try {
+      localStorage.setItem(PLACE, JSON.stringify(values));
+    } catch {
+      // a browser that keeps nothing begins anew each time
+    }
+  });
+}
+
+/** @returns {Record<string, any>} */
+function kept() {
+  try {
+    const found = JSON.parse(localStorage.getItem(PLACE) ?? "{}");
+    return Object.fromEntries(
+      KEPT.filter((name) => name in found).map((name) => [name, found[name]]),
+    );
+  } catch {
+    return {};
+  }
+}
+
+/** Changes between dark and red. */
+export function changeTheme() {
+  store.set({ theme: store.get("theme") === "red" ? "dark" : "red" });
+}

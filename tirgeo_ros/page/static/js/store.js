@@ -1,0 +1,110 @@
+/**
+ * The state of the page: one store, which every module reads and listens to.
+ *
+ * @typedef {"connecting" | "open" | "lost" | "refused"} LinkPhase
+ * @typedef {{phase: LinkPhase, retryAt: number}} Link  retryAt: performance.now() of the next try
+ * @typedef {{id: string, name: string}} Aircraft
+ * @typedef {{major_m: number, minor_m: number, azimuth_deg: number}} Ellipse
+ *
+ * @typedef {object} Target
+ * @property {string} id
+ * @property {number} number
+ * @property {string} name
+ * @property {string} kind
+ * @property {string} note
+ * @property {string} aircraft
+ * @property {string} created_ns
+ * @property {number} latitude_deg
+ * @property {number} longitude_deg
+ * @property {{decimal: string, dms: string, mgrs: string, utm: string}} coordinates
+ * @property {number} height_m  above the ellipsoid
+ * @property {number | null} height_msl_m
+ * @property {Ellipse} ellipse  95 %
+ * @property {number[][]} outline  of the ellipse, [[latitude, longitude], ...]
+ * @property {number} clicks
+ * @property {boolean} clicks_agree
+ */
+
+/** Holds values by name and tells listeners of changes. */
+export class Store {
+  /** @param {Record<string, any>} values */
+  constructor(values) {
+    this.values = values;
+    /** @type {{names: string[], listener: () => void}[]} */
+    this.listeners = [];
+  }
+
+  /**
+   * @param {string} name
+   * @returns {any}
+   */
+  get(name) {
+    return this.values[name];
+  }
+
+  /**
+   * Sets values, then calls each listener of a changed one once.
+   * @param {Record<string, any>} changes
+   */
+  set(changes) {
+    const changed = Object.keys(changes).filter((name) => this.values[name] !== changes[name]);
+    Object.assign(this.values, changes);
+    for (const { names, listener } of this.listeners) {
+      if (names.some((name) => changed.includes(name))) listener();
+    }
+  }
+
+  /**
+   * Calls the listener now and after each change of one of the names.
+   * @param {string[]} names
+   * @param {() => void} listener
+   */
+  watch(names, listener) {
+    this.listeners.push({ names, listener });
+    listener();
+  }
+}
+
+export const store = new Store({
+  link: { phase: "connecting", retryAt: 0 },
+  role: "viewer",
+  /** @type {Aircraft[]} */
+  aircraft: [],
+  /** @type {string[]} */
+  kinds: ["person", "fire", "vehicle", "hydrant", "building", "other"],
+  /** @type {{deepest: number, attribution: string} | null} */
+  tiles: null,
+  current: "", // id of the aircraft that is looked at
+  states: {}, // newest state message of each aircraft
+  tracks: {}, // whole track of each aircraft: [[latitude, longitude], ...]
+  /** @type {Target[]} */
+  targets: [],
+  selected: null, // id of the target whose card is open
+  refine: null, // id of the target that the next press refines
+  kind: "person", // of the next target
+  still: false,
+  tab: "targets",
+  follow: true,
+  measuring: false,
+  theme: "dark",
+  sound: true,
+  soundAllowed: false, // browsers allow sound after the first press
+});
+
+/** @returns {any} the newest state of the aircraft that is looked at, or null */
+export function currentState() {
+  return store.get("states")[store.get("current")] ?? null;
+}
+
+/** @returns {boolean} whether this role may change anything */
+export function mayChange() {
+  return store.get("role") === "operator";
+}
+
+/**
+ * @param {string | null} id
+ * @returns {Target | undefined}
+ */
+export function targetOf(id) {
+  return store.get("targets").find((/** @type {Target} */ target) => target.id === id);
+}

@@ -1,0 +1,211 @@
+/** The card of one target: all that is known of it, and all that can be done with it. */
+
+import { button, byId, element, setText } from "../shell/dom.js";
+import { called, dateAndTime, ellipse, quantity } from "../shell/words.js";
+import { store, targetOf } from "../store.js";
+import { dropDraft, draftOf, edit, remove } from "./changes.js";
+import { coordinateRows } from "./coordinates.js";
+import { badge, kindButton } from "./symbols.js";
+
+/** @typedef {import("../store.js").Target} Target */
+
+/** Builds the place of the card, and fills it whenever a target is selected. */
+export function buildCard() {
+  const holder = element("div", { id: "target-card", hidden: true });
+  byId("targets").append(holder);
+  let update = () => {};
+  store.watch(["selected"], () => {
+    const target = targetOf(store.get("selected"));
+    holder.hidden = !target;
+    update = target ? fill(holder, target) : () => {};
+    update();
+  });
+  store.watch(["targets", "drafts", "link", "role"], () => {
+    if (store.get("selected") && !targetOf(store.get("selected"))) store.set({ selected: null });
+    update();
+  });
+}
+
+/**
+ * Fills the card.
+ * @param {HTMLElement} holder
+ * @param {Target} first
+ * @returns {() => void} shows the newest of the target without touching what is being typed
+ */
+function fill(holder, first) {
+  const now = () => targetOf(first.id) ?? first;
+  const parts = [head(now), kindButtons(now), texts(now), place(now), pictures(now), actions(now)];
+  holder.replaceChildren(...parts.map((part) => part.node));
+  byId("panel").scrollTo(0, 0);
+  return () => parts.forEach((part) => part.update());
+}
+
+/** @typedef {{node: HTMLElement, update: () => void}} Part */
+
+/** @param {() => Target} now @returns {Part} */
+function head(now) {
+  const title = element("h2", { class: "grow" });
+  const holder = element("span", {});
+  const back = button("back", "List", () => store.set({ selected: null }), { class: "plain" });
+  const update = () => {
+    const shown = { ...now(), ...draftOf(now().id).fields };
+    setText(title, called(shown));
+    holder.replaceChildren(badge(shown));
+  };
+  return { node: element("header", { class: "list-head" }, back, holder, title), update };
+}
+
+/** @param {() => Target} now @returns {Part} */
+function kindButtons(now) {
+  const buttons = store
+    .get("kinds")
+    .map((/** @type {string} */ kind) => kindButton(kind, () => edit(now(), { kind }), {}));
+  const node = element(
+    "div",
+    { class: "kinds operator-only", role: "group", "aria-label": "Kind" },
+    ...buttons,
+  );
+  const update = () => {
+    const kind = draftOf(now().id).fields.kind ?? now().kind;
+    for (const one of buttons) one.setAttribute("aria-pressed", String(one.dataset.kind === kind));
+  };
+  return { node, update };
+}
+
+/** @param {() => Target} now @returns {Part} name and note, saved when left */
+function texts(now) {
+  const save = (/** @type {"name" | "note"} */ key) => (/** @type {Event} */ event) => {
+    const { value } = /** @type {HTMLInputElement} */ (event.target);
+    if (value !== (draftOf(now().id).fields[key] ?? now()[key])) edit(now(), { [key]: value });
+  };
+  const name = element("input", {
+    maxlength: "80",
+    placeholder: "Name",
+    "aria-label": "Name",
+    autocomplete: "off",
+    on: { change: save("name") },
+  });
+  const note = element("textarea", {
+    maxlength: "2000",
+    rows: "2",
+    placeholder: "Note",
+    "aria-label": "Note",
+    on: { change: save("note") },
+  });
+  const said = element("p", { class: "said", role: "status" });
+  const fields = /** @type {const} */ ([
+    { field: name, key: "name" },
+    { field: note, key: "note" },
+  ]);
+  const update = () => {
+    const draft = draftOf(now().id);
+    const locked = store.get("role") !== "operator";
+    for (const { field, key } of fields) {
+      field.readOnly = locked;
+      if (document.activeElement !== field) field.value = draft.fields[key] ?? now()[key];
+    }
+    setText(said, stateOfDraft(now().id));
+    said.hidden = !said.textContent;
+  };
+  name.addEventListener("keydown", (/** @type {KeyboardEvent} */ event) => {
+    if (event.key === "Enter") name.blur();
+  });
+  name.addEventListener("input", () => dropDraft(now().id));
+  return { node: element("div", { class: "texts" }, name, note, said), update };
+}
+
+/** @param {string} id @returns {string} */
+function stateOfDraft(id) {
+  const { open, refusal } = draftOf(id);
+  if (refusal) return `Not saved: ${refusal}`;
+  if (!open) return "";
+  return store.get("link").phase === "open"
+    ? "Saving…"
+    : "Not saved yet: it is sent as soon as the connection is back";
+}
+
+/** @param {() => Target} now @returns {Part} where it is, and how sure that is */
+function place(now) {
+  const rows = coordinateRows(() => now().coordinates);
+  const fact = (/** @type {string} */ words, /** @type {(target: Target) => string} */ text) => {
+    const value = element("dd", {});
+    return { words, value, text };
+  };
+  const facts = [
+    fact(
+      "95 % ellipse",
+      ({ ellipse: found, clicks }) =>
+        `${ellipse(found)}${clicks > 1 ? `, ${clicks} presses` : ""}`,
+    ),
+    fact("Height above sea level", ({ height_msl_m: height }) => quantity(height, 1, "m")),
+    fact("Height above ellipsoid", ({ height_m: height }) => quantity(height, 1, "m")),
+    fact("Set", ({ created_ns: created }) => dateAndTime(created)),
+  ];
+  const list = element(
+    "dl",
+    { class: "facts" },
+    ...facts.map(({ words, value }) => element("div", {}, element("dt", { text: words }), value)),
+  );
+  const disagree = element("p", {
+    class: "said",
+    hidden: true,
+    text:
+      "The presses disagree: they may " +
+      "be of different things, or something was wrong at one of them.",
+  });
+  const update = () => {
+    rows.update();
+    facts.forEach(({ value, text }) => setText(value, text(now())));
+    disagree.hidden = now().clicks_agree;
+  };
+  return { node: element("div", { class: "place" }, rows.node, list, disagree), update };
+}
+
+/** @param {() => Target} now @returns {Part} cut-out and code to scan */
+function pictures(now) {
+  const { id, number } = now();
+  const gone = (/** @type {Event} */ event) => {
+    /** @type {HTMLElement} */ (event.target).closest("figure")?.setAttribute("hidden", "");
+  };
+  const cut = element("img", {
+    class: "picture",
+    alt: `Picture of target ${number}`,
+    on: { error: gone },
+    src: `/targets/${id}/picture`,
+  });
+  const code = element("img", {
+    class: "qr",
+    alt: "Code with the coordinate, to scan",
+    on: { error: gone },
+  });
+  const figure = (/** @type {HTMLElement} */ image, /** @type {string} */ words) =>
+    element("figure", {}, image, element("figcaption", { text: words }));
+  const node = element(
+    "div",
+    { class: "pictures" },
+    figure(cut, "as pressed"),
+    figure(code, "scan: place"),
+  );
+  const update = () => {
+    const source = `/targets/${id}/qr?clicks=${now().clicks}`;
+    if (code.getAttribute("src") !== source) code.setAttribute("src", source);
+  };
+  return { node, update };
+}
+
+/** @param {() => Target} now @returns {Part} */
+function actions(now) {
+  const again = button("refine", "Press again", () => store.set({ refine: now().id }), {
+    class: "operator-only",
+    id: "refine",
+    title: "Press on it once more: the presses are averaged",
+  });
+  const show = button("map", "On the map", () =>
+    store.set({ tab: "map", shown: { id: now().id } }),
+  );
+  const gone = button("delete", "Delete", () => remove(now()), {
+    class: "danger operator-only",
+    id: "delete",
+  });
+  return { node: element("div", { class: "actions" }, again, show, gone), update: () => {} };
+}

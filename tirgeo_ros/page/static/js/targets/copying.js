@@ -1,0 +1,19 @@
+/** Copies text, also where browsers give no clipboard: on plain http from another computer. */
+
+/**
+ * Copies the text of a node; where that is refused it stays selected for the hand.
+ * @param {Element} node
+ * @returns {Promise<boolean>} whether the text is in the clipboard
+ */
+export async function copy(node) {
+  if (navigator.clipboard && window.isSecureContext) {
+    try {
+      await navigator.clipboard.writeText(node.textContent ?? "");
+      return true;
+    } catch {
+      // without the permission: the old way
+    }
+  }
+  window.getSelection()?.selectAllChildren(node);
+  return document.execCommand("copy");
+}
