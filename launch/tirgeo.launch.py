@@ -27,6 +27,8 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
+from tirgeo_ros.core.config.viewer import address_of
+from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.io.files.text_file import named_files
 from tirgeo_ros.tools.graph.localhost import localhost_environment, video_environment
 
@@ -54,6 +56,10 @@ ARGUMENTS = {
         "false",
         f"whether a node that ends is started again after {RESPAWN_DELAY_S:g} s; not with a bag",
     ),
+    "page": (
+        "false",
+        "whether viewer_node serves the operator's page; or its address, as 0.0.0.0:8080",
+    ),
     "rviz": ("false", "whether rviz2 shows picture, aircraft and located points"),
 }
 
@@ -77,7 +83,8 @@ def graph(context: LaunchContext) -> list[Action]:
     on_bag = bool(given["bag"])
     local = is_true("localhost_only", given["localhost_only"] or str(on_bag))
     source = ["bag_player"] if on_bag else ["dji_node"] * is_true("dji", given["dji"])
-    names = ["ekf_node", "gimbal_node", "overlay_node", *source]
+    page = ["viewer_node"] * (page_address(given) is not None)
+    names = ["ekf_node", "gimbal_node", "overlay_node", *page, *source]
     nodes = [node(context, name, given) for name in names]
     viewer = [rviz(given)] if is_true("rviz", given["rviz"]) else []
     return [*environment(local=local), *nodes, *viewer]
@@ -121,8 +128,10 @@ def parameters(name: str, given: dict[str, str]) -> list[object]:
         values |= text("bag", ",".join(paths(given["bag"])))
     else:
         values |= sim_time(given)
-    if name == "overlay_node":
+    if name in {"overlay_node", "viewer_node"}:
         values |= text("map", ",".join(paths(given["map"])))
+    if name == "viewer_node":
+        values |= text("listen", page_address(given) or "")
     values |= text("frame_prefix", given["frames"])
     return [*paths(given["params_file"]), *([values] if values else [])]
 
@@ -197,6 +206,18 @@ def environment(*, local: bool) -> list[Action]:
     changed = {name: value for name, value in theirs.items() if ours.get(name) != value}
     gone = [UnsetEnvironmentVariable(name) for name in sorted(ours.keys() - theirs.keys())]
     return [*gone, *(SetEnvironmentVariable(name, value) for name, value in changed.items())]
+
+
+def page_address(given: dict[str, str]) -> str | None:
+    """Return the page's address, empty where params_file decides; None without a page."""
+    page = given["page"]
+    if ":" in page:
+        try:
+            address_of(page)
+        except ConfigError as error:
+            raise ValueError(f"argument page:={page}: {error}") from None
+        return page
+    return "" if is_true("page", page) else None
 
 
 def is_true(name: str, value: str) -> bool:

@@ -96,7 +96,7 @@ def environment_of(launch_file, **given):
 
 def test_launch_without_arguments_starts_the_live_graph(launch_file):
     nodes = launched(launch_file)
-    assert set(nodes) == NODES - {"bag_player"}
+    assert set(nodes) == NODES - {"bag_player", "viewer_node"}
     for name, node in nodes.items():
         assert (node.package, node.executable, node.namespace) == ("tirgeo", name, "")
         assert node.parameters == [str(PROJECT / "config" / "m600_xt2.yaml")]
@@ -108,7 +108,7 @@ def test_launch_on_a_bag_runs_in_sim_time_and_in_its_namespace(launch_file, monk
         (tmp_path / name).touch()
     given = {"map": "my map.geojson,b.gpkg", "params_file": "", "namespace": "uav1"}
     nodes = launched(launch_file, bag="7", **given)
-    assert set(nodes) == NODES - {"dji_node"}
+    assert set(nodes) == NODES - {"dji_node", "viewer_node"}
     for node in nodes.values():
         assert (node.namespace, node.remappings) == ("uav1", [("/clock", "clock")])
     assert nodes["ekf_node"].parameters == [{"use_sim_time": True}]
@@ -161,7 +161,7 @@ def test_every_argument_is_described_and_has_a_default(launch_file):
         assert isinstance(one.default_value, str)
         assert len(one.description) > 10
         assert one.choices is None or one.default_value in one.choices
-    contract = "params_file map bag namespace dji use_sim_time log_level respawn rviz"
+    contract = "params_file map bag namespace dji use_sim_time log_level respawn rviz page"
     assert set(contract.split()) <= {one.positional[0] for one in declared}
 
 
@@ -231,7 +231,29 @@ def test_launch_shows_rviz_in_the_namespace_and_the_frames(launch_file, flight, 
 
 @pytest.mark.parametrize("word", ["false", "False", "0"])
 def test_launch_leaves_dji_node_out_for_other_drivers(launch_file, word):
-    assert set(launched(launch_file, dji=word)) == NODES - {"bag_player", "dji_node"}
+    assert set(launched(launch_file, dji=word)) == NODES - {
+        "bag_player",
+        "dji_node",
+        "viewer_node",
+    }
+
+
+@pytest.mark.parametrize("page", ["true", "0.0.0.0:8081"])
+def test_launch_serves_the_page_where_it_is_told_to(launch_file, page, tmp_path):
+    (tmp_path / "park.geojson").touch()
+    given = {"params_file": "", "map": str(tmp_path / "park.geojson"), "frames": "uav1/"}
+    nodes = launched(launch_file, page=page, **given)
+    assert set(nodes) == NODES - {"bag_player"}
+    (values,) = nodes["viewer_node"].parameters
+    assert values["map"].positional == (str(tmp_path / "park.geojson"),)
+    listens = [values["listen"].positional] if "listen" in values else []
+    assert listens == ([] if page == "true" else [("0.0.0.0:8081",)])
+
+
+@pytest.mark.parametrize(("page", "reason"), [("8080", "say true or false"), ("a:b", "HOST:PORT")])
+def test_launch_refuses_a_page_at_no_address(launch_file, page, reason):
+    with pytest.raises(ValueError, match=f"argument page:={page}: .*{reason}"):
+        launched(launch_file, page=page)
 
 
 def test_launch_asks_for_true_or_false(launch_file):
@@ -239,7 +261,7 @@ def test_launch_asks_for_true_or_false(launch_file):
         launched(launch_file, dji="maybe")
 
 
-@pytest.mark.parametrize("given", [{}, {"bag": str(PROJECT)}])
+@pytest.mark.parametrize("given", [{"page": "true"}, {"bag": str(PROJECT)}])
 def test_each_node_has_the_enclave_of_the_policy(launch_file, given):
     policy = ET.parse(PROJECT / "config" / "sros2_policy.xml").getroot()
     enclaves = {item.get("path") for item in policy.iter("enclave")}

@@ -21,15 +21,17 @@ LAYERS = {
     "dji": {"core", "dji"},
     "io": {"core", "io"},
     "tools": {"core", "dji", "io", "tools"},
-    "nodes": {"core", "dji", "io", "nodes"},
-    "dev": {"core", "dji", "io", "tools", "nodes", "dev"},
+    "page": {"core", "io", "page"},
+    "nodes": {"core", "dji", "io", "page", "nodes"},
+    "dev": {"core", "dji", "io", "tools", "page", "nodes", "dev"},
 }
 #: Within a layer each package imports only from those before it.
 ORDER = {
-    "core": "types frames config streams camera ground map calibration accuracy navigation "
-    "aircraft_calibration gimbal overlay checks",
+    "core": "types frames config streams camera ground map targets calibration accuracy "
+    "navigation aircraft_calibration gimbal overlay checks",
     "dji": "clocks protocol link host sources interpret simulator",
-    "io": "files coordinates parameters elevation messages pictures bags maps surveys",
+    "io": "files coordinates parameters elevation messages pictures bags maps surveys cot targets "
+    "video",
     "tools": "presentation replay simulate budget calibrate convert evaluate graph cli",
 }
 BEGIN, END = "<!-- packages: begin -->\n", "<!-- packages: end -->\n"

@@ -104,3 +104,31 @@ def test_equal_libraries_become_one_file(tmp_path):
     assert paths[0].samefile(paths[3])
     assert [path.read_bytes() for path in paths] == [b"same", b"same", b"else", b"same"]
     assert len(list(tmp_path.iterdir())) == 4
+
+
+def browser(folder: Path) -> subprocess.CompletedProcess[str]:
+    """Run browser.sh with the commands of a folder alone."""
+    script = ["/bin/sh", SCRIPTS / "browser.sh"]
+    env = {"PATH": str(folder)}
+    return subprocess.run(script, env=env, capture_output=True, text=True, check=False)
+
+
+def test_a_browser_that_is_there_is_enough(tmp_path):
+    executable(tmp_path / "chromium", "#!/bin/sh\nexit 9\n")
+    assert browser(tmp_path).returncode == 0
+
+
+def test_whoever_cannot_install_a_browser_learns_how(tmp_path):
+    executable(tmp_path / "id", "#!/bin/sh\necho 1000\n")
+    executable(tmp_path / "apt-get", "#!/bin/sh\nexit 0\n")
+    run = browser(tmp_path)
+    assert run.returncode == 1
+    assert "sudo apt install chromium" in run.stderr
+
+
+def test_root_installs_a_browser(tmp_path):
+    executable(tmp_path / "id", "#!/bin/sh\necho 0\n")
+    executable(tmp_path / "apt-get", f'#!/bin/sh\necho "$@" >> {tmp_path}/asked\n')
+    assert browser(tmp_path).returncode == 0
+    asked = (tmp_path / "asked").read_text().splitlines()
+    assert asked == ["-qq update", "-qq install --yes --no-install-recommends chromium"]

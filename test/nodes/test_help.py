@@ -28,6 +28,7 @@ ELSEWHERE = {
     "ekf_node": {*(t for t, _ in NAVIGATION_INPUTS.values()), *TF, "tirgeo/path"},
     "gimbal_node": {"/tf"},
     "overlay_node": {"tirgeo/overlay/camera_info", "tirgeo/footprint"},
+    "viewer_node": {topic for topics in TOPICS["viewer_node"] for topic in topics},
 }
 
 

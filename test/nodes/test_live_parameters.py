@@ -72,6 +72,8 @@ def arguments(node: str, bag, folder) -> tuple[str, ...]:
     given = {
         "bag_player": {"bag": bag, "wait_timeout_s": 600.0, "wait_for": "imu/data"},
         "recorder": {"output": folder / "out.mcap", "topics": "imu/data"},
+        "video_writer": {"output": folder / "out.ts"},
+        "viewer_node": {"listen": "127.0.0.1:0", "targets": folder / "targets.gpkg"},
         "dji_node": {"port": folder / "no_port"},
     }
     pairs = given.get(node, {}).items()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -18,7 +19,7 @@ pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 from diagnostic_msgs.msg import DiagnosticArray
 from graph_helpers import deep_queues
 from nav_msgs.msg import Odometry
-from project import reader_of
+from project import child_of, reader_of
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CompressedImage, Imu
 
@@ -37,12 +38,14 @@ class Run:
     def __init__(self, log: Path, *arguments: object) -> None:
         self.log = log
         command = [sys.executable, "-m", "tirgeo_ros.tools.cli.main", "run", *map(str, arguments)]
+        folder = log.with_suffix("")  # for the page's targets
+        folder.mkdir()
         with log.open("w") as file:
-            self.process = subprocess.Popen(command, stdout=file, stderr=file)
+            self.process = subprocess.Popen(command, stdout=file, stderr=file, cwd=folder)
 
-    def await_ready(self) -> None:
+    def await_ready(self, nodes: int = 4) -> None:
         end_s = time.monotonic() + 60
-        while self.log.read_text().count("]: ready") < 3:
+        while self.log.read_text().count("]: ready") < nodes:
             assert self.process.poll() is None, self.log.read_text()
             assert time.monotonic() < end_s, self.log.read_text()
             time.sleep(0.05)
@@ -120,15 +123,16 @@ def test_a_bag_goes_through_and_others_see_each_message_once(
 def test_a_stop_signal_ends_all(start, sample):
     """SIGKILL too, which no process can answer: the reader of the map ends with its parent."""
     codes = {signal.SIGINT: 0, signal.SIGTERM: 0, signal.SIGKILL: -signal.SIGKILL}
-    words = ("--no-dji", "--map", sample / "map.geojson")
+    words = ("--no-dji", "--map", sample / "map.geojson", "--page", "127.0.0.1:0")
     runs = {number: start(*words, "--namespace", number.name.lower()) for number in codes}
     for number, run in runs.items():
         run.await_ready()
-        reader = reader_of(run.process.pid)
+        processes = reader_of(run.process.pid), child_of(run.process.pid, "viewer_node")
         run.process.send_signal(number)
         assert run.ended() == codes[number], run.log.read_text()
         assert "Traceback" not in run.log.read_text()
-        await_end(reader)
+        for process in processes:
+            await_end(process)
 
 
 def await_end(pid: int) -> None:
@@ -148,10 +152,16 @@ def test_a_node_that_dies_ends_the_others(start, flight_bag, tmp_path):
     data = flight_bag.read_bytes()
     damaged.write_bytes(data[: len(data) * 3 // 4])
     wrong.write_text("/**/gimbal_node: {ros__parameters: {composition: so_so}}")
+    busy = socket.create_server(("127.0.0.1", 0))
+    page = f"127.0.0.1:{busy.getsockname()[1]}"
     runs = {
         start("--bag", damaged): "damaged.mcap: ",
         start("--no-dji", "--params", wrong): "wrong.yaml: parameter composition: ",
     }
+    taken = start("--no-dji", "--page", page)
+    assert taken.ended() == 1
+    assert f"viewer_node: listen: {page}: Address already in use" in taken.log.read_text()
+    busy.close()
     for run, reason in runs.items():
         assert run.ended() == 1
         last = run.log.read_text().splitlines()[-1]

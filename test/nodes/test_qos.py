@@ -15,12 +15,16 @@ from tirgeo_ros.nodes.dji_node import DjiNode
 from tirgeo_ros.nodes.ekf_node import EkfNode
 from tirgeo_ros.nodes.gimbal_node import GimbalNode
 from tirgeo_ros.nodes.overlay_node import OverlayNode
+from tirgeo_ros.nodes.viewer_node import ViewerNode
 
 pytestmark = pytest.mark.graph
 
 
-@pytest.mark.parametrize("make", [EkfNode, GimbalNode, OverlayNode, DjiNode])
-def test_each_publisher_offers_what_bags_say_of_its_topic(environment, make):
+@pytest.mark.parametrize("make", [EkfNode, GimbalNode, OverlayNode, ViewerNode, DjiNode])
+def test_each_publisher_offers_what_bags_say_of_its_topic(
+    environment, make, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)  # for the file of the targets
     words = ["--ros-args", "-p", "source:=psdk"] if make is DjiNode else []
     rclpy.init(args=words, domain_id=int(environment["ROS_DOMAIN_ID"]))
     try:

@@ -45,6 +45,7 @@ def test_no_node_listens_beyond_this_machine(spawn, flight_bag, tmp_path):
         spawn("dji_node", "-p", f"port:={port}"),
         spawn("recorder", "-p", f"output:={tmp_path}/out.mcap", "-p", "topics:=tirgeo/odometry"),
         spawn("bag_player", "-p", f"bag:={flight_bag}", "-p", "rate:=0.1"),
+        spawn("viewer_node", "-p", "listen:=127.0.0.1:0", "-p", f"targets:={tmp_path}/a.gpkg"),
     ]
     for node in nodes:
         await_words(node, "ready")

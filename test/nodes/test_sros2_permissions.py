@@ -18,6 +18,7 @@ from tirgeo_ros.io.bags.bag import BagWriter
 from tirgeo_ros.io.messages import SENSED_TOPICS, TOPIC_TYPES
 from tirgeo_ros.nodes.graph_node import message_class
 from tirgeo_ros.nodes.psdk_source import _LOST, _TOPICS, _is_installed
+from tirgeo_ros.nodes.recordings import TOPICS
 from tirgeo_ros.tools.graph import find_resource
 
 pytestmark = pytest.mark.graph
@@ -25,6 +26,7 @@ pytestmark = pytest.mark.graph
 PICTURES = ("thermal/image_raw", "thermal/image_raw/compressed", "thermal/camera_info")
 #: Those that others play.
 OTHERS = {"camera", "operator"}
+RECORDED = [*TOPICS, *PICTURES[:2], "/tf", "/tf_static"]
 
 
 @pytest.fixture
@@ -50,6 +52,11 @@ def test_each_node_may_do_what_it_does_and_no_more(
     spawn("dji_node", *here, "-r", "__node:=dji_serial", *port)
     spawn("dji_node", *here, "-p", "source:=psdk")
     spawn("bag_player", *here[:2], "-p", f"bag:={every_input}")
+    page = ("-p", "listen:=127.0.0.1:0", "-p", f"targets:={tmp_path / 'targets.gpkg'}")
+    spawn("viewer_node", *here, *page)
+    spawn("video_writer", *here, "-p", f"output:={tmp_path / 'out.ts'}")
+    recorded = ("-p", f"output:={tmp_path / 'out.mcap'}", "-p", f"topics:={','.join(RECORDED)}")
+    spawn("recorder", *here, *recorded, **with_tf(environment))
     may = expected()
     looker = meet().node
     end_s = time.monotonic() + 30.0

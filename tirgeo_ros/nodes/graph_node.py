@@ -144,10 +144,13 @@ class GraphNode(Node):
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         return self.create_timer(period_s, self.guarded(name, work), clock=clock)
 
-    def advertise(self, topic: str, qos: QoSProfile) -> Publisher:
-        """Return a publisher of a contract topic whose QoS a parameter can override."""
+    def advertise(self, topic: str, qos: QoSProfile, typename: str = "") -> Publisher:
+        """Return a publisher of a contract topic whose QoS a parameter can override.
+
+        ``typename`` is for a topic of another namespace.
+        """
         options = QoSOverridingOptions.with_default_policies()
-        kind = message_class(TOPIC_TYPES[topic])
+        kind = message_class(typename or TOPIC_TYPES[topic])
         with _overrides():
             return self.create_publisher(kind, topic, qos, qos_overriding_options=options)
 
@@ -164,17 +167,19 @@ class GraphNode(Node):
         wrapped: Callable[[Callable[[Any], None]], Callable[..., None]] | None = None,
         *,
         raw: bool = False,
+        decoded: bool = True,
     ) -> Subscription:
         """Return a subscription to a contract topic; a failing callback does not end the node.
 
         Messages lost in transport are counted if the middleware reports them. ``typename`` is for
         a topic outside the contract. ``wrapped`` makes the callback from the one that takes a
         message; with ``raw`` that one takes bytes, decoded just before ``handle`` as those of a
-        bag are: five times as fast as rclpy.
+        bag are: five times as fast as rclpy; unless ``decoded`` is false.
         """
         typename = typename or TOPIC_TYPES[topic]
         kind, cdr = message_class(typename), self._cdr
-        work = (lambda data: handle(cdr.deserialize(data, typename))) if raw else handle
+        decodes = raw and decoded
+        work = (lambda data: handle(cdr.deserialize(data, typename))) if decodes else handle
         take = self.guarded(topic, work)
 
         def receive(message: Any) -> None:
@@ -197,6 +202,10 @@ class GraphNode(Node):
                 return create(message_lost=lambda event: lost(topic, event.total_count))
             except UnsupportedEventTypeError:
                 return create()
+
+    def decoded(self, data: bytes, topic: str) -> Any:
+        """Return the message of a contract topic in bytes that a ``listen`` left undecoded."""
+        return self._cdr.deserialize(data, TOPIC_TYPES[topic])
 
     def item(
         self, subject: str, values: Mapping[str, str], message: str = "ok", level: int = OK

@@ -30,12 +30,24 @@ TOPICS: Mapping[str, tuple[Sequence[str], Sequence[str]]] = {
         ("tirgeo/camera_pose", "/tf", "/diagnostics"),
     ),
     "overlay_node": (
-        (*_PICTURES, "tirgeo/camera_pose", "tirgeo/origin", "/diagnostics", "tirgeo/locate/pixel"),
+        (
+            *(*_PICTURES, "tirgeo/camera_pose", "tirgeo/origin", "/diagnostics"),
+            *("tirgeo/locate/pixel", "tirgeo/targets"),
+        ),
         (
             *("tirgeo/overlay/image", "tirgeo/overlay/image/compressed"),
             *("tirgeo/overlay/camera_info", "tirgeo/footprint"),
-            *("tirgeo/locate/fix", "tirgeo/locate/point", "/diagnostics"),
+            *("tirgeo/locate/fix", "tirgeo/locate/point", "tirgeo/locate/answer"),
+            "/diagnostics",
         ),
+    ),
+    "viewer_node": (
+        (
+            *("tirgeo/overlay/image/compressed", "tirgeo/overlay/camera_info"),
+            *("tirgeo/odometry", "tirgeo/origin", "tirgeo/camera_pose", "tirgeo/footprint"),
+            *("tirgeo/path", "tirgeo/locate/answer", "/diagnostics"),
+        ),
+        ("tirgeo/locate/pixel", "tirgeo/targets", "/diagnostics"),
     ),
     "bag_player": ((), ("/clock", *SENSED_TOPICS, *_PICTURES)),
 }

@@ -160,10 +160,10 @@ class MapWatch:
     def _signature(self) -> Signature:
         """Return the state of the files of the map and its style; empty if never checked."""
         files = map_files(self._config.map, self._config.style) if self._config.reload_s else ()
-        return [_state(path) for path in files]
+        return [file_state(path) for path in files]
 
 
-def _state(path: Path) -> tuple[str, int, int] | None:
+def file_state(path: Path) -> tuple[str, int, int] | None:
     """Return name, modification time (ns) and size (bytes) of a file; None if it is absent."""
     try:
         status = path.stat()

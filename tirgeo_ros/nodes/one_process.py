@@ -3,15 +3,22 @@
 All are in one DDS participant: what one publishes reaches the others without a transport, and what
 no other process reads is sent nowhere. Other processes see and feed every topic as they do where
 each node is a process. Each node has a thread of its own, as it would have there.
+
+viewer_node alone gets a process of its own: its page must not wait for the interpreter that the
+other nodes share.
 """
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
 import sys
 import threading
 from functools import partial
 from typing import Any
 
+from tirgeo_ros.io.files.child_python import node_command
 from tirgeo_ros.nodes.bag_player import BagPlayer
 from tirgeo_ros.nodes.dji_node import DjiNode
 from tirgeo_ros.nodes.ekf_node import EkfNode
@@ -24,12 +31,34 @@ _PROGRAM = "tirgeo run"
 #: After the end of a bag: the last pictures are drawn, the last diagnostics come within 1 s, and
 #: what another process has lost is sent again at the writer's heartbeat, every 3 s.
 _SETTLE_S = 3.5
+_POLL_S = 0.1
+#: The page may have recordings to complete.
+_PAGE_END_S = 30.0
 
 
 def main() -> int:
     """Run the nodes that the command line names; return the exit code."""
-    names = sys.argv[sys.argv.index("--") + 1 :]
-    return run_all(_PROGRAM, {name: _PARTS[name] for name in names})
+    end = sys.argv.index("--")
+    names, arguments = sys.argv[end + 1 :], sys.argv[sys.argv.index("--ros-args") + 1 : end]
+    parts = {name: _PARTS[name] for name in names if name in _PARTS}
+    if "viewer_node" in names:
+        parts["overlay_node"] = Part(OverlayNode, partial(_beside_the_page, arguments))
+    return run_all(_PROGRAM, parts)
+
+
+def _beside_the_page(arguments: list[str], _: Any, stop: threading.Event) -> int:
+    """Run viewer_node in its own process until either ends; return its exit code, or 1."""
+    command = node_command("viewer_node", arguments, ends_with=os.getpid())
+    with subprocess.Popen(command, stdin=subprocess.DEVNULL) as page:  # noqa: S603  this Python
+        while not stop.wait(_POLL_S):
+            if page.poll() is not None:
+                return page.returncode if page.returncode > 0 else 1
+        page.send_signal(signal.SIGINT)
+        try:
+            return 1 if page.wait(_PAGE_END_S) else 0
+        except subprocess.TimeoutExpired:
+            page.kill()
+            return 1
 
 
 def _settled(work: Work, node: Any, stop: threading.Event) -> int:

@@ -23,11 +23,13 @@ from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.messages import (
     DiagnosticItem,
+    answer_item,
     camera,
     camera_pose,
     compressed_pixels,
     diagnostic_level,
     image_pixels,
+    marked_places,
     navigation_status,
     pixel,
     stamp_ns,
@@ -75,6 +77,7 @@ class OverlayNode(GraphNode):
         info = [] if self._config.camera else [(_INFO,)]
         inputs = InputChecks(self, (_RAW, _COMPRESSED), *info)
         self._setup = SetupChecks(self, inputs, self._map_checks, self._picture_checks)
+        self._notice = ""  # of the newest picture: why it has no map
         self._verdicts: dict[str, DrawingVerdict] = {}  # of the nodes, by the names of their items
         self._camera = given_camera(self._config)
         if self._camera is not None:
@@ -89,6 +92,7 @@ class OverlayNode(GraphNode):
         self._geometry = PictureGeometry(self, self._overlay, self._config.footprint_rate_hz)
         self._fix = self.advertise("tirgeo/locate/fix", output())
         self._point = self.advertise("tirgeo/locate/point", output())
+        self._answer = self.advertise("tirgeo/locate/answer", output())
         self._click_refused = ""  # why the last click was refused
         self._timer = self.steady_timer("drawing", _RELEASE_PERIOD_S, self._release)
         self._timer.cancel()
@@ -111,6 +115,7 @@ class OverlayNode(GraphNode):
         for topic, take, qos in (
             ("tirgeo/camera_pose", self._take_pose, output()),
             ("tirgeo/origin", self._take_origin, latched()),
+            ("tirgeo/targets", self._take_targets, latched()),
             ("/diagnostics", self._take_diagnostics, output()),
             # Best effort, so that any publisher is compatible.
             ("tirgeo/locate/pixel", self._take_click, sensor_input(_CLICKS)),
@@ -153,6 +158,9 @@ class OverlayNode(GraphNode):
     def _take_click(self, message: Any) -> None:
         clicked_ns, u, v = pixel(message)
         answer = self._overlay.clicks.locate((u, v), clicked_ns)
+        if self._answer.get_subscription_count():
+            item = answer_item(self.get_fully_qualified_name(), answer)
+            self._answer.publish(self.messages.diagnostics(answer.stamp_ns, [item]))
         if isinstance(answer, Located):
             self._fix.publish(self.messages.located_fix(answer))
             self._point.publish(self.messages.located_point(answer))
@@ -161,6 +169,9 @@ class OverlayNode(GraphNode):
         self._click_refused = answer.reason.value
         text = f"tirgeo/locate/pixel: no point at ({u:.0f}, {v:.0f}): {self._click_refused}"
         self.get_logger().warning(text, throttle_duration_sec=1.0)
+
+    def _take_targets(self, message: Any) -> None:
+        self._overlay.clicks.set_targets(marked_places(message))
 
     def _take_diagnostics(self, message: Any) -> None:
         for status in message.status:
@@ -210,11 +221,17 @@ class OverlayNode(GraphNode):
             quality = [cv2.IMWRITE_JPEG_QUALITY, self._config.jpeg_quality]
             jpeg = cv2.imencode(".jpg", result.image, quality)[1].tobytes()
             self._jpeg.publish(self.messages.compressed(result.stamp_ns, jpeg))
+        noticed, self._notice = bool(self._notice), result.notice
+        if bool(result.notice) != noticed:  # at once: an operator is waiting for it
+            self.report([self._overlay_item()])
         self.monitor.published("tirgeo/overlay/image", self._frames.left(result.stamp_ns))
         self._geometry.publish(result)
 
     def _items(self) -> list[DiagnosticItem]:
         self._renew_map()
+        return [self._overlay_item(), self._setup.item()]
+
+    def _overlay_item(self) -> DiagnosticItem:
         watch = self.resources
         overlay, clicks = self._overlay, self._overlay.clicks.counts
         numbers = overlay.counts | {"waiting": len(overlay.frames)} | watch.counts
@@ -223,13 +240,15 @@ class OverlayNode(GraphNode):
         texts = {
             "poses_invalid_because": overlay.poses.fault,
             "last_click_refused": self._click_refused,
+            "notice": self._notice,
         }
         values |= {name: text for name, text in texts.items() if text}
+        values["video_latency_s"] = repr(self._config.video_latency_s)
         values["frame rate [Hz]"] = f"{overlay.frames.rate_hz:.1f}"
         values |= self._frames.values | self._arrivals.diagnostics
         waits = f"no map yet: {overlay.no_map_yet}" if overlay.no_map_yet else ""
         level, message = (WARN, watch.error) if watch.error else (OK, waits or "ok")
-        return [self.item("overlay", values, message, level), self._setup.item()]
+        return self.item("overlay", values, message, level)
 
 
 main = partial(run, "overlay_node", OverlayNode)

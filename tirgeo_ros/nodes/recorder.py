@@ -1,4 +1,7 @@
-"""Record topics of the running graph into a bag, byte for byte, until it is stopped."""
+"""Record topics of the running graph into a bag, byte for byte, until it is stopped.
+
+A process that is killed leaves a bag that can be read up to its last second or so.
+"""
 
 from __future__ import annotations
 
@@ -8,15 +11,17 @@ from pathlib import Path
 from tirgeo_ros.core.config import RecorderConfig
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.io.bags.bag import BagWriter
-from tirgeo_ros.io.messages import TOPIC_TYPES
+from tirgeo_ros.io.messages import SENSED_TOPICS, TOPIC_TYPES
 from tirgeo_ros.io.messages.offered_qos import offered_qos
 from tirgeo_ros.nodes.graph_node import GraphNode, message_class
 from tirgeo_ros.nodes.playlist import names
-from tirgeo_ros.nodes.qos import latched, output
+from tirgeo_ros.nodes.qos import latched, output, sensor_input
 from tirgeo_ros.nodes.runner import run
 
 #: Deep enough for a pause of the disk.
 _DEPTH = 500
+_FLUSH_S = 1.0
+_SENSED = {*SENSED_TOPICS, "thermal/image_raw", "thermal/image_raw/compressed"}
 _CONTRACT = {topic.lstrip("/"): topic for topic in TOPIC_TYPES}
 
 
@@ -37,7 +42,8 @@ class Recorder(GraphNode):
             )
         for name in topics:
             self._record(_CONTRACT[name])
-        self.resources = BagWriter(Path(config.output))
+        self.resources = BagWriter(Path(config.output), growing=True)
+        self._flush_timer = self.steady_timer("flush", _FLUSH_S, self.resources.flush)
 
     def _record(self, topic: str) -> None:
         typename = TOPIC_TYPES[topic]
@@ -49,6 +55,8 @@ class Recorder(GraphNode):
                 self.resources.write(resolved, typename, data, now_ns)
 
         qos = latched() if offered_qos(topic).latched else output(_DEPTH)
+        if topic in _SENSED:
+            qos = sensor_input(_DEPTH)  # of drivers that are not ours
         self.create_subscription(message_class(typename), topic, write, qos, raw=True)
 
 

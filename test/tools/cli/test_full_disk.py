@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 
 from tirgeo_ros.core.types.errors import VideoError
+from tirgeo_ros.io.video.video_file import VideoFile
 from tirgeo_ros.tools.cli.main import main
-from tirgeo_ros.tools.presentation.video import VideoFile
 
 SCENARIO = """\
 duration_s: 6.0

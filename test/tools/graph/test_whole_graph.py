@@ -47,7 +47,7 @@ def test_live_is_the_launch_files_live(become):
     argv, environment = become()
     usual = ["--params-file", str(PROJECT / "config" / "m600_xt2.yaml")]
     assert argv == ["--ros-args", *usual, "--", *WholeGraph().nodes]
-    assert set(WholeGraph().nodes) == NODES - {"bag_player"}
+    assert set(WholeGraph().nodes) == NODES - {"bag_player", "viewer_node"}
     assert environment[PROFILES[0]] == str(PROJECT / "config" / "fastdds.xml")
     assert set(stop_signals()) <= signal.pthread_sigmask(signal.SIG_BLOCK, ())
 
@@ -71,13 +71,25 @@ def test_a_bag_brings_its_own_time_and_stays_on_this_machine(become, tmp_path, m
             *WholeGraph(Path("flight.mcap")).nodes,
         ),
     ]
-    assert set(WholeGraph(Path("flight.mcap")).nodes) == NODES - {"dji_node"}
+    assert set(WholeGraph(Path("flight.mcap")).nodes) == NODES - {"dji_node", "viewer_node"}
     assert environment[PROFILES[0]] == str(PROJECT / "config" / "fastdds_localhost.xml")
 
 
 def test_other_drivers_may_bring_the_topics(become):
     argv, _ = become("--no-dji")
-    assert set(argv[argv.index("--") + 1 :]) == NODES - {"dji_node", "bag_player"}
+    assert set(argv[argv.index("--") + 1 :]) == NODES - {"dji_node", "bag_player", "viewer_node"}
+
+
+def test_the_page_comes_at_its_own_address_or_that_of_the_parameters(become, capsys):
+    argv, _ = become("--page", "0.0.0.0:8081")
+    assert argv[argv.index("-p") + 1] == 'listen:="0.0.0.0:8081"'
+    assert set(argv[argv.index("--") + 1 :]) == NODES - {"bag_player"}
+    argv, _ = become("--page")
+    assert "-p" not in argv
+    assert "viewer_node" in argv
+    with pytest.raises(SystemExit, match="2"):
+        command.main(["run", "--page", "8080"])
+    assert "'8080' is not HOST:PORT" in capsys.readouterr().err
 
 
 def test_what_runs_is_said_on_stdout_for_programs(become, capsys, monkeypatch):

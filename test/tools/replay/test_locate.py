@@ -19,6 +19,7 @@ from tirgeo_ros.io.surveys.survey import (
     load_survey,
     save_observations,
 )
+from tirgeo_ros.io.targets.store import TargetStore
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.evaluate.evaluate import evaluate
 from tirgeo_ros.tools.replay.locate import locate_pixels
@@ -112,6 +113,29 @@ def test_the_command_and_its_json(inputs, sample, tmp_path, capsys):
     assert summary["output"] == [str(out)]
     assert "1 of 25 pixels refused: 1 x no trusted pose" in complaint
     assert list(tmp_path.iterdir()) == [out]
+
+
+@pytest.mark.slow
+def test_located_points_as_a_geopackage_are_targets_for_the_page(sample, located, tmp_path):
+    out = tmp_path / "targets.gpkg"
+    locate_pixels(
+        sample / "flight.mcap",
+        sample / "observations.csv",
+        out,
+        params=sample / "params.yaml",
+    )
+    store = TargetStore(out)
+    found = store.all()
+    store.close()
+    written = [f for f in points_of(located[0] / "points.geojson") if f["geometry"]]
+    assert [one.name for one in found] == [f["properties"]["id"] for f in written]
+    for one, feature in zip(found, written, strict=True):
+        place = [one.longitude_deg, one.latitude_deg, one.height_m]
+        # nine decimals of a degree, a tenth of a millimetre
+        assert feature["geometry"]["coordinates"] == pytest.approx(place, abs=0.51e-4)
+        assert one.ellipse.major_m == pytest.approx(
+            feature["properties"]["ellipse_major_m"], abs=0.51e-4
+        )
 
 
 @pytest.mark.slow

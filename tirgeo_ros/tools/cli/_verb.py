@@ -73,6 +73,27 @@ BOARD: tuple[Option, ...] = (
 )
 
 
+def page_address(text: str) -> str:
+    """Return HOST:PORT, or the empty text of an option without one; a type of option."""
+    from tirgeo_ros.core.config.viewer import address_of  # noqa: PLC0415 --help stays quick
+    from tirgeo_ros.core.types.errors import ConfigError  # noqa: PLC0415
+
+    try:
+        if text:
+            address_of(text)
+    except ConfigError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    return text
+
+
+_PAGE = "serve the operator's page, at HOST:PORT; default: 127.0.0.1:8080, or as --params says"
+_COT = "with --page: where it sends Cursor-on-Target, as tcp://HOST:8087, once it is switched on"
+PAGE: tuple[Option, ...] = (
+    ("--page", "ADDRESS", _PAGE, {"nargs": "?", "const": "", "type": page_address}),
+    ("--cot", "ADDRESS", _COT, WORD),
+)
+
+
 class UsageError(Exception):
     """Report arguments whose error argparse alone cannot see: usage and exit code 2."""
 

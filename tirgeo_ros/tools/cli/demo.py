@@ -4,8 +4,12 @@ Starts every node as a process of its own, over DDS in a domain of its own, play
 them in real time and leaves overlay.mp4, still.png, summary.json, the recording and the logs.
 Needs ROS 2 Jazzy or its wheels.
 
+With --page the operator's page shows the flight, which is played again and again until Ctrl-C;
+its targets and recordings are then what is left in the folder.
+
 example:
   tirgeo demo -o demo
+  tirgeo demo --page
 """
 
 from __future__ import annotations
@@ -15,7 +19,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from tirgeo_ros.tools.cli._verb import ANY_BAG, METHODS, NUMBER, UsageError
+from tirgeo_ros.tools.cli._verb import ANY_BAG, METHODS, NUMBER, PAGE, UsageError
 from tirgeo_ros.tools.presentation.progress import Progress, three
 
 _SERIAL = "simulate the aircraft's serial port: DJI's protocol to dji_node over a pseudo-terminal"
@@ -27,12 +31,17 @@ OPTIONS = (
     ("--map", "MAP", "default: beside the bag"),
     ("--method", "M", "%(choices)s", {"choices": METHODS}),
     ("--serial", None, _SERIAL),
+    *PAGE,
 )
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Run the graph; return the summary."""
-    from tirgeo_ros.tools.graph.demo import demo_setup, demonstrate  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.graph.demo import (  # noqa: PLC0415 heavy
+        demo_setup,
+        demonstrate,
+        show_page,
+    )
 
     if not 0.01 <= args.rate <= 100:
         raise UsageError("--rate must be from 0.01 to 100")
@@ -42,12 +51,16 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     setup = demo_setup(*given, serial=args.serial)
     domain = setup.environment["ROS_DOMAIN_ID"]
     sys.stderr.write(f"the nodes use ROS_DOMAIN_ID={domain} on this machine only\n")
+    if args.page is not None:
+        return show_page(setup, args.page, args.cot or "", sys.stderr)
     with Progress("playing", unit="s") as bar:
         return demonstrate(setup, bar)
 
 
 def describe(result: dict[str, Any]) -> str:
     """Return the summary for a person; it ends with the files to look at."""
+    if "page" in result:
+        return f"targets and recordings: {result['page']}"
     frames = f"{result['frames_in']} frames in, {result['frames_out']} out"
     latency, cores = _number(result["frame_latency_ms"]), _number(result["cores"].get("total"))
     heading = f"heading to {_number(result['heading_sigma_deg'])} deg"

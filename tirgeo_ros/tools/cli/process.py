@@ -27,7 +27,11 @@ OPTIONS = (
     ("--map", "MAP", "the map; without it no overlay"),
     ("--no-images", None, "poses only, no overlay"),
     ("--raw-images", None, "write the overlay raw as well"),
-    ("--video", "OUT.mp4", "the overlay as a video, H.264 (.mp4) or VP9 (.webm)"),
+    (
+        "--video",
+        "OUT.mp4",
+        "the overlay as a video: .mp4 (H.264), .webm (VP9), or .ts (H.264 with KLV metadata)",
+    ),
 )
 VERBOSE = "after the summary, a line for each key of the result"
 

@@ -3,10 +3,12 @@
 Live, or with --bag in simulated time until the bag ends. The nodes, their topics and their
 parameters are those of the launch file, and ROS_DOMAIN_ID applies: rviz, Foxglove and recorders
 see and feed every topic. With --bag only this machine reaches the nodes. Ctrl-C ends all. A node
-that fails ends the others, with exit code 1. Needs ROS 2 Jazzy or its wheels.
+that fails ends the others, with exit code 1. With --page the operator's page shows video, targets
+and map in any browser. Needs ROS 2 Jazzy or its wheels.
 
 example:
   tirgeo run --map park.geojson --params my_aircraft.yaml
+  tirgeo run --map park.geojson --params my_aircraft.yaml --page 0.0.0.0:8080
   tirgeo run --bag flight.mcap --map park.geojson --params my_aircraft.yaml
 """
 
@@ -19,7 +21,7 @@ import re
 import sys
 from typing import NoReturn
 
-from tirgeo_ros.tools.cli._verb import PARAMS, WORD, UsageError
+from tirgeo_ros.tools.cli._verb import PAGE, PARAMS, WORD, UsageError
 
 _NAMESPACE = "namespace of the aircraft, as uav1; default: none"
 _NAMES = re.compile(r"(/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*)?/?", re.ASCII)
@@ -28,6 +30,7 @@ OPTIONS = (
     ("--map", "MAP", "the map to draw; default: that of --params"),
     *PARAMS,
     ("--namespace", "NS", _NAMESPACE, WORD | {"default": ""}),
+    *PAGE,
     ("--no-dji", None, "without dji_node: other drivers publish the aircraft's topics"),
 )
 
@@ -39,7 +42,8 @@ def run(args: argparse.Namespace) -> NoReturn:
     if not _NAMES.fullmatch(args.namespace):
         raise UsageError(f"--namespace {args.namespace}: use letters, digits, _ and /, as uav1")
     params = args.params or ()
-    graph = WholeGraph(args.bag, args.map, params, args.namespace, dji=not args.no_dji)
+    given = args.bag, args.map, params, args.namespace
+    graph = WholeGraph(*given, dji=not args.no_dji, page=args.page, cot=args.cot)
     domain = os.environ.get("ROS_DOMAIN_ID") or "0"
     if args.json:
         print(json.dumps({"nodes": graph.nodes, "ros_domain_id": domain}), flush=True)

@@ -5,8 +5,10 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+from contextlib import suppress
 from pathlib import Path
 from statistics import fmean, median
+from typing import TextIO
 
 import cv2
 
@@ -17,10 +19,17 @@ from tirgeo_ros.io.files.text_file import named_files
 from tirgeo_ros.io.files.whole_files import check_outputs, write_files
 from tirgeo_ros.io.maps import map_files
 from tirgeo_ros.io.surveys.survey import load_survey
+from tirgeo_ros.io.video.video_file import VideoFile
 from tirgeo_ros.tools.graph import find_resource
-from tirgeo_ros.tools.graph.node_graph import AWAITED, GraphSetup, free_domain, run_graph
+from tirgeo_ros.tools.graph.node_graph import (
+    AWAITED,
+    GraphSetup,
+    free_domain,
+    run_graph,
+    show_graph,
+)
+from tirgeo_ros.tools.graph.node_process import NodeProcess
 from tirgeo_ros.tools.presentation.progress import Report, silent
-from tirgeo_ros.tools.presentation.video import VideoFile
 from tirgeo_ros.tools.replay.flight_topics import PICTURES
 from tirgeo_ros.tools.replay.graph_outputs import (
     OVERLAY,
@@ -68,6 +77,26 @@ def demonstrate(setup: GraphSetup, progress: Report = silent) -> dict[str, objec
     text = json.dumps(result, indent=2) + "\n"
     write_files({setup.folder / "summary.json": text}, GraphError)
     return result
+
+
+def show_page(setup: GraphSetup, listen: str, cot: str, out: TextIO) -> dict[str, object]:
+    """Show the flight on the operator's page until Ctrl-C; return where its targets are.
+
+    ``out`` gets what viewer_node says of its address. Raise GraphError for a node that fails.
+    """
+    folder = setup.folder / "page"
+    folder.mkdir(parents=True, exist_ok=True)
+    page = {"targets": folder / "targets.gpkg", "record_to": folder / "recordings"}
+    given = {"listen": listen, "cot": cot}
+
+    def shown(viewer: NodeProcess) -> None:
+        said = [line for line in viewer.text().splitlines() if not line.startswith("[")]
+        out.write("\n".join([*said, "Ctrl-C ends it\n"]))
+        out.flush()
+
+    with suppress(KeyboardInterrupt):
+        show_graph(setup, page | {name: one for name, one in given.items() if one}, shown)
+    return {"page": str(folder), "bag": str(setup.bag)}
 
 
 def demo_setup(

@@ -9,9 +9,10 @@ import re
 import signal
 import socket
 import time
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NoReturn
 
 from tirgeo_ros.core.types.errors import GraphError
 from tirgeo_ros.io.bags.bag import BagReader
@@ -103,6 +104,37 @@ def run_graph(setup: GraphSetup, duration_s: float, progress: Report = silent) -
     error = None if whole else player.last_line().removeprefix(f"{player.name}: ")
     said = re.search(r"stamps are later than the bag's by (\d+) ns", player.text())
     return GraphRun(recording, play_s, cpu_s, cores, error, int(said[1]) if said else 0)
+
+
+def show_graph(
+    setup: GraphSetup, page: Mapping[str, object], shown: Callable[[NodeProcess], None]
+) -> NoReturn:
+    """Start all nodes and the operator's page, and play the bag again and again.
+
+    ``page`` are viewer_node's parameters. ``shown`` is called with its process once the page is
+    there. It ends with KeyboardInterrupt, or GraphError for a node that dies; no process is left
+    running in any case.
+    """
+    setup.folder.mkdir(parents=True, exist_ok=True)
+    environment = graph_environment(setup)
+    nodes = _nodes(setup, setup.folder / "recording.mcap")
+    del nodes["recorder"]
+    nodes["viewer_node"] = nodes["overlay_node"] + parameter_words(page)
+    with node_processes() as processes:
+
+        def start(name: str, arguments: list[str]) -> NodeProcess:
+            log = setup.folder / f"{name}.log"
+            processes.append(NodeProcess(name, arguments, environment, log))
+            return processes[-1]
+
+        started = {name: start(name, arguments) for name, arguments in nodes.items()}
+        await_words(processes, "ready")
+        start("bag_player", [*_player(setup), "-p", "loop:=true"])
+        shown(started["viewer_node"])
+        while True:
+            for process in processes:
+                process.check_running()
+            time.sleep(_POLL_S)
 
 
 def graph_environment(setup: GraphSetup) -> dict[str, str]:

@@ -9,18 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tirgeo_ros.core.types.errors import GraphError
-from tirgeo_ros.io.files.child_python import python_command, stop_signals
+from tirgeo_ros.io.files.child_python import node_command, stop_signals
 
 _POLL_S = 0.02
-_RUN = "import sys; from tirgeo_ros.nodes.start import start; sys.exit(start({!r}, {!r}))"
 _TICKS_PER_S = os.sysconf("SC_CLK_TCK")
-
-
-def node_command(
-    name: str, arguments: Sequence[str], package: str = "tirgeo_ros.nodes"
-) -> list[str]:
-    """Return the command that runs a package's node with arguments of ROS."""
-    return python_command(_RUN.format(name, package), "--ros-args", *arguments)
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +45,7 @@ class NodeProcess:
             dict(environment),
             file_actions=[
                 (os.POSIX_SPAWN_OPEN, 0, os.devnull, os.O_RDONLY, 0),
-                (os.POSIX_SPAWN_OPEN, 1, str(log), flags, 0o644),
+                (os.POSIX_SPAWN_OPEN, 1, str(log), flags, 0o600),
                 (os.POSIX_SPAWN_DUP2, 1, 2),
             ],
             setpgroup=0,  # a Ctrl-C on the terminal is for the watching process, not for the nodes

@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import NoReturn
 
 from tirgeo_ros.core.types.errors import GraphError
-from tirgeo_ros.io.files.child_python import stop_signals
+from tirgeo_ros.io.files.child_python import node_command, stop_signals
 from tirgeo_ros.io.files.text_file import named_files
 from tirgeo_ros.tools.graph import find_resource
 from tirgeo_ros.tools.graph.localhost import localhost_environment, video_environment
 from tirgeo_ros.tools.graph.node_graph import parameter_words
-from tirgeo_ros.tools.graph.node_process import node_command
 
 _USUAL_PARAMS = "config/m600_xt2.yaml"
 
@@ -25,7 +24,9 @@ class WholeGraph:
     """Hold which nodes run, on what; the launch file says the same to ``ros2 launch``.
 
     Raise GraphError for a file that does not exist. Without ``params``, the parameters of an M600
-    apply. ``dji`` says whether dji_node brings the aircraft's topics where there is no bag.
+    apply. ``dji`` says whether dji_node brings the aircraft's topics where there is no bag;
+    ``page`` whether viewer_node serves the operator's page, at this address or, if it is empty, at
+    that of the parameters.
     """
 
     bag: Path | None = None
@@ -33,6 +34,8 @@ class WholeGraph:
     params: Sequence[Path] = ()
     namespace: str = ""
     dji: bool = True
+    page: str | None = None
+    cot: str | None = None  # where the page sends Cursor-on-Target
 
     def __post_init__(self) -> None:
         maps = map(Path, named_files(str(self.map or "")))
@@ -44,7 +47,8 @@ class WholeGraph:
     def nodes(self) -> list[str]:
         """Return the names of the nodes: what gives their inputs comes last."""
         source = ["bag_player"] if self.bag else ["dji_node"] if self.dji else []
-        return ["ekf_node", "gimbal_node", "overlay_node", *source]
+        page = [] if self.page is None else ["viewer_node"]
+        return ["ekf_node", "gimbal_node", "overlay_node", *page, *source]
 
     @property
     def arguments(self) -> list[str]:
@@ -52,7 +56,8 @@ class WholeGraph:
         usual = find_resource(_USUAL_PARAMS)
         files = self.params or ([usual] if usual else [])
         bag = {"bag": self.bag, "use_sim_time": True} if self.bag else {}
-        words = parameter_words(bag | ({"map": self.map} if self.map else {}), files)
+        given = {"map": self.map, "listen": self.page, "cot": self.cot}
+        words = parameter_words(bag | {name: one for name, one in given.items() if one}, files)
         if self.namespace:
             words += ["-r", f"__ns:=/{self.namespace.strip('/')}"]
         if self.bag:  # the bag's clock goes into the namespace, as its topics do

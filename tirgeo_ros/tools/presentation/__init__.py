@@ -1,1 +1,1 @@
-"""Show results: plots, progress bars, video files."""
+"""Show results: plots, progress bars."""

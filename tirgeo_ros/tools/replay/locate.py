@@ -21,8 +21,10 @@ from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
 from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
 from tirgeo_ros.io.pictures.camera_file import given_camera
-from tirgeo_ros.io.surveys.ground_point_files import Answered, cot, geojson, kml
+from tirgeo_ros.io.surveys.ground_point_files import Answered
 from tirgeo_ros.io.surveys.survey import Observation, load_observations
+from tirgeo_ros.io.targets.cot_file import cot
+from tirgeo_ros.io.targets.exports import exported_answers, form_of
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.finding_lines import finding_items
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
@@ -47,7 +49,8 @@ def locate_pixels(
 ) -> dict[str, object]:
     """Locate pixels (CSV ``id,stamp_ns,u,v``) of a bag's pictures; return a summary.
 
-    Write GeoJSON, and KML and Cursor-on-Target if asked: all of them or none. ``dem`` or
+    Write the format that the output's name asks for (of ``FORMATS``, else GeoJSON), and KML and
+    Cursor-on-Target if asked: all of them or none. ``dem`` or
     ``ground_height`` (ellipsoidal m) and ``camera``, a calibration file, override ``params``. A
     pixel that cannot be located is written with its reason. Raise BagError, CameraError,
     ConfigError, SurveyError, ElevationError.
@@ -63,8 +66,12 @@ def locate_pixels(
         raise ConfigError("height of the ground not known: give --ground-height or --dem")
     reader = BagReader(bag_in)
     answers, flown = _located(reader, configs, params, namespace, seen, ground, progress)
-    forms = {output: geojson, kml_out: kml, cot_out: cot}
-    write_files({path: form(answers) for path, form in forms.items() if path}, SurveyError)
+    forms = {output: form_of(output), kml_out: "kml"}
+    files: dict[PathLike, str | bytes]
+    files = {path: exported_answers(answers, form) for path, form in forms.items() if path}
+    if cot_out:
+        files[cot_out] = cot(answers)
+    write_files(files, SurveyError)
     return {
         "input": os.fspath(bag_in),
         "output": [os.fspath(path) for path in outputs],

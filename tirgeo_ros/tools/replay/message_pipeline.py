@@ -24,10 +24,10 @@ from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, BagWriter, Cdr
 from tirgeo_ros.io.messages import TOPIC_TYPES, DiagnosticItem, Messages
 from tirgeo_ros.tools.presentation.progress import Report
-from tirgeo_ros.tools.presentation.video import VideoFile
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
 from tirgeo_ros.tools.replay.flight_topics import CAMERA_INFO, prefix, resolved
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs
+from tirgeo_ros.tools.replay.overlay_film import OverlayFilm
 from tirgeo_ros.tools.replay.pose_outputs import PoseOutputs
 from tirgeo_ros.tools.replay.registration import SAMPLES, Registered, Registration
 
@@ -50,7 +50,7 @@ class Pipeline:
         configs: NodeConfigs,
         overlay: Overlay | None,
         writer: BagWriter,
-        film: VideoFile | None,
+        film: OverlayFilm | None,
         namespace: str,
         checks: FlightChecks,
         *,
@@ -221,7 +221,7 @@ class Pipeline:
         if result is None:
             return
         if self._film is not None:
-            self._film.add(result.stamp_ns, result.image)
+            self._film.add(result, self.registration.composer.body_at)
         quality = [cv2.IMWRITE_JPEG_QUALITY, self._jpeg_quality]
         jpeg = cv2.imencode(".jpg", result.image, quality)[1].tobytes()
         compressed = self._messages.compressed(result.stamp_ns, jpeg)

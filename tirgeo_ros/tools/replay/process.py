@@ -12,6 +12,7 @@ import os
 import time
 from typing import NamedTuple
 
+from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.types.errors import BagError, ConfigError
@@ -19,15 +20,16 @@ from tirgeo_ros.io.bags.bag import BagReader, BagWriter
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs
 from tirgeo_ros.io.maps import load_layers, map_files
-from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
+from tirgeo_ros.io.parameters.parameter_file import Files, ParameterFile, paths_of
 from tirgeo_ros.io.pictures.camera_file import given_camera
+from tirgeo_ros.io.video.video_file import VideoFile
 from tirgeo_ros.tools.presentation.progress import Report, silent
-from tirgeo_ros.tools.presentation.video import VideoFile
 from tirgeo_ros.tools.replay.finding_lines import finding_items
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
 from tirgeo_ros.tools.replay.flight_topics import done_without, inputs_of, resolved
 from tirgeo_ros.tools.replay.message_pipeline import Pipeline
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs, node_configs
+from tirgeo_ros.tools.replay.overlay_film import OverlayFilm
 
 
 class _Job(NamedTuple):
@@ -40,6 +42,7 @@ class _Job(NamedTuple):
     drawn: Overlay | None
     checks: FlightChecks
     notes: list[str]
+    undulation_m: float  # of the geoid; nan if it is not known
 
 
 def process(
@@ -110,7 +113,8 @@ def _prepared(
     checks = FlightChecks(
         fitted, reader, params, namespace, ground=ground, layers=layers, camera=known
     )
-    return _Job(fitted, reader, namespace, topics, drawn, checks, notes)
+    dji = ParameterFile(params).config("dji_node", DjiConfig, namespace)
+    return _Job(fitted, reader, namespace, topics, drawn, checks, notes, dji.geoid_undulation_m)
 
 
 def _run(
@@ -119,7 +123,7 @@ def _run(
     """Process all messages and write the outputs; return the summary."""
     begun_s = time.perf_counter()
     with contextlib.ExitStack() as stack:
-        film = stack.enter_context(VideoFile(video)) if video is not None else None
+        film = _film(job, stack.enter_context(VideoFile(video))) if video is not None else None
         writer = stack.enter_context(BagWriter(bag_out))
         chain = (job.configs, job.drawn, writer, film, job.namespace, job.checks)
         run = Pipeline(*chain, raw_images=raw_images)
@@ -129,9 +133,15 @@ def _run(
             raise BagError(f"{job.reader.path}: no message could be read{because}")
     return {
         **_summary(job, run, time.perf_counter() - begun_s),
-        "video": None if film is None else {"frames": film.frames, "rate_hz": film.rate_hz},
+        "video": None if film is None else film.described,
         "error": _error(job.reader, run),
     }
+
+
+def _film(job: _Job, video: VideoFile) -> OverlayFilm:
+    """Return what writes the overlay's pictures to a video file."""
+    assert job.drawn is not None  # a video without a map is refused before
+    return OverlayFilm(video, job.drawn, job.configs.overlay, job.undulation_m)
 
 
 def _summary(job: _Job, run: Pipeline, elapsed_s: float) -> dict[str, object]:

@@ -1,0 +1,290 @@
+"""viewer_node in a real graph: a page's clicks become targets that are drawn in the pictures."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import os
+import re
+import signal
+import socket
+from concurrent.futures import ThreadPoolExecutor
+
+import av
+import klvdata
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
+
+from diagnostic_msgs.msg import DiagnosticArray
+from graph_helpers import await_words
+from overlay_flight import MESSAGES, Flight, write_map
+from overlays import PLANE, SQUARE_N, pose_at
+from page_clients import Page, next_picture
+from project import child_of
+from sensor_msgs.msg import Image
+
+from tirgeo_ros.core.camera.camera_model import XT2
+from tirgeo_ros.core.frames.rotations import matrix_from_quat
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.io.bags.bag import BagReader
+from tirgeo_ros.io.messages import image_pixels
+
+pytestmark = pytest.mark.graph
+
+NORTH = {"uav1": 0.0, "uav2": -7.0}  # where each stands, m
+APART_N = np.array([NORTH["uav2"] - NORTH["uav1"], 0.0, 0.0])
+MARKER_BGR = (255, 80, 255)
+MARKED_PX = 6  # half the diamond, and the brush
+
+
+@pytest.fixture
+def start(spawn, tmp_path):
+    """Start the page of both aircraft; return its process and address."""
+
+    def page(**more):
+        values = more | {"namespaces": "uav1,uav2", "listen": "127.0.0.1:0"}
+        values |= {"targets": tmp_path / "targets.gpkg", "record_to": tmp_path / "recordings"}
+        words = [word for name, value in values.items() for word in ("-p", f"{name}:={value}")]
+        node = spawn("viewer_node", *words)
+        await_words(node, "ready")
+        found = re.search(r"the page is at (http://\S+)/", node.text())
+        assert found, node.text()
+        return node, found[1]
+
+    return page
+
+
+class Fleet:
+    """Two cameras that stand still, and a page that looks at both.
+
+    ``overlay`` starts an aircraft's overlay_node, a process.
+    """
+
+    def __init__(self, stranger, overlay) -> None:
+        self.stranger = stranger
+        self.overlays = {name: overlay(name) for name in NORTH}
+        self.overlay = overlay
+        self.flights = {name: Flight(stranger, f"{name}/", north) for name, north in NORTH.items()}
+        self._pool = ThreadPoolExecutor(1)
+
+    def until(self, done) -> None:
+        def stepped() -> bool:
+            for flight in self.flights.values():
+                flight.step()
+            return done()
+
+        self.stranger.spin_until(stepped)
+
+    def browse(self, url, browsing):
+        """Return what ``browsing(page, states)`` returns while the flights go on."""
+
+        async def browse():
+            async with Page(url) as page, page.state() as states:
+                return await browsing(page, states)
+
+        result = self._pool.submit(asyncio.run, browse())
+        self.until(result.done)
+        return result.result()
+
+    def pictures(self, name) -> list[Image]:
+        return self.stranger.received[f"{name}/tirgeo/overlay/image"]
+
+
+@pytest.fixture
+def fleet(spawn, meet, tmp_path):
+    write_map(tmp_path / "map.geojson", SQUARE_N)
+    given = ("-p", f"map:={tmp_path / 'map.geojson'}", "-p", "ground_height_m:=25.0")
+
+    def overlay(name):
+        node = spawn("overlay_node", *given, "-r", f"__ns:=/{name}")
+        await_words(node, "ready")
+        return node
+
+    topics = {f"{name}/tirgeo/overlay/image": Image for name in NORTH}
+    return Fleet(meet(**topics, **{"/diagnostics": DiagnosticArray}), overlay)
+
+
+def pixel_of(point_n, name):
+    """Where a point (3,), NED, is in an aircraft's picture."""
+    pose = pose_at(0, NORTH[name])
+    return XT2.project((point_n - pose.position_n)[None] @ matrix_from_quat(pose.q_nc))[0][0]
+
+
+async def clicked(page, states, name, uv, **more):
+    """The answer to a click on a picture that shows the map."""
+    async with page.session.ws_connect(f"{page.url}/video/{name}") as video:
+        while True:
+            stamp_ns, _ = await next_picture(video)
+            answer = await states.click(stamp_ns, *map(float, uv), aircraft=name, **more)
+            if answer["ok"] or "pose" not in answer.get("reason", ""):
+                return answer
+
+
+def off_m(target, point_n) -> float:
+    """How far a target is from a point, as a multiple of its 95 % ellipse's radius there."""
+    place = math.radians(target["latitude_deg"]), math.radians(target["longitude_deg"])
+    north, east, _ = PLANE.ned_from_geodetic(*place, target["height_m"]) - point_n
+    ellipse = target["ellipse"]
+    azimuth = math.radians(ellipse["azimuth_deg"])
+    along = north * math.cos(azimuth) + east * math.sin(azimuth)
+    across = east * math.cos(azimuth) - north * math.sin(azimuth)
+    return math.hypot(along / ellipse["major_m"], across / ellipse["minor_m"])
+
+
+def marked(picture: Image, uv) -> bool:
+    """Whether a marker is drawn there."""
+    near = np.abs(image_pixels(picture).astype(int) - MARKER_BGR).max(axis=2) < 40
+    v, u = np.nonzero(near)
+    return len(u) > 0 and np.hypot(u - uv[0], v - uv[1]).min() < MARKED_PX
+
+
+def test_clicks_on_two_aircraft_become_targets_in_every_picture(fleet, start):
+    node, url = start()
+    corner_n = SQUARE_N[0]
+    first = fleet.browse(url, lambda p, s: clicked(p, s, "uav1", pixel_of(corner_n, "uav1")))
+    assert first["ok"], first
+    assert off_m(first["target"], corner_n) < 1
+    assert (first["target"]["aircraft"], first["target"]["number"]) == ("uav1", 1)
+    # Drawn from now on, by both aircraft, each where it is in its own picture.
+    for name in NORTH:
+        uv = pixel_of(corner_n, name)
+        fleet.until(lambda name=name, uv=uv: marked(fleet.pictures(name)[-1], uv))
+    # The same pixel of the other aircraft is another place.
+    uv = pixel_of(corner_n, "uav1")
+    other = fleet.browse(url, lambda p, s: clicked(p, s, "uav2", uv))["target"]
+    there_n = corner_n + APART_N
+    assert off_m(other, there_n) < 1 < off_m(other, corner_n)
+    refused = fleet.browse(url, lambda p, s: clicked(p, s, "uav1", (-5.0, 3.0)))
+    assert refused["reason"] == "the pixel is outside the picture"
+    the_map_shows_where_a_target_is(fleet, url, first["target"])
+    an_aircrafts_state_is_its_own(fleet, url)
+    an_overlay_that_begins_again_draws_the_targets(fleet)
+    a_killed_node_has_all_targets_when_it_is_back(fleet, node, start, first["target"], other)
+
+
+def the_map_shows_where_a_target_is(fleet, url, target):
+    async def where(_, states):
+        place = {name: target[name] for name in ("latitude_deg", "longitude_deg")}
+        while True:  # the first footprint comes within a second
+            found = await states.ask("where", aircraft="uav2", **place)
+            if found["ok"]:
+                return found
+
+    found = fleet.browse(url, where)
+    np.testing.assert_allclose([found["u"], found["v"]], pixel_of(SQUARE_N[0], "uav2"), atol=0.5)
+
+
+def an_aircrafts_state_is_its_own(fleet, url):
+    async def state(_, states):
+        return await states.until("state", lambda s: s["aircraft"] == "uav2" and s["footprint"])
+
+    told = fleet.browse(url, state)
+    assert told["navigation"] == {"state": "waiting", "reason": "nothing is heard of ekf_node"}
+    assert told["no_map"] == ""
+    assert told["position"] is None
+    assert told["recording"] is False
+    assert told["video_hz"] > 0
+    place = np.radians(np.mean(told["footprint"], axis=0))
+    middle_n = PLANE.ned_from_geodetic(*place, PLANE.height_m)
+    assert abs(middle_n[1]) < 10  # to the north of the aircraft, which looks there
+    assert middle_n[0] > 0
+
+
+def an_overlay_that_begins_again_draws_the_targets(fleet):
+    fleet.overlays["uav2"].signal(signal.SIGKILL)
+    fleet.overlays["uav2"].wait(5)
+    fleet.overlay("uav2")
+    fleet.pictures("uav2").clear()
+    uv = pixel_of(SQUARE_N[0], "uav2")
+    fleet.until(lambda: fleet.pictures("uav2") and marked(fleet.pictures("uav2")[-1], uv))
+
+
+def a_killed_node_has_all_targets_when_it_is_back(fleet, node, start, first, second):
+    node.signal(signal.SIGKILL)
+    node.wait(5)
+    fleet.pictures("uav1").clear()
+    uv = pixel_of(SQUARE_N[0], "uav1")
+    fleet.until(lambda: len(fleet.pictures("uav1")) > 3)
+    assert marked(fleet.pictures("uav1")[-1], uv)  # overlay_node keeps them
+    _, url = start()
+
+    async def delete(_, states):
+        told = await states.until("targets")
+        assert [one["id"] for one in told["targets"]] == [first["id"], second["id"]]
+        return await states.ask("delete", id=first["id"])
+
+    assert fleet.browse(url, delete)["ok"]
+    fleet.until(lambda: not marked(fleet.pictures("uav1")[-1], uv))
+    # In a new plane the other one is where it was.
+    moved = TangentPlane(PLANE.latitude_rad + 5e-7, PLANE.longitude_rad, PLANE.height_m)
+    offset_n = PLANE.ned_from_geodetic(moved.latitude_rad, moved.longitude_rad, moved.height_m)
+    fleet.flights["uav1"].origin.publish(MESSAGES.origin(moved, 0))
+    there_n = SQUARE_N[0] + APART_N - offset_n
+    fleet.until(lambda: marked(fleet.pictures("uav1")[-1], pixel_of(there_n, "uav1")))
+
+
+@pytest.mark.slow
+def test_recordings_that_are_killed_can_be_read(fleet, start, tmp_path):
+    """The recorder alone, then the whole node: then its children complete their files."""
+    node, url = start()
+
+    async def record(_, states):
+        answer = await states.ask("record", aircraft="uav1", on=True)
+        await states.until("state", lambda s: s["aircraft"] == "uav1" and s["recording"])
+        return answer
+
+    async def ended(_, states):
+        told = await states.until(
+            "state", lambda s: s["aircraft"] == "uav1" and not s["recording"]
+        )
+        return told["findings"]
+
+    assert fleet.browse(url, record)["text"].startswith("recording to ")
+    (first,) = (tmp_path / "recordings").glob("uav1-*.mcap")
+    video = first.with_suffix(".ts")
+    fleet.until(lambda: video.exists() and video.stat().st_size > 0 and first.stat().st_size > 1e6)
+    os.kill(child_of(node.pid, "recorder"), signal.SIGKILL)
+    (finding,) = fleet.browse(url, ended)
+    assert "recorder ended (exit code -9)" in finding["text"]
+    assert "the file ends early" in BagReader(first).damage
+    assert len(list(BagReader(first).messages(["/uav1/tirgeo/overlay/image/compressed"]))) > 5
+    with av.open(str(video)) as film:
+        assert len(list(film.decode(video=0))) > 0
+    fleet.browse(url, record)
+    second = max((tmp_path / "recordings").glob("uav1-*.mcap"))
+    assert second != first
+    fleet.until(lambda: second.stat().st_size > 1e5)
+    node.signal(signal.SIGKILL)
+    fleet.until(lambda: BagReader(second).damage is None)
+    assert "/uav1/tirgeo/camera_pose" in BagReader(second).topics()
+
+
+def live_packet(address):
+    """The first packet of metadata with a frame's centre: values by tag."""
+    with av.open(f"{address}?timeout=60000000") as live:
+        for part in live.demux(live.streams.data[0]):
+            for packet in klvdata.StreamParser(bytes(part)):
+                values = {tag: value for tag, (_, _, _, value) in packet.MetadataList().items()}
+                if 23 in values:
+                    return values
+    raise AssertionError("the stream ended")
+
+
+@pytest.mark.slow
+def test_the_live_stream_says_where_a_click_in_its_middle_would_be(fleet, start):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"udp://127.0.0.1:{free.getsockname()[1]}"
+    _, url = start(stream=address)
+    watched = ThreadPoolExecutor(1).submit(live_packet, address)
+    fleet.until(watched.done)
+    values = watched.result()
+    middle = (XT2.width - 1) / 2, (XT2.height - 1) / 2
+    target = fleet.browse(url, lambda p, s: clicked(p, s, "uav1", middle))["target"]
+    centre = float(values[23]), float(values[24])
+    # The step of 32 bits is 84e-9 deg at most.
+    assert centre == pytest.approx((target["latitude_deg"], target["longitude_deg"]), abs=1e-7)
+    assert 0 < float(values[45]) < 2 * target["ellipse"]["major_m"]
+    assert values[10] == "uav1"

@@ -1,0 +1,183 @@
+"""Begin and end recordings: a bag of the aircraft's topics, and its video, by child processes."""
+
+from __future__ import annotations
+
+import shutil
+import threading
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from tirgeo_ros.core.config import ViewerConfig
+from tirgeo_ros.io.messages import SENSED_TOPICS
+from tirgeo_ros.nodes.child_node import ChildNode, ground_values
+from tirgeo_ros.nodes.graph_node import GraphNode, message_class
+from tirgeo_ros.nodes.monitor import OK, WARN
+
+_BEGIN_S = 30.0
+_POLL_S = 0.05
+_RAW, _COMPRESSED = "thermal/image_raw", "thermal/image_raw/compressed"
+#: What of the graph a recording holds. The overlay as JPEG alone: raw, overlay_node would have to
+#: make it for the recording.
+TOPICS = (
+    *SENSED_TOPICS,
+    *("thermal/camera_info", "tirgeo/odometry", "tirgeo/fix", "tirgeo/origin", "tirgeo/path"),
+    *("tirgeo/camera_pose", "tirgeo/overlay/image/compressed", "tirgeo/overlay/camera_info"),
+    *("tirgeo/footprint", "tirgeo/locate/pixel", "tirgeo/locate/fix", "tirgeo/locate/point"),
+    *("tirgeo/locate/answer", "tirgeo/targets", "/diagnostics"),
+)
+#: Of a type that not every installation has.
+_TF = {"/tf": "tf2_msgs/msg/TFMessage", "/tf_static": "tf2_msgs/msg/TFMessage"}
+
+
+@dataclass
+class Recording:
+    """Hold one recording: its files, and what writes them."""
+
+    bag: Path
+    video: Path
+    children: list[ChildNode]
+
+
+class Recordings:
+    """Hold the recordings in progress, by aircraft. Any thread may call it.
+
+    ``namespaces`` are those of the aircraft. ``troubles`` says of each what went wrong last.
+    """
+
+    def __init__(
+        self, node: GraphNode, config: ViewerConfig, namespaces: Mapping[str, str]
+    ) -> None:
+        self._node, self._config, self._folder = node, config, Path(config.record_to)
+        self._namespaces = namespaces
+        self._lock = threading.Lock()
+        self._active: dict[str, Recording] = {}
+        self.troubles: dict[str, str] = {}
+
+    def is_on(self, aircraft: str) -> bool:
+        """Return whether an aircraft is recorded."""
+        return aircraft in self._active
+
+    def findings(self, aircraft: str) -> list[dict[str, str]]:
+        """Return what went wrong last, as a finding of the page."""
+        trouble = self.troubles.get(aircraft)
+        told = {"severity": "CAUTION", "title": "recording", "text": trouble or "", "mend": ""}
+        return [told] if trouble else []
+
+    def begin(self, aircraft: str) -> str:
+        """Begin to record; return words for the operator when it has begun, or why it has not."""
+        with self._lock:
+            if aircraft in self._active:
+                return f"it is being recorded to {self._active[aircraft].bag}"
+            trouble = self._folder_trouble()
+            if trouble:
+                return f"not recorded: {trouble}"
+            made = self._started(aircraft)
+            trouble = _not_begun(made)
+            if trouble:
+                _ended(made)
+                self.troubles[aircraft] = trouble
+                return f"not recorded: {trouble}"
+            self._active[aircraft] = made
+            self.troubles.pop(aircraft, None)
+        self._node.log(OK, f"recording to {made.bag} and {made.video}")
+        return f"recording to {made.bag}"
+
+    def end(self, aircraft: str) -> str:
+        """End a recording; return words for the operator when its files are complete."""
+        with self._lock:
+            made = self._active.pop(aircraft, None)
+            if made is None:
+                return "nothing is being recorded"
+            trouble = _ended(made)
+        megabytes = made.bag.stat().st_size / 1e6 if made.bag.exists() else 0.0
+        words = f"recorded {made.bag}: {megabytes:.0f} MB"
+        self._node.log(WARN if trouble else OK, f"{words}; {trouble}" if trouble else words)
+        return f"{words}; {trouble}" if trouble else words
+
+    def end_all(self) -> None:
+        """End every recording."""
+        for aircraft in list(self._active):
+            self.end(aircraft)
+
+    def watch(self) -> None:
+        """End recordings whose disk is nearly full, or whose process has ended; call each second.
+
+        It does not wait: a recording that begins or ends is looked at the next time.
+        """
+        if not self._lock.acquire(blocking=False):
+            return
+        try:
+            troubles = {name: self._trouble(made) for name, made in self._active.items()}
+        finally:
+            self._lock.release()
+        for aircraft, trouble in troubles.items():
+            if trouble:
+                self.troubles[aircraft] = trouble
+                self._node.log(WARN, f"the recording ends: {trouble}")
+                threading.Thread(target=self.end, args=(aircraft,), name="recording ends").start()
+
+    def _trouble(self, made: Recording) -> str:
+        faults = [child.fault for child in made.children if child.fault]
+        return faults[0] if faults else self._folder_trouble()
+
+    def _folder_trouble(self) -> str:
+        """Return why the folder takes no recording; empty if it does."""
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            free_gb = shutil.disk_usage(self._folder).free / 1e9
+        except OSError as error:
+            return f"{self._folder}: {error.strerror or error}"
+        if free_gb < self._config.least_free_gb:
+            return f"{self._folder}: only {free_gb:.1f} GB are free; make room on this disk"
+        return ""
+
+    def _started(self, aircraft: str) -> Recording:
+        utc = time.strftime("%Y-%m-%dT%H-%M-%SZ", time.gmtime())
+        name = "-".join([*filter(None, aircraft.split("/")), utc])
+        bag, video = self._folder / f"{name}.mcap", self._folder / f"{name}.ts"
+        namespace = self._namespaces[aircraft]
+        topics = ",".join(self._topics(namespace))
+        made = {
+            "recorder": {"output": bag, "topics": topics},
+            "video_writer": {"output": video, "platform": aircraft} | ground_values(self._config),
+        }
+        children = [ChildNode(self._node, *each, namespace) for each in made.items()]
+        return Recording(bag, video, children)
+
+    def _topics(self, namespace: str) -> list[str]:
+        """Return the topics to record: the camera's JPEG where it sends one, else the raw form."""
+        compressed = self._node.count_publishers(f"{namespace}/{_COMPRESSED}")
+        transforms = [topic for topic, kind in _TF.items() if _installed(kind)]
+        return [*TOPICS, _COMPRESSED if compressed else _RAW, *transforms]
+
+
+def _installed(typename: str) -> bool:
+    with suppress(Exception):
+        return bool(message_class(typename))
+    return False
+
+
+def _wait(done: Callable[[], object], timeout_s: float) -> None:
+    end_s = time.monotonic() + timeout_s
+    while not done() and time.monotonic() < end_s:
+        time.sleep(_POLL_S)
+
+
+def _not_begun(made: Recording) -> str:
+    """Wait until the bag is there; return why it is not, else an empty text."""
+
+    def faults() -> list[str]:
+        return [child.fault for child in made.children if child.fault]
+
+    _wait(lambda: made.bag.exists() or faults(), _BEGIN_S)
+    if made.bag.exists() and not faults():
+        return ""
+    return faults()[0] if faults() else f"{made.bag} is not there after {_BEGIN_S:.0f} s"
+
+
+def _ended(made: Recording) -> str:
+    """End all processes; return what did not go well."""
+    return "; ".join(filter(None, [child.end() for child in made.children]))

@@ -1,0 +1,79 @@
+"""Write the overlay as H.264 with MISB metadata: into a file, or live over UDP."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from tirgeo_ros.core.config import VideoWriterConfig
+from tirgeo_ros.core.config.overlay import ConfidenceConfig
+from tirgeo_ros.core.types.errors import ConfigError, VideoError
+from tirgeo_ros.io.files.encoded_picture import MOST_OF_VIDEO, unpacked
+from tirgeo_ros.io.messages import DiagnosticItem
+from tirgeo_ros.io.video.frame_metadata import FrameMetadata
+from tirgeo_ros.io.video.live_stream import LiveStream
+from tirgeo_ros.io.video.video_file import VideoFile
+from tirgeo_ros.nodes.graph_node import GraphNode
+from tirgeo_ros.nodes.monitor import OK, WARN
+from tirgeo_ros.nodes.runner import run
+from tirgeo_ros.nodes.seen_aircraft import SeenAircraft, listen_to_diagnostics, terrain_of
+
+
+class VideoWriter(GraphNode):
+    """Give each picture of one aircraft, with its sight, to a file and to a stream."""
+
+    def __init__(self) -> None:
+        super().__init__("video_writer")
+        config = self.configured(VideoWriterConfig)
+        if not config.output and not config.stream:
+            raise ConfigError(
+                "parameter output: nothing to write: set it to a file, or set stream"
+            )
+        names = ConfidenceConfig(), config.geoid_undulation_m, config.platform
+        self._metadata = FrameMetadata(*names)
+        self._film = VideoFile(Path(config.output), growing=True) if config.output else None
+        self._stream = LiveStream(config.stream, self._metadata) if config.stream else None
+        self._aircraft = SeenAircraft(self, "", terrain_of(config), self._take)
+        listen_to_diagnostics(self, [self._aircraft])
+        self.resources = self._open()
+        self.report_each_second(self._items)
+
+    @contextmanager
+    def _open(self) -> Iterator[None]:
+        try:
+            if self._film is None:
+                yield
+            else:
+                with self._film:
+                    yield
+        finally:
+            if self._stream is not None:
+                self._stream.close()
+
+    def _take(self, stamp_ns: int, jpeg: bytes) -> None:
+        exposure_ns = self._aircraft.exposure_ns(stamp_ns)
+        time_ns = stamp_ns if exposure_ns is None else exposure_ns
+        sight = self._aircraft.sight(stamp_ns)
+        if self._stream is not None:
+            self._stream.add(time_ns, jpeg, sight)
+        if self._film is not None:
+            pixels = unpacked(jpeg, cv2.IMREAD_COLOR, MOST_OF_VIDEO)
+            if pixels is None:
+                raise VideoError("tirgeo/overlay/image/compressed: no JPEG")
+            packet = self._metadata.packet(time_ns, sight)
+            self._film.add(stamp_ns, np.asarray(pixels, np.uint8), packet)
+
+    def _items(self) -> list[DiagnosticItem]:
+        values = {"written": str(self._film.frames)} if self._film else {}
+        error = self._stream.error if self._stream else ""
+        if self._stream:
+            values |= {name: str(number) for name, number in self._stream.counts.items()}
+        return [self.item("video", values, error or "ok", WARN if error else OK)]
+
+
+main = partial(run, "video_writer", VideoWriter)

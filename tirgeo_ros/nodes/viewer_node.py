@@ -1,0 +1,162 @@
+"""Serve the operator's page: video, clicks, targets, map and checks, for any tablet."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from tirgeo_ros.core.config import ViewerConfig
+from tirgeo_ros.core.config.viewer import split_namespaces
+from tirgeo_ros.core.targets.target import Target
+from tirgeo_ros.core.types.errors import ConfigError
+from tirgeo_ros.core.types.marked_place import MarkedPlace
+from tirgeo_ros.io.messages import DiagnosticItem
+from tirgeo_ros.io.targets.store import TargetStore
+from tirgeo_ros.nodes.graph_node import GraphNode
+from tirgeo_ros.nodes.monitor import OK, WARN
+from tirgeo_ros.nodes.page_backend import PageBackend
+from tirgeo_ros.nodes.page_map import PageMap
+from tirgeo_ros.nodes.page_streams import PageStreams
+from tirgeo_ros.nodes.recordings import Recordings
+from tirgeo_ros.nodes.runner import run
+from tirgeo_ros.nodes.seen_aircraft import listen_to_diagnostics, terrain_of
+from tirgeo_ros.nodes.team_link import TeamLink
+from tirgeo_ros.nodes.viewed_aircraft import ViewedAircraft
+from tirgeo_ros.page.invitation import invitation
+from tirgeo_ros.page.server import PageServer
+
+_REPORT_S, _LOOK_S, _WATCH_S = 0.2, 0.1, 1.0
+#: A stamp that is further off is of another clock: a bag's, a camera's own.
+_SAME_CLOCK_NS = 60_000_000_000
+
+
+class ViewerNode(GraphNode):
+    """Connect the page's server with the graphs of one aircraft or several."""
+
+    def __init__(self) -> None:
+        super().__init__("viewer_node")
+        config = self._config = self.configured(ViewerConfig)
+        check(config)
+        names = split_namespaces(config.namespaces) or [""]
+        terrain = terrain_of(config)
+        self._aircraft = {
+            name: ViewedAircraft(
+                self, name, terrain, partial(self._show, name), partial(self._answered, name)
+            )
+            for name in names
+        }
+        listen_to_diagnostics(self, [*self._aircraft.values()])
+        namespaces = {name: one.namespace for name, one in self._aircraft.items()}
+        self._recordings = Recordings(self, config, namespaces)
+        self._streams = PageStreams(self, config, namespaces)
+        self._team = TeamLink(self, config, self._aircraft)
+        self._map = PageMap(self, config.map)
+        self._targets = TargetStore(Path(config.targets))  # last: another may not be right
+        self._backend = PageBackend(
+            self._aircraft, self._targets, self._map, self._recordings, self._team.link
+        )
+        titles = {name: name or "aircraft" for name in names}
+        self._server = PageServer(self._backend, config, titles)
+        self._revision, self._marked = -1, list[MarkedPlace]()
+        self.resources = self._serve()
+        self._timers = [
+            # One each: what cannot be read of one aircraft takes nothing from the others.
+            *(self.steady_timer(f"state {n}", _REPORT_S, partial(self._report, n)) for n in names),
+            self.steady_timer("targets", _LOOK_S, self._draw_targets),
+            self.steady_timer("recordings", _WATCH_S, self._watch),
+        ]
+        self.report_each_second(self._items)
+
+    @contextmanager
+    def _serve(self) -> Iterator[None]:
+        with ExitStack() as ends:
+            ends.callback(self._targets.close)
+            ends.callback(self._map.stop)
+            ends.callback(self._recordings.end_all)
+            self._server.start()
+            ends.callback(self._server.stop)
+            ends.enter_context(self._team)
+            ends.enter_context(self._streams)
+            self._invite()
+            yield
+
+    def _invite(self) -> None:
+        """Say where the page is, on stdout alone: tokens go into no ROS log.
+
+        Where other computers reach it there is a code to scan.
+        """
+        operators, viewers = self._server.operator_url, self._server.viewer_url
+        if viewers:
+            sys.stdout.write(f"\n{invitation(operators)}\n\nviewers: {viewers}\n")
+        sys.stdout.write(f"the page is at {operators}\n")
+        sys.stdout.flush()
+
+    def _show(self, aircraft: str, stamp_ns: int, jpeg: bytes) -> None:
+        now_ns = time.time_ns()
+        same = abs(now_ns - stamp_ns) < _SAME_CLOCK_NS
+        self._server.show(aircraft, stamp_ns, jpeg, stamp_ns if same else now_ns)
+
+    def _answered(self, aircraft: str, answer: Any) -> None:
+        self._backend.answered(aircraft, answer)
+
+    def _report(self, aircraft: str) -> None:
+        state = self._aircraft[aircraft].state()
+        state["recording"], state["sharing"] = self._recordings.is_on(aircraft), self._team.state
+        state["findings"] += self._recordings.findings(aircraft)
+        self._server.report(aircraft, state)
+
+    def _draw_targets(self) -> None:
+        """Publish the targets where they or the plane have changed, and tell pages and team."""
+        revision = self._targets.revision
+        if revision != self._revision:
+            targets = self._targets.all()
+            self._marked = [marked_place(target) for target in targets]
+            self._server.targets_changed()
+            self._team.targets(targets)
+            self._revision = revision
+        for one in self._aircraft.values():
+            one.draw(self._marked, revision)
+
+    def _watch(self) -> None:
+        self._recordings.watch()
+        self._streams.watch()
+        self._team.send()
+
+    def _items(self) -> list[DiagnosticItem]:
+        values = {"targets": str(len(self._marked)), "listen": self._config.listen}
+        values |= {f"stream {name}": trouble for name, trouble in self._streams.troubles.items()}
+        trouble = self._map.error or next(iter(self._streams.troubles.values()), "")
+        return [self.item("page", values, trouble or "ok", WARN if trouble else OK)]
+
+
+def marked_place(target: Target) -> MarkedPlace:
+    """Return a target as it is drawn in the pictures."""
+    place = target.place
+    name = f": {target.name}" if target.name else ""
+    return MarkedPlace(
+        f"{target.number} {target.kind}{name}",
+        math.radians(place.latitude_deg),
+        math.radians(place.longitude_deg),
+        place.height_m,
+        place.covariance_n,
+    )
+
+
+def check(config: ViewerConfig) -> None:
+    """Raise ConfigError for a file that is not there, and for one without its other half."""
+    if bool(config.certificate) != bool(config.key):
+        absent = "key" if config.certificate else "certificate"
+        raise ConfigError(f"parameter {absent}: https needs both certificate and key: set it")
+    files = {"certificate": config.certificate, "key": config.key, "tiles": config.tiles}
+    for name, path in files.items():
+        if path and not Path(path).exists():
+            raise ConfigError(f"parameter {name}: there is no file {path}")
+
+
+main = partial(run, "viewer_node", ViewerNode)
