@@ -26,17 +26,20 @@ PYTHONS = ("3.10", "3.11", "3.12", "3.13")
 #: The oldest system with a Python 3.10 is Ubuntu 22.04, glibc 2.35: wheels for any older one run.
 _TAGS = ("manylinux2014", *(f"manylinux_2_{minor}" for minor in range(17, 36)))
 _FROM_APT = "ros"
+#: Without a wheel for any computer: plain Python, of which pip makes one.
+_FROM_SOURCE = ("taky",)
 _NAME = re.compile(r"[A-Za-z0-9._-]+")
 _NONE = "none"
 
 
 def requirements(setup_py: Path) -> list[str]:
-    """Return what ``setup.py`` requires, its extras included, but for those of ROS."""
+    """Return what ``setup.py`` requires as wheels, with its extras but those of ROS."""
     with mock.patch("setuptools.setup") as setup:
         runpy.run_path(str(setup_py))
     given = setup.call_args.kwargs
     extras = [wanted for name, wanted in given["extras_require"].items() if name != _FROM_APT]
-    return list(chain(given["install_requires"], *extras))
+    every = chain(given["install_requires"], *extras)
+    return [wanted for wanted in every if not wanted.startswith(_FROM_SOURCE)]
 
 
 def versions(wanted: Sequence[str], python: str) -> dict[str, str]:

@@ -1,0 +1,132 @@
+"""Serve the page in a process of its own, with pictures of the sample flight at 30 Hz."""
+
+from __future__ import annotations
+
+import asyncio
+import multiprocessing
+import os
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+from tirgeo_ros.core.config.viewer import ViewerConfig
+from tirgeo_ros.core.targets.target import Fixing
+from tirgeo_ros.io.bags.bag import BagReader
+from tirgeo_ros.io.targets.store import TargetStore
+from tirgeo_ros.page.backend import Click, Pixel
+from tirgeo_ros.page.server import PageServer
+from tirgeo_ros.tools.replay.process import process
+
+HZ = 30.0
+_ANSWER_S = 0.005
+_JPEG_START = b"\xff\xd8\xff"
+_STATE = {
+    "navigation": {"state": "running", "reason": ""},
+    "position": [39.85, 116.7, 70.0],
+    "footprint": [[39.85, 116.7], [39.851, 116.7], [39.851, 116.701], [39.85, 116.701]],
+    "go": True,
+}
+
+
+class ServedPage:
+    """Be a process that serves the page until the end of the context."""
+
+    def __init__(self, pictures: Path, work: Path) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._ours, theirs = context.Pipe()
+        self._process = context.Process(target=_serve, args=(pictures, work, theirs))
+
+    def __enter__(self) -> ServedPage:  # noqa: PYI034 Self is of Python 3.11
+        """Start, and wait until the page can be opened."""
+        self._process.start()
+        self.url = str(self._ours.recv())
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End."""
+        self._ours.send("end")
+        self._process.join(10)
+
+    def cpu_s(self) -> float:
+        """Return the CPU time of the process so far."""
+        self._ours.send("cpu")
+        return float(self._ours.recv())
+
+    def memory_bytes(self) -> int:
+        """Return what the process has in memory."""
+        statm = Path(f"/proc/{self._process.pid}/statm").read_text()
+        return int(statm.split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+class _Level:
+    """Answer clicks at once: what overlay_node takes is measured elsewhere."""
+
+    def __init__(self, targets: TargetStore) -> None:
+        self.targets = targets
+
+    async def click(self, click: Click) -> Fixing | str:
+        await asyncio.sleep(_ANSWER_S)
+        place = (39.85 + click.v * 1e-6, 116.7 + click.u * 1e-6, 30.0)
+        return Fixing(click.stamp_ns, *place, (0.1, 0, 0, 0, 0.1, 0, 0, 0, 0.1))
+
+    async def where(self, aircraft: str, latitude_deg: float, longitude_deg: float) -> Pixel | str:
+        return f"{aircraft} does not see {latitude_deg} {longitude_deg}"
+
+    async def record(self, aircraft: str, on: bool) -> str:
+        return f"{aircraft} records: {on}"
+
+    async def share(self, on: bool) -> str:
+        return f"shares: {on}"
+
+    def vector_map(self, aircraft: str) -> bytes:
+        return b"" if aircraft else b"{}"
+
+
+def draw_pictures(flight: Path, work: Path, pictures: Path) -> None:
+    """Write the overlay's pictures of a flight."""
+    bag = work / "overlay.mcap"
+    process(
+        flight / "flight.mcap",
+        bag,
+        params=flight / "params.yaml",
+        map=flight / "map.geojson",
+        images=True,
+    )
+    pictures.mkdir()
+    topic = "/tirgeo/overlay/image/compressed"
+    for count, message in enumerate(BagReader(bag).messages([topic])):
+        jpeg = bytes(message.data)
+        (pictures / f"{count:05}.jpg").write_bytes(jpeg[jpeg.index(_JPEG_START) :])
+
+
+def pictures_in(folder: Path) -> list[bytes]:
+    """Return the JPEGs of a folder."""
+    return [path.read_bytes() for path in sorted(folder.glob("*.jpg"))]
+
+
+def _serve(pictures: Path, work: Path, theirs: Connection) -> None:
+    config = replace(ViewerConfig(), listen="127.0.0.1:0")
+    server = PageServer(_Level(TargetStore(work / "targets.gpkg")), config, {"": "aircraft"})
+    server.start()
+    over = threading.Event()
+    feeding = threading.Thread(target=_feed, args=(server, pictures_in(pictures), over))
+    feeding.start()
+    theirs.send(server.operator_url.rstrip("/"))
+    while theirs.recv() == "cpu":
+        theirs.send(time.process_time())
+    over.set()
+    feeding.join()
+    server.stop()
+
+
+def _feed(server: PageServer, pictures: Sequence[bytes], over: threading.Event) -> None:
+    """Show a picture each 1/30 s and report at 5 Hz, as viewer_node does."""
+    begun, count = time.monotonic(), 0
+    while not over.wait(max(0.0, begun + count / HZ - time.monotonic())):
+        server.show("", time.time_ns(), pictures[count % len(pictures)])
+        if count % 6 == 0:
+            server.report("", {**_STATE, "track": [[39.85, 116.7 + count * 1e-6]]})
+        count += 1

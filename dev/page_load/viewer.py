@@ -1,0 +1,104 @@
+"""Be a page in a process of its own: take the video, decode it, answer, and click."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import struct
+import time
+from typing import Any, NamedTuple
+
+import aiohttp
+import cv2
+import numpy as np
+
+_HEADER = struct.Struct("<QQIHH")
+_SETTLE_S = 4.0  # not counted: the link is found out
+_CLICK_EVERY_S = 0.5
+_SLEEP_S = 0.05
+
+
+class Job(NamedTuple):
+    """Say what a viewer does."""
+
+    url: str
+    seconds: float
+    clicks: bool = False
+
+
+class Watched(NamedTuple):
+    """Hold what a viewer saw."""
+
+    ages_ms: list[float]  # of each picture when it is decoded
+    sizes: list[int]  # bytes
+    clicks_ms: list[float]  # from click to answer
+    late_ms: list[float]  # of a short sleep: what a busy machine alone does to all of these
+    seconds: float
+
+    @property
+    def hz(self) -> float:
+        """Return pictures a second."""
+        return len(self.ages_ms) / self.seconds
+
+
+def watch(job: Job) -> Watched:
+    """Watch for a time."""
+    return asyncio.run(_Viewer(job).watch())
+
+
+class _Viewer:
+    def __init__(self, job: Job) -> None:
+        self._job = job
+        self._stamp_ns = 0
+        self._clicked: dict[str, float] = {}
+        self._watched = Watched([], [], [], [], job.seconds)
+
+    async def watch(self) -> Watched:
+        origin = {"Origin": self._job.url}
+        async with (
+            aiohttp.ClientSession(headers=origin) as session,
+            session.ws_connect(f"{self._job.url}/state") as state,
+            session.ws_connect(f"{self._job.url}/video/") as video,
+        ):
+            work = (self._look(video), self._read(state), self._oversleep())
+            tasks = [asyncio.create_task(one) for one in work]
+            if self._job.clicks:
+                tasks.append(asyncio.create_task(self._click(state)))
+            await asyncio.sleep(_SETTLE_S + self._job.seconds)
+            for task in tasks:
+                task.cancel()
+        return self._watched
+
+    async def _look(self, video: aiohttp.ClientWebSocketResponse) -> None:
+        begun = time.monotonic()
+        async for message in video:
+            self._stamp_ns, _, number, _, _ = _HEADER.unpack_from(message.data)
+            jpeg = np.frombuffer(message.data, np.uint8, offset=_HEADER.size)
+            assert cv2.imdecode(jpeg, cv2.IMREAD_COLOR) is not None
+            await video.send_str(f"shown {number}")
+            if time.monotonic() - begun > _SETTLE_S:
+                self._watched.ages_ms.append((time.time_ns() - self._stamp_ns) * 1e-6)
+                self._watched.sizes.append(len(message.data))
+
+    async def _read(self, state: aiohttp.ClientWebSocketResponse) -> None:
+        async for message in state:
+            told: dict[str, Any] = json.loads(message.data)
+            if told["type"] == "answer":
+                assert told["ok"], told
+                clicked_s = self._clicked.pop(told["request"])
+                self._watched.clicks_ms.append((time.monotonic() - clicked_s) * 1e3)
+
+    async def _oversleep(self) -> None:
+        while True:
+            begun = time.monotonic()
+            await asyncio.sleep(_SLEEP_S)
+            self._watched.late_ms.append((time.monotonic() - begun - _SLEEP_S) * 1e3)
+
+    async def _click(self, state: aiohttp.ClientWebSocketResponse) -> None:
+        while True:
+            await asyncio.sleep(_CLICK_EVERY_S)
+            name = f"r{time.monotonic_ns()}"
+            click = {"type": "click", "request": name, "aircraft": "", "kind": "person"}
+            place = {"stamp_ns": str(self._stamp_ns), "u": 320.0, "v": 256.0, "refine": None}
+            self._clicked[name] = time.monotonic()
+            await state.send_str(json.dumps(click | place))

@@ -1,0 +1,191 @@
+"""Take the pictures of docs/operator.md and of the README from the running page.
+
+``python -m dev.page_pictures docs`` starts ``tirgeo demo --page`` at half speed, presses on it as
+an operator would, and leaves operator_*.jpg and page.webp in the folder. Needs Playwright and
+Chromium, which the tests use too. A busy computer shows NO MAP; then wait and run it again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import shutil
+import socket
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+
+from PIL import Image
+from playwright.sync_api import Browser, Page, sync_playwright
+
+from dev.shown_demo import end_demo, shown_demo
+
+_RATE = 0.5
+_LIMIT_S = 120.0
+_WIDE, _PHONE, _TABLET, _HIGH = (1280, 800), (390, 844), (820, 1180), (1200, 1500)
+_FILM_S, _FILM_PX, _FILM_QUALITY = 20.0, (720, 450), 28
+_QUALITY = 72
+#: Where to press in the picture of 640 x 512: on the ground, and into its upper edge.
+_PLACES = ((330, 300), (200, 380), (470, 260))
+
+
+def main() -> int:
+    """Take all pictures."""
+    parser = argparse.ArgumentParser(prog="page_pictures", description=__doc__)
+    parser.add_argument("folder", type=Path)
+    asked = parser.parse_args()
+    browser_path = shutil.which("chromium") or shutil.which("chromium-browser")
+    with (
+        _listening() as team,
+        tempfile.TemporaryDirectory() as name,
+        shown_demo(Path(name), "--cot", f"tcp://127.0.0.1:{team}", "--rate", str(_RATE)) as (
+            url,
+            demo,
+        ),
+        sync_playwright() as driver,
+    ):
+        browser = driver.chromium.launch(executable_path=browser_path, args=["--no-sandbox"])
+        Pictures(browser, url, asked.folder).take(partial(end_demo, demo))
+        browser.close()
+    return 0
+
+
+@contextlib.contextmanager
+def _listening() -> Iterator[int]:
+    """Take whatever is sent to a port, as a TAK server would."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve() -> None:
+            with contextlib.suppress(OSError):
+                while True:
+                    plug, _ = server.accept()
+                    threading.Thread(target=_swallow, args=[plug], daemon=True).start()
+
+        threading.Thread(target=serve, daemon=True).start()
+        yield server.getsockname()[1]
+
+
+def _swallow(plug: socket.socket) -> None:
+    with plug, contextlib.suppress(OSError):
+        while plug.recv(65536):
+            pass
+
+
+class Pictures:
+    """Press on the page and take pictures of it."""
+
+    def __init__(self, browser: Browser, url: str, folder: Path) -> None:
+        self._browser, self._url, self._folder = browser, url, folder
+
+    def take(self, stop: Callable[[], None]) -> None:
+        """Take all; ``stop`` ends the demo, for the picture of a lost connection."""
+        wide = self._open(_WIDE)
+        self._film(wide)
+        self._save(wide, "flight")
+        wide.locator("#share").click()
+        wide.locator("#share", has_text="Shared").wait_for()
+        self._save(wide, "shared")
+        wide.locator("#banner").wait_for()  # the flight begins again: there is no pose yet
+        self._press(wide, *_PLACES[0])
+        self._save(wide, "refused")
+        high = self._open(_HIGH)
+        high.locator(".row").last.click()
+        self._well(high)
+        self._save(high, "target", "#panel")
+        high.locator("[role=tab][data-tab=checks]").click()
+        high.wait_for_timeout(400)
+        self._save(high, "checks", "#panel")
+        phone = self._open(_PHONE)
+        self._well(phone)
+        self._save(phone, "phone")
+        tablet = self._open(_TABLET)
+        tablet.locator("#night").click()
+        self._well(tablet)
+        self._save(tablet, "red")
+        stop()
+        tablet.wait_for_timeout(4000)
+        self._save(tablet, "lost")
+
+    def _open(self, size: tuple[int, int]) -> Page:
+        width, height = size
+        context = self._browser.new_context(viewport={"width": width, "height": height})
+        context.set_default_timeout(_LIMIT_S * 1000)
+        page = context.new_page()
+        page.goto(self._url)
+        page.locator(".stage canvas").wait_for()
+        return page
+
+    def _well(self, page: Page) -> None:
+        """Wait until nothing has been wrong for two seconds."""
+        quiet_s, end_s = time.monotonic(), time.monotonic() + _LIMIT_S
+        while time.monotonic() - quiet_s < 2.0 and time.monotonic() < end_s:
+            wrong = (
+                page.locator("#banner").is_visible() or page.locator(".words-over").is_visible()
+            )
+            quiet_s = time.monotonic() if wrong else quiet_s
+            page.wait_for_timeout(100)
+
+    def _press(self, page: Page, u: float, v: float) -> None:
+        """Press on a pixel of the video."""
+        box = page.locator(".stage canvas").bounding_box()
+        assert box is not None
+        scale = min(box["width"] / 640, box["height"] / 512)
+        left, top = (
+            box["x"] + (box["width"] - 640 * scale) / 2,
+            box["y"] + (box["height"] - 512 * scale) / 2,
+        )
+        page.mouse.click(left + u * scale, top + v * scale)
+        page.wait_for_timeout(700)
+
+    def _film(self, page: Page) -> None:
+        """Film 20 s of flight with some presses, at the flight's own speed."""
+        self._well(page)
+        acts: dict[float, Callable[[], object]] = {
+            2.0: lambda: self._press(page, *_PLACES[0]),
+            6.0: page.locator(".kind[data-kind=fire]").first.click,
+            7.0: lambda: self._press(page, *_PLACES[1]),
+            11.0: lambda: self._press(page, *_PLACES[2]),
+            14.0: page.locator(".row").first.click,
+            18.0: page.get_by_text("List", exact=True).click,
+        }
+        frames, times = list[Image.Image](), list[float]()
+        start_s = time.monotonic()
+        while (now_s := (time.monotonic() - start_s) * _RATE) < _FILM_S:
+            for due_s in [due_s for due_s in acts if due_s <= now_s]:
+                acts.pop(due_s)()
+            frames.append(_small(page.screenshot(type="jpeg", quality=90)))
+            times.append(now_s)
+            page.wait_for_timeout(430)  # some 70 pictures in all
+        _write_film(self._folder / "page.webp", frames, times)
+
+    def _save(self, page: Page, name: str, part: str = "body") -> None:
+        page.locator(part).first.screenshot(
+            path=self._folder / f"operator_{name}.jpg", type="jpeg", quality=_QUALITY
+        )
+
+
+def _small(jpeg: bytes) -> Image.Image:
+    return Image.open(io.BytesIO(jpeg)).resize(_FILM_PX, Image.Resampling.LANCZOS)
+
+
+def _write_film(path: Path, frames: list[Image.Image], times_s: list[float]) -> None:
+    ends_s = [*times_s[1:], _FILM_S]
+    lasts_ms = [round(1000 * (end - at)) for at, end in zip(times_s, ends_s, strict=True)]
+    frames[0].save(
+        path,
+        save_all=True,
+        append_images=frames[1:],
+        duration=lasts_ms,
+        loop=0,
+        quality=_FILM_QUALITY,
+        method=6,
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,49 @@
+"""Run ``tirgeo demo --page`` as long as something looks at its page."""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+_LIMIT_S = 90.0
+
+
+@contextmanager
+def shown_demo(folder: Path, *words: object) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
+    """Yield the page's address, which ends with no slash, and the demo's process; then end it.
+
+    ``words`` are more arguments of the command. What it writes goes into ``folder``. Raises
+    SystemExit if there is no page.
+    """
+    log = folder / "log"
+    given = ["demo", "--page", "127.0.0.1:0", "-o", folder, *words]
+    with log.open("w") as out:
+        command = [sys.executable, "-m", "tirgeo_ros.tools.cli.main", *map(str, given)]
+        demo = subprocess.Popen(command, stdout=out, stderr=out)  # noqa: S603 our own
+    try:
+        yield _address(log, demo), demo
+    finally:
+        end_demo(demo)
+
+
+def end_demo(demo: subprocess.Popen[bytes]) -> None:
+    """End the demo, as Ctrl-C does; one that has ended stays so."""
+    if demo.poll() is None:
+        demo.send_signal(signal.SIGINT)
+        demo.wait(_LIMIT_S)
+
+
+def _address(log: Path, demo: subprocess.Popen[bytes]) -> str:
+    end_s = time.monotonic() + _LIMIT_S
+    while time.monotonic() < end_s and demo.poll() is None:
+        found = re.search(r"http://127\.0\.0\.1:\d+", log.read_text())
+        if found:
+            return found[0]
+        time.sleep(0.1)
+    raise SystemExit(f"tirgeo demo shows no page: {log.read_text()}")
