@@ -120,10 +120,16 @@ setup(
         "test": [
             *("pytest>=7.4,<9", "pytest-xdist>=3.7", "hypothesis>=6.98", "setuptools>=64"),
             # Judges that are not ours: a browser's driver, a TAK server, a reader of KLV.
-            *("playwright>=1.45", "taky>=0.10", "klvdata>=0.0.3"),
+            *("playwright>=1.45", "taky>=0.10", "klvdata>=0.0.3", "rio-cogeo>=5.0", "pandas>=2.0"),
         ],
-        # Elevation models.
+        # Elevation models, orthophotos.
         "dem": ["rasterio>=1.3"],
+        # Readers of other autopilots' and receivers' logs, for tirgeo import.
+        "logs": ["pyulog>=1.0", "pymavlink>=2.4.40", "pyubx2>=1.2.40"],
+        # Many flights on several computers.
+        "cluster": ["distributed>=2024.4"],
+        # The reference of the Python interface.
+        "docs": ["pdoc>=14.5"],
         # Measured beside the filter by make bench, and used nowhere else.
         "bench": ["python-ins>=1.0"],
         # All of ruff's rules are on: a new version brings new ones.

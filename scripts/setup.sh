@@ -22,7 +22,7 @@ if [ "$kind" = floor ]; then
 elif [ "${ROS_DISTRO:-}" = jazzy ]; then
     newest=3.13
     options=--system-site-packages
-    extras=test,dem
+    extras=test,dem,logs,cluster
     # The messages of a ROS 2 from packages are compiled against NumPy 1, and so is OpenCV to 4.11.
     pins='numpy<2 opencv-python-headless<4.12'
 elif [ -n "${ROS_DISTRO:-}" ]; then
@@ -31,7 +31,7 @@ elif [ -n "${ROS_DISTRO:-}" ]; then
 elif [ "$(uname -sm)" = "Linux x86_64" ]; then
     newest=3.13
     options=
-    extras=ros,test,dem
+    extras=ros,test,dem,logs,cluster
     pins=
 else
     stop "the wheels of ROS 2 Jazzy are for Linux on x86-64, this is $(uname -sm):" \
