@@ -30,9 +30,10 @@ ORDER = {
     "core": "types frames config streams camera ground map targets calibration accuracy "
     "navigation aircraft_calibration gimbal overlay checks",
     "dji": "clocks protocol link host sources interpret simulator",
-    "io": "files coordinates parameters elevation messages pictures bags maps surveys cot targets "
-    "video",
-    "tools": "presentation replay simulate budget calibrate convert evaluate graph cli",
+    "io": "files coordinates parameters elevation messages logs pictures bags maps surveys cot "
+    "targets video",
+    "tools": "presentation replay simulate budget calibrate convert evaluate export season graph "
+    "cli",
 }
 BEGIN, END = "<!-- packages: begin -->\n", "<!-- packages: end -->\n"
 

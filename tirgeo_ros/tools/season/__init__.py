@@ -1,0 +1,1 @@
+"""Process many flights, on this computer or a cluster, and show them on one page."""
