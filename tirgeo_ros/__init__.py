@@ -33,3 +33,53 @@ Time
 """
 
 __version__ = "0.1.0"
+
+#: The public interface: each name and the module that it comes from, at its first use.
+_HOMES = {
+    "filter_flight": "library.filtering",
+    "FilteredFlight": "library.filtered_flight",
+    "PicturePose": "library.picture_pose",
+    "project": "library.projecting",
+    "Projected": "library.projecting",
+    "locate": "library.projecting",
+    "Located": "core.ground.ground_point",
+    "Refusal": "core.ground.ground_point",
+    "Ellipse": "core.ground.ground_point",
+    "save_located": "library.projecting",
+    "read_bag": "library.bags",
+    "read_camera": "library.bags",
+    "read_pictures": "library.bags",
+    "Picture": "library.bags",
+    "write_bag": "library.bags",
+    "process": "tools.replay.process",
+    "load_config": "library.parameters",
+    "NodeConfigs": "tools.replay.node_configs",
+    "load_camera": "io.pictures.camera_file",
+    "load_terrain": "io.elevation.elevation_model",
+    "load_survey": "io.surveys.survey",
+    "load_observations": "io.surveys.survey",
+    "SurveyPoint": "io.surveys.survey",
+    "Observation": "io.surveys.survey",
+    "Camera": "core.camera.camera_model",
+    "CameraPose": "core.types.poses",
+    "TangentPlane": "core.frames.tangent_plane",
+    "Terrain": "core.ground.dem",
+    "TirgeoError": "core.types.errors",
+}
+__all__ = list(_HOMES)
+
+
+def __getattr__(name: str) -> object:
+    """Import a name of the public interface (PEP 562): the commands' start stays quick."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module  # noqa: PLC0415  only for who uses the library
+
+    value = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """Return the names, those that are not imported yet too."""
+    return sorted({*globals(), *__all__})

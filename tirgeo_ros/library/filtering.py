@@ -1,0 +1,114 @@
+"""Filter a flight given as tables: the work of ``tirgeo process`` without a bag."""
+
+from __future__ import annotations
+
+import warnings
+from collections import defaultdict
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
+from tirgeo_ros.core.streams.arrival_stamps import Arrivals
+from tirgeo_ros.core.types.poses import CameraPose
+from tirgeo_ros.io.messages import TOPIC_TYPES
+from tirgeo_ros.library.filtered_flight import FilteredFlight, filtered_flight
+from tirgeo_ros.library.parameters import Config, load_config
+from tirgeo_ros.library.samples import Arrived, arrived
+from tirgeo_ros.library.tables import Table, is_frame
+from tirgeo_ros.tools.replay.flight_poses import WHOLE_FLIGHT_S
+from tirgeo_ros.tools.replay.flight_topics import GIMBAL_TOPICS, METHOD_TOPICS
+from tirgeo_ros.tools.replay.node_configs import NodeConfigs
+from tirgeo_ros.tools.replay.registration import Registration
+
+
+def filter_flight(
+    imu: Table,
+    *,
+    rtk_fix: Table | None = None,
+    rtk_velocity: Table | None = None,
+    heading: Table | None = None,
+    gps_fix: Table | None = None,
+    gps_velocity: Table | None = None,
+    pressure: Table | None = None,
+    joints: Table | None = None,
+    camera_attitude: Table | None = None,
+    config: Config = None,
+) -> FilteredFlight:
+    """Filter a flight: estimate the aircraft's poses, and with the gimbal's angles the camera's.
+
+    Each table is a dict of arrays, a structured array or a data frame, with ``stamp_ns`` and the
+    columns of its sensor: ``docs/library.md`` lists them with units and axes. Without the columns
+    ``arrival_ns`` and ``arrival_order`` of ``read_bag`` each sample counts as arrived at its
+    stamp. ``heading`` is that of two antennas; ``joints`` or ``camera_attitude`` (of the gimbal)
+    are needed for the camera's poses alone. ``config`` is as for ``load_config``; unless it gives
+    a method, this is ``ekf_heading``, or ``ekf`` without ``heading``.
+
+    The numbers are those of ``tirgeo process``. A flight without a single solution gives an empty
+    result, with a warning that says why. Raises TableError naming a column that is missing or
+    wrong, and ConfigError.
+    """
+    given = {
+        "imu/data": ("imu", imu),
+        "rtk/fix": ("rtk_fix", rtk_fix),
+        "rtk/vel": ("rtk_velocity", rtk_velocity),
+        "rtk/heading": ("heading", heading),
+        "gps/fix": ("gps_fix", gps_fix),
+        "gps/vel": ("gps_velocity", gps_velocity),
+        "baro/pressure": ("pressure", pressure),
+        "gimbal/joint_states": ("joints", joints),
+        "gimbal/attitude": ("camera_attitude", camera_attitude),
+    }
+    present = {topic: pair for topic, pair in given.items() if pair[1] is not None}
+    configs, _ = load_config(config).fitting(_Given(present), "")
+    wanted = {*METHOD_TOPICS[configs.ekf.method], *GIMBAL_TOPICS[configs.gimbal.composition]}
+    stream = arrived(
+        {topic: table for topic, (_, table) in present.items()},
+        {topic: name for topic, (name, _) in present.items()},
+    )
+    made = type(imu) if is_frame(imu) else dict
+    return _filtered((one for one in stream if one.topic in wanted), configs, made)
+
+
+class _Given:
+    """Say which topics are given, as a bag's reader does."""
+
+    def __init__(self, topics: Iterable[str]) -> None:
+        self._topics = tuple(topics)
+
+    def topics(self) -> dict[str, str]:
+        """Return the given topics, resolved, with their types."""
+        return {f"/{topic}": TOPIC_TYPES[topic] for topic in self._topics}
+
+
+def _filtered(
+    stream: Iterable[Arrived], configs: NodeConfigs, made: Callable[[dict[str, Any]], Any]
+) -> FilteredFlight:
+    """Run filter and gimbal over samples as ``tirgeo process`` does."""
+    registration, arrivals = Registration(configs.ekf, configs.gimbal), Arrivals()
+    found, cameras = [], PoseBuffer[CameraPose](WHOLE_FLIGHT_S)
+    for topic, arrival_ns, sample in stream:
+        one = registration.take(arrivals.stamped(topic, sample, arrival_ns))
+        if one.solution is not None and one.body is not None:
+            found.append((one.solution, one.body))
+        for pose in one.cameras:
+            cameras.add(pose)
+    status = registration.navigation.status()
+    if not found:
+        why = status.reason or status.state.value
+        warnings.warn(f"filter_flight: no solution: {why}", stacklevel=3)
+    verdicts: defaultdict[str, dict[str, int]] = defaultdict(dict)
+    for (source, outcome), number in status.counts.items():
+        verdicts[source][outcome] = number
+    return filtered_flight(
+        [solution for solution, _ in found],
+        [body for _, body in found],
+        made,
+        method=status.method,
+        state=status.state.value,
+        reason=status.reason,
+        verdicts=dict(verdicts),
+        warnings=status.warnings,
+        plane=registration.navigation.plane,
+        video_latency_s=configs.overlay.video_latency_s,
+        _cameras=cameras,
+    )

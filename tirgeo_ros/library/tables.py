@@ -1,0 +1,133 @@
+"""Read columns of tables: dicts of arrays, NumPy structured arrays, data frames of any library.
+
+A table gives its columns by name (``table["stamp_ns"]``), all of one length. pandas is not needed:
+whatever has ``columns`` or can be iterated over its names is taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+from tirgeo_ros.core.types.arrays import Array, IntArray
+from tirgeo_ros.core.types.errors import TableError
+from tirgeo_ros.io.parameters.parameter_file import nearest
+
+#: A dict of 1-D arrays or lists, a structured array, or a data frame (pandas, Polars).
+Table: TypeAlias = Any
+
+STAMP, ARRIVAL, ORDER = "stamp_ns", "arrival_ns", "arrival_order"
+_WHOLE = (
+    "must be whole nanoseconds (int64 or datetime64), for a float resolves 256 ns today: "
+    "(seconds * 1e9).round().astype('int64')"
+)
+
+
+class Column(NamedTuple):
+    """Describe a column of numbers; without a ``default`` a table must have it.
+
+    ``others`` are columns that may stand in its place: name -> conversion of its values.
+    """
+
+    name: str
+    meaning: str  # with unit and axis
+    default: float | None = None
+    others: Mapping[str, Callable[[Any], Any]] = {}
+
+
+class Numbers(NamedTuple):
+    """Hold what was read of a table: stamps, times of arrival, and the other columns."""
+
+    stamps_ns: IntArray  # (n,)
+    arrivals_ns: IntArray  # (n,) the stamps, where the table has no arrival_ns
+    order: IntArray  # (n,) among samples that arrived at one time
+    values: Array  # (n, columns)
+
+
+def numbers_of(name: str, table: Table, columns: Iterable[Column]) -> Numbers:
+    """Return the numbers of a table's columns; ``name`` is what errors call the table.
+
+    Raises TableError naming the column and what it must be.
+    """
+    present = _names(name, table)
+    stamps_ns = _stamps(name, table, present, STAMP)
+    arrivals_ns = _stamps(name, table, present, ARRIVAL) if ARRIVAL in present else stamps_ns
+    order = _whole(name, table, ORDER) if ORDER in present else np.zeros_like(stamps_ns)
+    count = len(stamps_ns)
+    values = [_values(name, table, present, column, count) for column in columns]
+    for column, numbers in ((ARRIVAL, arrivals_ns), (ORDER, order)):
+        _check_length(name, column, len(numbers), count)
+    return Numbers(stamps_ns, arrivals_ns, order, np.stack(values, axis=1))
+
+
+def is_frame(table: Table) -> bool:
+    """Return whether a table is a data frame, which a dict of arrays can be made into."""
+    return hasattr(table, "columns") and not isinstance(table, Mapping)
+
+
+def _names(name: str, table: Table) -> list[str]:
+    fields = getattr(getattr(table, "dtype", None), "names", None)
+    columns = fields or getattr(table, "columns", table if isinstance(table, Mapping) else None)
+    if columns is None:
+        raise TableError(
+            f"{name}: {type(table).__name__} is no table: give a dict of arrays, a structured "
+            "array or a data frame"
+        )
+    return [str(one) for one in columns]
+
+
+def _absent(name: str, wanted: str, meaning: str, present: list[str]) -> TableError:
+    """Return the error for a column that is missing."""
+    hint = nearest(wanted, present).replace("known:", "it has:") if present else ""
+    return TableError(f"{name}: no column {wanted}: {meaning}{hint}")
+
+
+def _stamps(name: str, table: Table, present: list[str], column: str) -> IntArray:
+    if column not in present:
+        raise _absent(name, column, "time of measurement, ns, int64", present)
+    return _whole(name, table, column)
+
+
+def _whole(name: str, table: Table, column: str) -> IntArray:
+    values = np.asarray(table[column])
+    if values.dtype.kind == "M":
+        values = values.astype("datetime64[ns]").astype(np.int64)
+    if values.dtype.kind not in "iu" or values.ndim != 1:
+        raise TableError(f"{name}: column {column} {_WHOLE}; it is {_kind(values)}")
+    return values.astype(np.int64)
+
+
+def _values(name: str, table: Table, present: list[str], column: Column, count: int) -> Array:
+    """Return the values (count,) of a column, of one in its place, or its default."""
+    if column.name in present:
+        return _floats(name, table, column.name, count)
+    for other, convert in column.others.items():
+        if other in present:
+            return np.asarray(convert(_floats(name, table, other, count)))
+    if column.default is None:
+        choice = " or ".join([column.name, *column.others])
+        raise _absent(name, choice, column.meaning, present)
+    return np.full(count, column.default)
+
+
+def _floats(name: str, table: Table, column: str, count: int) -> Array:
+    try:
+        values = np.asarray(table[column], float)
+    except (TypeError, ValueError):
+        kind = _kind(np.asarray(table[column]))
+        raise TableError(f"{name}: column {column} must be numbers; it is {kind}") from None
+    if values.ndim != 1:
+        raise TableError(f"{name}: column {column} needs one number a row, has {_kind(values)}")
+    _check_length(name, column, len(values), count)
+    return values
+
+
+def _check_length(name: str, column: str, length: int, count: int) -> None:
+    if length != count:
+        raise TableError(f"{name}: column {column} has {length} rows, {STAMP} has {count}")
+
+
+def _kind(values: Any) -> str:
+    return f"{values.dtype} of shape {values.shape}"
