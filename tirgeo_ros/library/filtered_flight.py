@@ -55,7 +55,7 @@ class FilteredFlight:
     warnings: tuple[str, ...]
     """Faults of the sensors that did not stop the navigation, a line each."""
     plane: TangentPlane | None
-    """The tangent plane of ``position_n`` and of the camera's poses; None without a solution."""
+    """The tangent plane of ``position_n`` and of the camera's poses; None if it has no origin."""
     table: Any
     """``FilteredFlight.columns`` as a data frame if the IMU's table was one, else as a dict."""
     video_latency_s: float

@@ -48,6 +48,6 @@ def arrived(tables: Mapping[str, Table], names: Mapping[str, str] | None = None)
 
 
 def _samples(topic: str, form: Form, numbers: Numbers) -> Iterator[Arrived]:
-    columns = (numbers.stamps_ns, numbers.arrivals_ns, numbers.values)
+    columns = (numbers.stamps_ns, numbers.arrivals_ns, numbers.rows)
     for stamp_ns, arrival_ns, row in zip(*(one.tolist() for one in columns), strict=True):
         yield Arrived(topic, arrival_ns, form.sample(stamp_ns, row))

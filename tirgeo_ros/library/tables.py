@@ -43,7 +43,7 @@ class Numbers(NamedTuple):
     stamps_ns: IntArray  # (n,)
     arrivals_ns: IntArray  # (n,) the stamps, where the table has no arrival_ns
     order: IntArray  # (n,) among samples that arrived at one time
-    values: Array  # (n, columns)
+    rows: Array  # (n, columns)
 
 
 def numbers_of(name: str, table: Table, columns: Iterable[Column]) -> Numbers:
@@ -52,8 +52,10 @@ def numbers_of(name: str, table: Table, columns: Iterable[Column]) -> Numbers:
     Raises TableError naming the column and what it must be.
     """
     present = _names(name, table)
-    stamps_ns = _stamps(name, table, present, STAMP)
-    arrivals_ns = _stamps(name, table, present, ARRIVAL) if ARRIVAL in present else stamps_ns
+    if STAMP not in present:
+        raise _absent(name, Column(STAMP, "time of measurement, ns, int64"), present)
+    stamps_ns = _whole(name, table, STAMP)
+    arrivals_ns = _whole(name, table, ARRIVAL) if ARRIVAL in present else stamps_ns
     order = _whole(name, table, ORDER) if ORDER in present else np.zeros_like(stamps_ns)
     count = len(stamps_ns)
     values = [_values(name, table, present, column, count) for column in columns]
@@ -78,16 +80,11 @@ def _names(name: str, table: Table) -> list[str]:
     return [str(one) for one in columns]
 
 
-def _absent(name: str, wanted: str, meaning: str, present: list[str]) -> TableError:
+def _absent(name: str, column: Column, present: list[str]) -> TableError:
     """Return the error for a column that is missing."""
-    hint = nearest(wanted, present).replace("known:", "it has:") if present else ""
-    return TableError(f"{name}: no column {wanted}: {meaning}{hint}")
-
-
-def _stamps(name: str, table: Table, present: list[str], column: str) -> IntArray:
-    if column not in present:
-        raise _absent(name, column, "time of measurement, ns, int64", present)
-    return _whole(name, table, column)
+    hint = nearest(column.name, present).replace("known:", "it has:")
+    choice = " or ".join([column.name, *column.others])
+    return TableError(f"{name}: no column {choice}: {column.meaning}{hint}")
 
 
 def _whole(name: str, table: Table, column: str) -> IntArray:
@@ -107,8 +104,7 @@ def _values(name: str, table: Table, present: list[str], column: Column, count: 
         if other in present:
             return np.asarray(convert(_floats(name, table, other, count)))
     if column.default is None:
-        choice = " or ".join([column.name, *column.others])
-        raise _absent(name, choice, column.meaning, present)
+        raise _absent(name, column, present)
     return np.full(count, column.default)
 
 
