@@ -30,4 +30,5 @@ from tirgeo_ros.library.projecting import save_located as save_located
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs as NodeConfigs
 from tirgeo_ros.tools.replay.process import process as process
 
+__all__: list[str]
 __version__: str
