@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import inspect
 import subprocess
 import sys
 
@@ -38,6 +40,18 @@ def test_every_name_is_there():
     assert set(tirgeo_ros.__all__) <= set(dir(tirgeo_ros))
     for name in tirgeo_ros.__all__:
         assert getattr(tirgeo_ros, name) is getattr(tirgeo_ros, name)
+
+
+def test_types_are_those_of_the_stub():
+    """mypy reads __init__.pyi, Python __init__.py: each name must come from one place."""
+    stub = ast.parse((PROJECT / "tirgeo_ros" / "__init__.pyi").read_text())
+    imports = [node for node in stub.body if isinstance(node, ast.ImportFrom)]
+    told = {alias.name: node.module for node in imports for alias in node.names}
+    assert told == {
+        name: inspect.getmodule(getattr(tirgeo_ros, name)).__name__ for name in tirgeo_ros.__all__
+    }
+    (listed,) = (ast.literal_eval(n.value) for n in stub.body if isinstance(n, ast.Assign))
+    assert listed == tirgeo_ros.__all__
 
 
 def test_no_other_name_is_there():
