@@ -19,6 +19,7 @@ from typing import Any
 
 import tirgeo_ros
 from tirgeo_ros.core.types import errors
+from tirgeo_ros.io.files.missing_package import missing_line
 
 _CODE = re.compile(r"``([^`]+)``")
 #: A class's name, maybe with an attribute: FilteredFlight.columns, Located. Not CSV, not N.
@@ -46,7 +47,10 @@ def faults(public: Mapping[str, Any]) -> list[str]:
 
 def build(folder: Path, public: Mapping[str, Any]) -> list[str]:
     """Write the pages to a folder; return pdoc's warnings, a line each."""
-    pdoc = importlib.import_module("pdoc")
+    try:
+        pdoc = importlib.import_module("pdoc")
+    except ModuleNotFoundError:
+        return [missing_line("pdoc")]
     assert all(vars(tirgeo_ros)[name] is item for name, item in public.items())  # pdoc looks there
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)

@@ -11,7 +11,7 @@ from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
 from tirgeo_ros.core.streams.arrival_stamps import Arrivals
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.messages import TOPIC_TYPES
-from tirgeo_ros.library.filtered_flight import FilteredFlight, filtered_flight
+from tirgeo_ros.library.filtered_flight import FilteredFlight, Solutions
 from tirgeo_ros.library.parameters import Config, load_config
 from tirgeo_ros.library.samples import Arrived, arrived
 from tirgeo_ros.library.tables import Table, is_frame
@@ -85,11 +85,11 @@ def _filtered(
 ) -> FilteredFlight:
     """Run filter and gimbal over samples as ``tirgeo process`` does."""
     registration, arrivals = Registration(configs.ekf, configs.gimbal), Arrivals()
-    found, cameras = [], PoseBuffer[CameraPose](WHOLE_FLIGHT_S)
+    found, cameras = Solutions(), PoseBuffer[CameraPose](WHOLE_FLIGHT_S)
     for topic, arrival_ns, sample in stream:
         one = registration.take(arrivals.stamped(topic, sample, arrival_ns))
         if one.solution is not None and one.body is not None:
-            found.append((one.solution, one.body))
+            found.add(one.solution, one.body)
         for pose in one.cameras:
             cameras.add(pose)
     status = registration.navigation.status()
@@ -99,9 +99,7 @@ def _filtered(
     verdicts: defaultdict[str, dict[str, int]] = defaultdict(dict)
     for (source, outcome), number in status.counts.items():
         verdicts[source][outcome] = number
-    return filtered_flight(
-        [solution for solution, _ in found],
-        [body for _, body in found],
+    return found.flight(
         made,
         method=status.method,
         state=status.state.value,

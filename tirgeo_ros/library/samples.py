@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -29,25 +29,33 @@ def form_of(topic: str) -> Form:
     return SENSORS[topic]
 
 
-def arrived(tables: Mapping[str, Table], names: Mapping[str, str] | None = None) -> list[Arrived]:
-    """Return the samples of tables (by topic) in the order of arrival.
+def arrived(
+    tables: Mapping[str, Table], names: Mapping[str, str] | None = None
+) -> Iterator[Arrived]:
+    """Yield the samples of tables (by topic) in the order of arrival.
 
     That is by ``arrival_ns``, then ``arrival_order``, then the order of the tables. ``names`` are
     what errors call the tables, by default the topics. Raises TableError.
     """
-    found, numbers = [], []
-    for topic, table in tables.items():
-        form = form_of(topic)
-        numbers.append(numbers_of((names or {}).get(topic, topic), table, form.columns))
-        found += list(_samples(topic, form, numbers[-1]))
-    if not numbers:
-        return []
-    arrivals_ns = np.concatenate([one.arrivals_ns for one in numbers])
-    order = np.concatenate([one.order for one in numbers])
-    return [found[place] for place in np.lexsort((order, arrivals_ns)).tolist()]
+    topics, names = list(tables), names or {}
+    forms = [form_of(topic) for topic in topics]
+    read = [
+        numbers_of(names.get(topic, topic), tables[topic], form.columns)
+        for topic, form in zip(topics, forms, strict=True)
+    ]
+    for place, row in _in_order(read):
+        numbers, form = read[place], forms[place]
+        sample = form.sample(int(numbers.stamps_ns[row]), numbers.rows[row].tolist())
+        yield Arrived(topics[place], int(numbers.arrivals_ns[row]), sample)
 
 
-def _samples(topic: str, form: Form, numbers: Numbers) -> Iterator[Arrived]:
-    columns = (numbers.stamps_ns, numbers.arrivals_ns, numbers.rows)
-    for stamp_ns, arrival_ns, row in zip(*(one.tolist() for one in columns), strict=True):
-        yield Arrived(topic, arrival_ns, form.sample(stamp_ns, row))
+def _in_order(read: Sequence[Numbers]) -> Iterator[tuple[int, int]]:
+    """Yield the place of the table and the row in it, of one sample after the other."""
+    if not read:
+        return
+    lengths = [len(one.stamps_ns) for one in read]
+    place = np.repeat(np.arange(len(read)), lengths)
+    row = np.concatenate([np.arange(length) for length in lengths])
+    arrival_ns = np.concatenate([one.arrivals_ns for one in read])
+    order = np.lexsort((np.concatenate([one.order for one in read]), arrival_ns))
+    yield from zip(place[order].tolist(), row[order].tolist(), strict=True)

@@ -15,7 +15,7 @@ from tirgeo_ros.core.types.arrays import Array, IntArray
 from tirgeo_ros.core.types.errors import TableError
 from tirgeo_ros.io.parameters.parameter_file import nearest
 
-#: A dict of 1-D arrays or lists, a structured array, or a data frame (pandas, Polars).
+#: A dict of 1-D arrays or lists, a structured array, or a data frame.
 Table: TypeAlias = Any
 
 STAMP, ARRIVAL, ORDER = "stamp_ns", "arrival_ns", "arrival_order"
