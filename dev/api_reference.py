@@ -1,7 +1,7 @@
 """Build the reference of the public interface from its docstrings, by pdoc: ``make api``.
 
-Exit code 1 where a public name has no docstring, where a docstring names a class or an error that
-does not exist, or where pdoc warns. Each of these is a line.
+Exit code 1 where a public name has no docstring, where a docstring names a class that does not
+exist or an error that is not public, or where pdoc warns. Each of these is a line.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 import tirgeo_ros
-from tirgeo_ros.core.types import errors
 from tirgeo_ros.io.files.missing_package import missing_line
 
 _CODE = re.compile(r"``([^`]+)``")
@@ -33,14 +32,14 @@ def public_names() -> dict[str, Any]:
 
 
 def faults(public: Mapping[str, Any]) -> list[str]:
-    """Return a line for each public docstring that is missing or names what does not exist."""
+    """Return a line for each public docstring that is missing, or names what is not public."""
     found = []
     for name, owner, item in _described(public):
         text = item if isinstance(item, str) else inspect.getdoc(item) or ""
         if not text or text.startswith(f"{name}("):  # of a dataclass: its signature
             found.append(f"{name}: no docstring")
-        unknown = [*_unknown_classes(text, public, owner), *_unknown_errors(text)]
-        lines = [f"{name}: its docstring names {one}, which does not exist" for one in unknown]
+        unknown = [*_unknown_classes(text, public, owner), *_unknown_errors(text, public)]
+        lines = [f"{name}: its docstring names {one}, which is not public" for one in unknown]
         found += dict.fromkeys(lines)
     return found
 
@@ -103,9 +102,10 @@ def _has(kind: Any, attribute: str) -> bool:
     return hasattr(kind, attribute) or attribute in inspect.get_annotations(kind)
 
 
-def _unknown_errors(text: str) -> Iterator[str]:
+def _unknown_errors(text: str, public: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the errors in a text that are not public: a program could not catch them."""
     for name in _ERROR.findall(text):
-        if not hasattr(errors, name) and not hasattr(builtins, name):
+        if name not in public and not hasattr(builtins, name):
             yield name
 
 

@@ -65,7 +65,17 @@ _HOMES = {
     "CameraPose": "core.types.poses",
     "TangentPlane": "core.frames.tangent_plane",
     "Terrain": "core.ground.dem",
+    "CameraRates": "core.camera.projection_covariance",
     "TirgeoError": "core.types.errors",
+    "BagError": "core.types.errors",
+    "CameraError": "core.types.errors",
+    "ConfigError": "core.types.errors",
+    "ElevationError": "core.types.errors",
+    "MapError": "core.types.errors",
+    "PoseError": "core.types.errors",
+    "SurveyError": "core.types.errors",
+    "TableError": "core.types.errors",
+    "VideoError": "core.types.errors",
 }
 __all__ = list(_HOMES)
 

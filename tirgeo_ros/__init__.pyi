@@ -1,10 +1,22 @@
 # Types of the public interface; __init__.py imports each name when it is first used.
 
 from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.ground_point import Ellipse, Located, Refusal
-from tirgeo_ros.core.types.errors import TirgeoError
+from tirgeo_ros.core.types.errors import (
+    BagError,
+    CameraError,
+    ConfigError,
+    ElevationError,
+    MapError,
+    PoseError,
+    SurveyError,
+    TableError,
+    TirgeoError,
+    VideoError,
+)
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.elevation.elevation_model import load_terrain
 from tirgeo_ros.io.pictures.camera_file import load_camera
@@ -20,21 +32,31 @@ from tirgeo_ros.tools.replay.process import process
 
 __version__: str
 __all__ = [
+    "BagError",
     "Camera",
+    "CameraError",
     "CameraPose",
+    "CameraRates",
+    "ConfigError",
+    "ElevationError",
     "Ellipse",
     "FilteredFlight",
     "Located",
+    "MapError",
     "NodeConfigs",
     "Observation",
     "Picture",
     "PicturePose",
+    "PoseError",
     "Projected",
     "Refusal",
+    "SurveyError",
     "SurveyPoint",
+    "TableError",
     "TangentPlane",
     "Terrain",
     "TirgeoError",
+    "VideoError",
     "filter_flight",
     "load_camera",
     "load_config",

@@ -11,7 +11,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 import tirgeo_ros
-from tirgeo_ros.core.types.errors import BagError
+from tirgeo_ros import BagError, TableError
 from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.library.sensor_columns import SENSORS
 
@@ -148,3 +148,11 @@ def test_what_cannot_be_read_is_warned_of(short, tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert len(tirgeo_ros.read_bag(damaged, ["imu/data"])["imu/data"]["stamp_ns"]) == 600
+
+
+def test_nothing_is_no_bag(tables, tmp_path):
+    empty = {name: one[:0] for name, one in tables["imu/data"].items()}
+    for given in ({}, {"imu/data": empty}):
+        with pytest.raises(TableError, match=r"bag.mcap: no table has a row"):
+            tirgeo_ros.write_bag(tmp_path / "bag.mcap", given)
+    assert list(tmp_path.iterdir()) == []

@@ -8,7 +8,7 @@ import pytest
 from library_flights import filtered
 
 import tirgeo_ros
-from tirgeo_ros.core.types.errors import ConfigError, PoseError, TableError
+from tirgeo_ros import ConfigError, PoseError, TableError
 from tirgeo_ros.tools.replay.pose_outputs import PoseOutputs
 from tirgeo_ros.tools.replay.process import process
 

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 
 import tirgeo_ros
-from tirgeo_ros import PicturePose, Refusal
+from tirgeo_ros import PicturePose, PoseError, Refusal, TableError
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_rotvec, quat_multiply
 from tirgeo_ros.core.ground.backprojection import Reason
-from tirgeo_ros.core.types.errors import PoseError, TableError
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.surveys.survey import save_observations
 from tirgeo_ros.tools.replay.locate import locate_pixels
@@ -146,6 +145,10 @@ def test_located_as_tirgeo_locate_does(short, flight, params, sample, tmp_path):
         (
             lambda pose: tirgeo_ros.project([[1.0, 2.0]], pose, XT2),
             r"points_n: .*\(N, 3\), is \(1, 2\)",
+        ),
+        (
+            lambda pose: tirgeo_ros.project(np.eye(3), pose, XT2, sigma_m=[1.0, 2.0]),
+            r"sigma_m: .*\(3,\)",
         ),
         (lambda pose: tirgeo_ros.locate("here", pose, XT2, 0.0), r"pixels: must be numbers"),
         (lambda pose: tirgeo_ros.locate(np.zeros((2, 2, 2)), pose, XT2, 0.0), r"is \(2, 2, 2\)"),

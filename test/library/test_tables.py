@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 import tirgeo_ros
-from tirgeo_ros.core.types.errors import TableError
+from tirgeo_ros import TableError
 from tirgeo_ros.library.sensor_columns import SENSORS
 from tirgeo_ros.library.tables import numbers_of
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.arrays import Array, IntArray, RawPixels
-from tirgeo_ros.core.types.errors import BagError, TirgeoError
+from tirgeo_ros.core.types.errors import BagError, TableError, TirgeoError
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, BagWriter, Cdr
 from tirgeo_ros.io.files.whole_files import PathLike
@@ -87,12 +87,13 @@ def write_bag(path: PathLike, tables: Mapping[str, Table], *, namespace: str = "
     each is its arrival. The bag is whole or absent. Raises TableError for a topic or a column,
     BagError if it cannot be written.
     """
-    samples = arrived(tables)
-    messages = Messages(Cdr().types)
+    messages, written = Messages(Cdr().types), 0
     with BagWriter(path) as writer:
-        for topic, arrival_ns, sample in samples:
+        for written, (topic, arrival_ns, sample) in enumerate(arrived(tables), 1):  # noqa: B007
             name = resolved(topic, namespace)
             writer.write(name, TOPIC_TYPES[topic], sensed(messages, sample)[1], arrival_ns)
+        if not written:
+            raise TableError(f"{path}: no table has a row: there is nothing to write")
 
 
 def _chosen(reader: BagReader, topics: Collection[str] | None, namespace: str) -> dict[str, str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections import defaultdict
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
@@ -30,6 +30,7 @@ def filter_flight(
     gps_fix: Table | None = None,
     gps_velocity: Table | None = None,
     pressure: Table | None = None,
+    set_heading: Table | None = None,
     joints: Table | None = None,
     camera_attitude: Table | None = None,
     config: Config = None,
@@ -39,9 +40,10 @@ def filter_flight(
     Each table is a dict of arrays, a structured array or a data frame, with ``stamp_ns`` and the
     columns of its sensor: ``docs/library.md`` lists them with units and axes. Without the columns
     ``arrival_ns`` and ``arrival_order`` of ``read_bag`` each sample counts as arrived at its
-    stamp. ``heading`` is that of two antennas; ``joints`` or ``camera_attitude`` (of the gimbal)
-    are needed for the camera's poses alone. ``config`` is as for ``load_config``; unless it gives
-    a method, this is ``ekf_heading``, or ``ekf`` without ``heading``.
+    stamp. ``heading`` is that of two antennas, ``set_heading`` one that a person sets. ``joints``
+    or ``camera_attitude``, of the gimbal, are needed for the camera's poses alone. ``config`` is
+    as for ``load_config``; unless it gives a method, this is ``ekf_heading``, or ``ekf`` without
+    ``heading``.
 
     The numbers are those of ``tirgeo process``. A flight without a single solution gives an empty
     result, with a warning that says why. Raises TableError naming a column that is missing or
@@ -55,6 +57,7 @@ def filter_flight(
         "gps/fix": ("gps_fix", gps_fix),
         "gps/vel": ("gps_velocity", gps_velocity),
         "baro/pressure": ("pressure", pressure),
+        "ekf_node/set_heading": ("set_heading", set_heading),
         "gimbal/joint_states": ("joints", joints),
         "gimbal/attitude": ("camera_attitude", camera_attitude),
     }
@@ -96,17 +99,22 @@ def _filtered(
     if not found:
         why = status.reason or status.state.value
         warnings.warn(f"filter_flight: no solution: {why}", stacklevel=3)
-    verdicts: defaultdict[str, dict[str, int]] = defaultdict(dict)
-    for (source, outcome), number in status.counts.items():
-        verdicts[source][outcome] = number
     return found.flight(
         made,
         method=status.method,
         state=status.state.value,
         reason=status.reason,
-        verdicts=dict(verdicts),
+        verdicts=_by_source(status.counts),
         warnings=status.warnings,
         plane=registration.navigation.plane,
         video_latency_s=configs.overlay.video_latency_s,
         _cameras=cameras,
     )
+
+
+def _by_source(counts: Mapping[tuple[str, str], int]) -> dict[str, dict[str, int]]:
+    """Return source -> outcome -> number."""
+    found: defaultdict[str, dict[str, int]] = defaultdict(dict)
+    for (source, outcome), number in counts.items():
+        found[source][outcome] = number
+    return dict(found)

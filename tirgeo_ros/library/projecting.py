@@ -32,7 +32,7 @@ class Projected(NamedTuple):
     covariance: Array
     """(N, 2, 2) of the pixel, px2: from the pose, the time, the lens and the point."""
     linear: BoolArray
-    """(N,) whether that covariance describes the error: False where it is of first order only."""
+    """(N,) whether first order, by which the covariance is computed, is enough."""
 
 
 def project(
@@ -56,7 +56,7 @@ def project(
     known = np.isfinite(rays[0])
     confidence = load_config(config).overlay.confidence
     found = FrameConfidence(confidence, camera, pose.pose, pose.rates)
-    sigma = np.broadcast_to(np.nan if sigma_m is None else np.asarray(sigma_m, float), len(points))
+    sigma = _sigmas(sigma_m, len(points))
     spread, first_order = found.spread(rays[:, known], sigma[known], int(known.sum()))
     pixels, covariance = np.full((len(points), 2), np.nan), np.full((len(points), 2, 2), np.nan)
     pixels[known] = camera.pixels(*rays[:2, known]).T
@@ -107,6 +107,14 @@ def save_located(
         raise TableError(f"ids: {len(names)} for {len(answers)} answers")
     answered = [Answered(str(name), one) for name, one in zip(names, answers, strict=True)]
     write_files({path: exported_answers(answered, form_of(path))}, SurveyError)
+
+
+def _sigmas(sigma_m: npt.ArrayLike | None, count: int) -> Array:
+    """Return (count,) standard deviations, nan for the parameters' own. Raises TableError."""
+    sigma = np.asarray(np.nan if sigma_m is None else sigma_m, float)
+    if sigma.shape not in {(), (count,)}:
+        raise TableError(f"sigma_m: must be a number or of shape ({count},), is {sigma.shape}")
+    return np.broadcast_to(sigma, count)
 
 
 def _rows(name: str, values: npt.ArrayLike, width: int) -> Array:
