@@ -98,11 +98,12 @@ def _whole(name: str, table: Table, column: str) -> IntArray:
 
 def _values(name: str, table: Table, present: list[str], column: Column, count: int) -> Array:
     """Return the values (count,) of a column, of one in its place, or its default."""
-    if column.name in present:
-        return _floats(name, table, column.name, count)
-    for other, convert in column.others.items():
-        if other in present:
-            return np.asarray(convert(_floats(name, table, other, count)))
+    given = [one for one in (column.name, *column.others) if one in present]
+    if len(given) > 1:
+        raise TableError(f"{name}: columns {' and '.join(given)} say the same: leave one out")
+    if given:
+        values = _floats(name, table, given[0], count)
+        return values if given[0] == column.name else column.others[given[0]](values)
     if column.default is None:
         raise _absent(name, column, present)
     return np.full(count, column.default)
