@@ -30,7 +30,7 @@ def changed(**columns):
         (changed(stamp_ns=STAMPS * 1.0), r"stamp_ns must be whole nanoseconds .* float64"),
         (changed(heading_rad=["N", "E", "S"]), r"heading_rad must be numbers; it is <U1"),
         (changed(heading_rad=np.zeros((3, 3))), r"heading_rad needs one number a row, has .*3, 3"),
-        (changed(sigma_deg=np.ones(3)), r"columns variance_rad2 and sigma_deg say the same: leave"),
+        (changed(sigma_deg=np.ones(3)), r"columns variance_rad2 and sigma_deg say the same"),
         (changed(heading_rad=[0.1]), r"heading_rad has 1 rows, stamp_ns has 3"),
         (changed(arrival_ns=STAMPS[:2]), r"arrival_ns has 2 rows, stamp_ns has 3"),
         (np.zeros((3, 3)), r"heading: ndarray is no table: give a dict of arrays"),

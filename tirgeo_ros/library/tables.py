@@ -6,14 +6,14 @@ whatever has ``columns`` or can be iterated over its names is taken.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+import difflib
+from collections.abc import Callable, Collection, Mapping
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from tirgeo_ros.core.types.arrays import Array, IntArray
 from tirgeo_ros.core.types.errors import TableError
-from tirgeo_ros.io.parameters.parameter_file import nearest
 
 #: A dict of 1-D arrays or lists, a structured array, or a data frame.
 Table: TypeAlias = Any
@@ -37,6 +37,9 @@ class Column(NamedTuple):
     others: Mapping[str, Callable[[Any], Any]] = {}
 
 
+_TIME = Column(STAMP, "time of measurement, ns, int64")
+
+
 class Numbers(NamedTuple):
     """Hold what was read of a table: stamps, times of arrival, and the other columns."""
 
@@ -46,21 +49,20 @@ class Numbers(NamedTuple):
     rows: Array  # (n, columns)
 
 
-def numbers_of(name: str, table: Table, columns: Iterable[Column]) -> Numbers:
+def numbers_of(name: str, table: Table, columns: Collection[Column]) -> Numbers:
     """Return the numbers of a table's columns; ``name`` is what errors call the table.
 
     Raises TableError naming the column and what it must be.
     """
     present = _names(name, table)
-    if STAMP not in present:
-        raise _absent(name, Column(STAMP, "time of measurement, ns, int64"), present)
+    _check_presence(name, present, columns)
     stamps_ns = _whole(name, table, STAMP)
     arrivals_ns = _whole(name, table, ARRIVAL) if ARRIVAL in present else stamps_ns
     order = _whole(name, table, ORDER) if ORDER in present else np.zeros_like(stamps_ns)
     count = len(stamps_ns)
     values = [_values(name, table, present, column, count) for column in columns]
-    for column, numbers in ((ARRIVAL, arrivals_ns), (ORDER, order)):
-        _check_length(name, column, len(numbers), count)
+    for given, numbers in ((ARRIVAL, arrivals_ns), (ORDER, order)):
+        _check_length(name, given, len(numbers), count)
     return Numbers(stamps_ns, arrivals_ns, order, np.stack(values, axis=1))
 
 
@@ -80,11 +82,16 @@ def _names(name: str, table: Table) -> list[str]:
     return [str(one) for one in columns]
 
 
-def _absent(name: str, column: Column, present: list[str]) -> TableError:
-    """Return the error for a column that is missing."""
-    hint = nearest(column.name, present).replace("known:", "it has:")
-    choice = " or ".join([column.name, *column.others])
-    return TableError(f"{name}: no column {choice}: {column.meaning}{hint}")
+def _check_presence(name: str, present: list[str], columns: Collection[Column]) -> None:
+    """Raise TableError for a column that is missing; the hint is at one that is no other's."""
+    for column in (_TIME, *columns):
+        if column.default is not None or {column.name, *column.others} & set(present):
+            continue
+        taken = {one for each in columns for one in (each.name, *each.others)}
+        near = difflib.get_close_matches(column.name, [p for p in present if p not in taken], 1)
+        hint = f"did you mean {near[0]}?" if near else f"it has: {', '.join(present)}"
+        choice = " or ".join([column.name, *column.others])
+        raise TableError(f"{name}: no column {choice}: {column.meaning} ({hint})")
 
 
 def _whole(name: str, table: Table, column: str) -> IntArray:
@@ -104,8 +111,6 @@ def _values(name: str, table: Table, present: list[str], column: Column, count: 
     if given:
         values = _floats(name, table, given[0], count)
         return values if given[0] == column.name else column.others[given[0]](values)
-    if column.default is None:
-        raise _absent(name, column, present)
     return np.full(count, column.default)
 
 
