@@ -138,6 +138,17 @@ def test_without_heading_the_method_is_the_one_without(tables, params):
         flight.picture_pose(int(flight.stamp_ns[-1]))
 
 
+def test_pressure_and_a_heading_that_was_set_are_taken(tables, params):
+    """The bag has neither: 30 m up in the standard atmosphere; the nose roughly south."""
+    stamps = tables["rtk/heading"]["stamp_ns"]
+    level = np.zeros(len(stamps))
+    pressure = {"stamp_ns": stamps, "pressure_pa": level + 100_965.0, "sigma_pa": level + 5.0}
+    set_heading = {"stamp_ns": stamps[20:21], "heading_deg": [200.0], "sigma_deg": [3.0]}
+    flight = filtered(tables, pressure=pressure, set_heading=set_heading, config=params)
+    assert sum(flight.verdicts["barometer"].values()) >= len(stamps)
+    assert flight.verdicts["set_heading"]["standby"] == 1  # RTK's heading is there
+
+
 def test_parameters_may_be_a_mapping(tables, flight):
     """Those of the sample's file that are not the defaults."""
     config = {

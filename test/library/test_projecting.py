@@ -106,6 +106,20 @@ def test_what_is_behind_or_beside_the_camera_is_not_visible():
     assert empty.covariance.shape == (0, 2, 2)
 
 
+def test_an_elevation_model_is_a_ground():
+    """One that is level gives what its height gives, but for its own slope: none."""
+    pose = looking_down()
+
+    def grid_of(latitude_rad, longitude_rad):
+        return 50 + (longitude_rad - 2.0) * 5e6 / 100, 50 + (0.7 - latitude_rad) * 6.4e6 / 100
+
+    terrain = tirgeo_ros.Terrain(np.full((101, 101), 3.0), grid_of)
+    (on_model,) = tirgeo_ros.locate([320.0, 256.0], pose, XT2, terrain)
+    (level,) = tirgeo_ros.locate([320.0, 256.0], pose, XT2, 3.0)
+    assert on_model.point_n == pytest.approx(level.point_n, abs=1e-4)
+    assert on_model.covariance_n == pytest.approx(level.covariance_n, rel=1e-3, abs=1e-6)
+
+
 def test_a_pixel_without_ground_is_refused_with_its_reason():
     sky, outside = tirgeo_ros.locate([[320, 0], [999, 0]], looking_down(0.0), XT2, 0.0)
     assert isinstance(sky, Refusal)
