@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
@@ -13,12 +13,26 @@ from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.library.filtered_flight import FilteredFlight, Solutions
 from tirgeo_ros.library.parameters import Config, load_config
-from tirgeo_ros.library.samples import Arrived, arrived
+from tirgeo_ros.library.samples import arrived
 from tirgeo_ros.library.tables import Table, is_frame
 from tirgeo_ros.tools.replay.flight_poses import WHOLE_FLIGHT_S
 from tirgeo_ros.tools.replay.flight_topics import GIMBAL_TOPICS, METHOD_TOPICS
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs
-from tirgeo_ros.tools.replay.registration import Registration
+from tirgeo_ros.tools.replay.registration import Registration, Sample
+
+#: Topic -> the argument of its table, in the order of the arguments.
+_ARGUMENTS = {
+    "imu/data": "imu",
+    "rtk/fix": "rtk_fix",
+    "rtk/vel": "rtk_velocity",
+    "rtk/heading": "heading",
+    "gps/fix": "gps_fix",
+    "gps/vel": "gps_velocity",
+    "baro/pressure": "pressure",
+    "ekf_node/set_heading": "set_heading",
+    "gimbal/joint_states": "joints",
+    "gimbal/attitude": "camera_attitude",
+}
 
 
 def filter_flight(
@@ -49,27 +63,14 @@ def filter_flight(
     result, with a warning that says why. Raises TableError naming a column that is missing or
     wrong, and ConfigError.
     """
-    given = {
-        "imu/data": ("imu", imu),
-        "rtk/fix": ("rtk_fix", rtk_fix),
-        "rtk/vel": ("rtk_velocity", rtk_velocity),
-        "rtk/heading": ("heading", heading),
-        "gps/fix": ("gps_fix", gps_fix),
-        "gps/vel": ("gps_velocity", gps_velocity),
-        "baro/pressure": ("pressure", pressure),
-        "ekf_node/set_heading": ("set_heading", set_heading),
-        "gimbal/joint_states": ("joints", joints),
-        "gimbal/attitude": ("camera_attitude", camera_attitude),
-    }
-    present = {topic: pair for topic, pair in given.items() if pair[1] is not None}
-    configs, _ = load_config(config).fitting(_Given(present), "")
-    wanted = {*METHOD_TOPICS[configs.ekf.method], *GIMBAL_TOPICS[configs.gimbal.composition]}
-    stream = arrived(
-        {topic: table for topic, (_, table) in present.items()},
-        {topic: name for topic, (name, _) in present.items()},
-    )
+    given = (imu, rtk_fix, rtk_velocity, heading, gps_fix, gps_velocity, pressure, set_heading)
+    gimbal = (joints, camera_attitude)
+    pairs = zip(_ARGUMENTS, (*given, *gimbal), strict=True)
+    tables = {topic: table for topic, table in pairs if table is not None}
+    configs, _ = load_config(config).fitting(_Given(tables), "")
+    registration = Registration(configs.ekf, configs.gimbal)
     made = type(imu) if is_frame(imu) else dict
-    return _filtered((one for one in stream if one.topic in wanted), configs, made)
+    return _filtered(_stream(tables, configs), registration, configs, made)
 
 
 class _Given:
@@ -83,14 +84,25 @@ class _Given:
         return {f"/{topic}": TOPIC_TYPES[topic] for topic in self._topics}
 
 
+def _stream(tables: Mapping[str, Table], configs: NodeConfigs) -> Iterator[Sample]:
+    """Yield the samples that method and composition use, in the order of their arrival."""
+    wanted = {*METHOD_TOPICS[configs.ekf.method], *GIMBAL_TOPICS[configs.gimbal.composition]}
+    arrivals = Arrivals()
+    for topic, arrival_ns, sample in arrived(tables, _ARGUMENTS):
+        if topic in wanted:
+            yield arrivals.stamped(topic, sample, arrival_ns)
+
+
 def _filtered(
-    stream: Iterable[Arrived], configs: NodeConfigs, made: Callable[[dict[str, Any]], Any]
+    stream: Iterable[Sample],
+    registration: Registration,
+    configs: NodeConfigs,
+    made: Callable[[dict[str, Any]], Any],
 ) -> FilteredFlight:
     """Run filter and gimbal over samples as ``tirgeo process`` does."""
-    registration, arrivals = Registration(configs.ekf, configs.gimbal), Arrivals()
     found, cameras = Solutions(), PoseBuffer[CameraPose](WHOLE_FLIGHT_S)
-    for topic, arrival_ns, sample in stream:
-        one = registration.take(arrivals.stamped(topic, sample, arrival_ns))
+    for sample in stream:
+        one = registration.take(sample)
         if one.solution is not None and one.body is not None:
             found.add(one.solution, one.body)
         for pose in one.cameras:
