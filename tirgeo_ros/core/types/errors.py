@@ -92,3 +92,11 @@ class DjiError(TirgeoError):
 
 class PageError(TirgeoError):
     """Report an operator's page that cannot be served as its parameters say."""
+
+
+class TableError(TirgeoError):
+    """Report a table of samples that lacks a column or whose column cannot be used."""
+
+
+class PoseError(TirgeoError):
+    """Report an instant at which a pose is wanted and not known."""
