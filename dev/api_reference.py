@@ -15,7 +15,7 @@ import sys
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import tirgeo_ros
 from tirgeo_ros.io.files.missing_package import missing_line
@@ -51,6 +51,9 @@ def build(folder: Path, public: Mapping[str, Any]) -> list[str]:
     except ModuleNotFoundError:
         return [missing_line("pdoc")]
     assert all(vars(tirgeo_ros)[name] is item for name, item in public.items())  # pdoc looks there
+    for item in public.values():
+        if hasattr(item, "_fields"):  # the constructor of a named tuple does not know its module
+            item.__new__.__annotations__ = get_type_hints(item)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
         pdoc.render.configure(docformat="markdown", footer_text=f"tirgeo {tirgeo_ros.__version__}")
