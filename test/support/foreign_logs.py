@@ -64,11 +64,31 @@ def pvt(**changed):
     from pyubx2 import GET, UBXMessage  # noqa: PLC0415  an extra
 
     values = {
-        **{"iTOW": 200_697_000, "year": 2024, "month": 6, "day": 11, "hour": 7, "min": 44},
-        **{"second": 39, "validDate": 1, "validTime": 1, "fullyResolved": 1, "nano": 125},
-        **{"fixType": 3, "gnssFixOk": 1, "diffSoln": 1, "carrSoln": 2, "lon": 11.576124},
-        **{"lat": 48.137154, "height": 560_100, "hMSL": 515_000, "hAcc": 14, "vAcc": 10},
-        **{"velN": 1000, "velE": -2000, "velD": 30, "sAcc": 50},
+        "iTOW": 200_697_000,
+        "year": 2024,
+        "month": 6,
+        "day": 11,
+        "hour": 7,
+        "min": 44,
+        "second": 39,
+        "validDate": 1,
+        "validTime": 1,
+        "fullyResolved": 1,
+        "nano": 125,
+        "fixType": 3,
+        "gnssFixOk": 1,
+        "diffSoln": 1,
+        "carrSoln": 2,
+        "lon": 11.576124,
+        "lat": 48.137154,
+        "height": 560_100,
+        "hMSL": 515_000,
+        "hAcc": 14,
+        "vAcc": 10,
+        "velN": 1000,
+        "velE": -2000,
+        "velD": 30,
+        "sAcc": 50,
     }
     return UBXMessage("NAV", "NAV-PVT", GET, **values | changed).serialize()
 
@@ -78,9 +98,17 @@ def relposned(**changed):
     from pyubx2 import GET, UBXMessage  # noqa: PLC0415  an extra
 
     values = {
-        **{"version": 1, "iTOW": 200_697_000, "relPosLength": 120, "relPosHeading": 200.0},
-        **{"accHeading": 0.5, "gnssFixOK": 1, "diffSoln": 1, "relPosValid": 1, "carrSoln": 2},
-        **{"isMoving": 1, "relPosHeadingValid": 1},
+        "version": 1,
+        "iTOW": 200_697_000,
+        "relPosLength": 120,
+        "relPosHeading": 200.0,
+        "accHeading": 0.5,
+        "gnssFixOK": 1,
+        "diffSoln": 1,
+        "relPosValid": 1,
+        "carrSoln": 2,
+        "isMoving": 1,
+        "relPosHeadingValid": 1,
     }
     return UBXMessage("NAV", "NAV-RELPOSNED", GET, **values | changed).serialize()
 
@@ -90,7 +118,5 @@ def samples(path):
     found = defaultdict(list)
     for message in BagReader(path).messages():
         topic = message.topic.removeprefix("/")
-        found[topic].append(
-            SENSED_SAMPLES[topic](CDR.deserialize(message.data, message.typename))
-        )
+        found[topic].append(SENSED_SAMPLES[topic](CDR.deserialize(message.data, message.typename)))
     return found

@@ -27,8 +27,15 @@ from tirgeo_ros.io.messages import SensedSample, topic_of
 from tirgeo_ros.tools.convert.import_sink import ImportSink
 from tirgeo_ros.tools.presentation.progress import Report
 
-#: After this time with all topics a filter lacks nothing but a heading, and takes one.
+#: After this time with all topics a filter lacks nothing but a heading, and takes one: its
+#: ``alignment.wait_s``.
 _ASKED_NS = 5_000_000_000
+#: Keys of a columns file that a finding on the IMU is about.
+_KEYS = {
+    "force_unit": "imu.accel.unit",
+    "gyro_unit": "imu.gyro.unit",
+    **dict.fromkeys(("force_axes", "gyro_axes"), "imu.axes"),
+}
 _POSITIONS = ("rtk/fix", "gps/fix")
 
 
@@ -222,4 +229,7 @@ def _doubts(
         block = blocks.add(sample) if isinstance(sample, ImuSample) else None
         if block is not None:
             checks.block(block)
-    yield from (finding.line for finding in checks.findings())
+    is_table = any(log.form == CSV.name and "imu/data" in log.spans for log in logs)
+    for finding in checks.findings():
+        keys = _KEYS.get(finding.check, "")
+        yield f"{finding.line} (in --columns: {keys})" if is_table and keys else finding.line
