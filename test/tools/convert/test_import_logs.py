@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -94,6 +95,23 @@ def test_the_parameters_give_undulation_and_baseline(folder):
     assert found["gps/fix"][0].height_m == pytest.approx(585.25)
     assert math.degrees(found["rtk/heading"][0].heading_rad) % 360 == pytest.approx(110.0)
     assert "aircraft.second_antenna_m is not set" not in str(result["warning"])
+
+
+def test_whose_antenna_a_position_is_of(folder):
+    """The rover's, unless the base's log is named first or the rover is the first antenna."""
+    pytest.importorskip("pyubx2")
+    rover, base = folder / "rover.ubx", folder / "base.ubx"
+    rover.write_bytes(pvt() + relposned() + pvt(second=40))
+    base.write_bytes(pvt(lat=48.2) + pvt(second=40))
+    warned = "rtk/fix is of the rover's antenna"
+    assert warned in imported(folder, "rover.ubx")["warning"]
+    options = replace(OPTIONS, rover_first=True)
+    assert warned not in imported(folder, "rover.ubx", logs=options)["warning"]
+    result = imported(folder, "base.ubx", "rover.ubx")
+    assert warned not in result["warning"]
+    found = samples(folder / "out.mcap")
+    assert math.degrees(found["rtk/fix"][0].latitude_rad) == pytest.approx(48.2)
+    assert math.degrees(found["rtk/heading"][0].heading_rad) % 360 == pytest.approx(200.0)
 
 
 def test_a_heading_that_a_person_knows(folder):

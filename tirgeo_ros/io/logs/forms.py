@@ -37,9 +37,10 @@ class Form(NamedTuple):
 
 
 CSV = Form("CSV", lambda head: _is_text(head) and b"," in head, "csv_log", "read_csv")
+UBX = Form("u-blox UBX", ubx_frames.is_ubx, "ubx", "read_ubx")
 #: The first that fits is taken.
 FORMS = (
-    Form("u-blox UBX", ubx_frames.is_ubx, "ubx", "read_ubx"),
+    UBX,
     Form("RTKLIB .pos", rtklib_pos.is_pos, "rtklib_pos", "read_pos"),
     Form("DJI subtitles (SRT)", dji_srt.is_srt, "dji_srt", "read_srt"),
 )

@@ -33,11 +33,6 @@ _KEYS = {b"\x01\x07": PVT, b"\x01\x3c": RELPOSNED, b"\x01\x14": HPPOSLLH}
 _LENGTH_TOLERANCE_M = 0.1
 _STATUS = {2: FixStatus.FIXED, 1: FixStatus.FLOAT}
 _FIX_TYPES = (3, 4)  # 3D; GNSS and dead reckoning. 2D has no height, 1 is dead reckoning alone
-_ROVER = (
-    "NAV-PVT is of the rover's antenna, to which NAV-RELPOSNED points from the moving base: take "
-    "positions from the base's log (name it before this one), or make the rover's antenna the "
-    "first with --rover-first"
-)
 
 
 class _Refused(Exception):  # noqa: N818  no error: the record is counted
@@ -92,9 +87,6 @@ class _UbxLog:
             self._count(PVT, self._solution, message, precise.get(message.iTOW, message))
         for message in self._found[RELPOSNED]:
             self._count(RELPOSNED, self._heading, message)
-        headed = any(isinstance(s, HeadingSample) for s in self.contents.samples)
-        if headed and self._found[PVT] and not self._options.rover_first:
-            self.contents.notes.append(_ROVER)
 
     def _count(self, name: str, convert: Any, *messages: Any) -> None:
         try:

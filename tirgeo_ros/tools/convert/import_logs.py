@@ -20,7 +20,7 @@ from tirgeo_ros.core.types.measurements import (
     JointSample,
     SetHeading,
 )
-from tirgeo_ros.io.logs.forms import CSV, Form, form_of
+from tirgeo_ros.io.logs.forms import CSV, UBX, Form, form_of
 from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions
 from tirgeo_ros.io.logs.log_times import LAST_NS
 from tirgeo_ros.io.messages import SensedSample, topic_of
@@ -36,6 +36,12 @@ _KEYS = {
     "gyro_unit": "imu.gyro.unit",
     **dict.fromkeys(("force_axes", "gyro_axes"), "imu.axes"),
 }
+#: A receiver with a moving base gives the position of its own antenna, the rover's.
+_ROVER = (
+    "rtk/fix is of the rover's antenna, and rtk/heading points to it from the moving base: take "
+    "positions from the base's log (name it before this one), or make the rover's antenna the "
+    "first with --rover-first"
+)
 _POSITIONS = ("rtk/fix", "gps/fix")
 
 
@@ -97,8 +103,7 @@ def import_logs(
     options = _completed(options, config)
     rest = iter(columns if len(columns) > 1 else [*columns] * len(files))
     logs: list[Log] = []
-    for number, (path, form) in enumerate(files):
-        progress(number, len(files))
+    for path, form in files:
         own = replace(options, columns=next(rest)) if form is CSV else options
         logs.append(_read(path, form, own))
     warnings = list(_without_repeated_topics(logs))
@@ -110,12 +115,17 @@ def import_logs(
     if options.set_heading_rad is not None:
         begun_ns = max(span[0] for log in logs for span in log.spans.values())
         sink.write(SetHeading(begun_ns + _ASKED_NS, options.set_heading_rad, 0.0))
-    for sample in samples:
+    for number, sample in enumerate(samples):
         sink.write(sample)
+        progress(number, len(samples))
     return {
         "kind": "logs",
         "files": [log.result() for log in logs],
-        "warnings": [*warnings, *_doubts(logs, samples, config.aircraft)],
+        "warnings": [
+            *warnings,
+            *_doubts(logs, rover_first=options.rover_first),
+            *_of_imu(logs, samples, config.aircraft),
+        ],
     }
 
 
@@ -212,18 +222,24 @@ def _refusals(log: Log) -> str:
     return "; ".join(refused) or f"it has {read}"
 
 
-def _doubts(
-    logs: Sequence[Log], samples: Sequence[SensedSample], aircraft: AircraftConfig
-) -> Iterator[str]:
-    """Yield what was refused, what is missing, and what the IMU's own data contradict."""
+def _doubts(logs: Sequence[Log], *, rover_first: bool) -> Iterator[str]:
+    """Yield what was refused, what is missing, and what is measured at another antenna."""
     for log in logs:
         if log.contents.refused:
             yield f"{log.path}: refused {_refusals(log)}"
+        if log.form == UBX.name and {"rtk/fix", "rtk/heading"} <= log.spans.keys():
+            yield from () if rover_first else (f"{log.path}: {_ROVER}",)
     topics = {topic for log in logs for topic in log.spans}
     if "imu/data" not in topics:
         yield "no imu/data: nothing can be filtered without; give a log with an IMU beside it"
     if not topics & {*_POSITIONS}:
         yield f"neither {' nor '.join(_POSITIONS)}: give a log with positions beside it"
+
+
+def _of_imu(
+    logs: Sequence[Log], samples: Sequence[SensedSample], aircraft: AircraftConfig
+) -> Iterator[str]:
+    """Yield what gravity and the orientation say against units and axes of the IMU."""
     blocks, checks = ImuBlocks(aircraft.rotation_bi), ImuChecks()
     for sample in samples:
         block = blocks.add(sample) if isinstance(sample, ImuSample) else None
