@@ -59,6 +59,13 @@ class Log:
         """Return first and last stamp (ns)."""
         return self.contents.samples[0].stamp_ns, self.contents.samples[-1].stamp_ns
 
+    def leave_out(self, topic: str, reason: str) -> None:
+        """Count a topic's samples as refused."""
+        kept = [sample for sample in self.contents.samples if topic_of(sample) != topic]
+        self.contents.refused[topic, reason] += len(self.contents.samples) - len(kept)
+        self.contents.samples = kept
+        del self.spans[topic]
+
     def result(self) -> dict[str, object]:
         """Return the row of the summary."""
         refused = self.contents.refused
@@ -106,15 +113,15 @@ def import_logs(
     for path, form in files:
         own = replace(options, columns=next(rest)) if form is CSV else options
         logs.append(_read(path, form, own))
-    warnings = list(_without_repeated_topics(logs))
+    _leave_out_repeated_topics(logs)
     _check_common_time(logs)
     samples = [sample for log in logs for sample in log.contents.samples]
-    samples.sort(key=lambda sample: sample.stamp_ns)
     if not samples:
         raise LogError(f"{logs[0].path}: nothing in it can be used: {_refusals(logs[0])}")
     if options.set_heading_rad is not None:
         begun_ns = max(span[0] for log in logs for span in log.spans.values())
-        sink.write(SetHeading(begun_ns + _ASKED_NS, options.set_heading_rad, 0.0))
+        samples.append(SetHeading(begun_ns + _ASKED_NS, options.set_heading_rad, 0.0))
+    samples.sort(key=lambda sample: sample.stamp_ns)
     for number, sample in enumerate(samples):
         sink.write(sample)
         progress(number, len(samples))
@@ -122,7 +129,6 @@ def import_logs(
         "kind": "logs",
         "files": [log.result() for log in logs],
         "warnings": [
-            *warnings,
             *_doubts(logs, rover_first=options.rover_first),
             *_of_imu(logs, samples, config.aircraft),
         ],
@@ -177,22 +183,17 @@ def _meet(one: tuple[int, int], other: tuple[int, int]) -> bool:
     return one[0] <= other[1] and other[0] <= one[1]
 
 
-def _without_repeated_topics(logs: Sequence[Log]) -> Iterator[str]:
-    """Leave out a topic that an earlier log has for the same time; yield a line for each.
+def _leave_out_repeated_topics(logs: Sequence[Log]) -> None:
+    """Leave out a topic that an earlier log has for the same time.
 
     Two receivers on one topic would be one that jumps between two places.
     """
     for place, log in enumerate(logs):
         for topic, span in list(log.spans.items()):
-            for before in logs[:place]:
-                if topic in before.spans and _meet(span, before.spans[topic]):
-                    kept = [s for s in log.contents.samples if topic_of(s) != topic]
-                    left_out = len(log.contents.samples) - len(kept)
-                    log.contents.samples = kept
-                    log.contents.refused[topic, f"{before.path} has it, named before"] += left_out
-                    del log.spans[topic]
-                    yield f"{topic} is of {before.path}: {left_out} of {log.path} are left out"
-                    break
+            same = [one for one in logs[:place] if topic in one.spans]
+            before = next((one for one in same if _meet(span, one.spans[topic])), None)
+            if before is not None:
+                log.leave_out(topic, f"{before.path}, named before, has it")
 
 
 def _check_common_time(logs: Sequence[Log]) -> None:
