@@ -90,6 +90,10 @@ class DjiError(TirgeoError):
     """Report a capture, a package table, a key or an aircraft link that cannot be used."""
 
 
+class LogError(TirgeoError):
+    """Report a log of another maker that cannot be read, or that leaves a needed thing open."""
+
+
 class PageError(TirgeoError):
     """Report an operator's page that cannot be served as its parameters say."""
 
