@@ -43,6 +43,10 @@ class BagError(TirgeoError):
     """Report a bag that cannot be read or written, or that lacks a required topic."""
 
 
+class LogError(TirgeoError):
+    """Report a log of another maker that cannot be read, or that leaves open what is needed."""
+
+
 class MessageError(TirgeoError):
     """Report a message that cannot be decoded or lacks required data.
 
