@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -90,6 +92,7 @@ class _Table:
         return np.where(sampled > 0, sampled, self.integers("timestamp"))
 
 
+@np.errstate(invalid="ignore", over="ignore", divide="ignore")  # samples are judged one by one
 def read_px4_ulog(path: Path, options: LogOptions) -> LogContents:
     """Read a log, as far as it is whole.
 
@@ -129,21 +132,20 @@ def _opened(path: Path) -> Any:
     from pyulog.exceptions import ULogException  # noqa: PLC0415
 
     try:
-        with path.open("rb") as file, bounded_memory():
+        with path.open("rb") as file, bounded_memory(), redirect_stdout(StringIO()):
             return ULog(file, _WANTED)
     except OSError as error:
         raise LogError(f"{path}: cannot be read: {error.strerror or error}") from None
     except (*_DAMAGED, ULogException) as error:
-        raise LogError(
-            f"{path}: damaged, or not a ULog: {error or type(error).__name__}"
-        ) from None
+        why = str(error) or type(error).__name__
+        raise LogError(f"{path}: damaged, or not a ULog: {why}") from None
 
 
 def _first_instances(log: Any) -> dict[str, _Table]:
     """Return each topic's table of the first instance that has records."""
     found: dict[str, _Table] = {}
     for data in sorted(log.data_list, key=lambda one: int(one.multi_id)):
-        number = len(data.data["timestamp"])
+        number = len(data.data.get("timestamp", ()))  # none in a damaged format
         if data.name in found:
             found[data.name].others += number
         elif number:
@@ -165,9 +167,8 @@ def _imu(table: _Table) -> ImuTable:
         force_b, rate_b = _xyz(table, "accelerometer_m_s2"), _xyz(table, "gyro_rad")
         return ImuTable(table.time_us, force_b, rate_b)
     seconds = table.columns("delta_velocity_dt", "delta_angle_dt") * 1e-6
-    with np.errstate(divide="ignore", invalid="ignore"):  # refused later: not finite
-        force_b = _xyz(table, "delta_velocity") / seconds[:, :1]
-        rate_b = _xyz(table, "delta_angle") / seconds[:, 1:]
+    force_b = _xyz(table, "delta_velocity") / seconds[:, :1]
+    rate_b = _xyz(table, "delta_angle") / seconds[:, 1:]
     return ImuTable(table.time_us, force_b, rate_b)
 
 

@@ -25,19 +25,23 @@ from datetime import datetime, timezone
 from typing import Any
 
 from tirgeo_ros.tools.cli._lines import table
-from tirgeo_ros.tools.cli._verb import NEEDED, WORD, UsageError, call
+from tirgeo_ros.tools.cli._verb import NEEDED, NUMBER, WORD, UsageError, call
 from tirgeo_ros.tools.cli.dump import CAPTURE
 
 _TIME = "UTC of the first message, as 2024-06-11T07:44:39; default: the receivers' date"
 _NAMESPACE = "namespace of the aircraft's topics in a ROS 1 bag, and in the new bag; default: none"
+_MAP = "topic of a bag, and the topic of tirgeo that it becomes; may be repeated"
+_RPY = "with --map-topic: rotation of the IMU's axes relative to base_link, deg"
 _TOPIC = WORD | {"default": ""}
 OPTIONS = (
-    ("flight", "IN", "ROS 1 bag or serial capture"),
+    ("flight", "IN", "ROS 1 bag, serial capture, or any bag with --map-topic"),
     ("-o --output", "OUT.mcap", "the new bag", NEEDED),
     ("--params", "YAML", "parameters of dji_node"),
     ("--namespace", "NS", _NAMESPACE, _TOPIC),
     ("--image-topic", "TOPIC", "topic that becomes thermal/image_raw[/compressed]", _TOPIC),
     ("--camera-info-topic", "TOPIC", "topic that becomes thermal/camera_info", _TOPIC),
+    ("--map-topic", "FROM=TO", _MAP, WORD | {"action": "append", "default": []}),
+    ("--imu-rpy", ("R", "P", "Y"), _RPY, NUMBER | {"nargs": 3, "default": (0.0, 0.0, 0.0)}),
     *CAPTURE,
     ("--start-time", "TIME", _TIME, WORD),
 )
@@ -47,13 +51,30 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     """Import the flight; return what was read and written."""
     from tirgeo_ros.tools.convert.import_capture import CaptureOptions  # noqa: PLC0415 heavy
     from tirgeo_ros.tools.convert.import_flight import import_flight  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.convert.import_mapped import MappedTopics  # noqa: PLC0415 heavy
     from tirgeo_ros.tools.convert.import_ros1 import Pictures  # noqa: PLC0415 heavy
 
+    args.mapped = MappedTopics(tuple(map(_pair, args.map_topic)), tuple(args.imu_rpy))
+    if args.mapped.pairs and (args.image_topic or args.camera_info_topic):
+        raise UsageError(
+            "--image-topic is for DJI's bags: use --map-topic TOPIC=thermal/image_raw"
+        )
     start_ns = None if args.start_time is None else _utc_ns(args.start_time)
     args.pictures = Pictures(args.image_topic, args.camera_info_topic)
     args.capture = CaptureOptions(str(args.packages or ""), args.key, start_ns)
-    names = "params namespace pictures capture"
+    names = "params namespace pictures capture mapped"
     return call(import_flight, args, "importing", "flight output", names)
+
+
+def _pair(text: str) -> tuple[str, str]:
+    """Return a topic and the topic of the contract that it becomes. Raise UsageError."""
+    from tirgeo_ros.tools.convert.topic_types import MAPPABLE  # noqa: PLC0415 heavy
+
+    topic, _, contract = text.partition("=")
+    contract = contract.strip("/")
+    if not topic.strip("/") or contract not in MAPPABLE:
+        raise UsageError(f"--map-topic {text}: not FROM=TO, TO one of {', '.join(MAPPABLE)}")
+    return topic, contract
 
 
 def _utc_ns(text: str) -> int:
@@ -72,6 +93,7 @@ def describe(result: dict[str, Any]) -> str:
     parts = [_came_in(result), _went_out(result["written"])]
     if result["counts"]:
         parts.append(_pairs(result["counts"]))
+    parts += result.get("notes", [])
     pictures = [t for t, kind in result.get("not_read", {}).items() if "Image" in kind]
     if pictures:
         parts.append(f"pictures in the bag that --image-topic may name: {', '.join(pictures)}")
