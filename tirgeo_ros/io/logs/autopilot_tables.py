@@ -209,7 +209,7 @@ def add_samples(contents: LogContents, name: str, samples: Iterable[NavigationIn
 def antenna_note(parameter: str, place_frd_m: Sequence[float]) -> Iterator[str]:
     """Yield where the log says that the antenna is, unless that is at the IMU."""
     if any(place_frd_m):
-        forward, left, up = flu_from_frd(np.array(place_frd_m)).tolist()
+        forward, left, up = (flu_from_frd(np.array(place_frd_m)) + 0.0).tolist()  # no -0
         yield (
             f"{parameter}: the antenna is at [{forward:g}, {left:g}, {up:g}] (forward, left, up); "
             "set aircraft.gps_antenna_m, or rtk_antenna_m"
