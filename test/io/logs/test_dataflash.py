@@ -144,7 +144,8 @@ def test_heights_need_the_geoid_and_the_logs_own_is_shown(tmp_path):
     log = small_log()
     fix(log, 80_100_000, 3, 0.0)
     with pytest.raises(
-        TirgeoError, match=r"above mean sea level: .*M \(GPA.Und is -19.2, of eith"
+        TirgeoError,
+        match=r"above mean sea level: .*--geoid-undulation \(GPA.Und is -19.2, of eith",
     ):
         read_dataflash(log.write(tmp_path / "a.BIN"), LogOptions())
 

@@ -43,10 +43,6 @@ class BagError(TirgeoError):
     """Report a bag that cannot be read or written, or that lacks a required topic."""
 
 
-class LogError(TirgeoError):
-    """Report a log of another maker that cannot be read, or that leaves open what is needed."""
-
-
 class MessageError(TirgeoError):
     """Report a message that cannot be decoded or lacks required data.
 
@@ -92,6 +88,10 @@ class GraphError(TirgeoError):
 
 class DjiError(TirgeoError):
     """Report a capture, a package table, a key or an aircraft link that cannot be used."""
+
+
+class LogError(TirgeoError):
+    """Report a log of another maker that cannot be read, or that leaves a needed thing open."""
 
 
 class PageError(TirgeoError):

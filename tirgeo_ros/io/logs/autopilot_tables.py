@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.frames.rotations import slerp
-from tirgeo_ros.core.streams.sanity_checks import fault_of, usable_attitude
+from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array, IntArray
 from tirgeo_ros.core.types.measurements import (
     FixStatus,
@@ -26,8 +26,6 @@ from tirgeo_ros.io.logs.log_contents import LogContents
 _LONGEST_GAP_NS = 250_000_000
 #: Microseconds that are a date of this century, not a time since the autopilot was switched on.
 _UNIX_US = 946_684_800_000_000
-#: Times in ROS have 31 bits of seconds.
-_LAST_NS = 2**31 * 10**9
 #: Fix types of MAVLink, which PX4 and ArduPilot log: 4 differential, 5 RTK float, 6 RTK fixed.
 _FIXES = {
     3: FixStatus.SINGLE,
@@ -108,18 +106,14 @@ class AutopilotClock:
         return (time_us + self.shift_us) * 1000
 
 
-def add_imu(
-    contents: LogContents,
-    clock: AutopilotClock,
-    name: str,
-    imu: ImuTable,
-    attitude: AttitudeTable | None,
-) -> None:
-    """Add the readings of an IMU, each with the autopilot's attitude at its time."""
+def imu_samples(
+    clock: AutopilotClock, imu: ImuTable, attitude: AttitudeTable | None
+) -> Iterator[ImuSample]:
+    """Yield the readings of an IMU, each with the autopilot's attitude at its time."""
     stamps_ns = clock.unix_ns(imu.time_us)
     known = [None] * len(stamps_ns) if attitude is None else _at(imu.time_us, attitude)
     rows = zip(stamps_ns.tolist(), imu.force_b, imu.rate_b, known, strict=True)
-    add_samples(contents, name, (ImuSample(*row) for row in rows))
+    return (ImuSample(*row) for row in rows)
 
 
 def _at(time_us: IntArray, attitude: AttitudeTable) -> list[Array | None]:
@@ -159,8 +153,7 @@ def add_gnss(contents: LogContents, clock: AutopilotClock, name: str, gnss: Gnss
         if fix not in _FIXES:
             contents.refused[name, f"fix type {fix}: no position in three dimensions"] += 1
             continue
-        found = _samples_of(gnss, row, stamp_ns, _FIXES[fix], is_rtk=is_rtk)
-        add_samples(contents, name, found)
+        contents.samples += _samples_of(gnss, row, stamp_ns, _FIXES[fix], is_rtk=is_rtk)
 
 
 def _samples_of(
@@ -192,18 +185,6 @@ def _samples_of(
 def _known(sigma: float) -> float:
     """Return a sigma; 0, which means unknown, for what cannot be one."""
     return float(sigma) if 0 < sigma < np.inf else 0.0
-
-
-def add_samples(contents: LogContents, name: str, samples: Iterable[NavigationInput]) -> None:
-    """Add samples; those that cannot be a measurement are counted as refused, by the reason."""
-    for sample in samples:
-        fault = fault_of(sample)
-        if not 0 < sample.stamp_ns < _LAST_NS:
-            fault = "its time is out of range"
-        if fault:
-            contents.refused[name, fault] += 1
-        else:
-            contents.samples.append(sample)
 
 
 def antenna_note(parameter: str, place_frd_m: Sequence[float]) -> Iterator[str]:

@@ -29,13 +29,12 @@ from tirgeo_ros.io.logs.autopilot_tables import (
     GnssTable,
     ImuTable,
     add_gnss,
-    add_imu,
-    add_samples,
     antenna_note,
     delay_note,
+    imu_samples,
 )
-from tirgeo_ros.io.logs.gps_time import unix_ns_of_week
-from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions
+from tirgeo_ros.io.logs.log_contents import MSL, LogContents, LogOptions
+from tirgeo_ros.io.logs.log_times import utc_ns_of_week
 
 #: The first message of a log: a format (FMT, 0x80) that describes a message, mostly itself.
 _HEAD = b"\xa3\x95\x80"
@@ -103,7 +102,7 @@ class _Log:
     damaged: bool
 
 
-@np.errstate(invalid="ignore", over="ignore")  # samples are judged one by one
+@np.errstate(invalid="ignore", over="ignore")  # samples are judged afterwards
 def read_dataflash(path: Path, options: LogOptions) -> LogContents:
     """Read a log, as far as it is whole.
 
@@ -122,12 +121,11 @@ def read_dataflash(path: Path, options: LogOptions) -> LogContents:
             contents.refused[records.name, "of another instance than the first"] += number - taken
     gnss = _gnss(path, receiver, accuracy, options) if receiver.first.any() else None
     clock = AutopilotClock.by_receiver(gnss, int(imu.time_us[0]), contents)
-    add_imu(contents, clock, imu.name, _imu(imu), _attitude(attitude))
+    contents.samples += imu_samples(clock, _imu(imu), _attitude(attitude))
     if gnss is not None:
         add_gnss(contents, clock, receiver.name, gnss)
-    add_samples(contents, air.name, _pressures(air, clock))
+    contents.samples += _pressures(air, clock)
     contents.notes += _notes(log)
-    contents.samples.sort(key=lambda sample: sample.stamp_ns)
     return contents
 
 
@@ -186,12 +184,10 @@ def _attitude(records: _Records) -> AttitudeTable | None:
 
 def _gnss(path: Path, fixes: _Records, accuracy: _Records, options: LogOptions) -> GnssTable:
     """Return the receiver's table; accuracies are those logged at the same time."""
-    undulation_m = options.geoid_undulation_m
-    if undulation_m is None:
-        raise LogError(
-            f"{path}: its heights are above mean sea level: give the geoid's height in the area "
-            f"of flight, --geoid-undulation M{_logged_undulation(accuracy)}"
-        )
+    try:
+        undulation_m = options.to_ellipsoid_m(MSL, path)
+    except LogError as error:
+        raise LogError(f"{error}{_logged_undulation(accuracy)}") from None
     course_rad = np.radians(fixes.column("GCrs"))
     speed, down = fixes.column("Spd"), fixes.column("VZ")
     velocity_n = np.stack([speed * np.cos(course_rad), speed * np.sin(course_rad), down], axis=-1)
@@ -234,7 +230,7 @@ def _utc_us(fixes: _Records) -> IntArray:
     """Return UTC (n,) in us of Unix time; 0 where the week is not known."""
     weeks, tows_ms = np.nan_to_num(fixes.columns("GWk", "GMS")).astype(np.int64).T.tolist()
     known = (
-        unix_ns_of_week(week, tow_ms * 1_000_000) // 1000 if week > 0 else 0
+        utc_ns_of_week(week, tow_ms * 1_000_000) // 1000 if week > 0 else 0
         for week, tow_ms in zip(weeks, tows_ms, strict=True)
     )
     return np.array(list(known), np.int64)

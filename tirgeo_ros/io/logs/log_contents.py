@@ -1,19 +1,62 @@
-"""Define what a reader of a foreign log gives."""
+"""Define what a reader of a foreign log takes and gives."""
 
 from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
+from pathlib import Path
 
+from tirgeo_ros.core.types.errors import LogError
+from tirgeo_ros.io.logs.log_times import SECOND_NS, WrittenTime
 from tirgeo_ros.io.messages import SensedSample
+
+ELLIPSOIDAL, MSL, TAKEOFF = DATUMS = ("ellipsoidal", "msl", "takeoff")
 
 
 @dataclass(frozen=True)
 class LogOptions:
-    """Hold what a log does not say itself."""
+    """Hold what a log does not say itself; None or empty: not given."""
 
     geoid_undulation_m: float | None = None  # for heights above mean sea level
     baseline_m: float | None = None  # between the two antennas: other lengths are refused
+    baseline_rad: float = 0.0  # direction from the first antenna to the second, from the nose
+    rover_first: bool = False  # the first antenna is the rover's, the second the moving base's
+    takeoff_height_m: float | None = None  # ellipsoidal, for heights above the take-off
+    height: str = ""  # datum of heights where the log does not tell it: ellipsoidal or msl
+    time_scale: str = ""  # of times where the log does not tell it: gpst or utc
+    utc_offset_s: int | None = None  # of local times, east positive
+    start_ns: int | None = None  # UTC of the log's first record, where it has no date
+    columns: Path | None = None  # what the columns of a CSV file mean
+
+    def to_ellipsoid_m(self, datum: str, path: Path) -> float:
+        """Return what is added to heights above ``datum``, one of DATUMS.
+
+        Raise LogError, naming the option, where that is not known.
+        """
+        known: dict[str, tuple[float | None, str]] = {
+            ELLIPSOIDAL: (0.0, ""),
+            MSL: (
+                self.geoid_undulation_m,
+                "above mean sea level: give the geoid's height there with --geoid-undulation",
+            ),
+            TAKEOFF: (
+                self.takeoff_height_m,
+                "above the take-off: give that place's ellipsoidal height with --takeoff-height",
+            ),
+        }
+        offset_m, mend = known[datum]
+        if offset_m is None:
+            raise LogError(f"{path}: its heights are {mend}")
+        return offset_m
+
+    def utc_ns(self, written: WrittenTime, path: Path) -> int:
+        """Return the Unix time of a written one; raise LogError without a zone for local times."""
+        offset_s = self.utc_offset_s if written.offset_s is None else written.offset_s
+        if offset_s is None:
+            raise LogError(
+                f"{path}: its times are local, without a zone: give --utc-offset, as +02:00"
+            )
+        return written.local_ns - offset_s * SECOND_NS
 
 
 @dataclass

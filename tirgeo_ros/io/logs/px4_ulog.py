@@ -28,12 +28,11 @@ from tirgeo_ros.io.logs.autopilot_tables import (
     GnssTable,
     ImuTable,
     add_gnss,
-    add_imu,
-    add_samples,
     antenna_note,
     delay_note,
+    imu_samples,
 )
-from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions
+from tirgeo_ros.io.logs.log_contents import MSL, LogContents, LogOptions
 
 MAGIC = b"ULog\x01\x12\x35"
 
@@ -92,7 +91,7 @@ class _Table:
         return np.where(sampled > 0, sampled, self.integers("timestamp"))
 
 
-@np.errstate(invalid="ignore", over="ignore", divide="ignore")  # samples are judged one by one
+@np.errstate(invalid="ignore", over="ignore", divide="ignore")  # samples are judged afterwards
 def read_px4_ulog(path: Path, options: LogOptions) -> LogContents:
     """Read a log, as far as it is whole.
 
@@ -110,16 +109,15 @@ def read_px4_ulog(path: Path, options: LogOptions) -> LogContents:
     try:
         gnss = None if receiver is None else _gnss(path, receiver, options)
         clock = AutopilotClock.by_receiver(gnss, int(imu.time_us[0]), contents)
-        add_imu(contents, clock, imu.name, _imu(imu), _attitude(attitude))
+        contents.samples += imu_samples(clock, _imu(imu), _attitude(attitude))
         if gnss is not None and receiver is not None:
             add_gnss(contents, clock, receiver.name, gnss)
             contents.notes += _receiver_notes(log.initial_parameters, receiver)
         if air is not None:
-            add_samples(contents, air.name, _pressures(air, clock))
+            contents.samples += _pressures(air, clock)
     except KeyError as error:
         raise LogError(f"{path}: a topic has no field {error}: a version not known here") from None
     contents.notes += _left_out(log, tables)
-    contents.samples.sort(key=lambda sample: sample.stamp_ns)
     return contents
 
 
@@ -212,12 +210,7 @@ def _height_m(path: Path, table: _Table, options: LogOptions, *, scaled: bool) -
     ellipsoidal_m, sea_level_m = (table.column(name, scale=unit) for name in names)
     if ellipsoidal_m.any() and not np.isnan(ellipsoidal_m).all():
         return ellipsoidal_m
-    if options.geoid_undulation_m is None:
-        raise LogError(
-            f"{path}: {table.name} has heights above mean sea level alone: give the geoid's "
-            "height in the area of flight, --geoid-undulation M"
-        )
-    return sea_level_m + options.geoid_undulation_m
+    return sea_level_m + options.to_ellipsoid_m(MSL, path)
 
 
 def _pressures(table: _Table, clock: AutopilotClock) -> Iterator[PressureSample]:
