@@ -126,12 +126,12 @@ def _mapped_topics(args: argparse.Namespace) -> Any:
 
 def _pair(text: str) -> tuple[str, str]:
     """Return a topic and the topic of the contract that it becomes. Raise UsageError."""
-    from tirgeo_ros.tools.convert.topic_types import MAPPABLE  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.replay.flight_topics import INPUTS  # noqa: PLC0415 heavy
 
     topic, _, contract = text.partition("=")
     contract = contract.strip("/")
-    if not topic.strip("/") or contract not in MAPPABLE:
-        raise UsageError(f"--map-topic {text}: not FROM=TO, TO one of {', '.join(MAPPABLE)}")
+    if not topic.strip("/") or contract not in INPUTS:
+        raise UsageError(f"--map-topic {text}: not FROM=TO, TO one of {', '.join(INPUTS)}")
     return topic, contract
 
 

@@ -12,13 +12,10 @@ from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.errors import BagError, MessageError
 from tirgeo_ros.core.types.measurements import HeadingSample, Source, VelocitySample
-from tirgeo_ros.io.messages import SENSED_TOPICS, TOPIC_TYPES, SensedSample, stamp_ns
+from tirgeo_ros.io.messages import TOPIC_TYPES, SensedSample, stamp_ns
 from tirgeo_ros.tools.replay.flight_topics import CAMERA_INFO, PICTURES
 
-#: The topics that a recording may have under another name.
-MAPPABLE = (*SENSED_TOPICS, *PICTURES, CAMERA_INFO)
-
-#: Of these, what is suggested where a topic has a fitting type and one of the words in its name.
+#: What is suggested where a topic has a fitting type and one of the words in its name.
 _SUGGESTED: Mapping[str, tuple[str, ...]] = {
     "imu/data": ("",),
     "rtk/fix": ("rtk",),

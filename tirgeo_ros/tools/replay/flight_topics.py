@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping
 from tirgeo_ros.core.navigation.aiding.aids import METHOD_SOURCES
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.bag import BagReader
-from tirgeo_ros.io.messages import NAVIGATION_INPUTS, TOPIC_TYPES
+from tirgeo_ros.io.messages import NAVIGATION_INPUTS, SENSED_TOPICS, TOPIC_TYPES
 
 CAMERA_INFO = "thermal/camera_info"
 #: Method -> the topics that it uses.
@@ -16,6 +16,8 @@ METHOD_TOPICS: Mapping[str, tuple[str, ...]] = {
     for method, sources in METHOD_SOURCES.items()
 }
 PICTURES = ("thermal/image_raw", "thermal/image_raw/compressed")
+#: What sensors publish: the topics that another system may have under other names.
+INPUTS = (*SENSED_TOPICS, *PICTURES, CAMERA_INFO)
 #: By composition; if there is more than one topic, one is enough.
 _GIMBAL: dict[str, tuple[str, ...]] = {
     "paper": ("gimbal/attitude",),
