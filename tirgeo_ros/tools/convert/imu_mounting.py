@@ -65,14 +65,13 @@ class ImuMounting:
         size = float(np.linalg.norm(force_b))
         if size == 0 or -force_b[2] > size * math.cos(_STEEP_RAD):
             return ""
-        x, y, z = flu_from_frd(force_b).tolist()
+        x, y, z = (flu_from_frd(force_b) + 0.0).tolist()  # no -0
         axis = max(zip(map(abs, (x, y, z)), "xyz", (x, y, z), strict=True))
-        right = flu_from_frd(force_i) / size
-        roll_deg = math.degrees(math.atan2(right[1], right[2]))
-        pitch_deg = -math.degrees(math.asin(right[0]))
+        up = flu_from_frd(force_i) / size
+        roll = round(math.degrees(math.atan2(up[1], up[2])))
+        pitch = -round(math.degrees(math.asin(up[0])))
         return (
             f"imu/data: gravity is on {'+' if axis[2] > 0 else '-'}{axis[1]} at the beginning, "
             f"({x:+.1f}, {y:+.1f}, {z:+.1f}) m/s2, not on +z: the IMU's axes are not those of "
-            f"base_link: give --imu-rpy {roll_deg:.0f} {pitch_deg:.0f} YAW (gravity does not show "
-            "YAW)"
+            f"base_link: give --imu-rpy {roll} {pitch} YAW (gravity does not show YAW)"
         )
