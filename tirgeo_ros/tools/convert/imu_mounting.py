@@ -11,12 +11,13 @@ from tirgeo_ros.core.config import AircraftConfig
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.frames.rotations import quat_conjugate, quat_from_matrix, quat_multiply
 from tirgeo_ros.core.navigation.imu_checks import in_body_axes
+from tirgeo_ros.core.streams.sanity_checks import fault_of
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import ImuSample
 
 #: Gravity is seen in the mean of the first seconds: an aircraft begins at rest, or flies steadily.
 _SEEN_NS = 2_000_000_000
-_LEAST_SAMPLES = 20
+_LEAST_SAMPLES, _MOST_SAMPLES = 20, 2000
 #: No aircraft stands or flies steadily as steep; wrong axes turn it by 90 deg.
 _STEEP_RAD = math.radians(45)
 
@@ -51,7 +52,7 @@ class ImuMounting:
     def _watch(self, sample: ImuSample) -> None:
         self._begun_ns = self._begun_ns or sample.stamp_ns
         early = sample.stamp_ns - self._begun_ns <= _SEEN_NS
-        if early and np.isfinite(sample.specific_force_b).all():
+        if early and len(self._forces_i) < _MOST_SAMPLES and not fault_of(sample):
             self._forces_i.append(sample.specific_force_b)
 
     @property
@@ -60,8 +61,8 @@ class ImuMounting:
         if len(self._forces_i) < _LEAST_SAMPLES:
             return ""
         force_i = force_b = np.mean(self._forces_i, axis=0)
-        for rotation in filter(lambda one: one is not None, (self._rotation_bi, self._later_bi)):
-            force_b = rotation @ force_b
+        for rotation in (self._rotation_bi, self._later_bi):
+            force_b = force_b if rotation is None else rotation @ force_b
         size = float(np.linalg.norm(force_b))
         if size == 0 or -force_b[2] > size * math.cos(_STEEP_RAD):
             return ""
@@ -69,7 +70,7 @@ class ImuMounting:
         axis = max(zip(map(abs, (x, y, z)), "xyz", (x, y, z), strict=True))
         up = flu_from_frd(force_i) / size
         roll = round(math.degrees(math.atan2(up[1], up[2])))
-        pitch = -round(math.degrees(math.asin(up[0])))
+        pitch = round(math.degrees(math.atan2(-up[0], math.hypot(up[1], up[2]))))
         return (
             f"imu/data: gravity is on {'+' if axis[2] > 0 else '-'}{axis[1]} at the beginning, "
             f"({x:+.1f}, {y:+.1f}, {z:+.1f}) m/s2, not on +z: the IMU's axes are not those of "
