@@ -157,7 +157,8 @@ def head_of_sqlite(path):
     ("write", "message"),
     [
         (lambda p: p.write_bytes(b""), "the file is empty"),
-        (lambda p: p.write_text("stamp,latitude\n1,2\n"), "text; give a ROS 1 bag or a capture"),
+        (lambda p: p.write_text("stamp,latitude\n1,2\n"), "text in columns: say what they mean"),
+        (lambda p: p.write_text("Dear diary\n"), "text of no known log: docs/import.md lists"),
         (lambda p: p.write_bytes(b"#ROSBAG V1.2\nxyz"), "a ROS 1 bag of an older version"),
         (lambda p: p.write_bytes(b"#ROSBAG V2.0\n"), "cannot be read: Header could not be read"),
         (

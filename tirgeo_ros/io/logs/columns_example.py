@@ -58,7 +58,7 @@ rtk_heading:             # of two antennas; never that of a compass
 pressure: {column: baro, unit: hPa, sigma: {value: 0.1, unit: hPa}}
 
 gimbal_joints:           # encoders: angles from the body, yaw, then roll, then pitch
-  {yaw: gy, roll: gr, pitch: gp, unit: deg, axes: flu}
+  {yaw: joint_yaw, roll: joint_roll, pitch: joint_pitch, unit: deg, axes: flu}
 
 gimbal_attitude:         # from the world: the camera's own attitude
   attitude: {roll: cam_roll, pitch: cam_pitch, yaw: cam_yaw, unit: deg, frame: ned}

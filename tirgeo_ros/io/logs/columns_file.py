@@ -74,14 +74,15 @@ class Columns:
 
     def bind(self, titles: Sequence[str], path: Path) -> None:
         """Find the columns by their titles. Raise LogError for one that is absent or twice."""
-        places = {title.strip(): place for place, title in enumerate(titles)}
+        names = [title.strip() for title in titles]
         for cell in self.cells:
-            if cell.column not in places:
+            number = names.count(str(cell.column))
+            if number != 1:
                 raise LogError(
-                    f"{path}: no column {cell.column!r} ({self.path}: {cell.label}); it has "
-                    f"{', '.join(places)}"
+                    f"{path}: {number or 'no'} column{'s' * (number > 1)} {cell.column!r} "
+                    f"({self.path}: {cell.label}); it has {', '.join(names)}"
                 )
-            cell.index = places[str(cell.column)]
+            cell.index = names.index(str(cell.column))
 
 
 def _layout(keys: Keys) -> Layout:

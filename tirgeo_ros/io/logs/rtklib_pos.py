@@ -131,9 +131,10 @@ class _PosLog:
 
     def _samples(self, cells: list[str]) -> Iterator[PositionSample | VelocitySample]:
         """Return the samples of a line; raise ValueError if it is none."""
-        stamp_ns = self._stamp_ns(*cells[:2])
+        date, time, *cells = cells
+        stamp_ns = self._stamp_ns(date, time)
         width = _WIDTH[self._header.coordinates]
-        place, (quality, _satellites, *rest) = cells[2 : 2 + width], cells[2 + width :]
+        place, (quality, _satellites, *rest) = cells[:width], cells[width:]
         latitude_rad, longitude_rad, height_m, r_nf = self._place(place)
         numbers = [float(cell) for cell in rest]
         covariance_n = _covariance_n(numbers[:6], r_nf)

@@ -30,6 +30,7 @@ An IMU's CSV and RTKLIB's solution:
 from __future__ import annotations
 
 import argparse
+import math
 from datetime import datetime, timezone
 from typing import Any
 
@@ -62,6 +63,7 @@ _BASELINE = (
 _GEOID = "height of sea level above the ellipsoid; default: geoid_undulation_m of --params"
 _ROVER = "the first antenna is the rover's, the second the moving base's; default: the reverse"
 _DATUM = "what heights are above where the log does not tell it: %(choices)s"
+_HEADING = "of the nose where the flight begins, from true north, clockwise; if no log has one"
 LOGS: tuple[Option, ...] = (
     ("--columns", "YAML", "what a CSV's columns mean; one, or one for each", {"action": "append"}),
     ("--example", None, "write a template of --columns"),
@@ -77,6 +79,7 @@ LOGS: tuple[Option, ...] = (
     ),
     ("--baseline", "M", _BASELINE, NUMBER),
     ("--rover-first", None, _ROVER),
+    ("--set-heading", "DEG", _HEADING, NUMBER),
 )
 OPTIONS = (
     ("flight", "IN", _FILES, {"nargs": "*"}),
@@ -147,6 +150,7 @@ def _log_options(args: argparse.Namespace, start_ns: int | None) -> Any:
         time_scale=args.time_scale,
         utc_offset_s=args.utc_offset,
         start_ns=start_ns,
+        set_heading_rad=None if args.set_heading is None else math.radians(args.set_heading),
     )
 
 

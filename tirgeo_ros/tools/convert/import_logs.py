@@ -14,7 +14,12 @@ from tirgeo_ros.core.checks.imu_checks import ImuChecks
 from tirgeo_ros.core.config import AircraftConfig, DjiConfig
 from tirgeo_ros.core.streams.sanity_checks import fault_of, joints_fault, usable_attitude
 from tirgeo_ros.core.types.errors import LogError
-from tirgeo_ros.core.types.measurements import CameraAttitudeSample, ImuSample, JointSample
+from tirgeo_ros.core.types.measurements import (
+    CameraAttitudeSample,
+    ImuSample,
+    JointSample,
+    SetHeading,
+)
 from tirgeo_ros.io.logs.forms import CSV, Form, form_of
 from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions
 from tirgeo_ros.io.logs.log_times import LAST_NS
@@ -22,6 +27,15 @@ from tirgeo_ros.io.messages import SensedSample, topic_of
 from tirgeo_ros.tools.convert.import_sink import ImportSink
 from tirgeo_ros.tools.presentation.progress import Report
 
+#: After this time with all topics a filter lacks nothing but a heading, and takes one: its
+#: ``alignment.wait_s``.
+_ASKED_NS = 5_000_000_000
+#: Keys of a columns file that a finding on the IMU is about.
+_KEYS = {
+    "force_unit": "imu.accel.unit",
+    "gyro_unit": "imu.gyro.unit",
+    **dict.fromkeys(("force_axes", "gyro_axes"), "imu.axes"),
+}
 _POSITIONS = ("rtk/fix", "gps/fix")
 
 
@@ -93,6 +107,9 @@ def import_logs(
     samples.sort(key=lambda sample: sample.stamp_ns)
     if not samples:
         raise LogError(f"{logs[0].path}: nothing in it can be used: {_refusals(logs[0])}")
+    if options.set_heading_rad is not None:
+        begun_ns = max(span[0] for log in logs for span in log.spans.values())
+        sink.write(SetHeading(begun_ns + _ASKED_NS, options.set_heading_rad, 0.0))
     for sample in samples:
         sink.write(sample)
     return {
@@ -212,4 +229,7 @@ def _doubts(
         block = blocks.add(sample) if isinstance(sample, ImuSample) else None
         if block is not None:
             checks.block(block)
-    yield from (finding.line for finding in checks.findings())
+    is_table = any(log.form == CSV.name and "imu/data" in log.spans for log in logs)
+    for finding in checks.findings():
+        keys = _KEYS.get(finding.check, "")
+        yield f"{finding.line} (in --columns: {keys})" if is_table and keys else finding.line
