@@ -2,15 +2,16 @@
 
 Makes a bag with the topics of tirgeo (imu/data, gps, rtk, gimbal, thermal) from logs, from a
 ROS 1 bag with the topics of DJI's wrapper (dji_sdk/ or dji_osdk_ros/), from any bag of ROS 1 or
-ROS 2 whose topics --map-topic names, or from the bytes of an aircraft's serial port. Each file is recognised by its content. Topics of the wrong type and
-implausible values are reported and left out. A bag that was cut off or never closed is refused;
-rosbag reindex mends it. The same input gives the same bytes. --namespace and the topics are for
-ROS 1 bags; --packages and --key for captures.
+ROS 2 whose topics --map-topic names, or from the bytes of an aircraft's serial port. Each file is
+recognised by its content. Topics of the wrong type and implausible values are reported and left
+out. A ROS 1 bag that was cut off or never closed is refused; rosbag reindex mends it. The same
+input gives the same bytes. --namespace and the topics are for bags; --packages and --key for
+captures.
 
 Logs: CSV (with --columns), RTKLIB .pos, u-blox UBX (NAV-PVT, NAV-RELPOSNED), PX4 ULog, ArduPilot
-DataFlash, subtitles of DJI's cameras (SRT). Several of one flight are merged by their time stamps; a topic that two of them have
-for the same time comes from the first. What a log does not tell is asked for. docs/import.md tells
-what comes out of each.
+DataFlash, subtitles of DJI's cameras (SRT). Several of one flight are merged by their time stamps;
+a topic that two of them have for the same time comes from the first. What a log does not tell is
+asked for. docs/import.md and docs/import_autopilots.md tell what comes out of each.
 
 example:
   tirgeo import flight.bag -o flight.mcap --params params.yaml
@@ -23,8 +24,7 @@ params.yaml needs at least
       aircraft.second_antenna_m: [0.0, -0.55, 0.35]
 
 A bag with other topics, and an autopilot's log:
-  tirgeo import IN.bag -o flight.mcap --map-topic /mavros/imu/data=imu/data \\
-    --map-topic /mavros/global_position/raw/fix=gps/fix
+  tirgeo import IN.bag -o flight.mcap --map-topic /xsens/imu=imu/data --map-topic /fix=gps/fix
   tirgeo import flight.bin -o flight.mcap --geoid-undulation 43.2
 
 An IMU's CSV and RTKLIB's solution:
