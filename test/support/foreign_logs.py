@@ -6,7 +6,7 @@ from collections import defaultdict
 
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.logs.log_contents import LogOptions
-from tirgeo_ros.io.messages import SENSED_SAMPLES
+from tirgeo_ros.io.messages import SENSED_SAMPLES, topic_of
 
 CDR = Cdr()
 #: Everything that a log may leave open.
@@ -111,6 +111,14 @@ def relposned(**changed):
         "relPosHeadingValid": 1,
     }
     return UBXMessage("NAV", "NAV-RELPOSNED", GET, **values | changed).serialize()
+
+
+def by_topic(contents):
+    """Return the samples of a log by topic, in its order."""
+    found = defaultdict(list)
+    for sample in contents.samples:
+        found[topic_of(sample)].append(sample)
+    return found
 
 
 def samples(path):

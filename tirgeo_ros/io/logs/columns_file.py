@@ -54,12 +54,12 @@ class Columns:
         keys.finish()
         if not self.quantities:
             raise LogError(f"{path}: none of {', '.join(QUANTITIES)}; --example shows them")
-        numbers = [cell for cell in self.cells if isinstance(cell.column, int)]
-        if self.layout.header and numbers:
-            raise LogError(
-                f"{path}: {numbers[0].label}: a number is for tables without a header (table: "
-                "{header: false}); put a name in quotes"
-            )
+        for cell in self.cells:
+            if isinstance(cell.column, int) is self.layout.header:
+                raise LogError(
+                    f"{path}: {cell.label}: {cell.column!r}: a number is for tables without a "
+                    "header (table: {header: false}), a name for those with one"
+                )
 
     def _quantity(self, name: str, keys: Keys) -> NamedQuantity:
         inner = keys.inner(name)
@@ -86,16 +86,15 @@ class Columns:
 
 
 def _layout(keys: Keys) -> Layout:
-    what = "true or false"
-    layout = Layout(
-        header=bool(keys.value("header", bool, what)) if "header" in keys else True,
-        separator=_SEPARATORS[keys.choice("separator", list(_SEPARATORS), "comma")],
-        skip=int(str(keys.value("skip", int, "a number of lines"))) if "skip" in keys else 0,
-        comment=str(keys.value("comment", str, "a text")) if "comment" in keys else "",
-        ragged=bool(keys.value("ragged", bool, what)) if "ragged" in keys else False,
-    )
+    kinds = {
+        **dict.fromkeys(("header", "ragged"), (bool, "true or false")),
+        "skip": (int, "a number of lines"),
+        "comment": (str, "a text"),
+    }
+    given = {name: keys.value(name, *kinds[name]) for name in kinds if name in keys}
+    separator = _SEPARATORS[keys.choice("separator", list(_SEPARATORS), "comma")]
     keys.finish()
-    return layout
+    return Layout(separator=separator, **given)
 
 
 def _where(keys: Keys) -> tuple[Matching, ...]:

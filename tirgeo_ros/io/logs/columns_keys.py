@@ -5,8 +5,10 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Sequence
+from typing import Any
 
 from tirgeo_ros.core.types.errors import LogError
+from tirgeo_ros.io.logs.log_contents import Refused
 
 #: What a unit is multiplied by to give m/s2, rad/s, rad, m, m/s, Pa; for times, ns.
 UNITS: dict[str, dict[str, float]] = {
@@ -26,10 +28,6 @@ UNITS: dict[str, dict[str, float]] = {
     "pressure": {"Pa": 1.0, "hPa": 100.0, "mbar": 100.0, "kPa": 1e3},
     "time": {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0},
 }
-
-
-class Refused(Exception):  # noqa: N818  no error: the row is counted
-    """Say why a row gives no sample."""
 
 
 class Cell:
@@ -77,7 +75,7 @@ class Keys:
         self._asked |= dict.fromkeys(self._values)
         return list(self._values)
 
-    def value(self, key: str, kind: type | tuple[type, ...], what: str) -> object:
+    def value(self, key: str, kind: type | tuple[type, ...], what: str) -> Any:
         """Return a value; raise LogError if it is absent or of another type."""
         if key not in self:
             raise LogError(f"{self._path(key)} is missing: {what}")
@@ -102,7 +100,7 @@ class Keys:
         if default and key not in self:
             return default
         what = f"one of {', '.join(choices)}"
-        text = str(self.value(key, str, what))
+        text: str = self.value(key, str, what)
         if text not in choices:
             raise LogError(f"{self._path(key)}: {text!r} is not {what}")
         return text
@@ -115,9 +113,7 @@ class Keys:
         """Return the cell of the column under ``key``."""
         what = "a column's name, or its number from 1 (names like y, no or 1 in quotes)"
         column = self.value(key, (str, int), what)
-        if not isinstance(column, int):
-            return self.added(key, str(column), factor)
-        if column < 1:
+        if isinstance(column, int) and column < 1:
             raise LogError(f"{self._path(key)}: {column} is not {what}")
         return self.added(key, column, factor)
 

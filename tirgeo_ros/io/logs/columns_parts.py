@@ -13,7 +13,8 @@ from tirgeo_ros.core.frames.rotations import canonical, quat_from_euler
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.measurements import FixStatus
-from tirgeo_ros.io.logs.columns_keys import Cell, Keys, Refused
+from tirgeo_ros.io.logs.columns_keys import Cell, Keys
+from tirgeo_ros.io.logs.log_contents import Refused
 
 Row = Sequence[str]
 #: Directions of the body in FRD.
@@ -82,8 +83,9 @@ class Status:
             self._always = _STATUS[inner.choice("always", list(_STATUS))]
         else:
             cell = inner.cell("column")
-            for name in _STATUS.keys() & {*inner.names()}:
-                self._by_value.append((Matching(cell, inner.values(name)), _STATUS[name]))
+            for name, status in _STATUS.items():
+                if name in inner:
+                    self._by_value.append((Matching(cell, inner.values(name)), status))
         inner.finish()
 
     def of(self, row: Row) -> FixStatus:
@@ -123,8 +125,7 @@ def sigmas(keys: Keys, dimension: str) -> list[Cell | float]:
     factor = inner.unit(dimension)
     found: list[Cell | float]
     if "value" in inner:
-        value = inner.value("value", (int, float), "a number")
-        found = [float(str(value)) * factor] * 3
+        found = [inner.value("value", (int, float), "a number") * factor] * 3
     elif "column" in inner:
         found = [inner.cell("column", factor)] * 3
     elif "horizontal" in inner:

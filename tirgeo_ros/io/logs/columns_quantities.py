@@ -20,7 +20,7 @@ from tirgeo_ros.core.types.measurements import (
     Source,
     VelocitySample,
 )
-from tirgeo_ros.io.logs.columns_keys import Keys, Refused
+from tirgeo_ros.io.logs.columns_keys import Keys
 from tirgeo_ros.io.logs.columns_parts import (
     Attitude,
     Row,
@@ -31,7 +31,7 @@ from tirgeo_ros.io.logs.columns_parts import (
     sigmas_if_known,
     vector,
 )
-from tirgeo_ros.io.logs.log_contents import DATUMS, LogOptions
+from tirgeo_ros.io.logs.log_contents import DATUMS, LogOptions, Refused
 from tirgeo_ros.io.messages import SensedSample
 
 

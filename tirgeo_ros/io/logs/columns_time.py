@@ -8,8 +8,8 @@ from decimal import Decimal, InvalidOperation
 from pathlib import Path
 
 from tirgeo_ros.core.types.errors import LogError
-from tirgeo_ros.io.logs.columns_keys import Keys, Refused
-from tirgeo_ros.io.logs.log_contents import LogOptions
+from tirgeo_ros.io.logs.columns_keys import Keys
+from tirgeo_ros.io.logs.log_contents import LogOptions, Refused
 from tirgeo_ros.io.logs.log_times import (
     GPS_EPOCH_NS,
     SECOND_NS,

@@ -11,9 +11,8 @@ from pathlib import Path
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.io.logs.columns_file import Columns, Layout, NamedQuantity
-from tirgeo_ros.io.logs.columns_keys import Refused
 from tirgeo_ros.io.logs.columns_quantities import prepare
-from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions
+from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions, Refused
 
 _ROW = "row"
 _LOOKED_AT = 200  # rows by which the usual number of columns is known
@@ -28,8 +27,9 @@ def read_csv(path: Path, options: LogOptions) -> LogContents:
     columns = Columns(options.columns)
     if columns.layout.header:
         columns.bind(next(_rows(path, columns.layout), []), path)
+    for time in dict.fromkeys(one.time for one in columns.quantities):
+        time.prepare(_values(path, columns.layout), path, options)
     for one in columns.quantities:
-        one.time.prepare(_values(path, columns.layout), path, options)
         prepare(one.quantity, path, options)
     table = _Table(columns, _usual_width(path, columns.layout))
     for row in _values(path, columns.layout):

@@ -36,15 +36,24 @@ class Form(NamedTuple):
         return reader(path, options)
 
 
-CSV = Form("CSV", lambda head: _is_text(head) and b"," in head, "csv_log", "read_csv")
+UBX = Form("u-blox UBX", ubx_frames.is_ubx, "ubx", "read_ubx")
 #: The first that fits is taken.
 FORMS = (
     Form("PX4 ULog", px4_ulog.is_px4_ulog, "px4_ulog", "read_px4_ulog"),
     Form("ArduPilot DataFlash", dataflash.is_dataflash, "dataflash", "read_dataflash"),
-    Form("u-blox UBX", ubx_frames.is_ubx, "ubx", "read_ubx"),
+    UBX,
     Form("RTKLIB .pos", rtklib_pos.is_pos, "rtklib_pos", "read_pos"),
     Form("DJI subtitles (SRT)", dji_srt.is_srt, "dji_srt", "read_srt"),
 )
+
+
+def _is_text(head: bytes) -> bool:
+    """Return whether there is no control byte but those of texts."""
+    return all(byte >= 32 or byte in b"\t\n\r\f" for byte in head)
+
+
+#: Any text, where a columns file says what is in it.
+CSV = Form("CSV", _is_text, "csv_log", "read_csv")
 
 
 def form_of(path: Path, *, columns: bool = False) -> Form | None:
@@ -61,7 +70,7 @@ def form_of(path: Path, *, columns: bool = False) -> Form | None:
     except OSError as error:
         raise LogError(f"{path}: cannot be read: {error.strerror or error}") from None
     form = next((form for form in FORMS if form.is_form(head)), None)
-    if form is not None or not head or not _is_text(head):
+    if form is not None or not head or not CSV.is_form(head):
         return form
     if columns:
         return CSV
@@ -73,8 +82,3 @@ def form_of(path: Path, *, columns: bool = False) -> Form | None:
             "--example -o COLUMNS.yaml writes a template"
         )
     return None
-
-
-def _is_text(head: bytes) -> bool:
-    """Return whether there is no control byte but those of texts."""
-    return all(byte >= 32 or byte in b"\t\n\r\f" for byte in head)

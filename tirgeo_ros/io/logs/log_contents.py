@@ -13,6 +13,10 @@ from tirgeo_ros.io.messages import SensedSample
 ELLIPSOIDAL, MSL, TAKEOFF = DATUMS = ("ellipsoidal", "msl", "takeoff")
 
 
+class Refused(Exception):  # noqa: N818  no error: the record is counted
+    """Say why a record of a log gives no sample."""
+
+
 @dataclass(frozen=True)
 class LogOptions:
     """Hold what a log does not say itself; None or empty: not given."""

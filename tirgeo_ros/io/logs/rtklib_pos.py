@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -29,6 +28,7 @@ from tirgeo_ros.io.logs.log_times import (
     utc_ns,
     written_time,
 )
+from tirgeo_ros.io.messages import SensedSample
 
 _MOST_BYTES = 1 << 30
 _TITLES = re.compile(r"%\s+(GPST|UTC|JST)\s+(\S+)")
@@ -46,7 +46,7 @@ _AHEAD_NS = {"UTC": 0, "JST": 9 * 3600 * SECOND_NS}
 #: NED from the file's north, east, up.
 _NEU = np.diag([1.0, 1.0, -1.0])
 #: Fixed, float, SBAS, differential, single, PPP: the last is no integer solution.
-_STATUS = {
+_STATUS: dict[float, FixStatus] = {
     1: FixStatus.FIXED,
     **dict.fromkeys((2, 3, 4, 6), FixStatus.FLOAT),
     5: FixStatus.SINGLE,
@@ -129,7 +129,7 @@ class _PosLog:
         self.contents.notes.append(f"it has no header: coordinates taken as {coordinates}")
         return replace(self._header, scale=scale, coordinates=coordinates)
 
-    def _samples(self, cells: list[str]) -> Iterator[PositionSample | VelocitySample]:
+    def _samples(self, cells: list[str]) -> list[SensedSample]:
         """Return the samples of a line; raise ValueError if it is none."""
         date, time, *cells = cells
         stamp_ns = self._stamp_ns(date, time)
@@ -141,18 +141,18 @@ class _PosLog:
         position = PositionSample(
             stamp_ns,
             Source.RTK_POSITION,
-            _STATUS[int(float(quality))] if float(quality) in _STATUS else FixStatus.NONE,
+            _STATUS.get(float(quality), FixStatus.NONE),
             latitude_rad,
             longitude_rad,
             height_m,
             covariance_n,
         )
         if len(numbers) < 17:  # age and ratio, then velocity and its six
-            return iter((position,))
+            return [position]
         velocity_n = r_nf @ np.array(numbers[8:11])
         covariance_n = _covariance_n(numbers[11:17], r_nf)
         velocity = VelocitySample(stamp_ns, Source.RTK_VELOCITY, velocity_n, covariance_n)
-        return iter((position, velocity))
+        return [position, velocity]
 
     def _stamp_ns(self, date: str, time: str) -> int:
         """Return the Unix time of the first two columns: date and time, or week and seconds."""

@@ -9,7 +9,6 @@ NAV-PVT of its epoch.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -23,25 +22,17 @@ from tirgeo_ros.core.types.measurements import (
     Source,
     VelocitySample,
 )
-from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions
+from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions, Refused
 from tirgeo_ros.io.logs.log_times import SECOND_NS, written_time
 from tirgeo_ros.io.logs.ubx_frames import ubx_frames
+from tirgeo_ros.io.messages import SensedSample
 
 PVT, RELPOSNED, HPPOSLLH = "NAV-PVT", "NAV-RELPOSNED", "NAV-HPPOSLLH"
 _KEYS = {b"\x01\x07": PVT, b"\x01\x3c": RELPOSNED, b"\x01\x14": HPPOSLLH}
-#: Half a wavelength of L1: a wrong ambiguity changes the length by more, a tape by less.
+#: Half a wavelength of L1: more than a tape errs, less than most wrong ambiguities do.
 _LENGTH_TOLERANCE_M = 0.1
 _STATUS = {2: FixStatus.FIXED, 1: FixStatus.FLOAT}
 _FIX_TYPES = (3, 4)  # 3D; GNSS and dead reckoning. 2D has no height, 1 is dead reckoning alone
-_ROVER = (
-    "NAV-PVT is of the rover's antenna, to which NAV-RELPOSNED points from the moving base: take "
-    "positions from the base's log (name it before this one), or make the rover's antenna the "
-    "first with --rover-first"
-)
-
-
-class _Refused(Exception):  # noqa: N818  no error: the record is counted
-    """Say why a record gives no sample."""
 
 
 def read_ubx(path: Path, options: LogOptions) -> LogContents:
@@ -87,22 +78,19 @@ class _UbxLog:
 
     def finish(self) -> None:
         """Convert what was collected to samples."""
-        precise = {m.iTOW: m for m in self._found[HPPOSLLH] if not m.invalidLlh}
+        precise = {m.iTOW: m for m in self._found[HPPOSLLH] if not getattr(m, "invalidLlh", 0)}
         for message in self._found[PVT]:
             self._count(PVT, self._solution, message, precise.get(message.iTOW, message))
         for message in self._found[RELPOSNED]:
             self._count(RELPOSNED, self._heading, message)
-        headed = any(isinstance(s, HeadingSample) for s in self.contents.samples)
-        if headed and self._found[PVT] and not self._options.rover_first:
-            self.contents.notes.append(_ROVER)
 
     def _count(self, name: str, convert: Any, *messages: Any) -> None:
         try:
             self.contents.samples += convert(*messages)
-        except _Refused as why:
+        except Refused as why:
             self.contents.refused[name, str(why)] += 1
 
-    def _solution(self, pvt: Any, place: Any) -> Iterator[PositionSample | VelocitySample]:
+    def _solution(self, pvt: Any, place: Any) -> list[SensedSample]:
         stamp_ns = _stamp_ns(pvt)
         self._stamps_ns[pvt.iTOW] = stamp_ns
         _must(pvt.gnssFixOk and pvt.fixType in _FIX_TYPES, "no 3D fix")
@@ -121,26 +109,26 @@ class _UbxLog:
         velocity_n = np.array([pvt.velN, pvt.velE, pvt.velD]) * 1e-3
         covariance_n = np.eye(3) * (pvt.sAcc * 1e-3) ** 2
         velocity = VelocitySample(stamp_ns, Source.RTK_VELOCITY, velocity_n, covariance_n)
-        return iter((position, velocity))
+        return [position, velocity]
 
-    def _heading(self, vector: Any) -> Iterator[HeadingSample]:
+    def _heading(self, vector: Any) -> list[SensedSample]:
         _must(vector.version == 1, f"version {vector.version} has no heading")
         _must(vector.relPosValid and vector.relPosHeadingValid, "the receiver calls it not valid")
         _must(vector.isMoving, "not of a moving base: the bearing from a base on the ground")
         _must(vector.carrSoln == 2, "ambiguities are not fixed")
         self._must_be_baseline(vector.relPosLength * 1e-2)
         stamp_ns = self._stamps_ns.get(vector.iTOW)
-        _must(stamp_ns is not None, "no NAV-PVT with a date at its time of week")
-        assert stamp_ns is not None
+        if stamp_ns is None:
+            raise Refused("no NAV-PVT with a date at its time of week")
         azimuth_rad = math.radians(vector.relPosHeading) + self._options.rover_first * math.pi
         heading_rad = (azimuth_rad - self._options.baseline_rad) % math.tau
         variance = math.radians(vector.accHeading) ** 2
-        return iter((HeadingSample(stamp_ns, heading_rad, variance),))
+        return [HeadingSample(stamp_ns, heading_rad, variance)]
 
     def _must_be_baseline(self, length_m: float) -> None:
         known_m = self._options.baseline_m
         if known_m is None:
-            raise _Refused(
+            raise Refused(
                 "the baseline's length is not known: set aircraft.rtk_antenna_m and "
                 "aircraft.second_antenna_m, or give --baseline"
             )
@@ -150,7 +138,7 @@ class _UbxLog:
 
 def _must(good: object, reason: str) -> None:
     if not good:
-        raise _Refused(reason)
+        raise Refused(reason)
 
 
 def _stamp_ns(pvt: Any) -> int:
@@ -160,7 +148,7 @@ def _stamp_ns(pvt: Any) -> int:
     text = f"{pvt.year:04}-{pvt.month}-{pvt.day} {pvt.hour}:{pvt.min:02}:{pvt.second:02}"
     time = written_time(text)
     if time is None or abs(pvt.nano) > SECOND_NS:
-        raise _Refused("date or time is impossible")
+        raise Refused("date or time is impossible")
     return time.local_ns + int(pvt.nano)
 
 

@@ -20,7 +20,7 @@ from tirgeo_ros.core.types.measurements import (
     JointSample,
     SetHeading,
 )
-from tirgeo_ros.io.logs.forms import CSV, Form, form_of
+from tirgeo_ros.io.logs.forms import CSV, UBX, Form, form_of
 from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions
 from tirgeo_ros.io.logs.log_times import LAST_NS
 from tirgeo_ros.io.messages import SensedSample, topic_of
@@ -36,6 +36,12 @@ _KEYS = {
     "gyro_unit": "imu.gyro.unit",
     **dict.fromkeys(("force_axes", "gyro_axes"), "imu.axes"),
 }
+#: A receiver with a moving base gives the position of its own antenna, the rover's.
+_ROVER = (
+    "rtk/fix is of the rover's antenna, and rtk/heading points to it from the moving base: take "
+    "positions from the base's log (name it before this one), or make the rover's antenna the "
+    "first with --rover-first"
+)
 _POSITIONS = ("rtk/fix", "gps/fix")
 
 
@@ -52,6 +58,13 @@ class Log:
     def span(self) -> tuple[int, int]:
         """Return first and last stamp (ns)."""
         return self.contents.samples[0].stamp_ns, self.contents.samples[-1].stamp_ns
+
+    def leave_out(self, topic: str, reason: str) -> None:
+        """Count a topic's samples as refused."""
+        kept = [sample for sample in self.contents.samples if topic_of(sample) != topic]
+        self.contents.refused[topic, reason] += len(self.contents.samples) - len(kept)
+        self.contents.samples = kept
+        del self.spans[topic]
 
     def result(self) -> dict[str, object]:
         """Return the row of the summary."""
@@ -97,25 +110,28 @@ def import_logs(
     options = _completed(options, config)
     rest = iter(columns if len(columns) > 1 else [*columns] * len(files))
     logs: list[Log] = []
-    for number, (path, form) in enumerate(files):
-        progress(number, len(files))
+    for path, form in files:
         own = replace(options, columns=next(rest)) if form is CSV else options
         logs.append(_read(path, form, own))
-    warnings = list(_without_repeated_topics(logs))
+    _leave_out_repeated_topics(logs)
     _check_common_time(logs)
     samples = [sample for log in logs for sample in log.contents.samples]
-    samples.sort(key=lambda sample: sample.stamp_ns)
     if not samples:
         raise LogError(f"{logs[0].path}: nothing in it can be used: {_refusals(logs[0])}")
     if options.set_heading_rad is not None:
         begun_ns = max(span[0] for log in logs for span in log.spans.values())
-        sink.write(SetHeading(begun_ns + _ASKED_NS, options.set_heading_rad, 0.0))
-    for sample in samples:
+        samples.append(SetHeading(begun_ns + _ASKED_NS, options.set_heading_rad, 0.0))
+    samples.sort(key=lambda sample: sample.stamp_ns)
+    for number, sample in enumerate(samples):
         sink.write(sample)
+        progress(number, len(samples))
     return {
         "kind": "logs",
         "files": [log.result() for log in logs],
-        "warnings": [*warnings, *_doubts(logs, samples, config.aircraft)],
+        "warnings": [
+            *_doubts(logs, rover_first=options.rover_first),
+            *_of_imu(logs, samples, config.aircraft),
+        ],
     }
 
 
@@ -167,22 +183,17 @@ def _meet(one: tuple[int, int], other: tuple[int, int]) -> bool:
     return one[0] <= other[1] and other[0] <= one[1]
 
 
-def _without_repeated_topics(logs: Sequence[Log]) -> Iterator[str]:
-    """Leave out a topic that an earlier log has for the same time; yield a line for each.
+def _leave_out_repeated_topics(logs: Sequence[Log]) -> None:
+    """Leave out a topic that an earlier log has for the same time.
 
     Two receivers on one topic would be one that jumps between two places.
     """
     for place, log in enumerate(logs):
         for topic, span in list(log.spans.items()):
-            for before in logs[:place]:
-                if topic in before.spans and _meet(span, before.spans[topic]):
-                    kept = [s for s in log.contents.samples if topic_of(s) != topic]
-                    left_out = len(log.contents.samples) - len(kept)
-                    log.contents.samples = kept
-                    log.contents.refused[topic, f"{before.path} has it, named before"] += left_out
-                    del log.spans[topic]
-                    yield f"{topic} is of {before.path}: {left_out} of {log.path} are left out"
-                    break
+            same = [one for one in logs[:place] if topic in one.spans]
+            before = next((one for one in same if _meet(span, one.spans[topic])), None)
+            if before is not None:
+                log.leave_out(topic, f"{before.path}, named before, has it")
 
 
 def _check_common_time(logs: Sequence[Log]) -> None:
@@ -212,18 +223,24 @@ def _refusals(log: Log) -> str:
     return "; ".join(refused) or f"it has {read}"
 
 
-def _doubts(
-    logs: Sequence[Log], samples: Sequence[SensedSample], aircraft: AircraftConfig
-) -> Iterator[str]:
-    """Yield what was refused, what is missing, and what the IMU's own data contradict."""
+def _doubts(logs: Sequence[Log], *, rover_first: bool) -> Iterator[str]:
+    """Yield what was refused, what is missing, and what is measured at another antenna."""
     for log in logs:
         if log.contents.refused:
             yield f"{log.path}: refused {_refusals(log)}"
+        if log.form == UBX.name and {"rtk/fix", "rtk/heading"} <= log.spans.keys():
+            yield from () if rover_first else (f"{log.path}: {_ROVER}",)
     topics = {topic for log in logs for topic in log.spans}
     if "imu/data" not in topics:
         yield "no imu/data: nothing can be filtered without; give a log with an IMU beside it"
     if not topics & {*_POSITIONS}:
         yield f"neither {' nor '.join(_POSITIONS)}: give a log with positions beside it"
+
+
+def _of_imu(
+    logs: Sequence[Log], samples: Sequence[SensedSample], aircraft: AircraftConfig
+) -> Iterator[str]:
+    """Yield what gravity and the orientation say against units and axes of the IMU."""
     blocks, checks = ImuBlocks(aircraft.rotation_bi), ImuChecks()
     for sample in samples:
         block = blocks.add(sample) if isinstance(sample, ImuSample) else None
