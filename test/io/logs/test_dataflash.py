@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from damaged_files import read_damaged
 from dataflash_files import DataflashFile
+from foreign_logs import by_source
 
 from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.core.types.measurements import FixStatus, Source
@@ -22,13 +23,6 @@ OPTIONS = LogOptions(geoid_undulation_m=UNDULATION_M)
 IMU = "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ"
 GPS = "TimeUS,I,Status,GMS,GWk,NSats,HDop,Lat,Lng,Alt,Spd,GCrs,VZ,Yaw,U"
 GPA = "TimeUS,I,VDop,HAcc,VAcc,SAcc,YAcc,VV,SMS,Delta,Und"
-
-
-def by_source(contents):
-    found = defaultdict(list)
-    for sample in contents.samples:
-        found[sample.source].append(sample)
-    return found
 
 
 def small_log():
@@ -49,10 +43,10 @@ def small_log():
     return log
 
 
-def fix(log, at_us, status, yaw_deg, instance=0):
+def fix(log, at_us, status, yaw_deg, instance=0, vertical=1):
     log.add("GPS", at_us, instance, status, 6_448_000 + at_us // 1000 - 80_000, 1973, 20, 0.7,
             -35.3626277, 149.1653034, 588.82, 5.0, 30.0, -1.5, yaw_deg, 1)  # fmt: skip
-    log.add("GPA", at_us, instance, 1.2, 0.02, 0.03, 0.1, 0.5, 1, at_us // 1000, 200, -19.2)
+    log.add("GPA", at_us, instance, 1.2, 0.02, 0.03, 0.1, 0.5, vertical, at_us // 1000, 200, -19.2)
 
 
 def test_every_field_is_the_source_readers(shared):
@@ -129,6 +123,14 @@ def test_the_first_of_each_is_taken_with_rtk_and_yaw(tmp_path):
     )
 
 
+def test_a_receiver_without_vertical_velocity_gives_no_velocity(tmp_path):
+    log = small_log()
+    fix(log, 80_100_000, 3, 0.0, vertical=0)
+    found = by_source(read_dataflash(log.write(tmp_path / "a.BIN"), OPTIONS))
+    assert len(found[Source.GPS_POSITION]) == 1
+    assert Source.GPS_VELOCITY not in found
+
+
 def test_the_attitude_is_roll_pitch_and_yaw(tmp_path):
     found = by_source(read_dataflash(small_log().write(tmp_path / "a.BIN"), OPTIONS))
     for k in (0, 20, 33):
@@ -168,6 +170,6 @@ def test_damaged_logs_give_a_line_or_what_can_be_read(tmp_path, capfd):
     fix(log, 80_100_000, 6, 123.0)
     whole = log.write(tmp_path / "a.BIN").read_bytes()
     path = tmp_path / "b.BIN"
-    found = read_damaged(lambda one: read_dataflash(one, OPTIONS).samples, whole, path, 150)
-    assert 30 < found < 150
+    found = read_damaged(lambda one: read_dataflash(one, OPTIONS).samples, whole, path, 80)
+    assert 15 < found < 80
     assert capfd.readouterr() == ("", "")

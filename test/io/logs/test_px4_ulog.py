@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections import defaultdict
 
 import numpy as np
 import pytest
 from damaged_files import read_damaged
+from foreign_logs import by_source
 from ulog_files import UlogFile
 
 from tirgeo_ros.core.types.errors import TirgeoError
@@ -32,13 +32,6 @@ NEW = (
     .replace("int32_t alt_ellipsoid", "double altitude_ellipsoid_m")
 )
 FIX = (0.2, 0.5, 0.8, 1.0, -2.0, 0.5, math.nan, math.nan, math.nan, 3, True)
-
-
-def by_source(contents):
-    found = defaultdict(list)
-    for sample in contents.samples:
-        found[sample.source].append(sample)
-    return found
 
 
 def small_log(fixes=True):

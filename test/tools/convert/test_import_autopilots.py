@@ -17,7 +17,7 @@ from tirgeo_ros.io.messages import NAVIGATION_INPUTS, TOPIC_TYPES, Messages, bod
 from tirgeo_ros.tools.cli.main import main
 
 CDR = Cdr()
-SECONDS = 15.0
+SECONDS = 8.0
 UNDULATION_M = 9.0
 #: Microseconds since boot at the flight's beginning, and GPS time less UTC.
 BOOT_US, LEAP_US = 30_000_000, 18_000_000
@@ -162,7 +162,7 @@ def test_a_flight_in_an_autopilots_log_gives_its_poses(flown, recorded, sample, 
     ("log", "method", "topics"),
     [
         ("px4/made_heading.ulg", "rtk", ()),
-        ("px4/cubeorange_airframe.ulg", "raw", ()),
+        pytest.param("px4/cubeorange_airframe.ulg", "raw", (), marks=pytest.mark.slow),
         pytest.param("px4/sitl_epoch_clock.ulg", "ekf", (), marks=pytest.mark.slow),
         ("ardupilot/plane_1s.BIN", "raw", ()),
         (

@@ -222,6 +222,13 @@ def test_a_wrong_pair_is_wrong_use(tmp_path, word, capsys):
     )
 
 
+def test_axes_without_topics_are_wrong_use(tmp_path, capsys):
+    words = ["import", "a.ulg", "-o", str(tmp_path / "out.mcap"), "--imu-rpy", "90", "0", "0"]
+    with pytest.raises(SystemExit, match="2"):
+        main(words)
+    assert "--imu-rpy is for --map-topic" in capsys.readouterr().err
+
+
 def test_a_joint_state_without_the_gimbals_joints_is_refused(tmp_path):
     bag = mavros_bag(0.5)
     doubles = {name: np.zeros(1) for name in ("position", "velocity", "effort")}

@@ -17,6 +17,7 @@ from tirgeo_ros.core.types.measurements import (
     ImuSample,
     NavigationInput,
     PositionSample,
+    PressureSample,
     Source,
     VelocitySample,
 )
@@ -27,12 +28,7 @@ _LONGEST_GAP_NS = 250_000_000
 #: Microseconds that are a date of this century, not a time since the autopilot was switched on.
 _UNIX_US = 946_684_800_000_000
 #: Fix types of MAVLink, which PX4 and ArduPilot log: 4 differential, 5 RTK float, 6 RTK fixed.
-_FIXES = {
-    3: FixStatus.SINGLE,
-    4: FixStatus.FLOAT,
-    5: FixStatus.FLOAT,
-    6: FixStatus.FIXED,
-}
+_FIXES = {3: FixStatus.SINGLE, 4: FixStatus.FLOAT, 5: FixStatus.FLOAT, 6: FixStatus.FIXED}
 _RTK_FIXES = (5, 6)
 
 
@@ -114,6 +110,14 @@ def imu_samples(
     known = [None] * len(stamps_ns) if attitude is None else _at(imu.time_us, attitude)
     rows = zip(stamps_ns.tolist(), imu.force_b, imu.rate_b, known, strict=True)
     return (ImuSample(*row) for row in rows)
+
+
+def pressure_samples(
+    clock: AutopilotClock, time_us: IntArray, pressures_pa: Array
+) -> Iterator[PressureSample]:
+    """Yield the readings of a barometer, whose variance is not known."""
+    for stamp_ns, pressure_pa in zip(clock.unix_ns(time_us), pressures_pa, strict=True):
+        yield PressureSample(int(stamp_ns), float(pressure_pa), 0.0)
 
 
 def _at(time_us: IntArray, attitude: AttitudeTable) -> list[Array | None]:

@@ -21,7 +21,6 @@ import numpy as np
 from tirgeo_ros.core.frames.rotations import quat_from_euler
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 from tirgeo_ros.core.types.errors import LogError
-from tirgeo_ros.core.types.measurements import PressureSample
 from tirgeo_ros.io.files.memory_bound import bounded_memory
 from tirgeo_ros.io.logs.autopilot_tables import (
     AttitudeTable,
@@ -32,6 +31,7 @@ from tirgeo_ros.io.logs.autopilot_tables import (
     antenna_note,
     delay_note,
     imu_samples,
+    pressure_samples,
 )
 from tirgeo_ros.io.logs.log_contents import MSL, LogContents, LogOptions
 from tirgeo_ros.io.logs.log_times import utc_ns_of_week
@@ -46,7 +46,7 @@ _FIELDS = {
         *("TimeUS", "I", "Status", "GMS", "GWk", "Lat", "Lng", "Alt"),
         *("Spd", "GCrs", "VZ", "Yaw"),
     ),
-    "GPA": ("TimeUS", "I", "HAcc", "VAcc", "SAcc", "YAcc", "Und"),
+    "GPA": ("TimeUS", "I", "HAcc", "VAcc", "SAcc", "YAcc", "VV", "Und"),
     "BARO": ("TimeUS", "I", "Press"),
     "MNT": ("TimeUS",),
 }
@@ -124,7 +124,7 @@ def read_dataflash(path: Path, options: LogOptions) -> LogContents:
     contents.samples += imu_samples(clock, _imu(imu), _attitude(attitude))
     if gnss is not None:
         add_gnss(contents, clock, receiver.name, gnss)
-    contents.samples += _pressures(air, clock)
+    contents.samples += pressure_samples(clock, air.time_us, air.column("Press"))
     contents.notes += _notes(log)
     return contents
 
@@ -168,11 +168,8 @@ def _take(log: _Log, message: Any) -> None:
 
 
 def _imu(records: _Records) -> ImuTable:
-    force_b, rate_b = (
-        records.columns("AccX", "AccY", "AccZ"),
-        records.columns("GyrX", "GyrY", "GyrZ"),
-    )
-    return ImuTable(records.time_us, force_b, rate_b)
+    force_b = records.columns("AccX", "AccY", "AccZ")
+    return ImuTable(records.time_us, force_b, records.columns("GyrX", "GyrY", "GyrZ"))
 
 
 def _attitude(records: _Records) -> AttitudeTable | None:
@@ -191,7 +188,8 @@ def _gnss(path: Path, fixes: _Records, accuracy: _Records, options: LogOptions) 
     course_rad = np.radians(fixes.column("GCrs"))
     speed, down = fixes.column("Spd"), fixes.column("VZ")
     velocity_n = np.stack([speed * np.cos(course_rad), speed * np.sin(course_rad), down], axis=-1)
-    horizontal, vertical, of_speed, yaw_deg = _at_fixes(fixes, accuracy).T
+    horizontal, vertical, of_speed, yaw_deg, has_down = _at_fixes(fixes, accuracy).T
+    velocity_n[has_down == 0] = math.nan
     heading_deg = fixes.column("Yaw")
     heading_deg[heading_deg == 0] = math.nan  # what a receiver without a heading has
     return GnssTable(
@@ -219,10 +217,13 @@ def _logged_undulation(accuracy: _Records) -> str:
 
 
 def _at_fixes(fixes: _Records, accuracy: _Records) -> Array:
-    """Return HAcc, VAcc, SAcc (m, m, m/s) and YAcc (deg) of each fix, (n, 4); NaN for none."""
-    rows = accuracy.columns("HAcc", "VAcc", "SAcc", "YAcc")
+    """Return HAcc, VAcc (m), SAcc (m/s), YAcc (deg) and VV of each fix, (n, 5); NaN for none.
+
+    VV is 0 where the receiver has no vertical velocity.
+    """
+    rows = accuracy.columns("HAcc", "VAcc", "SAcc", "YAcc", "VV")
     by_time = dict(zip(accuracy.time_us.tolist(), rows, strict=True))
-    unknown = np.full(4, math.nan)
+    unknown = np.full(5, math.nan)
     return np.array([by_time.get(time_us, unknown) for time_us in fixes.time_us.tolist()])
 
 
@@ -234,12 +235,6 @@ def _utc_us(fixes: _Records) -> IntArray:
         for week, tow_ms in zip(weeks, tows_ms, strict=True)
     )
     return np.array(list(known), np.int64)
-
-
-def _pressures(records: _Records, clock: AutopilotClock) -> Iterator[PressureSample]:
-    stamps_ns = clock.unix_ns(records.time_us).tolist()
-    for stamp_ns, pressure in zip(stamps_ns, records.column("Press"), strict=True):
-        yield PressureSample(stamp_ns, float(pressure), 0.0)
 
 
 def _notes(log: _Log) -> Iterator[str]:

@@ -16,11 +16,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from tirgeo_ros.core.types.arrays import Array, IntArray
 from tirgeo_ros.core.types.errors import LogError
-from tirgeo_ros.core.types.measurements import PressureSample
 from tirgeo_ros.io.files.memory_bound import bounded_memory
 from tirgeo_ros.io.logs.autopilot_tables import (
     AttitudeTable,
@@ -31,6 +29,7 @@ from tirgeo_ros.io.logs.autopilot_tables import (
     antenna_note,
     delay_note,
     imu_samples,
+    pressure_samples,
 )
 from tirgeo_ros.io.logs.log_contents import MSL, LogContents, LogOptions
 
@@ -69,12 +68,9 @@ class _Table:
         """Return whether the records have this field."""
         return field in self._fields
 
-    def column(self, *names: str, scale: float = 1.0) -> Array:
-        """Return the first field (N,) of these names that is there; NaN for none."""
-        for name in names:
-            if name in self._fields:
-                return np.asarray(self._fields[name], float) * scale
-        return np.full(len(self), math.nan)
+    def column(self, name: str) -> Array:
+        """Return a field (N,), NaN if there is none."""
+        return np.asarray(self._fields.get(name, np.full(len(self), math.nan)), float)
 
     def columns(self, *names: str) -> Array:
         """Return fields beside each other, (N, number of names). Raise KeyError for none."""
@@ -114,7 +110,8 @@ def read_px4_ulog(path: Path, options: LogOptions) -> LogContents:
             add_gnss(contents, clock, receiver.name, gnss)
             contents.notes += _receiver_notes(log.initial_parameters, receiver)
         if air is not None:
-            contents.samples += _pressures(air, clock)
+            pressures_pa = air.column("baro_pressure_pa")
+            contents.samples += pressure_samples(clock, air.time_us, pressures_pa)
     except KeyError as error:
         raise LogError(f"{path}: a topic has no field {error}: a version not known here") from None
     contents.notes += _left_out(log, tables)
@@ -207,16 +204,10 @@ def _height_m(path: Path, table: _Table, options: LogOptions, *, scaled: bool) -
     """Return ellipsoidal heights (N,): as logged, or by the undulation where none is logged."""
     names = ("alt_ellipsoid", "alt") if scaled else ("altitude_ellipsoid_m", "altitude_msl_m")
     unit = 1e-3 if scaled else 1.0
-    ellipsoidal_m, sea_level_m = (table.column(name, scale=unit) for name in names)
+    ellipsoidal_m, sea_level_m = (table.column(name) * unit for name in names)
     if ellipsoidal_m.any() and not np.isnan(ellipsoidal_m).all():
         return ellipsoidal_m
     return sea_level_m + options.to_ellipsoid_m(MSL, path)
-
-
-def _pressures(table: _Table, clock: AutopilotClock) -> Iterator[PressureSample]:
-    stamps_ns = clock.unix_ns(table.time_us).tolist()
-    for stamp_ns, pressure in zip(stamps_ns, table.column("baro_pressure_pa"), strict=True):
-        yield PressureSample(stamp_ns, float(pressure), 0.0)
 
 
 def _receiver_notes(parameters: dict[str, float], receiver: _Table) -> Iterator[str]:
@@ -227,15 +218,12 @@ def _receiver_notes(parameters: dict[str, float], receiver: _Table) -> Iterator[
     offset = receiver.column("heading_offset")[~np.isnan(receiver.column("heading"))]
     known = offset[np.isfinite(offset)]
     if len(known):
+        offset_deg = math.degrees(float(np.median(known)))
         yield (
-            f"headings are the nose's: PX4 has taken heading_offset, {_degrees(known)} deg, off "
-            "the baseline's; aircraft.second_antenna_m must lie in that direction, clockwise from "
-            "the nose, from aircraft.rtk_antenna_m"
+            f"headings are the nose's: PX4 has taken heading_offset, {offset_deg:.1f} deg, "
+            "off the baseline's: aircraft.second_antenna_m lies in that direction, clockwise "
+            "from the nose, from aircraft.rtk_antenna_m"
         )
-
-
-def _degrees(angles_rad: npt.ArrayLike) -> str:
-    return f"{math.degrees(float(np.median(np.asarray(angles_rad)))):.1f}"
 
 
 def _left_out(log: Any, tables: dict[str, _Table]) -> Iterator[str]:

@@ -94,7 +94,7 @@ OPTIONS = (
     ("--image-topic", "TOPIC", "topic that becomes thermal/image_raw[/compressed]", _TOPIC),
     ("--camera-info-topic", "TOPIC", "topic that becomes thermal/camera_info", _TOPIC),
     ("--map-topic", "FROM=TO", _MAP, WORD | {"action": "append", "default": []}),
-    ("--imu-rpy", ("R", "P", "Y"), _RPY, NUMBER | {"nargs": 3, "default": (0.0, 0.0, 0.0)}),
+    ("--imu-rpy", ("R", "P", "Y"), _RPY, NUMBER | {"nargs": 3}),
     *CAPTURE,
     ("--start-time", "TIME", _TIME, WORD),
     *LOGS,
@@ -128,8 +128,10 @@ def _mapped_topics(args: argparse.Namespace) -> Any:
         raise UsageError(
             "--image-topic is for DJI's bags: use --map-topic TOPIC=thermal/image_raw"
         )
+    if args.imu_rpy and not args.map_topic:
+        raise UsageError("--imu-rpy is for --map-topic; else set aircraft.imu_rpy_deg for process")
     pairs = tuple(map(_pair, args.map_topic))
-    return MappedTopics(pairs, tuple(args.imu_rpy), args.geoid_undulation)
+    return MappedTopics(pairs, tuple(args.imu_rpy or (0.0, 0.0, 0.0)), args.geoid_undulation)
 
 
 def _pair(text: str) -> tuple[str, str]:

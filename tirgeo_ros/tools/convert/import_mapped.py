@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from array import array
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
@@ -54,7 +56,7 @@ class _Stream:
     refused: int = 0
     reason: str = ""  # of the first refused message
     without_stamp: int = 0
-    lags_ns: list[int] = field(default_factory=list)  # stamp to log time
+    lags_ns: array[int] = field(default_factory=partial(array, "q"))  # stamp to log time
     statuses: Counter[tuple[int, int]] = field(default_factory=Counter)  # status, covariance type
 
     @property
@@ -88,7 +90,7 @@ class _Stream:
 
     def notes(self, undulation_m: float | None) -> Iterator[str]:
         """Yield what the messages leave open, and how they are taken."""
-        remark = remark_on(self.typename) if self.typename != TOPIC_TYPES[self.contract] else ""
+        remark = remark_on(self.typename)
         if remark:
             yield f"{self.topic}: {remark}"
         if self.without_stamp:
