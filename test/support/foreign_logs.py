@@ -121,10 +121,10 @@ def by_topic(contents):
     return found
 
 
-def samples(path):
-    """Return the samples of an imported bag by topic, in order of log time."""
+def samples(path, topics=None):
+    """Return the samples of a bag by topic (of these; None: all), in order of log time."""
     found = defaultdict(list)
-    for message in BagReader(path).messages():
+    for message in BagReader(path).messages(topics and [f"/{topic}" for topic in topics]):
         topic = message.topic.removeprefix("/")
         found[topic].append(SENSED_SAMPLES[topic](CDR.deserialize(message.data, message.typename)))
     return found

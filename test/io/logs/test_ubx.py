@@ -7,7 +7,7 @@ from datetime import datetime, timezone
 
 import numpy as np
 import pytest
-from foreign_logs import OPTIONS, pvt, relposned
+from foreign_logs import OPTIONS, by_topic, pvt, relposned, samples
 
 from tirgeo_ros.core.types.measurements import (
     FixStatus,
@@ -90,12 +90,37 @@ def test_headings_of_a_moving_base(shared):
         assert heading.variance_rad2 == pytest.approx(math.radians(m.accHeading) ** 2)
 
 
+def test_a_moving_base_is_the_flight_it_was_made_of(shared, sample):
+    """Cut to the last digit of UBX: 1e-7 deg, mm, mm/s, 1e-5 deg of heading, ms in time."""
+    path = shared / "foreign_logs" / "ublox" / "made_moving_base.ubx"
+    found = by_topic(read_ubx(path, OPTIONS))
+    flown = samples(sample / "flight.mcap", found)
+    pairs = {topic: [(s, nearest(flown[topic], s)) for s in found[topic]] for topic in found}
+    for own, other in pairs["rtk/fix"]:
+        assert own.latitude_rad == pytest.approx(other.latitude_rad, abs=math.radians(1e-7))
+        assert own.longitude_rad == pytest.approx(other.longitude_rad, abs=math.radians(1e-7))
+        assert own.height_m == pytest.approx(other.height_m, abs=1e-3)
+    for own, other in pairs["rtk/vel"]:
+        np.testing.assert_allclose(own.velocity_n, other.velocity_n, atol=1e-3)
+    for own, other in pairs["rtk/heading"]:
+        apart_rad = math.remainder(own.heading_rad - other.heading_rad, math.tau)
+        assert math.degrees(abs(apart_rad)) < 1e-5
+    assert [len(of_topic) for of_topic in pairs.values()] == [150] * 3
+
+
+def nearest(known, sample):
+    """The sample at the same stamp, to the millisecond."""
+    other = min(known, key=lambda one: abs(one.stamp_ns - sample.stamp_ns))
+    assert abs(other.stamp_ns - sample.stamp_ns) < 1_000_000
+    return other
+
+
 @pytest.mark.parametrize(
     ("name", "reason"),
     [
         # 24.96 km from its base: all else of that message says that the heading is good
         ("fixed_base_relposned_one_epoch", "not of a moving base"),
-        ("neo_m8p_relposned_v0", "version 0 has no heading"),
+        ("neo_m8p_relposned_v0", "version 0 of 40 bytes has no heading"),
         ("zed_x20p_relposned_invalid", "the receiver calls it not valid"),
     ],
 )
@@ -177,6 +202,16 @@ def test_a_damaged_length_costs_its_own_frame_alone(tmp_path):
     contents = read(tmp_path, noise, pvt(), noise, bytes(damaged), pvt(second=40), pvt()[:50])
     assert len(of(contents, PositionSample)) == 2
     assert contents.refused == {("frame", "cut, or its sum is wrong"): 2}
+
+
+@pytest.mark.parametrize(("length", "expected"), [(84, 1), (92, 1), (0, 0), (91, 0), (100, 0)])
+def test_solutions_of_other_lengths(tmp_path, length, expected):
+    """84 bytes are those of older receivers; what follows them is not used."""
+    payload = (pvt()[6:-2] + bytes(8))[:length]
+    frame = pyubx2.UBXMessage("NAV", "NAV-PVT", pyubx2.GET, payload=payload).serialize()
+    contents = read(tmp_path, frame)
+    assert len(of(contents, PositionSample)) == expected
+    assert contents.refused.total() == 1 - expected
 
 
 def test_frames_are_those_of_pyubx2(shared):

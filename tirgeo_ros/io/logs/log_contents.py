@@ -30,7 +30,7 @@ class LogOptions:
     time_scale: str = ""  # of times where the log does not tell it: gpst or utc
     utc_offset_s: int | None = None  # of local times, east positive
     start_ns: int | None = None  # UTC of the log's first record, where it has no date
-    set_heading_rad: float | None = None  # of the nose where the flight begins, as a person says
+    set_heading_rad: float | None = None  # of the nose, as a person says
     columns: Path | None = None  # what the columns of a CSV file mean
 
     def to_ellipsoid_m(self, datum: str, path: Path) -> float:

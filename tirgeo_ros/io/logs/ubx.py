@@ -29,6 +29,9 @@ from tirgeo_ros.io.messages import SensedSample
 
 PVT, RELPOSNED, HPPOSLLH = "NAV-PVT", "NAV-RELPOSNED", "NAV-HPPOSLLH"
 _KEYS = {b"\x01\x07": PVT, b"\x01\x3c": RELPOSNED, b"\x01\x14": HPPOSLLH}
+#: Lengths of their payloads: those of older receivers first.
+_LENGTHS = {PVT: (84, 92), RELPOSNED: (40, 64), HPPOSLLH: (36,)}
+_AROUND = 8  # bytes of a frame beside its payload
 #: Half a wavelength of L1: more than a tape errs, less than most wrong ambiguities do.
 _LENGTH_TOLERANCE_M = 0.1
 _STATUS = {2: FixStatus.FIXED, 1: FixStatus.FLOAT}
@@ -69,12 +72,11 @@ class _UbxLog:
 
     def _keep(self, name: str, frame: bytes) -> None:
         from pyubx2 import UBXReader  # noqa: PLC0415  an extra
-        from pyubx2.exceptions import UBXParseError  # noqa: PLC0415
 
-        try:
+        if len(frame) - _AROUND in _LENGTHS[name]:  # of others pyubx2 leaves fields out
             self._found[name].append(UBXReader.parse(frame))
-        except (UBXParseError, ValueError):
-            self.contents.refused[name, "its length fits no known layout"] += 1
+        else:
+            self.contents.refused[name, "its length is no known one"] += 1
 
     def finish(self) -> None:
         """Convert what was collected to samples."""
@@ -112,7 +114,8 @@ class _UbxLog:
         return [position, velocity]
 
     def _heading(self, vector: Any) -> list[SensedSample]:
-        _must(vector.version == 1, f"version {vector.version} has no heading")
+        whole = vector.version == 1 and vector.length == _LENGTHS[RELPOSNED][-1]
+        _must(whole, f"version {vector.version} of {vector.length} bytes has no heading")
         _must(vector.relPosValid and vector.relPosHeadingValid, "the receiver calls it not valid")
         _must(vector.isMoving, "not of a moving base: the bearing from a base on the ground")
         _must(vector.carrSoln == 2, "ambiguities are not fixed")

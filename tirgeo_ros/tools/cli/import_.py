@@ -68,7 +68,7 @@ _BASELINE = (
 _GEOID = "height of sea level above the ellipsoid; default: geoid_undulation_m of --params"
 _ROVER = "the first antenna is the rover's, the second the moving base's; default: the reverse"
 _DATUM = "what heights are above where the log does not tell it: %(choices)s"
-_HEADING = "of the nose where the flight begins, from true north, clockwise; if no log has one"
+_HEADING = "of the nose 7 s after all topics have begun, from true north, clockwise"
 LOGS: tuple[Option, ...] = (
     ("--columns", "YAML", "what a CSV's columns mean; one, or one for each", {"action": "append"}),
     ("--example", None, "write a template of --columns"),

@@ -28,8 +28,8 @@ from tirgeo_ros.tools.convert.import_sink import ImportSink
 from tirgeo_ros.tools.presentation.progress import Report
 
 #: After this time with all topics a filter lacks nothing but a heading, and takes one: its
-#: ``alignment.wait_s``.
-_ASKED_NS = 5_000_000_000
+#: ``alignment.wait_s``, and a window of data.
+_ASKED_NS = 7_000_000_000
 #: Keys of a columns file that a finding on the IMU is about.
 _KEYS = {
     "force_unit": "imu.accel.unit",
