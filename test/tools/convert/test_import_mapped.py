@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 
 import numpy as np
@@ -275,21 +274,3 @@ def iter_ros1(path):
     from tirgeo_ros.io.bags.ros1_bag import Ros1Bag  # noqa: PLC0415
 
     return (one.data for one in Ros1Bag(path).messages(["/mavros/imu/data"]))
-
-
-def test_a_cut_recording_is_read_as_far_as_it_goes(tmp_path, capsys):
-    import_flight(
-        mavros_bag(3.0).write(tmp_path / "a.bag"),
-        tmp_path / "a.mcap",
-        mapped=MappedTopics(MAVROS[:1]),
-    )
-    data = (tmp_path / "a.mcap").read_bytes()
-    (tmp_path / "a.mcap").write_bytes(data[: len(data) * 2 // 3])
-    out = tmp_path / "out.mcap"
-    words = ["--map-topic", "/imu/data=imu/data", "--json"]
-    code = main(["import", str(tmp_path / "a.mcap"), "-o", str(out), *words])
-    said = capsys.readouterr()
-    if code == 1 and not said.out:
-        assert said.err.count("\n") == 1  # its one chunk is lost
-    else:
-        assert (code, json.loads(said.out)["error"] is not None) == (1, True)

@@ -25,6 +25,8 @@ from tirgeo_ros.io.logs.log_contents import LogContents
 
 #: No attitude is interpolated between two further apart than this, the limit of gimbal_node too.
 _LONGEST_GAP_NS = 250_000_000
+#: Memory to read a log with: an hour at 250 Hz takes a third of it.
+LOG_BYTES = 2 << 30
 #: Microseconds that are a date of this century, not a time since the autopilot was switched on.
 _UNIX_US = 946_684_800_000_000
 #: Fix types of MAVLink, which PX4 and ArduPilot log: 4 differential, 5 RTK float, 6 RTK fixed.

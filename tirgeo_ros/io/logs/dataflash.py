@@ -23,6 +23,7 @@ from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.io.files.memory_bound import bounded_memory
 from tirgeo_ros.io.logs.autopilot_tables import (
+    LOG_BYTES,
     AttitudeTable,
     AutopilotClock,
     GnssTable,
@@ -141,7 +142,7 @@ def _logged(path: Path) -> _Log:
     log = _Log({name: _Records(name) for name in _FIELDS}, {}, damaged=False)
     try:
         with (
-            bounded_memory(),
+            bounded_memory(LOG_BYTES),
             redirect_stdout(said),
             redirect_stderr(said),
             Reader(str(path)) as file,

@@ -21,6 +21,7 @@ from tirgeo_ros.core.types.arrays import Array, IntArray
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.io.files.memory_bound import bounded_memory
 from tirgeo_ros.io.logs.autopilot_tables import (
+    LOG_BYTES,
     AttitudeTable,
     AutopilotClock,
     GnssTable,
@@ -127,7 +128,7 @@ def _opened(path: Path) -> Any:
     from pyulog.exceptions import ULogException  # noqa: PLC0415
 
     try:
-        with path.open("rb") as file, bounded_memory(), redirect_stdout(StringIO()):
+        with path.open("rb") as file, bounded_memory(LOG_BYTES), redirect_stdout(StringIO()):
             return ULog(file, _WANTED)
     except OSError as error:
         raise LogError(f"{path}: cannot be read: {error.strerror or error}") from None
