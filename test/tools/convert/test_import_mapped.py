@@ -104,6 +104,17 @@ def test_recordings_of_ros_2_in_every_form(tmp_path, storage, mode):
     assert result["error"] is None
 
 
+def test_pictures_and_gimbal_go_on_byte_by_byte_into_a_namespace(sample, tmp_path):
+    names = ("thermal/image_raw/compressed", "thermal/camera_info", "gimbal/joint_states")
+    names += ("gimbal/attitude",)
+    path, out = sample / "flight.mcap", tmp_path / "out.mcap"
+    mapped = MappedTopics(tuple((name, name) for name in names))
+    import_flight(path, out, namespace="uav1", mapped=mapped)
+    whole = [one for one in BagReader(path).messages() if one.topic.strip("/") in names]
+    found = [one._replace(topic=one.topic[5:]) for one in BagReader(out).messages()]
+    assert sorted(found) == sorted(whole)
+
+
 def test_an_odometry_becomes_a_velocity_east_north_up(tmp_path):
     """Forward 2 m/s with the nose to the north; the covariance turns along."""
     bag = Bag()
