@@ -98,6 +98,12 @@ def test_a_value_that_is_no_number_costs_its_row(tmp_path):
     assert contents.refused == {("imu", "imu.gyro.columns.3 is not a number"): 1}
 
 
+def test_a_fix_that_is_held_in_many_rows_is_one(tmp_path):
+    contents = read(tmp_path, "1,0,0,1,0,0,0\n" * 3 + "2,0,0,1,0,0,0\n", IMU_COLUMNS)
+    assert len(contents.samples) == 2
+    assert contents.refused == {("imu", "it has the time of the row before"): 2}
+
+
 def test_headings_of_a_baseline_need_its_direction(tmp_path):
     columns = (
         "time: {counts: utc, column: t, unit: s}\nrtk_heading:\n"

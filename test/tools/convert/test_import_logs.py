@@ -127,6 +127,16 @@ def test_impossible_samples_are_refused(folder):
         imported(folder, "clip.srt")
 
 
+def test_times_that_go_back_are_told(folder):
+    first, *rest = IMU.splitlines(keepends=True)
+    (folder / "imu.csv").write_text("".join([*rest, first]))
+    result = imported(folder, "imu.csv", columns=[folder / "imu.yaml"])
+    told = "imu/data: its time goes back 1 times; it is sorted by time"
+    assert told in result["files"][0]["notes"]
+    stamps = [s.stamp_ns for s in samples(folder / "out.mcap")["imu/data"]]
+    assert stamps == sorted(stamps)
+
+
 def test_units_that_gravity_contradicts(folder):
     """At rest for 6 s, in m/s2 as if they were g, and upside down."""
     rows = "".join(f"{1718091879 + k / 50:.2f},0,0,9.8,0,0,0\n" for k in range(300))

@@ -8,7 +8,7 @@ EXAMPLE = """\
 # Keep what the table has and delete the rest. Each value needs its unit:
 #   acceleration  m/s2, g, mg, ft/s2          rate      rad/s, deg/s, mrad/s, deg/h
 #   angle         deg, rad, mrad, 1e-7deg     length    m, ft, km, cm, mm
-#   speed         m/s, km/h, mph, kn, ft/s, cm/s, mm/s
+#   speed         m/s, km/h, mph, knots, ft/s, cm/s, mm/s
 #   pressure      Pa, hPa, mbar, kPa          time      s, ms, us, ns
 # A column is its title, or its number from 1 in a table without a header.
 

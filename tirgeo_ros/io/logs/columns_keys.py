@@ -21,6 +21,7 @@ UNITS: dict[str, dict[str, float]] = {
         "km/h": 1 / 3.6,
         "mph": 0.44704,
         "kn": 1852 / 3600,
+        "knots": 1852 / 3600,
         "ft/s": 0.3048,
         "cm/s": 1e-2,
         "mm/s": 1e-3,

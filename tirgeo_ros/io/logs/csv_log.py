@@ -13,6 +13,7 @@ from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.io.logs.columns_file import Columns, Layout, NamedQuantity
 from tirgeo_ros.io.logs.columns_quantities import prepare
 from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions, Refused
+from tirgeo_ros.io.messages import SensedSample
 
 _ROW = "row"
 _LOOKED_AT = 200  # rows by which the usual number of columns is known
@@ -45,6 +46,7 @@ class _Table:
         self.contents = LogContents()
         self._columns, self._width = columns, width
         self._fitting: Counter[str] = Counter()
+        self._newest_ns: dict[str, int] = {}
         self._imu_before = b""
         self._imu_rows = self._imu_repeats = 0
 
@@ -61,7 +63,7 @@ class _Table:
 
     def _convert(self, one: NamedQuantity, row: list[str]) -> None:
         try:
-            sample = one.quantity.sample(one.time.stamp_ns(row), row)
+            sample = self._sample(one, row)
         except Refused as why:
             self.contents.refused[one.name, str(why)] += 1
             return
@@ -71,6 +73,15 @@ class _Table:
             self._imu_rows += 1
             self._imu_repeats += values == self._imu_before
             self._imu_before = values
+
+    def _sample(self, one: NamedQuantity, row: list[str]) -> SensedSample:
+        """Return the sample of a row; raise Refused for one that is held from the row before."""
+        stamp_ns = one.time.stamp_ns(row)
+        if stamp_ns == self._newest_ns.get(one.name):
+            raise Refused("it has the time of the row before")
+        sample = one.quantity.sample(stamp_ns, row)
+        self._newest_ns[one.name] = stamp_ns
+        return sample
 
     def finish(self) -> None:
         """Say which quantities ``where`` left empty, and whether the IMU was polled too fast."""
@@ -83,8 +94,8 @@ class _Table:
                 self.contents.notes.append(f"{one.name}: {fitting} of {rows} rows fit its where")
         if self._imu_repeats > _REPEATS * self._imu_rows:
             self.contents.notes.append(
-                f"{self._imu_repeats} of {self._imu_rows} IMU rows repeat the one before: it was "
-                "read faster than it measures"
+                f"{self._imu_repeats} of {self._imu_rows} IMU rows repeat the one before, as "
+                "when it is read faster than it measures"
             )
 
 

@@ -156,6 +156,7 @@ def _read(path: Path, form: Form, options: LogOptions) -> Log:
             contents.refused[topic_of(sample), fault] += 1
         else:
             good.append(sample)
+    contents.notes += _disorder(good)
     contents.samples = sorted(good, key=lambda sample: sample.stamp_ns)
     return Log(path, form.name, contents, _spans(contents.samples))
 
@@ -168,6 +169,18 @@ def _fault(sample: SensedSample) -> str:
     if isinstance(sample, CameraAttitudeSample):
         return "" if usable_attitude(sample.q_ng) else "attitude is not a unit quaternion"
     return fault_of(sample)
+
+
+def _disorder(samples: Sequence[SensedSample]) -> Iterator[str]:
+    """Yield a line for each topic whose stamps go back."""
+    newest_ns: dict[str, int] = {}
+    back: Counter[str] = Counter()
+    for sample in samples:
+        topic = topic_of(sample)
+        back[topic] += sample.stamp_ns < newest_ns.get(topic, 0)
+        newest_ns[topic] = sample.stamp_ns
+    for topic, number in (+back).items():
+        yield f"{topic}: its time goes back {number} times; it is sorted by time"
 
 
 def _spans(samples: Sequence[SensedSample]) -> dict[str, tuple[int, int]]:
