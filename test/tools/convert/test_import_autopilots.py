@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+import sys
 
 import numpy as np
 import pytest
 from dataflash_files import DataflashFile
-from ulog_files import UlogFile
+from ulog_files import MAGIC, UlogFile
 
 from tirgeo_ros.core.frames.heading import wrap_pi
 from tirgeo_ros.core.frames.rotations import euler_from_quat
@@ -156,6 +157,17 @@ def test_a_flight_in_an_autopilots_log_gives_its_poses(flown, recorded, sample, 
     # Rounding has a third of RTK's sigma of 1 cm, and takes as little of the heading's.
     sigma_rad = [math.sqrt(recorded[one].covariance[5, 5]) for one in stamps]
     assert (np.abs(wrap_pi(np.subtract(*headings))) < np.divide(sigma_rad, 3)).all()
+
+
+@pytest.mark.parametrize(
+    ("head", "package"), [(MAGIC + bytes(9), "pyulog"), (b"\xa3\x95\x80" + bytes(86), "pymavlink")]
+)
+def test_a_reader_that_is_not_installed_is_named(tmp_path, capsys, monkeypatch, head, package):
+    monkeypatch.setitem(sys.modules, package, None)
+    (tmp_path / "a.log").write_bytes(head)
+    assert main(["import", str(tmp_path / "a.log"), "-o", str(tmp_path / "a.mcap")]) == 1
+    assert f"{package} is missing: pip install {package}\n" in capsys.readouterr().err
+    assert not (tmp_path / "a.mcap").exists()
 
 
 @pytest.mark.parametrize(
