@@ -128,3 +128,11 @@ def samples(path, topics=None):
         topic = message.topic.removeprefix("/")
         found[topic].append(SENSED_SAMPLES[topic](CDR.deserialize(message.data, message.typename)))
     return found
+
+
+def by_source(contents):
+    """Return a log's samples by their source, in the order of the log."""
+    found = defaultdict(list)
+    for sample in contents.samples:
+        found[sample.source].append(sample)
+    return found

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from tirgeo_ros.core.types.errors import LogError
-from tirgeo_ros.io.logs import dji_srt, rtklib_pos, ubx_frames
+from tirgeo_ros.io.logs import dataflash, dji_srt, px4_ulog, rtklib_pos, ubx_frames
 from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions
 
 Reader = Callable[[Path, LogOptions], LogContents]
@@ -39,6 +39,8 @@ class Form(NamedTuple):
 UBX = Form("u-blox UBX", ubx_frames.is_ubx, "ubx", "read_ubx")
 #: The first that fits is taken.
 FORMS = (
+    Form("PX4 ULog", px4_ulog.is_px4_ulog, "px4_ulog", "read_px4_ulog"),
+    Form("ArduPilot DataFlash", dataflash.is_dataflash, "dataflash", "read_dataflash"),
     UBX,
     Form("RTKLIB .pos", rtklib_pos.is_pos, "rtklib_pos", "read_pos"),
     Form("DJI subtitles (SRT)", dji_srt.is_srt, "dji_srt", "read_srt"),

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from tirgeo_ros.core.types.errors import LogError
+from tirgeo_ros.core.types.measurements import PositionSample, Source, VelocitySample
 from tirgeo_ros.io.logs.log_times import SECOND_NS, WrittenTime
 from tirgeo_ros.io.messages import SensedSample
 
@@ -76,3 +77,24 @@ class LogContents:
     read: Counter[str] = field(default_factory=Counter)
     refused: Counter[tuple[str, str]] = field(default_factory=Counter)
     notes: list[str] = field(default_factory=list)
+
+
+_ORDINARY = {Source.RTK_POSITION: Source.GPS_POSITION, Source.RTK_VELOCITY: Source.GPS_VELOCITY}
+
+
+def say_receiver(contents: LogContents, name: str, *, is_rtk: bool) -> None:
+    """Make the samples of a receiver that was never RTK float or fixed those of ordinary GPS.
+
+    The filter has no use for ``rtk/fix`` of such a one. Which it is becomes a note.
+    """
+    if not is_rtk:
+        contents.samples = [
+            replace(sample, source=_ORDINARY[sample.source])
+            if isinstance(sample, PositionSample | VelocitySample)
+            else sample
+            for sample in contents.samples
+        ]
+    contents.notes.append(
+        f"{name} was {'' if is_rtk else 'never '}RTK float or fixed: its positions are "
+        f"{'rtk/fix' if is_rtk else 'gps/fix'}"
+    )

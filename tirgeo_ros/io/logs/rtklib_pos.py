@@ -20,7 +20,7 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source, VelocitySample
 from tirgeo_ros.io.files.text_file import read_text
-from tirgeo_ros.io.logs.log_contents import ELLIPSOIDAL, MSL, LogContents, LogOptions
+from tirgeo_ros.io.logs.log_contents import ELLIPSOIDAL, MSL, LogContents, LogOptions, say_receiver
 from tirgeo_ros.io.logs.log_times import (
     GPS_EPOCH_NS,
     SECOND_NS,
@@ -51,6 +51,7 @@ _STATUS: dict[float, FixStatus] = {
     **dict.fromkeys((2, 3, 4, 6), FixStatus.FLOAT),
     5: FixStatus.SINGLE,
 }
+_RTK = (1, 2)  # fixed and float
 _SAMPLE = "solution"
 
 
@@ -76,6 +77,7 @@ def read_pos(path: Path, options: LogOptions) -> LogContents:
     log = _PosLog(path, options, lines)
     for line in lines:
         log.take(line)
+    say_receiver(log.contents, "the receiver", is_rtk=log.is_rtk)
     return log.contents
 
 
@@ -84,6 +86,7 @@ class _PosLog:
 
     def __init__(self, path: Path, options: LogOptions, lines: list[str]) -> None:
         self.contents = LogContents()
+        self.is_rtk = False
         self._path, self._options = path, options
         self._header = _Header()
         for line in lines:  # the first header is also that of lines before it
@@ -137,6 +140,7 @@ class _PosLog:
         place, (quality, _satellites, *rest) = cells[:width], cells[width:]
         latitude_rad, longitude_rad, height_m, r_nf = self._place(place)
         numbers = [float(cell) for cell in rest]
+        self.is_rtk |= float(quality) in _RTK
         covariance_n = _covariance_n(numbers[:6], r_nf)
         position = PositionSample(
             stamp_ns,

@@ -22,7 +22,7 @@ from tirgeo_ros.core.types.measurements import (
     Source,
     VelocitySample,
 )
-from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions, Refused
+from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions, Refused, say_receiver
 from tirgeo_ros.io.logs.log_times import SECOND_NS, written_time
 from tirgeo_ros.io.logs.ubx_frames import ubx_frames
 from tirgeo_ros.io.messages import SensedSample
@@ -85,6 +85,9 @@ class _UbxLog:
             self._count(PVT, self._solution, message, precise.get(message.iTOW, message))
         for message in self._found[RELPOSNED]:
             self._count(RELPOSNED, self._heading, message)
+        if self._found[PVT]:
+            is_rtk = any(message.carrSoln for message in self._found[PVT])
+            say_receiver(self.contents, PVT, is_rtk=is_rtk)
 
     def _count(self, name: str, convert: Any, *messages: Any) -> None:
         try:

@@ -1,16 +1,17 @@
-"""Make a bag from another maker's logs, a ROS 1 bag or a serial capture.
+"""Make a bag from another maker's logs, a bag with other topics or a serial capture.
 
 Makes a bag with the topics of tirgeo (imu/data, gps, rtk, gimbal, thermal) from logs, from a
-ROS 1 bag with the topics of DJI's wrapper (dji_sdk/ or dji_osdk_ros/), or from the bytes of an
-aircraft's serial port. Each file is recognised by its content. Topics of the wrong type and
-implausible values are reported and left out. A bag that was cut off or never closed is refused;
-rosbag reindex mends it. The same input gives the same bytes. --namespace and the topics are for
-ROS 1 bags; --packages and --key for captures.
+ROS 1 bag with the topics of DJI's wrapper (dji_sdk/ or dji_osdk_ros/), from any bag of ROS 1 or
+ROS 2 whose topics --map-topic names, or from the bytes of an aircraft's serial port. Each file is
+recognised by its content. Topics of the wrong type and implausible values are reported and left
+out. A ROS 1 bag that was cut off or never closed is refused; rosbag reindex mends it. The same
+input gives the same bytes. --namespace and the topics are for bags; --packages and --key for
+captures.
 
-Logs: CSV (with --columns), RTKLIB .pos, u-blox UBX (NAV-PVT, NAV-RELPOSNED), subtitles of DJI's
-cameras (SRT). Several of one flight are merged by their time stamps; a topic that two of them have
-for the same time comes from the first. What a log does not tell is asked for. docs/import.md tells
-what comes out of each.
+Logs: CSV (with --columns), RTKLIB .pos, u-blox UBX (NAV-PVT, NAV-RELPOSNED), PX4 ULog, ArduPilot
+DataFlash, subtitles of DJI's cameras (SRT). Several of one flight are merged by their time stamps;
+a topic that two of them have for the same time comes from the first. What a log does not tell is
+asked for. docs/import.md and docs/import_autopilots.md tell what comes out of each.
 
 example:
   tirgeo import flight.bag -o flight.mcap --params params.yaml
@@ -21,6 +22,10 @@ params.yaml needs at least
       geoid_undulation_m: 43.2                      # where it flies
       aircraft.rtk_antenna_m: [0.0, 0.55, 0.35]     # forward, left, up
       aircraft.second_antenna_m: [0.0, -0.55, 0.35]
+
+A bag with other topics, and an autopilot's log:
+  tirgeo import IN.bag -o flight.mcap --map-topic /xsens/imu=imu/data --map-topic /fix=gps/fix
+  tirgeo import flight.bin -o flight.mcap --geoid-undulation 43.2
 
 An IMU's CSV and RTKLIB's solution:
   tirgeo import --example -o imu.yaml               # then say in it what the columns mean
@@ -49,10 +54,12 @@ def offset_s(text: str) -> int:
         raise argparse.ArgumentTypeError(f"{text}: not an offset as +02:00 or -03:30") from None
 
 
-_FILES = "logs of one flight, or one ROS 1 bag or serial capture"
+_FILES = "logs of one flight, or one bag or serial capture"
 _OUTPUT = "the new bag; with --example the template (default: stdout)"
 _TIME = "UTC of the first message or record, as 2024-06-11T07:44:39; default: the receivers' date"
 _NAMESPACE = "namespace of the aircraft's topics in a ROS 1 bag, and in the new bag; default: none"
+_MAP = "topic of a bag, and the topic of tirgeo that it becomes; may be repeated"
+_RPY = "with --map-topic: rotation of the IMU's axes relative to base_link, deg"
 _TOPIC = WORD | {"default": ""}
 _BASELINE = (
     "between the two antennas: headings with another length are refused; default: from "
@@ -86,6 +93,8 @@ OPTIONS = (
     ("--namespace", "NS", _NAMESPACE, _TOPIC),
     ("--image-topic", "TOPIC", "topic that becomes thermal/image_raw[/compressed]", _TOPIC),
     ("--camera-info-topic", "TOPIC", "topic that becomes thermal/camera_info", _TOPIC),
+    ("--map-topic", "FROM=TO", _MAP, WORD | {"action": "append", "default": []}),
+    ("--imu-rpy", ("R", "P", "Y"), _RPY, NUMBER | {"nargs": 3}),
     *CAPTURE,
     ("--start-time", "TIME", _TIME, WORD),
     *LOGS,
@@ -102,12 +111,38 @@ def run(args: argparse.Namespace) -> dict[str, object] | int:
     from tirgeo_ros.tools.convert.import_flight import import_flight  # noqa: PLC0415 heavy
     from tirgeo_ros.tools.convert.import_ros1 import Pictures  # noqa: PLC0415 heavy
 
+    args.mapped = _mapped_topics(args)
     start_ns = None if args.start_time is None else _utc_ns(args.start_time)
     args.pictures = Pictures(args.image_topic, args.camera_info_topic)
     args.capture = CaptureOptions(str(args.packages or ""), args.key, start_ns)
     args.logs, args.columns = _log_options(args, start_ns), args.columns or ()
-    names = "params namespace pictures capture logs columns"
+    names = "params namespace pictures capture mapped logs columns"
     return call(import_flight, args, "importing", "flight output", names)
+
+
+def _mapped_topics(args: argparse.Namespace) -> Any:
+    """Return what --map-topic and the options beside it say. Raise UsageError."""
+    from tirgeo_ros.tools.convert.import_mapped import MappedTopics  # noqa: PLC0415 heavy
+
+    if args.map_topic and (args.image_topic or args.camera_info_topic):
+        raise UsageError(
+            "--image-topic is for DJI's bags: use --map-topic TOPIC=thermal/image_raw"
+        )
+    if args.imu_rpy and not args.map_topic:
+        raise UsageError("--imu-rpy is for --map-topic; else set aircraft.imu_rpy_deg for process")
+    pairs = tuple(map(_pair, args.map_topic))
+    return MappedTopics(pairs, tuple(args.imu_rpy or (0.0, 0.0, 0.0)), args.geoid_undulation)
+
+
+def _pair(text: str) -> tuple[str, str]:
+    """Return a topic and the topic of the contract that it becomes. Raise UsageError."""
+    from tirgeo_ros.tools.replay.flight_topics import INPUTS  # noqa: PLC0415 heavy
+
+    topic, _, contract = text.partition("=")
+    contract = contract.strip("/")
+    if not topic.strip("/") or contract not in INPUTS:
+        raise UsageError(f"--map-topic {text}: not FROM=TO, TO one of {', '.join(INPUTS)}")
+    return topic, contract
 
 
 def _log_options(args: argparse.Namespace, start_ns: int | None) -> Any:
@@ -157,6 +192,7 @@ def describe(result: dict[str, Any]) -> str:
     parts = [_came_in(result), _went_out(result["written"])]
     if result["counts"]:
         parts.append(_pairs(result["counts"]))
+    parts += result.get("notes", [])
     pictures = [t for t, kind in result.get("not_read", {}).items() if "Image" in kind]
     if pictures:
         parts.append(f"pictures in the bag that --image-topic may name: {', '.join(pictures)}")

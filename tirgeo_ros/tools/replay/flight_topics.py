@@ -8,7 +8,7 @@ from typing import Protocol
 from tirgeo_ros.core.navigation.aiding.aids import METHOD_SOURCES
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.bag import BagReader
-from tirgeo_ros.io.messages import NAVIGATION_INPUTS, TOPIC_TYPES
+from tirgeo_ros.io.messages import NAVIGATION_INPUTS, SENSED_TOPICS, TOPIC_TYPES
 
 CAMERA_INFO = "thermal/camera_info"
 #: Method -> the topics that it uses.
@@ -17,6 +17,8 @@ METHOD_TOPICS: Mapping[str, tuple[str, ...]] = {
     for method, sources in METHOD_SOURCES.items()
 }
 PICTURES = ("thermal/image_raw", "thermal/image_raw/compressed")
+#: What sensors publish: the topics that another system may have under other names.
+INPUTS = (*SENSED_TOPICS, *PICTURES, CAMERA_INFO)
 #: Composition of the camera's pose -> the gimbal's topics that it uses; one of them is enough.
 GIMBAL_TOPICS: dict[str, tuple[str, ...]] = {
     "paper": ("gimbal/attitude",),
