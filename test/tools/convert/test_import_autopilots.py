@@ -163,7 +163,8 @@ def test_a_flight_in_an_autopilots_log_gives_its_poses(flown, recorded, sample, 
     ("head", "package"), [(MAGIC + bytes(9), "pyulog"), (b"\xa3\x95\x80" + bytes(86), "pymavlink")]
 )
 def test_a_reader_that_is_not_installed_is_named(tmp_path, capsys, monkeypatch, head, package):
-    monkeypatch.setitem(sys.modules, package, None)
+    for name in [one for one in sys.modules if one.partition(".")[0] == package] + [package]:
+        monkeypatch.setitem(sys.modules, name, None)
     (tmp_path / "a.log").write_bytes(head)
     assert main(["import", str(tmp_path / "a.log"), "-o", str(tmp_path / "a.mcap")]) == 1
     assert f"{package} is missing: pip install {package}\n" in capsys.readouterr().err
