@@ -22,7 +22,7 @@ from tirgeo_ros.io.bags.bag import BagMessage, BagReader, BagWriter, Cdr
 from tirgeo_ros.io.messages import TOPIC_TYPES, DiagnosticItem, Messages
 from tirgeo_ros.tools.presentation.progress import Report
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
-from tirgeo_ros.tools.replay.flight_topics import CAMERA_INFO, prefix, resolved
+from tirgeo_ros.tools.replay.flight_topics import CAMERA_INFO, PICTURES, prefix, resolved
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs
 from tirgeo_ros.tools.replay.overlay_film import OverlayFilm
 from tirgeo_ros.tools.replay.picture_outputs import PictureOutputs
@@ -67,7 +67,7 @@ class Pipeline:
         self.states_s: Counter[str] = Counter()
         self.arrivals = Arrivals()
         self.duration_s = 0.0  # from the first to the newest message
-        self._checks = checks
+        self._checks, self._decoder = checks, stage.decoder
         self._cdr = Cdr()
         self._messages = Messages(self._cdr.types, configs.ekf.frame_ids)
         self._pictures = PictureOutputs(
@@ -112,7 +112,10 @@ class Pipeline:
             self._unwanted += 1
             if self._unwanted % _LOOKED_AT:
                 return None
-        return self._decoded(message)
+        content = self._decoded(message)
+        if topic in PICTURES and content is not None and self.overlay is not None:
+            self._decoder.begin(topic, content)
+        return content
 
     def _decoded(self, message: BagMessage) -> object | None:
         try:
@@ -217,7 +220,7 @@ class Pipeline:
             self.overlay.set_camera(camera)
             return
         self.overlay.set_status(self.registration.navigation.status())
-        pixels, stamp_ns = convert.pixels(topic, message), convert.stamp_ns(message)
+        pixels, stamp_ns = self._decoder.pixels(topic, message), convert.stamp_ns(message)
         self._checks.frame(topic, stamp_ns, pixels, log_time_ns)
         stamp_ns = self.arrivals.stamp_ns(topic, stamp_ns, log_time_ns)
         self.overlay.add_frame(stamp_ns, pixels, log_time_ns)

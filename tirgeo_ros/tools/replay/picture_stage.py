@@ -1,4 +1,4 @@
-"""Paint and encode pictures in the order in which they come, beside the rest of the work.
+"""Decode, paint and encode pictures in the order in which they come, beside the other work.
 
 A picture's place in the output, its pose, its words and what is counted are decided before. Then
 painting needs only the pictures before it, and is done by one process; a thread of that encodes.
@@ -27,12 +27,11 @@ from tirgeo_ros.core.types.arrays import Array, Pixels
 from tirgeo_ros.core.types.errors import PictureError
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.files.child_process import ChildEndedError, ChildProcess, parent_pipes
+from tirgeo_ros.tools.replay.picture_decoder import SWITCH_S, PictureDecoder
 
 _RUN = "from tirgeo_ros.tools.replay.picture_stage import main; main()"
 #: Pictures that may be under way: enough that neither side waits for the other's slower ones.
 _MOST_UNDER_WAY = 8
-#: A thread that has encoded gets the interpreter back within this; 5 ms is as long as painting.
-_SWITCH_S = 5e-4
 
 
 class Painted(NamedTuple):
@@ -78,11 +77,12 @@ class PictureStage:
     """Paint pictures here, or in a process of their own if there are several cores.
 
     This is a context manager; call ``begin`` once, then ``send``, and ``receive`` once for each
-    picture sent. At most ``most_under_way`` may be sent and not received.
+    picture sent; at most ``most_under_way`` may be sent and not received. ``decoder`` decodes.
     """
 
     def __init__(self, cores: int) -> None:
         """Start the process, if there is one: it loads its modules meanwhile."""
+        self.decoder = PictureDecoder(cores)
         self._child = ChildProcess(_RUN) if cores > 1 else None
         self.most_under_way = _MOST_UNDER_WAY if self._child else 0
         self._work: _Work | None = None
@@ -126,6 +126,7 @@ class PictureStage:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self.decoder.close()
         if self._child is not None:
             self._child.close()
 
@@ -149,7 +150,7 @@ def _mended() -> Iterator[None]:
 
 def main() -> None:
     """Paint what the parent sends, and answer each picture."""
-    sys.setswitchinterval(_SWITCH_S)
+    sys.setswitchinterval(SWITCH_S)
     with parent_pipes() as (orders, answers), ThreadPoolExecutor(1) as encoder:
         config, keeps_images = pickle.load(orders)  # noqa: S301  from our own parent
         work = _Work(config, ground_of(config), keeps_images=keeps_images)
