@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from contextlib import suppress
 from datetime import datetime, timezone
 from typing import TYPE_CHECKING, Any
 
@@ -28,17 +29,13 @@ if TYPE_CHECKING:
 
 def instant(text: str) -> Instant:
     """Return seconds, or a time; one without a zone is UTC. A type of option."""
-    try:
-        return float(text)
-    except ValueError:
-        pass
-    try:
+    with suppress(ValueError):
+        if 0 <= float(text) < math.inf:
+            return float(text)
+    with suppress(ValueError):
         time = datetime.fromisoformat(text.removesuffix("Z"))
-    except ValueError:
-        raise argparse.ArgumentTypeError(
-            f"{text}: neither seconds nor a time as 2024-06-11T07:44:39"
-        ) from None
-    return time if time.tzinfo else time.replace(tzinfo=timezone.utc)
+        return time if time.tzinfo else time.replace(tzinfo=timezone.utc)
+    raise argparse.ArgumentTypeError(f"{text}: neither seconds nor a time as 2024-06-11T07:44:39")
 
 
 _FROM = "begin, in seconds after the first message, or UTC as 2024-06-11T07:44:39"
