@@ -30,6 +30,7 @@ from tirgeo_ros.tools.replay.flight_topics import done_without, inputs_of, resol
 from tirgeo_ros.tools.replay.message_pipeline import Pipeline
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs, node_configs
 from tirgeo_ros.tools.replay.overlay_film import OverlayFilm
+from tirgeo_ros.tools.replay.picture_stage import PictureStage, available_cores
 
 
 class _Job(NamedTuple):
@@ -60,13 +61,16 @@ def process(
     namespace: str = "",
     camera: PathLike | None = None,
     progress: Report = silent,
+    cores: int | None = None,
 ) -> dict[str, object]:
     """Process a bag and return a summary; a file gets its name only when it is complete.
 
     ``error`` in the summary is None, or what of the bag was lost. ``params`` are parameter files;
     ``map``, ``dem`` or ``ground_height`` (ellipsoidal m) and ``camera``, a calibration file,
-    override them. ``images`` need the gimbal. Raise BagError (no bag, a needed topic absent,
-    nothing readable), CameraError, ConfigError, MapError, ElevationError, VideoError.
+    override them. ``images`` need the gimbal. They are drawn in another process unless ``cores``
+    (None: those that this process may use) is 1: the bytes are the same. Raise BagError (no bag, a
+    needed topic absent, nothing readable), CameraError, ConfigError, MapError, ElevationError,
+    PictureError, VideoError.
     """
     configs = node_configs(
         params, namespace, method=method, dem=dem, ground_height=ground_height, camera=camera
@@ -76,12 +80,14 @@ def process(
         raise ConfigError("overlay images need a map and images")
     given = [bag_in, *paths_of(params), *configs.files, *map_files(map_path)]
     check_outputs(given, (bag_out, video), BagError)
-    job = _prepared(configs, BagReader(bag_in), namespace, params, map_path, images=images)
-    return {
-        "input": os.fspath(bag_in),
-        "output": os.fspath(bag_out),
-        **_run(job, bag_out, video, progress, raw_images=raw_images),
-    }
+    reader, cores = BagReader(bag_in), available_cores() if cores is None else cores
+    with PictureStage(cores if map_path else 1) as stage:
+        job = _prepared(configs, reader, namespace, params, map_path, images=images)
+        return {
+            "input": os.fspath(bag_in),
+            "output": os.fspath(bag_out),
+            **_run(job, bag_out, video, progress, stage, raw_images=raw_images),
+        }
 
 
 def _prepared(
@@ -118,14 +124,23 @@ def _prepared(
 
 
 def _run(
-    job: _Job, bag_out: PathLike, video: PathLike | None, progress: Report, *, raw_images: bool
+    job: _Job,
+    bag_out: PathLike,
+    video: PathLike | None,
+    progress: Report,
+    stage: PictureStage,
+    *,
+    raw_images: bool,
 ) -> dict[str, object]:
     """Process all messages and write the outputs; return the summary."""
     begun_s = time.perf_counter()
+    if job.drawn is not None:
+        keeps_images = raw_images or video is not None
+        stage.begin(job.configs.overlay, job.drawn.ground, keeps_images=keeps_images)
     with contextlib.ExitStack() as stack:
         film = _film(job, stack.enter_context(VideoFile(video))) if video is not None else None
         writer = stack.enter_context(BagWriter(bag_out))
-        chain = (job.configs, job.drawn, writer, film, job.namespace, job.checks)
+        chain = (job.configs, job.drawn, writer, film, job.namespace, job.checks, stage)
         run = Pipeline(*chain, raw_images=raw_images)
         run.through(job.reader, job.topics, progress)
         if not run.read:
