@@ -90,5 +90,9 @@ class DjiError(TirgeoError):
     """Report a capture, a package table, a key or an aircraft link that cannot be used."""
 
 
+class SeasonError(TirgeoError):
+    """Report flights that cannot be processed together, or a cluster that cannot do it."""
+
+
 class PageError(TirgeoError):
     """Report an operator's page that cannot be served as its parameters say."""
