@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -55,7 +56,7 @@ def _recorded(
 
 def _parts(path: Path) -> list[str]:
     """Return the names of the folders to a flight and its own, without a bag's ending."""
-    whole = path.resolve()
+    whole = Path(os.path.normpath(path))  # of a link its own name
     *folders, last = (whole.parent if whole.name == METADATA else whole).parts[1:]
     return [*folders, _ENDINGS.sub("", last)]
 

@@ -109,7 +109,7 @@ def _totals(flights: Sequence[Record]) -> Iterator[str]:
     if errors:
         yield _total("with an error", f'<b class="stop">{errors}</b>')
     yield _total("flown", clock(sum(one.get("duration_s", 0.0) for one in flights)))
-    yield _total("way", f"{three(way_m / 1000)} km")
+    yield _total("distance", f"{three(way_m / 1000)} km")
     if frames:
         yield _total("pictures with the map", f"{frames}")
     yield _total("findings", counted(found) or "none")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from typing import Any, NamedTuple
 from urllib.parse import quote
@@ -71,6 +71,11 @@ def counted(findings: Counter[str]) -> str:
     )
 
 
+def _lines(words: Sequence[str]) -> str:
+    """Return plain words in lines that do not break; a dash for none."""
+    return "<br>".join(f'<span class="line">{one}</span>' for one in words) or "-"
+
+
 def severities(record: Record) -> Counter[str]:
     """Return a flight's number of findings by severity."""
     return Counter(one["severity"] for one in record.get("findings", []))
@@ -97,21 +102,22 @@ def _place(record: Record) -> Cell:
     if not track:
         return Cell("-", math.inf)
     latitude, longitude = track[0]
-    return Cell(degrees(latitude, longitude), latitude)
+    north, east = degrees(latitude, longitude)
+    return Cell(_lines([north, east]), latitude)
 
 
-def degrees(latitude: float, longitude: float) -> str:
-    """Return a place in words: four digits are some ten metres."""
+def degrees(latitude: float, longitude: float) -> tuple[str, str]:
+    """Return latitude and longitude in words: four digits are some ten metres."""
     north, east = "N" if latitude >= 0 else "S", "E" if longitude >= 0 else "W"
-    return f"{abs(latitude):.4f}° {north}, {abs(longitude):.4f}° {east}"
+    return f"{abs(latitude):.4f}° {north}", f"{abs(longitude):.4f}° {east}"
 
 
-def _length(record: Record) -> Cell:
+def _flown(record: Record) -> Cell:
     if "duration_s" not in record:
         return Cell("-", -1.0)
     distance_m = record["season"]["facts"].get("distance_m")
-    way = f", {three(distance_m)} m" if distance_m is not None else ""
-    return Cell(f"{clock(record['duration_s'])}{way}", record["duration_s"])
+    way = [] if distance_m is None else [f"{three(distance_m)} m"]
+    return Cell(_lines([clock(record["duration_s"]), *way]), record["duration_s"])
 
 
 def _states(record: Record) -> Cell:
@@ -127,15 +133,15 @@ def _sigma(record: Record) -> Cell:
     )
     words = [] if heading_deg is None else [f"heading {three(heading_deg)}°"]
     if across_m is not None and down_m is not None:
-        words.append(f"level {three(100 * across_m)} cm, height {three(100 * down_m)} cm")
-    return Cell("<br>".join(words) or "-", math.inf if heading_deg is None else heading_deg)
+        words += [f"level {three(100 * across_m)} cm", f"height {three(100 * down_m)} cm"]
+    return Cell(_lines(words), math.inf if heading_deg is None else heading_deg)
 
 
 def _nis(record: Record) -> Cell:
     facts = record["season"]["facts"]
     means, ratios = facts.get("nis", {}), facts.get("test_ratios", {})
     lines = [
-        f'<span title="largest test ratio {ratios.get(source, math.nan):.2g}">'
+        f'<span class="line" title="largest test ratio {ratios.get(source, math.nan):.2g}">'
         f"{escape(source.replace('_', ' '))} {three(mean)}</span>"
         for source, mean in means.items()
     ]
@@ -174,7 +180,7 @@ def _result(record: Record) -> Cell:
 _MAKERS: Mapping[str, Callable[[Record], Cell]] = {
     "begin, UTC": _begin,
     "place": _place,
-    "length": _length,
+    "flown": _flown,
     "states": _states,
     "sigma": _sigma,
     "NIS": _nis,

@@ -31,16 +31,19 @@ b.note { color: var(--soft); font-weight: 400; }
 .scale { fill: none; stroke: currentColor; }
 .maps text { fill: currentColor; font-size: 11px; }
 table { width: 100%; font-size: .88rem; }
-th, td { text-align: left; vertical-align: top; padding: .4rem .6rem; }
+th, td { text-align: left; vertical-align: top; padding: .4rem .6rem; overflow-wrap: normal; }
+td:last-child { overflow-wrap: anywhere; }
+.line { white-space: nowrap; }
 th { position: sticky; top: 0; background: var(--paper); z-index: 1; white-space: nowrap; }
 th button { font: inherit; font-weight: 600; color: inherit; background: none; border: 0;
   padding: 0; cursor: pointer; }
 th[aria-sort=ascending] button::after { content: " \\25b2"; }
 th[aria-sort=descending] button::after { content: " \\25bc"; }
-td:first-child { min-width: 9rem; }
-td:first-child img { display: block; width: 9rem; max-width: 100%; border-radius: .3rem; }
+td:first-child { min-width: 9rem; overflow-wrap: anywhere; }
+td:first-child img { display: block; width: 8rem; max-width: 100%; border-radius: .3rem; }
 td:first-child strong, td:first-child span { display: block; }
-td:nth-child(5) { min-width: 8rem; }
+td:nth-child(5) { min-width: 9rem; }
+td:nth-child(9) { max-width: 16rem; }
 tr:target { outline: 2px solid var(--link); }
 details ul { padding-left: 1rem; margin: .3rem 0; }
 summary { cursor: pointer; white-space: nowrap; }

@@ -87,7 +87,7 @@ def season_tasks(
         **{key: given[key] for key in keys if key in given},
     )
     used = [*paths_of(given.get("params")), *configs.files, *map_files(given.get("map") or "")]
-    bags = {Path(bag).resolve(): os.fspath(bag) for bag in flights}
+    bags = {Path(bag).absolute(): os.fspath(bag) for bag in _each_once(flights)}
     stamps = {path: bag_stamps(path) for path in bags}
     names = flight_names(stamps, records)
     own = given | {"video": video}
@@ -106,6 +106,14 @@ def season_tasks(
     outputs = [folder / PAGE, *(path for task in tasks for path in task.outputs)]
     check_outputs([*bags.values(), *used], outputs, BagError)
     return tasks
+
+
+def _each_once(flights: Iterable[PathLike]) -> Iterable[PathLike]:
+    """Return the flights without those that are given again, also by another name."""
+    found: dict[Path, PathLike] = {}
+    for bag in flights:
+        found.setdefault(Path(bag).resolve(), bag)
+    return found.values()
 
 
 def _run(

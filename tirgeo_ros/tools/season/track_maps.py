@@ -9,12 +9,11 @@ from html import escape
 import numpy as np
 
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.tools.presentation.progress import three
 from tirgeo_ros.tools.season.flight_facts import positions_ned
 from tirgeo_ros.tools.season.page_cells import anchor, degrees
 
 #: Flights that begin this near to one of a site belong to it.
-_SITE_M = 2000.0
+_SITE_M = 500.0
 _MOST_SITES = 24
 _WIDTH, _HEIGHT, _EDGE = 320.0, 220.0, 16.0  # of a map, in its own units
 _LEAST_M = 20.0  # across: a flight that hovers is a point, not a scribble
@@ -61,7 +60,7 @@ def _figure(site: Mapping[str, Track]) -> str:
     lines = zip(site, np.split(np.column_stack([x, y]), ends), strict=True)
     drawn = "".join(_line(name, points) for name, points in lines)
     count = f"{len(site)} flight{'s' if len(site) > 1 else ''}"
-    place = degrees(*every[0])
+    place = " ".join(degrees(*every[0]))
     return (
         f'<figure><svg viewBox="0 0 {_WIDTH:g} {_HEIGHT:g}" role="img" '
         f'aria-label="tracks of {count} at {place}">{drawn}{_scale_bar(scale)}</svg>'
@@ -83,7 +82,7 @@ def _scale_bar(scale: float) -> str:
     most_m = _WIDTH / 3 / scale
     power = 10.0 ** math.floor(math.log10(most_m))
     length_m = power * max(step for step in (1, 2, 5) if step * power <= most_m)
-    words = f"{length_m / 1000:g} km" if length_m >= 1000 else f"{three(length_m)} m"
+    words = f"{length_m / 1000:g} km" if length_m >= 1000 else f"{length_m:g} m"
     y, end = _HEIGHT - 6, _EDGE + length_m * scale
     return (
         f'<path class="scale" d="M{_EDGE:g} {y - 4:g}V{y:g}H{end:.1f}V{y - 4:g}"/>'
