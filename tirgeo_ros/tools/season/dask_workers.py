@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import importlib
 import logging
+import re
+import time
 import uuid
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -23,8 +25,9 @@ from tirgeo_ros.tools.season.flight_record import Record, record_of, write_recor
 from tirgeo_ros.tools.season.flight_task import FlightTask
 from tirgeo_ros.tools.season.season_folder import running_mark
 
-_SHOW_S = 0.5
-_CONNECT_S = 20.0
+_SHOW_S = 0.2
+_CONNECT_S = 10.0
+_ADDRESS = re.compile(r"([a-z]+://)?[^/\s]+:\d+")
 _WORKERS_S = 30.0  # for the first worker to come
 
 
@@ -37,7 +40,6 @@ def run_on_cluster(
     SeasonError for a scheduler without workers, and for workers of another version or without
     the folder.
     """
-    dask = _dask()
     with _client(scheduler) as client:
         _check(client, tasks[0].folder)
         run = f"{uuid.uuid4()}"  # else Dask would take the same flight of another run for this one
@@ -49,11 +51,8 @@ def run_on_cluster(
             while pending:
                 board.in_work(_names(client, run))
                 board.show()
-                try:
-                    done = dask.wait(list(pending), _SHOW_S, "FIRST_COMPLETED").done
-                except dask.TimeoutError:
-                    continue
-                for future in done:
+                time.sleep(_SHOW_S)
+                for future in [one for one in pending if one.done()]:
                     task = pending.pop(future)
                     board.done(task.name)
                     yield task, _record(task, future)
@@ -82,6 +81,8 @@ def _dask() -> Any:
 @contextmanager
 def _client(scheduler: str) -> Iterator[Any]:
     """Connect to a scheduler; raise SeasonError if there is none."""
+    if not _ADDRESS.fullmatch(scheduler):
+        raise SeasonError(f"--scheduler {scheduler}: no address, as tcp://192.168.1.5:8786")
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what it tells is raised here
     try:
         client = _dask().Client(scheduler, timeout=_CONNECT_S, set_as_default=False, name="tirgeo")
