@@ -65,8 +65,7 @@ def make_flight(folder: Path, seconds: float, images: bool, number: int) -> Path
         scenario = {"start_utc": start, "site": site, "route": route}
         path = made_folder(place, SeasonError) / "scenario.yaml"
         path.write_text(json.dumps(scenario))  # JSON is YAML
-        window = {"start_s": 25.0, "duration_s": seconds, "images": images}
-        simulate(path, place, seed=number, **window)
+        simulate(path, place, seed=number, start_s=25.0, duration_s=seconds, images=images)
     return place / "flight.mcap"
 
 

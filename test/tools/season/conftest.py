@@ -49,4 +49,8 @@ def season(flights, broken, run, tmp_path_factory):
     """The folder of a run, its exit code and its records."""
     folder = tmp_path_factory.mktemp("out") / "season"
     code = run([*flights, broken], folder)
-    return folder, code, {path.stem: json.loads(path.read_text()) for path in folder.glob("*.json")}
+    return (
+        folder,
+        code,
+        {path.stem: json.loads(path.read_text()) for path in folder.glob("*.json")},
+    )

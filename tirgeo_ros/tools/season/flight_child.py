@@ -87,8 +87,10 @@ def _processed(task: FlightTask, report: Report) -> dict[str, Any]:
 
     video = task.path(task.video) if task.video else None
     bag_out, picture = task.path(".mcap"), task.path(".jpg")
-    summary = process(task.bag, bag_out, **task.options, video=video, progress=report)
-    facts, jpeg = flight_facts(bag_out, task.options["namespace"])
+    summary: dict[str, Any] = process(
+        task.bag, bag_out, **task.options, video=video, progress=report
+    )
+    facts, jpeg = flight_facts(bag_out, task.options["namespace"], summary["duration_s"])
     if jpeg:
         write_files({picture: jpeg}, SeasonError)
     else:

@@ -33,11 +33,12 @@ class _Place(NamedTuple):
     vertical_m: float  # sigma
 
 
-def flight_facts(bag: Path, namespace: str) -> tuple[dict[str, Any], bytes]:
+def flight_facts(bag: Path, namespace: str, duration_s: float) -> tuple[dict[str, Any], bytes]:
     """Return the facts of an output bag of ``process``, and a small JPEG; b"" without pictures.
 
-    Sigmas are medians over the flight, ``nis`` the means over the diagnostics by source, and
-    ``test_ratios`` their largest. The track has at most 200 points, degrees.
+    The flight ends with the bag, and began ``duration_s`` before that. Sigmas are medians over
+    the flight, ``nis`` the means over the diagnostics by source, and ``test_ratios`` their
+    largest. The track has at most 200 points, degrees.
     """
     reader, cdr = BagReader(bag), Cdr()
     begin_ns, end_ns = reader.span_ns
@@ -56,7 +57,8 @@ def flight_facts(bag: Path, namespace: str) -> tuple[dict[str, Any], bytes]:
             places.append(_place(cdr.deserialize(message.data, message.typename)))
         else:
             aids.add(cdr.deserialize(message.data, message.typename))
-    facts = {"begin_utc": _utc(begin_ns), **_of_places(places), **aids.facts()}
+    flown_ns = end_ns - round(duration_s * 1e9)
+    facts = {"begin_utc": _utc(flown_ns), **_of_places(places), **aids.facts()}
     content = cdr.deserialize(picture.data, picture.typename) if picture else None
     return facts, _small(content)
 
