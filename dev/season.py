@@ -38,9 +38,8 @@ from tirgeo_ros.tools.simulate.scenario_aircraft import SHAPES
 #: Asked of two workers: how much less time they take than one.
 ASKED_RATIO = 1.7
 _TIRGEO = "from tirgeo_ros.tools.cli.main import console; console()"
-_SITES = ((39.85, 116.70), (47.40, 8.55), (39.86, 116.72))
+_SITES = ((47.40, 8.55), (39.84, 116.71), (-33.45, -70.66))  # degrees
 _KILLS = 3
-_CHILD = "flight_child"
 _POLL_S = 0.02
 
 
@@ -69,10 +68,10 @@ def make_flight(folder: Path, seconds: float, images: bool, number: int) -> Path
     return place / "flight.mcap"
 
 
-def one_by_one(folder: Path, images: bool, bag: Path) -> Path:
+def one_by_one(folder: Path, params: Path, bag: Path) -> Path:
     """Process a flight by itself; return its output."""
     out = made_folder(folder, SeasonError) / f"{bag.parent.name}.mcap"
-    process(bag, out, params=bag.with_name("params.yaml"), images=images)
+    process(bag, out, params=params, images=False)
     return out
 
 
@@ -101,28 +100,19 @@ def with_kills(bags: Sequence[Path], out: Path) -> dict[str, Any]:
     shutil.rmtree(out, ignore_errors=True)
     command = season_command(bags, out, 2)
     with subprocess.Popen(command, stdout=subprocess.PIPE) as running:  # noqa: S603  this Python
-        killed: set[int] = set()
+        killed: set[str] = set()  # flights: each loses its worker once
         while running.poll() is None and len(killed) < _KILLS:
-            fresh = [one for one in _workers(running.pid) if one not in killed]
-            # One that writes its outputs: it is in the midst of its flight.
-            busy = [one for one in fresh if list(out.glob(f".*.{one}.part"))]
-            for one in busy[:1]:
-                with suppress(ProcessLookupError):
-                    os.kill(one, signal.SIGKILL)
-                    killed.add(one)
+            # What a worker has begun to write is named by its flight and its number.
+            for path in out.glob(".*.mcap.*.part"):
+                flight, number = path.name.split(".")[1], int(path.name.split(".")[3])
+                if flight not in killed and len(killed) < _KILLS:
+                    with suppress(ProcessLookupError):
+                        os.kill(number, signal.SIGKILL)
+                        killed.add(flight)
             time.sleep(_POLL_S)
         told, _ = running.communicate()
     result: dict[str, Any] = json.loads(told)
     return result
-
-
-def _workers(parent: int) -> Iterator[int]:
-    """Yield the processes of flights that a command has started."""
-    for task in Path(f"/proc/{parent}/task").glob("*/children"):
-        with suppress(OSError):
-            for child in task.read_text().split():
-                if _CHILD in Path(f"/proc/{child}/cmdline").read_text():
-                    yield int(child)
 
 
 def different(result: dict[str, Any], alone: Sequence[Path], bags: Sequence[Path]) -> int:
@@ -134,7 +124,8 @@ def different(result: dict[str, Any], alone: Sequence[Path], bags: Sequence[Path
 
 def figures(folder: Path, bags: Sequence[Path], rounds: int) -> Iterator[Figure]:
     """Yield the figures of all runs."""
-    alone = in_processes(partial(one_by_one, folder / "alone", False), bags, os.cpu_count() or 1)
+    work = partial(one_by_one, folder / "alone", bags[0].with_name("params.yaml"))
+    alone = in_processes(work, bags, os.cpu_count() or 1)
     runs: dict[int, list[Run]] = {1: [], 2: []}
     for _ in range(rounds):
         for workers, found in runs.items():

@@ -61,3 +61,13 @@ def test_an_absent_flight_is_no_other_absent_one():
     records = {"flight": record("/old/flight.mcap", nothing)}
     path = Path("/new/flight.mcap")
     assert flight_names({path: nothing}, records) == {path: "new_flight"}
+
+
+def test_a_link_has_its_own_name_and_keeps_it_where_it_leads_elsewhere(tmp_path):
+    link = tmp_path / "may.mcap"
+    link.symlink_to(tmp_path / "disk_1.mcap")
+    assert flight_names({link: stamps_of(link)}, {}) == {link: "may"}
+    records = {"spring": record(link)}
+    link.unlink()
+    link.symlink_to(tmp_path / "disk_2.mcap")
+    assert flight_names({link: stamps_of(link)}, records) == {link: "spring"}

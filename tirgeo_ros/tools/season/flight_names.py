@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -10,7 +9,7 @@ from pathlib import Path
 
 from tirgeo_ros.io.bags.bag_files import METADATA
 from tirgeo_ros.tools.season.flight_record import Record, same_files, same_place
-from tirgeo_ros.tools.season.flight_task import Stamp
+from tirgeo_ros.tools.season.flight_task import Stamp, place_of
 
 _ENDINGS = re.compile(r"\.(mcap|db3)(\.zstd)?$", re.IGNORECASE)
 
@@ -56,7 +55,7 @@ def _recorded(
 
 def _parts(path: Path) -> list[str]:
     """Return the names of the folders to a flight and its own, without a bag's ending."""
-    whole = Path(os.path.normpath(path))  # of a link its own name
+    whole = place_of(path)
     *folders, last = (whole.parent if whole.name == METADATA else whole).parts[1:]
     return [*folders, _ENDINGS.sub("", last)]
 

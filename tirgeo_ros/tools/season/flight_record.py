@@ -16,7 +16,7 @@ from tirgeo_ros.core.types.errors import SeasonError
 from tirgeo_ros.io.files.text_file import read_text
 from tirgeo_ros.io.files.whole_files import write_files
 from tirgeo_ros.tools.presentation.results import plain
-from tirgeo_ros.tools.season.flight_task import FlightTask, Stamp
+from tirgeo_ros.tools.season.flight_task import FlightTask, Stamp, place_of
 
 Record = dict[str, Any]
 
@@ -42,7 +42,7 @@ def record_of(task: FlightTask, found: Mapping[str, Any], attempts: int) -> Reco
     """Return the record of a flight from what its process found: a summary, or an error alone."""
     season = {
         "name": task.name,
-        "bag": str(Path(task.working_folder, task.bag).resolve()),
+        "bag": str(place_of(Path(task.working_folder, task.bag))),
         "attempts": attempts,
         "made_from": task.made_from,
         "outputs": {},
@@ -62,7 +62,7 @@ def is_done(record: Record | None, task: FlightTask) -> bool:
 
 def same_place(record: Record, bag: Path) -> bool:
     """Return whether a record is of a flight in this place."""
-    return bool(record["season"]["bag"] == str(bag.resolve()))
+    return bool(record["season"]["bag"] == str(place_of(bag)))
 
 
 def same_files(record: Record, stamps: Sequence[Stamp]) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -40,6 +41,11 @@ class FlightTask:
         """Return the places of all its files."""
         endings = (".mcap", ".json", ".jpg", self.video)
         return [self.path(ending) for ending in endings if ending]
+
+
+def place_of(bag: PathLike) -> Path:
+    """Return the whole path of a flight; of a link its own, not where it leads."""
+    return Path(os.path.normpath(Path(bag).absolute()))
 
 
 def bag_stamps(bag: PathLike) -> list[Stamp]:

@@ -23,7 +23,7 @@ from tirgeo_ros.tools.season.board import Board
 from tirgeo_ros.tools.season.flight_names import flight_names
 from tirgeo_ros.tools.season.flight_process import remove_parts
 from tirgeo_ros.tools.season.flight_record import Record, is_done, read_records
-from tirgeo_ros.tools.season.flight_task import FlightTask, bag_stamps, made_from
+from tirgeo_ros.tools.season.flight_task import FlightTask, bag_stamps, made_from, place_of
 from tirgeo_ros.tools.season.local_workers import run_here
 from tirgeo_ros.tools.season.page import PAGE, write_page
 from tirgeo_ros.tools.season.season_folder import only_run
@@ -87,7 +87,7 @@ def season_tasks(
         **{key: given[key] for key in keys if key in given},
     )
     used = [*paths_of(given.get("params")), *configs.files, *map_files(given.get("map") or "")]
-    bags = {Path(bag).absolute(): os.fspath(bag) for bag in _each_once(flights)}
+    bags = {place_of(bag): os.fspath(bag) for bag in _each_once(flights)}
     stamps = {path: bag_stamps(path) for path in bags}
     names = flight_names(stamps, records)
     own = given | {"video": video}
