@@ -58,7 +58,7 @@ def make_flight(folder: Path, seconds: float, images: bool, number: int) -> Path
     if not (place / "flight.mcap").is_file():
         latitude, longitude = _SITES[number % len(_SITES)]
         site = {"latitude_deg": latitude, "longitude_deg": longitude}
-        route = {"shape": SHAPES[number % len(SHAPES)], "heading_deg": 20.0 + 37.0 * number}
+        route = {"shape": SHAPES[number % len(SHAPES)], "heading_deg": 37.0 * number % 360.0}
         day = date(2026, 4, 3) + timedelta(days=4 * number)
         start = f"{day.isoformat()}T{8 + number % 9:02d}:30:00Z"
         scenario = {"start_utc": start, "site": site, "route": route}
