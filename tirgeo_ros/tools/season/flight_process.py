@@ -10,8 +10,8 @@ import signal
 import subprocess
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import asdict
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import IO, Any
 
@@ -69,8 +69,9 @@ def _once(
             answer = json.loads(line)
             found = answer.get("found", found)
             report(answer.get("part", 1.0))
-        process.wait()
-        return found, _fault(process.returncode, stderr)
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(_END_S)
+        return found, _fault(process.returncode or 0, stderr)
 
 
 @contextmanager
@@ -81,7 +82,9 @@ def _child(
     # As the command sets them. OpenCV's threads are as many as there are cores to use.
     alone = {"OPENBLAS_NUM_THREADS": "1", "OPENCV_LOG_LEVEL": "ERROR"}
     threads = {"OPENCV_FOR_THREADS_NUM": str(max(len(cores), 1))}
-    arguments = (str(os.getpid()), json.dumps(asdict(task)), json.dumps(list(cores)))
+    # Without what only the record needs: an argument has at most 128 KiB.
+    text = json.dumps(asdict(replace(task, made_from={})))
+    arguments = (str(os.getpid()), text, json.dumps(list(cores)))
     process = subprocess.Popen(  # noqa: S603  this very Python
         python_command(_RUN, *arguments),
         stdin=subprocess.DEVNULL,
