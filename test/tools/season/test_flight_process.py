@@ -22,7 +22,7 @@ def task(flights, sample, tmp_path):
 
 def task_of(bag, sample, folder):
     options = {"params": str(sample / "params.yaml"), "images": False, "namespace": ""}
-    made = made_from(bag_stamps(bag), options, [])
+    made = made_from(bag_stamps(bag), options, {})
     return FlightTask("one", str(bag), str(folder), str(Path.cwd()), options, "", made)
 
 

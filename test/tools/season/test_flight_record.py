@@ -9,7 +9,7 @@ import pytest
 
 from tirgeo_ros.tools.season import flight_task
 from tirgeo_ros.tools.season.flight_record import is_done, read_records, record_of, write_record
-from tirgeo_ros.tools.season.flight_task import FlightTask, bag_stamps, made_from
+from tirgeo_ros.tools.season.flight_task import FlightTask, bag_stamps, digests_of, made_from
 
 
 @pytest.fixture
@@ -23,7 +23,8 @@ def made(tmp_path):
     (out / "flight.mcap").write_bytes(b"output")
 
     def task(**options):
-        source = made_from(bag_stamps(bag), {"method": None} | options, [params, tmp_path / "no"])
+        digests = digests_of([params, tmp_path / "no"])
+        source = made_from(bag_stamps(bag), {"method": None} | options, digests)
         here = str(tmp_path)
         return FlightTask("flight", str(bag), str(out), here, options, "", source)
 

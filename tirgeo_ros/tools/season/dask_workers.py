@@ -11,7 +11,7 @@ import logging
 import re
 import time
 import uuid
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -33,7 +33,7 @@ _WORKERS_S = 30.0  # for the first worker to come
 
 def run_on_cluster(
     tasks: Sequence[FlightTask], scheduler: str, board: Board
-) -> Iterator[tuple[FlightTask, Record]]:
+) -> Generator[tuple[FlightTask, Record], None, None]:
     """Yield each task with its record, in the order in which they end.
 
     When the generator is closed, the tasks are cancelled, and their processes end. Raises

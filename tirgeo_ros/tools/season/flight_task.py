@@ -18,6 +18,8 @@ _PIECE = 1 << 20  # bytes of a file that are read at once
 
 #: Name, size in bytes and time of change (ns) of a file; None for what is not known.
 Stamp = list[str | int | None]
+#: SHA-256 of a file, or the stamps of what is in a folder; None of what is absent.
+Digest = str | list[Stamp] | None
 
 
 @dataclass(frozen=True)
@@ -58,19 +60,21 @@ def bag_stamps(bag: PathLike) -> list[Stamp]:
 
 
 def made_from(
-    stamps: Iterable[Stamp], options: Mapping[str, Any], used: Iterable[PathLike]
+    stamps: Iterable[Stamp], options: Mapping[str, Any], digests: Mapping[str, Digest]
 ) -> dict[str, Any]:
     """Return, in JSON's types, all that a flight's outputs follow from.
 
-    ``used`` are parameter files and what they name. They are known by their contents, for they
-    are small and are copied and edited; the flight's own files by size and time of change.
+    ``digests`` are those of parameter files and of what they name. They are known by their
+    contents, for they are small and are copied and edited; the flight's own files by size and
+    time of change.
     """
-    return {
-        "version": __version__,
-        "flight": list(stamps),
-        "options": dict(options),
-        "files": {str(path): _digest(Path(path)) for path in used if path},
-    }
+    flight, files = list(stamps), dict(digests)
+    return {"version": __version__, "flight": flight, "options": dict(options), "files": files}
+
+
+def digests_of(paths: Iterable[PathLike]) -> dict[str, Digest]:
+    """Return by path the SHA-256 of each file, and the stamps of what is in each folder."""
+    return {str(path): _digest(Path(path)) for path in paths if path}
 
 
 def _stamp(path: Path) -> Stamp:
@@ -81,8 +85,7 @@ def _stamp(path: Path) -> Stamp:
     return [path.name, status.st_size, status.st_mtime_ns]
 
 
-def _digest(path: Path) -> str | list[Stamp] | None:
-    """Return the SHA-256 of a file; the stamps of what is in a folder; None if it is absent."""
+def _digest(path: Path) -> Digest:
     try:
         if path.is_dir():
             return [_stamp(one) for one in sorted(path.iterdir())]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import queue
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from functools import partial
 
@@ -19,7 +19,7 @@ _SHOW_S = 0.2
 
 def run_here(
     tasks: Sequence[FlightTask], workers: int | None, board: Board
-) -> Iterator[tuple[FlightTask, Record]]:
+) -> Generator[tuple[FlightTask, Record], None, None]:
     """Yield each task with its record, in the order in which they end.
 
     ``workers`` processes run at a time (None: as many as there are cores); each has its share of

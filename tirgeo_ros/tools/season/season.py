@@ -23,7 +23,13 @@ from tirgeo_ros.tools.season.board import Board
 from tirgeo_ros.tools.season.flight_names import flight_names
 from tirgeo_ros.tools.season.flight_process import remove_parts
 from tirgeo_ros.tools.season.flight_record import Record, is_done, read_records
-from tirgeo_ros.tools.season.flight_task import FlightTask, bag_stamps, made_from, place_of
+from tirgeo_ros.tools.season.flight_task import (
+    FlightTask,
+    bag_stamps,
+    digests_of,
+    made_from,
+    place_of,
+)
 from tirgeo_ros.tools.season.local_workers import run_here
 from tirgeo_ros.tools.season.page import PAGE, write_page
 from tirgeo_ros.tools.season.season_folder import only_run
@@ -79,33 +85,28 @@ def season_tasks(
 
     Raises ConfigError for the parameters, and BagError for an output in the place of an input.
     """
-    given = {name: _in_json(value) for name, value in options.items()}
-    keys = ("method", "dem", "ground_height", "camera")
-    configs = node_configs(
-        given.get("params"),
-        given.setdefault("namespace", ""),
-        **{key: given[key] for key in keys if key in given},
-    )
-    used = [*paths_of(given.get("params")), *configs.files, *map_files(given.get("map") or "")]
+    given = {"namespace": ""} | {name: _in_json(value) for name, value in options.items()}
+    used = _files(given)
+    digests, own = digests_of(used), given | {"video": video}
     bags = {place_of(bag): os.fspath(bag) for bag in _each_once(flights)}
     stamps = {path: bag_stamps(path) for path in bags}
     names = flight_names(stamps, records)
-    own = given | {"video": video}
-    tasks = [
-        FlightTask(
-            names[path],
-            bag,
-            os.fspath(folder.resolve()),
-            os.fspath(Path.cwd()),
-            given,
-            video,
-            made_from(stamps[path], own, used),
-        )
-        for path, bag in bags.items()
-    ]
+    places = os.fspath(folder.resolve()), os.fspath(Path.cwd())
+    tasks = []
+    for path, bag in bags.items():
+        made = made_from(stamps[path], own, digests)
+        tasks.append(FlightTask(names[path], bag, *places, given, video, made))
     outputs = [folder / PAGE, *(path for task in tasks for path in task.outputs)]
     check_outputs([*bags.values(), *used], outputs, BagError)
     return tasks
+
+
+def _files(given: Mapping[str, Any]) -> list[PathLike]:
+    """Return the parameter files and what they and the options name. Raises ConfigError."""
+    params, keys = given.get("params"), ("method", "dem", "ground_height", "camera")
+    chosen = {key: given[key] for key in keys if key in given}
+    configs = node_configs(params, given["namespace"], **chosen)
+    return [*paths_of(params), *configs.files, *map_files(given.get("map") or "")]
 
 
 def _each_once(flights: Iterable[PathLike]) -> Iterable[PathLike]:
@@ -132,7 +133,7 @@ def _run(
         from tirgeo_ros.tools.season.dask_workers import run_on_cluster  # noqa: PLC0415  an extra
 
         running = run_on_cluster(tasks, scheduler, board)
-    with closing(running):  # type: ignore[type-var]
+    with closing(running):
         for task, record in running:
             records[task.name] = record
 
