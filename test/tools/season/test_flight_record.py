@@ -8,7 +8,7 @@ import os
 import pytest
 
 from tirgeo_ros.tools.season import flight_task
-from tirgeo_ros.tools.season.flight_record import is_done, read_records, record_of, write_record
+from tirgeo_ros.tools.season.flight_record import is_done, read_records, record_of, written_record
 from tirgeo_ros.tools.season.flight_task import FlightTask, bag_stamps, digests_of, made_from
 
 
@@ -30,7 +30,7 @@ def made(tmp_path):
 
     found = {"output": "out/flight.mcap", "error": None, "speed": float("nan")}
     season = {"outputs": {"flight.mcap": 6}, "facts": {"begin_utc": "2026-05-01T10:00:00Z"}}
-    write_record(task(), record_of(task(), found | {"season": season}, 1))
+    written_record(task(), found | {"season": season}, 1)
     return task, read_records(out)["flight"]
 
 
@@ -103,3 +103,14 @@ def test_stamps_of_a_folder_are_those_of_its_bag(tmp_path):
         (tmp_path / name).write_bytes(b"x")
     assert [name for name, _, _ in bag_stamps(tmp_path)] == ["rec_0.mcap", "rec_1.mcap"]
     assert bag_stamps(tmp_path / "absent.mcap") == [["absent.mcap", None, None]]
+
+
+def test_a_record_that_cannot_be_written_is_an_error_of_its_flight(made, tmp_path):
+    task, _ = made
+    (tmp_path / "out/flight.json").unlink()
+    (tmp_path / "out/flight.json").mkdir()
+    record = written_record(task(), {"output": "out/flight.mcap", "error": None}, 1)
+    assert (
+        record["error"] == f"{tmp_path}/out/flight.json: not a file; give the output another name"
+    )
+    assert written_record(task(), {"error": "worse"}, 1)["error"] == "worse"

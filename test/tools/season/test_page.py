@@ -10,6 +10,7 @@ from browser import DESK, PHONE, Screen, chromium
 from html_pages import Page, embedded
 from pyproj import Geod
 
+from tirgeo_ros import __version__
 from tirgeo_ros.tools.season.page import season_html, write_page
 from tirgeo_ros.tools.season.track_maps import track_maps
 
@@ -47,6 +48,7 @@ def record(name, begin="2026-05-01T10:00:00Z", **more):
         "overlay": {"drawn": 600, "notices": 4},
     }
     season = {"name": name, "outputs": {f"{name}.mcap": 1, f"{name}.mp4": 1}, "facts": facts}
+    season["made_from"] = {"version": __version__}
     return summary | {"season": season} | more
 
 
@@ -131,6 +133,16 @@ def test_a_flight_without_a_pose_and_one_of_hours():
     assert "1:02:03" in found
     assert "nan" not in found.lower()
     assert "None" not in found
+
+
+def test_what_another_version_tells_differently_is_a_dash():
+    other = record("a", verdicts={"radar swallowed": 3}, states_s={"dreaming": 4, "running": 6})
+    with pytest.raises(ValueError, match="swallowed"):
+        html(other)
+    other["season"]["made_from"]["version"] = "99.0"
+    found = words(Page(html(other)))
+    assert "running 0:06, dreaming 0:04" in found
+    assert found.partition("none - ")[2].startswith("done")  # checks, refused, result
 
 
 def test_an_empty_folder_has_a_page(tmp_path):

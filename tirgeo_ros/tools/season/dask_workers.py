@@ -21,7 +21,7 @@ from tirgeo_ros.core.types.errors import SeasonError, shown
 from tirgeo_ros.tools.presentation.progress import silent
 from tirgeo_ros.tools.season.board import Board
 from tirgeo_ros.tools.season.flight_process import run_flight
-from tirgeo_ros.tools.season.flight_record import Record, record_of, write_record
+from tirgeo_ros.tools.season.flight_record import Record, written_record
 from tirgeo_ros.tools.season.flight_task import FlightTask
 from tirgeo_ros.tools.season.season_folder import running_mark
 
@@ -132,6 +132,4 @@ def _record(task: FlightTask, future: Any) -> Record:
     told = shown(error or "cancelled by the scheduler", 300)
     if type(error).__name__ == "KilledWorker":
         told = "each worker that began it was killed; is there enough memory?"
-    record = record_of(task, {"error": f"{task.bag}: {told}"}, 1)
-    write_record(task, record)
-    return record
+    return written_record(task, {"error": f"{task.bag}: {told}"}, 1)

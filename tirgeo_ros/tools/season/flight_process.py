@@ -15,9 +15,9 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import IO, Any
 
-from tirgeo_ros.core.types.errors import SeasonError, shown
+from tirgeo_ros.core.types.errors import shown
 from tirgeo_ros.io.files.child_python import python_command
-from tirgeo_ros.tools.season.flight_record import Record, record_of, write_record
+from tirgeo_ros.tools.season.flight_record import Record, written_record
 from tirgeo_ros.tools.season.flight_task import FlightTask
 
 #: How often a flight is begun whose process is killed.
@@ -48,12 +48,7 @@ def run_flight(
         found, fault = _once(task, is_stopped, report, cores)
         attempts += 1
     line = f"{task.bag}: its process ended {attempts} times without a result: {fault}"
-    record = record_of(task, found or {"error": line}, attempts)
-    try:
-        write_record(task, record)
-    except SeasonError as error:
-        record["error"] = record["error"] or str(error)
-    return record
+    return written_record(task, found or {"error": line}, attempts)
 
 
 def _once(

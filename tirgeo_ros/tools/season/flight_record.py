@@ -32,10 +32,18 @@ def read_records(folder: Path) -> dict[str, Record]:
     return found
 
 
-def write_record(task: FlightTask, record: Record) -> None:
-    """Write a flight's record. Raises SeasonError."""
+def written_record(task: FlightTask, found: Mapping[str, Any], attempts: int) -> Record:
+    """Write the record of a flight from what its process found; return it.
+
+    If it cannot be written, it has that as its error, unless it has another one.
+    """
+    record = record_of(task, found, attempts)
     text = json.dumps(plain(record), allow_nan=False, ensure_ascii=False, indent=1)
-    write_files({task.path(".json"): text + "\n"}, SeasonError)
+    try:
+        write_files({task.path(".json"): text + "\n"}, SeasonError)
+    except SeasonError as error:
+        record["error"] = record["error"] or str(error)
+    return record
 
 
 def record_of(task: FlightTask, found: Mapping[str, Any], attempts: int) -> Record:

@@ -9,6 +9,7 @@ from html import escape
 from typing import Any, NamedTuple
 from urllib.parse import quote
 
+from tirgeo_ros import __version__
 from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.core.types.verdicts import FilterState
 from tirgeo_ros.tools.presentation.html_page import embedded
@@ -37,8 +38,18 @@ class Cell(NamedTuple):
 
 def row_cells(record: Record, picture: bytes) -> dict[str, Cell]:
     """Return a flight's cells by the titles of their columns; ``picture`` is its small JPEG."""
-    made = {title: make(record) for title, make in _MAKERS.items()}
+    made = {title: _cell(make, record) for title, make in _MAKERS.items()}
     return {"flight": _flight(record, picture), **made}
+
+
+def _cell(make: Callable[[Record], Cell], record: Record) -> Cell:
+    """Return a cell; a dash for what a record of another version of tirgeo tells differently."""
+    try:
+        return make(record)
+    except (LookupError, TypeError, ValueError):
+        if record["season"]["made_from"].get("version") == __version__:
+            raise
+        return Cell("-", -1.0)
 
 
 def anchor(name: str) -> str:
@@ -56,7 +67,7 @@ def clock(seconds: float) -> str:
 def state_bar(times: Mapping[str, float]) -> str:
     """Return the seconds in each state as a bar and as words, in the order of the states."""
     known = [state.value for state in FilterState]
-    parts = sorted(times.items(), key=lambda item: known.index(item[0]))
+    parts = sorted(times.items(), key=lambda one: (*known, one[0]).index(one[0]))
     bar = "".join(f'<i class="{escape(s)}" style="flex:{t:g}"></i>' for s, t in parts)
     words = ", ".join(f"{escape(s.replace('_', ' '))} {clock(t)}" for s, t in parts)
     return f'<span class="bar">{bar}</span>{words}' if parts else "-"
