@@ -98,6 +98,10 @@ class LogError(TirgeoError):
     """Report a log of another maker that cannot be read, or that leaves a needed thing open."""
 
 
+class SeasonError(TirgeoError):
+    """Report flights that cannot be processed together, or a cluster that cannot do it."""
+
+
 class PageError(TirgeoError):
     """Report an operator's page that cannot be served as its parameters say."""
 
