@@ -1,0 +1,60 @@
+"""Hold the smoothed solutions of one run of the filter."""
+
+from __future__ import annotations
+
+import bisect
+
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.navigation.ins_error_model import ANTENNA, feedback, has_antenna
+from tirgeo_ros.core.navigation.published_solution import SolutionMaker, unsure_by
+from tirgeo_ros.core.navigation.smoothing.backward_pass import smooth
+from tirgeo_ros.core.navigation.smoothing.flight_record import MOVED, FlightRecord
+from tirgeo_ros.core.navigation.strapdown import NavState, Vector
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.poses import NavSolution
+
+_ZERO: Vector = (0.0, 0.0, 0.0)
+
+
+class SmoothedRun:
+    """Make the smoothed solution at any IMU sample of a run; smooths the record in place."""
+
+    def __init__(self, config: EkfConfig, record: FlightRecord) -> None:
+        self._form = SolutionMaker(config)
+        self._has_antenna = has_antenna(record.states)
+        self._record, self._square = record, record.square
+        self._errors = smooth(record)
+        self._covariances, self._epochs = record.covariances, record.epochs
+
+    def at(self, stamp_ns: int) -> NavSolution:
+        """Return the solution at an IMU sample's stamp. Raise KeyError where there is none."""
+        stamps_ns = self._record.stamps_ns
+        place = bisect.bisect_left(stamps_ns, stamp_ns)
+        if place == len(stamps_ns) or stamps_ns[place] != stamp_ns:
+            raise KeyError(stamp_ns)
+        numbers = self._epochs[place].tolist()
+        error, covariance = self._error(self._record.marks[place], numbers[0])
+        vectors = [tuple(numbers[at : at + 3]) for at in range(5, len(numbers), 3)]
+        velocity_n, (latitude, longitude, height), gyro, accel, *rest = vectors
+        rate_b, white_b, antenna_b, step = rest
+        before = NavState(
+            tuple(numbers[1:5]), velocity_n, latitude, longitude, height, gyro, accel, _ZERO
+        )
+        if self._has_antenna:
+            antenna_b = tuple((error[ANTENNA] + antenna_b).tolist())
+        state = feedback(before, error)
+        made = self._form.made(stamp_ns, state, covariance, rate_b, white_b, antenna_b)
+        return unsure_by(made, step if any(step) else ())
+
+    def _error(self, mark: int, lag_s: float) -> tuple[Array, Array]:
+        """Return the smoothed error (n,) and its covariance (n, n), ``lag_s`` after a change.
+
+        Between the ends of a step of the covariance both are interpolated linearly.
+        """
+        error, lower = self._errors[mark], self._covariances[mark]
+        kinds, steps_s = self._record.kinds, self._record.steps_s
+        if lag_s and mark + 1 < len(kinds) and kinds[mark + 1] == MOVED:
+            share = lag_s / steps_s[mark + 1]
+            error = error + share * (self._errors[mark + 1] - error)
+            lower = lower + share * (self._covariances[mark + 1] - lower)
+        return error, lower.take(self._square)
