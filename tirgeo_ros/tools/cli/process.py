@@ -16,13 +16,23 @@ from collections.abc import Mapping
 from typing import Any
 
 from tirgeo_ros.tools.cli._lines import lines
-from tirgeo_ros.tools.cli._verb import FLIGHT, GROUND, METHOD, NEEDED, PARAMETERS, UsageError, call
+from tirgeo_ros.tools.cli._verb import (
+    FLIGHT,
+    GROUND,
+    METHOD,
+    NEEDED,
+    PARAMETERS,
+    SMOOTH,
+    UsageError,
+    call,
+)
 
 OPTIONS = (
     *FLIGHT,
     ("-o --output", "OUT.mcap", "the new bag", NEEDED),
     *PARAMETERS,
     *METHOD,
+    *SMOOTH,
     *GROUND,
     ("--map", "MAP", "the map; without it no overlay"),
     ("--no-images", None, "poses only, no overlay"),
@@ -42,7 +52,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
     if args.no_images and (args.video or args.raw_images):
         raise UsageError("--no-images excludes --video and --raw-images")
-    names = "params map method camera dem ground_height raw_images video namespace"
+    names = "params map method camera dem ground_height raw_images video namespace smooth"
     images = not args.no_images
     return call(process, args, "processing, s", "bag output", names, images=images)
 

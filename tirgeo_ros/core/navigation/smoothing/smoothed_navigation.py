@@ -6,7 +6,7 @@ replaced. So whatever takes the filter's poses takes the smoothed ones unchanged
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from tirgeo_ros.core.config import EkfConfig
@@ -49,7 +49,7 @@ class SmoothedNavigation(Navigation):
     def __init__(
         self,
         config: EkfConfig,
-        runs: list[SmoothedRun],
+        runs: Sequence[SmoothedRun],
         heard: Callable[[Verdict], None] | None = None,
     ) -> None:
         self._runs = runs
@@ -67,7 +67,7 @@ class SmoothedNavigation(Navigation):
         return solution
 
 
-def smoothed(config: EkfConfig, samples: list[NavigationInput]) -> SmoothedNavigation:
+def smoothed(config: EkfConfig, samples: Iterable[NavigationInput]) -> SmoothedNavigation:
     """Return the estimator for a second run over samples, in order of their arrival."""
     first = RecordingNavigation(config)
     for sample in samples:
