@@ -61,10 +61,11 @@ class FlightRecord:
             mark = mark.before
         for mark in reversed(new):
             mark.number = len(self.kinds)
-            self._add(mark.change)
+            self.add(mark.change)
             mark.before = None  # what is recorded can be forgotten
 
-    def _add(self, change: Change) -> None:
+    def add(self, change: Change) -> None:
+        """Take a change; ``keep`` does so with those of an epoch."""
         self._covariances.frombytes(change.covariance[self.lower].tobytes())
         self.steps_s.append(change.step_s)
         kind = SAME
