@@ -218,12 +218,13 @@ def _cut_of(samples: Sequence[NavigationInput], phase_s: float) -> list[int | No
     start_ns = samples[0].stamp_ns
     length_s = (samples[-1].stamp_ns - start_ns) * 1e-9
     begins_s = np.arange(FIRST_CUT_S + phase_s, length_s - CUT_S, CUT_EVERY_S)
-    numbers: list[int | None] = []
-    for sample in samples:
+
+    def number(sample: NavigationInput) -> int | None:
         since_s = (sample.stamp_ns - start_ns) * 1e-9 - begins_s
         inside = np.flatnonzero((since_s >= 0) & (since_s < CUT_S)).tolist()
-        numbers.append(inside[0] if inside and _is_rtk(sample) else None)
-    return numbers
+        return inside[0] if inside else None
+
+    return [number(sample) if _is_rtk(sample) else None for sample in samples]
 
 
 def _missed_by(fix: PositionSample, pose: NavSolution | None, config: EkfConfig) -> Miss:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 from process_bags import rewritten
@@ -12,6 +10,8 @@ from tirgeo_ros.core.config import EkfConfig, GimbalConfig
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.tools.cli.main import main
+from tirgeo_ros.tools.evaluate.evaluate import evaluate
+from tirgeo_ros.tools.evaluate.summary import summary
 from tirgeo_ros.tools.replay.flight_poses import RecordedFlight, smoothed_runs
 from tirgeo_ros.tools.replay.locate import locate_pixels
 from tirgeo_ros.tools.replay.process import process
@@ -131,28 +131,15 @@ def test_a_registration_of_each_kind_in_one_flight(short):
 
 @pytest.mark.slow
 def test_every_verb_takes_it(sample, tmp_path):
-    summary = locate_pixels(
-        sample / "flight.mcap",
-        sample / "observations.csv",
-        tmp_path / "points.geojson",
-        params=sample / "params.yaml",
-        smooth=True,
-    )
-    assert summary["smoothed"]
+    flight, params = sample / "flight.mcap", sample / "params.yaml"
+    points = sample / "survey.geojson", sample / "observations.csv"
+    out, options = tmp_path / "points.geojson", {"params": params, "smooth": True}
+    assert locate_pixels(flight, points[1], out, **options)["smoothed"]
     with pytest.raises(ConfigError, match="method rtk has no filter to smooth"):
-        locate_pixels(
-            sample / "flight.mcap",
-            sample / "observations.csv",
-            tmp_path / "points.geojson",
-            params=sample / "params.yaml",
-            method="rtk",
-            smooth=True,
-        )
-    survey = ["--survey", sample / "survey.geojson", "--observations", sample / "observations.csv"]
-    usual = [sample / "flight.mcap", *survey, "--params", sample / "params.yaml", "--smooth"]
-    assert main([str(one) for one in ("evaluate", *usual, "-o", tmp_path / "evaluation")]) == 0
-    result = json.loads((tmp_path / "evaluation" / "result.json").read_text())
-    assert result["smoothed"]
-    assert any(note.startswith("raw and rtk are as they are") for note in result["notes"])
-    boresight = ("calibrate", "boresight", *usual, "-o", tmp_path / "boresight.yaml")
-    assert main([str(one) for one in boresight]) == 0
+        locate_pixels(flight, points[1], out, method="rtk", **options)
+    found = summary(evaluate(flight, *points, **options))
+    assert found["smoothed"]
+    assert any(note.startswith("raw and rtk are as they are") for note in found["notes"])
+    usual = [flight, "--survey", points[0], "--observations", points[1], "--params", params]
+    args = ("calibrate", "boresight", *usual, "-o", tmp_path / "boresight.yaml", "--smooth")
+    assert main([str(one) for one in args]) == 0
