@@ -22,18 +22,19 @@ class SmoothedRun:
     def __init__(self, config: EkfConfig, record: FlightRecord) -> None:
         self._form = SolutionMaker(config)
         self._has_antenna = has_antenna(record.states)
-        self._record, self._square = record, record.square
-        self._errors = smooth(record)
-        self._covariances, self._epochs = record.covariances, record.epochs
+        self._square, self._errors = record.square, smooth(record)
+        # Not the record itself: its transitions and measurements are needed no more.
+        self._covariances, self._kinds = record.covariances, record.kinds
+        self._steps_s, self._epochs = record.steps_s, record.epochs
+        self._stamps_ns, self._marks = record.stamps_ns, record.marks
 
     def at(self, stamp_ns: int) -> NavSolution:
         """Return the solution at an IMU sample's stamp. Raise KeyError where there is none."""
-        stamps_ns = self._record.stamps_ns
-        place = bisect.bisect_left(stamps_ns, stamp_ns)
-        if place == len(stamps_ns) or stamps_ns[place] != stamp_ns:
+        place = bisect.bisect_left(self._stamps_ns, stamp_ns)
+        if place == len(self._stamps_ns) or self._stamps_ns[place] != stamp_ns:
             raise KeyError(stamp_ns)
         numbers = self._epochs[place].tolist()
-        error, covariance = self._error(self._record.marks[place], numbers[0])
+        error, covariance = self._error(self._marks[place], numbers[0])
         vectors = [tuple(numbers[at : at + 3]) for at in range(5, len(numbers), 3)]
         velocity_n, (latitude, longitude, height), gyro, accel, *rest = vectors
         rate_b, white_b, antenna_b, step = rest
@@ -52,9 +53,9 @@ class SmoothedRun:
         Between the ends of a step of the covariance both are interpolated linearly.
         """
         error, lower = self._errors[mark], self._covariances[mark]
-        kinds, steps_s = self._record.kinds, self._record.steps_s
-        if lag_s and mark + 1 < len(kinds) and kinds[mark + 1] == MOVED:
-            share = lag_s / steps_s[mark + 1]
-            error = error + share * (self._errors[mark + 1] - error)
-            lower = lower + share * (self._covariances[mark + 1] - lower)
+        later = mark + 1
+        if lag_s and later < len(self._kinds) and self._kinds[later] == MOVED:
+            share = lag_s / self._steps_s[later]
+            error = error + share * (self._errors[later] - error)
+            lower = lower + share * (self._covariances[later] - lower)
         return error, lower.take(self._square)
