@@ -32,7 +32,7 @@ test test-slow test-long test-floor: export NPY_DISABLE_CPU_FEATURES := AVX512F 
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow test-long test-all test-floor lint types api bench check-arm64 fuzz planted-faults soak consistency real-flights states parameters reproduction clean
+.PHONY: help setup demo test test-slow test-long test-all test-floor lint types api bench check-arm64 fuzz planted-faults soak consistency smoothing real-flights states parameters reproduction clean
 .DELETE_ON_ERROR:
 
 help:  ## this list
@@ -95,6 +95,9 @@ real-flights: $(READY)  ## the filter over recorded flights, FLIGHTS=folder of b
 	@if [ -d "$(FLIGHTS)" ]; then \
 		$(BIN)/python -m dev.real_flights_table "$(FLIGHTS)"; \
 	else echo "skipped: there is no folder $(FLIGHTS); FLIGHTS=folder names one of bags"; fi
+
+smoothing: $(READY)  ## the smoother beside the filter, also over FLIGHTS=folder of bags
+	$(BIN)/python -m dev.smoothing $(wildcard $(FLIGHTS))
 
 states: $(READY)  ## make the tracked states of the sample flight anew, after a meant change
 	$(BIN)/python -m dev.state_table bags/sample test/data/sample_states.csv
