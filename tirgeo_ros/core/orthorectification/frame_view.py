@@ -154,7 +154,7 @@ class FrameView:
 
     def _patch(self, view: _NodeView) -> Patch | None:
         """Return the picture's part in a tile, in the box of the nodes near it; None without."""
-        box = tuple(_span(view.near.any(axis=axis)) for axis in (1, 0))
+        box = _span(view.near, 1), _span(view.near, 0)
         u, v, score = (
             _cropped(at_pixels(one[box]), box)
             for one in (view.uv[..., 0], view.uv[..., 1], view.score)
@@ -168,12 +168,12 @@ class FrameView:
         share = np.clip(inside_px[seen] / rim_px, 1e-3, 1.0)
         scores = np.full(seen.shape, np.inf, np.float32)
         scores[seen] = score[seen] / share
-        places = (np.where(seen, (one + 0.5) / self._factor - 0.5, -1.0) for one in (u, v))
-        columns, rows = (one.astype(np.float32) for one in places)
-        values = cv2.remap(
-            self._pixels, columns, rows, self._way, borderMode=cv2.BORDER_REPLICATE
+        columns, rows = (
+            np.where(seen, (one + 0.5) / self._factor - 0.5, -1.0).astype(np.float32)
+            for one in (u, v)
         )
-        return Patch(*(_pixels_of(span) for span in box), np.asarray(values), seen, scores)
+        values = cv2.remap(self._pixels, columns, rows, self._way, borderMode=cv2.BORDER_REPLICATE)
+        return Patch(_pixels_of(box[0]), _pixels_of(box[1]), np.asarray(values), seen, scores)
 
 
 def seeds(camera: Camera, pose: CameraPose, plane: TangentPlane, ground: Ground) -> Array:
@@ -212,9 +212,9 @@ def _neighbours(key: TileKey, near: BoolArray) -> list[TileKey]:
     return [one for one, edge in reaches.items() if edge.any()]
 
 
-def _span(near: BoolArray) -> slice:
-    """Return the nodes from the first to the last one that is near, and one more on each side."""
-    first, last = np.flatnonzero(near)[[0, -1]].tolist()
+def _span(near: BoolArray, across: int) -> slice:
+    """Return the nodes from the first to the last that is near, and one more on each side."""
+    first, last = np.flatnonzero(np.any(near, axis=across))[[0, -1]].tolist()
     return slice(max(first - 1, 0), min(last + 2, NODES))
 
 
@@ -224,7 +224,7 @@ def _pixels_of(span: slice) -> slice:
     return slice(max(first, 0), min(last, TILE_PX))
 
 
-def _cropped(pixels: Floats, box: tuple[slice, ...]) -> Floats:
+def _cropped(pixels: Floats, box: tuple[slice, slice]) -> Floats:
     """Return interpolated pixels without those outside the tile."""
     cut = []
     for span in box:

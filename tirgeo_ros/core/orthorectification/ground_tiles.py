@@ -72,13 +72,11 @@ class GroundTiles:
         )
         metres = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
         longitude, latitude = np.radians(self._projected.degrees(metres)).T
-        height = self.ground
-        if isinstance(height, Terrain):
-            height = height.height_m(latitude, longitude)
+        ground = self.ground
+        height = ground.height_m(latitude, longitude) if isinstance(ground, Terrain) else ground
         points_n = self.plane.ned_from_geodetic(latitude, longitude, height)
         points_n = points_n.reshape(NODES, NODES, 3)
-        south, east = np.gradient(points_n, axis=(0, 1))
-        normals_n = np.cross(south, east)
+        normals_n = np.cross(np.gradient(points_n, axis=0), np.gradient(points_n, axis=1))
         normals_n /= np.linalg.norm(normals_n, axis=2, keepdims=True)
         return GroundNodes(points_n, normals_n)
 

@@ -48,8 +48,8 @@ class MosaicTile:
     def _blend(self, patch: Patch, values: Floats) -> None:
         box, seen = (patch.rows, patch.columns), patch.seen
         former, score = self.best[box][seen], patch.score[seen]
-        best = np.minimum(former, score)
-        kept, weight = _power(best / former), _power(best / score)
+        best: Floats = np.minimum(former, score)
+        kept, weight = _weight(best, former), _weight(best, score)
         self.weight[box][seen] = kept * self.weight[box][seen] + weight
         former_total = self.total[box][seen]
         self.total[box][seen] = kept[:, None] * former_total + weight[:, None] * values
@@ -57,11 +57,13 @@ class MosaicTile:
     def values(self) -> tuple[Floats, BoolArray]:
         """Return the mosaic (TILE_PX, TILE_PX, bands), and which of its pixels were seen."""
         seen = self.weight > 0
-        return self.total / np.where(seen, self.weight, 1.0)[..., None], seen
+        values: Floats = self.total / np.where(seen, self.weight, np.float32(1))[..., None]
+        return values, seen
 
 
-def _power(ratio: Floats) -> Floats:
-    """Return ratios, 0 to 1, to the power of 2^_SQUARINGS."""
+def _weight(best: Floats, score: Floats) -> Floats:
+    """Return the weights of scores relative to the best ones."""
+    weight: Floats = best / score
     for _ in range(_SQUARINGS):
-        ratio = ratio * ratio
-    return ratio
+        weight *= weight
+    return weight

@@ -93,9 +93,7 @@ def _created(rasterio: Any, path: Path, form: RasterForm) -> Iterator[Any]:
         "count": form.bands + bool(alpha),
         "dtype": form.dtype,
         "crs": form.crs_wkt,
-        "transform": rasterio.Affine(
-            form.pixel_m, 0, form.west_m, 0, -form.pixel_m, form.north_m
-        ),
+        "transform": rasterio.Affine(form.pixel_m, 0, form.west_m, 0, -form.pixel_m, form.north_m),
         "photometric": "RGB" if form.bands == 3 else "MINISBLACK",
         "nodata": float("nan") if form.is_float else None,
         "tiled": True,

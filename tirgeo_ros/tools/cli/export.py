@@ -38,7 +38,12 @@ _DEGREES = "degrees Celsius = 16-bit value x SCALE + OFFSET, as 0.04 -273.15; de
 _GRAZING = "leave out ground that is seen flatter than this (default: %(default)g)"
 OPTIONS = (
     *FLIGHT,
-    ("-o --output", "DIR", "folder for the products; those of an earlier run are replaced", NEEDED),
+    (
+        "-o --output",
+        "DIR",
+        "folder for the products; those of an earlier run are replaced",
+        NEEDED,
+    ),
     *PARAMETERS,
     *METHOD,
     *GROUND,

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import os
-from collections import Counter
 from collections.abc import Collection, Iterator
 from pathlib import Path
 
@@ -62,7 +61,7 @@ def export(
     flight = register(*of_flight, chosen, lambda done, all_s: progress(done, all_s and 2 * all_s))
     setup = _setup(flight, rasters or RasterOptions()) if needs_ground(wanted) else None
     made = products(wanted, Job(made_folder(folder, MapError), setup))
-    for frame in _frames(pictures, flight, progress):
+    for frame in frames(pictures, flight, progress):
         for product in made.values():
             product.take(frame)
     result = {
@@ -87,7 +86,7 @@ def _setup(flight: RegisteredFlight, options: RasterOptions) -> RasterSetup:
     return raster_setup(options, flight.camera, poses, flight.plane, flight.ground)
 
 
-def _frames(
+def frames(
     pictures: FlightPictures, flight: RegisteredFlight, progress: Report
 ) -> Iterator[ExportFrame]:
     """Yield the pictures that have a pose, in order; count those that cannot be read."""

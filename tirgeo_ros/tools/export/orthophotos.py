@@ -65,7 +65,9 @@ class Mosaic:
             path,
             {
                 "TIFFTAG_DATETIME": f"{_utc(self._first_ns):%Y:%m:%d %H:%M:%S}",
-                "EXPOSURES": "/".join(_utc(ns).isoformat() for ns in (self._first_ns, self._last_ns)),
+                "EXPOSURES": "/".join(
+                    _utc(ns).isoformat() for ns in (self._first_ns, self._last_ns)
+                ),
             },
         )
         write_ground_overlay(path, path.with_suffix(".png"), path.with_suffix(".kml"))

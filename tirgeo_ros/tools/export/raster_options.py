@@ -48,7 +48,9 @@ class RasterSetup:
         """Return a frame as seen from the lattice; raise MapError for degrees of 8 bits."""
         options = self.options
         if options.degrees is not None and frame.pixels.dtype != np.uint16:
-            raise MapError("--degrees is for 16-bit video; the pictures of this flight have 8 bits")
+            raise MapError(
+                "--degrees is for 16-bit video; the pictures of this flight have 8 bits"
+            )
         grazing_rad = math.radians(options.grazing_deg)
         place = self.tiles, frame.camera, frame.pose
         return FrameView(*place, frame.pixels, grazing_rad, nearest=options.nearest)

@@ -31,7 +31,7 @@ class TileStore:
         self._keys: set[TileKey] = set()
         self._disk: tempfile.TemporaryDirectory[str] | None = None
 
-    def keys(self) -> list[TileKey]:
+    def sorted_keys(self) -> list[TileKey]:
         """Return the keys of all tiles, from north to south and west to east."""
         return sorted(self._keys, key=lambda key: key[::-1])
 

@@ -92,7 +92,7 @@ class TiledRaster:
         assert self._store is not None
         assert self._box is not None
         box, (width, height) = self._box, self.size
-        for key in self._store.keys():
+        for key in self._store.sorted_keys():
             values, seen = self._store.tile(key).values()
             left, top = key[0] * TILE_PX - box.left, key[1] * TILE_PX - box.top
             columns = slice(max(-left, 0), min(width - left, TILE_PX))
