@@ -85,7 +85,7 @@ def edges(mosaic: Path, outlines: Path) -> Edges:
         profiles = profiles[np.isfinite(profiles).all(axis=1)]
         places += len(profiles)
         if len(profiles) and np.median(profiles[:, across < -INSIDE_M]) < COLD:
-            found.append(_edge_m(profiles))
+            found.append(edge_m(profiles))
     offsets = np.concatenate(found)
     return Edges(offsets[np.isfinite(offsets)], len(offsets), places)
 
@@ -133,7 +133,7 @@ def _profiles(grey: Any, to_pixel: Any, middles: Array, normals: Array, alongs: 
     return np.asarray(values.reshape(places.shape[:3]).mean(axis=2))
 
 
-def _edge_m(profiles: Array) -> Array:
+def edge_m(profiles: Array) -> Array:
     """Return where profiles (N, K) rise fastest, m from their middle; nan if not clearly."""
     half = round(_RISE_M / 2 / FINE_M)
     rise = profiles[:, 2 * half :] - profiles[:, : -2 * half]

@@ -2,9 +2,9 @@
 
 Each pixel of a tile is projected into the picture, through the lens model, and takes the value
 there. Its score says how good the view is: the ground sample distance, m, times 1 + rho^2, where
-rho is 0 in the picture's middle and 1 in its corners. Within a rim of the picture the score grows
-to infinity at the edge, so that a mosaic shows no edge where it has another picture. The lowest
-score is the best view.
+rho is 0 in the picture's middle and 1 in its corners. In a rim of the picture it grows evenly, to
+three times as much at the edge, so that a mosaic fades from one picture to the next before the
+edge. The lowest score is the best view.
 
 The ground sample distance is the root of the area that a pixel covers: z^3 / (fx fy h), where z
 is the depth along the optical axis and h the camera's height above the surface's tangent plane.
@@ -41,7 +41,7 @@ from tirgeo_ros.core.types.poses import CameraPose
 #: Nodes this many pixels beyond the picture's edge are taken along: between them may lie pixels
 #: of the picture.
 _MARGIN_PX = 32.0
-_RIM = 1 / 16  # of the picture's shorter side
+_RIM, _AT_EDGE = 1 / 8, 3.0  # of the picture's shorter side; times the score there
 _LEAST_PX = 16  # shorter side of a reduced picture
 _SEEDS = 5  # pixels along each side of the picture from which its tiles are searched
 #: Every how many nodes the line of sight is followed to the camera.
@@ -165,9 +165,9 @@ class FrameView:
         if not seen.any():
             return None
         rim_px = _RIM * min(self._camera.width, self._camera.height)
-        share = np.clip(inside_px[seen] / rim_px, 1e-3, 1.0)
+        outside = np.maximum(1 - inside_px[seen] / np.float32(rim_px), 0)
         scores = np.full(seen.shape, np.inf, np.float32)
-        scores[seen] = score[seen] / share
+        scores[seen] = score[seen] * np.float32(_AT_EDGE) ** outside
         columns, rows = (
             np.where(seen, (one + 0.5) / self._factor - 0.5, -1.0).astype(np.float32)
             for one in (u, v)

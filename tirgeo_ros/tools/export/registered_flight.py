@@ -27,7 +27,7 @@ from tirgeo_ros.tools.replay.node_configs import NodeConfigs
 from tirgeo_ros.tools.replay.registration import Registered, Sample
 
 _WHY_NOT = {
-    Miss.EMPTY: "no pose in the whole flight",
+    Miss.EMPTY: "no pose near the exposure",
     Miss.TOO_OLD: "before the first pose",
     Miss.TOO_NEW: "after the last pose",
     Miss.GAP: "no pose near the exposure",
@@ -78,10 +78,12 @@ def register(
     flight.checks = checks
     recorded.read_all(progress)
     posed, refused = _posed(flight, bodies, chosen, latency_ns)
+    navigation = flight.registration.navigation.status()
     if not posed or flight.plane is None:
         why = ", ".join(refused) or "none was recorded then (--from, --to)"
-        raise BagError(f"{reader.path}: none of {len(chosen)} pictures has a trusted pose: {why}")
-    navigation = flight.registration.navigation.status()
+        state = f"; the filter is {navigation.state.value} at the end"
+        one = f"{reader.path}: none of {len(chosen)} pictures has a trusted pose: {why}{state}"
+        raise BagError(one)
     summary = {
         "method": navigation.method,
         "composition": flight.registration.composer.composition,
