@@ -21,6 +21,7 @@ from tirgeo_ros.tools.export.raster_options import RasterOptions
 
 rasterio = pytest.importorskip("rasterio")
 
+EVEN = ("--even", "--nearest")
 COARSE = ["--gsd", "0.5", "--every", "4"]
 
 
@@ -135,7 +136,7 @@ def test_refusals(sample, cut, tmp_path, capsys, monkeypatch):
     assert "need rasterio: pip install 'tirgeo[dem]'" in said
 
 
-@pytest.mark.parametrize("wrong", [("--gsd", "0"), ("--grazing", "90"), ("--only", "tea")])
+@pytest.mark.parametrize("wrong", [("--gsd", "0"), ("--grazing", "90"), ("--only", "tea"), EVEN])
 def test_wrong_use(sample, tmp_path, capsys, wrong):
     with pytest.raises(SystemExit) as ended:
         main(["export", str(sample / "flight.mcap"), "-o", str(tmp_path / "out"), *wrong])

@@ -131,6 +131,32 @@ def test_a_mosaic_is_valid_and_shows_no_edge_of_a_picture(tmp_path):
     assert edges[False] < 0.2 * edges[True]
 
 
+def test_even_levels(tmp_path):
+    """A camera that chooses its gain anew for each picture: what is left of that in the mosaic."""
+    frames, rng = [], np.random.default_rng(6)
+    for frame in flown(NOISE):
+        codes, _ = coded(frame.pose, GROUND_M)
+        x, y, _ = np.moveaxis(codes * CODE_M, 2, 0)
+        ground = 110 + 25 * np.sin(x / 1.5) + 25 * np.cos(y / 1.7)
+        grey = np.clip(rng.uniform(0.6, 1.4) * (ground - 110) + rng.uniform(90, 150), 0, 255)
+        grey = np.pad(grey[1:-1, 1:-1], 1, "edge").astype(np.uint8)  # no code in the outermost
+        frames.append(frame_of(grey, frame.pose))
+    off = {}
+    for even in (False, True):
+        with rasterio.open(mosaic_of(tmp_path, frames, even=even)) as file:
+            grey, alpha = file.read().astype(float)
+            columns, rows = np.meshgrid(np.arange(file.width) + 0.5, np.arange(file.height) + 0.5)
+            x, y = file.transform * (columns, rows)
+        corner = coded(NADIR, GROUND_M)[1]
+        x, y = x - corner[0], y - corner[1]
+        wave = 25 * np.sin(x / 1.5) + 25 * np.cos(y / 1.7)
+        known = alpha > 0
+        fit = np.polyfit(wave[known], grey[known], 1)
+        off[even] = np.std(grey[known] - np.polyval(fit, wave[known]))
+    assert off[False] > 12  # the offsets' sigma is 60 / sqrt(12) = 17
+    assert off[True] < 0.4 * off[False]
+
+
 def test_no_ground_in_view(tmp_path):
     sky = camera_pose([0.0, 0.0, -20.0], 0.0, 40.0, 0.0)
     for product in (Orthophotos(tmp_path / "ortho", setup_of()), Mosaic(tmp_path, setup_of())):

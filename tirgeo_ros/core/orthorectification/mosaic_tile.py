@@ -15,7 +15,7 @@ import numpy as np
 
 from tirgeo_ros.core.orthorectification.frame_view import Patch
 from tirgeo_ros.core.orthorectification.ground_tiles import TILE_PX, Floats
-from tirgeo_ros.core.types.arrays import BoolArray
+from tirgeo_ros.core.types.arrays import BoolArray, RawPixels
 
 _SQUARINGS = 5  # (best / score) to the power of 2^5
 
@@ -54,6 +54,13 @@ class MosaicTile:
         self.weight[box][seen] = kept * self.weight[box][seen] + weight
         former_total = self.total[box][seen]
         self.total[box][seen] = kept[:, None] * former_total + weight[:, None] * values
+
+    def common(self, patch: Patch) -> tuple[RawPixels, Floats]:
+        """Return values (n, bands) of a view, and the mosaic's, where there are both."""
+        box = patch.rows, patch.columns
+        both = patch.seen & (self.weight[box] > 0)
+        values = patch.values.reshape(*patch.seen.shape, -1)
+        return values[both], self.total[box][both] / self.weight[box][both][:, None]
 
     def values(self) -> tuple[Floats, BoolArray]:
         """Return the mosaic (TILE_PX, TILE_PX, bands), and which of its pixels were seen."""

@@ -54,6 +54,11 @@ OPTIONS = (
     ("--gsd", "M", "size of the rasters' pixels; default: by the pictures' own", NUMBER),
     ("--grazing", "DEG", _GRAZING, NUMBER | {"default": 15.0}),
     ("--nearest", None, "keep the video's own values: no means, and no feathering in the mosaic"),
+    (
+        "--even",
+        None,
+        "match the grey levels of the mosaic's pictures, for 8 bits with automatic gain",
+    ),
     ("--degrees", ("SCALE", "OFFSET"), _DEGREES, NUMBER | {"nargs": 2}),
 )
 
@@ -70,8 +75,10 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         raise UsageError("--grazing must be between 0 and 90")
     if not args.every >= 0:
         raise UsageError("--every must be 0 or more")
+    if args.even and (args.nearest or args.degrees):
+        raise UsageError("--even changes values: leave out --nearest and --degrees")
     degrees = tuple(args.degrees) if args.degrees else None
-    rasters = RasterOptions(args.crs, args.gsd, args.grazing, args.nearest, degrees)
+    rasters = RasterOptions(args.crs, args.gsd, args.grazing, args.nearest, args.even, degrees)
     window = Window(args.from_s, args.to_s, args.every)
     names = "params namespace method camera dem ground_height only"
     more = {"window": window, "rasters": rasters}

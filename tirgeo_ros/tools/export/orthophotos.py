@@ -46,7 +46,8 @@ class Mosaic:
 
     def __init__(self, folder: Path, setup: RasterSetup) -> None:
         self._folder = folder
-        self._raster = TiledRaster(setup, folder, hard=setup.options.nearest)
+        options = setup.options
+        self._raster = TiledRaster(setup, folder, hard=options.nearest, even=options.even)
         self._first_ns = self._last_ns = 0
 
     def take(self, frame: ExportFrame) -> None:

@@ -32,6 +32,7 @@ class RasterOptions:
     gsd_m: float | None = None  # size of a pixel; None: by the pictures' own
     grazing_deg: float = GRAZING_DEG
     nearest: bool = False  # values of the video as they are: no means, no feathering
+    even: bool = False  # match the grey levels of the mosaic's pictures to each other
     #: Degrees Celsius are 16-bit values times the first plus the second; None: as they are.
     degrees: tuple[float, float] | None = None
 

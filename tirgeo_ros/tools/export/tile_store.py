@@ -31,6 +31,10 @@ class TileStore:
         self._keys: set[TileKey] = set()
         self._disk: tempfile.TemporaryDirectory[str] | None = None
 
+    def __contains__(self, key: TileKey) -> bool:
+        """Return whether a tile was asked for before."""
+        return key in self._keys
+
     def sorted_keys(self) -> list[TileKey]:
         """Return the keys of all tiles, from north to south and west to east."""
         return sorted(self._keys, key=lambda key: key[::-1])

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from tirgeo_ros.core.orthorectification.frame_view import Patch
 from tirgeo_ros.core.orthorectification.ground_tiles import TILE_PX, Floats, TileKey
+from tirgeo_ros.core.orthorectification.levels import LevelMatch
 from tirgeo_ros.io.pictures.cog_output import RasterForm, RasterPart, write_cog
 from tirgeo_ros.tools.export.export_frame import ExportFrame
 from tirgeo_ros.tools.export.raster_options import RasterSetup
@@ -39,10 +40,15 @@ class Box(NamedTuple):
 
 
 class TiledRaster:
-    """Collect views; ``hard``: the best view alone counts, and values stay as they are."""
+    """Collect views; ``hard``: the best view alone counts, and values stay as they are.
 
-    def __init__(self, setup: RasterSetup, folder: Path, *, hard: bool) -> None:
-        self._setup, self._folder, self._hard = setup, folder, hard
+    ``even``: the grey levels of each view are matched to those of the views before.
+    """
+
+    def __init__(
+        self, setup: RasterSetup, folder: Path, *, hard: bool, even: bool = False
+    ) -> None:
+        self._setup, self._folder, self._hard, self._even = setup, folder, hard, even
         self._store: TileStore | None = None
         self._box: Box | None = None
         self._dtype = np.dtype(np.uint8)
@@ -55,13 +61,25 @@ class TiledRaster:
 
     def add(self, frame: ExportFrame) -> None:
         """Add what a frame shows; all frames have values of the same kind."""
-        for key, patch in self._setup.view(frame).patches():
-            if self._store is None:
-                self._dtype = patch.values.dtype
-                self._store = TileStore(self._folder, 3 if patch.values.ndim == 3 else 1)
+        if self._store is None:
+            self._dtype = frame.pixels.dtype
+            self._store = TileStore(self._folder, 3 if frame.pixels.ndim == 3 else 1)
+        patches = self._setup.view(frame).patches()
+        for key, patch in self._evened(list(patches), self._store) if self._even else patches:
             self._store.tile(key).add(patch, hard=self._hard)
             seen = Box.of(key, patch)
             self._box = seen if self._box is None else self._box.with_(seen)
+
+    @staticmethod
+    def _evened(
+        patches: list[tuple[TileKey, Patch]], store: TileStore
+    ) -> list[tuple[TileKey, Patch]]:
+        """Return views with the grey levels of the mosaic that they overlap."""
+        match = LevelMatch()
+        for key, patch in patches:
+            if key in store:
+                match.add(*store.tile(key).common(patch))
+        return [(key, one._replace(values=match.matched(one.values))) for key, one in patches]
 
     def write(self, path: Path, tags: Mapping[str, str]) -> None:
         """Write the raster as a Cloud-Optimised GeoTIFF and forget it; nothing if none is seen.
@@ -109,4 +127,5 @@ class TiledRaster:
         degrees = self._setup.options.degrees
         if degrees is not None:
             return values.astype(float) * degrees[0] + degrees[1]
-        return np.rint(values).astype(self._dtype)[..., ::-1]
+        most = np.iinfo(self._dtype).max
+        return np.clip(np.rint(values), 0, most).astype(self._dtype)[..., ::-1]
