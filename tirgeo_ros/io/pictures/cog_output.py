@@ -24,7 +24,7 @@ from tirgeo_ros.io.files.whole_files import PathLike, check_place, part_of
 
 _BLOCK_PX = 512
 #: GDAL's cache of unpacked blocks. By default it is 5 % of all memory.
-_CACHE_MB = 64
+CACHE_MB = 64
 
 
 class RasterPart(NamedTuple):
@@ -68,7 +68,7 @@ def write_cog(path: PathLike, form: RasterForm, parts: Iterable[RasterPart]) -> 
     part = part_of(path)
     plain = part.with_suffix(".plain")
     try:
-        with rasterio.Env(GDAL_CACHEMAX=_CACHE_MB):
+        with rasterio.Env(GDAL_CACHEMAX=CACHE_MB):
             with _created(rasterio, plain, form) as target:
                 for one in parts:
                     _write(target, form, one)

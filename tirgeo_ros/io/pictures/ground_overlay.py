@@ -16,6 +16,7 @@ from tirgeo_ros.core.types.arrays import BoolArray, Pixels
 from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.io.files.offline_reading import imported_rasterio
 from tirgeo_ros.io.files.whole_files import PathLike, write_files
+from tirgeo_ros.io.pictures.cog_output import CACHE_MB
 
 #: Longest side of the picture: Google Earth shrinks larger ones to what the graphics card holds.
 MOST_PX = 4096
@@ -35,8 +36,9 @@ def write_ground_overlay(raster: PathLike, png: PathLike, kml: PathLike) -> None
     except rasterio.errors.RasterioError as error:
         first = str(error).partition("\n")[0]
         raise MapError(f"{os.fspath(raster)}: cannot be read: {first}") from None
-    bgr = values[..., ::-1] if values.shape[2] == 3 else values.repeat(3, axis=2)
-    shown = np.dstack([_bytes(bgr, known), known * np.uint8(255)])
+    shown = np.empty((*known.shape, 4), np.uint8)
+    shown[..., :3] = _bytes(values, known)[..., ::-1]  # blue first; grey three times
+    shown[..., 3] = known * np.uint8(255)
     _, packed = cv2.imencode(".png", shown)
     text = _overlay(Path(kml).stem, os.path.relpath(png, Path(kml).parent), bounds)
     write_files({png: packed.tobytes(), kml: text}, MapError)
@@ -48,7 +50,7 @@ def _in_degrees(
     """Return values (h, w, bands), which are known (h, w), and west, south, east, north, deg."""
     warp, vrt = (importlib.import_module(f"rasterio.{name}") for name in ("warp", "vrt"))
     system = "EPSG:4326"
-    with rasterio.open(raster) as source:
+    with rasterio.Env(GDAL_CACHEMAX=CACHE_MB), rasterio.open(raster) as source:
         size = source.width, source.height
         transform, width, height = warp.calculate_default_transform(
             source.crs, system, *size, *source.bounds
@@ -74,7 +76,7 @@ def _bytes(values: npt.NDArray[Any], known: BoolArray) -> Pixels:
         low, high = np.percentile(values[known], _ENDS).tolist()
         grey = (np.where(known[..., None], values, low) - low) * (255.0 / max(high - low, 1e-9))
         values = np.rint(np.clip(grey, 0, 255))
-    return np.where(known[..., None], values, 0).astype(np.uint8)
+    return np.asarray(np.where(known[..., None], values, 0), np.uint8)
 
 
 def _overlay(name: str, picture: str, bounds: tuple[float, float, float, float]) -> str:
