@@ -13,6 +13,7 @@ from coded_frames import (
     NADIR,
     OBLIQUE,
     PIXEL_M,
+    UTM,
     WHOLE,
     coded,
     terrain_of,
@@ -126,3 +127,20 @@ def test_a_coarse_raster_shows_means():
         values[nearest] = np.concatenate([one.values[one.seen] for _, one in view.patches()])
     assert values[True].std() == pytest.approx(noise.std(), rel=0.1)
     assert values[False].std() < 0.35 * noise.std()  # of 16 pixels a quarter
+
+
+def test_a_slope_that_faces_the_camera_is_found_behind_one_that_does_not():
+    """A dyke across the view: its far side is not seen, the hill behind it is."""
+    dyke = terrain_of(
+        lambda north, _: np.interp(north, [22, 30, 31, 38, 60], [0.0, 3.0, 3.0, 0.0, 12.0])
+    )
+    pose = camera_pose([0.0, 0, -12.0], 0.0, -15.0, 0.0)
+    white = np.full((CAMERA.height, CAMERA.width), 200, np.uint8)
+    norths = []
+    for key, patch in FrameView(tiles_of(dyke), CAMERA, pose, white, GRAZING).patches():
+        rows = (np.arange(TILE_PX)[patch.rows] + key[1] * TILE_PX + 0.5) * -PIXEL_M
+        norths.append(np.broadcast_to(rows[:, None], patch.seen.shape)[patch.seen])
+    origin_m = UTM.metres(np.degrees([[PLANE.longitude_rad, PLANE.latitude_rad]]))[0, 1]
+    shown = np.unique(np.round(np.concatenate(norths) - origin_m))
+    assert {26.0, 45.0} <= set(shown)  # the near face, and the hill
+    assert not {33.0, 36.0} & set(shown)  # the far face falls by 3 in 7, as seen from 9 m above

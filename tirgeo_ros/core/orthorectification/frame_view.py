@@ -44,6 +44,9 @@ _MARGIN_PX = 32.0
 _RIM, _AT_EDGE = 1 / 8, 3.0  # of the picture's shorter side; times the score there
 _LEAST_PX = 16  # shorter side of a reduced picture
 _SEEDS = 5  # pixels along each side of the picture from which its tiles are searched
+#: Tiles are searched on an elevation model as far as level ground is seen under this share of the
+#: least angle: behind a slope that is seen too flatly there may be one that faces the camera.
+_FLATTER = 0.5
 #: Every how many nodes the line of sight is followed to the camera.
 _SIGHT_STEP = 4
 
@@ -63,7 +66,7 @@ class _NodeView(NamedTuple):
 
     uv: Array  # (NODES, NODES, 2) pixels
     score: Array  # (NODES, NODES), without the rim
-    near: BoolArray  # (NODES, NODES) in the picture, or hardly outside
+    near: BoolArray  # (NODES, NODES) in the picture or hardly outside, even if it is not seen
 
 
 class FrameView:
@@ -85,6 +88,7 @@ class FrameView:
         nearest: bool = False,
     ) -> None:
         self._tiles, self._camera, self._pose = tiles, camera, pose
+        self._terrain = tiles.ground if isinstance(tiles.ground, Terrain) else None
         self._least_sine = math.sin(grazing_rad)
         self._rotation_nc = matrix_from_quat(pose.q_nc)
         self._seeds_n = seeds(camera, pose, tiles.plane, tiles.ground)
@@ -129,26 +133,27 @@ class FrameView:
         offset_n = nodes.points_n - self._pose.position_n
         uv, valid = camera.project(offset_n.reshape(-1, 3) @ self._rotation_nc)
         uv, valid = uv.reshape(NODES, NODES, 2), valid.reshape(NODES, NODES)
+        margin_px = _MARGIN_PX * self._factor
         with np.errstate(invalid="ignore"):
             above_m = -np.einsum("ijk,ijk->ij", nodes.normals_n, offset_n)
-            valid &= above_m > self._least_sine * np.linalg.norm(offset_n, axis=2)
-            reach = np.array([camera.width, camera.height]) + _MARGIN_PX * self._factor
-            near = valid & ((uv > -_MARGIN_PX * self._factor) & (uv < reach)).all(axis=2)
-            if near.any() and isinstance(self._tiles.ground, Terrain):
-                near &= ~self._hidden(nodes.points_n)
-            depth_m = np.where(near, offset_n @ self._rotation_nc[:, 2], np.nan)
-            gsd_m = np.sqrt(depth_m**3 / (camera.fx * camera.fy * above_m))
+            least_m = self._least_sine * np.linalg.norm(offset_n, axis=2)
+            reach = np.array([camera.width, camera.height]) + margin_px
+            near = valid & ((uv > -margin_px) & (uv < reach)).all(axis=2)
+            near &= offset_n[..., 2] > least_m * (_FLATTER if self._terrain else 1.0)
+            seen = near & (above_m > least_m)
+            if self._terrain and seen.any():
+                seen &= ~self._hidden(self._terrain, nodes.points_n)
+            gsd_m = _gsd_m(camera, offset_n @ self._rotation_nc[:, 2], above_m)
             aside = uv / (0.5 * np.array([camera.width - 1, camera.height - 1])) - 1
             score = gsd_m * (1 + 0.5 * np.square(aside).sum(axis=2))
-        uv[~near] = np.nan
+        uv[~seen] = np.nan
         return _NodeView(uv, score, near)
 
-    def _hidden(self, points_n: Array) -> BoolArray:
+    def _hidden(self, terrain: Terrain, points_n: Array) -> BoolArray:
         """Return which nodes the terrain hides, found at every fourth one."""
         some = points_n[::_SIGHT_STEP, ::_SIGHT_STEP]
-        assert isinstance(self._tiles.ground, Terrain)
         place = self._tiles.plane, self._pose.position_n
-        found = hidden(self._tiles.ground, *place, some.reshape(-1, 3)).reshape(some.shape[:2])
+        found = hidden(terrain, *place, some.reshape(-1, 3)).reshape(some.shape[:2])
         whole = found.repeat(_SIGHT_STEP, axis=0).repeat(_SIGHT_STEP, axis=1)
         return np.asarray(whole[:NODES, :NODES])
 
@@ -196,8 +201,12 @@ def level_gsd_m(
     depth_m = offset_n @ matrix_from_quat(pose.q_nc)[:, 2]
     with np.errstate(invalid="ignore"):
         seen = above_m > math.sin(grazing_rad) * np.linalg.norm(offset_n, axis=1)
-        gsd_m = np.sqrt(depth_m**3 / (camera.fx * camera.fy * above_m))
-    return np.where(seen, gsd_m, np.nan)
+        return np.where(seen, _gsd_m(camera, depth_m, above_m), np.nan)
+
+
+def _gsd_m(camera: Camera, depth_m: Array, above_m: Array) -> Array:
+    """Return ground sample distances by depths and heights over the surface, of any shape."""
+    return np.sqrt(depth_m**3 / (camera.fx * camera.fy * above_m))
 
 
 def _neighbours(key: TileKey, near: BoolArray) -> list[TileKey]:

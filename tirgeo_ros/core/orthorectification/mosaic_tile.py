@@ -2,9 +2,9 @@
 
 The value of a pixel is the mean of all views with the weights (best score / score)^32. A view
 with a score 10 % worse than the best has a weight of 5 %, one 15 % worse 1 %: only near a seam,
-where two views are equally good, do both count. In the rim of a picture that seam is some 8 pixels
-of it wide, if the rim is 64. The sums are kept relative to the best score so
-far, so that the order of the pictures does not matter.
+where two views are equally good, do both count. In the rim of a picture the seam is an eighth of
+the rim wide. The sums are kept relative to the best score so far, so that the order of the
+pictures does not matter.
 """
 
 from __future__ import annotations
@@ -65,8 +65,8 @@ class MosaicTile:
     def values(self) -> tuple[Floats, BoolArray]:
         """Return the mosaic (TILE_PX, TILE_PX, bands), and which of its pixels were seen."""
         # The best view alone has the weight 1.
-        values: Floats = self.total / np.maximum(self.weight, np.float32(1))[..., None]
-        return values, self.weight > 0
+        values = self.total / np.maximum(self.weight, np.float32(1))[..., None]
+        return np.asarray(values, np.float32), self.weight > 0
 
 
 def _weight(best: Floats, score: Floats) -> Floats:

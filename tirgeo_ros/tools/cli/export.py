@@ -82,7 +82,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     window = Window(args.from_s, args.to_s, args.every)
     names = "params namespace method camera dem ground_height only"
     more = {"window": window, "rasters": rasters}
-    return call(export, args, "exporting", "bag output", names, **more)
+    return call(export, args, "exporting, %", "bag output", names, **more)
 
 
 def describe(result: Mapping[str, Any]) -> str:

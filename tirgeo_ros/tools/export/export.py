@@ -25,6 +25,8 @@ from tirgeo_ros.tools.export.registered_flight import RegisteredFlight, register
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.node_configs import node_configs
 
+_FIRST = 20.0  # per cent of the work: the registration
+
 
 def export(
     bag_in: PathLike,
@@ -58,7 +60,7 @@ def export(
     pictures = FlightPictures(reader, namespace)
     chosen = pictures.chosen(window or Window())
     of_flight = (reader, configs, params, namespace)
-    flight = register(*of_flight, chosen, lambda done, all_s: progress(done, all_s and 2 * all_s))
+    flight = register(*of_flight, chosen, _first(progress))
     setup = _setup(flight, rasters or RasterOptions()) if needs_ground(wanted) else None
     made = products(wanted, Job(made_folder(folder, MapError), setup))
     for frame in frames(pictures, flight, progress):
@@ -78,6 +80,11 @@ def export(
     return result
 
 
+def _first(progress: Report) -> Report:
+    """Return the callback for the registration, which is the first part of the work."""
+    return lambda done, total: progress(_FIRST * done / (total or 1.0), 100.0)
+
+
 def _setup(flight: RegisteredFlight, options: RasterOptions) -> RasterSetup:
     """Return the lattice of the rasters; raise ConfigError where the ground is not known."""
     if flight.ground is None:
@@ -92,7 +99,7 @@ def frames(
     """Yield the pictures that have a pose, in order; count those that cannot be read."""
     kind = None
     for done, (number, pixels) in enumerate(pictures.read(flight.posed)):
-        progress(len(flight.posed) + done, 2 * len(flight.posed))
+        progress(_FIRST + (100 - _FIRST) * done / len(flight.posed), 100.0)
         if isinstance(pixels, TirgeoError):
             flight.refused["damaged"] += 1
             continue
