@@ -59,8 +59,9 @@ def test_a_place_has_the_same_value(tmp_path):
     assert (picture[..., 3] == 0).any()  # the corners: a square of UTM is turned in degrees
 
 
-def test_sixteen_bits_are_stretched_and_the_unknown_is_clear(tmp_path):
-    values = np.linspace(20_000, 21_000, SIZE * SIZE).reshape(SIZE, SIZE, 1).astype(np.uint16)
+@pytest.mark.parametrize("dtype", ["uint16", "float32"])
+def test_more_than_8_bits_are_stretched_and_the_unknown_is_clear(tmp_path, dtype):
+    values = np.linspace(20_000, 21_000, SIZE * SIZE).reshape(SIZE, SIZE, 1).astype(dtype)
     known = np.ones((SIZE, SIZE), bool)
     known[:, :100] = False
     picture, _ = overlay(tmp_path, values, known)

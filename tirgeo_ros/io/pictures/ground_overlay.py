@@ -20,6 +20,7 @@ from tirgeo_ros.io.pictures.cog_output import CACHE_MB
 
 #: Longest side of the picture: Google Earth shrinks larger ones to what the graphics card holds.
 MOST_PX = 4096
+_DEGREES = "EPSG:4326"
 _KML = "http://www.opengis.net/kml/2.2"
 #: Percentiles shown as black and white, where a raster has more than 8 bits.
 _ENDS = (1.0, 99.0)
@@ -47,27 +48,34 @@ def write_ground_overlay(raster: PathLike, png: PathLike, kml: PathLike) -> None
 def _in_degrees(
     rasterio: Any, raster: PathLike
 ) -> tuple[npt.NDArray[Any], BoolArray, tuple[float, float, float, float]]:
-    """Return values (h, w, bands), which are known (h, w), and west, south, east, north, deg."""
-    warp, vrt = (importlib.import_module(f"rasterio.{name}") for name in ("warp", "vrt"))
-    system = "EPSG:4326"
+    """Return values (h, w, bands), which are known (h, w), and west, south, east, north, deg.
+
+    The raster's last band is alpha, unless its values are floats, nan where unknown.
+    """
+    warp = importlib.import_module("rasterio.warp")
     with rasterio.Env(GDAL_CACHEMAX=CACHE_MB), rasterio.open(raster) as source:
-        size = source.width, source.height
-        transform, width, height = warp.calculate_default_transform(
-            source.crs, system, *size, *source.bounds
-        )
+        place = source.crs, _DEGREES, source.width, source.height
+        transform, width, height = warp.calculate_default_transform(*place, *source.bounds)
         shrink = max(width / MOST_PX, height / MOST_PX, 1.0)
-        scale = rasterio.Affine.scale(shrink, shrink)
-        form = {
-            "transform": transform * scale,
-            "width": max(int(width / shrink), 1),
-            "height": max(int(height / shrink), 1),
-        }
-        with vrt.WarpedVRT(
-            source, crs=system, resampling=warp.Resampling.bilinear, **form
-        ) as degrees:
-            bands = [n for n, what in enumerate(degrees.colorinterp, 1) if what.name != "alpha"]
-            values = np.moveaxis(degrees.read(bands), 0, 2)
-            return values, degrees.dataset_mask() > 0, tuple(degrees.bounds)
+        transform *= rasterio.Affine.scale(shrink)
+        shape = max(int(height / shrink), 1), max(int(width / shrink), 1)
+        is_float = source.dtypes[0].startswith("float")
+        unknown = {"src_nodata": np.nan, "dst_nodata": np.nan}
+        alpha = {"src_alpha": source.count, "dst_alpha": source.count}
+        found = np.zeros((source.count, *shape), source.dtypes[0])
+        warp.reproject(
+            rasterio.band(source, source.indexes),
+            found,
+            dst_transform=transform,
+            dst_crs=_DEGREES,
+            resampling=warp.Resampling.bilinear,
+            warp_mem_limit=CACHE_MB,
+            **(unknown if is_float else alpha),
+        )
+    bounds = rasterio.transform.array_bounds(*shape, transform)
+    if is_float:
+        return np.moveaxis(found, 0, 2), np.isfinite(found[0]), bounds
+    return np.moveaxis(found[:-1], 0, 2), found[-1] > 0, bounds
 
 
 def _bytes(values: npt.NDArray[Any], known: BoolArray) -> Pixels:
