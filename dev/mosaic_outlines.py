@@ -1,10 +1,12 @@
-"""How well the outlines of a map lie on the mosaic of the sample flight.
+"""How well the outlines of a map lie on the mosaic of a simulated flight.
 
-``python -m dev.mosaic_outlines`` exports the mosaic twice: with the poses of the filter, and with
-the true ones of the simulation. The second one shows what the measurement itself contributes. An
-outline's edge is where the picture becomes brighter fastest along the outline's normal, going
-outwards: the flower beds of the sample have a bright kerb outside their outline. Cold beds have
-that edge; beds as warm as the kerb have none, and are not used.
+``python -m dev.mosaic_outlines`` exports the mosaic of the sample flight twice: with the poses of
+the filter, and with the true ones of the simulation. A folder of ``tirgeo simulate`` may be given
+in its place, whose ``dem.asc`` is used if there is one. The mosaic with the true poses shows what
+the measurement itself contributes. An outline's edge is where the picture becomes brighter fastest
+along the outline's normal, going outwards: the flower beds of the simulation have a bright kerb
+outside their outline. Cold beds have that edge; beds as warm as the kerb have none, and are not
+used.
 """
 
 from __future__ import annotations
@@ -161,14 +163,16 @@ def true_flight(flight: RegisteredFlight, truth: Path) -> RegisteredFlight:
     return flight._replace(posed=posed)
 
 
-def mosaics(folder: Path, every_s: float = 1.0) -> dict[str, Path]:
-    """Make the sample's mosaic in a folder with the filter's poses and with the true ones."""
-    reader, params = BagReader(SAMPLE / "flight.mcap"), [SAMPLE / "params.yaml"]
+def mosaics(flown: Path, folder: Path, every_s: float = 1.0) -> dict[str, Path]:
+    """Make a flight's mosaic in a folder with the filter's poses and with the true ones."""
+    reader, params = BagReader(flown / "flight.mcap"), [flown / "params.yaml"]
+    dem = flown / "dem.asc"
+    configs = node_configs(params, dem=dem if dem.exists() else None)
     pictures = FlightPictures(reader, "")
     chosen = pictures.chosen(Window(every_s=every_s))
-    flight = register(reader, node_configs(params), params, "", chosen, silent)
+    flight = register(reader, configs, params, "", chosen, silent)
     made = {}
-    flights = {"filter": flight, "truth": true_flight(flight, SAMPLE / "truth.mcap")}
+    flights = {"filter": flight, "truth": true_flight(flight, flown / "truth.mcap")}
     for name, one in flights.items():
         assert one.ground is not None
         poses = [posed.pose for posed in one.posed.values()]
@@ -203,13 +207,14 @@ def drawn(mosaic: Path, outlines: Path, shrink: int = 3) -> Pixels:
 def main() -> int:
     """Print a line for each of the two mosaics."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("flight", type=Path, nargs="?", default=SAMPLE, help="folder of a flight")
     parser.add_argument("--every", type=float, default=1.0, help="seconds between pictures")
     parser.add_argument("--picture", type=Path, help="write the mosaic with the outlines on it")
     args = parser.parse_args()
     sys.stdout.write("poses   places  of cold beds  clear  mean m  rms m  within 0.25 m\n")
     with tempfile.TemporaryDirectory() as folder:
-        for name, mosaic in mosaics(Path(folder), args.every).items():
-            found = edges(mosaic, SAMPLE / "map.geojson")
+        for name, mosaic in mosaics(args.flight, Path(folder), args.every).items():
+            found = edges(mosaic, args.flight / "map.geojson")
             offsets = found.offsets_m
             near = float(np.mean(np.abs(offsets) < 0.25))
             sys.stdout.write(
@@ -217,7 +222,7 @@ def main() -> int:
                 f"{offsets.mean():>6.3f}  {found.rms_m:>5.3f}  {near:.1%}\n"
             )
             if args.picture and name == "filter":
-                cv2.imwrite(str(args.picture), drawn(mosaic, SAMPLE / "map.geojson"), JPEG)
+                cv2.imwrite(str(args.picture), drawn(mosaic, args.flight / "map.geojson"), JPEG)
     return 0
 
 

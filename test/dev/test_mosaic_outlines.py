@@ -9,7 +9,7 @@ from tirgeo_ros.core.types.arrays import Array
 
 pytest.importorskip("rasterio")
 
-from dev.mosaic_outlines import FINE_M, REACH_M, SAMPLE, edge_m, edges, mosaics
+from dev.mosaic_outlines import FINE_M, REACH_M, edge_m, edges, mosaics
 
 
 def profile(at_m: float, second_m: float | None = None) -> Array:
@@ -30,8 +30,7 @@ def test_the_edge_is_found_where_it_is():
 @pytest.mark.slow
 def test_outlines_lie_on_the_mosaic(sample, tmp_path):
     """With the filter's poses within 0.25 m rms; with the true ones the measurement is left."""
-    assert sample == SAMPLE
-    made = mosaics(tmp_path)
+    made = mosaics(sample, tmp_path)
     found, true = (edges(made[name], sample / "map.geojson") for name in ("filter", "truth"))
     for one in (found, true):
         assert one.places > 4000

@@ -20,7 +20,8 @@ from tirgeo_ros.tools.export.export_frame import ExportFrame
 
 #: Ground that is seen flatter than this is left out: there, 1 m of height moves it by 3.7 m.
 GRAZING_DEG = 15.0
-_STEPS = (1.0, 2.0, 5.0, 10.0)
+#: Sizes of pixels, times a power of ten.
+_STEPS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
 _LOOKED_AT = 200  # pictures from which the pixel size is derived, spread over the flight
 
 
@@ -102,7 +103,7 @@ def _median_gsd_m(
 
 
 def _rounded(length_m: float) -> float:
-    """Return the longest of 1, 2 and 5 times a power of ten that is no longer."""
+    """Return the longest of _STEPS times a power of ten that is no longer."""
     power = 10.0 ** math.floor(math.log10(length_m))
     step = max(step for step in _STEPS if step * power <= length_m * (1 + 1e-9))
     return float(f"{step * power:.6g}")
