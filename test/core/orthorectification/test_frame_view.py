@@ -129,6 +129,16 @@ def test_a_coarse_raster_shows_means():
     assert values[False].std() < 0.35 * noise.std()  # of 16 pixels a quarter
 
 
+def shown_norths_m(view):
+    """The whole metres to the north of the origin of all that a picture shows."""
+    norths = []
+    for key, patch in view.patches():
+        rows = (np.arange(TILE_PX)[patch.rows] + key[1] * TILE_PX + 0.5) * -PIXEL_M
+        norths.append(np.broadcast_to(rows[:, None], patch.seen.shape)[patch.seen])
+    origin_m = UTM.metres(np.degrees([[PLANE.longitude_rad, PLANE.latitude_rad]]))[0, 1]
+    return set(np.round(np.concatenate(norths) - origin_m).tolist())
+
+
 def test_a_slope_that_faces_the_camera_is_found_behind_one_that_does_not():
     """A dyke across the view: its far side is not seen, the hill behind it is."""
     dyke = terrain_of(
@@ -136,11 +146,19 @@ def test_a_slope_that_faces_the_camera_is_found_behind_one_that_does_not():
     )
     pose = camera_pose([0.0, 0, -12.0], 0.0, -15.0, 0.0)
     white = np.full((CAMERA.height, CAMERA.width), 200, np.uint8)
-    norths = []
-    for key, patch in FrameView(tiles_of(dyke), CAMERA, pose, white, GRAZING).patches():
-        rows = (np.arange(TILE_PX)[patch.rows] + key[1] * TILE_PX + 0.5) * -PIXEL_M
-        norths.append(np.broadcast_to(rows[:, None], patch.seen.shape)[patch.seen])
-    origin_m = UTM.metres(np.degrees([[PLANE.longitude_rad, PLANE.latitude_rad]]))[0, 1]
-    shown = np.unique(np.round(np.concatenate(norths) - origin_m))
-    assert {26.0, 45.0} <= set(shown)  # the near face, and the hill
-    assert not {33.0, 36.0} & set(shown)  # the far face falls by 3 in 7, as seen from 9 m above
+    shown = shown_norths_m(FrameView(tiles_of(dyke), CAMERA, pose, white, GRAZING))
+    assert {26.0, 45.0} <= shown  # the near face, and the hill
+    assert not {33.0, 36.0} & shown  # the far face falls by 3 in 7, as seen from 9 m above
+
+
+def test_where_the_elevation_model_has_no_height_nothing_is_shown():
+    """A gap of 10 m, and the model's own end at 60 m to the north."""
+    gap = terrain_of(
+        lambda north, _: np.where((np.abs(north - 25.0) < 5.0) | (north > 60.0), np.nan, 0.0)
+    )
+    pose = camera_pose([0.0, 0, -20.0], 0.0, -30.0, 0.0)
+    white = np.full((CAMERA.height, CAMERA.width), 200, np.uint8)
+    shown = shown_norths_m(FrameView(tiles_of(gap), CAMERA, pose, white, GRAZING))
+    assert {19.0, 35.0, 50.0} <= shown
+    assert not {21.0, 25.0, 29.0} & shown
+    assert max(shown) < 60.5

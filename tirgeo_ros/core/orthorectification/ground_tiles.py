@@ -40,10 +40,12 @@ class ProjectedPlane(Protocol):
 
 
 class GroundNodes(NamedTuple):
-    """Hold the ground at the nodes of a tile; nan where its height is not known."""
+    """Hold the ground at the nodes of a tile, NED in the map's plane."""
 
-    points_n: Array  # (NODES, NODES, 3) NED in the map's plane, m
-    normals_n: Array  # (NODES, NODES, 3) unit vectors, upwards
+    points_n: (
+        Array  # (NODES, NODES, 3) m; as low as all known ground where its height is not known
+    )
+    normals_n: Array  # (NODES, NODES, 3) unit vectors, upwards; nan where it is not known
 
 
 class GroundTiles:
@@ -72,13 +74,21 @@ class GroundTiles:
         )
         metres = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
         longitude, latitude = np.radians(self._projected.degrees(metres)).T
-        ground = self.ground
-        height = ground.height_m(latitude, longitude) if isinstance(ground, Terrain) else ground
-        points_n = self.plane.ned_from_geodetic(latitude, longitude, height)
-        points_n = points_n.reshape(NODES, NODES, 3)
+        points_n = self._points_n(latitude, longitude, self._heights_m(latitude, longitude))
         normals_n = np.cross(np.gradient(points_n, axis=0), np.gradient(points_n, axis=1))
         normals_n /= np.linalg.norm(normals_n, axis=2, keepdims=True)
+        if isinstance(self.ground, Terrain):
+            lowest_n = self._points_n(latitude, longitude, self.ground.lowest_m)
+            points_n = np.where(np.isnan(points_n), lowest_n, points_n)
         return GroundNodes(points_n, normals_n)
+
+    def _heights_m(self, latitude: Array, longitude: Array) -> Array | float:
+        ground = self.ground
+        return ground.height_m(latitude, longitude) if isinstance(ground, Terrain) else ground
+
+    def _points_n(self, latitude: Array, longitude: Array, height_m: Array | float) -> Array:
+        points_n = self.plane.ned_from_geodetic(latitude, longitude, height_m)
+        return points_n.reshape(NODES, NODES, 3)
 
 
 def at_pixels(nodes: Array) -> Floats:

@@ -38,17 +38,17 @@ def export(
     camera: PathLike | None = None,
     dem: PathLike | None = None,
     ground_height: float | None = None,
-    only: Collection[str] | None = None,
+    only: Collection[str] = (),
     window: Window | None = None,
     rasters: RasterOptions | None = None,
     progress: Report = silent,
 ) -> dict[str, object]:
     """Write the products of a bag into a folder; return a summary, also as ``summary.json``.
 
-    ``only`` names products, None stands for all. Pictures that cannot be used are counted with
+    ``only`` names products: all by default. Pictures that cannot be used are counted with
     the reason. Raise BagError, CameraError, ConfigError, ElevationError, MapError.
     """
-    wanted = PRODUCTS if only is None else only
+    wanted = only or PRODUCTS
     configs = node_configs(
         params, namespace, method=method, dem=dem, ground_height=ground_height, camera=camera
     )
