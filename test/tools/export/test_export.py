@@ -49,7 +49,7 @@ def made(sample, cut, tmp_path_factory):
 
 def test_files_and_summary(made):
     folder, summary = made
-    assert summary["pictures"] == 5
+    assert (summary["pictures"], summary["used"]) == (5, 4)
     assert summary["not_used"] == {"before the first pose": 1}
     assert summary["ortho"]["files"] == 4
     numbers = sorted(int(one.stem) for one in (folder / "ortho").iterdir())
@@ -163,6 +163,13 @@ def test_pictures_that_do_not_fit_are_counted(made, sample, cut, tmp_path, monke
         "of another size than the camera's calibration": 1,
         "of another kind than the first picture": 1,
     }
+    assert (summary["used"], summary["error"]) == (1, None)
+    monkeypatch.setattr(
+        FlightPictures, "read", lambda _, numbers: ((n, MapError("")) for n in numbers)
+    )
+    summary = export(cut, tmp_path, params=sample / "params.yaml", **options)
+    assert summary["error"].endswith("none of its pictures could be used")
+    assert summary["mosaic"]["width"] == 0
 
 
 @pytest.mark.slow

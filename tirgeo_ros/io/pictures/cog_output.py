@@ -72,7 +72,7 @@ def write_cog(path: PathLike, form: RasterForm, parts: Iterable[RasterPart]) -> 
             with _created(rasterio, plain, form) as target:
                 for one in parts:
                     _write(target, form, one)
-            _copied(plain, part, form)
+            _copied(plain, part)
         part.replace(path)
     except (rasterio.errors.RasterioError, OSError) as error:
         first = str(error).partition("\n")[0]
@@ -100,8 +100,8 @@ def _created(rasterio: Any, path: Path, form: RasterForm) -> Iterator[Any]:
         "blockxsize": _BLOCK_PX,
         "blockysize": _BLOCK_PX,
         "sparse_ok": True,
-        "compress": "ZSTD",  # quick: the file is soon copied and removed
-        "zstd_level": 1,
+        "compress": "DEFLATE",
+        "zlevel": 1,  # quick: the file is soon copied and removed
         "bigtiff": "IF_SAFER",
     }
     with rasterio.open(path, "w", **profile, **alpha) as target:
@@ -115,25 +115,20 @@ def _write(target: Any, form: RasterForm, part: RasterPart) -> None:
     height, width = part.known.shape
     window = ((part.row, part.row + height), (part.column, part.column + width))
     unknown = np.nan if form.is_float else 0
-    values = np.where(part.known[..., None], part.values, unknown).astype(form.dtype)
-    bands = list(range(1, form.bands + 1))
-    target.write(np.moveaxis(values, 2, 0), bands, window=window)
+    bands = np.where(part.known[..., None], part.values, unknown).astype(form.dtype)
     if not form.is_float:
-        most = np.iinfo(form.dtype).max
-        target.write((part.known * most).astype(form.dtype), form.bands + 1, window=window)
+        alpha = (part.known * np.iinfo(form.dtype).max).astype(form.dtype)
+        bands = np.dstack([bands, alpha])
+    target.write(np.moveaxis(bands, 2, 0), window=window)
 
 
-def _copied(plain: Path, cog: Path, form: RasterForm) -> None:
+def _copied(plain: Path, cog: Path) -> None:
     """Copy a plain GeoTIFF to a Cloud-Optimised one, with overviews of half the size each."""
-    copy = importlib.import_module("rasterio.shutil").copy
-    copy(
-        plain,
-        cog,
-        driver="COG",
-        compress="DEFLATE",
-        predictor="YES",
-        blocksize=_BLOCK_PX,
-        overview_resampling="AVERAGE",
-        bigtiff="IF_SAFER",
-        sparse_ok="NO" if form.is_float else "YES",
-    )
+    options = {
+        "compress": "DEFLATE",
+        "predictor": "YES",
+        "blocksize": _BLOCK_PX,
+        "overview_resampling": "AVERAGE",
+        "bigtiff": "IF_SAFER",
+    }
+    importlib.import_module("rasterio.shutil").copy(plain, cog, driver="COG", **options)

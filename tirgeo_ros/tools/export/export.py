@@ -66,15 +66,17 @@ def export(
     for frame in frames(pictures, flight, progress):
         for product in made.values():
             product.take(frame)
+    used = len(chosen) - flight.refused.total()
     result = {
         "input": os.fspath(bag_in),
         "output": os.fspath(folder),
         "pictures": len(chosen),
+        "used": used,
         "not_used": dict(flight.refused),
         **flight.summary,
         **_described(setup),
         **{name: product.finish() for name, product in made.items()},
-        "error": f"{reader.path}: {reader.damage}" if reader.damage else None,
+        "error": _error(reader, used),
     }
     write_files({places[-1]: json.dumps(result, indent=1) + "\n"}, MapError)
     return result
@@ -112,6 +114,13 @@ def frames(
             stamp_ns, pose, body = flight.posed[number]
             place = flight.camera, pose, body, flight.plane, flight.ground
             yield ExportFrame(number, stamp_ns, pixels, *place)
+
+
+def _error(reader: BagReader, used: int) -> str | None:
+    """Return what makes the run a failure although there is a summary, or None."""
+    if reader.damage is not None:
+        return f"{reader.path}: {reader.damage}; the products come from the rest"
+    return None if used else f"{reader.path}: none of its pictures could be used"
 
 
 def _described(setup: RasterSetup | None) -> dict[str, object]:
