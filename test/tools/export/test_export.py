@@ -10,7 +10,7 @@ import sys
 import time
 
 import pytest
-from process_bags import rewritten
+from process_bags import IMAGES, rewritten
 
 from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.tools.cli.main import main
@@ -123,7 +123,7 @@ def test_refusals(sample, cut, tmp_path, capsys, monkeypatch):
         capsys, cut, "-o", out, "--namespace", "uav1"
     )
     blind = tmp_path / "blind.mcap"
-    rewritten(cut, blind, seconds=1.0, without=("/thermal/image_raw/compressed",))
+    rewritten(cut, blind, seconds=1.0, without=(IMAGES,))
     said = refusal(capsys, blind, "-o", out, *params)
     assert "needed topic absent: /thermal/image_raw or /thermal/image_raw/compressed" in said
     said = refusal(capsys, cut, "-o", out, *params, "--to", "1")
@@ -170,6 +170,22 @@ def test_pictures_that_do_not_fit_are_counted(made, sample, cut, tmp_path, monke
     summary = export(cut, tmp_path, params=sample / "params.yaml", **options)
     assert summary["error"].endswith("none of its pictures could be used")
     assert summary["mosaic"]["width"] == 0
+
+
+def test_damaged_pictures_are_counted(sample, cut, tmp_path):
+    """From 5 s on their messages end within the header; all that is before is used."""
+    last_ns = driver.BagReader(cut).span_ns[0] + 5_000_000_000
+
+    def cut_short(item):
+        damaged = item.topic == IMAGES and item.log_time_ns > last_ns
+        return item.topic, item.data[:6] if damaged else item.data
+
+    bag = rewritten(cut, tmp_path / "damaged.mcap", cut_short)
+    window, rasters = Window(every_s=2.0), RasterOptions(gsd_m=0.5)
+    options = {"only": ["mosaic"], "window": window, "rasters": rasters}
+    summary = export(bag, tmp_path / "out", params=sample / "params.yaml", **options)
+    assert summary["not_used"] == {"before the first pose": 1, "damaged": 2}
+    assert summary["used"] == 2
 
 
 @pytest.mark.slow

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator
+from contextlib import suppress
 from typing import NamedTuple
 
 from tirgeo_ros.core.types.arrays import RawPixels
-from tirgeo_ros.core.types.errors import BagError, TirgeoError
+from tirgeo_ros.core.types.errors import BagError, MessageError, TirgeoError
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
 from tirgeo_ros.io.bags.cdr import header_stamp_ns
@@ -77,5 +78,7 @@ class FlightPictures:
 
 
 def _stamp_ns(message: BagMessage) -> int:
-    """Return a picture's stamp; one without is stamped with its arrival."""
-    return header_stamp_ns(message.data) or message.log_time_ns
+    """Return a picture's stamp; one without, or without a header, has that of its arrival."""
+    with suppress(MessageError):
+        return header_stamp_ns(message.data) or message.log_time_ns
+    return message.log_time_ns
