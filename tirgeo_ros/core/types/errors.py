@@ -82,6 +82,10 @@ class VideoError(TirgeoError):
     """Report a video file that cannot be written."""
 
 
+class ExportError(TirgeoError):
+    """Report a product of a flight that cannot be written."""
+
+
 class GraphError(TirgeoError):
     """Report a node graph that did not start, stopped early or produced no output."""
 
