@@ -34,7 +34,7 @@ def _tiff(pixels: RawPixels, still: Still) -> bytes:
     exif = still_exif(still)
     exif[Base.XMLPacket] = still_xmp(still)
     out = io.BytesIO()
-    Image.fromarray(np.ascontiguousarray(pixels)).save(out, "TIFF", exif=exif)
+    Image.fromarray(np.ascontiguousarray(pixels)).save(out, "TIFF", exif=exif.tobytes())
     return out.getvalue()
 
 
