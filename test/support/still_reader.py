@@ -49,7 +49,9 @@ def read_still(path) -> Read:
     content = path.read_bytes()
     begin, end = content.find(b"<x:xmpmeta"), content.find(b"</x:xmpmeta>")
     root = ET.fromstring(content[begin : end + len(b"</x:xmpmeta>")])
-    return Read(tags, picture, gps, by_gdal, [one.attrib for one in root.iter(f"{_RDF}Description")])
+    return Read(
+        tags, picture, gps, by_gdal, [one.attrib for one in root.iter(f"{_RDF}Description")]
+    )
 
 
 def place_of(read: Read) -> tuple[float, float, float]:
