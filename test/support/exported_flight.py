@@ -39,10 +39,10 @@ class _Bodies:
         self.states: dict[int, str] = {}
         self.navigation = None
 
-    def heard(self, verdict) -> None:
+    def heard(self, _verdict) -> None:
         pass
 
-    def took(self, sample, found) -> None:
+    def took(self, _sample, found) -> None:
         if found.body is not None:
             self.poses.add(found.body)
             self.states[found.body.stamp_ns] = self.navigation.status().state.value

@@ -107,7 +107,9 @@ def by_open_drone_map(read: Read) -> np.ndarray:
             ("pitch", (f"{DJI}GimbalPitchDegree", f"{PIX4D}Pitch")),
             ("roll", (f"{DJI}GimbalRollDegree", f"{PIX4D}Roll")),
         ):
-            found |= {angle: float(one[name]) for name in reversed(names) if name in one}
+            texts = [one[name] for name in names if name in one]
+            if texts:
+                found[angle] = float(texts[0])
     assert read.tags[271].lower() not in {"dji", "hasselblad", "sensefly"}
     return _mapped(found["roll"], found["pitch"], found["yaw"])
 

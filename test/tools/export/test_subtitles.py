@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
+from itertools import pairwise
 
 import av
 import numpy as np
@@ -56,7 +57,8 @@ def test_each_picture_has_its_cue_at_its_time_in_the_video(written, flight):
 
 
 def test_cues_say_where_the_camera_was_and_how_it_was_turned(written, flight):
-    for cue, frame in zip(written(every_s=0, undulation_m=UNDULATION_M), flight.frames):
+    cues = written(every_s=0, undulation_m=UNDULATION_M)
+    for cue, frame in zip(cues, flight.frames, strict=True):
         latitude, longitude, height = frame.plane.geodetic_from_ned(frame.pose.position_n)
         found = cue.numbers("latitude", "longitude")
         assert found == pytest.approx(np.degrees([latitude, longitude]), abs=0.51e-8)
@@ -87,7 +89,7 @@ def test_heights_that_are_not_known_are_not_said(written, flight):
 def test_a_cue_each_second_lasts_until_the_next(written):
     cues = written()
     assert len(cues) == 29
-    for before, after in zip(cues, cues[1:]):
+    for before, after in pairwise(cues):
         assert before.end_s == pytest.approx(after.begin_s, abs=1e-9)
     assert cues[-1].end_s == pytest.approx(30.0, abs=1e-3)  # the last picture's end
 

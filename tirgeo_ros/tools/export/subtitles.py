@@ -32,9 +32,9 @@ class Subtitles:
 
     ``stamps_ns`` are those of all pictures of the flight, in the order of the bag: times count
     from the first of them, as in the video. A cue begins every ``every_s`` seconds (0: with each
-    picture), and ends with the next one, or where the pose is lost. ``undulation_m`` of the geoid
-    makes ``abs_alt`` the height above sea level; without it, it is ellipsoidal. Raises
-    ExportError naming a file that cannot be written.
+    picture), and ends with the next one. If no picture comes for longer than that, the cue ends
+    with the picture before. ``undulation_m`` of the geoid makes ``abs_alt`` the height above sea
+    level; without it, it is ellipsoidal. Raises ExportError naming a file that cannot be written.
     """
 
     def __init__(
@@ -47,32 +47,34 @@ class Subtitles:
     ) -> None:
         self._file = SubtitleFile(path)
         self._times_ns = _begins(stamps_ns)
+        self._every_ns = round(every_s * 1e9)
         self._rate = RateLimit(1 / every_s if every_s else math.inf)
         self._undulation_m = undulation_m
         self._cue: _Cue | None = None
-        self._newest = -1  # the number of the newest picture
+        self._seen_ns = 0  # when the newest picture ends in the video
 
     def take(self, frame: ExportFrame) -> None:
         """End the cue before and begin one, if the picture's is due."""
-        if frame.number != self._newest + 1:
-            self._end(self._newest + 1)
+        begin_ns, end_ns = self._times_ns[frame.number : frame.number + 2]
+        if begin_ns > self._seen_ns + self._every_ns:
+            self._end(self._seen_ns)
         due = self._rate.due(frame.stamp_ns)
         if due or self._cue is None:
-            self._end(frame.number)
+            self._end(begin_ns)
             self._cue = _Cue(frame.number, self._lines(frame))
-        self._newest = frame.number
+        self._seen_ns = end_ns
 
     def finish(self) -> dict[str, object]:
         """Write the last cue, and give the file its name."""
-        self._end(self._newest + 1)
+        self._end(self._seen_ns)
         self._file.finish()
         return {"file": str(self._file.path), "cues": self._file.cues}
 
-    def _end(self, number: int) -> None:
-        """Write the cue that ends with the begin of a picture, if there is one."""
+    def _end(self, end_ns: int) -> None:
+        """Write the cue that ends now, if there is one."""
         if self._cue is None:
             return
-        begin_ns, end_ns = self._times_ns[self._cue.number], self._times_ns[number]
+        begin_ns = self._times_ns[self._cue.number]
         head = f"FrameCnt: {self._cue.number + 1}, DiffTime: {round((end_ns - begin_ns) * 1e-6)}ms"
         self._file.add(begin_ns, end_ns, f'<font size="28">{head}\n{self._cue.lines}')
         self._cue = None
