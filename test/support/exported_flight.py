@@ -61,13 +61,13 @@ def exported(folder: Path) -> Exported:
     poses = flight.registered(configs.ekf, configs.gimbal, instants_ns, bodies)
     bodies.navigation = poses.registration.navigation
     flight.read_all(lambda *_: None)
-    cdr, frames = Cdr(), []
+    cdr, camera, frames = Cdr(), flight.camera, []
     for number, (message, stamp_ns) in enumerate(zip(pictures, stamps_ns, strict=True)):
         at = poses.at(stamp_ns - latency_ns)
         body = bodies.poses.at(stamp_ns - latency_ns)
         if at is None or not isinstance(body, BodyPose):
             continue
         pixels = convert.pixels(_TOPIC, cdr.deserialize(message.data, message.typename))
-        seen = (pixels, flight.camera, at[0], body, poses.plane, GROUND_M)
+        seen = (pixels, camera, at[0], body, poses.plane, GROUND_M)
         frames.append(ExportFrame(number, stamp_ns, *seen))
     return Exported(frames, stamps_ns, bodies.states)

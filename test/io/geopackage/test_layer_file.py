@@ -32,9 +32,9 @@ def row(number: int) -> dict[str, object]:
     return {"n": number, "x": number / 2, "text": text, "when": NS, "yes": bool(number % 3)}
 
 
-@pytest.fixture
-def path(tmp_path):
-    file = LayerFile(tmp_path / "out.gpkg", [POINTS, LINES, AREAS])
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    file = LayerFile(tmp_path_factory.mktemp("layers") / "out.gpkg", [POINTS, LINES, AREAS])
     for number in range(7):
         file.add("points", [(16 + number / 100, 48.0, 100.0 + number)], row(number))
     file.add("points", [(16.0, 48.0, 0.0)], row(7) | {"x": None})
@@ -47,7 +47,7 @@ def path(tmp_path):
     return file.path
 
 
-def test_gdal_reads_every_row_as_it_was(path, tmp_path):
+def test_gdal_reads_every_row_as_it_was(path):
     shapes = {"points": "Point Z", "lines": "LineString Z", "areas": "Polygon"}
     assert layers_in(path) == shapes | {"layer_styles": None}
     found = rows_of(path, "points")
@@ -62,7 +62,7 @@ def test_gdal_reads_every_row_as_it_was(path, tmp_path):
     assert rows_of(path, "lines")[0]["name"] == ""
     assert rows_of(path, "lines")[0]["positions"].tolist() == [[16, 48, 1], [16.1, 48.1, 2]]
     assert rows_of(path, "areas")[0]["positions"].tolist() == [*map(list, SQUARE), [16, 48]]
-    assert [one.name for one in tmp_path.iterdir()] == ["out.gpkg"]
+    assert [one.name for one in path.parent.iterdir()] == ["out.gpkg"]
 
 
 def test_it_is_what_the_standard_asks_for(path):

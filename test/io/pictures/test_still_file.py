@@ -23,10 +23,8 @@ from still_reader import (
 )
 
 from tirgeo_ros.core.camera.camera_model import XT2
-from tirgeo_ros.core.frames.rotations import matrix_from_quat, matrix_from_rotvec
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.camera_place import camera_place
-from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.pictures.still import Still
 from tirgeo_ros.io.pictures.still_file import ending_of, still_bytes
 
@@ -186,39 +184,6 @@ def test_what_is_not_known_is_not_said(written):
 def test_a_name_with_markup_is_a_name(written):
     read = written(still_at(model="<\"&'> \u00e9"))
     assert read.tags[272] == "<\"&'> ?"
-
-
-def test_accuracies_are_the_spread_of_the_angles():
-    """The sigmas against those of angles of attitudes that are turned by random errors."""
-    place = still_at(attitude=(8.0, -50.0, 130.0)).place
-    errors = np.random.default_rng(3).multivariate_normal(
-        np.zeros(3), place.covariance_l[3:, 3:], 4000
-    )
-    turned = [
-        dataclasses.replace(place, rotation_lc=matrix_from_rotvec(one) @ place.rotation_lc)
-        for one in errors
-    ]
-    spread = np.std([one.mapping_rpy for one in turned], axis=0)
-    # The standard deviation of 4000 samples is good to 1.1 %: four times that.
-    assert_allclose(place.mapping_sigmas_rad, spread, rtol=0.045)
-
-
-def test_a_level_camera_has_no_accuracy_of_yaw():
-    assert np.isnan(still_at(attitude=(0, 0, 0)).place.mapping_sigmas_rad).all()
-
-
-def test_angles_are_against_north_at_the_camera_not_at_the_origin():
-    """75 km east of the origin, north has turned by the meridians' convergence."""
-    plane = TangentPlane(math.radians(48.0), math.radians(16.0), 0.0)
-    place = math.radians(48.0), math.radians(17.0), 500.0
-    q_nc = camera_pose([0, 0, 0], 0, -90, 0).q_nc
-    covariance = np.diag([4.0, 1, 1, 0, 0, 0])
-    found = camera_place(CameraPose(0, plane.ned_from_geodetic(*place), q_nc, covariance), plane)
-    # True north there points to the west of the plane's, by the longitude times sin(latitude).
-    assert found.mapping_rpy[2] == pytest.approx(math.radians(1) * math.sin(place[0]), abs=2e-5)
-    assert matrix_from_quat(q_nc) == pytest.approx(
-        plane.rotation_from_local(*place[:2]) @ found.rotation_lc
-    )
 
 
 def test_the_names_and_forms_are_those_of_real_pictures(written, shared):

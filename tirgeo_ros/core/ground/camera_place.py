@@ -54,6 +54,13 @@ class CameraPlace:
         """Return roll, pitch and yaw as photogrammetry has them, rad: 0 is straight down."""
         return rpy_of(self.rotation_lc @ _MAPPING_OPTICAL.T)
 
+    def altitude_m(self, undulation_m: float) -> float:
+        """Return the height above sea level; the ellipsoidal one if the undulation is nan.
+
+        The undulation is that of the geoid: ellipsoidal height less height above sea level.
+        """
+        return self.height_m - undulation_m if math.isfinite(undulation_m) else self.height_m
+
     @property
     def position_sigmas_m(self) -> Vector:
         """Return the standard deviations north, east and down; nan if they are not known."""

@@ -26,7 +26,7 @@ class Still:
     heading_rad: float  # of the view, from true north, clockwise
     body_rpy: Vector | None  # the aircraft's roll, pitch and heading, rad
     above_ground_m: float
-    undulation_m: float  # of the geoid: ellipsoidal height less height above sea level
+    undulation_m: float  # of the geoid
     model: str  # names the camera
     pixel_pitch_um: float  # width of a pixel on the sensor
 
@@ -38,7 +38,7 @@ class Still:
     @property
     def altitude_m(self) -> float:
         """Return the height above sea level if the undulation is known, else the ellipsoidal."""
-        return self.place.height_m - (self.undulation_m if self.above_sea else 0.0)
+        return self.place.altitude_m(self.undulation_m)
 
     @property
     def altitude_words(self) -> str:

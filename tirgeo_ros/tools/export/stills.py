@@ -7,7 +7,6 @@ from pathlib import Path
 
 from tirgeo_ros.core.ground.camera_place import body_rpy, camera_place, height_above_m
 from tirgeo_ros.core.overlay.scale_bar_compass import camera_heading_rad
-from tirgeo_ros.core.streams.rates import RateLimit
 from tirgeo_ros.core.types.errors import ExportError
 from tirgeo_ros.io.files.whole_files import made_folder, write_files
 from tirgeo_ros.io.pictures.still import Still
@@ -18,30 +17,26 @@ from tirgeo_ros.tools.export.export_frame import ExportFrame
 class Stills:
     """Write stills ``NNNNNN.jpg`` (8 bits) or ``.tif`` (16 bits) into a folder.
 
-    One is written every ``every_s`` seconds; 0 is every picture. ``undulation_m`` of the geoid
-    makes their altitudes those above sea level; without it they are ellipsoidal. ``model`` names
-    the camera, ``pixel_pitch_um`` is the width of its pixels, by which focal lengths in mm are
-    computed. Raises ExportError naming a file that cannot be written.
+    ``undulation_m`` of the geoid makes their altitudes those above sea level; without it they are
+    ellipsoidal. ``model`` names the camera, ``pixel_pitch_um`` is the width of its pixels, by
+    which focal lengths in mm are computed. Raises ExportError naming a file that cannot be
+    written.
     """
 
     def __init__(
         self,
         folder: Path,
         *,
-        every_s: float = 1.0,
         undulation_m: float = math.nan,
         model: str = "thermal",
         pixel_pitch_um: float = 12.0,
     ) -> None:
         self.folder = made_folder(folder, ExportError)
-        self._rate = RateLimit(1 / every_s if every_s else math.inf)
         self._undulation_m, self._model, self._pitch_um = undulation_m, model, pixel_pitch_um
         self._written = 0
 
     def take(self, frame: ExportFrame) -> None:
-        """Write a picture that is due."""
-        if not self._rate.due(frame.stamp_ns):
-            return
+        """Write a picture."""
         path = self.folder / f"{frame.number:06}{ending_of(frame.pixels)}"
         write_files({path: still_bytes(frame.pixels, self._still(frame))}, ExportError)
         self._written += 1

@@ -14,10 +14,12 @@ from typing import NamedTuple
 
 from tirgeo_ros.core.ground.camera_place import camera_place, height_above_m
 from tirgeo_ros.core.overlay.scale_bar_compass import camera_heading_rad
-from tirgeo_ros.core.streams.rates import RateLimit
 from tirgeo_ros.io.video.encoder import FrameTimes
 from tirgeo_ros.io.video.subtitle_file import SubtitleFile
 from tirgeo_ros.tools.export.export_frame import ExportFrame
+
+#: A picture that comes later than so many intervals after the one before is not the next one.
+_LATE = 1.5
 
 
 class _Cue(NamedTuple):
@@ -31,10 +33,11 @@ class Subtitles:
     """Write an .srt beside the video that ``tirgeo process`` makes of the same bag.
 
     ``stamps_ns`` are those of all pictures of the flight, in the order of the bag: times count
-    from the first of them, as in the video. A cue begins every ``every_s`` seconds (0: with each
-    picture), and ends with the next one. If no picture comes for longer than that, the cue ends
-    with the picture before. ``undulation_m`` of the geoid makes ``abs_alt`` the height above sea
-    level; without it, it is ellipsoidal. Raises ExportError naming a file that cannot be written.
+    from the first of them, as in the video. Each picture that is taken begins a cue, which ends
+    with the next one. They are expected every ``every_s`` seconds (0: all of the flight): if the
+    next is missing, the cue ends with its picture. ``undulation_m`` of the geoid makes ``abs_alt``
+    the height above sea level; without it, it is ellipsoidal. Raises ExportError naming a file
+    that cannot be written.
     """
 
     def __init__(
@@ -42,39 +45,32 @@ class Subtitles:
         path: Path,
         *,
         stamps_ns: Sequence[int],
-        every_s: float = 1.0,
+        every_s: float = 0.0,
         undulation_m: float = math.nan,
     ) -> None:
         self._file = SubtitleFile(path)
         self._times_ns = _begins(stamps_ns)
-        self._every_ns = round(every_s * 1e9)
-        self._rate = RateLimit(1 / every_s if every_s else math.inf)
+        self._longest_ns = round(_LATE * every_s * 1e9)
         self._undulation_m = undulation_m
         self._cue: _Cue | None = None
-        self._seen_ns = 0  # when the newest picture ends in the video
 
     def take(self, frame: ExportFrame) -> None:
-        """End the cue before and begin one, if the picture's is due."""
-        begin_ns, end_ns = self._times_ns[frame.number : frame.number + 2]
-        if begin_ns > self._seen_ns + self._every_ns:
-            self._end(self._seen_ns)
-        due = self._rate.due(frame.stamp_ns)
-        if due or self._cue is None:
-            self._end(begin_ns)
-            self._cue = _Cue(frame.number, self._lines(frame))
-        self._seen_ns = end_ns
+        """End the cue before, and begin one."""
+        self._end(self._times_ns[frame.number])
+        self._cue = _Cue(frame.number, self._lines(frame))
 
     def finish(self) -> dict[str, object]:
         """Write the last cue, and give the file its name."""
-        self._end(self._seen_ns)
+        self._end(self._times_ns[-1] if self._times_ns else 0)
         self._file.finish()
         return {"file": str(self._file.path), "cues": self._file.cues}
 
-    def _end(self, end_ns: int) -> None:
-        """Write the cue that ends now, if there is one."""
+    def _end(self, next_ns: int) -> None:
+        """Write the cue that is not written yet; the one after it begins at ``next_ns``."""
         if self._cue is None:
             return
-        begin_ns = self._times_ns[self._cue.number]
+        begin_ns, own_end_ns = self._times_ns[self._cue.number : self._cue.number + 2]
+        end_ns = next_ns if next_ns <= begin_ns + self._longest_ns else own_end_ns
         head = f"FrameCnt: {self._cue.number + 1}, DiffTime: {round((end_ns - begin_ns) * 1e-6)}ms"
         self._file.add(begin_ns, end_ns, f'<font size="28">{head}\n{self._cue.lines}')
         self._cue = None
@@ -82,8 +78,8 @@ class Subtitles:
     def _lines(self, frame: ExportFrame) -> str:
         place = camera_place(frame.pose, frame.plane)
         above_m = height_above_m(frame.pose, frame.plane, frame.ground)
-        by_sea = math.isfinite(self._undulation_m)
-        altitude_m = place.height_m - (self._undulation_m if by_sea else 0.0)
+        altitude_m = place.altitude_m(self._undulation_m)
+        zero = "sea level" if math.isfinite(self._undulation_m) else "the ellipsoid"
         latitude, longitude = math.degrees(place.latitude_rad), math.degrees(place.longitude_rad)
         roll, pitch, yaw = map(math.degrees, place.rpy)
         relative = f"rel_alt: {above_m:.3f} " if math.isfinite(above_m) else ""
@@ -94,7 +90,7 @@ class Subtitles:
             f"[latitude: {latitude:.8f}] [longitude: {longitude:.8f}] "
             f"[{relative}abs_alt: {altitude_m:.3f}] "
             f"[gb_yaw: {yaw:.2f} gb_pitch: {pitch:.2f} gb_roll: {roll:.2f}] </font>\n"
-            f"{above}{altitude_m:.0f} m above {'sea level' if by_sea else 'the ellipsoid'}, "
+            f"{above}{altitude_m:.0f} m above {zero}, "
             f"camera to {heading:03} deg, {_tilt(pitch)}"
         )
 

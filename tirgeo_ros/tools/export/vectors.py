@@ -18,7 +18,6 @@ from tirgeo_ros.core.ground.footprint import footprint
 from tirgeo_ros.core.ground.frame_geometry import Sight, frame_geometry
 from tirgeo_ros.core.map.visibility import farthest_m
 from tirgeo_ros.core.overlay.scale_bar_compass import camera_heading_rad, ground_sample_m
-from tirgeo_ros.core.streams.rates import RateLimit
 from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.poses import BodyPose
@@ -43,7 +42,8 @@ _INTERVALS, _LONGEST_S = 2.5, 2.0
 class Vectors:
     """Write a GeoPackage with the layers of ``vector_layers``, in WGS84 (EPSG:4326).
 
-    Pictures and points of the track are taken every ``every_s`` seconds; 0 takes all pictures.
+    Each picture that is taken gives an outline and a point of the track. They are expected every
+    ``every_s`` seconds (0: all of the flight): where they are missing, the track is broken.
     ``targets`` is a file of targets; without one there are no layers of them. ``confidence`` gives
     the sigmas besides the pose's. ``state_at`` returns the filter's state at a time of exposure
     (ns). Raises ExportError and TargetError naming the file.
@@ -53,7 +53,7 @@ class Vectors:
         self,
         path: Path,
         *,
-        every_s: float = 1.0,
+        every_s: float = 0.0,
         targets: PathLike | None = None,
         confidence: ConfidenceConfig = _CONFIDENCE,
         state_at: Callable[[int], str] | None = None,
@@ -63,15 +63,12 @@ class Vectors:
         self._file = LayerFile(path, (FOOTPRINTS, TRACK, TRACK_POINTS, *of_targets))
         for target in known or ():
             _add_target(self._file, target)
-        self._rate = RateLimit(1 / every_s if every_s else math.inf)
         self._track = _Track(self._file, max(_INTERVALS * every_s, _LONGEST_S), state_at)
         self._confidence = confidence
         self._without_ground = 0
 
     def take(self, frame: ExportFrame) -> None:
-        """Add the picture's outline and the aircraft's place, if the picture is due."""
-        if not self._rate.due(frame.stamp_ns):
-            return
+        """Add the picture's outline and the aircraft's place."""
         self._track.add(frame.number, frame.body, frame.plane)
         outline_n = _outline_n(frame)
         if len(outline_n) < 3:
