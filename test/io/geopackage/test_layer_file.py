@@ -155,6 +155,7 @@ def test_a_style_holds_symbols_and_label():
     assert categories == {"fire": "0", "a<b": "1"}
     assert set(symbols) == set(categories.values())
     colour = symbols["0"].find("layer/prop[@k='color']").get("v")
+    assert symbols["0"].find("layer/Option/Option[@name='color']").get("value") == colour
     assert re.fullmatch(r"(\d+,){3}\d+", colour)
     turned = symbols["1"].find(".//Option[@name='angle']")
     assert {one.get("name"): one.get("value") for one in turned} == {

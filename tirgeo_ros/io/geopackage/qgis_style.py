@@ -1,7 +1,7 @@
 """Write styles of QGIS (QML): how a layer of points, lines or areas is drawn and labelled.
 
-The properties of symbols are written as ``prop``, the older of QGIS's two forms, which all
-versions from 3.0 on read.
+The properties of symbols are written in both forms that QGIS has had: ``prop``, and a map of
+``Option``.
 """
 
 from __future__ import annotations
@@ -106,7 +106,9 @@ def _add_symbol(parent: ET.Element, name: str, symbol: Symbol) -> None:
     own = ET.SubElement(parent, "symbol", said)
     drawn = {"class": symbol.drawn, "pass": "0", "locked": "0", "enabled": "1"}
     layer = ET.SubElement(own, "layer", drawn)
+    options = _option_map(layer)
     for key, value in symbol.properties.items():
+        _option(options, key, "QString", value)
         ET.SubElement(layer, "prop", {"k": key, "v": value})
     if symbol.angle_field:
         _add_angle(layer, symbol.angle_field)
