@@ -23,6 +23,7 @@ POINTS = Layer(
 )
 LINES = Layer("lines", "LineString Z", {"name": "TEXT"}, "a line", single(line("0,0,0,255", 0.5)))
 AREAS = Layer("areas", "Polygon", {"kind": "TEXT"}, "areas", single(area("1,1,1,9", "2,2,2,9", 1)))
+ANGLE = "layer/data_defined_properties//Option[@name='angle']"
 NS = 1_634_731_235_605_999_999
 SQUARE = [(16.0, 48.0), (16.1, 48.0), (16.1, 48.1), (16.0, 48.1)]
 
@@ -157,11 +158,11 @@ def test_a_style_holds_symbols_and_label():
     colour = symbols["0"].find("layer/prop[@k='color']").get("v")
     assert symbols["0"].find("layer/Option/Option[@name='color']").get("value") == colour
     assert re.fullmatch(r"(\d+,){3}\d+", colour)
-    turned = symbols["1"].find(".//Option[@name='angle']")
+    turned = symbols["1"].find(ANGLE)
     assert {one.get("name"): one.get("value") for one in turned} == {
         "active": "true",
         "field": "t",
         "type": "2",
     }
-    assert symbols["0"].find(".//Option[@name='angle']") is None
+    assert symbols["0"].find(ANGLE) is None
     assert root.find("labeling/settings/text-style").get("fieldName") == '"name" || 1'
