@@ -34,7 +34,7 @@ def stills(flight, tmp_path_factory):
     for frame in flight.frames:
         product.take(frame)
     made = product.finish()
-    assert made["stills"] == len(flight.frames)
+    assert made["files"] == len(flight.frames)
     return product.folder
 
 
@@ -66,7 +66,7 @@ def test_surveyed_points_are_where_they_were_clicked(sample, flight, stills):
 def test_without_the_undulation_altitudes_are_ellipsoidal(flight, tmp_path):
     product, frame = Stills(tmp_path / "stills"), flight.frames[0]
     product.take(frame)
-    made = {"folder": str(tmp_path / "stills"), "stills": 1, "altitude_above": "ellipsoid"}
+    made = {"folder": str(tmp_path / "stills"), "files": 1, "altitude_above": "ellipsoid"}
     assert product.finish() == made
     read = read_still(product.folder / f"{frame.number:06}.jpg")
     height_m = frame.plane.geodetic_from_ned(frame.pose.position_n)[2]

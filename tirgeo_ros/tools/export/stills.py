@@ -44,7 +44,7 @@ class Stills:
     def finish(self) -> dict[str, object]:
         """Return the folder and the number of stills."""
         above = "sea level" if math.isfinite(self._undulation_m) else "ellipsoid"
-        return {"folder": str(self.folder), "stills": self._written, "altitude_above": above}
+        return {"folder": str(self.folder), "files": self._written, "altitude_above": above}
 
     def _still(self, frame: ExportFrame) -> Still:
         pose, plane = frame.pose, frame.plane
