@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import resource
+import signal
 import sqlite3
 from contextlib import closing
 from xml.etree import ElementTree as ET
@@ -125,6 +127,22 @@ def test_a_file_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "out.gpkg").mkdir()
     with pytest.raises(ExportError, match=r"out.gpkg: not a file; give the output another name"):
         LayerFile(tmp_path / "out.gpkg", [POINTS])
+
+
+def test_a_full_disk_leaves_no_half_file(tmp_path):
+    file = LayerFile(tmp_path / "out.gpkg", [POINTS])
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (150_000, hard))
+    try:
+        with pytest.raises(ExportError, match=r"out.gpkg: cannot be written: .*is there room"):
+            for number in range(5000):
+                file.add("points", [(16.0, 48.0, 1.0)], row(number))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        signal.signal(signal.SIGXFSZ, before)
+    del file
+    assert not list(tmp_path.iterdir())
 
 
 def test_qgis_finds_the_style_of_each_layer(path):

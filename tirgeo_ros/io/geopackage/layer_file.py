@@ -44,7 +44,7 @@ class Layer(NamedTuple):
 
 @dataclass
 class _Rows:
-    """Hold rows that wait, as columns."""
+    """Hold rows that wait: their geometries (WKB), and their cells in the columns' order."""
 
     shapes: list[bytes] = field(default_factory=list)
     cells: list[Sequence[Any]] = field(default_factory=list)
@@ -140,20 +140,19 @@ class LayerFile:
     ) -> None:
         try:
             from pyogrio import raw  # noqa: PLC0415  heavy
-            from pyogrio.errors import DataLayerError, DataSourceError  # noqa: PLC0415
         except ImportError:
             raise ExportError(f"{self.path}: {missing_line('pyogrio')}") from None
         given = (self._part, shapes, columns, names)
         append = name in self._made
         try:
             raw.write(*given, layer=name, driver="GPKG", append=append, **options)
-        except (DataSourceError, DataLayerError, OSError) as error:
+        except (RuntimeError, OSError) as error:  # pyogrio's own are RuntimeErrors
             raise self._error(error) from None
         self._made.add(name)
 
     def _error(self, error: Exception) -> ExportError:
         why = " ".join(str(error).split())
-        return ExportError(f"{self.path}: cannot be written: {why}")
+        return ExportError(f"{self.path}: cannot be written: {why}; is there room in its folder?")
 
 
 def _column(cells: Sequence[Any], kind: str) -> NDArray[Any]:
