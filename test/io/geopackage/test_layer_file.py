@@ -35,6 +35,11 @@ def row(number: int) -> dict[str, object]:
     return {"n": number, "x": number / 2, "text": text, "when": NS, "yes": bool(number % 3)}
 
 
+def add_points(file: LayerFile, count: int) -> None:
+    for number in range(count):
+        file.add("points", [(16.0, 48.0, 1.0)], row(number))
+
+
 @pytest.fixture(scope="module")
 def path(tmp_path_factory):
     file = LayerFile(tmp_path_factory.mktemp("layers") / "out.gpkg", [POINTS, LINES, AREAS])
@@ -136,8 +141,7 @@ def test_a_full_disk_leaves_no_half_file(tmp_path):
     resource.setrlimit(resource.RLIMIT_FSIZE, (150_000, hard))
     try:
         with pytest.raises(ExportError, match=r"out.gpkg: cannot be written: .*is there room"):
-            for number in range(5000):
-                file.add("points", [(16.0, 48.0, 1.0)], row(number))
+            add_points(file, 5000)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
         signal.signal(signal.SIGXFSZ, before)
