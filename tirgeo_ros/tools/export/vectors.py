@@ -56,7 +56,7 @@ class Vectors:
         every_s: float = 0.0,
         targets: PathLike | None = None,
         confidence: ConfidenceConfig = _CONFIDENCE,
-        state_at: Callable[[int], str] | None = None,
+        state_at: Callable[[int], str | None] | None = None,
     ) -> None:
         known = None if targets is None else read_targets(targets)
         of_targets = () if known is None else (TARGETS, ELLIPSES)
@@ -114,7 +114,7 @@ class _Track:
     """Write the points of the track, and a line through each part without a gap."""
 
     def __init__(
-        self, file: LayerFile, longest_s: float, state_at: Callable[[int], str] | None
+        self, file: LayerFile, longest_s: float, state_at: Callable[[int], str | None] | None
     ) -> None:
         self._file, self._longest_s, self._state_at = file, longest_s, state_at
         self._places = array("d")  # longitude, latitude (deg), height (m) of each point
