@@ -12,11 +12,13 @@ import pytest
 from exported_flight import GROUND_M, exported
 from layers_by_gdal import layers_in, rows_of
 from numpy.testing import assert_allclose
+from scenes import graticule
 from target_samples import TARGETS
 
 from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.ground_point import Located, place
 from tirgeo_ros.core.ground.target_error import circular_error_90
 from tirgeo_ros.core.types.errors import TargetError
@@ -178,6 +180,24 @@ def test_without_a_ground_there_is_the_track_alone(flight, tmp_path):
     assert made["footprints"] == 0
     assert made["pictures_without_ground"] == made["track_points"] == 3
     assert "targets" not in layers_in(tmp_path / "flight.gpkg")
+
+
+def test_an_elevation_model_is_a_ground_too(flight, tmp_path):
+    """A level one gives the outline of level ground; beyond its edge there is no outline."""
+    frame = flight.frames[0]
+    south_west, rows = (39.845, 116.695), 101  # 1.1 km by 0.85 km, steps of 11 m
+    grid = graticule(south_west, (1e-4, 1e-4), rows)
+    level = Terrain(np.full((rows, rows), GROUND_M), grid)
+    away = Terrain(np.full((rows, rows), GROUND_M), graticule((39.9, 116.695), (1e-4, 1e-4), rows))
+    product = Vectors(tmp_path / "flight.gpkg")
+    for ground in (GROUND_M, level, away):
+        product.take(dataclasses.replace(frame, ground=ground))
+    assert product.finish()["pictures_without_ground"] == 1
+    first, second = rows_of(tmp_path / "flight.gpkg", "footprints")
+    # The model's hit is found to a millimetre: 1e-8 deg.
+    assert_allclose(second["positions"], first["positions"], rtol=0, atol=1e-8)
+    assert second["above_ground_m"] == pytest.approx(first["above_ground_m"], abs=1e-3)
+    assert second["ce90_m"] == pytest.approx(first["ce90_m"], rel=1e-3)
 
 
 def test_an_outline_across_the_antimeridian_is_one_piece(flight, tmp_path):
