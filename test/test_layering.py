@@ -32,7 +32,7 @@ ORDER = {
     "accuracy navigation aircraft_calibration gimbal overlay checks",
     "dji": "clocks protocol link host sources interpret simulator",
     "io": "files coordinates parameters elevation messages logs pictures bags maps surveys cot "
-    "targets video",
+    "targets video geopackage",
     "tools": "presentation replay simulate budget calibrate convert evaluate export season graph "
     "cli",
 }

@@ -86,6 +86,10 @@ class PictureError(TirgeoError):
     """Report pictures that could not be drawn."""
 
 
+class ExportError(TirgeoError):
+    """Report a product of a flight that cannot be written."""
+
+
 class GraphError(TirgeoError):
     """Report a node graph that did not start, stopped early or produced no output."""
 
