@@ -1,8 +1,10 @@
-r"""Make products of a flight for GIS: orthorectified frames, a mosaic, a ground overlay.
+r"""Make products of a flight for GIS, photogrammetry and players.
 
-Registers the flight, and lays its pictures on the ground: each as an orthophoto, and all as one
-mosaic with the best view on top. Both are Cloud-Optimised GeoTIFFs; the mosaic is written for
-Google Earth too. Pictures without a trusted pose are left out and counted.
+Registers the flight, and lays its pictures on the ground: each as an orthophoto (ortho), and all
+as one mosaic with the best view on top. Both are Cloud-Optimised GeoTIFFs; the mosaic is written
+for Google Earth too. stills have position and angles in EXIF and XMP; vectors are footprints,
+track and targets in one GeoPackage; subtitles (SRT) say where the camera was. Pictures without a
+trusted pose are left out and counted.
 
 example:
   tirgeo export bags/sample/flight.mcap -o products --params bags/sample/params.yaml
@@ -24,6 +26,7 @@ from tirgeo_ros.tools.cli._verb import (
     NEEDED,
     NUMBER,
     PARAMETERS,
+    SMOOTH,
     WINDOW,
     WORD,
     UsageError,
@@ -36,6 +39,7 @@ _ONLY = {"type": names_of(PRODUCTS)}
 _EVERY = "at most one picture in each interval of so many seconds; 0: all (default: %(default)g)"
 _DEGREES = "degrees Celsius = 16-bit value x SCALE + OFFSET, as 0.04 -273.15; default: values stay"
 _GRAZING = "leave out ground that is seen flatter than this (default: %(default)g)"
+_TARGETS = "targets to put into flight.gpkg, as the page or tirgeo locate wrote them"
 OPTIONS = (
     *FLIGHT,
     (
@@ -46,10 +50,12 @@ OPTIONS = (
     ),
     *PARAMETERS,
     *METHOD,
+    *SMOOTH,
     *GROUND,
     *WINDOW,
     ("--every", "S", _EVERY, NUMBER | {"default": 1.0}),
     ("--only", "NAMES", f"of {', '.join(PRODUCTS)}; default: all", _ONLY),
+    ("--targets", "FILE", _TARGETS),
     ("--crs", "CRS", "projected system of the rasters; default: the UTM zone of the place", WORD),
     ("--gsd", "M", "size of the rasters' pixels; default: by the pictures' own", NUMBER),
     ("--grazing", "DEG", _GRAZING, NUMBER | {"default": 15.0}),
@@ -80,7 +86,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     degrees = tuple(args.degrees) if args.degrees else None
     rasters = RasterOptions(args.crs, args.gsd, args.grazing, args.nearest, args.even, degrees)
     window = Window(args.from_s, args.to_s, args.every)
-    names = "params namespace method camera dem ground_height only"
+    names = "params namespace method camera dem ground_height only targets smooth"
     more = {"window": window, "rasters": rasters}
     return call(export, args, "exporting, %", "bag output", names, **more)
 

@@ -11,11 +11,12 @@ import os
 from collections.abc import Collection, Iterator
 from pathlib import Path
 
+from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.errors import ConfigError, MapError, TirgeoError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.offline_reading import imported_rasterio
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, made_folder, write_files
-from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
+from tirgeo_ros.io.parameters.parameter_file import Files, ParameterFile, paths_of
 from tirgeo_ros.tools.export import PRODUCTS
 from tirgeo_ros.tools.export.export_frame import ExportFrame
 from tirgeo_ros.tools.export.flight_pictures import FlightPictures, Window
@@ -39,30 +40,45 @@ def export(
     dem: PathLike | None = None,
     ground_height: float | None = None,
     only: Collection[str] = (),
+    smooth: bool = False,
     window: Window | None = None,
+    targets: PathLike | None = None,
     rasters: RasterOptions | None = None,
     progress: Report = silent,
 ) -> dict[str, object]:
     """Write the products of a bag into a folder; return a summary, also as ``summary.json``.
 
-    ``only`` names products: all by default. Pictures that cannot be used are counted with
-    the reason. Raise BagError, CameraError, ConfigError, ElevationError, MapError.
+    ``only`` names products: all by default. ``smooth``: poses from all measurements, also later
+    ones. ``targets`` is a file of targets for the layers. Pictures that cannot be used are
+    counted with the reason. Raise BagError, CameraError, ConfigError, ElevationError,
+    ExportError, MapError, TargetError.
     """
     wanted = only or PRODUCTS
     configs = node_configs(
         params, namespace, method=method, dem=dem, ground_height=ground_height, camera=camera
     )
     places = [Path(folder) / name for name in FILES]
-    check_outputs((bag_in, *paths_of(params), *configs.files), places, MapError)
+    check_outputs((bag_in, targets, *paths_of(params), *configs.files), places, MapError)
     if needs_ground(wanted):
         imported_rasterio("orthophotos and mosaics need", MapError)
     reader = BagReader(bag_in)
     pictures = FlightPictures(reader, namespace)
     chosen = pictures.chosen(window or Window())
     of_flight = (reader, configs, params, namespace)
-    flight = register(*of_flight, chosen, _first(progress))
+    flight = register(*of_flight, chosen, _first(progress), smooth=smooth)
     setup = _setup(flight, rasters or RasterOptions()) if needs_ground(wanted) else None
-    made = products(wanted, Job(made_folder(folder, MapError), setup))
+    dji = ParameterFile(params).config("dji_node", DjiConfig, namespace)
+    job = Job(
+        made_folder(folder, MapError),
+        setup,
+        stamps_ns=[one.stamp_ns for one in pictures.chosen(Window())],
+        every_s=window.every_s if window else 0.0,
+        state_at=flight.states.get,
+        confidence=configs.overlay.confidence,
+        undulation_m=dji.geoid_undulation_m,
+        targets=targets,
+    )
+    made = products(wanted, job)
     for frame in frames(pictures, flight, progress):
         for product in made.values():
             product.take(frame)

@@ -50,6 +50,7 @@ class RegisteredFlight(NamedTuple):
     ground: Ground | None
     posed: Mapping[int, Posed]  # by the picture's number
     refused: Counter[str]  # pictures without a trusted pose, by reason
+    states: Mapping[int, str]  # of the filter, by the exposures (ns)
     summary: Mapping[str, object]
 
 
@@ -60,6 +61,8 @@ def register(
     namespace: str,
     chosen: Sequence[Chosen],
     progress: Report,
+    *,
+    smooth: bool = False,
 ) -> RegisteredFlight:
     """Read the flight once, and check it on the way.
 
@@ -74,7 +77,8 @@ def register(
     latency_ns = round(overlay.video_latency_s * 1e9)
     exposures_ns = [one.stamp_ns - latency_ns for one in chosen]
     bodies = _BodyPoses(exposures_ns)
-    flight = recorded.registered(ekf, gimbal, exposures_ns, bodies)
+    flight = recorded.registered(ekf, gimbal, exposures_ns, bodies, smooth=smooth)
+    bodies.flight = flight
     flight.checks = checks
     recorded.read_all(progress)
     posed, refused = _posed(flight, bodies, chosen, latency_ns)
@@ -88,10 +92,12 @@ def register(
         "method": navigation.method,
         "composition": flight.registration.composer.composition,
         "state": navigation.state.value,
+        "smoothed": smooth,
         "findings": finding_items(checks.findings()),
         "notes": [*notes, *(ground.notes if isinstance(ground, Terrain) else ())],
     }
-    return RegisteredFlight(recorded.camera, flight.plane, ground, posed, refused, summary)
+    known = recorded.camera, flight.plane, ground
+    return RegisteredFlight(*known, posed, refused, bodies.states, summary)
 
 
 def _posed(
@@ -117,6 +123,8 @@ class _BodyPoses:
         self._waiting = sorted(instants_ns, reverse=True)
         self._recent: PoseBuffer[BodyPose] = PoseBuffer()
         self._found: dict[int, BodyPose | Miss] = {}
+        self.flight: FlightPoses | None = None
+        self.states: dict[int, str] = {}
 
     def heard(self, verdict: Verdict) -> None:
         """Ignore a verdict."""
@@ -128,6 +136,9 @@ class _BodyPoses:
         while self._waiting and self._waiting[-1] <= found.body.stamp_ns:
             instant_ns = self._waiting.pop()
             self._found[instant_ns] = self._recent.at(instant_ns)
+            if self.flight is not None:
+                status = self.flight.registration.navigation.status()
+                self.states[instant_ns] = status.state.value
 
     def at(self, instant_ns: int) -> BodyPose | Miss:
         """Return the pose at an instant, or why there was none."""
