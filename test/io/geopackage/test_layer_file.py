@@ -122,7 +122,7 @@ def test_a_map_reader_takes_it(path):
 def test_what_was_not_finished_leaves_nothing(tmp_path):
     file = LayerFile(tmp_path / "out.gpkg", [POINTS])
     assert list(tmp_path.iterdir())
-    del file
+    file.close()
     assert not list(tmp_path.iterdir())
 
 
@@ -145,7 +145,7 @@ def test_a_full_disk_leaves_no_half_file(tmp_path):
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
         signal.signal(signal.SIGXFSZ, before)
-    del file
+    file.close()
     assert not list(tmp_path.iterdir())
 
 

@@ -113,7 +113,7 @@ def test_what_was_not_finished_leaves_nothing(flight, tmp_path):
     product = Subtitles(tmp_path / "flight.srt", stamps_ns=flight.stamps_ns)
     product.take(flight.frames[0])
     assert list(tmp_path.iterdir())
-    del product
+    product.close()
     assert not list(tmp_path.iterdir())
 
 

@@ -6,7 +6,6 @@ GDAL makes the spatial index (RTree) and all tables that the standard asks for.
 from __future__ import annotations
 
 import struct
-import weakref
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -63,8 +62,6 @@ class LayerFile:
         self.counts = dict.fromkeys(self._layers, 0)
         self._waiting = {name: _Rows() for name in self._layers}
         self._made: set[str] = set()
-        # What was not finished is removed with this object, at the latest when the program ends.
-        self._remove = weakref.finalize(self, self._part.unlink, missing_ok=True)
         for name in self._layers:
             self._write(name)
 
@@ -87,7 +84,10 @@ class LayerFile:
             self._part.replace(self.path)
         except OSError as error:
             raise self._error(error) from None
-        self._remove()
+
+    def close(self) -> None:
+        """Remove what is not finished."""
+        self._part.unlink(missing_ok=True)
 
     def _write(self, name: str) -> None:
         """Write the rows of a layer that wait; make it if it is new."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import weakref
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -23,8 +22,6 @@ class SubtitleFile:
         self._part = part_of(path)
         with self._writing():
             self._file = self._part.open("w", encoding="utf-8")
-        # What was not finished is removed with this object, at the latest when the program ends.
-        self._remove = weakref.finalize(self, self._part.unlink, missing_ok=True)
 
     def add(self, begin_ns: int, end_ns: int, text: str) -> None:
         """Append a cue, shown between two times from the video's begin, ns."""
@@ -39,7 +36,12 @@ class SubtitleFile:
             self._file.close()
             if self.cues:
                 self._part.replace(self.path)
-        self._remove()
+        self.close()
+
+    def close(self) -> None:
+        """Remove what is not finished."""
+        self._file.close()
+        self._part.unlink(missing_ok=True)
 
     @contextlib.contextmanager
     def _writing(self) -> Iterator[None]:

@@ -78,10 +78,11 @@ def export(
         undulation_m=dji.geoid_undulation_m,
         targets=targets,
     )
-    made = products(wanted, job)
-    for frame in frames(pictures, flight, progress):
-        for product in made.values():
-            product.take(frame)
+    with products(wanted, job) as made:
+        for frame in frames(pictures, flight, progress):
+            for product in made.values():
+                product.take(frame)
+        finished = {name: product.finish() for name, product in made.items()}
     used = len(chosen) - flight.refused.total()
     result = {
         "input": os.fspath(bag_in),
@@ -91,7 +92,7 @@ def export(
         "not_used": dict(flight.refused),
         **flight.summary,
         **_described(setup),
-        **{name: product.finish() for name, product in made.items()},
+        **finished,
         "error": _error(reader, used),
     }
     write_files({places[-1]: json.dumps(result, indent=1) + "\n"}, MapError)

@@ -34,3 +34,6 @@ class Product(Protocol):
 
     def finish(self) -> dict[str, object]:
         """Write what is left; return what was made, for the summary."""
+
+    def close(self) -> None:
+        """Remove what is not finished."""

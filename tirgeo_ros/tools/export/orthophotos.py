@@ -40,6 +40,9 @@ class Orthophotos:
         """Return the number of files, and of frames that see no ground."""
         return {"folder": str(self._folder), "files": self._files, "without_ground": self._blank}
 
+    def close(self) -> None:
+        """Leave the orthophotos: each is complete."""
+
 
 class Mosaic:
     """Write ``mosaic.tif`` and, for Google Earth, ``mosaic.png`` and ``mosaic.kml``; a Product."""
@@ -73,6 +76,10 @@ class Mosaic:
         )
         write_ground_overlay(path, path.with_suffix(".png"), path.with_suffix(".kml"))
         return {"file": str(path), "width": width, "height": height}
+
+    def close(self) -> None:
+        """Remove the tiles."""
+        self._raster.close()
 
 
 def _utc(stamp_ns: int) -> datetime:

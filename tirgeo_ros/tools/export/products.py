@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -59,9 +60,15 @@ _MAKERS: Mapping[str, Callable[[Job], Product]] = {
 FILES = ("mosaic.tif", "mosaic.kml", "mosaic.png", "flight.gpkg", "flight.srt", "summary.json")
 
 
-def products(names: Collection[str], job: Job) -> dict[str, Product]:
-    """Return the named products, ready to take frames."""
-    return {name: make(job) for name, make in _MAKERS.items() if name in names}
+@contextmanager
+def products(names: Collection[str], job: Job) -> Iterator[dict[str, Product]]:
+    """Yield the named products, ready to take frames; what is not finished then is removed."""
+    with ExitStack() as stack:
+        made: dict[str, Product] = {}
+        for name in [name for name in _MAKERS if name in names]:
+            made[name] = _MAKERS[name](job)
+            stack.callback(made[name].close)
+        yield made
 
 
 def needs_ground(names: Collection[str]) -> bool:

@@ -46,6 +46,9 @@ class Stills:
         above = "sea level" if math.isfinite(self._undulation_m) else "ellipsoid"
         return {"folder": str(self.folder), "files": self._written, "altitude_above": above}
 
+    def close(self) -> None:
+        """Leave the stills: each is complete."""
+
     def _still(self, frame: ExportFrame) -> Still:
         pose, plane = frame.pose, frame.plane
         return Still(

@@ -65,6 +65,10 @@ class Subtitles:
         self._file.finish()
         return {"file": str(self._file.path), "cues": self._file.cues}
 
+    def close(self) -> None:
+        """Remove the file if it is not finished."""
+        self._file.close()
+
     def _end(self, next_ns: int) -> None:
         """Write the cue that is not written yet; the one after it begins at ``next_ns``."""
         if self._cue is None:

@@ -89,7 +89,12 @@ class TiledRaster:
         if self._store is None or self._box is None:
             return
         write_cog(path, self._form(self._box, self._store.bands, tags), self._parts())
-        self._store.clear()
+        self.close()
+
+    def close(self) -> None:
+        """Forget what was collected."""
+        if self._store is not None:
+            self._store.clear()
 
     def _form(self, box: Box, bands: int, tags: Mapping[str, str]) -> RasterForm:
         pixel_m, celsius = self._setup.tiles.pixel_m, self._setup.options.degrees is not None

@@ -85,6 +85,10 @@ class Vectors:
         made = {"file": str(self._file.path), **self._file.counts}
         return made | {"pictures_without_ground": self._without_ground}
 
+    def close(self) -> None:
+        """Remove the file if it is not finished."""
+        self._file.close()
+
     def _seen(self, frame: ExportFrame) -> dict[str, object]:
         """Return the columns of FOOTPRINTS."""
         pose, plane, ground = frame.pose, frame.plane, frame.ground
