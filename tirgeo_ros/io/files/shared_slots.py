@@ -28,11 +28,8 @@ class SharedSlots:
     """
 
     def __init__(self, number: int, descriptor: int | None = None) -> None:
-        """Make the memory, or map what another process has made (Linux)."""
-        made = descriptor is None
-        self.descriptor = os.memfd_create("tirgeo") if descriptor is None else descriptor
-        if made:
-            os.ftruncate(self.descriptor, number * _SLOT_BYTES)
+        """Make the memory, or map what another process has made (Linux). Raises OSError."""
+        self.descriptor = _made(number * _SLOT_BYTES) if descriptor is None else descriptor
         self._memory = mmap.mmap(self.descriptor, number * _SLOT_BYTES)
         self.number, self._next = number, 0
 
@@ -53,3 +50,21 @@ class SharedSlots:
     def close(self) -> None:
         """Free the memory, once nobody uses its arrays."""
         os.close(self.descriptor)
+
+
+def shared_slots(number: int) -> SharedSlots | None:
+    """Return new slots; None where the system gives none, as under ``ulimit -f``."""
+    try:
+        return SharedSlots(number)
+    except OSError:
+        return None
+
+
+def _made(size: int) -> int:
+    descriptor = os.memfd_create("tirgeo")
+    try:
+        os.ftruncate(descriptor, size)
+    except OSError:
+        os.close(descriptor)
+        raise
+    return descriptor

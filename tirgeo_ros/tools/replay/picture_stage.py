@@ -29,7 +29,7 @@ from tirgeo_ros.core.types.arrays import Array, Pixels
 from tirgeo_ros.core.types.errors import PictureError
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.files.child_process import ChildEndedError, ChildProcess, parent_pipes
-from tirgeo_ros.io.files.shared_slots import SharedSlots
+from tirgeo_ros.io.files.shared_slots import SharedSlots, shared_slots
 from tirgeo_ros.tools.replay.picture_decoder import SWITCH_S, PictureDecoder
 
 _RUN = "from tirgeo_ros.tools.replay.picture_stage import main; main()"
@@ -109,15 +109,16 @@ class _Beside:
 
     def __init__(self) -> None:
         # One more when it is sent, and one that is just being painted.
-        self._slots = SharedSlots(self.most_under_way + 2)
-        self._child = ChildProcess(_RUN, [self._slots.descriptor])
+        self._slots = shared_slots(self.most_under_way + 2)
+        self._memory = (self._slots.number, self._slots.descriptor) if self._slots else ()
+        self._child = ChildProcess(_RUN, self._memory[1:])
 
     def begin(self, common: _Common) -> None:
         # It reads an elevation model itself, while the first messages are read here.
-        self._send((common._replace(ground=None), self._slots.number, self._slots.descriptor))
+        self._send((common._replace(ground=None), *self._memory))
 
     def send(self, order: _Order) -> None:
-        place = self._slots.put(order.picture.pixels)
+        place = self._slots.put(order.picture.pixels) if self._slots else None
         if place is not None:
             order = order._replace(picture=replace(order.picture, pixels=_ELSEWHERE))
         self._send((order, place))
@@ -134,7 +135,8 @@ class _Beside:
 
     def close(self) -> None:
         self._child.close()
-        self._slots.close()
+        if self._slots is not None:
+            self._slots.close()
 
 
 @final
@@ -201,11 +203,11 @@ def main() -> None:
     cv2.setNumThreads(1)  # the other cores have work of their own
     with parent_pipes() as (orders, answers), ThreadPoolExecutor(1) as encoder:
         common, *memory = pickle.load(orders)  # noqa: S301  from our own parent
-        slots = SharedSlots(*memory)
+        slots = SharedSlots(*memory) if memory else None
         work = _Work(common._replace(ground=ground_of(common.config)))
         while True:
             order, place = pickle.load(orders)  # noqa: S301  as above
-            if place is not None:
+            if slots is not None and place is not None:
                 order = order._replace(picture=replace(order.picture, pixels=slots.get(place)))
             encoder.submit(_answer, answers, work, *work.painted(order))
 
