@@ -21,17 +21,18 @@ LAYERS = {
     "dji": {"core", "dji"},
     "io": {"core", "io"},
     "tools": {"core", "dji", "io", "tools"},
+    "library": {"core", "io", "tools", "library"},
     "page": {"core", "io", "page"},
     "nodes": {"core", "dji", "io", "page", "nodes"},
     "dev": {"core", "dji", "io", "tools", "page", "nodes", "dev"},
 }
 #: Within a layer each package imports only from those before it.
 ORDER = {
-    "core": "types frames config streams camera ground map targets calibration accuracy "
-    "navigation aircraft_calibration gimbal overlay checks",
+    "core": "types frames config streams camera ground orthorectification map targets calibration "
+    "accuracy navigation aircraft_calibration gimbal overlay checks",
     "dji": "clocks protocol link host sources interpret simulator",
     "io": "files coordinates parameters elevation messages logs pictures bags maps surveys cot "
-    "targets video",
+    "targets video geopackage",
     "tools": "presentation replay simulate budget calibrate convert evaluate export season graph "
     "cli",
 }

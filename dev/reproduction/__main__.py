@@ -21,7 +21,8 @@ from dev.reproduction.ground import askew, located, p_values
 from dev.reproduction.tables import Results, boards, ground_factors, imu_noise
 from tirgeo_ros.core.types.errors import CalibrationError, TirgeoError
 from tirgeo_ros.io.files.whole_files import write_files
-from tirgeo_ros.tools.cli.main import parser_of, plain, verbs
+from tirgeo_ros.tools.cli.main import parser_of, verbs
+from tirgeo_ros.tools.presentation.results import plain
 
 TEMPLATE = Path(__file__).with_name("page.md")
 _WORK = "reproduction/"

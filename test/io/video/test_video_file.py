@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 import av
 import numpy as np
 import pytest
@@ -58,6 +60,23 @@ def test_stamps_that_repeat_or_jump_keep_the_step_before(tmp_path, stamps, steps
     write(tmp_path / "out.mp4", stamps)
     times, _ = frames_of(tmp_path / "out.mp4")
     np.testing.assert_allclose(np.diff(times), steps_s, atol=TICK_S)
+
+
+@pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="one core alone")
+@pytest.mark.parametrize("ending", [".mp4", ".webm", ".ts"])
+def test_the_same_bytes_on_one_core_and_on_all(tmp_path, ending):
+    cores = os.sched_getaffinity(0)
+    shots = np.random.default_rng(7).integers(0, 255, (8, 256, 320, 3)).astype(np.uint8)
+    for name, some in (("one", {min(cores)}), ("all", cores)):
+        try:
+            os.sched_setaffinity(0, some)
+            with VideoFile(tmp_path / f"{name}{ending}") as video:
+                for k, pixels in enumerate(shots):
+                    video.add(k * STEP_NS, pixels, b"key" if video.takes_metadata else b"")
+        finally:
+            os.sched_setaffinity(0, cores)
+    one, every = ((tmp_path / f"{name}{ending}").read_bytes() for name in ("one", "all"))
+    assert one == every
 
 
 def test_forms_are_those_that_browsers_take(tmp_path):

@@ -18,6 +18,7 @@ WRITTEN = {"output", "video", "kml", "cot", "plot", "csv", "residuals", "geotiff
 IN_FOLDERS = {
     "budget": ["budget.csv", "height.png"],
     "evaluate": ["observations.csv", "result.json", "report.html"],
+    "export": ["mosaic.tif", "mosaic.kml", "mosaic.png", "summary.json"],
     "simulate": ["flight.mcap", "map.geojson", "params.yaml"],
     "demo": ["recording.mcap", "overlay.mp4", "still.png", "summary.json"],
 }
@@ -25,9 +26,13 @@ REST = {"board": "9x6", "square": "0.1"}  # what is needed beside files
 PARAMETERS = {"params", "boresight"}  # are read first, for what they name
 VERBS = verb_parsers()
 OUTPUTS = {
-    verb: [one.dest for one in parser._actions if one.dest in WRITTEN and one.type is Path]
+    verb: [
+        one.dest
+        for one in parser._actions
+        if one.dest in WRITTEN and (one.type is Path or one.dest == "output")
+    ]
     for verb, parser in VERBS.items()
-    if verb not in IN_FOLDERS
+    if verb not in {*IN_FOLDERS, "cut"}  # with all its inputs it writes where targets were clicked
 }
 
 

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import base64
 import dataclasses
 import re
-from html.parser import HTMLParser
 from xml.etree import ElementTree as ET
 
 import cv2
 import numpy as np
 import pytest
+from html_pages import Page, embedded
 
 from tirgeo_ros.tools.evaluate.report import report_html
 from tirgeo_ros.tools.evaluate.summary import summary
 
 pytestmark = pytest.mark.slow
 
-_VOID = {"meta", "img", "link", "br", "hr", "input", "wbr"}
 FIGURES = [
     "Errors of the control points",
     "Sigma against error",
@@ -25,28 +23,6 @@ FIGURES = [
     "Attitude before and after",
     "Innovations and test ratios",
 ]
-
-
-class Page(HTMLParser):
-    """Tags that are closed in their order, pictures, headings, text."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.open, self.sources, self.text = [], [], []
-        self.feed(text)
-        self.close()
-        assert self.open == []
-
-    def handle_starttag(self, tag, attrs):
-        if tag not in _VOID:
-            self.open.append(tag)
-        self.sources += [value for name, value in attrs if name in {"src", "href"}]
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        self.text.append(data)
 
 
 def report(found):
@@ -61,11 +37,6 @@ def text(found):
 @pytest.fixture(scope="module")
 def page(text):
     return Page(text)
-
-
-def embedded(page, kind):
-    lead = f"data:{kind};base64,"
-    return [base64.b64decode(s.removeprefix(lead)) for s in page.sources if s.startswith(lead)]
 
 
 def test_the_page_is_whole_in_itself(found, text, page):

@@ -15,9 +15,10 @@ import numpy as np
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.config.overlay import ConfidenceConfig
-from tirgeo_ros.core.frames.rotations import euler_from_matrix, matrix_from_quat
+from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground, locate
+from tirgeo_ros.core.ground.camera_place import rpy_of
 from tirgeo_ros.core.ground.ground_point import Located, place
 from tirgeo_ros.core.ground.target_error import circular_error_90, linear_error_90
 from tirgeo_ros.core.types.arrays import Array, Vector
@@ -78,15 +79,15 @@ def frame_geometry(sight: Sight, config: ConfidenceConfig) -> FrameGeometry:
     platform_rpy = sensor_rpy = _UNKNOWN
     if sight.body is not None:
         rotation_lb = to_local @ matrix_from_quat(sight.body.q_nb)
-        platform_rpy = _angles(rotation_lb)
-        sensor_rpy = _angles(rotation_lb.T @ rotation_ls)
+        platform_rpy = rpy_of(rotation_lb)
+        sensor_rpy = rpy_of(rotation_lb.T @ rotation_ls)
     centre = _centre(sight, config)
     width_m, corners = _rim(sight) if centre else (math.nan, _NO_CORNERS)
     return FrameGeometry(
         (latitude, longitude, height_m),
         platform_rpy,
         sensor_rpy,
-        _angles(rotation_ls),
+        rpy_of(rotation_ls),
         (_between(left, right), _between(top, bottom)),
         (centre.latitude_rad, centre.longitude_rad, centre.height_m) if centre else _UNKNOWN,
         math.dist(centre.point_n.tolist(), pose.position_n.tolist()) if centre else math.nan,
@@ -114,11 +115,6 @@ def _sensor_axes(middle: Array, left: Array, right: Array) -> Array:
     across -= (across @ forward) * forward
     across /= np.linalg.norm(across)
     return np.stack([forward, across, np.cross(forward, across)], axis=1)
-
-
-def _angles(rotation: Array) -> Vector:
-    roll, pitch, yaw = euler_from_matrix(rotation).tolist()
-    return roll, pitch, yaw
 
 
 def _between(first: Array, last: Array) -> float:

@@ -63,6 +63,15 @@ _NOTHING = VisibleLines(
 )
 
 
+def farthest_m(camera: Camera, height_m: float) -> float:
+    """Return up to what distance (m) ground is drawn, from the camera's height (m) above it.
+
+    It is ``FAR_M`` where the height is unknown, nan, or not positive.
+    """
+    rows_m = height_m * camera.fy / HORIZON_ROWS
+    return min(rows_m, FAR_M) if rows_m > 0 else FAR_M
+
+
 class View:
     """Project maps into the picture of one camera; its field of view is computed once."""
 
@@ -93,12 +102,8 @@ class View:
         return np.asarray(cv2.erode(mask, _RIM), np.uint8)
 
     def farthest_m(self, height_m: float) -> float:
-        """Return up to what distance (m) ground is drawn, from the camera's height (m) above it.
-
-        It is ``FAR_M`` where the height is unknown, nan, or not positive.
-        """
-        rows_m = height_m * self.camera.fy / HORIZON_ROWS
-        return min(rows_m, FAR_M) if rows_m > 0 else FAR_M
+        """Return ``farthest_m`` of this camera."""
+        return farthest_m(self.camera, height_m)
 
     def lines(self, vector_map: VectorMap, pose: CameraPose, far_m: float = FAR_M) -> VisibleLines:
         """Return the map's lines as they are drawn, (2, V) pixels, up to ``far_m`` ahead.

@@ -14,6 +14,7 @@ from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.ground.camera_place import height_above_m
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.footprint import footprint
 from tirgeo_ros.core.map.draping import Ground, check_heights
@@ -27,7 +28,6 @@ from tirgeo_ros.core.overlay.map_absence import MapAbsence
 from tirgeo_ros.core.overlay.scale_bar_compass import (
     camera_heading_rad,
     ground_sample_m,
-    height_above_m,
     place_rose,
     place_scale_bar,
 )

@@ -12,8 +12,8 @@ import numpy as np
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.frames.wgs84 import SEMI_MAJOR_AXIS_M
 from tirgeo_ros.core.ground.backprojection import Ground, locate
+from tirgeo_ros.core.ground.camera_place import height_above_m
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.overlay.text_boxes import PlacedText, status_box
 from tirgeo_ros.core.overlay.text_rendering import (
@@ -118,18 +118,6 @@ def _away_m(
         return uv[:, 0], np.full(len(ways), np.nan)
     away = points_c - points_c[0]
     return uv[:, 0], np.sqrt((away * away).sum(axis=1))
-
-
-def height_above_m(pose: CameraPose, plane: TangentPlane, ground: Ground) -> float:
-    """Return the camera's height, m, over the ground below; nan where the DEM has no height."""
-    if isinstance(ground, Terrain):
-        latitude, longitude, height = plane.geodetic_from_ned(pose.position_n)
-        return float(height - ground.height_m(latitude, longitude))
-    # The ellipsoid curves away from the plane. Its radius of curvature differs by less than 1 %
-    # from place to place, which is 1 cm of height 4 km from the map's origin.
-    north, east, down = pose.position_n.tolist()
-    away2 = north * north + east * east
-    return float(plane.height_m - down + away2 / (2 * SEMI_MAJOR_AXIS_M) - ground)
 
 
 def camera_heading_rad(pose: CameraPose) -> float:

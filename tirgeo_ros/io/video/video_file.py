@@ -14,14 +14,16 @@ from tirgeo_ros.io.files.whole_files import check_place, part_of
 from tirgeo_ros.io.video.encoder import Encoder, Form, FrameTimes, require_av
 
 #: The quality is the one at which thin lines of the map still have their colours. A key frame
-#: comes every 100 frames at most.
-_H264 = {"preset": "veryfast", "crf": "26", "g": "100"}
+#: comes every 100 frames at most. x264's bytes depend on its number of threads, which by default
+#: follows from the number of cores.
+_H264 = {"preset": "veryfast", "crf": "26", "g": "100", "threads": "2"}
 _VP9 = {"deadline": "realtime", "cpu-used": "6", "crf": "38", "b:v": "0", "g": "100"}
 #: By the ending of the file name. Every browser and player shows 4:2:0 in 8 bit.
 _FORMS: Mapping[str, Form] = {
     # The index comes first, so that it plays while it loads.
     ".mp4": Form("mp4", "libx264", _H264, {"movflags": "+faststart"}),
-    ".webm": Form("webm", "libvpx-vp9", _VP9, {}),
+    # Else it names each file by a random number.
+    ".webm": Form("webm", "libvpx-vp9", _VP9, {"fflags": "+bitexact"}),
     ".ts": Form("mpegts", "libx264", _H264, {}),
 }
 _WITH_METADATA = {".ts"}

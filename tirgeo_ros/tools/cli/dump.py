@@ -27,6 +27,7 @@ import json
 import sys
 
 from tirgeo_ros.tools.cli._verb import WORD, Option
+from tirgeo_ros.tools.presentation.results import plain
 
 #: Of ``import`` too.
 CAPTURE: tuple[Option, ...] = (
@@ -48,8 +49,6 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _line(record: dict[str, object]) -> str:
-    from tirgeo_ros.tools.cli.main import plain  # noqa: PLC0415 it imports the verbs
-
     try:
         return json.dumps(record, allow_nan=False)
     except ValueError:  # a NaN: rare, so searching for it first would cost more

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import io
 import json
-import math
 import os
 import signal
 import sys
@@ -21,6 +20,7 @@ from tirgeo_ros.io.files.missing_package import missing_line
 from tirgeo_ros.tools import cli
 from tirgeo_ros.tools.cli._lines import lines
 from tirgeo_ros.tools.cli._verb import UsageError, add_verb, verbs_of
+from tirgeo_ros.tools.presentation.results import error_line, plain
 
 DONE, FAILED, HUNG_UP, INTERRUPTED, BROKEN_PIPE, TERMINATED = 0, 1, 129, 130, 141, 143
 
@@ -55,7 +55,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         return _closed_pipe()
     except (TirgeoError, OSError) as error:
-        return _say(args, _message(error), FAILED)
+        return _say(args, error_line(error), FAILED)
     except ModuleNotFoundError as error:
         if (error.name or "tirgeo_ros").startswith("tirgeo_ros"):
             raise
@@ -97,29 +97,10 @@ def _say(args: argparse.Namespace, message: str, code: int) -> int:
     return code
 
 
-def _message(error: Exception) -> str:
-    if isinstance(error, OSError) and error.filename is not None:
-        return f"{os.fsdecode(error.filename)}: {error.strerror}"
-    return str(error)
-
-
 def _closed_pipe() -> int:
     # The reader (head, less) has gone: print nothing more, not even when Python flushes at exit.
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return BROKEN_PIPE
-
-
-def plain(value: object) -> object:
-    """Return the value in JSON's types: NaN and infinities as None, arrays as lists, else text."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if hasattr(value, "tolist"):  # NumPy's arrays and scalars, without importing NumPy
-        return plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value if value is None or isinstance(value, bool | int | str) else str(value)
 
 
 def console() -> NoReturn:

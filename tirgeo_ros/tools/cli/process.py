@@ -1,59 +1,120 @@
-r"""Geo-register a recorded flight.
+r"""Geo-register a recorded flight, or many.
 
 Runs filter, gimbal composition and overlay over a bag, faster than real time, and writes every
 output topic of the nodes to a new bag. The same input gives the same bytes. A damaged bag is
 processed as far as it can be read (exit code 1).
 
+Several flights, or a folder as output, make a season: DIR gets NAME.mcap and NAME.json of each
+flight and the page index.html. Each flight has a process of its own; what an earlier run has done
+from the same files with the same options is kept. A flight that fails stops no other (exit code
+1). With --scheduler the workers of a Dask cluster process them; flights, files and DIR must be on
+a file system that all of them share, under the same names.
+
 example:
   tirgeo process bags/sample/flight.mcap -o out.mcap --params bags/sample/params.yaml \
     --map bags/sample/map.geojson --video out.mp4
+  tirgeo process flights/* -o season/ --params aircraft.yaml --map park.geojson --video
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from tirgeo_ros.tools.cli._lines import lines
-from tirgeo_ros.tools.cli._verb import FLIGHT, GROUND, METHOD, NEEDED, PARAMETERS, UsageError, call
+from tirgeo_ros.tools.cli._verb import (
+    ANY_BAG,
+    GROUND,
+    METHOD,
+    NEEDED,
+    PARAMETERS,
+    SMOOTH,
+    WORD,
+    UsageError,
+    call,
+)
 
+_OUTPUT = "the new bag; of several flights, or with an existing folder or DIR/, the folder"
+_VIDEO = (
+    "the overlay as a video: .mp4 (H.264), .webm (VP9), or .ts (H.264 with KLV metadata); of "
+    "several flights the ending alone, or nothing for .mp4"
+)
+_WORKERS = "of several flights: processes at a time; default: the number of cores"
+_SCHEDULER = "of several flights: use the Dask cluster of this scheduler, as tcp://HOST:8786"
 OPTIONS = (
-    *FLIGHT,
-    ("-o --output", "OUT.mcap", "the new bag", NEEDED),
+    ("bag", "FLIGHT", f"the recorded flights: {ANY_BAG}", {"nargs": "+"}),
+    ("-o --output", "OUT", _OUTPUT, WORD | NEEDED),
     *PARAMETERS,
     *METHOD,
+    *SMOOTH,
     *GROUND,
     ("--map", "MAP", "the map; without it no overlay"),
     ("--no-images", None, "poses only, no overlay"),
     ("--raw-images", None, "write the overlay raw as well"),
-    (
-        "--video",
-        "OUT.mp4",
-        "the overlay as a video: .mp4 (H.264), .webm (VP9), or .ts (H.264 with KLV metadata)",
-    ),
+    ("--video", "OUT.mp4", _VIDEO, {"nargs": "?", "const": Path()}),
+    ("--workers", "N", _WORKERS, {"type": int}),
+    ("--scheduler", "ADDRESS", _SCHEDULER, WORD),
 )
 VERBOSE = "after the summary, a line for each key of the result"
+_NAMES = "params map method camera dem ground_height raw_images namespace smooth"
+_ENDINGS = (".mp4", ".webm", ".ts")
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
-    """Process the bag; return a summary."""
-    from tirgeo_ros.tools.replay.process import process  # noqa: PLC0415 heavy
-
+    """Process the flight or the flights; return a summary."""
     if args.no_images and (args.video or args.raw_images):
         raise UsageError("--no-images excludes --video and --raw-images")
-    names = "params map method camera dem ground_height raw_images video namespace"
-    images = not args.no_images
-    return call(process, args, "processing, s", "bag output", names, images=images)
+    if len(args.bag) > 1 or args.output.endswith("/") or Path(args.output).is_dir():
+        return _season(args)
+    from tirgeo_ros.tools.replay.process import process  # noqa: PLC0415 heavy
+
+    if args.workers is not None or args.scheduler is not None:
+        raise UsageError("--workers and --scheduler are for several flights: give -o DIR/")
+    if args.video == Path():
+        raise UsageError("--video needs a name, as OUT.mp4")
+    args.bag, args.output = args.bag[0], Path(args.output)
+    more = {"images": not args.no_images, "video": args.video}
+    return call(process, args, "processing, s", "bag output", _NAMES, **more)
+
+
+def _season(args: argparse.Namespace) -> dict[str, object]:
+    """Process flights into a folder."""
+    from tirgeo_ros.tools.season.season import process_season  # noqa: PLC0415 heavy
+
+    if args.workers is not None and (args.workers < 1 or args.scheduler):
+        raise UsageError("--workers must be 1 or more, and is not for --scheduler")
+    if Path(args.output).suffix == ".mcap" and not Path(args.output).is_dir():
+        raise UsageError(f"several flights need a folder, not {args.output}: -o DIR")
+    more = {"images": not args.no_images, "video": _ending(args.video)}
+    names = f"{_NAMES} workers scheduler"
+    return call(process_season, args, "processing, flights", "bag output", names, **more)
+
+
+def _ending(video: Path | None) -> str:
+    """Return the ending of all flights' videos, "" for none."""
+    if video is None:
+        return ""
+    if video == Path():
+        return _ENDINGS[0]
+    if str(video) not in _ENDINGS:
+        listed = ", ".join(_ENDINGS)
+        raise UsageError(f"--video of several flights is one of {listed}, and not {video}")
+    return str(video)
 
 
 def describe(result: Mapping[str, Any]) -> str:
-    """Return the six lines for a person."""
+    """Return some lines for a person."""
+    if "flights" in result:
+        from tirgeo_ros.tools.season.season_summary import season_lines  # noqa: PLC0415 heavy
+
+        return season_lines(result)
     from tirgeo_ros.tools.replay.process_summary import six_lines  # noqa: PLC0415 heavy
 
     return six_lines(result)
 
 
 def describe_all(result: Mapping[str, Any]) -> str:
-    """Return the six lines, then a line for each key."""
+    """Return the same lines, then a line for each key."""
     return f"{describe(result)}\n\n{lines(result)}"

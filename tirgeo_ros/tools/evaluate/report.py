@@ -2,34 +2,22 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from tirgeo_ros import __version__
 from tirgeo_ros.tools.evaluate.plots import Plot, plots
 from tirgeo_ros.tools.evaluate.result import Evaluation
+from tirgeo_ros.tools.presentation.html_page import embedded, html_page
 
 _STYLE = """
-:root { color-scheme: light; }
-* { box-sizing: border-box; }
-body { font: 16px/1.5 system-ui, sans-serif; color: #1a1a1a; background: #fff;
-  max-width: 62rem; margin: 1.5rem auto; padding: 0 1rem; overflow-wrap: anywhere; }
-h1 { font-size: 1.6rem; }
-h2 { font-size: 1.2rem; margin-top: 2.2rem; border-bottom: 1px solid #ddd; }
-.lead, figcaption { color: #555; }
 .verdict { font-size: 1.15rem; font-weight: 600; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
-th, td { padding: .15rem .7rem; text-align: right; border-bottom: 1px solid #eee;
-  white-space: nowrap; }
-th:first-child, td:first-child { text-align: left; position: sticky; left: 0; background: #fff; }
+th, td { text-align: right; white-space: nowrap; }
+th:first-child, td:first-child { text-align: left; position: sticky; left: 0;
+  background: var(--paper); }
 .wide { overflow-x: auto; }
-figure { margin: 0; }
 figure img { width: 100%; height: auto; display: block; }
-figcaption { font-size: .9rem; }
-.fault { background: #fdeaea; border-left: 4px solid #c0392b; padding: .4rem .8rem; }
 .side { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 22rem), 1fr));
   gap: 1rem; }
 .side > img:only-child { max-width: 34rem; }
@@ -134,10 +122,10 @@ def report_html(found: Evaluation, numbers: Mapping[str, Any]) -> str:
         f"survey {found.survey_path}; observations {found.observations_path}; errors in "
         f"{found.projection.name}; ground {found.methods[0].setup.ground_words}."
     )
-    title = f"Ground points of {escape(Path(found.bag).name)}"
+    title = f"Ground points of {Path(found.bag).name}"
     body = "\n".join(
         [
-            f"<h1>{title}</h1>",
+            f"<h1>{escape(title)}</h1>",
             f'<p class="verdict">{escape(numbers["verdict"])}</p>',
             f'<p class="lead">{escape(lead)}</p>',
             f'<p class="fault">{escape(found.error)}</p>' if found.error else "",
@@ -152,12 +140,7 @@ def report_html(found: Evaluation, numbers: Mapping[str, Any]) -> str:
             "</div>",
         ]
     )
-    return (
-        '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>tirgeo: {title}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n{body}\n"
-        f'<p class="lead">tirgeo {__version__}</p>\n</body>\n</html>\n'
-    )
+    return html_page(title, _STYLE, body)
 
 
 def _table(one: Table) -> str:
@@ -175,17 +158,12 @@ def _row(cells: Sequence[str], tag: str) -> str:
 
 
 def _figure(plot: Plot) -> str:
-    pictures = [_embedded(svg, "image/svg+xml", plot.title) for svg in plot.svgs]
+    pictures = [embedded(svg, "image/svg+xml", plot.title) for svg in plot.svgs]
     caption = f"<figcaption>{escape(plot.caption)}</figcaption>"
     side = f'<div class="side">{"".join(pictures)}</div>'
     return f"<h2>{escape(plot.title)}</h2>\n<figure>{side}{caption}</figure>"
 
 
 def _still(caption: str, jpeg: bytes) -> str:
-    picture = _embedded(jpeg, "image/jpeg", caption)
+    picture = embedded(jpeg, "image/jpeg", caption)
     return f"<figure>{picture}<figcaption>{escape(caption)}</figcaption></figure>"
-
-
-def _embedded(content: bytes, kind: str, words: str) -> str:
-    data = base64.b64encode(content).decode()
-    return f'<img alt="{escape(words, quote=True)}" src="data:{kind};base64,{data}">'

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import contextlib
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import islice
 from typing import Any, NamedTuple
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.ground_point import Located
+from tirgeo_ros.core.navigation.smoothing.smoothed_run import SmoothedRun
 from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.streams.arrival_stamps import Arrivals
 from tirgeo_ros.core.types.errors import MessageError, TirgeoError
@@ -63,9 +64,13 @@ class Pipeline:
         stage: PictureStage,
         *,
         raw_images: bool = False,
+        smoothed: Sequence[SmoothedRun] | None = None,
     ) -> None:
-        """Set up the chain; ``checks`` get all inputs and outputs, and change nothing of them."""
-        self.registration = Registration(configs.ekf, configs.gimbal)
+        """Set up the chain; ``checks`` get all inputs and outputs, and change nothing of them.
+
+        ``smoothed`` are the smoothed runs of the same messages.
+        """
+        self.registration = Registration(configs.ekf, configs.gimbal, smoothed=smoothed)
         self.overlay = overlay
         self.read: Counter[str] = Counter()
         self.undecoded: Counter[str] = Counter()

@@ -26,11 +26,13 @@ from tirgeo_ros.io.video.video_file import VideoFile
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.finding_lines import finding_items
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
+from tirgeo_ros.tools.replay.flight_poses import smoothed_runs
 from tirgeo_ros.tools.replay.flight_topics import done_without, inputs_of, resolved
 from tirgeo_ros.tools.replay.message_pipeline import Pipeline
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs, node_configs
 from tirgeo_ros.tools.replay.overlay_film import OverlayFilm
 from tirgeo_ros.tools.replay.picture_stage import PictureStage, available_cores
+from tirgeo_ros.tools.replay.smoothed_flight import FlightFilter, passes
 
 
 class _Job(NamedTuple):
@@ -60,6 +62,7 @@ def process(
     video: PathLike | None = None,
     namespace: str = "",
     camera: PathLike | None = None,
+    smooth: bool = False,
     progress: Report = silent,
     cores: int | None = None,
 ) -> dict[str, object]:
@@ -68,9 +71,9 @@ def process(
     ``error`` in the summary is None, or what of the bag was lost. ``params`` are parameter files;
     ``map``, ``dem`` or ``ground_height`` (ellipsoidal m) and ``camera``, a calibration file,
     override them. ``images`` need the gimbal. They are drawn in another process unless ``cores``
-    (None: those that this process may use) is 1: the bytes are the same. Raise BagError (no bag, a
-    needed topic absent, nothing readable), CameraError, ConfigError, MapError, ElevationError,
-    PictureError, VideoError.
+    (None: those that this process may use) is 1: the bytes are the same. ``smooth``: each pose
+    from all measurements, also later ones. Raise BagError (no bag, a needed topic absent, nothing
+    readable), CameraError, ConfigError, MapError, ElevationError, PictureError, VideoError.
     """
     configs = node_configs(
         params, namespace, method=method, dem=dem, ground_height=ground_height, camera=camera
@@ -86,7 +89,8 @@ def process(
         return {
             "input": os.fspath(bag_in),
             "output": os.fspath(bag_out),
-            **_run(job, bag_out, video, progress, stage, raw_images=raw_images),
+            "smoothed": smooth,
+            **_run(job, bag_out, video, progress, stage, raw_images=raw_images, smooth=smooth),
         }
 
 
@@ -131,6 +135,7 @@ def _run(
     stage: PictureStage,
     *,
     raw_images: bool,
+    smooth: bool,
 ) -> dict[str, object]:
     """Process all messages and write the outputs; return the summary."""
     begun_s = time.perf_counter()
@@ -140,8 +145,13 @@ def _run(
     with contextlib.ExitStack() as stack:
         film = _film(job, stack.enter_context(VideoFile(video))) if video is not None else None
         writer = stack.enter_context(BagWriter(bag_out))
+        smoothed = None
+        if smooth:
+            first, progress = passes(progress)
+            flown = FlightFilter(job.configs.ekf)
+            (smoothed,) = smoothed_runs(job.reader, job.namespace, [flown], first)
         chain = (job.configs, job.drawn, writer, film, job.namespace, job.checks, stage)
-        run = Pipeline(*chain, raw_images=raw_images)
+        run = Pipeline(*chain, raw_images=raw_images, smoothed=smoothed)
         run.through(job.reader, job.topics, progress)
         if not run.read:
             because = f": {job.reader.damage}" if job.reader.damage else ""

@@ -31,7 +31,7 @@ Line = tuple[str, str, bool]  # name, text, whether it reports a problem
 
 def six_lines(result: Mapping[str, Any]) -> str:
     """Return six lines, those that report a problem first: read, state, poses and so on."""
-    lines = [make(result) for make in (_read, _state, _poses, _frames, _refused, _output)]
+    lines = [make(result) for make in (_read, _state, _poses, _frames, refused_line, _output)]
     lines.sort(key=lambda line: not line[2])  # stable
     return "\n".join(
         f"{'!' if is_wrong else ' '} {name:<9}{text}" for name, text, is_wrong in lines
@@ -52,7 +52,8 @@ def _state(result: Mapping[str, Any]) -> Line:
     times = Counter(result["states_s"]).most_common()
     said = ", ".join(f"{state} {seconds} s" for state, seconds in times)
     reason = f" ({result['reason']})" if result["reason"] else ""
-    text = f"{result['state']} at the end{reason}, by {result['method']}; in all {said}"
+    method = f"{result['method']}{', smoothed' if result['smoothed'] else ''}"
+    text = f"{result['state']} at the end{reason}, by {method}; in all {said}"
     return "state", text, result["state"] not in _GOOD_STATES
 
 
@@ -79,7 +80,7 @@ def _frames(result: Mapping[str, Any]) -> Line:
     return "frames", text, drawn < notices or bool(lost)
 
 
-def _refused(result: Mapping[str, Any]) -> Line:
+def refused_line(result: Mapping[str, Any]) -> Line:
     """Return refused measurements by source and outcome, and messages by topic with a reason."""
     taken: Counter[str] = Counter()
     refused: dict[str, list[tuple[str, int]]] = {}

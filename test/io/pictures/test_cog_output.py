@@ -1,0 +1,101 @@
+"""Cloud-Optimised GeoTIFFs: valid, in their place, and whole or absent."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+
+from tirgeo_ros.core.types.errors import MapError
+from tirgeo_ros.io.coordinates.projected_planes import Plane
+from tirgeo_ros.io.pictures.cog_output import RasterForm, RasterPart, write_cog
+
+rasterio = pytest.importorskip("rasterio")
+
+UTM = Plane("EPSG:32650", np.zeros((1, 2))).system.to_wkt()
+WIDTH, HEIGHT = 832, 576
+
+
+def form_of(dtype, bands=1, unit=""):
+    place = (0.25, 474_000.0, 4_411_000.0, WIDTH, HEIGHT)
+    return RasterForm(UTM, *place, bands, dtype, unit, {"PICTURE": "7"})
+
+
+def parts_of(values):
+    """Two parts, and nothing between columns 400 and 500."""
+    for first, last in ((0, 400), (500, WIDTH)):
+        part = values[:, first:last]
+        yield RasterPart(first, 0, part, np.ones(part.shape[:2], bool))
+
+
+def values_of(dtype, bands):
+    rng, shape = np.random.default_rng(3), (64, 64, bands)
+    if dtype == "float32":
+        some = rng.normal(20.0, 5.0, shape).astype(dtype)
+    else:
+        some = rng.integers(0, np.iinfo(dtype).max, shape, dtype, endpoint=True)
+    return np.tile(some, (HEIGHT // 64, WIDTH // 64, 1))
+
+
+@pytest.mark.parametrize(
+    ("dtype", "bands"), [("uint8", 1), ("uint8", 3), ("uint16", 1), ("float32", 1)]
+)
+def test_values_place_and_kind(tmp_path, dtype, bands):
+    values, path = values_of(dtype, bands), tmp_path / "a.tif"
+    write_cog(path, form_of(dtype, bands, "degC" if dtype == "float32" else ""), parts_of(values))
+    assert [one.name for one in tmp_path.iterdir()] == ["a.tif"]
+    with rasterio.open(path) as made:
+        assert made.crs.to_epsg() == 32650
+        assert tuple(made.transform)[:6] == (0.25, 0.0, 474_000.0, 0.0, -0.25, 4_411_000.0)
+        assert (made.width, made.height) == (WIDTH, HEIGHT)
+        assert set(made.dtypes) == {dtype}
+        assert made.tags()["PICTURE"] == "7"
+        assert made.overviews(1) == [2, 4][: len(made.overviews(1))] != []
+        known = made.dataset_mask() > 0
+        assert known[:, :400].all()
+        assert known[:, 500:].all()
+        assert not known[:, 400:500].any()
+        found = np.moveaxis(made.read(list(range(1, bands + 1))), 0, 2)
+        np.testing.assert_array_equal(found[known], values[known])  # nothing is lost
+        names = [one.name for one in made.colorinterp]
+        if dtype == "float32":
+            assert names == ["gray"]
+            assert np.isnan(made.nodata)
+            assert np.isnan(found[~known]).all()
+            assert made.units == ("degC",)
+        else:
+            assert made.nodata is None
+            assert names == [*(["red", "green", "blue"] if bands == 3 else ["gray"]), "alpha"]
+            assert (made.read(bands + 1)[~known] == 0).all()
+
+
+@pytest.mark.parametrize("dtype", ["uint8", "uint16", "float32"])
+def test_an_independent_judge_calls_it_valid(tmp_path, dtype):
+    judge = pytest.importorskip("rio_cogeo.cogeo")
+    write_cog(tmp_path / "a.tif", form_of(dtype), parts_of(values_of(dtype, 1)))
+    assert judge.cog_validate(tmp_path / "a.tif", strict=True) == (True, [], [])
+
+
+def test_overviews_are_means_of_what_is_known(tmp_path):
+    values = np.full((HEIGHT, WIDTH, 1), 1000, np.uint16)
+    write_cog(tmp_path / "a.tif", form_of("uint16"), parts_of(values))
+    with rasterio.open(tmp_path / "a.tif", overview_level=0) as half:
+        grey, alpha = half.read()
+    assert alpha.max() == 65535
+    assert (grey[alpha == 65535] == 1000).all()  # not darkened at the rim
+
+
+def test_whole_or_absent(tmp_path, monkeypatch):
+    def broken():
+        yield from parts_of(values_of("uint8", 1))
+        raise MapError("the bag is cut")
+
+    with pytest.raises(MapError, match="the bag is cut"):
+        write_cog(tmp_path / "a.tif", form_of("uint8"), broken())
+    with pytest.raises(MapError, match=r"absent/a\.tif: cannot be written"):
+        write_cog(tmp_path / "absent" / "a.tif", form_of("uint8"), [])
+    assert list(tmp_path.iterdir()) == []
+    monkeypatch.setitem(sys.modules, "rasterio", None)
+    with pytest.raises(MapError, match=r"a GeoTIFF needs rasterio: pip install 'tirgeo\[dem\]'"):
+        write_cog(tmp_path / "a.tif", form_of("uint8"), [])

@@ -1,0 +1,208 @@
+"""``tirgeo export`` on the sample flight: what it makes, what it counts, what it refuses."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import subprocess
+import sys
+import time
+
+import pytest
+from process_bags import IMAGES, rewritten
+
+from tirgeo_ros.core.types.errors import MapError
+from tirgeo_ros.tools.cli.main import main
+from tirgeo_ros.tools.export import export as driver
+from tirgeo_ros.tools.export.export import export
+from tirgeo_ros.tools.export.flight_pictures import FlightPictures, Window
+from tirgeo_ros.tools.export.raster_options import RasterOptions
+
+rasterio = pytest.importorskip("rasterio")
+
+EVEN = ("--even", "--nearest")
+COARSE = ["--gsd", "0.5", "--every", "4"]
+
+
+@pytest.fixture(scope="module")
+def cut(sample, tmp_path_factory):
+    """The first nine seconds of the sample flight: the filter needs two to begin."""
+    path = tmp_path_factory.mktemp("cut") / "cut.mcap"
+    rewritten(sample / "flight.mcap", path, seconds=9.0)
+    return path
+
+
+@pytest.fixture(scope="module")
+def made(sample, cut, tmp_path_factory):
+    """The folder of a run, and its summary."""
+    folder = tmp_path_factory.mktemp("made") / "products"
+    summary = export(
+        cut,
+        folder,
+        params=sample / "params.yaml",
+        window=Window(every_s=2.0),
+        rasters=RasterOptions(gsd_m=0.25),
+    )
+    return folder, summary
+
+
+def test_files_and_summary(made):
+    folder, summary = made
+    assert (summary["pictures"], summary["used"]) == (5, 4)
+    assert summary["not_used"] == {"before the first pose": 1}
+    assert summary["ortho"]["files"] == 4
+    numbers = sorted(int(one.stem) for one in (folder / "ortho").iterdir())
+    assert [b - a for a, b in itertools.pairwise(numbers)] == [18, 18, 18]  # at 9 Hz
+    assert sorted(one.name for one in folder.iterdir()) == [
+        *("mosaic.kml", "mosaic.png", "mosaic.tif", "ortho", "summary.json")
+    ]
+    assert json.loads((folder / "summary.json").read_text()) == summary
+    assert summary["crs"] == "WGS 84 / UTM zone 50N (EPSG:32650)"
+    assert summary["error"] is None
+
+
+def test_the_rasters_are_in_their_place(made):
+    """All on one lattice, and an orthophoto within the mosaic."""
+    folder, summary = made
+    with rasterio.open(folder / "mosaic.tif") as mosaic:
+        assert (mosaic.width, mosaic.height) == (
+            summary["mosaic"]["width"],
+            summary["mosaic"]["height"],
+        )
+        assert mosaic.tags()["EXPOSURES"].startswith("2021-10-20T12:00:")
+        whole, transform = mosaic.bounds, mosaic.transform
+    for path in (folder / "ortho").iterdir():
+        with rasterio.open(path) as ortho:
+            assert (ortho.res, ortho.crs.to_epsg()) == ((0.25, 0.25), 32650)
+            column, row = ~transform * (ortho.bounds.left, ortho.bounds.top)
+            assert abs(column - round(column)) + abs(row - round(row)) < 1e-6
+            assert ortho.bounds.left >= whole.left
+            assert ortho.bounds.top <= whole.top
+            assert ortho.tags()["EXPOSURE"].startswith("2021-10-20T12:00:")
+
+
+def test_again_gives_the_same_bytes(made, sample, cut, tmp_path):
+    folder, _ = made
+    export(
+        cut,
+        tmp_path,
+        params=sample / "params.yaml",
+        only=["mosaic"],
+        window=Window(every_s=2.0),
+        rasters=RasterOptions(gsd_m=0.25),
+    )
+    assert not (tmp_path / "ortho").exists()
+    for name in ("mosaic.tif", "mosaic.png", "mosaic.kml"):
+        assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
+
+
+def test_choosing_pictures(sample):
+    pictures = FlightPictures(driver.BagReader(sample / "flight.mcap"), "")
+    every = pictures.chosen(Window())
+    assert len(every) == 270
+    assert [one.number for one in every] == list(range(270))
+    some = pictures.chosen(Window(10.0, 20.0, 0.5))
+    assert len(some) == 20
+    assert some[0].stamp_ns - every[0].stamp_ns == pytest.approx(10e9, abs=0.12e9)
+    assert set(some) <= set(every)
+
+
+def refusal(capsys, *argv):
+    assert main(["export", *map(str, argv)]) == 1
+    told = capsys.readouterr()
+    assert told.err.count("\n") == 1
+    return told.err
+
+
+def test_refusals(sample, cut, tmp_path, capsys, monkeypatch):
+    out, params = tmp_path / "out", ("--params", sample / "params.yaml")
+    said = refusal(capsys, cut, "-o", out)
+    assert "height of the ground not known: give --ground-height or --dem" in said
+    assert "needed topic absent: /uav1/thermal" in refusal(
+        capsys, cut, "-o", out, "--namespace", "uav1"
+    )
+    blind = tmp_path / "blind.mcap"
+    rewritten(cut, blind, seconds=1.0, without=(IMAGES,))
+    said = refusal(capsys, blind, "-o", out, *params)
+    assert "needed topic absent: /thermal/image_raw or /thermal/image_raw/compressed" in said
+    said = refusal(capsys, cut, "-o", out, *params, "--to", "1")
+    assert "none of 1 pictures has a trusted pose: no pose near the exposure; the filter" in said
+    said = refusal(capsys, cut, "-o", out, *params, *COARSE, "--degrees", "0.04", "-273.15")
+    assert "--degrees is for 16-bit video" in said
+    assert list(out.rglob("*")) in ([], [out / "ortho"])
+    monkeypatch.setitem(sys.modules, "rasterio", None)
+    said = refusal(capsys, cut, "-o", out, *params)
+    assert "need rasterio: pip install 'tirgeo[dem]'" in said
+
+
+@pytest.mark.parametrize("wrong", [("--gsd", "0"), ("--grazing", "90"), ("--only", "tea"), EVEN])
+def test_wrong_use(sample, tmp_path, capsys, wrong):
+    with pytest.raises(SystemExit) as ended:
+        main(["export", str(sample / "flight.mcap"), "-o", str(tmp_path / "out"), *wrong])
+    assert ended.value.code == 2
+    assert wrong[0].strip("-") in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_pictures_that_do_not_fit_are_counted(made, sample, cut, tmp_path, monkeypatch):
+    """A damaged picture, and one of another size, as `read` gives them."""
+    read = FlightPictures.read
+
+    def some(self, numbers):
+        for k, (number, pixels) in enumerate(read(self, numbers)):
+            yield number, (MapError("cut"), pixels[:-2], pixels.astype("u2"), pixels)[(k + 3) % 4]
+
+    monkeypatch.setattr(FlightPictures, "read", some)
+    window, rasters = Window(every_s=2.0), RasterOptions(gsd_m=0.5)
+    options = {"only": ["mosaic"], "window": window, "rasters": rasters}
+    summary = export(cut, tmp_path, params=sample / "params.yaml", **options)
+    assert summary["not_used"] == {
+        "before the first pose": 1,
+        "damaged": 1,
+        "of another size than the camera's calibration": 1,
+        "of another kind than the first picture": 1,
+    }
+    assert (summary["used"], summary["error"]) == (1, None)
+    monkeypatch.setattr(
+        FlightPictures, "read", lambda _, numbers: ((n, MapError("")) for n in numbers)
+    )
+    summary = export(cut, tmp_path, params=sample / "params.yaml", **options)
+    assert summary["error"].endswith("none of its pictures could be used")
+    assert summary["mosaic"]["width"] == 0
+
+
+def test_damaged_pictures_are_counted(sample, cut, tmp_path):
+    """From 5 s on their messages end within the header; all that is before is used."""
+    last_ns = driver.BagReader(cut).span_ns[0] + 5_000_000_000
+
+    def cut_short(item):
+        damaged = item.topic == IMAGES and item.log_time_ns > last_ns
+        return item.topic, item.data[:6] if damaged else item.data
+
+    bag = rewritten(cut, tmp_path / "damaged.mcap", cut_short)
+    window, rasters = Window(every_s=2.0), RasterOptions(gsd_m=0.5)
+    options = {"only": ["mosaic"], "window": window, "rasters": rasters}
+    summary = export(bag, tmp_path / "out", params=sample / "params.yaml", **options)
+    assert summary["not_used"] == {"before the first pose": 1, "damaged": 2}
+    assert summary["used"] == 2
+
+
+@pytest.mark.slow
+def test_a_stopped_run_leaves_no_half_file(sample, tmp_path):
+    """Stopped while it writes orthophotos: what has its name is whole, and no tile is left."""
+    code = "from tirgeo_ros.tools.cli.main import console; console()"
+    argv = [sys.executable, "-c", code, "export", str(sample / "flight.mcap"), "-o", str(tmp_path)]
+    argv += ["--params", str(sample / "params.yaml"), "--every", "0"]
+    run = subprocess.Popen(argv, env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)})
+    deadline_s = time.monotonic() + 60
+    while len(list(tmp_path.glob("ortho/0*.tif"))) < 3 and time.monotonic() < deadline_s:
+        time.sleep(0.05)
+    run.terminate()
+    assert run.wait(60) == 143
+    files = [one for one in tmp_path.rglob("*") if one.is_file()]
+    assert len(files) >= 3
+    assert {one.suffix for one in files} == {".tif"}
+    for path in files:
+        with rasterio.open(path) as whole:
+            assert whole.read(2).max() == 255

@@ -1,0 +1,148 @@
+"""Subtitles of the sample flight, as FFmpeg and readers of DJI's find them."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from itertools import pairwise
+
+import av
+import numpy as np
+import pytest
+from exported_flight import GROUND_M, UNDULATION_M, exported
+from srt_reader import cues_of
+
+from tirgeo_ros.core.frames.rotations import matrix_from_quat
+from tirgeo_ros.core.types.errors import ExportError
+from tirgeo_ros.tools.export.subtitles import Subtitles
+from tirgeo_ros.tools.replay.process import process
+
+ABOVE = "20 m above the ground, 40 m above sea level, camera to 200 deg, 30 deg down"
+
+
+@pytest.fixture(scope="module")
+def flight(sample):
+    return exported(sample)
+
+
+@pytest.fixture
+def written(flight, tmp_path):
+    """Writes the subtitles of some frames, and reads them."""
+
+    def write(frames=None, **options):
+        path = tmp_path / "flight.srt"
+        product = Subtitles(path, stamps_ns=flight.stamps_ns, **options)
+        for frame in flight.frames if frames is None else frames:
+            product.take(frame)
+        assert not path.exists()  # before it is complete
+        made = product.finish()
+        cues = cues_of(path)
+        assert made == {"file": str(path), "cues": len(cues)}
+        return cues
+
+    return write
+
+
+def test_each_picture_has_its_cue_at_its_time_in_the_video(written, flight):
+    cues = written()
+    assert len(cues) == len(flight.frames)
+    first_ns = flight.stamps_ns[0]
+    for cue, frame in zip(cues, flight.frames, strict=True):
+        # A millisecond is the format's step, half of it the rounding.
+        assert cue.begin_s == pytest.approx((frame.stamp_ns - first_ns) * 1e-9, abs=0.51e-3)
+        assert cue.end_s - cue.begin_s == pytest.approx(1 / 9, abs=1.1e-3)
+        assert cue.fields["FrameCnt"] == f"{frame.number + 1}"
+        assert cue.fields["DiffTime"] == "111ms"
+
+
+def test_cues_say_where_the_camera_was_and_how_it_was_turned(written, flight):
+    cues = written(undulation_m=UNDULATION_M)
+    for cue, frame in zip(cues, flight.frames, strict=True):
+        latitude, longitude, height = frame.plane.geodetic_from_ned(frame.pose.position_n)
+        found = cue.numbers("latitude", "longitude")
+        assert found == pytest.approx(np.degrees([latitude, longitude]), abs=0.51e-8)
+        found = cue.numbers("abs_alt", "rel_alt")
+        assert found == pytest.approx([height - UNDULATION_M, height - GROUND_M], abs=1e-3)
+        yaw, pitch = np.radians(cue.numbers("gb_yaw", "gb_pitch"))
+        forward = [math.cos(pitch) * c for c in (math.cos(yaw), math.sin(yaw))]
+        expected = matrix_from_quat(frame.pose.q_nc)[:, 2]
+        # Half of a hundredth of a degree, for each of two angles.
+        assert [*forward, -math.sin(pitch)] == pytest.approx(expected, abs=2e-4)
+
+
+def test_a_person_reads_the_rest(written):
+    cue = written(undulation_m=UNDULATION_M)[39 - 14]
+    assert cue.text.splitlines()[-1] == ABOVE
+    assert cue.fields["date"] == "2021-10-20 12:00:39.333"
+
+
+def test_heights_that_are_not_known_are_not_said(written, flight):
+    bare = [dataclasses.replace(one, ground=None) for one in flight.frames[:20]]
+    cue = written(bare)[7]
+    assert "rel_alt" not in cue.fields
+    assert cue.text.splitlines()[-1].startswith("31 m above the ellipsoid, camera to")
+    height = bare[7].plane.geodetic_from_ned(bare[7].pose.position_n)[2]
+    assert cue.numbers("abs_alt") == pytest.approx([height], abs=1e-3)
+
+
+def test_cues_of_chosen_pictures_last_until_the_next(written, flight):
+    cues = written(flight.frames[::9], every_s=1.0)
+    assert len(cues) == 29
+    for before, after in pairwise(cues):
+        assert before.end_s == pytest.approx(after.begin_s, abs=1e-9)
+    assert cues[-1].end_s == pytest.approx(30.0, abs=1e-3)  # the last picture's end
+
+
+def test_no_cue_stands_where_the_pose_is_lost(written, flight):
+    frames = [one for one in flight.frames[::9] if not 100 <= one.number < 140]
+    cues = written(frames, every_s=1.0)
+    last = max(one.number for one in frames if one.number < 100)
+    assert not [c for c in cues if last + 1.5 < c.end_s * 9 and c.begin_s * 9 < 139.5]
+    (before,) = [c for c in cues if c.fields["FrameCnt"] == f"{last + 1}"]
+    assert before.end_s == pytest.approx((last + 1) / 9, abs=1e-3)
+
+
+def test_without_a_picture_there_is_no_file(flight, tmp_path):
+    product = Subtitles(tmp_path / "flight.srt", stamps_ns=[])
+    assert product.finish() == {"file": str(tmp_path / "flight.srt"), "cues": 0}
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_was_not_finished_leaves_nothing(flight, tmp_path):
+    product = Subtitles(tmp_path / "flight.srt", stamps_ns=flight.stamps_ns)
+    product.take(flight.frames[0])
+    assert list(tmp_path.iterdir())
+    del product
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_file_that_cannot_be_written_is_named(tmp_path):
+    with pytest.raises(ExportError, match=r"absent/flight.srt: cannot be written: No such file"):
+        Subtitles(tmp_path / "absent" / "flight.srt", stamps_ns=[])
+
+
+@pytest.mark.slow
+def test_times_are_those_of_the_pictures_in_the_video_of_process(written, sample, tmp_path):
+    files = {"params": sample / "params.yaml", "map": sample / "map.geojson"}
+    outputs = tmp_path / "out.mcap", tmp_path / "out.mp4"
+    process(sample / "flight.mcap", outputs[0], video=outputs[1], **files)
+    with av.open(str(outputs[1])) as container:
+        shown_s = [frame.time for frame in container.decode(video=0)]
+    for cue in written():
+        number = int(cue.fields["FrameCnt"]) - 1
+        assert cue.begin_s == pytest.approx(shown_s[number], abs=0.51e-3)
+
+
+@pytest.mark.parametrize("name", ["mavic3", "avata360_gimbal", "mini5pro", "air3s", "neo2"])
+def test_the_form_is_that_of_real_ones(written, shared, name):
+    """The same reader finds the same fields in what DJI's cameras wrote."""
+    real = cues_of(shared / f"foreign_logs/dji/srt/{name}.srt")
+    ours = written()[0]
+    fields = ["FrameCnt", "DiffTime", "date", "latitude", "longitude", "rel_alt", "abs_alt"]
+    fields += ["gb_yaw", "gb_pitch", "gb_roll"] if name == "avata360_gimbal" else []
+    for field in fields:
+        form = re.sub(r"\d+", "0", ours.fields[field].lstrip("-"))
+        assert {re.sub(r"\d+", "0", one.fields[field].lstrip("-")) for one in real} == {form}
+    head = re.escape('<font size="28">FrameCnt: ')
+    assert all(re.match(head, one.text) for one in (ours, *real))

@@ -1,0 +1,56 @@
+"""Short flights of the sample, and a run over them and a broken one."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from process_bags import IMAGES, rewritten
+
+from tirgeo_ros.tools.cli import main as command
+
+
+@pytest.fixture(scope="session")
+def flights(sample, tmp_path_factory):
+    """Two flights of some seconds without pictures, of one name in two folders."""
+    folder = tmp_path_factory.mktemp("flights")
+    bags = [folder / name / "flight.mcap" for name in ("east", "west")]
+    for bag, seconds in zip(bags, (4.0, 3.0), strict=True):
+        bag.parent.mkdir()
+        rewritten(sample / "flight.mcap", bag, seconds=seconds, without=[IMAGES])
+    return bags
+
+
+@pytest.fixture(scope="session")
+def broken(tmp_path_factory):
+    path = tmp_path_factory.mktemp("broken") / "broken.mcap"
+    path.write_bytes(b"no bag")
+    return path
+
+
+@pytest.fixture(scope="session")
+def words(sample):
+    """The options of the runs."""
+    return ["--params", str(sample / "params.yaml"), "--no-images"]
+
+
+@pytest.fixture(scope="session")
+def run(words):
+    """Run ``tirgeo process`` over flights; return its exit code."""
+
+    def process(bags, folder, *more):
+        return command.main(["process", *map(str, bags), "-o", str(folder), *words, *more])
+
+    return process
+
+
+@pytest.fixture(scope="session")
+def season(flights, broken, run, tmp_path_factory):
+    """The folder of a run, its exit code and its records."""
+    folder = tmp_path_factory.mktemp("out") / "season"
+    code = run([*flights, broken], folder)
+    return (
+        folder,
+        code,
+        {path.stem: json.loads(path.read_text()) for path in folder.glob("*.json")},
+    )

@@ -1,0 +1,1 @@
+"""Resample pictures to the ground: orthophotos of frames, and the mosaic of them."""

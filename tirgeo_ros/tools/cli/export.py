@@ -1,0 +1,96 @@
+r"""Make products of a flight for GIS, photogrammetry and players.
+
+Registers the flight, and lays its pictures on the ground: each as an orthophoto (ortho), and all
+as one mosaic with the best view on top. Both are Cloud-Optimised GeoTIFFs; the mosaic is written
+for Google Earth too. stills have position and angles in EXIF and XMP; vectors are footprints,
+track and targets in one GeoPackage; subtitles (SRT) say where the camera was. Pictures without a
+trusted pose are left out and counted.
+
+example:
+  tirgeo export bags/sample/flight.mcap -o products --params bags/sample/params.yaml
+  tirgeo export bags/sample/flight.mcap -o mosaic --params bags/sample/params.yaml \
+    --only mosaic --every 0.5 --gsd 0.1 --crs EPSG:32650
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from typing import Any
+
+from tirgeo_ros.tools.cli._lines import lines
+from tirgeo_ros.tools.cli._verb import (
+    FLIGHT,
+    GROUND,
+    METHOD,
+    NEEDED,
+    NUMBER,
+    PARAMETERS,
+    SMOOTH,
+    WINDOW,
+    WORD,
+    UsageError,
+    call,
+    names_of,
+)
+from tirgeo_ros.tools.export import PRODUCTS
+
+_ONLY = {"type": names_of(PRODUCTS)}
+_EVERY = "at most one picture in each interval of so many seconds; 0: all (default: %(default)g)"
+_DEGREES = "degrees Celsius = 16-bit value x SCALE + OFFSET, as 0.04 -273.15; default: values stay"
+_GRAZING = "leave out ground that is seen flatter than this (default: %(default)g)"
+_TARGETS = "targets to put into flight.gpkg, as the page or tirgeo locate wrote them"
+OPTIONS = (
+    *FLIGHT,
+    (
+        "-o --output",
+        "DIR",
+        "folder for the products; those of an earlier run are replaced",
+        NEEDED,
+    ),
+    *PARAMETERS,
+    *METHOD,
+    *SMOOTH,
+    *GROUND,
+    *WINDOW,
+    ("--every", "S", _EVERY, NUMBER | {"default": 1.0}),
+    ("--only", "NAMES", f"of {', '.join(PRODUCTS)}; default: all", _ONLY),
+    ("--targets", "FILE", _TARGETS),
+    ("--crs", "CRS", "projected system of the rasters; default: the UTM zone of the place", WORD),
+    ("--gsd", "M", "size of the rasters' pixels; default: by the pictures' own", NUMBER),
+    ("--grazing", "DEG", _GRAZING, NUMBER | {"default": 15.0}),
+    ("--nearest", None, "keep the video's own values: no means, and no feathering in the mosaic"),
+    (
+        "--even",
+        None,
+        "match the grey levels of the mosaic's pictures, for 8 bits with automatic gain",
+    ),
+    ("--degrees", ("SCALE", "OFFSET"), _DEGREES, NUMBER | {"nargs": 2}),
+)
+
+
+def run(args: argparse.Namespace) -> dict[str, object]:
+    """Make the products; return a summary."""
+    from tirgeo_ros.tools.export.export import export  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.export.flight_pictures import Window  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.export.raster_options import RasterOptions  # noqa: PLC0415 heavy
+
+    if args.gsd is not None and not args.gsd > 0:
+        raise UsageError("--gsd must be more than 0")
+    if not 0 < args.grazing < 90:
+        raise UsageError("--grazing must be between 0 and 90")
+    if not args.every >= 0:
+        raise UsageError("--every must be 0 or more")
+    if args.even and (args.nearest or args.degrees):
+        raise UsageError("--even changes values: leave out --nearest and --degrees")
+    degrees = tuple(args.degrees) if args.degrees else None
+    rasters = RasterOptions(args.crs, args.gsd, args.grazing, args.nearest, args.even, degrees)
+    window = Window(args.from_s, args.to_s, args.every)
+    names = "params namespace method camera dem ground_height only targets smooth"
+    more = {"window": window, "rasters": rasters}
+    return call(export, args, "exporting, %", "bag output", names, **more)
+
+
+def describe(result: Mapping[str, Any]) -> str:
+    """Return a line for each key with a value."""
+    return lines({name: value for name, value in result.items() if value})

@@ -1,0 +1,204 @@
+"""Export the flight for a GIS: what each picture shows, the track, and the targets."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from tirgeo_ros.core.config.overlay import ConfidenceConfig
+from tirgeo_ros.core.frames.heading import azimuth_row
+from tirgeo_ros.core.frames.rotations import matrix_from_quat
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.ground.camera_place import body_rpy, height_above_m
+from tirgeo_ros.core.ground.footprint import footprint
+from tirgeo_ros.core.ground.frame_geometry import Sight, frame_geometry
+from tirgeo_ros.core.map.visibility import farthest_m
+from tirgeo_ros.core.overlay.scale_bar_compass import camera_heading_rad, ground_sample_m
+from tirgeo_ros.core.targets.target import Target
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.poses import BodyPose
+from tirgeo_ros.io.files.whole_files import PathLike
+from tirgeo_ros.io.geopackage.layer_file import LayerFile
+from tirgeo_ros.io.targets.properties import of_target
+from tirgeo_ros.io.targets.reading import read_targets
+from tirgeo_ros.tools.export.export_frame import ExportFrame
+from tirgeo_ros.tools.export.vector_layers import (
+    ELLIPSES,
+    FOOTPRINTS,
+    TARGETS,
+    TRACK,
+    TRACK_POINTS,
+)
+
+_CONFIDENCE = ConfidenceConfig()
+#: The track is broken where there is no point for so many intervals, or seconds if that is longer.
+_INTERVALS, _LONGEST_S = 2.5, 2.0
+
+
+class Vectors:
+    """Write a GeoPackage with the layers of ``vector_layers``, in WGS84 (EPSG:4326).
+
+    Each picture that is taken gives an outline and a point of the track. They are expected every
+    ``every_s`` seconds (0: all of the flight): where they are missing, the track is broken.
+    ``targets`` is a file of targets; without one there are no layers of them. ``confidence`` gives
+    the sigmas besides the pose's. ``state_at`` returns the filter's state at a time of exposure
+    (ns). Raises ExportError and TargetError naming the file.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        every_s: float = 0.0,
+        targets: PathLike | None = None,
+        confidence: ConfidenceConfig = _CONFIDENCE,
+        state_at: Callable[[int], str | None] | None = None,
+    ) -> None:
+        known = None if targets is None else read_targets(targets)
+        of_targets = () if known is None else (TARGETS, ELLIPSES)
+        self._file = LayerFile(path, (FOOTPRINTS, TRACK, TRACK_POINTS, *of_targets))
+        for target in known or ():
+            _add_target(self._file, target)
+        self._track = _Track(self._file, max(_INTERVALS * every_s, _LONGEST_S), state_at)
+        self._confidence = confidence
+        self._without_ground = 0
+
+    def take(self, frame: ExportFrame) -> None:
+        """Add the picture's outline and the aircraft's place."""
+        self._track.add(frame.number, frame.body, frame.plane)
+        outline_n = _outline_n(frame)
+        if len(outline_n) < 3:
+            self._without_ground += 1
+            return
+        # From the last point to the first: the picture's rim runs clockwise.
+        positions = _lon_lat_deg(frame.plane, outline_n[::-1])
+        self._file.add(FOOTPRINTS.name, positions, self._seen(frame))
+
+    def finish(self) -> dict[str, object]:
+        """Complete the file; return its name and the rows by layer."""
+        self._track.end_part()
+        self._file.finish()
+        made = {"file": str(self._file.path), **self._file.counts}
+        return made | {"pictures_without_ground": self._without_ground}
+
+    def _seen(self, frame: ExportFrame) -> dict[str, object]:
+        """Return the columns of FOOTPRINTS."""
+        pose, plane, ground = frame.pose, frame.plane, frame.ground
+        assert ground is not None  # there is an outline
+        geometry = frame_geometry(
+            Sight(frame.camera, pose, plane, ground, frame.body), self._confidence
+        )
+        latitude, longitude, height_m = geometry.sensor
+        return {
+            "picture": frame.number,
+            "stamp_ns": pose.stamp_ns,
+            "time": pose.stamp_ns,
+            "latitude_deg": math.degrees(latitude),
+            "longitude_deg": math.degrees(longitude),
+            "height_m": height_m,
+            "above_ground_m": height_above_m(pose, plane, ground),
+            "heading_deg": math.degrees(camera_heading_rad(pose)),
+            "pitch_deg": math.degrees(geometry.sight_rpy[1]),
+            "gsd_m": ground_sample_m(frame.camera, pose, plane, ground),
+            "slant_range_m": geometry.slant_range_m,
+            "ce90_m": geometry.ce90_m,
+            "le90_m": geometry.le90_m,
+        }
+
+
+class _Track:
+    """Write the points of the track, and a line through each part without a gap."""
+
+    def __init__(
+        self, file: LayerFile, longest_s: float, state_at: Callable[[int], str | None] | None
+    ) -> None:
+        self._file, self._longest_s, self._state_at = file, longest_s, state_at
+        self._places = array("d")  # longitude, latitude (deg), height (m) of each point
+        self._length_m, self._begin_ns = 0.0, 0
+        self._newest: BodyPose | None = None
+
+    def add(self, picture: int, body: BodyPose, plane: TangentPlane) -> None:
+        """Add a point; end the part before it if it lies too far back."""
+        speed_m_s = self._onwards(body)
+        latitude, longitude, height_m = (
+            float(x) for x in plane.geodetic_from_ned(body.position_n)
+        )
+        place = math.degrees(longitude), math.degrees(latitude), height_m
+        self._places.extend(place)
+        self._newest = body
+        roll, pitch, heading = map(math.degrees, body_rpy(body, plane))
+        north_m, east_m, down_m = np.sqrt(body.covariance.diagonal()[:3]).tolist()
+        row = {
+            "picture": picture,
+            "stamp_ns": body.stamp_ns,
+            "time": body.stamp_ns,
+            "state": self._state_at(body.stamp_ns) if self._state_at else None,
+            "height_m": height_m,
+            "speed_m_s": speed_m_s,
+            "roll_deg": roll,
+            "pitch_deg": pitch,
+            "heading_deg": heading % 360.0,
+            "sigma_north_m": north_m,
+            "sigma_east_m": east_m,
+            "sigma_height_m": down_m,
+            "sigma_heading_deg": math.degrees(_heading_sigma_rad(body)),
+        }
+        self._file.add(TRACK_POINTS.name, [place], row)
+
+    def _onwards(self, body: BodyPose) -> float | None:
+        """Return the mean speed since the point before, m/s; None at the begin of a part."""
+        before = self._newest
+        step_s = (body.stamp_ns - before.stamp_ns) * 1e-9 if before else math.inf
+        if before is None or not 0 < step_s <= self._longest_s:
+            self.end_part()
+            self._begin_ns = body.stamp_ns
+            return None
+        step_m = float(np.linalg.norm(body.position_n - before.position_n))
+        self._length_m += step_m
+        return step_m / step_s
+
+    def end_part(self) -> None:
+        """Write the line through the points since the last gap; a single point makes none."""
+        places, self._places = np.array(self._places).reshape(-1, 3), array("d")
+        if len(places) > 1 and self._newest is not None:
+            row = {
+                "begin": self._begin_ns,
+                "end": self._newest.stamp_ns,
+                "points": len(places),
+                "length_m": self._length_m,
+            }
+            self._file.add(TRACK.name, places, row)
+        self._length_m = 0.0
+
+
+def _outline_n(frame: ExportFrame) -> Array:
+    """Return the picture's outline on the ground (N, 3); empty without a ground."""
+    if frame.ground is None:
+        return np.empty((0, 3))
+    seen = frame.pose, frame.plane, frame.ground
+    return footprint(frame.camera, *seen, farthest_m(frame.camera, height_above_m(*seen)))
+
+
+def _lon_lat_deg(plane: TangentPlane, points_n: Array) -> Array:
+    """Return longitudes and latitudes (N, 2), deg; beyond 180 where the points lie across it."""
+    latitude, longitude, _ = plane.geodetic_from_ned(points_n)
+    return np.degrees(np.stack([np.unwrap(longitude), latitude], axis=1))
+
+
+def _heading_sigma_rad(body: BodyPose) -> float:
+    nose_n: Sequence[float] = matrix_from_quat(body.q_nb)[:, 0].tolist()
+    row = np.array(azimuth_row(nose_n))
+    return float(np.sqrt(row @ body.covariance[3:, 3:] @ row))
+
+
+def _add_target(file: LayerFile, target: Target) -> None:
+    place, row = target.place, of_target(target)
+    position = [(place.longitude_deg, place.latitude_deg)]
+    file.add(TARGETS.name, position, row | {"time": place.stamp_ns})
+    outline = [(longitude, latitude) for latitude, longitude in place.outline()[:-1]]
+    said = {"target": target.id, "number": target.number, "name": row["name"]}
+    file.add(ELLIPSES.name, outline, said)

@@ -1,0 +1,147 @@
+"""Process many flights into a folder: the work of ``tirgeo process FLIGHT... -o DIR``.
+
+Each flight is one task in a process of its own. What an earlier run has done, from the same files
+with the same options, is not done again.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+from tirgeo_ros.core.types.errors import BagError, SeasonError
+from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, made_folder
+from tirgeo_ros.io.maps import map_files
+from tirgeo_ros.io.parameters.parameter_file import paths_of
+from tirgeo_ros.tools.presentation.progress import Report, silent
+from tirgeo_ros.tools.replay.node_configs import node_configs
+from tirgeo_ros.tools.season.board import Board
+from tirgeo_ros.tools.season.flight_names import flight_names
+from tirgeo_ros.tools.season.flight_process import remove_parts
+from tirgeo_ros.tools.season.flight_record import Record, is_done, read_records
+from tirgeo_ros.tools.season.flight_task import (
+    FlightTask,
+    bag_stamps,
+    digests_of,
+    made_from,
+    place_of,
+)
+from tirgeo_ros.tools.season.local_workers import run_here
+from tirgeo_ros.tools.season.page import PAGE, write_page
+from tirgeo_ros.tools.season.season_folder import only_run
+from tirgeo_ros.tools.season.season_summary import season_summary
+
+
+def process_season(
+    flights: Iterable[PathLike],
+    folder: PathLike,
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    video: str = "",
+    progress: Report = silent,
+    **options: Any,
+) -> dict[str, object]:
+    """Process flights into a folder and return a summary; ``error`` tells which have failed.
+
+    ``options`` are the keywords of ``process``, but for ``progress``; ``video`` is the ending of
+    the videos, with its dot. ``workers`` is the number of processes on this computer (None: one a
+    core), ``scheduler`` the address of a Dask scheduler to use instead. A ``progress`` bar names
+    the flights in work. The folder's page is made anew, also if the run is interrupted. Raises
+    ConfigError, BagError and SeasonError for what concerns all flights.
+    """
+    begun_s = time.perf_counter()
+    place = made_folder(folder, SeasonError)
+    with only_run(place):
+        records = read_records(place)
+        tasks = season_tasks(flights, place, records, video, options)
+        kept = [task.name for task in tasks if is_done(records.get(task.name), task)]
+        wanted = [task for task in tasks if task.name not in kept]
+        for task in wanted:
+            remove_parts(task)
+        try:
+            _run(wanted, records, workers, scheduler, Board(len(wanted), progress))
+        finally:
+            write_page(place)
+    return {
+        **season_summary(tasks, kept, records),
+        "page": os.fspath(place / PAGE),
+        "elapsed_s": time.perf_counter() - begun_s,
+    }
+
+
+def season_tasks(
+    flights: Iterable[PathLike],
+    folder: Path,
+    records: Mapping[str, Record],
+    video: str,
+    options: Mapping[str, Any],
+) -> list[FlightTask]:
+    """Return a task for each flight; one that is given twice is one task.
+
+    Raises ConfigError for the parameters, and BagError for an output in the place of an input.
+    """
+    given = {"namespace": ""} | {name: _in_json(value) for name, value in options.items()}
+    used = _files(given)
+    digests, own = digests_of(used), given | {"video": video}
+    bags = {place_of(bag): os.fspath(bag) for bag in _each_once(flights)}
+    stamps = {path: bag_stamps(path) for path in bags}
+    names = flight_names(stamps, records)
+    places = os.fspath(folder.resolve()), os.fspath(Path.cwd())
+    tasks = []
+    for path, bag in bags.items():
+        made = made_from(stamps[path], own, digests)
+        tasks.append(FlightTask(names[path], bag, *places, given, video, made))
+    outputs = [folder / PAGE, *(path for task in tasks for path in task.outputs)]
+    check_outputs([*bags.values(), *used], outputs, BagError)
+    return tasks
+
+
+def _files(given: Mapping[str, Any]) -> list[PathLike]:
+    """Return the parameter files and what they and the options name. Raises ConfigError."""
+    params, keys = given.get("params"), ("method", "dem", "ground_height", "camera")
+    chosen = {key: given[key] for key in keys if key in given}
+    configs = node_configs(params, given["namespace"], **chosen)
+    return [*paths_of(params), *configs.files, *map_files(given.get("map") or "")]
+
+
+def _each_once(flights: Iterable[PathLike]) -> Iterable[PathLike]:
+    """Return the flights without those that are given again, also by another name."""
+    found: dict[Path, PathLike] = {}
+    for bag in flights:
+        found.setdefault(Path(bag).resolve(), bag)
+    return found.values()
+
+
+def _run(
+    tasks: Sequence[FlightTask],
+    records: dict[str, Record],
+    workers: int | None,
+    scheduler: str | None,
+    board: Board,
+) -> None:
+    """Run the tasks, and put their records among the others."""
+    if not tasks:
+        return
+    if scheduler is None:
+        running = run_here(tasks, workers, board)
+    else:
+        from tirgeo_ros.tools.season.dask_workers import run_on_cluster  # noqa: PLC0415  an extra
+
+        running = run_on_cluster(tasks, scheduler, board)
+    with closing(running):
+        for task, record in running:
+            records[task.name] = record
+
+
+def _in_json(value: Any) -> Any:
+    """Return an option's value in JSON's types: paths as texts."""
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if isinstance(value, list | tuple):
+        return [_in_json(one) for one in value]
+    return value
