@@ -17,7 +17,7 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import IO, Any
 
@@ -43,9 +43,12 @@ class ChildEndedError(Exception):
 
 
 class ChildProcess:
-    """Run ``code`` in a child; it lives no longer than the thread that started it."""
+    """Run ``code`` in a child; it lives no longer than the thread that started it.
 
-    def __init__(self, code: str) -> None:
+    It inherits ``descriptors``, under the same numbers.
+    """
+
+    def __init__(self, code: str, descriptors: Sequence[int] = ()) -> None:
         self.said = ""  # its last lines on stderr, once it is closed
         self._stderr = tempfile.TemporaryFile()  # noqa: SIM115  until ``close``
         self._process = subprocess.Popen(  # noqa: S603  this very Python
@@ -53,6 +56,7 @@ class ChildProcess:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._stderr,
+            pass_fds=descriptors,
         )
         assert self._process.stdin is not None
         assert self._process.stdout is not None

@@ -55,6 +55,8 @@ def cut(
     seconds earlier. ``error`` in the summary is None, or what of the bag was lost. Raise BagError
     (no bag, nothing in the part) and TargetError (no such file, no click in the flight).
     """
+    if targets is None or not Path(output).is_dir():
+        check_outputs([bag, targets], [output], BagError)
     reader = BagReader(bag)
     if targets is None:
         chosen = [_Part(Path(output), *_window(reader, begin, end))]

@@ -14,9 +14,11 @@ from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import IO, NamedTuple, final
 
 import cv2
+import numpy as np
 
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.ground.dem import Terrain
@@ -27,11 +29,11 @@ from tirgeo_ros.core.types.arrays import Array, Pixels
 from tirgeo_ros.core.types.errors import PictureError
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.files.child_process import ChildEndedError, ChildProcess, parent_pipes
+from tirgeo_ros.io.files.shared_slots import SharedSlots, shared_slots
 from tirgeo_ros.tools.replay.picture_decoder import SWITCH_S, PictureDecoder
 
 _RUN = "from tirgeo_ros.tools.replay.picture_stage import main; main()"
-#: Pictures that may be under way: enough that neither side waits for the other's slower ones.
-_MOST_UNDER_WAY = 8
+_ELSEWHERE = np.empty((0, 0), np.uint8)
 
 
 class Painted(NamedTuple):
@@ -48,17 +50,23 @@ class _Order(NamedTuple):
     with_outline: bool
 
 
+class _Common(NamedTuple):
+    """Hold what all pictures have in common."""
+
+    config: OverlayConfig
+    ground: Ground | None
+    keeps_images: bool
+
+
 class _Work:
     """Paint pictures, then encode them; the two may be done in two threads."""
 
-    def __init__(
-        self, config: OverlayConfig, ground: Ground | None, *, keeps_images: bool
-    ) -> None:
+    def __init__(self, common: _Common) -> None:
+        config, ground, self._keeps_images = common
         terrain = ground if isinstance(ground, Terrain) else None
         self._drawing = MapRenderer(config, (), terrain)
         self._painter = PicturePainter(config, self._drawing)
         self._quality = [cv2.IMWRITE_JPEG_QUALITY, config.jpeg_quality]
-        self._keeps_images = keeps_images
 
     def painted(self, order: _Order) -> tuple[Pixels, Array | None]:
         if order.scene is not None:
@@ -72,6 +80,65 @@ class _Work:
         return Painted(jpeg, image if self._keeps_images else None, outline_n)
 
 
+class _Here:
+    """Paint pictures as they are sent."""
+
+    most_under_way = 0
+
+    def __init__(self) -> None:
+        self._work: _Work
+        self._done: deque[Painted] = deque()
+
+    def begin(self, common: _Common) -> None:
+        self._work = _Work(common)
+
+    def send(self, order: _Order) -> None:
+        self._done.append(self._work.encoded(*self._work.painted(order)))
+
+    def receive(self) -> Painted:
+        return self._done.popleft()
+
+    def close(self) -> None:
+        """Do nothing: there is nothing to end."""
+
+
+class _Beside:
+    """Paint pictures in a process of their own; their pixels go there through shared memory."""
+
+    most_under_way = 8  # enough that neither side waits for the other's slower ones
+
+    def __init__(self) -> None:
+        # One more when it is sent, and one that is just being painted.
+        self._slots = shared_slots(self.most_under_way + 2)
+        self._memory = (self._slots.number, self._slots.descriptor) if self._slots else ()
+        self._child = ChildProcess(_RUN, self._memory[1:])
+
+    def begin(self, common: _Common) -> None:
+        # It reads an elevation model itself, while the first messages are read here.
+        self._send((common._replace(ground=None), *self._memory))
+
+    def send(self, order: _Order) -> None:
+        place = self._slots.put(order.picture.pixels) if self._slots else None
+        if place is not None:
+            order = order._replace(picture=replace(order.picture, pixels=_ELSEWHERE))
+        self._send((order, place))
+
+    def receive(self) -> Painted:
+        with _explained():
+            painted = self._child.receive()
+        assert isinstance(painted, Painted)
+        return painted
+
+    def _send(self, thing: object) -> None:
+        with _explained():
+            self._child.send(thing)
+
+    def close(self) -> None:
+        self._child.close()
+        if self._slots is not None:
+            self._slots.close()
+
+
 @final
 class PictureStage:
     """Paint pictures here, or in a process of their own if there are several cores.
@@ -83,37 +150,21 @@ class PictureStage:
     def __init__(self, cores: int) -> None:
         """Start the process, if there is one: it loads its modules meanwhile."""
         self.decoder = PictureDecoder(cores)
-        self._child = ChildProcess(_RUN) if cores > 1 else None
-        self.most_under_way = _MOST_UNDER_WAY if self._child else 0
-        self._work: _Work | None = None
-        self._done: deque[Painted] = deque()
+        self._painter: _Here | _Beside = _Beside() if cores > 1 else _Here()
+        self.most_under_way = self._painter.most_under_way
         self._scene = Scene()
 
     def begin(self, config: OverlayConfig, ground: Ground, *, keeps_images: bool) -> None:
         """Take what all pictures have in common; ``keeps_images``: return their pixels too."""
-        if self._child is None:
-            self._work = _Work(config, ground, keeps_images=keeps_images)
-        else:
-            with _mended():
-                self._child.send((config, keeps_images))
+        self._painter.begin(_Common(config, ground, keeps_images))
 
     def send(self, picture: Unpainted, scene: Scene, *, with_outline: bool) -> None:
         """Give a picture to be painted, in its scene. Raises PictureError if that has failed."""
-        order = _Order(picture, self._changed(scene), with_outline)
-        if self._child is not None:
-            with _mended():
-                self._child.send(order)
-        elif self._work is not None:
-            self._done.append(self._work.encoded(*self._work.painted(order)))
+        self._painter.send(_Order(picture, self._changed(scene), with_outline))
 
     def receive(self) -> Painted:
         """Return the oldest picture that was sent. Raises PictureError if painting failed."""
-        if self._child is None:
-            return self._done.popleft()
-        with _mended():
-            painted = self._child.receive()
-        assert isinstance(painted, Painted)
-        return painted
+        return self._painter.receive()
 
     def _changed(self, scene: Scene) -> Scene | None:
         """Return the scene without a map that is there already; None if it is the one before."""
@@ -127,18 +178,16 @@ class PictureStage:
 
     def __exit__(self, *_: object) -> None:
         self.decoder.close()
-        if self._child is not None:
-            self._child.close()
+        self._painter.close()
 
 
 def available_cores() -> int:
-    """Return the number of processor cores that this process may use."""
-    may_use = getattr(os, "sched_getaffinity", None)
-    return len(may_use(0)) if may_use else os.cpu_count() or 1
+    """Return the number of processor cores that this process may use; 1 on other than Linux."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1
 
 
 @contextmanager
-def _mended() -> Iterator[None]:
+def _explained() -> Iterator[None]:
     try:
         yield
     except ChildEndedError as ended:
@@ -151,11 +200,15 @@ def _mended() -> Iterator[None]:
 def main() -> None:
     """Paint what the parent sends, and answer each picture."""
     sys.setswitchinterval(SWITCH_S)
+    cv2.setNumThreads(1)  # the other cores have work of their own
     with parent_pipes() as (orders, answers), ThreadPoolExecutor(1) as encoder:
-        config, keeps_images = pickle.load(orders)  # noqa: S301  from our own parent
-        work = _Work(config, ground_of(config), keeps_images=keeps_images)
+        common, *memory = pickle.load(orders)  # noqa: S301  from our own parent
+        slots = SharedSlots(*memory) if memory else None
+        work = _Work(common._replace(ground=ground_of(common.config)))
         while True:
-            order: _Order = pickle.load(orders)  # noqa: S301  as above
+            order, place = pickle.load(orders)  # noqa: S301  as above
+            if slots is not None and place is not None:
+                order = order._replace(picture=replace(order.picture, pixels=slots.get(place)))
             encoder.submit(_answer, answers, work, *work.painted(order))
 
 
