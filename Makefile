@@ -14,6 +14,7 @@ READY := $(VENV)/ready-$(or $(ROS_DISTRO),wheels)
 FLOOR_READY := $(FLOOR)/ready
 LINT_READY := $(READY)-lint
 BENCH_READY := $(READY)-bench
+API_READY := $(READY)-api
 
 # An environment does not survive being moved: its stamp holds where it was made.
 $(foreach stamp,$(READY) $(FLOOR_READY),$(if $(wildcard $(stamp)),\
@@ -31,7 +32,7 @@ test test-slow test-long test-floor: export NPY_DISABLE_CPU_FEATURES := AVX512F 
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow test-long test-all test-floor lint types bench check-arm64 fuzz planted-faults soak consistency real-flights states parameters reproduction clean
+.PHONY: help setup demo test test-slow test-long test-all test-floor lint types api bench check-arm64 fuzz planted-faults soak consistency smoothing real-flights states parameters reproduction clean
 .DELETE_ON_ERROR:
 
 help:  ## this list
@@ -65,6 +66,9 @@ lint: $(LINT_READY)  ## ruff: rules and format
 types: $(LINT_READY)  ## mypy
 	$(BIN)/mypy
 
+api: $(API_READY)  ## the reference of the Python interface in build/api, from the docstrings
+	$(BIN)/python -m dev.api_reference build/api
+
 bench: $(BENCH_READY)  ## speed of process, filter (beside pyins), overlay, graph and DJI's frames
 	$(BIN)/python -m dev.bench
 
@@ -92,6 +96,9 @@ real-flights: $(READY)  ## the filter over recorded flights, FLIGHTS=folder of b
 		$(BIN)/python -m dev.real_flights_table "$(FLIGHTS)"; \
 	else echo "skipped: there is no folder $(FLIGHTS); FLIGHTS=folder names one of bags"; fi
 
+smoothing: $(READY)  ## the smoother beside the filter, also over FLIGHTS=folder of bags
+	$(BIN)/python -m dev.smoothing $(wildcard $(FLIGHTS))
+
 states: $(READY)  ## make the tracked states of the sample flight anew, after a meant change
 	$(BIN)/python -m dev.state_table bags/sample test/data/sample_states.csv
 
@@ -115,6 +122,10 @@ $(FLOOR_READY): $(SOURCES)
 
 $(LINT_READY): $(READY)
 	@scripts/pip_install.sh $(VENV) --editable ".[lint]"
+	@touch $@
+
+$(API_READY): $(READY)
+	@scripts/pip_install.sh $(VENV) --editable ".[docs]"
 	@touch $@
 
 $(BENCH_READY): $(READY)

@@ -85,7 +85,10 @@ setup(
     author="The tirgeo maintainers",
     author_email="maintainers@tirgeo.example",
     packages=find_packages(include=["tirgeo_ros", "tirgeo_ros.*"]),
-    package_data={"tirgeo_ros.page": ["static/*", "static/*/*", "static/*/*/*"]},
+    package_data={
+        "tirgeo_ros": ["__init__.pyi", "py.typed"],
+        "tirgeo_ros.page": ["static/*", "static/*/*", "static/*/*/*"],
+    },
     python_requires=">=3.10",
     install_requires=[
         "numpy>=1.26",

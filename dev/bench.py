@@ -18,10 +18,11 @@ from dev.bench_allan import allan_cost
 from dev.bench_clicks import click_speeds
 from dev.bench_dds import DdsTimes, dds_times
 from dev.bench_dji import dji_speeds
-from dev.bench_filter import filter_times, long_times
+from dev.bench_filter import FilterTimes, filter_times, long_times
 from dev.bench_overlay import overlay_times
 from dev.bench_pyins import pyins_is_installed
 from dev.bench_run import run_figures
+from dev.bench_smoother import hour_cost, smoother_times
 from dev.judging import Figure, line
 from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.io.bags.bag import BagReader
@@ -41,6 +42,7 @@ def figures(folder: Path, work: Path, *, graph: bool) -> Iterator[Figure]:
     yield _process_speed(folder, work, images=True)
     yield from _filter_cost()
     yield from _filter_hour()
+    yield from _smoother_cost()
     yield from overlay_times()
     yield from click_speeds()
     yield from dji_speeds()
@@ -76,11 +78,29 @@ def _filter_cost() -> Iterator[Figure]:
     if rival is not None:
         yield Figure("pyins on the same flight, per IMU sample", rival.cost_s * 1e6, "us")
         yield Figure("pyins over filter", rival.cost_s / own.cost_s, "ratio", ">= 20")
-    for name, found in (("filter", own), ("pyins", rival)):
-        if found is not None:
-            yield Figure(f"{name}: worse of roll and pitch, rms", found.tilt_deg, "deg")
-            yield Figure(f"{name}: heading, rms", found.heading_deg, "deg")
-            yield Figure(f"{name}: worst axis of position, rms", found.position_m * 1e2, "cm")
+    yield from _errors("filter", own)
+    yield from _errors("pyins", rival)
+
+
+def _errors(name: str, found: FilterTimes | None) -> Iterator[Figure]:
+    if found is not None:
+        yield Figure(f"{name}: worse of roll and pitch, rms", found.tilt_deg, "deg")
+        yield Figure(f"{name}: heading, rms", found.heading_deg, "deg")
+        yield Figure(f"{name}: worst axis of position, rms", found.position_m * 1e2, "cm")
+
+
+def _smoother_cost() -> Iterator[Figure]:
+    own, rival = smoother_times()
+    yield Figure("smoother, CPU per IMU sample, all passes", own.cost_s * 1e6, "us")
+    if rival is not None:
+        yield Figure("pyins and RTS, per IMU sample", rival.cost_s * 1e6, "us")
+        yield Figure("pyins and RTS over smoother", rival.cost_s / own.cost_s, "ratio")
+    yield from _errors("smoother", own)
+    yield from _errors("pyins and RTS", rival)
+    hour = hour_cost()
+    yield Figure("an hour smoothed: all passes over filter", hour.ratio, "ratio", "<= 3")
+    yield Figure("an hour smoothed: the backward pass", hour.backward_s, "s")
+    yield Figure("an hour smoothed: peak memory", hour.peak_bytes * 2**-20, "MiB", "<= 2048")
 
 
 def _filter_hour() -> Iterator[Figure]:

@@ -21,7 +21,7 @@ from tirgeo_ros.core.navigation.estimator import Navigation
 from tirgeo_ros.core.types.measurements import NavigationInput
 from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.tools.presentation.progress import Report, silent
-from tirgeo_ros.tools.simulate.flight import fly
+from tirgeo_ros.tools.simulate.flight import SimulatedFlight, fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from
 
 _Result = TypeVar("_Result")
@@ -52,21 +52,26 @@ def filter_times() -> tuple[FilterTimes, FilterTimes | None]:
     verdicts, and a solution with covariance at every IMU sample. The cost of pyins is the call of
     its filter alone.
     """
-    flight = fly(scenario_from({"duration_s": _FLIGHT_S}), _SEED)
+    flight = bench_flight()
     samples, config = navigation_samples(flight), fitting_config(flight)
     rival = pyins_run(flight) if pyins_is_installed() else None
     own_s, rival_s = [], []
     for _ in range(_RUNS):  # in turn: if the machine is slow for a while, both are
-        cost_s, found = _timed(lambda: flown(Navigation(config), samples))
+        cost_s, found = timed(lambda: flown(Navigation(config), samples))
         own_s.append(cost_s)
         if rival is not None:
-            cost_s, table = _timed(rival.run)
+            cost_s, table = timed(rival.run)
             rival_s.append(cost_s)
     count = len(flight.truth.stamp_ns)
-    own = _times(min(own_s) / count, errors(flight, found))
+    own = times_of(min(own_s) / count, errors(flight, found))
     if rival is None:
         return own, None
-    return own, _times(min(rival_s) / count, rival.errors(table))
+    return own, times_of(min(rival_s) / count, rival.errors(table))
+
+
+def bench_flight() -> SimulatedFlight:
+    """Return the flight on which filters are compared."""
+    return fly(scenario_from({"duration_s": _FLIGHT_S}), _SEED)
 
 
 def flown(navigation: Navigation, samples: Sequence[NavigationInput]) -> list[NavSolution]:
@@ -75,13 +80,15 @@ def flown(navigation: Navigation, samples: Sequence[NavigationInput]) -> list[Na
     return [step.solution for step in steps if step.solution is not None]
 
 
-def _timed(work: Callable[[], _Result]) -> tuple[float, _Result]:
+def timed(work: Callable[[], _Result]) -> tuple[float, _Result]:
+    """Return the CPU time that some work takes, s, and its result."""
     begun = time.process_time()
     result = work()
     return time.process_time() - begun, result
 
 
-def _times(cost_s: float, found: Errors) -> FilterTimes:
+def times_of(cost_s: float, found: Errors) -> FilterTimes:
+    """Return a cost with the rms errors later than 20 s."""
     late = found.after(_SETTLED_S)
     roll, pitch, heading = np.degrees(rms(late.rpy)).tolist()
     return FilterTimes(cost_s, max(roll, pitch), heading, float(rms(late.state[:, :3]).max()))
@@ -103,7 +110,7 @@ def long_times(progress: Report = silent) -> LongTimes:
     costs, sizes = [], []
     for minute, samples in enumerate(itertools.islice(flight.minutes(), _HOUR_MINUTES)):
         progress(minute, _HOUR_MINUTES)
-        costs.append(_timed(partial(flown, navigation, samples))[0])
+        costs.append(timed(partial(flown, navigation, samples))[0])
         sizes.append(_resident_bytes())
     return LongTimes(
         min(costs[:_COMPARED_MINUTES]) / flight.imu_samples,

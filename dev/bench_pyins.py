@@ -53,16 +53,20 @@ class PyinsRun:
 
     def errors(self, result: Any) -> Errors:
         """Return the errors of a result at every IMU sample."""
-        table = result.trajectory
-        euler = np.radians(table[list(_RPH)].to_numpy())
-        place = table[list(_LLA)].to_numpy()
-        states = States(
-            self.stamp_ns,
-            *(np.radians(place[:, 0]), np.radians(place[:, 1]), place[:, 2]),
-            table[list(_VELOCITY)].to_numpy(),
-            quat_from_euler(*euler.T),
-        )
-        return errors_of_states(self.flight.truth, states)
+        return errors_of_pyins(self.flight, self.stamp_ns, result.trajectory)
+
+
+def errors_of_pyins(flight: SimulatedFlight, stamp_ns: list[int], table: Any) -> Errors:
+    """Return the errors of a trajectory in pyins' form at stamps of the flight's IMU samples."""
+    euler = np.radians(table[list(_RPH)].to_numpy())
+    place = table[list(_LLA)].to_numpy()
+    states = States(
+        stamp_ns,
+        *(np.radians(place[:, 0]), np.radians(place[:, 1]), place[:, 2]),
+        table[list(_VELOCITY)].to_numpy(),
+        quat_from_euler(*euler.T),
+    )
+    return errors_of_states(flight.truth, states)
 
 
 def pyins_run(flight: SimulatedFlight) -> PyinsRun:

@@ -35,7 +35,7 @@ from tirgeo_ros.core.types.measurements import HeadingSample, NavigationInput, S
 from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 from tirgeo_ros.tools.presentation.progress import Report, silent
-from tirgeo_ros.tools.simulate.flight import fly
+from tirgeo_ros.tools.simulate.flight import SimulatedFlight, fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from
 from tirgeo_ros.tools.simulate.scenario_aircraft import SHAPES
 
@@ -108,17 +108,7 @@ def fly_case(case: Case, **values: object) -> Flown:
 
     Raises TirgeoError if the filter has no solution at the end.
     """
-    flight = fly(
-        scenario_from(
-            {
-                "route.shape": case.shape,
-                "route.heading_deg": _FIRST_HEADING_DEG + case.seed * _GOLDEN % 1.0,
-                "imu.rate_hz": case.imu_rate_hz,
-                "duration_s": case.duration_s,
-            }
-        ),
-        case.seed,
-    )
+    flight = flight_of(case)
     config = fitting_config(flight, **values)
     found, nis = _filtered(config, navigation_samples(flight), flight.scenario.start_ns)
     if not found or found[-1].stamp_ns < flight.truth.stamp_ns[-1] - _END_NS:
@@ -135,6 +125,21 @@ def fly_case(case: Case, **values: object) -> Flown:
         np.mean((late.state / late.sigma) ** 2, axis=0),
         float(last @ np.linalg.solve(found[-1].covariance, last)),
         nis,
+    )
+
+
+def flight_of(case: Case) -> SimulatedFlight:
+    """Return the flight of a case."""
+    return fly(
+        scenario_from(
+            {
+                "route.shape": case.shape,
+                "route.heading_deg": _FIRST_HEADING_DEG + case.seed * _GOLDEN % 1.0,
+                "imu.rate_hz": case.imu_rate_hz,
+                "duration_s": case.duration_s,
+            }
+        ),
+        case.seed,
     )
 
 

@@ -7,11 +7,11 @@ moved on purpose, and the autopilot's own tilt; all later than 8 s after the fir
 from __future__ import annotations
 
 import math
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeGuard
+from typing import NamedTuple, TypeGuard
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import euler_from_quat, matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.estimator import Navigation
+from tirgeo_ros.core.navigation.smoothing.smoothed_navigation import smoothed
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import (
     FixStatus,
@@ -45,8 +46,7 @@ _FRESH_NS = 100_000_000
 _RTK = (Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING)
 
 
-@dataclass(frozen=True)
-class Miss:
+class Miss(NamedTuple):
     """Hold the horizontal distance from a fix to the pose extrapolated to it; nan if no pose."""
 
     error_m: float
@@ -183,29 +183,58 @@ def cuts_of(config: EkfConfig, samples: Sequence[NavigationInput]) -> list[Miss]
 
     All RTK data are held back; ordinary GPS, where there is some, goes on.
     """
-    return [cut for phase_s in PHASES_S for cut in _cuts_at(config, samples, phase_s)]
+    return [misses[-1] for misses in hidden_fixes(config, samples)]
+
+
+def hidden_fixes(
+    config: EkfConfig, samples: Sequence[NavigationInput], *, smooth: bool = False
+) -> list[list[Miss]]:
+    """Return, for every cut, the pose's errors at all fixes that were held back."""
+    return [
+        misses
+        for phase_s in PHASES_S
+        for misses in _cuts_at(config, samples, phase_s, smooth=smooth)
+    ]
 
 
 def _cuts_at(
-    config: EkfConfig, samples: Sequence[NavigationInput], phase_s: float
-) -> Iterator[Miss]:
+    config: EkfConfig, samples: Sequence[NavigationInput], phase_s: float, *, smooth: bool
+) -> Iterator[list[Miss]]:
+    cut = _cut_of(samples, phase_s)
+    kept = [sample for sample, number in zip(samples, cut, strict=True) if number is None]
+    navigation, pose = smoothed(config, kept) if smooth else Navigation(config), None
+    hidden: defaultdict[int, list[tuple[PositionSample, NavSolution | None]]] = defaultdict(list)
+    for sample, number in zip(samples, cut, strict=True):
+        if number is None:
+            pose = navigation.process(sample).solution or pose
+        elif _is_fix(sample):
+            hidden[number].append((sample, pose))
+    for fixes in hidden.values():
+        yield [_missed_by(fix, last, config) for fix, last in fixes]
+
+
+def _cut_of(samples: Sequence[NavigationInput], phase_s: float) -> list[int | None]:
+    """Return the number of the cut that hides each sample, None for one that is kept."""
     start_ns = samples[0].stamp_ns
     length_s = (samples[-1].stamp_ns - start_ns) * 1e-9
     begins_s = np.arange(FIRST_CUT_S + phase_s, length_s - CUT_S, CUT_EVERY_S)
-    navigation, pose = Navigation(config), None
-    hidden: dict[int, tuple[PositionSample, NavSolution | None]] = {}
-    for sample in samples:
-        inside: list[int] = []
-        if _is_rtk(sample):
-            since_s = (sample.stamp_ns - start_ns) * 1e-9 - begins_s
-            inside = np.flatnonzero((since_s >= 0) & (since_s < CUT_S)).tolist()
-        if not inside:
-            pose = navigation.process(sample).solution or pose
-        elif _is_fix(sample):
-            hidden[inside[0]] = sample, pose
-    for fix, last in hidden.values():
-        fresh = last is not None and fix.stamp_ns - last.stamp_ns <= _FRESH_NS
-        yield _missed(fix, last, config.aircraft.rtk_lever_b) if fresh and last else _NO_POSE
+
+    def number(sample: NavigationInput) -> int | None:
+        since_s = (sample.stamp_ns - start_ns) * 1e-9 - begins_s
+        inside = np.flatnonzero((since_s >= 0) & (since_s < CUT_S)).tolist()
+        return inside[0] if inside else None
+
+    return [number(sample) if _is_rtk(sample) else None for sample in samples]
+
+
+def _missed_by(fix: PositionSample, pose: NavSolution | None, config: EkfConfig) -> Miss:
+    """Return how far a fix is from the pose before it; the sigma is that of the difference."""
+    if pose is None or fix.stamp_ns - pose.stamp_ns > _FRESH_NS:
+        return _NO_POSE
+    error_m, sigma_m = _missed(fix, pose, config.aircraft.rtk_lever_b)
+    least_m2 = config.rtk.position_sigma_floor_m**2
+    own_m2 = np.maximum(fix.covariance_n.diagonal()[:2], least_m2).sum()
+    return Miss(error_m, math.sqrt(sigma_m * sigma_m + own_m2))
 
 
 _NO_POSE = Miss(math.nan, math.nan)

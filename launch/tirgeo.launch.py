@@ -31,6 +31,7 @@ from tirgeo_ros.core.config.viewer import address_of
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.io.files.text_file import named_files
 from tirgeo_ros.tools.graph.localhost import localhost_environment, video_environment
+from tirgeo_ros.tools.graph.remap_file import read_remaps
 
 SHARE = Path(__file__).resolve().parents[1]  # share/tirgeo when installed, else the source tree
 RVIZ = SHARE / "config" / "tirgeo.rviz"
@@ -46,6 +47,7 @@ ARGUMENTS = {
     "frames": ("", "prefix of all frames, as uav1/ (frame_prefix); empty = as params_file says"),
     "image": ("", f"topic in place of {IMAGE}, as /flir/image_raw; its /compressed comes along"),
     "camera_info": ("", f"topic in place of {CAMERA_INFO}; empty = camera_info beside the image"),
+    "remap": ("", "file of inputs that have other names, as config/mavros.yaml; empty = none"),
     "use_sim_time": (
         "",
         "whether /clock is the nodes' time; empty = with a bag, else as params_file says",
@@ -92,10 +94,10 @@ def graph(context: LaunchContext) -> list[Action]:
 
 def check(given: dict[str, str]) -> None:
     """Raise ValueError for a file that is not there, before any node is started without it."""
-    for name in ("params_file", "map", "bag"):
+    for name in ("params_file", "map", "bag", "remap"):
         for path in map(Path, paths(given[name])):
             # A recorded flight may be a folder, and so may a map (File Geodatabase).
-            if not (path.is_file() or (name != "params_file" and path.is_dir())):
+            if not (path.is_file() or (name in {"map", "bag"} and path.is_dir())):
                 raise ValueError(f"argument {name}:={given[name]}: there is no file {path}")
     if given["bag"] and is_true("respawn", given["respawn"]):
         raise ValueError("argument respawn:=true: not with bag:=, which ends when a node dies")
@@ -151,17 +153,26 @@ def sim_time(given: dict[str, str]) -> dict[str, object]:
 def remappings(name: str, given: dict[str, str]) -> list[tuple[str, str]]:
     """Return the topics of a node that have another name: (own, other).
 
-    A bag's clock is in the namespace, as the bag's topics are: two bags have two clocks.
+    A bag's clock is in the namespace, as the bag's topics are: two bags have two clocks. The first
+    rule for a topic holds.
     """
     found = [("/clock", "clock")] if given["bag"] else []
     if name != "overlay_node":
-        return found
+        return found + renamed(given)
     image = given["image"].removesuffix("/compressed")
     beside = str(PurePosixPath(image).with_name("camera_info")) if image else ""
     if image:
         found += [(IMAGE, image), (f"{IMAGE}/compressed", f"{image}/compressed")]
     info = given["camera_info"] or beside
-    return [*found, (CAMERA_INFO, info)] if info else found
+    return [*found, *([(CAMERA_INFO, info)] if info else []), *renamed(given)]
+
+
+def renamed(given: dict[str, str]) -> list[tuple[str, str]]:
+    """Return the inputs that the files of the argument remap name; raise ValueError."""
+    try:
+        return [pair for path in paths(given["remap"]) for pair in read_remaps(path)]
+    except ConfigError as error:
+        raise ValueError(f"argument remap:={given['remap']}: {error}") from None
 
 
 def end_of(name: str) -> object:

@@ -138,7 +138,7 @@ def test_launch_ends_with_the_bag_and_in_error_with_any_other_node(launch_file, 
     assert {node.on_exit for node in launched(launch_file).values()} == {None}
 
 
-@pytest.mark.parametrize("name", ["params_file", "map", "bag"])
+@pytest.mark.parametrize("name", ["params_file", "map", "bag", "remap"])
 def test_launch_refuses_a_file_that_is_not_there(launch_file, name, flight, tmp_path):
     with pytest.raises(
         ValueError, match=rf"^argument {name}:=nowhere: there is no file /.*/nowhere"
@@ -146,10 +146,11 @@ def test_launch_refuses_a_file_that_is_not_there(launch_file, name, flight, tmp_
         launched(launch_file, **{name: "nowhere"})
     with pytest.raises(ValueError, match=rf"^argument {name}:=.*: there is no file /.*/no"):
         launched(launch_file, **{name: f"{flight},no"})
-    launched(launch_file, **{name: flight})
-    if name == "params_file":
+    if name != "remap":  # its contents are read at once
+        launched(launch_file, **{name: flight})
+    if name in {"params_file", "remap"}:
         with pytest.raises(ValueError, match="there is no file"):
-            launched(launch_file, params_file=str(tmp_path))
+            launched(launch_file, **{name: str(tmp_path)})
     else:
         launched(launch_file, **{name: str(tmp_path)})  # a recorded folder, a File Geodatabase
 
@@ -189,6 +190,29 @@ def test_launch_takes_the_camera_by_its_own_name(launch_file):
     assert info == ("thermal/camera_info", "info")
     beside = launched(launch_file, image="video")["overlay_node"]
     assert dict(beside.remappings)["thermal/camera_info"] == "camera_info"
+
+
+def test_launch_gives_every_node_the_inputs_other_names(launch_file, flight):
+    mavros = str(PROJECT / "config" / "mavros.yaml")
+    renamed = [
+        ("imu/data", "mavros/imu/data"),
+        ("gps/fix", "mavros/global_position/raw/fix"),
+        ("baro/pressure", "mavros/imu/static_pressure"),
+    ]
+    nodes = launched(launch_file, remap=mavros, dji="false", image="video")
+    assert nodes["ekf_node"].remappings == renamed
+    # Of several rules for a topic, ROS takes the first.
+    assert nodes["overlay_node"].remappings[-3:] == renamed
+    assert nodes["overlay_node"].remappings[0] == ("thermal/image_raw", "video")
+    on_bag = launched(launch_file, remap=mavros, bag=flight)
+    assert on_bag["bag_player"].remappings == [("/clock", "clock"), *renamed]
+
+
+def test_launch_refuses_a_remap_of_no_input(launch_file, tmp_path):
+    path = tmp_path / "remap.yaml"
+    path.write_text("imu: mavros/imu/data\n")
+    with pytest.raises(ValueError, match=r"^argument remap:=.*remap.yaml: imu: no input of tirg"):
+        launched(launch_file, remap=str(path))
 
 
 def test_launch_prefixes_the_frames_and_sets_the_level_of_our_loggers(launch_file):

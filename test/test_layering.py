@@ -21,6 +21,7 @@ LAYERS = {
     "dji": {"core", "dji"},
     "io": {"core", "io"},
     "tools": {"core", "dji", "io", "tools"},
+    "library": {"core", "io", "tools", "library"},
     "page": {"core", "io", "page"},
     "nodes": {"core", "dji", "io", "page", "nodes"},
     "dev": {"core", "dji", "io", "tools", "page", "nodes", "dev"},

@@ -110,6 +110,13 @@ class Screen:
         """Return where a pixel of the picture is on the screen."""
         return tuple(self.page.evaluate(_ON_SCREEN, [aircraft, u, v]))
 
+    def shown_pixel(self) -> float:
+        """Return the size of a pixel of the picture on the screen, in the full picture's pixels.
+
+        It is above one while the connection is slow, or this machine busy.
+        """
+        return float(self.page.evaluate(_SHOWN_PIXEL))
+
     def video(self) -> tuple[bytes, float, float]:
         """Return the video as it is on the screen (PNG), and the screen place of its corner."""
         stage = self.one(".stage canvas")
@@ -151,6 +158,11 @@ class Screen:
 _STAMP = """async (aircraft) => {
   const { stageOf } = await import("/static/js/video/stages.js");
   return stageOf(aircraft)?.frame?.stampNs ?? "0";
+}"""
+_SHOWN_PIXEL = """async () => {
+  const { stageOf } = await import("/static/js/video/stages.js");
+  const { frame } = stageOf("");
+  return frame.width / frame.bitmap.width;
 }"""
 _ON_SCREEN = """async ([aircraft, u, v]) => {
   const { stageOf } = await import("/static/js/video/stages.js");

@@ -73,7 +73,7 @@ def table(graph: Graph) -> str:
     """Return a Markdown table of all packages: what each does, and what it imports."""
     rows = ["| package | does | imports |", "| --- | --- | --- |"]
     for package, others in sorted(graph.items()):
-        if "." in package or package in {"nodes", "dev"}:
+        if "." in package or package in {"library", "nodes", "dev"}:
             rows.append(f"| `{package}` | {_first_line(package)} | {_short(others)} |")
     return "\n".join(rows) + "\n"
 

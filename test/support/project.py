@@ -1,4 +1,4 @@
-"""Where the project's files are, its nodes and verbs, whose a DDS port is, who reads a map."""
+"""Where the project's files are, its nodes and verbs, whose a DDS port is, its workers."""
 
 from __future__ import annotations
 
@@ -46,15 +46,20 @@ def taken_port(domain: int) -> socket.socket:
 
 def reader_of(pid: int) -> int:
     """The only child of a process that reads maps."""
+    return worker_of(pid, "tirgeo_ros.io.maps.map_process")
+
+
+def worker_of(pid: int, module: str) -> int:
+    """The only child of a process that runs a module."""
     for path in Path("/proc").glob("[0-9]*"):
         try:
             parent = int((path / "stat").read_text().rpartition(")")[2].split()[1])
             words = (path / "cmdline").read_text()
         except OSError:
             continue
-        if parent == pid and "tirgeo_ros.io.maps.map_process" in words:
+        if parent == pid and module in words:
             return int(path.name)
-    raise AssertionError(f"process {pid} has none that reads a map")
+    raise AssertionError(f"process {pid} has none that runs {module}")
 
 
 def child_of(pid: int, name: str) -> int:

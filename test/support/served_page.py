@@ -86,20 +86,20 @@ def corner_in(stamp_ns: int) -> tuple[float, float]:
 
 
 def corner_on(screenshot: bytes) -> tuple[float, float] | None:
-    """Return where that corner is on a picture of the screen; None if no plot is seen wholly."""
-    image = cv2.imdecode(np.frombuffer(screenshot, np.uint8), cv2.IMREAD_COLOR).astype(int)
+    """Return where a plot's corner is on a picture of the screen; None if none is seen whole."""
+    image = cv2.imdecode(np.frombuffer(screenshot, np.uint8), cv2.IMREAD_COLOR).astype(np.float32)
     blue, green, red = np.moveaxis(image, 2, 0)
-    yellow = (np.minimum(green, red) - blue > 25) & (abs(green - red) < 60)
-    lines = cv2.dilate(yellow.astype(np.uint8), np.ones((5, 5)))
+    yellow = np.maximum(np.minimum(green, red) - blue, 0)
     high, wide = yellow.shape
-    side = 2 * PLOT_M / M_PER_PIXEL * min(high / HEIGHT, wide / WIDTH)
-    found = [
-        np.add(box[:2], box[2:4] / 2) - side / 2
-        for box in cv2.connectedComponentsWithStats(lines)[2][1:, :4]
-        if np.allclose(box[2:] - 4, side, rtol=0.1, atol=3)  # a whole square, no words
-    ]
-    middle = np.array([wide, high]) / 2 - side / 2
-    return min(found, key=lambda corner: np.hypot(*(corner - middle)), default=None)
+    side = round(2 * PLOT_M / M_PER_PIXEL * min(high / HEIGHT, wide / WIDTH))
+    outline = np.zeros((side + 9, side + 9), np.float32)
+    cv2.rectangle(outline, (4, 4), (4 + side, 4 + side), 1.0, 2)
+    alike = cv2.matchTemplate(yellow, outline, cv2.TM_CCOEFF_NORMED)
+    down, right = np.mgrid[: alike.shape[0], : alike.shape[1]]
+    aside = np.hypot(right + side / 2 - wide / 2, down + side / 2 - high / 2)
+    alike[aside > high / 3] = 0  # the sky and the words over the picture are above
+    _, likeness, _, (left, top) = cv2.minMaxLoc(alike)
+    return (left + 4.0, top + 4.0) if likeness > 0.5 else None
 
 
 def off_corner(target: Target) -> tuple[float, float]:

@@ -15,7 +15,8 @@ from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.overlay.map_renderer import DrawingVerdict
-from tirgeo_ros.core.overlay.overlay import Overlay, OverlayResult
+from tirgeo_ros.core.overlay.overlay import Overlay
+from tirgeo_ros.core.overlay.picture_painter import OverlayResult
 from tirgeo_ros.core.streams.arrival_stamps import Arrivals
 from tirgeo_ros.core.streams.rates import RateLimit
 from tirgeo_ros.core.types.errors import cut

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from tirgeo_ros.core.overlay.overlay import Overlay, OverlayResult
+from tirgeo_ros.core.overlay.overlay import Overlay
+from tirgeo_ros.core.overlay.picture_painter import OverlayResult
 from tirgeo_ros.core.streams.rates import RateLimit
 from tirgeo_ros.nodes.graph_node import GraphNode
 from tirgeo_ros.nodes.qos import IMAGE_DEPTH, output

@@ -55,7 +55,7 @@ def antennas_solution(error, covariance=None):
         (0.0, 0.0, 0.0),
         np.zeros((9, 9)),
     )
-    return at_antenna(imu, belief)
+    return at_antenna(imu, belief.covariance, belief.control.receivers.antenna_b)
 
 
 def apart(a, b):

@@ -7,6 +7,7 @@ import json
 import pyogrio
 import pytest
 from browser import DESK, PHONE, TABLET
+from page_backend import M_PER_PIXEL
 from served_page import ELLIPSE, corner_in, corner_on, off_corner, well
 
 
@@ -53,10 +54,10 @@ def test_a_press_on_an_outline_is_a_target_within_its_ellipse(serve, tablet):
     (target,) = page.targets
     off_m, chi_square = off_corner(target)
     assert chi_square < ELLIPSE
-    assert off_m < 0.3  # three pixels of 0.1 m
+    assert off_m < 3 * screen.shown_pixel() * M_PER_PIXEL
     assert target.kind == "fire"
     screen.tap_on(".row")
-    screen.reads(".value[data-form=decimal]", f"{target.latitude_deg:.5f}")
+    screen.reads(".value[data-form=decimal]", f"{target.latitude_deg:.6f}")
     assert screen.one(".picture").evaluate("(image) => image.decode().then(() => true)")
     assert screen.one(".qr").evaluate("(image) => image.decode().then(() => true)")
 

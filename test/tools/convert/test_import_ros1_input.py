@@ -157,11 +157,15 @@ def head_of_sqlite(path):
     ("write", "message"),
     [
         (lambda p: p.write_bytes(b""), "the file is empty"),
-        (lambda p: p.write_text("stamp,latitude\n1,2\n"), "text; give a ROS 1 bag or a capture"),
+        (lambda p: p.write_text("stamp,latitude\n1,2\n"), "text in columns: say what they mean"),
+        (lambda p: p.write_text("Dear diary\n"), "text of no known log: docs/import.md lists"),
         (lambda p: p.write_bytes(b"#ROSBAG V1.2\nxyz"), "a ROS 1 bag of an older version"),
         (lambda p: p.write_bytes(b"#ROSBAG V2.0\n"), "cannot be read: Header could not be read"),
-        (lambda p: p.write_bytes(b"\x89MCAP0\r\n" + bytes(99)), "already a ROS 2 bag; give it to"),
-        (head_of_sqlite, "already a ROS 2 bag; give it to"),
+        (
+            lambda p: p.write_bytes(b"\x89MCAP0\r\n" + bytes(99)),
+            "no message can be read; 99 bytes",
+        ),
+        (head_of_sqlite, "the database is cut off or damaged"),
         (lambda p: p.write_bytes(b"\x1f\x8b\x08" + bytes(99)), "packed with gzip"),
         (lambda p: p.mkdir(), "a directory; give a ROS 1 bag"),
         (lambda _: None, "cannot be read: No such file"),

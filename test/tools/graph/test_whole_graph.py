@@ -80,6 +80,14 @@ def test_other_drivers_may_bring_the_topics(become):
     assert set(argv[argv.index("--") + 1 :]) == NODES - {"dji_node", "bag_player", "viewer_node"}
 
 
+def test_inputs_of_other_names(become, tmp_path):
+    path = tmp_path / "remap.yaml"
+    path.write_text("imu/data: mavros/imu/data\ngps/fix: /gnss/fix\n")
+    argv, _ = become("--no-dji", "--namespace", "uav1", "--remap", str(path))
+    rules = ["-r", "imu/data:=mavros/imu/data", "-r", "gps/fix:=/gnss/fix", "--"]
+    assert argv[argv.index("__ns:=/uav1") + 1 :][:5] == rules
+
+
 def test_the_page_comes_at_its_own_address_or_that_of_the_parameters(become, capsys):
     argv, _ = become("--page", "0.0.0.0:8081")
     assert argv[argv.index("-p") + 1] == 'listen:="0.0.0.0:8081"'
@@ -102,7 +110,7 @@ def test_what_runs_is_said_on_stdout_for_programs(become, capsys, monkeypatch):
     assert "ROS_DOMAIN_ID=7" in said.err
 
 
-@pytest.mark.parametrize("option", ["--bag", "--map", "--params"])
+@pytest.mark.parametrize("option", ["--bag", "--map", "--params", "--remap"])
 def test_a_file_that_is_absent_is_named_before_anything_runs(option, capsys):
     assert command.main(["run", option, "none.in"]) == 1
     assert (

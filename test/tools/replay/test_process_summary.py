@@ -13,6 +13,7 @@ NAMES = ["read", "state", "poses", "frames", "refused", "output"]
 RESULT = {
     "input": "flight.mcap",
     "method": "ekf_heading",
+    "smoothed": False,
     "duration_s": 30.0,
     "elapsed_s": 0.7317,
     "speed": 41.0,

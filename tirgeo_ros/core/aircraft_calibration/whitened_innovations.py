@@ -108,11 +108,11 @@ class WhiteningFusion(Fusion):
         autopilot_q_nb: Array | None,  # noqa: ARG002
     ) -> Fused:
         """Return the belief with a measurement in it, whatever its innovation."""
-        state, covariance, control = belief
+        state, covariance, control = belief[:3]
         reading = self._readings[aid.source, aid.stamp_ns]
         plain = aid.measurement
         measurement = plain._replace(noise=plain.noise / reading.weight, gate_sigma=_NO_GATE)
-        ratio, error, updated, predicted = update(covariance, measurement)
+        ratio, error, updated, predicted, _ = update(covariance, measurement)
         if error is None or updated is None:
             verdict = Verdict(aid.source, Outcome.INVALID, "impossible covariance")
             return Fused(verdict, belief)

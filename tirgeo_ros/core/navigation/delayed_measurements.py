@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from tirgeo_ros.core.navigation.aiding.aid_status import PLACE, AidStatus
 from tirgeo_ros.core.navigation.aiding.state_estimate import AidSample, StateEstimate
+from tirgeo_ros.core.navigation.smoothing.trail import Mark
 from tirgeo_ros.core.navigation.strapdown import NavState, Rates
 from tirgeo_ros.core.navigation.vibration_noise import STILL, Powers, VibrationMeter
 from tirgeo_ros.core.types.arrays import Array, Vector
@@ -24,6 +25,7 @@ class Carried(NamedTuple):
     start: NavState | None = None  # the state at the covariance's time
     rates: Rates | None = None  # near the middle of the lag
     vibration: Powers = STILL  # IMU noise of the last seconds
+    trail: Mark | None = None  # what led to the covariance, where a smoother needs it
 
     @property
     def belief(self) -> StateEstimate:
@@ -74,7 +76,7 @@ class Epoch:
     def first(cls, stamp_ns: int, sample: ImuSample, belief: StateEstimate) -> Epoch:
         """Return the filter's first epoch; ``sample`` is the newest one up to its stamp."""
         force, rate = sample.specific_force_b.tolist(), sample.angular_rate_b.tolist()
-        return cls(stamp_ns, tuple(force), tuple(rate), Carried(*belief))
+        return cls(stamp_ns, tuple(force), tuple(rate), Carried(*belief[:3]))
 
     @classmethod
     def after(cls, before: Epoch, sample: ImuSample, meter: VibrationMeter) -> Epoch:

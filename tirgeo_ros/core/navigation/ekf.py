@@ -12,8 +12,6 @@ import math
 import operator
 from typing import NamedTuple
 
-import numpy as np
-
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.aid_status import PLACE, AidStatus
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
@@ -28,17 +26,11 @@ from tirgeo_ros.core.navigation.delayed_measurements import (
 )
 from tirgeo_ros.core.navigation.delays import longest_hold_s
 from tirgeo_ros.core.navigation.initial_state import first_belief
-from tirgeo_ros.core.navigation.ins_error_model import (
-    ATTITUDE,
-    GYRO_BIAS,
-    POSITION,
-    VELOCITY,
-    NoisePowers,
-    has_antenna,
-    states_of,
-)
+from tirgeo_ros.core.navigation.ins_error_model import GYRO_BIAS, NoisePowers
 from tirgeo_ros.core.navigation.propagation import Propagation
-from tirgeo_ros.core.navigation.solution_at_antenna import at_antenna
+from tirgeo_ros.core.navigation.published_solution import SolutionMaker, unsure_by
+from tirgeo_ros.core.navigation.smoothing.flight_record import FlightRecord
+from tirgeo_ros.core.navigation.smoothing.trail import Change, Mark
 from tirgeo_ros.core.navigation.vibration_noise import Powers, VibrationMeter, clipped_powers
 from tirgeo_ros.core.types.arrays import Array, Vector
 from tirgeo_ros.core.types.measurements import ImuSample, Source
@@ -49,7 +41,6 @@ _STANDBY = {source: Verdict(source, Outcome.STANDBY, "not needed") for source in
 _MOST_HZ = 500  # bound on the measurements held for each second
 _RTK_POSITION = PLACE[Source.RTK_POSITION]
 _stamp_of = operator.attrgetter("stamp_ns")
-_SOLUTION_ROWS = np.r_[POSITION, ATTITUDE, VELOCITY]
 
 
 class _Progress(NamedTuple):
@@ -69,7 +60,7 @@ class Ekf:
     """Run the filter from the end of its alignment. Samples must be finite (see ``estimator``).
 
     ``mechanisation`` and ``fusion`` replace those that ``config`` gives (see
-    ``aircraft_calibration/whitened_innovations``).
+    ``aircraft_calibration/whitened_innovations``). ``record`` takes what a smoother needs.
     """
 
     def __init__(
@@ -78,15 +69,16 @@ class Ekf:
         alignment: Alignment,
         mechanisation: Propagation | None = None,
         fusion: Fusion | None = None,
+        record: FlightRecord | None = None,
     ) -> None:
         self.configure(config, mechanisation, fusion)
         self._meter = VibrationMeter(alignment.vibration, alignment.vibration_s)
-        states = states_of(config)
-        self._at_antenna = has_antenna(states) and not config.aircraft.rtk_lever_b.any()
-        # Flat indices of the solution's covariance (9, 9) in the filter's covariance.
-        self._solution_entries = states * _SOLUTION_ROWS[:, None] + _SOLUTION_ROWS
+        self._form = SolutionMaker(config)
         belief = first_belief(config, alignment)
-        self._epochs = [Epoch.first(alignment.stamp_ns, alignment.imu[0], belief)]
+        first = Epoch.first(alignment.stamp_ns, alignment.imu[0], belief)
+        if record is not None:
+            first.carried = first.carried._replace(trail=Mark(Change(belief.covariance)))
+        self._epochs, self._record = [first], record
         self._held: list[HistoryRecord] = []
         self._resolved: list[Verdict] = []
         self._progress: _Progress | None = None
@@ -185,36 +177,18 @@ class Ekf:
         self._catch_up(len(self._epochs) - 1)
         epoch = self._epochs[-1]
         state, covariance, control = epoch.carried[:3]
-        rate_b, bias = epoch.rate_b, state.gyro_bias_b
-        turning_b = rate_b[0] - bias[0], rate_b[1] - bias[1], rate_b[2] - bias[2]
-        vectors = np.array((*state.velocity_n, *state.q_nb, *turning_b))
-        found = (
-            epoch.stamp_ns,
-            state.latitude_rad,
-            state.longitude_rad,
-            state.height_m,
-            vectors[:3],
-            vectors[3:7],
-            vectors[7:],
-            self._rate_variance_b(covariance),
-            covariance.take(self._solution_entries),
-        )
-        solution: NavSolution = tuple.__new__(NavSolution, found)  # half of NavSolution(...)
-        if self._at_antenna:
-            solution = at_antenna(solution, epoch.carried.belief)
-        step = control.tracks[_RTK_POSITION].step
-        if step:  # an RTK step that is not accepted yet makes the position that uncertain
-            solution.covariance[:3, :3] += np.outer(step, step)
-        return solution
+        form, antenna_b = self._form, control.receivers.antenna_b
+        white_b = self._white_b(epoch)
+        made = form.made(epoch.stamp_ns, state, covariance, epoch.rate_b, white_b, antenna_b)
+        return unsure_by(made, control.tracks[_RTK_POSITION].step)
 
-    def _rate_variance_b(self, covariance: Array) -> Vector:
-        """Return the variances of one angular rate in ``b``, (rad/s)^2: white noise and bias."""
+    def _white_b(self, epoch: Epoch) -> Vector:
+        """Return the variances of the white noise of one angular rate in ``b``, (rad/s)^2."""
         first, last, count = self._epochs[0], self._epochs[-1], len(self._epochs) - 1
-        x, y, z, *_ = self._noise_powers.under(last.vibration)
-        item = covariance.item
+        x, y, z, *_ = self._noise_powers.under(epoch.vibration)
         # With one sample there is no sampling rate.
         rate_hz = count / ((last.stamp_ns - first.stamp_ns) * 1e-9) if count else 0.0
-        return x * rate_hz + item(9, 9), y * rate_hz + item(10, 10), z * rate_hz + item(11, 11)
+        return x * rate_hz, y * rate_hz, z * rate_hz
 
     def belief(self) -> StateEstimate:
         """Return the belief at the newest IMU sample; its covariance may be 50 ms older."""
@@ -238,7 +212,7 @@ class Ekf:
 
     def biases(self) -> Biases:
         """Return the estimated IMU biases and their covariance (6, 6), to start again from."""
-        state, covariance, _ = self.belief()
+        state, covariance = self.belief()[:2]
         rows = slice(GYRO_BIAS.start, GYRO_BIAS.start + 6)
         return Biases(state.gyro_bias_b, state.accel_bias_b, covariance[rows, rows].copy())
 
@@ -274,17 +248,18 @@ class Ekf:
     def _applied(
         self, record: HistoryRecord, carried: Carried, rate_b: Vector, autopilot_q_nb: Array | None
     ) -> Carried:
-        belief = self._mechanisation.followed(carried).belief
-        x, y, z = belief.state.gyro_bias_b
+        carried = self._mechanisation.followed(carried)
+        x, y, z = carried.state.gyro_bias_b
         verdict, belief = self._fusion.fuse(
             record.sample,
-            belief,
+            carried.belief,
             (rate_b[0] - x, rate_b[1] - y, rate_b[2] - z),
             stale=record.stale,
             autopilot_q_nb=autopilot_q_nb,
         )
         self._set_verdict(record, verdict)
-        return Carried(*belief)
+        trail = carried.trail and carried.trail.followed_by(belief.changes)
+        return Carried(belief.state, belief.covariance, belief.control, trail=trail)
 
     def _set_verdict(self, record: HistoryRecord, verdict: Verdict) -> None:
         """Store a verdict; the first on a measurement that was held also goes to the caller."""
@@ -296,5 +271,17 @@ class Ekf:
         """Drop the epochs that no measurement can reach any more, in batches: that is faster."""
         oldest_ns = self.newest_ns - self._keep_ns
         drop = bisect.bisect_right(self._epochs, oldest_ns, key=_stamp_of) - 1
+        self._keep(drop)
         del self._epochs[:drop]
         self._done -= drop
+
+    def finish(self) -> None:
+        """Record what is left, once no more samples come."""
+        self._catch_up(len(self._epochs) - 1)
+        self._keep(len(self._epochs))
+
+    def _keep(self, number: int) -> None:
+        """Record the first epochs, which no measurement can reach any more."""
+        if self._record is not None:
+            for epoch in self._epochs[:number]:
+                self._record.keep(epoch, self._white_b(epoch))

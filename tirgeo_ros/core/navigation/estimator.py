@@ -277,7 +277,7 @@ class Navigation:
         heading = self._autopilot.sample(sample, ekf.belief().covariance)
         if heading is not None:
             self._count(ekf.add_aiding(heading))
-        _, covariance, control = ekf.belief()
+        _, covariance, control, _ = ekf.belief()
         self._enter(self._health.state(control, ekf.newest_ns, self._log.unused)[0])
         why = self._health.lost(control, covariance)
         if why:

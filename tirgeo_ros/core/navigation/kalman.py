@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tirgeo_ros.core.navigation.smoothing.trail import Correction
 from tirgeo_ros.core.types.arrays import Array
 
 #: Up to here a float holds the probability of an exceedance to all its digits.
@@ -25,12 +26,13 @@ class Measurement(NamedTuple):
 
 
 class Update(NamedTuple):
-    """Hold an update; ``error`` and ``covariance`` are None where the gate refused it."""
+    """Hold an update; its result is None where the gate refused it."""
 
     test_ratio: float
     error: Array | None  # (n,)
     covariance: Array | None  # (n, n)
     predicted: Array  # (m, m) H P H^T, covariance of the prediction
+    correction: Correction | None = None
 
 
 def update(covariance: Array, measurement: Measurement) -> Update:
@@ -57,7 +59,8 @@ def update(covariance: Array, measurement: Measurement) -> Update:
     reduced = covariance - cross.dot(inverse).dot(cross.T)
     reduced += reduced.T.copy()
     reduced *= 0.5
-    return Update(ratio, cross.dot(weighted), reduced, predicted)
+    correction = Correction(design, inverse, innovation)
+    return Update(ratio, cross.dot(weighted), reduced, predicted, correction)
 
 
 def _inverse(spread: Array) -> Array:

@@ -18,6 +18,7 @@ from tirgeo_ros.core.navigation.ins_error_model import (
     VELOCITY,
     CovariancePropagation,
 )
+from tirgeo_ros.core.navigation.smoothing.trail import Change, Mark
 from tirgeo_ros.core.navigation.strapdown import propagate, rotate
 from tirgeo_ros.core.types.arrays import Vector
 
@@ -62,27 +63,30 @@ class Propagation:
     def _stepped(
         self, carried: Carried, end: Epoch, force_b: Vector, rate_b: Vector, step_s: float
     ) -> Carried:
-        before, covariance, control, lag_s, start, middle, _ = carried
+        before, covariance, control, lag_s, start, middle, _, trail = carried
         state, rates = propagate(before, force_b, rate_b, step_s)
         if start is None:
             start = before
         if middle is None or lag_s <= 0.5 * _COVARIANCE_STEP_S:
             middle = rates
         lag_s += step_s
-        lagging = (state, covariance, control, lag_s, start, middle, end.vibration)
+        lagging = (state, covariance, control, lag_s, start, middle, end.vibration, trail)
         carried = tuple.__new__(Carried, lagging)  # half the time of Carried(...)
         return self.followed(carried) if lag_s >= _COVARIANCE_STEP_S else carried
 
     def followed(self, carried: Carried) -> Carried:
         """Return ``carried`` with its covariance propagated to the state's time."""
-        state, covariance, control, lag_s, start, rates, vibration = carried
+        state, covariance, control, lag_s, start, rates, vibration, trail = carried
         if start is None or rates is None:
             return carried
         (n0, e0, d0), (n1, e1, d1) = start.velocity_n, state.velocity_n
         # Mean specific force: the change of velocity over time, less gravity.
         force_n = (n1 - n0) / lag_s, (e1 - e0) / lag_s, (d1 - d0) / lag_s - rates.gravity_m_s2
         covariance = self._propagation.step(covariance, start, rates, force_n, lag_s, vibration)
-        return Carried(state, covariance, control)
+        if trail is not None:
+            change = Change(covariance, self._propagation.transition.copy(), step_s=lag_s)
+            trail = Mark(change, trail)
+        return Carried(state, covariance, control, trail=trail)
 
     def _bridged(self, carried: Carried, start: Epoch, end: Epoch) -> Carried:
         """Return ``carried`` with a covariance enlarged for a gap between two samples.
@@ -91,7 +95,8 @@ class Propagation:
         set forward looks the same. The share of the motion that took place is then uncertain
         between none and all.
         """
-        state, covariance, control = self.followed(carried)[:3]
+        followed = self.followed(carried)
+        state, covariance, _ = followed[:3]
         covariance, before, gap_s = covariance.copy(), start.carried.state, end.step_s
         rate = 0.5 * math.dist(start.rate_b, end.rate_b) + _UNSEEN_RATE_RAD_S
         force = 0.5 * math.dist(start.force_b, end.force_b) + _UNSEEN_FORCE_M_S2
@@ -104,4 +109,5 @@ class Propagation:
         ):
             uncertainty = _UNIFORM_RMS**2 * np.outer(motion, motion)
             covariance[block, block] += sigma * sigma * np.eye(3) + uncertainty
-        return Carried(state, covariance, control)
+        trail = followed.trail and Mark(Change(covariance), followed.trail)
+        return followed._replace(covariance=covariance, trail=trail)

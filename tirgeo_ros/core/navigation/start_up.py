@@ -19,6 +19,7 @@ from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding
 from tirgeo_ros.core.navigation.alignment.aligner import Aligner, Alignment, Biases
 from tirgeo_ros.core.navigation.delays import longest_hold_s
 from tirgeo_ros.core.navigation.ekf import Ekf
+from tirgeo_ros.core.navigation.smoothing.flight_record import FlightRecord
 from tirgeo_ros.core.navigation.strapdown import NavState
 from tirgeo_ros.core.types.measurements import ImuSample, NavigationInput, SetHeading, Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
@@ -107,6 +108,7 @@ class StartUp:
         self.order = StampOrder(config.max_delay_s, longest_hold_s(config), keep_s)
         self.ekf: Ekf | None = None
         self.first_state: NavState | None = None
+        self.record: FlightRecord | None = None  # of the filter, for a smoother
 
     def refused(self, sample: Aiding) -> Verdict | None:
         """Return the verdict on a sample that does not serve to align, else None."""
@@ -131,7 +133,8 @@ class StartUp:
 
     def _started(self, alignment: Alignment, rest: Sequence[NavigationInput]) -> list[Verdict]:
         """Start the filter; ``rest`` are samples that the alignment has not seen."""
-        self.ekf, self.first_state = Ekf(self._config, alignment), alignment.state
+        self.ekf = Ekf(self._config, alignment, record=self.record)
+        self.first_state = alignment.state
         later = sorted((*alignment.imu[1:], *alignment.later), key=lambda s: s.stamp_ns)
         unseen = (s for s in rest if s.stamp_ns > alignment.stamp_ns)
         verdicts = []

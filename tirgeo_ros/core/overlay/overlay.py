@@ -7,9 +7,7 @@ lines.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.rectification import Rectifier
@@ -23,27 +21,19 @@ from tirgeo_ros.core.overlay.camera_motion import rates_up_to
 from tirgeo_ros.core.overlay.clicks import Clicks
 from tirgeo_ros.core.overlay.frame_queue import Frame, FrameQueue
 from tirgeo_ros.core.overlay.map_renderer import DrapedMap, DrawingVerdict, MapRenderer
-from tirgeo_ros.core.overlay.status_text import VERDICT_BGR, status_line, words_of
-from tirgeo_ros.core.overlay.text_boxes import paint_notice, paint_status, place_notice
-from tirgeo_ros.core.overlay.tone_mapping import ToneMapper
-from tirgeo_ros.core.types.arrays import Pixels, RawPixels
+from tirgeo_ros.core.overlay.picture_painter import (
+    OverlayResult,
+    PicturePainter,
+    Scene,
+    Unpainted,
+)
+from tirgeo_ros.core.overlay.status_text import words_of
+from tirgeo_ros.core.types.arrays import RawPixels
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import NavigationStatus
 
 _MARGIN_S = 1.0  # poses are kept this much longer than the oldest exposure needs
 _READING = "reading"
-
-
-@dataclass(frozen=True, slots=True)
-class OverlayResult:
-    """Hold one finished picture."""
-
-    stamp_ns: int  # of the frame
-    image: Pixels  # (h, w, 3) BGR
-    pose: CameraPose | None  # at the exposure; None if no map was drawn
-    notice: str  # why no map was drawn, or why none is in view; else empty
-    camera: Camera | None = None  # of the picture as shown; None if unknown or of another size
-    predicted_s: float = 0.0  # how far the pose was extrapolated
 
 
 class Overlay:
@@ -71,12 +61,11 @@ class Overlay:
         self._map_not_ready = _READING if layers is None else ""
         self.clicks = Clicks(config.confidence)
         self.clicks.set_ground(self._drawing.ground)
-        self._toner = ToneMapper(config.picture, config.palette)
+        self._painter = PicturePainter(config, self._drawing)
         self.frames = FrameQueue()
         self.poses: PoseBuffer[CameraPose] = PoseBuffer()
         self.plane: TangentPlane | None = None
         self._camera: Camera | None = None
-        self._rectifier: Rectifier | None = None
         self._rectify = config.rectify
         self._status: NavigationStatus | None = None
         self._verdict = DrawingVerdict()
@@ -92,8 +81,7 @@ class Overlay:
         self._wait_ns = round(config.max_pose_wait_s * 1e9)
         self._prediction_ns = round(config.max_prediction_s * 1e9)
         self.poses.keep(max(config.video_latency_s, 0.0) + config.max_pose_wait_s + _MARGIN_S)
-        self._toner.configure(config.picture, config.palette)
-        self._drawing.set_confidence(config.confidence)
+        self._painter.configure(config)
         self.clicks.confidence = config.confidence
 
     @property
@@ -137,9 +125,9 @@ class Overlay:
             self._set_lens(camera, rectify=self._rectify)
 
     def _set_lens(self, camera: Camera, *, rectify: bool) -> None:
-        self._rectifier = Rectifier(camera) if rectify else None
-        self._camera = camera
-        self._drawing.set_camera(self._rectifier.camera if self._rectifier else camera)
+        rectifier = Rectifier(camera) if rectify else None
+        self._camera, self._painter.rectifier = camera, rectifier
+        self._drawing.set_camera(rectifier.camera if rectifier else camera)
 
     @property
     def laid(self) -> DrapedMap | None:
@@ -172,12 +160,22 @@ class Overlay:
         """Add a frame (h, w) uint8 or uint16, or (h, w, 3) BGR uint8; ``now_ns`` is as in take."""
         self.frames.put(Frame(stamp_ns, pixels, now_ns))
 
+    @property
+    def scene(self) -> Scene:
+        """Return what the next picture has in common with others."""
+        return Scene(self._drawing.camera, self._painter.rectifier, self._drawing.laid)
+
     def take(self, now_ns: int) -> OverlayResult | None:
         """Return the newest picture that need not wait any longer, or None.
 
         Older frames are dropped and counted as replaced. ``now_ns`` is the caller's clock, which
         is the clock of the stamps.
         """
+        picture = self.take_unpainted(now_ns)
+        return None if picture is None else self._painter.paint(picture)
+
+    def take_unpainted(self, now_ns: int) -> Unpainted | None:
+        """Return the picture of ``take`` as it is before a PicturePainter painted it."""
         for frame in self.frames:
             pose = self.poses.at(frame.stamp_ns - self._latency_ns)
             obstacle = self._obstacle(frame.pixels)
@@ -186,7 +184,7 @@ class Overlay:
             if obstacle or not (has_time and pose in (Miss.EMPTY, Miss.TOO_NEW)):
                 self.frames.take(frame)
                 self._results["late"] += now_ns - frame.arrival_ns >= self._wait_ns
-                return self._finished(frame, now_ns, pose, obstacle)
+                return self._unpainted(frame, now_ns, pose, obstacle)
         return None
 
     def _obstacle(self, pixels: RawPixels) -> str:
@@ -219,33 +217,39 @@ class Overlay:
         reason = f": {self._status.reason}" if self._status.reason else ""
         return f"{words_of(self._status.state)}{reason}"
 
-    def _finished(
+    def _unpainted(
         self, frame: Frame, now_ns: int, pose: CameraPose | Miss, obstacle: str
-    ) -> OverlayResult:
-        exposure_ns, predicted_s, above_m = frame.stamp_ns - self._latency_ns, 0.0, math.nan
+    ) -> Unpainted:
+        exposure_ns, predicted_s = frame.stamp_ns - self._latency_ns, 0.0
         if not obstacle and pose is Miss.TOO_NEW:
             pose, predicted_s = self._predicted(exposure_ns)
         if not obstacle and isinstance(pose, Miss):
             obstacle = self._why_no_pose(pose, exposure_ns)
-        image = self._picture(frame)
         shown_pose = None if obstacle or isinstance(pose, Miss) else pose
+        rates = None if shown_pose is None else rates_up_to(shown_pose, self.poses)
+        camera, notice = self._drawing.camera, ""
         if shown_pose is None:
-            notice = self._without_map(frame, image, obstacle)
-        else:
-            notice, above_m = self._with_map(frame, image, shown_pose)
-            self._results["predicted"] += predicted_s > 0
-        fields = status_line(
-            self._status,
-            (now_ns - frame.stamp_ns) * 1e-9,
-            self.frames.rate_hz,
-            predicted_s,
-            self.frames.counts["replaced"],
-            above_m,
-            self._verdict.severity,
+            waits = "NO MAP YET" if obstacle == _READING else "NO MAP"
+            notice = f"{waits}: {obstacle}"
+        self._results["drawn" if shown_pose is not None else "notices"] += 1
+        self._results["predicted"] += shown_pose is not None and predicted_s > 0
+        if camera is not None:
+            self.clicks.show(frame.stamp_ns, camera, shown_pose, rates)
+        return Unpainted(
+            stamp_ns=frame.stamp_ns,
+            pixels=frame.pixels,
+            camera=camera if self._fits(frame.pixels) else None,
+            pose=shown_pose,
+            rates=rates,
+            notice=notice,
+            predicted_s=predicted_s,
+            markers=() if shown_pose is None else tuple(self.clicks.markers()),
+            verdict=self._verdict,
+            status=self._status,
+            age_s=(now_ns - frame.stamp_ns) * 1e-9,
+            rate_hz=self.frames.rate_hz,
+            replaced=self.frames.counts["replaced"],
         )
-        paint_status(image, fields)
-        camera = self._drawing.camera if self._fits(image) else None
-        return OverlayResult(frame.stamp_ns, image, shown_pose, notice, camera, predicted_s)
 
     def _predicted(self, exposure_ns: int) -> tuple[CameraPose | Miss, float]:
         """Return a pose extrapolated from the last ones, and by how much, s; a Miss if too far.
@@ -259,35 +263,6 @@ class Overlay:
         pose = predicted(latest, exposure_ns, self.poses.max_gap_s)
         return (pose, ahead_ns * 1e-9) if pose is not None else (Miss.TOO_NEW, 0.0)
 
-    def _picture(self, frame: Frame) -> Pixels:
-        """Return the frame in colour, rectified if it has the camera's size."""
-        image = self._toner.tone(frame.pixels, frame.stamp_ns)
-        return self._rectifier.rectified(image) if self._rectifier and self._fits(image) else image
-
-    def _fits(self, image: Pixels) -> bool:
+    def _fits(self, pixels: RawPixels) -> bool:
         camera = self._camera
-        return camera is not None and image.shape[:2] == (camera.height, camera.width)
-
-    def _without_map(self, frame: Frame, image: Pixels, obstacle: str) -> str:
-        """Write why there is no map; return the notice."""
-        self._results["notices"] += 1
-        notice = f"NO MAP YET: {obstacle}" if obstacle == _READING else f"NO MAP: {obstacle}"
-        severity, words = self._verdict
-        below = 0
-        if severity:
-            verdict = place_notice(image, words, VERDICT_BGR[severity])
-            verdict.paint(image)
-            below = verdict.box.bottom
-        paint_notice(image, notice, below)
-        if self._drawing.camera is not None:
-            self.clicks.show(frame.stamp_ns, self._drawing.camera, None)
-        return notice
-
-    def _with_map(self, frame: Frame, image: Pixels, pose: CameraPose) -> tuple[str, float]:
-        """Draw the map; return a notice if none of it is in view, and the height above ground."""
-        assert self._drawing.camera is not None
-        self._results["drawn"] += 1
-        rates = rates_up_to(pose, self.poses)
-        self.clicks.show(frame.stamp_ns, self._drawing.camera, pose, rates)
-        drawn = self._drawing.draw(image, pose, rates, self.clicks.markers(), self._verdict)
-        return f"NO MAP IN VIEW: {drawn.absence}" if drawn.absence else "", drawn.above_m
+        return camera is not None and pixels.shape[:2] == (camera.height, camera.width)

@@ -82,6 +82,10 @@ class VideoError(TirgeoError):
     """Report a video file that cannot be written."""
 
 
+class PictureError(TirgeoError):
+    """Report pictures that could not be drawn."""
+
+
 class GraphError(TirgeoError):
     """Report a node graph that did not start, stopped early or produced no output."""
 
@@ -90,9 +94,21 @@ class DjiError(TirgeoError):
     """Report a capture, a package table, a key or an aircraft link that cannot be used."""
 
 
+class LogError(TirgeoError):
+    """Report a log of another maker that cannot be read, or that leaves a needed thing open."""
+
+
 class SeasonError(TirgeoError):
     """Report flights that cannot be processed together, or a cluster that cannot do it."""
 
 
 class PageError(TirgeoError):
     """Report an operator's page that cannot be served as its parameters say."""
+
+
+class TableError(TirgeoError):
+    """Report a table of samples that lacks a column or whose column cannot be used."""
+
+
+class PoseError(TirgeoError):
+    """Report an instant at which a pose is wanted and not known."""

@@ -11,10 +11,10 @@ from tirgeo_ros.io.bags.bag_files import bag_files
 from tirgeo_ros.io.bags.bag_writer import BagWriter
 from tirgeo_ros.io.bags.cdr import Cdr
 from tirgeo_ros.io.bags.opened_file import opened_file
-from tirgeo_ros.io.bags.storage import BagMessage, Storage
+from tirgeo_ros.io.bags.storage import BagMessage, Storage, TopicForm
 from tirgeo_ros.io.files.whole_files import PathLike
 
-__all__ = ["BagMessage", "BagReader", "BagWriter", "Cdr"]
+__all__ = ["BagMessage", "BagReader", "BagWriter", "Cdr", "TopicForm"]
 
 
 class BagReader:
@@ -46,6 +46,13 @@ class BagReader:
             found |= storage.topics()
         return dict(sorted(found.items()))
 
+    def forms(self) -> dict[str, TopicForm]:
+        """Return how each of these topics was recorded, for a BagWriter that copies it."""
+        found: dict[str, TopicForm] = {}
+        for storage in reversed(self._storages):
+            found |= storage.forms()
+        return found
+
     @property
     def span_ns(self) -> tuple[int, int]:
         """Return the log times of the first and of the last message."""
@@ -63,14 +70,18 @@ class BagReader:
         return f"{losses}; {read} messages were read" if losses else None
 
     def messages(
-        self, topics: Collection[str] | None = None, start_ns: int | None = None
+        self,
+        topics: Collection[str] | None = None,
+        start_ns: int | None = None,
+        *,
+        any_form: bool = False,
     ) -> Iterator[BagMessage]:
         """Return the messages of these topics in order of log time, from a log time on.
 
-        Raises BagError if one of these topics is not in CDR.
+        Raises BagError if one of these topics is not in CDR, unless they may have ``any_form``.
         """
         streams = [
-            (_span(storage)[0], storage.messages(topics, start_ns or 0))
+            (_span(storage)[0], storage.messages(topics, start_ns or 0, any_form=any_form))
             for storage in self._storages
         ]
         return _merged(streams) if len(streams) > 1 else streams[0][1]

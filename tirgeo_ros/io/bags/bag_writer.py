@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any, final
@@ -12,8 +12,9 @@ from mcap.writer import CompressionType, Writer
 from tirgeo_ros import __version__
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.cdr import Cdr
+from tirgeo_ros.io.bags.recorded_qos import qos_in_words
+from tirgeo_ros.io.bags.storage import TopicForm
 from tirgeo_ros.io.files.whole_files import PathLike, check_place, part_of
-from tirgeo_ros.io.messages.offered_qos import offered_qos
 
 #: What rosbag2 writes when it opens a file. It reads the version, by which it takes the topics'
 #: QoS as words, not numbers; counts and times come from the summary at the end of the file.
@@ -48,16 +49,24 @@ class BagWriter:
     The file appears under its name when the context ends without an error; on an error nothing is
     left behind. One that is ``growing`` has its name from the start, and can be read up to about
     the last ``flush``, whatever ends the process. The same calls give the same bytes. Each topic
-    has the QoS of its publisher with it, so that ``ros2 bag play`` offers the same. Raises
+    has the QoS of its publisher with it, so that ``ros2 bag play`` offers the same. Topics among
+    ``forms`` keep the definition of their type, which need not be known, and their QoS. Raises
     BagError if it cannot be written.
     """
 
-    def __init__(self, path: PathLike, *, growing: bool = False) -> None:
+    def __init__(
+        self,
+        path: PathLike,
+        *,
+        growing: bool = False,
+        forms: Mapping[str, TopicForm] | None = None,
+    ) -> None:
         self.path = Path(path)
         self._growing = growing
         self._cdr = Cdr()
         self._channels: dict[str, tuple[int, str]] = {}
-        self._schemas: dict[str, int] = {}
+        self._schemas: dict[tuple[str, bytes], int] = {}
+        self._forms = forms or {}
         self._part = self.path if growing else part_of(self.path)
         self._file: IO[bytes]
         self._writer: Writer
@@ -91,18 +100,28 @@ class BagWriter:
             self._file.flush()
 
     def _channel(self, topic: str, typename: str) -> tuple[int, str]:
-        schema = self._schema(typename)
-        number = self._writer.register_channel(
-            topic, "cdr", schema, {"offered_qos_profiles": offered_qos(topic).text}
-        )
+        form = self._forms.get(topic) or TopicForm(typename, b"", "", "cdr", {})
+        metadata = {**form.metadata, "offered_qos_profiles": qos_in_words(topic, form.metadata)}
+        schema = self._schema(typename, form, copied=topic in self._forms)
+        encoding = form.message_encoding
+        number = self._writer.register_channel(topic, encoding, schema, metadata)
         self._channels[topic] = (number, typename)
         return number, typename
 
-    def _schema(self, typename: str) -> int:
-        if typename not in self._schemas:
-            text = self._cdr.definition(typename).encode()
-            self._schemas[typename] = self._writer.register_schema(typename, "ros2msg", text)
-        return self._schemas[typename]
+    def _schema(self, typename: str, form: TopicForm, *, copied: bool) -> int:
+        """Return the number of the recorded definition, else of the one that is known here.
+
+        It is 0, as MCAP has it, for a copied topic without a type.
+        """
+        if copied and not typename:
+            return 0
+        key = typename, form.definition
+        if key not in self._schemas:
+            encoding, text = form.encoding, form.definition
+            if not text and (typename in self._cdr or not copied):
+                encoding, text = "ros2msg", self._cdr.definition(typename).encode()
+            self._schemas[key] = self._writer.register_schema(typename, encoding, text)
+        return self._schemas[key]
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         """Finish the file and rename it, or remove it after an error."""

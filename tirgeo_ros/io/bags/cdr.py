@@ -63,6 +63,10 @@ class Cdr:
         """
         return self._definition(typename).cls
 
+    def __contains__(self, typename: str) -> bool:
+        """Return whether a type is known."""
+        return typename in self._store.fielddefs
+
     def serialize(self, message: Any, typename: str) -> bytes:
         """Return a message as CDR, little endian, with its encapsulation header."""
         definition = self._definition(typename)

@@ -16,7 +16,7 @@ from tirgeo_ros.io.bags.mcap_contents import (
     mapped,
     read_segment,
 )
-from tirgeo_ros.io.bags.storage import BagMessage, plain
+from tirgeo_ros.io.bags.storage import BagMessage, TopicForm, plain
 
 _PROFILES = ("ros2", "")  # "" where a tool that copied a bag left it out
 #: The last two where a recorder did not find a definition: the contract's types are known here.
@@ -59,12 +59,26 @@ class McapFile:
             found.setdefault(channel.topic, schema.name if schema else "")
         return found
 
-    def messages(self, topics: Collection[str] | None, start_ns: int) -> Iterator[BagMessage]:
+    def forms(self) -> dict[str, TopicForm]:
+        """Return how each of these topics was recorded: its first channel."""
+        found: dict[str, TopicForm] = {}
+        for key, channel in self._contents.channels.items():
+            schema = self._contents.schemas.get(channel.schema_id)
+            of_type = (schema.name, schema.data, schema.encoding) if schema else ("", b"", "")
+            if key not in self._contents.empty:
+                form = TopicForm(*of_type, channel.message_encoding, channel.metadata)
+                found.setdefault(channel.topic, form)
+        return found
+
+    def messages(
+        self, topics: Collection[str] | None, start_ns: int, *, any_form: bool = False
+    ) -> Iterator[BagMessage]:
         """Return the messages of these topics (None: all) in order of log time, from one on.
 
-        Raises BagError if one of these topics is not CDR with a ``ros2msg`` schema.
+        Raises BagError if one of these topics is not CDR with a ``ros2msg`` schema, unless they
+        may have ``any_form``.
         """
-        return self._ordered(self._checked_types(topics), start_ns)
+        return self._ordered(self._types(topics, any_form=any_form), start_ns)
 
     def _ordered(self, types: dict[int, tuple[str, str]], start_ns: int) -> Iterator[BagMessage]:
         self.read = 0
@@ -102,13 +116,18 @@ class McapFile:
                 self.read += 1
                 yield log, segment.offset, number, message
 
-    def _checked_types(self, topics: Collection[str] | None) -> dict[int, tuple[str, str]]:
+    def _types(
+        self, topics: Collection[str] | None, *, any_form: bool
+    ) -> dict[int, tuple[str, str]]:
         """Return channel to topic and type, for the wanted topics."""
         found = {}
         for number, channel in self._contents.channels.items():
             if topics is not None and channel.topic not in topics:
                 continue
             schema = self._contents.schemas.get(channel.schema_id)
+            if any_form:
+                found[number] = (channel.topic, schema.name if schema else "")
+                continue
             if (
                 schema is None
                 or channel.message_encoding != "cdr"

@@ -6,9 +6,10 @@ import sqlite3
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
+from typing import Any
 
 from tirgeo_ros.core.types.errors import BagError
-from tirgeo_ros.io.bags.storage import BagMessage, plain
+from tirgeo_ros.io.bags.storage import BagMessage, TopicForm, plain
 
 MAGIC = b"SQLite format 3\0"
 
@@ -20,6 +21,8 @@ _SPAN = """
 SELECT (SELECT min(timestamp) FROM messages WHERE timestamp >= 0),
     (SELECT max(timestamp) FROM messages WHERE timestamp <= 9223372036854775807)
 """
+_NAMES = "SELECT name FROM sqlite_master WHERE type = 'table'"
+_DEFINITIONS = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
 #: Ends as soon as every topic was met.
 _SPOKEN = "SELECT DISTINCT topic_id FROM messages LIMIT (SELECT count(*) FROM topics)"
 #: The messages' keys are sorted alone (by the index of the times, where there is one), so that
@@ -68,15 +71,34 @@ class SqliteFile:
         """Return every topic of which the file has messages, with the name of its type."""
         return {topic: typename for topic, typename, _ in self._topics.values()}
 
-    def messages(self, topics: Collection[str] | None, start_ns: int) -> Iterator[BagMessage]:
+    def forms(self) -> dict[str, TopicForm]:
+        """Return how each of these topics was recorded; older recorders knew no definitions."""
+        try:
+            with self._connection() as connection:
+                connection.row_factory = sqlite3.Row
+                tables = [str(name) for (name,) in connection.execute(_NAMES)]
+                known = _DEFINITIONS if "message_definitions" in tables else "SELECT 1 WHERE 0"
+                types = {str(row["topic_type"]): row for row in connection.execute(known)}
+                rows = [dict(row) for row in connection.execute("SELECT * FROM topics")]
+        except sqlite3.Error as error:
+            raise BagError(f"{self.name}: its topics cannot be read ({error})") from None
+        return {
+            str(row["name"]): _form(row, types.get(str(row["type"])))
+            for row in rows
+            if row["id"] in self._topics
+        }
+
+    def messages(
+        self, topics: Collection[str] | None, start_ns: int, *, any_form: bool = False
+    ) -> Iterator[BagMessage]:
         """Return the messages of these topics (None: all) in order of log time, from one on.
 
-        Raises BagError if one of these topics is not in CDR.
+        Raises BagError if one of these topics is not in CDR, unless they may have ``any_form``.
         """
         types = {}
         for key, (topic, typename, form) in self._topics.items():
             if topics is None or topic in topics:
-                if form != "cdr":
+                if form != "cdr" and not any_form:
                     raise BagError(
                         f"{self.name}: topic {topic} is encoded as {form or 'nothing'}; record it "
                         "with ROS 2 (cdr)"
@@ -113,6 +135,20 @@ class SqliteFile:
         with closing(sqlite3.connect(address, uri=True, check_same_thread=False)) as connection:
             connection.execute("PRAGMA trusted_schema = OFF")
             yield connection
+
+
+def _form(topic: dict[str, Any], definition: sqlite3.Row | None) -> TopicForm:
+    """Return the form of a row of ``topics``; which columns there are depends on the recorder."""
+    told = {
+        "offered_qos_profiles": topic.get("offered_qos_profiles"),
+        "topic_type_hash": topic.get("type_description_hash"),
+    }
+    metadata = {name: str(value) for name, value in told.items() if value}
+    encoding, text = "", ""
+    if definition is not None:
+        _, encoding, text = map(str, definition)
+    form = str(topic["serialization_format"])
+    return TopicForm(str(topic["type"]), text.encode(), encoding, form, metadata)
 
 
 def _message(topic: str, typename: str, log_ns: object, data: object) -> BagMessage:

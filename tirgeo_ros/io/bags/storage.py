@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
@@ -23,6 +23,16 @@ class BagMessage(NamedTuple):
     data: bytes  # CDR
 
 
+class TopicForm(NamedTuple):
+    """Hold how a topic was recorded, beside its messages."""
+
+    typename: str
+    definition: bytes  # of the type; empty where the recorder found none
+    encoding: str  # of the definition: ros2msg or ros2idl, else empty or "unknown"
+    message_encoding: str  # cdr
+    metadata: Mapping[str, str]  # as MCAP holds it: QoS as offered_qos_profiles, the type's hash
+
+
 class Storage(Protocol):
     """Read one file of a bag."""
 
@@ -35,10 +45,16 @@ class Storage(Protocol):
         """Return every topic of which the file has messages, with the name of its type."""
         ...
 
-    def messages(self, topics: Collection[str] | None, start_ns: int) -> Iterator[BagMessage]:
+    def forms(self) -> dict[str, TopicForm]:
+        """Return how each of these topics was recorded."""
+        ...
+
+    def messages(
+        self, topics: Collection[str] | None, start_ns: int, *, any_form: bool = False
+    ) -> Iterator[BagMessage]:
         """Return the messages of these topics (None: all) in order of log time, from one on.
 
-        Raises BagError if one of these topics is not in CDR.
+        Raises BagError if one of these topics is not in CDR, unless they may have ``any_form``.
         """
         ...
 

@@ -19,13 +19,9 @@ import math
 import os
 import pickle
 import signal
-import subprocess
-import sys
-import tempfile
 import threading
-from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import IO, Any
+from typing import Any
 
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
@@ -34,13 +30,12 @@ from tirgeo_ros.core.map.layers import MapLayer
 from tirgeo_ros.core.overlay.map_renderer import DrapedMap, lay_layers
 from tirgeo_ros.core.types.errors import MapError, TirgeoError
 from tirgeo_ros.io.elevation.elevation_model import ground_of
-from tirgeo_ros.io.files.child_python import end_with, python_command
+from tirgeo_ros.io.files.child_process import ChildEndedError, ChildProcess, parent_pipes
 from tirgeo_ros.io.files.memory_bound import MOST_BYTES, MOST_S, bounded_memory
 from tirgeo_ros.io.maps.layers import read_layers
 from tirgeo_ros.io.maps.page_map import page_map
 
 _RUN = "from tirgeo_ros.io.maps.map_process import main; main()"
-_SAID_BYTES = 4000  # of a child's last output; a traceback has as many
 _TOO_LARGE = (
     f"the map does not fit into memory ({MOST_BYTES >> 20} MB); cut out the area of the flight"
 )
@@ -85,16 +80,15 @@ class MapProcess:
         self.said = ""  # the last lines on stderr of the process that ended last
         self._stopped = False
         self._lock = threading.Lock()
-        self._process: subprocess.Popen[bytes] | None = None
-        self._stderr: IO[bytes]
+        self._child: ChildProcess | None = None
         self._name = ""
 
     def stop(self) -> None:
         """End what is in progress; nothing can begin after this."""
         with self._lock:
             self._stopped = True
-            if self._process is not None:
-                self._process.kill()
+            if self._child is not None:
+                self._child.kill()
 
     def read(self, config: OverlayConfig) -> MapContents:
         """Read the map of a configuration. One that was read before is dropped.
@@ -109,7 +103,7 @@ class MapProcess:
 
     def lay(self, plane: TangentPlane) -> DrapedMap:
         """Return the map that was read, laid out in a plane; once. Raises as ``read``."""
-        if self._process is None:
+        if self._child is None:
             raise MapError(f"{self._name}: nothing was read")
         laid = self.answer(self._name, "layout", plane)
         assert isinstance(laid, DrapedMap)
@@ -125,21 +119,15 @@ class MapProcess:
             self._name = name
             if self._stopped:
                 raise MapError(f"{name}: not read: stopped")
-            if self._process is None:
-                self._stderr = tempfile.TemporaryFile()  # noqa: SIM115  until ``close``
-                self._process = _started(self._stderr)
-            process = self._process
-        assert process.stdin is not None
-        assert process.stdout is not None
+            if self._child is None:
+                self._child = ChildProcess(_RUN)
+            child = self._child
         try:
-            process.stdin.write(pickle.dumps((task, arguments)))
-            process.stdin.flush()
-            # From the pipe: the interpreter is free while it waits for each part.
-            found = pickle.load(process.stdout)  # noqa: S301  from our own child
-        except (EOFError, OSError, pickle.UnpicklingError):
-            code = process.wait()  # its end of the pipe is closed, so it has ended
+            child.send((task, arguments))
+            found = child.receive()
+        except ChildEndedError as error:
             self.close()
-            raise MapError(f"{name}: {_fault(code, self.said)}") from None
+            raise MapError(f"{name}: {_fault(error)}") from None
         except BaseException:
             self.close()
             raise
@@ -154,53 +142,29 @@ class MapProcess:
     def close(self) -> None:
         """End the process, if there is one."""
         with self._lock:
-            process, self._process = self._process, None
-        if process is None:
-            return
-        process.kill()
-        process.wait()
-        for pipe in (process.stdin, process.stdout):
-            with suppress(OSError):  # for a task that it never took
-                pipe.close()  # type: ignore[union-attr]
-        with self._stderr as file:
-            file.seek(max(file.seek(0, os.SEEK_END) - _SAID_BYTES, 0))
-            lines = file.read().decode(errors="replace").strip().splitlines()
-        # Without characters that a terminal would obey.
-        self.said = "\n".join("".join(x if x.isprintable() else "?" for x in y) for y in lines)
+            child, self._child = self._child, None
+        if child is not None:
+            child.close()
+            self.said = child.said
 
 
-def _started(stderr: IO[bytes]) -> subprocess.Popen[bytes]:
-    # Imported, not run as a module: what it pickles must have this module's name.
-    return subprocess.Popen(  # noqa: S603  this very Python
-        python_command(_RUN, str(os.getpid())),
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=stderr,
-    )
-
-
-def _fault(code: int, said: str) -> str:
+def _fault(ended: ChildEndedError) -> str:
     """Return why a process ended, by its exit code and its last words."""
-    if code == -signal.SIGXCPU:
+    if ended.code == -signal.SIGXCPU:
         return _TOO_LONG
-    if "bad_alloc" in said or "MemoryError" in said:
+    if "bad_alloc" in ended.said or "MemoryError" in ended.said:
         return _TOO_LARGE
-    crashed = "; is the file damaged?" if code in {-signal.SIGSEGV, -signal.SIGABRT} else ""
-    last = f": {said.splitlines()[-1]}" if said else ""
-    return f"the process that reads it ended (exit code {code}){crashed}{last}"
+    crashed = "; is the file damaged?" if ended.code in {-signal.SIGSEGV, -signal.SIGABRT} else ""
+    return f"the process that reads it ended (exit code {ended.code}){crashed}{ended.last}"
 
 
 def main() -> None:
-    """Do the tasks on stdin, (method of ``_Work``, arguments), and answer each on stdout."""
-    end_with(int(sys.argv[1]), signal.SIGKILL)
+    """Do the tasks of the parent, (method of ``_Work``, arguments), and answer each."""
+    # Imported, not run as a module: what it pickles must have this module's name.
     os.nice(5)  # the video has priority
     gc.disable()  # it takes half the time of a large map and frees nothing
     work = _Work()
-    # GDAL may read stdin (/vsistdin/) and print: it gets neither of the parent's pipes.
-    tasks, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
-    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
-    os.dup2(2, 1)
-    with suppress(EOFError):  # the parent has ended
+    with parent_pipes() as (tasks, answers):  # GDAL may read stdin (/vsistdin/) and print
         while True:
             task, arguments = pickle.load(tasks)  # noqa: S301  from our own parent
             answer: object

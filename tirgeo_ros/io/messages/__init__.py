@@ -29,6 +29,7 @@ from tirgeo_ros.io.messages.sensor_messages import (
     TOPIC_TYPES,
     SensedSample,
     sensed,
+    topic_of,
 )
 from tirgeo_ros.io.messages.target_messages import (
     ClickAnswer,
@@ -68,5 +69,6 @@ __all__ = [
     "sensed",
     "stamp_ns",
     "tangent_plane",
+    "topic_of",
     "velocity_sample",
 ]

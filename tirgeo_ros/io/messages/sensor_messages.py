@@ -113,9 +113,14 @@ SENSED_SAMPLES: Mapping[str, Callable[[Any], SensedSample]] = {
 }
 
 
+def topic_of(sample: SensedSample) -> str:
+    """Return the topic of the contract of a sensor's sample."""
+    if isinstance(sample, JointSample | CameraAttitudeSample):
+        return _ROWS[type(sample)].topic
+    return sample.source.topic
+
+
 def sensed(messages: Messages, sample: SensedSample) -> tuple[str, Any]:
     """Return the topic of the contract and the message of a sensor's sample."""
-    if isinstance(sample, JointSample | CameraAttitudeSample):
-        row = _ROWS[type(sample)]
-        return row.topic, row.encode(messages, sample)
-    return sample.source.topic, _ROWS[sample.source].encode(messages, sample)
+    topic = topic_of(sample)
+    return topic, _BY_TOPIC[topic].encode(messages, sample)

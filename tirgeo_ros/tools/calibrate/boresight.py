@@ -49,12 +49,14 @@ def calibrate_boresight(
     click_sigma_px: float = CLICK_SIGMA_PX,
     plot: PathLike | None = None,
     camera: PathLike | None = None,
+    smooth: bool = False,
     progress: Report = silent,
 ) -> dict[str, object]:
     """Estimate parameters from a flight over surveyed points and write them; return a summary.
 
     ``estimate`` are names of ``core.calibration.boresight.model.PARAMETERS``; None: USUAL, and
-    IF_TOLD if the flight can determine it. Those in ``hold`` keep the values in ``params``. Raise
+    IF_TOLD if the flight can determine it. Those in ``hold`` keep the values in ``params``.
+    ``smooth``: camera poses from all measurements, also later ones. Raise
     CalibrationError if what is asked for is not determined, BagError, ConfigError, SurveyError.
     """
     configs = node_configs(params, namespace, camera=camera)
@@ -64,7 +66,7 @@ def calibrate_boresight(
     reader = BagReader(bag_in)
     configs, chosen = configs.fitting(reader, namespace)
     wanted = _wanted(estimate, hold, configs)
-    read = read_flight(reader, namespace, configs, wanted, *observed)
+    read = read_flight(reader, namespace, configs, wanted, *observed, smooth=smooth)
     found, notes = _fitted(reader, read, wanted, strict=estimate is not None)
     result = summary(read, configs, found)
     notes = chosen + read.notes + notes + result.notes
@@ -75,6 +77,7 @@ def calibrate_boresight(
     write_files(contents, CalibrationError)
     return {
         "input": os.fspath(bag_in),
+        "smoothed": smooth,
         "output": [os.fspath(path) for path in contents],
         **result.numbers,
         "unknown_ids": read.unknown,

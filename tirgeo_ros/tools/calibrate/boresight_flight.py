@@ -64,10 +64,12 @@ def read_flight(
     survey: Sequence[SurveyPoint],
     click_sigma_px: float,
     progress: Report,
+    *,
+    smooth: bool = False,
 ) -> ReadFlight:
     """Read a bag once. Raise BagError, or CalibrationError if the filter gives no pose."""
     recorded = RecordedFlight(reader, namespace, camera=given_camera(configs.overlay))
-    passes = _passes(recorded, configs, wanted, seen)
+    passes = _passes(recorded, configs, wanted, seen, smooth=smooth)
     recorded.read_all(progress)
     usual = passes.pop("")
     if usual.plane is None:
@@ -126,19 +128,21 @@ def _passes(
     configs: NodeConfigs,
     wanted: Sequence[str],
     seen: Sequence[Observation],
+    *,
+    smooth: bool,
 ) -> dict[str, FlightPoses]:
     """Return a run as it is (key ""), and one with a step of each wanted parameter."""
     ekf, gimbal = configs.ekf, configs.gimbal
     instants_ns = [one.stamp_ns - round(configs.overlay.video_latency_s * 1e9) for one in seen]
-    passes = {"": recorded.registered(ekf, gimbal, instants_ns)}
+    passes = {"": recorded.registered(ekf, gimbal, instants_ns, smooth=smooth)}
     if "gimbal_north" in wanted:
         # Only one of the two has an effect: that of the composition in use.
         north = replace(gimbal.north, bias_deg=gimbal.north.bias_deg + _STEP_DEG)
         stepped = replace(gimbal, north=north, yaw_zero_deg=gimbal.yaw_zero_deg + _STEP_DEG)
-        passes["gimbal_north"] = recorded.registered(ekf, stepped, instants_ns)
+        passes["gimbal_north"] = recorded.registered(ekf, stepped, instants_ns, smooth=smooth)
     if "heading_offset" in wanted:
         step_rad = math.radians(_STEP_DEG)
         passes["heading_offset"] = recorded.registered(
-            ekf, gimbal, instants_ns, baseline_step_rad=step_rad
+            ekf, gimbal, instants_ns, baseline_step_rad=step_rad, smooth=smooth
         )
     return passes

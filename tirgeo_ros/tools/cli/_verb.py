@@ -41,6 +41,8 @@ PARAMETERS = (
 )
 _METHOD = "%(choices)s; default: that of --params, else ekf_heading, or ekf without rtk/heading"
 METHOD: tuple[Option, ...] = (("--method", "M", _METHOD, {"choices": METHODS}),)
+_SMOOTH = "poses from all measurements, also later ones: better, above all without RTK; slower"
+SMOOTH: tuple[Option, ...] = (("--smooth", None, _SMOOTH),)
 GROUND: tuple[Option, ...] = (
     ("--dem", "TIF", "elevation model of the ground; several tiles separated by commas", WORD),
     ("--ground-height", "M", "ellipsoidal height of the ground, m", NUMBER),

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import argparse
 
-from tirgeo_ros.tools.cli._verb import FLIGHT, GROUND, NEEDED, PARAMETERS, SURVEY, call
+from tirgeo_ros.tools.cli._verb import FLIGHT, GROUND, NEEDED, PARAMETERS, SMOOTH, SURVEY, call
 
 _PROJECTIONS = {"choices": ("gauss-krueger", "utm"), "default": "gauss-krueger"}
 OPTIONS = (
@@ -26,6 +26,7 @@ OPTIONS = (
     *PARAMETERS,
     ("--boresight", "YAML", "what calibrate boresight has written"),
     ("--map", "MAP", "drawn on the stills; default: the parameters'"),
+    *SMOOTH,
     *GROUND,
     ("--projection", "P", "%(choices)s; default: %(default)s", _PROJECTIONS),
     ("--truth", "BAG", "truth.mcap of a simulated flight: adds the errors of the aircraft's pose"),
@@ -37,7 +38,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     from tirgeo_ros.tools.evaluate.evaluate import evaluate  # noqa: PLC0415 heavy
     from tirgeo_ros.tools.evaluate.summary import summary, write_evaluation  # noqa: PLC0415
 
-    names = "output params boresight camera dem ground_height namespace projection truth"
+    names = "output params boresight camera dem ground_height namespace projection truth smooth"
     inputs, more = "bag survey observations", {"map_path": args.map}
     found = call(evaluate, args, "evaluating, s", inputs, names, **more)
     return summary(found) | {"output": write_evaluation(found, args.output)}

@@ -21,6 +21,7 @@ from tirgeo_ros.tools.cli._verb import (
     METHOD,
     NEEDED,
     PARAMETERS,
+    SMOOTH,
     UsageError,
     call,
 )
@@ -33,6 +34,7 @@ OPTIONS = (
     ("-o --output", "OUT", _OUTPUT, NEEDED),
     *PARAMETERS,
     *METHOD,
+    *SMOOTH,
     *GROUND,
     ("--kml", "KML", "the points as KML too"),
     ("--cot", "XML", "and as Cursor-on-Target"),
@@ -46,7 +48,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     from tirgeo_ros.tools.replay.locate import locate_pixels  # noqa: PLC0415 heavy
 
     places = {"kml_out": args.kml, "cot_out": args.cot}
-    names = "params dem ground_height method camera namespace"
+    names = "params dem ground_height method camera namespace smooth"
     return call(locate_pixels, args, "locating, s", "bag pixels output", names, **places)
 
 

@@ -30,6 +30,7 @@ from tirgeo_ros.tools.cli._verb import (
     METHOD,
     NEEDED,
     PARAMETERS,
+    SMOOTH,
     WORD,
     UsageError,
     call,
@@ -47,6 +48,7 @@ OPTIONS = (
     ("-o --output", "OUT", _OUTPUT, WORD | NEEDED),
     *PARAMETERS,
     *METHOD,
+    *SMOOTH,
     *GROUND,
     ("--map", "MAP", "the map; without it no overlay"),
     ("--no-images", None, "poses only, no overlay"),
@@ -56,7 +58,7 @@ OPTIONS = (
     ("--scheduler", "ADDRESS", _SCHEDULER, WORD),
 )
 VERBOSE = "after the summary, a line for each key of the result"
-_NAMES = "params map method camera dem ground_height raw_images namespace"
+_NAMES = "params map method camera dem ground_height raw_images namespace smooth"
 _ENDINGS = (".mp4", ".webm", ".ts")
 
 

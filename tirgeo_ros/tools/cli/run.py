@@ -9,6 +9,7 @@ and map in any browser. Needs ROS 2 Jazzy or its wheels.
 example:
   tirgeo run --map park.geojson --params my_aircraft.yaml
   tirgeo run --map park.geojson --params my_aircraft.yaml --page 0.0.0.0:8080
+  tirgeo run --no-dji --remap config/mavros.yaml --map park.geojson
   tirgeo run --bag flight.mcap --map park.geojson --params my_aircraft.yaml
 """
 
@@ -31,6 +32,7 @@ OPTIONS = (
     *PARAMS,
     ("--namespace", "NS", _NAMESPACE, WORD | {"default": ""}),
     *PAGE,
+    ("--remap", "YAML", "inputs that have other names in your graph, as config/mavros.yaml"),
     ("--no-dji", None, "without dji_node: other drivers publish the aircraft's topics"),
 )
 
@@ -43,7 +45,8 @@ def run(args: argparse.Namespace) -> NoReturn:
         raise UsageError(f"--namespace {args.namespace}: use letters, digits, _ and /, as uav1")
     params = args.params or ()
     given = args.bag, args.map, params, args.namespace
-    graph = WholeGraph(*given, dji=not args.no_dji, page=args.page, cot=args.cot)
+    page = {"page": args.page, "cot": args.cot}
+    graph = WholeGraph(*given, dji=not args.no_dji, **page, remap=args.remap)
     domain = os.environ.get("ROS_DOMAIN_ID") or "0"
     if args.json:
         print(json.dumps({"nodes": graph.nodes, "ros_domain_id": domain}), flush=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 from tirgeo_ros.core.config import DjiConfig
@@ -11,18 +12,24 @@ from tirgeo_ros.io.bags.bag import BagWriter
 from tirgeo_ros.io.bags.bag_files import is_bag
 from tirgeo_ros.io.bags.mcap_contents import MAGIC as MCAP
 from tirgeo_ros.io.bags.sqlite_file import MAGIC as SQLITE
+from tirgeo_ros.io.bags.storage import ZSTD_MAGIC
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs
+from tirgeo_ros.io.logs.log_contents import LogOptions
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.convert.import_capture import CaptureOptions, import_capture
+from tirgeo_ros.tools.convert.import_logs import forms_of, import_logs
+from tirgeo_ros.tools.convert.import_mapped import (
+    MappedTopics,
+    import_mapped,
+    what_can_be_mapped,
+)
 from tirgeo_ros.tools.convert.import_ros1 import Pictures, import_ros1
 from tirgeo_ros.tools.convert.import_sink import ImportSink
 from tirgeo_ros.tools.presentation.progress import Report, silent
 
 _ROS1 = b"#ROSBAG V2.0"
-_ROS2 = "already a ROS 2 bag; give it to tirgeo process"
+_ROS2 = (MCAP, SQLITE, ZSTD_MAGIC)
 _OTHERS = {
-    MCAP: _ROS2,
-    SQLITE: _ROS2,
     b"#ROSBAG": "a ROS 1 bag of an older version; make it 2.0 with rosbag fix",
     b"\x1f\x8b": "packed with gzip; unpack it",
     b"PK\3\4": "packed with zip; unpack it",
@@ -32,42 +39,59 @@ _SOF = 0xAA  # begins every frame of the aircraft, and never occurs in text
 
 
 def import_flight(
-    source: PathLike,
+    source: PathLike | Sequence[PathLike],
     output: PathLike,
     *,
     params: PathLike | None = None,
     namespace: str = "",
     pictures: Pictures = Pictures(),  # noqa: B008  immutable
     capture: CaptureOptions = CaptureOptions(),  # noqa: B008  immutable
+    mapped: MappedTopics = MappedTopics(),  # noqa: B008  immutable
+    logs: LogOptions = LogOptions(),  # noqa: B008  immutable
+    columns: Sequence[PathLike] = (),
     progress: Report = silent,
 ) -> dict[str, object]:
     """Import a flight and return what was read and written.
 
-    ``source`` is a ROS 1 bag of DJI's wrapper or a capture of the aircraft's serial port,
-    recognised by its content; ``params`` is a ROS 2 parameter YAML with those of dji_node;
-    ``namespace`` is that of the bag's topics and of the written ones; ``pictures`` is for bags,
-    ``capture`` for captures. In the result ``warning`` is None or a warning. A file gets its name
-    only when it is complete. Raise BagError, DjiError, ConfigError.
+    ``source`` is a ROS 1 bag of DJI's wrapper, a capture of the aircraft's serial port, or one or
+    several logs of one flight, recognised by their content; or a bag of either ROS, whose topics
+    ``mapped`` names. ``params`` is a ROS 2 parameter YAML with those of dji_node; ``namespace`` is
+    that of the bag's topics and of the written ones; ``pictures`` is for DJI's bags, ``capture``
+    for captures, ``logs`` for logs, ``columns`` for those that are CSV. In the result ``warning``
+    is None or a warning. A file gets its name only when it is complete. Raise BagError, DjiError,
+    LogError, ConfigError.
     """
-    path = Path(source)
-    is_bag = _is_ros1(path)
+    paths = [Path(source)] if isinstance(source, str | os.PathLike) else list(map(Path, source))
+    tables = list(map(Path, columns))
+    if mapped.pairs and len(paths) > 1:
+        raise BagError(f"{paths[1]}: --map-topic is for one bag")
+    forms = [None] if mapped.pairs else forms_of(paths, tables)
+    files = [(path, form) for path, form in zip(paths, forms, strict=True) if form is not None]
+    is_bag = not files and not mapped.pairs and _is_ros1(paths[0], namespace)
     config = ParameterFile(params).config("dji_node", DjiConfig, namespace)
-    given = (path, params, capture.packages, config.packages)
+    given = (*paths, *tables, params, capture.packages, config.packages)
     check_outputs(given, [output], BagError)
     with BagWriter(output) as writer:
         sink = ImportSink(writer, config, namespace)
-        if is_bag:
-            imported = import_ros1(path, sink, namespace, pictures, progress)
+        if mapped.pairs:
+            imported = import_mapped(paths[0], sink, mapped, config.aircraft, progress)
+        elif files:
+            imported = import_logs(files, tables, sink, config, logs, progress)
+        elif is_bag:
+            imported = import_ros1(paths[0], sink, namespace, pictures, progress)
         else:
-            imported = import_capture(path, sink, config, capture, progress)
+            imported = import_capture(paths[0], sink, config, capture, progress)
         sink.finish()
-    return {"input": str(path), "output": os.fspath(output)} | _result(imported, sink)
+    names = [str(path) for path in paths]
+    whole = {"input": names if files else names[0], "output": os.fspath(output)}
+    of_dji = [] if files or mapped.pairs else sink.interpreter.warnings
+    return whole | _result(imported, sink, of_dji)
 
 
-def _result(imported: dict[str, object], sink: ImportSink) -> dict[str, object]:
+def _result(imported: dict[str, object], sink: ImportSink, of_dji: list[str]) -> dict[str, object]:
     own = imported.pop("warnings")
     assert isinstance(own, list)
-    warnings = [*own, *sink.interpreter.warnings]
+    warnings = [*own, *of_dji]
     return {
         **imported,
         "written": {name: vars(seen) for name, seen in sorted(sink.written.items())},
@@ -77,11 +101,11 @@ def _result(imported: dict[str, object], sink: ImportSink) -> dict[str, object]:
     }
 
 
-def _is_ros1(path: Path) -> bool:
+def _is_ros1(path: Path, namespace: str) -> bool:
     """Return whether a file is a ROS 1 bag; False: a capture. Raise BagError if it is neither."""
     if path.is_dir():
         other = "a directory; give a ROS 1 bag or a capture of the serial port"
-        raise BagError(f"{path}: {_ROS2 if is_bag(path) else other}")
+        raise BagError(f"{path}: {_of_ros2(path, namespace) if is_bag(path) else other}")
     try:
         with path.open("rb") as file:
             head = file.read(_HEAD)
@@ -91,9 +115,19 @@ def _is_ros1(path: Path) -> bool:
         raise BagError(f"{path}: the file is empty")
     if head.startswith(_ROS1):
         return True
+    if head.startswith(_ROS2):
+        raise BagError(f"{path}: {_of_ros2(path, namespace)}")
     for mark, kind in _OTHERS.items():
         if head.startswith(mark):
             raise BagError(f"{path}: {kind}")
     if _SOF not in head and all(byte >= 32 or byte in b"\t\n\r\f" for byte in head):
-        raise BagError(f"{path}: text; give a ROS 1 bag or a capture of the serial port")
+        raise BagError(f"{path}: text of no known log: docs/import.md lists the known ones")
     return False
+
+
+def _of_ros2(path: Path, namespace: str) -> str:
+    """Return what to say of a ROS 2 bag without named topics."""
+    try:
+        return f"a ROS 2 bag; {what_can_be_mapped(path, namespace)}"
+    except BagError as error:
+        return str(error).removeprefix(f"{path}: ")

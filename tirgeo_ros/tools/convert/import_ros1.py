@@ -16,6 +16,7 @@ from tirgeo_ros.io.bags.bag import Cdr
 from tirgeo_ros.io.bags.ros1_bag import Ros1Bag, Ros1Message
 from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.tools.convert.import_sink import ImportSink
+from tirgeo_ros.tools.convert.topic_types import suggested
 from tirgeo_ros.tools.presentation.progress import Report
 
 #: Number of messages that are inspected before the import begins.
@@ -150,7 +151,7 @@ def _wrapper_topics(bag: Ros1Bag, namespace: str) -> dict[str, str]:
         where = f" in namespace {namespace}" if namespace else ""
         raise BagError(
             f"{bag.path}: no topic of DJI's wrapper ({'/imu, '.join(WRAPPERS)}/imu ...){where}; "
-            f"it has {', '.join(list(bag.topics())[:5]) or 'none'}"
+            f"it has {', '.join(list(bag.topics())[:5]) or 'none'}{_how_to_map(bag)}"
         )
     if len(aircraft) > 1:
         raise BagError(
@@ -158,6 +159,12 @@ def _wrapper_topics(bag: Ros1Bag, namespace: str) -> dict[str, str]:
             "choose with --namespace"
         )
     return next(iter(aircraft.values()))
+
+
+def _how_to_map(bag: Ros1Bag) -> str:
+    """Return the options with which another bag's topics are imported; else ""."""
+    options = suggested({topic: ", ".join(types) for topic, types in bag.topics().items()})
+    return f"; say what its topics are, as {options}" if options else ""
 
 
 def _passed(bag: Ros1Bag, pictures: Pictures) -> dict[str, str]:

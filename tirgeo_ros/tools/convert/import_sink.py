@@ -47,6 +47,10 @@ class ImportSink:
         """Convert and queue a reading that arrived at ``arrival_ns``."""
         self._put(arrival_ns, self.interpreter.take(reading))
 
+    def write(self, sample: SensedSample, arrival_ns: int | None = None) -> None:
+        """Queue a sample; without a time of arrival it arrived at its stamp."""
+        self._put(sample.stamp_ns if arrival_ns is None else arrival_ns, [sample])
+
     def pass_on(self, arrival_ns: int, topic: str, message: Any) -> None:
         """Queue a message, an object or its CDR, to be written unchanged."""
         heapq.heappush(self._waiting, (arrival_ns, self._number, topic, message))

@@ -36,8 +36,10 @@ from tirgeo_ros.tools.replay.flight_poses import FlightPoses, RecordedFlight
 from tirgeo_ros.tools.replay.flight_topics import done_without, resolved
 from tirgeo_ros.tools.replay.node_configs import node_configs
 from tirgeo_ros.tools.replay.recorded_flight import TruePoses, load_truth
+from tirgeo_ros.tools.replay.smoothed_flight import can_smooth
 
 #: Topics that define a method. Without them the filter would still run, on ordinary GPS.
+_UNSMOOTHED = "raw and rtk are as they are: without a filter there is nothing to smooth"
 _ESSENTIAL = {"ekf": ("rtk/fix",), "ekf_heading": ("rtk/fix", "rtk/heading")}
 
 
@@ -48,6 +50,11 @@ class _Run:
     setup: MethodSetup
     poses: FlightPoses
     series: MethodSeries
+
+    @property
+    def smoothed(self) -> bool:
+        """Return whether the method has poses that can be smoothed."""
+        return can_smooth(self.setup.configs.ekf.method)
 
 
 class _Job(NamedTuple):
@@ -61,6 +68,7 @@ class _Job(NamedTuple):
     layers: Sequence[MapLayer]
     flight: RecordedFlight
     checks: FlightChecks
+    smooth: bool
 
 
 def evaluate(
@@ -78,6 +86,7 @@ def evaluate(
     truth: PathLike | None = None,
     map_path: PathLike | None = None,
     camera: PathLike | None = None,
+    smooth: bool = False,
     progress: Report = silent,
 ) -> Evaluation:
     """Locate the observations of a bag under every method, in one pass through it.
@@ -87,8 +96,9 @@ def evaluate(
     ``ground_height`` (ellipsoidal m), ``camera`` and ``map_path``, the map on the stills, override
     the parameters; without any ground it is level at the median of the observed points' heights.
     ``projection`` is ``gauss-krueger`` or ``utm``. A method whose topics the bag lacks is reported
-    as missing. Raise BagError, CameraError, ConfigError, SurveyError, ElevationError, MapError,
-    and CalibrationError if no method can be run.
+    as missing. ``smooth``: poses of the filters from all measurements, also later ones. Raise
+    BagError, CameraError, ConfigError, SurveyError, ElevationError, MapError, and CalibrationError
+    if no method can be run.
     """
     files = [*paths_of(params), *paths_of(boresight)]
     if output is not None:
@@ -104,7 +114,7 @@ def evaluate(
     checks = FlightChecks(last.configs, reader, files, namespace, ground=last.ground, camera=lens)
     flight = RecordedFlight(reader, namespace, pictures=True, camera=lens, checks=checks)
     paths = (os.fspath(bag), os.fspath(survey), os.fspath(observations))
-    job = _Job(paths, reader, namespace, given, setups, layers, flight, checks)
+    job = _Job(paths, reader, namespace, given, setups, layers, flight, checks, smooth)
     true_poses = None if truth is None else load_truth(Path(truth))
     return _evaluation(job, *_flown(job, true_poses, progress))
 
@@ -152,12 +162,14 @@ def _evaluation(
                 for run in runs
                 if (absent := done_without(run.poses.topics, run.setup.configs.ekf.method))
             ),
+            *(_UNSMOOTHED for run in runs[:1] if job.smooth and not run.smoothed),
             *(f"{method} is left out: {why}" for method, why in missing.items()),
             *input_notes(given, job.flight.picture_stamps_ns),
             *filter(None, [place_note(methods)]),
         ],
         _error(job.reader, methods),
         job.checks.findings(),
+        job.smooth,
     )
 
 
@@ -179,7 +191,9 @@ def _begun(
     series = MethodSeries(truth)
     instants_ns = [one.stamp_ns - setup.latency_ns for one in job.given.observations]
     try:
-        return _Run(setup, flight.registered(ekf, gimbal, instants_ns, series), series)
+        smooth = job.smooth and can_smooth(ekf.method)
+        poses = flight.registered(ekf, gimbal, instants_ns, series, smooth=smooth)
+        return _Run(setup, poses, series)
     except BagError as error:
         missing[setup.method] = str(error)
         return None

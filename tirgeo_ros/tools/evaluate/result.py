@@ -114,6 +114,7 @@ class Evaluation:
     notes: Sequence[str]
     error: str | None  # what makes the run a failure although there is a result
     findings: Sequence[Finding]  # problems of set-up or sensors, the worst first
+    smoothed: bool = False
 
     @cached_property
     def places_en(self) -> Array:

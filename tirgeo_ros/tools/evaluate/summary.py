@@ -42,6 +42,7 @@ def summary(found: Evaluation) -> dict[str, object]:
         "survey": found.survey_path,
         "observations": found.observations_path,
         "projection": asdict(found.projection),
+        "smoothed": found.smoothed,
         "methods": {one.method: _method(one) for one in found.methods},
         "missing": dict(found.missing),
         "points": _points(found),

@@ -15,6 +15,7 @@ from tirgeo_ros.io.files.text_file import named_files
 from tirgeo_ros.tools.graph import find_resource
 from tirgeo_ros.tools.graph.localhost import localhost_environment, video_environment
 from tirgeo_ros.tools.graph.node_graph import parameter_words
+from tirgeo_ros.tools.graph.remap_file import read_remaps
 
 _USUAL_PARAMS = "config/m600_xt2.yaml"
 
@@ -36,10 +37,11 @@ class WholeGraph:
     dji: bool = True
     page: str | None = None
     cot: str | None = None  # where the page sends Cursor-on-Target
+    remap: Path | None = None  # file of inputs that have other names
 
     def __post_init__(self) -> None:
         maps = map(Path, named_files(str(self.map or "")))
-        for path in (self.bag, *maps, *self.params):
+        for path in (self.bag, self.remap, *maps, *self.params):
             if path and not path.exists():
                 raise GraphError(f"{path}: there is no such file; check its name")
 
@@ -62,6 +64,8 @@ class WholeGraph:
             words += ["-r", f"__ns:=/{self.namespace.strip('/')}"]
         if self.bag:  # the bag's clock goes into the namespace, as its topics do
             words += ["-r", "/clock:=clock"]
+        for own, other in read_remaps(self.remap) if self.remap else ():
+            words += ["-r", f"{own}:={other}"]
         return words
 
     @property

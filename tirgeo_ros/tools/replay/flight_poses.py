@@ -5,7 +5,6 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections import defaultdict
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import replace
 from itertools import islice
 from typing import Any, Protocol
 
@@ -15,9 +14,9 @@ from tirgeo_ros.core.checks.parameter_checks import size_fault
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
+from tirgeo_ros.core.navigation.smoothing.smoothed_run import SmoothedRun
 from tirgeo_ros.core.streams.arrival_stamps import Arrivals
 from tirgeo_ros.core.types.errors import BagError, CameraError, TirgeoError
-from tirgeo_ros.core.types.measurements import HeadingSample
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import Verdict
 from tirgeo_ros.io import messages as convert
@@ -28,6 +27,7 @@ from tirgeo_ros.tools.presentation.progress import Report
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
 from tirgeo_ros.tools.replay.flight_topics import CAMERA_INFO, PICTURES, inputs_of, resolved
 from tirgeo_ros.tools.replay.registration import SAMPLES, Registered, Registration, Sample
+from tirgeo_ros.tools.replay.smoothed_flight import FilterRecording, FlightFilter, passes
 
 _TRIED = 10  # pictures to try for their size, as the first ones may be damaged
 WHOLE_FLIGHT_S = 1e9
@@ -75,6 +75,7 @@ class RecordedFlight:
         self._needs_camera = needs_camera
         self._checks = checks
         self._takers: defaultdict[str, list[Callable[[Sample], None]]] = defaultdict(list)
+        self._to_smooth: list[FlightPoses] = []
         self._arrivals = Arrivals()
         self._cdr = Cdr()
 
@@ -119,18 +120,21 @@ class RecordedFlight:
         watcher: Watcher | None = None,
         *,
         baseline_step_rad: float = 0.0,
+        smooth: bool = False,
     ) -> FlightPoses:
         """Add a registration, which takes the samples, and return it.
 
         Raise BagError if a needed topic is absent. ``baseline_step_rad``: use the headings that
         the aircraft would have measured with its antenna baseline turned by this angle, clockwise
-        from above.
+        from above. ``smooth``: each pose from all measurements, also later ones.
         """
         topics = inputs_of(
             self._reader, ekf.method, gimbal.composition, self._namespace, pictures=False
         )
         poses = FlightPoses(ekf, gimbal, instants_ns, topics.values(), watcher, baseline_step_rad)
         self.add(poses.topics, poses.take)
+        if smooth:
+            self._to_smooth.append(poses)
         return poses
 
     def add(self, topics: Collection[str], take: Callable[[Sample], None]) -> None:
@@ -146,12 +150,20 @@ class RecordedFlight:
     def read_all(self, progress: Report) -> None:
         """Pass the flight to all takers; call ``progress`` with seconds of the flight.
 
-        Raise BagError if no topic has the camera's calibration.
+        Raise BagError if no topic has the camera's calibration. What is to be smoothed is
+        recorded in a pass of its own before.
         """
         if self._needs_camera and self._given_camera is None and not self.has(CAMERA_INFO):
             hint = "" if self._namespace else "; is there a --namespace?"
             name = resolved(CAMERA_INFO, self._namespace)
             raise BagError(f"{self._reader.path}: needed topic absent: {name}{hint}")
+        if self._to_smooth:
+            first, progress = passes(progress)
+            runs = smoothed_runs(
+                self._reader, self._namespace, [one.filter for one in self._to_smooth], first
+            )
+            for poses, smoothed in zip(self._to_smooth, runs, strict=True):
+                poses.smooth(smoothed)
         wanted = [CAMERA_INFO, *self._takers, *(PICTURES if self._pictures else ())]
         topics = {resolved(name, self._namespace): name for name in wanted if self.has(name)}
         first_ns, last_ns = self._reader.span_ns
@@ -209,10 +221,11 @@ class FlightPoses:
     ) -> None:
         self.topics = topics
         self.checks: FlightChecks | None = None
-        self.registration = Registration(ekf, gimbal, watcher.heard if watcher else None)
+        self.filter = FlightFilter(ekf, baseline_step_rad)
+        self._gimbal = gimbal
         self.cameras: PoseBuffer[CameraPose] = PoseBuffer(WHOLE_FLIGHT_S)
-        self._baseline_step_rad = baseline_step_rad
         self._watcher = watcher
+        self.smooth(None)
         self._instants_ns = sorted(instants_ns)
 
     @property
@@ -220,11 +233,14 @@ class FlightPoses:
         """Return the tangent plane of the poses; None before there is one."""
         return self.registration.navigation.plane
 
+    def smooth(self, runs: Sequence[SmoothedRun] | None) -> None:
+        """Begin the registration, with the poses of smoothed runs if they are given."""
+        heard = self._watcher.heard if self._watcher else None
+        self.registration = Registration(self.filter.ekf, self._gimbal, heard, runs)
+
     def take(self, sample: Sample) -> None:
         """Process a sample in filter and gimbal, and keep the camera poses near the instants."""
-        if self._baseline_step_rad and isinstance(sample, HeadingSample):
-            heading_rad = sample.heading_rad - self._baseline_step_rad
-            sample = replace(sample, heading_rad=heading_rad)
+        sample = self.filter.given(sample)
         found = self.registration.take(sample)
         for pose in found.cameras:
             after = bisect_left(self._instants_ns, pose.stamp_ns - _NEAR_NS)
@@ -239,6 +255,25 @@ class FlightPoses:
     def at(self, stamp_ns: int) -> tuple[CameraPose, CameraRates | None] | None:
         """Return the pose at one of the instants and the camera's motion there, or None."""
         return pose_at(self.cameras, stamp_ns)
+
+
+def smoothed_runs(
+    reader: BagReader, namespace: str, filters: Sequence[FlightFilter], progress: Report
+) -> list[list[SmoothedRun]]:
+    """Record filters in one pass through a bag; return the smoothed runs of each.
+
+    Filters that are the same object are run once. Raise ConfigError for a method without a filter.
+    """
+    first = RecordedFlight(reader, namespace, needs_camera=False)
+    keys = [(id(one.ekf), one.baseline_step_rad) for one in filters]
+    recordings: dict[tuple[int, float], FilterRecording] = {}
+    for key, one in zip(keys, filters, strict=True):
+        if key not in recordings:
+            recordings[key] = FilterRecording(one)
+            first.add(one.topics, recordings[key].take)
+    first.read_all(progress)
+    runs = {key: recording.smoothed() for key, recording in recordings.items()}
+    return [runs[key] for key in keys]
 
 
 def pose_at(

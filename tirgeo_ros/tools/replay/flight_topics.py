@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from typing import Protocol
 
 from tirgeo_ros.core.navigation.aiding.aids import METHOD_SOURCES
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.bag import BagReader
-from tirgeo_ros.io.messages import NAVIGATION_INPUTS, TOPIC_TYPES
+from tirgeo_ros.io.messages import NAVIGATION_INPUTS, SENSED_TOPICS, TOPIC_TYPES
 
 CAMERA_INFO = "thermal/camera_info"
 #: Method -> the topics that it uses.
@@ -16,8 +17,10 @@ METHOD_TOPICS: Mapping[str, tuple[str, ...]] = {
     for method, sources in METHOD_SOURCES.items()
 }
 PICTURES = ("thermal/image_raw", "thermal/image_raw/compressed")
-#: By composition; if there is more than one topic, one is enough.
-_GIMBAL: dict[str, tuple[str, ...]] = {
+#: What sensors publish: the topics that another system may have under other names.
+INPUTS = (*SENSED_TOPICS, *PICTURES, CAMERA_INFO)
+#: Composition of the camera's pose -> the gimbal's topics that it uses; one of them is enough.
+GIMBAL_TOPICS: dict[str, tuple[str, ...]] = {
     "paper": ("gimbal/attitude",),
     "encoders": ("gimbal/joint_states",),
     "auto": ("gimbal/joint_states", "gimbal/attitude"),
@@ -25,6 +28,13 @@ _GIMBAL: dict[str, tuple[str, ...]] = {
 _POSITIONS = ("rtk/fix", "gps/fix")
 #: Topics that the default method uses beyond ordinary GPS.
 _OF_HEADINGS = ("rtk/fix", "rtk/vel", "rtk/heading")
+
+
+class Topics(Protocol):
+    """Define what says which topics there are: a bag's reader."""
+
+    def topics(self) -> dict[str, str]:
+        """Return every topic, resolved, with the name of its type."""
 
 
 def prefix(namespace: str) -> str:
@@ -58,9 +68,9 @@ def inputs_of(
     """
     present = reader.topics()
     there = {topic for topic in TOPIC_TYPES if resolved(topic, namespace) in present}
-    wanted = [*METHOD_TOPICS[method], *_GIMBAL[composition]]
+    wanted = [*METHOD_TOPICS[method], *GIMBAL_TOPICS[composition]]
     positions = tuple(name for name in METHOD_TOPICS[method] if name in _POSITIONS)
-    needed = [("imu/data",), positions, *([_GIMBAL[composition]] if gimbal else ())]
+    needed = [("imu/data",), positions, *([GIMBAL_TOPICS[composition]] if gimbal else ())]
     if pictures:
         needed += [PICTURES, *([(CAMERA_INFO,)] if camera else ())]
         wanted += ["tirgeo/locate/pixel", *([CAMERA_INFO] if camera else ())]
@@ -83,7 +93,7 @@ def inputs_of(
     return found
 
 
-def fitting_method(reader: BagReader, namespace: str) -> tuple[str, str]:
+def fitting_method(reader: Topics, namespace: str) -> tuple[str, str]:
     """Return the method for what a bag holds, and why it is not the default ("" if it is).
 
     Without headings the method is ``ekf``, on ordinary GPS if there is no RTK.

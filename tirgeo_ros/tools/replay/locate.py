@@ -45,6 +45,7 @@ def locate_pixels(
     cot_out: PathLike | None = None,
     namespace: str = "",
     camera: PathLike | None = None,
+    smooth: bool = False,
     progress: Report = silent,
 ) -> dict[str, object]:
     """Locate pixels (CSV ``id,stamp_ns,u,v``) of a bag's pictures; return a summary.
@@ -52,7 +53,8 @@ def locate_pixels(
     Write the format that the output's name asks for (of ``FORMATS``, else GeoJSON), and KML and
     Cursor-on-Target if asked: all of them or none. ``dem`` or
     ``ground_height`` (ellipsoidal m) and ``camera``, a calibration file, override ``params``. A
-    pixel that cannot be located is written with its reason. Raise BagError, CameraError,
+    pixel that cannot be located is written with its reason. ``smooth``: camera poses from all
+    measurements, also later ones. Raise BagError, CameraError,
     ConfigError, SurveyError, ElevationError.
     """
     configs = node_configs(
@@ -65,7 +67,8 @@ def locate_pixels(
     if ground is None:
         raise ConfigError("height of the ground not known: give --ground-height or --dem")
     reader = BagReader(bag_in)
-    answers, flown = _located(reader, configs, params, namespace, seen, ground, progress)
+    how = (seen, ground, progress)
+    answers, flown = _located(reader, configs, params, namespace, *how, smooth=smooth)
     forms = {output: form_of(output), kml_out: "kml"}
     files: dict[PathLike, str | bytes]
     files = {path: exported_answers(answers, form) for path, form in forms.items() if path}
@@ -89,6 +92,8 @@ def _located(
     seen: Sequence[Observation],
     ground: Ground,
     progress: Report,
+    *,
+    smooth: bool,
 ) -> tuple[list[Answered], dict[str, object]]:
     """Read the flight; return the pixels' places, and the summary of the flight."""
     fitted, notes = configs.fitting(reader, namespace)
@@ -97,7 +102,8 @@ def _located(
     checks = FlightChecks(fitted, reader, params, namespace, ground=ground, camera=camera)
     recorded = RecordedFlight(reader, namespace, camera=camera, checks=checks)
     latency_ns = round(overlay.video_latency_s * 1e9)
-    flight = recorded.registered(ekf, gimbal, [one.stamp_ns - latency_ns for one in seen])
+    instants_ns = [one.stamp_ns - latency_ns for one in seen]
+    flight = recorded.registered(ekf, gimbal, instants_ns, smooth=smooth)
     flight.checks = checks
     recorded.read_all(progress)
     known = recorded.camera
@@ -115,6 +121,7 @@ def _located(
     navigation = flight.registration.navigation.status()
     return answers, {
         "method": navigation.method,
+        "smoothed": smooth,
         "composition": flight.registration.composer.composition,
         "notes": notes,
         "state": navigation.state.value,

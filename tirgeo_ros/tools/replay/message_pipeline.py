@@ -8,26 +8,26 @@ from __future__ import annotations
 
 import contextlib
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import islice
 from typing import Any
 
-import cv2
-
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.ground_point import Located
-from tirgeo_ros.core.overlay.overlay import Overlay, OverlayResult
+from tirgeo_ros.core.navigation.smoothing.smoothed_run import SmoothedRun
+from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.streams.arrival_stamps import Arrivals
-from tirgeo_ros.core.streams.rates import RateLimit
 from tirgeo_ros.core.types.errors import MessageError, TirgeoError
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, BagWriter, Cdr
 from tirgeo_ros.io.messages import TOPIC_TYPES, DiagnosticItem, Messages
 from tirgeo_ros.tools.presentation.progress import Report
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
-from tirgeo_ros.tools.replay.flight_topics import CAMERA_INFO, prefix, resolved
+from tirgeo_ros.tools.replay.flight_topics import CAMERA_INFO, PICTURES, prefix, resolved
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs
 from tirgeo_ros.tools.replay.overlay_film import OverlayFilm
+from tirgeo_ros.tools.replay.picture_outputs import PictureOutputs
+from tirgeo_ros.tools.replay.picture_stage import PictureStage
 from tirgeo_ros.tools.replay.pose_outputs import PoseOutputs
 from tirgeo_ros.tools.replay.registration import SAMPLES, Registered, Registration
 
@@ -53,11 +53,16 @@ class Pipeline:
         film: OverlayFilm | None,
         namespace: str,
         checks: FlightChecks,
+        stage: PictureStage,
         *,
         raw_images: bool = False,
+        smoothed: Sequence[SmoothedRun] | None = None,
     ) -> None:
-        """Set up the chain; ``checks`` get all inputs and outputs, and change nothing of them."""
-        self.registration = Registration(configs.ekf, configs.gimbal)
+        """Set up the chain; ``checks`` get all inputs and outputs, and change nothing of them.
+
+        ``smoothed`` are the smoothed runs of the same messages.
+        """
+        self.registration = Registration(configs.ekf, configs.gimbal, smoothed=smoothed)
         self.overlay = overlay
         self.read: Counter[str] = Counter()
         self.undecoded: Counter[str] = Counter()
@@ -67,13 +72,19 @@ class Pipeline:
         self.states_s: Counter[str] = Counter()
         self.arrivals = Arrivals()
         self.duration_s = 0.0  # from the first to the newest message
-        self._footprint_rate = RateLimit(configs.overlay.footprint_rate_hz)
-        self._jpeg_quality, self._raw_images = configs.overlay.jpeg_quality, raw_images
-        self._checks = checks
+        self._checks, self._decoder = checks, stage.decoder
         self._cdr = Cdr()
         self._messages = Messages(self._cdr.types, configs.ekf.frame_ids)
-        self._poses = PoseOutputs(configs, self._messages, self._write_one)
-        self._writer, self._film = writer, film
+        self._pictures = PictureOutputs(
+            stage,
+            self._messages,
+            self._write_one,
+            film,
+            configs.overlay.footprint_rate_hz,
+            raw_images=raw_images,
+        )
+        self._poses = PoseOutputs(configs, self._messages, self._pictures.put)
+        self._writer = writer
         self._prefix = prefix(namespace)
         self._names = {topic: resolved(topic, namespace) for topic in TOPIC_TYPES}
         self._plane: TangentPlane | None = None
@@ -106,7 +117,10 @@ class Pipeline:
             self._unwanted += 1
             if self._unwanted % _LOOKED_AT:
                 return None
-        return self._decoded(message)
+        content = self._decoded(message)
+        if topic in PICTURES and content is not None and self.overlay is not None:
+            self._decoder.begin(topic, content)
+        return content
 
     def _decoded(self, message: BagMessage) -> object | None:
         try:
@@ -163,11 +177,12 @@ class Pipeline:
                 self._draw(log_time_ns, deadline_ns)
         self._poses.finish(log_time_ns)
         self._publish_diagnostics(log_time_ns)
+        self._pictures.finish()
 
     def _write(self, topic: str, message: object, log_time_ns: int) -> None:
         """Write an output under its resolved name, after all poses, which are older."""
         self._poses.flush()
-        self._write_one(topic, message, log_time_ns)
+        self._pictures.put(topic, message, log_time_ns)
 
     def _write_one(self, topic: str, message: object, log_time_ns: int) -> None:
         name = self._names[topic]
@@ -210,36 +225,20 @@ class Pipeline:
             self.overlay.set_camera(camera)
             return
         self.overlay.set_status(self.registration.navigation.status())
-        pixels, stamp_ns = convert.pixels(topic, message), convert.stamp_ns(message)
+        pixels, stamp_ns = self._decoder.pixels(topic, message), convert.stamp_ns(message)
         self._checks.frame(topic, stamp_ns, pixels, log_time_ns)
         stamp_ns = self.arrivals.stamp_ns(topic, stamp_ns, log_time_ns)
         self.overlay.add_frame(stamp_ns, pixels, log_time_ns)
 
     def _draw(self, log_time_ns: int, now_ns: int) -> None:
-        """Output the frame, if any, that is drawn at ``now_ns``."""
-        result = self.overlay.take(now_ns) if self.overlay is not None else None
-        if result is None:
+        """Output the frame, if any, that is drawn at ``now_ns``, after all poses."""
+        if self.overlay is None:
             return
-        if self._film is not None:
-            self._film.add(result, self.registration.composer.body_at)
-        quality = [cv2.IMWRITE_JPEG_QUALITY, self._jpeg_quality]
-        jpeg = cv2.imencode(".jpg", result.image, quality)[1].tobytes()
-        compressed = self._messages.compressed(result.stamp_ns, jpeg)
-        self._write("tirgeo/overlay/image/compressed", compressed, log_time_ns)
-        if self._raw_images:
-            raw = self._messages.image(result.stamp_ns, result.image)
-            self._write("tirgeo/overlay/image", raw, log_time_ns)
-        self._write_geometry(result, log_time_ns)
-
-    def _write_geometry(self, result: OverlayResult, log_time_ns: int) -> None:
-        """Write a picture's calibration, and its footprint if that is due."""
-        if result.camera is not None:
-            info = self._messages.camera_info(result.camera, result.stamp_ns)
-            self._write("tirgeo/overlay/camera_info", info, log_time_ns)
-        if self.overlay is not None and self._footprint_rate.due(result.stamp_ns):
-            outline_n = self.overlay.footprint(result.pose)
-            made = self._messages.footprint(result.stamp_ns, outline_n)
-            self._write("tirgeo/footprint", made, log_time_ns)
+        picture = self.overlay.take_unpainted(now_ns)
+        if picture is not None:
+            self._poses.flush()
+            body_at = self.registration.composer.body_at
+            self._pictures.add(picture, self.overlay, body_at, log_time_ns)
 
     def _publish_diagnostics(self, log_time_ns: int) -> None:
         status = self.registration.navigation.status()

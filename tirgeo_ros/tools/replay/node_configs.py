@@ -10,12 +10,11 @@ from typing import NamedTuple
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.config.schema import config_from, values_of
 from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.text_file import named_files
 from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.maps import map_files
 from tirgeo_ros.io.parameters.parameter_file import Files, ParameterFile
-from tirgeo_ros.tools.replay.flight_topics import fitting_method
+from tirgeo_ros.tools.replay.flight_topics import Topics, fitting_method
 
 
 class NodeConfigs(NamedTuple):
@@ -32,7 +31,7 @@ class NodeConfigs(NamedTuple):
         one = self.overlay
         return [*map_files(one.map, one.style), *named_files(one.dem), one.camera]
 
-    def fitting(self, reader: BagReader, namespace: str) -> tuple[NodeConfigs, list[str]]:
+    def fitting(self, reader: Topics, namespace: str) -> tuple[NodeConfigs, list[str]]:
         """Return the parameters for a bag, and a note if the method is not the default.
 
         Without a given method, the method is chosen by the topics of the bag.

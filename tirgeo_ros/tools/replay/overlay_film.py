@@ -7,8 +7,9 @@ from collections.abc import Callable
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.gimbal.pose_buffer import Miss
 from tirgeo_ros.core.ground.frame_geometry import Sight
-from tirgeo_ros.core.overlay.camera_motion import rates_up_to
-from tirgeo_ros.core.overlay.overlay import Overlay, OverlayResult
+from tirgeo_ros.core.overlay.overlay import Overlay
+from tirgeo_ros.core.overlay.picture_painter import Unpainted
+from tirgeo_ros.core.types.arrays import Pixels
 from tirgeo_ros.core.types.poses import BodyPose
 from tirgeo_ros.io.video.frame_metadata import FrameMetadata
 from tirgeo_ros.io.video.video_file import VideoFile
@@ -32,22 +33,24 @@ class OverlayFilm:
         """Return the number of pictures and their mean rate."""
         return {"frames": self._video.frames, "rate_hz": self._video.rate_hz}
 
-    def add(self, result: OverlayResult, body_at: Callable[[int], BodyPose | Miss]) -> None:
-        """Append a picture; ``body_at`` gives the aircraft's pose at an instant."""
-        packet = b""
-        if self._video.takes_metadata:
-            sight = self._sight(result, body_at)
-            packet = self._metadata.packet(result.stamp_ns - self._latency_ns, sight)
-        self._video.add(result.stamp_ns, result.image, packet)
+    def packet(self, picture: Unpainted, body_at: Callable[[int], BodyPose | Miss]) -> bytes:
+        """Return a picture's metadata; ``body_at`` gives the aircraft's pose at an instant."""
+        if not self._video.takes_metadata:
+            return b""
+        sight = self._sight(picture, body_at)
+        return self._metadata.packet(picture.stamp_ns - self._latency_ns, sight)
+
+    def add(self, stamp_ns: int, image: Pixels, packet: bytes) -> None:
+        """Append a finished picture (h, w, 3) BGR with its metadata."""
+        self._video.add(stamp_ns, image, packet)
 
     def _sight(
-        self, result: OverlayResult, body_at: Callable[[int], BodyPose | Miss]
+        self, picture: Unpainted, body_at: Callable[[int], BodyPose | Miss]
     ) -> Sight | None:
         """Return what is known of a picture; None without a trusted pose."""
-        camera, pose, plane = result.camera, result.pose, self._overlay.plane
+        camera, pose, plane = picture.camera, picture.pose, self._overlay.plane
         if camera is None or pose is None or plane is None:
             return None
         body = body_at(pose.stamp_ns)
-        rates = rates_up_to(pose, self._overlay.poses)
         known = None if isinstance(body, Miss) else body
-        return Sight(camera, pose, plane, self._overlay.ground, known, rates)
+        return Sight(camera, pose, plane, self._overlay.ground, known, picture.rates)

@@ -26,10 +26,13 @@ from tirgeo_ros.io.video.video_file import VideoFile
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.finding_lines import finding_items
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
+from tirgeo_ros.tools.replay.flight_poses import smoothed_runs
 from tirgeo_ros.tools.replay.flight_topics import done_without, inputs_of, resolved
 from tirgeo_ros.tools.replay.message_pipeline import Pipeline
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs, node_configs
 from tirgeo_ros.tools.replay.overlay_film import OverlayFilm
+from tirgeo_ros.tools.replay.picture_stage import PictureStage, available_cores
+from tirgeo_ros.tools.replay.smoothed_flight import FlightFilter, passes
 
 
 class _Job(NamedTuple):
@@ -59,14 +62,18 @@ def process(
     video: PathLike | None = None,
     namespace: str = "",
     camera: PathLike | None = None,
+    smooth: bool = False,
     progress: Report = silent,
+    cores: int | None = None,
 ) -> dict[str, object]:
     """Process a bag and return a summary; a file gets its name only when it is complete.
 
     ``error`` in the summary is None, or what of the bag was lost. ``params`` are parameter files;
     ``map``, ``dem`` or ``ground_height`` (ellipsoidal m) and ``camera``, a calibration file,
-    override them. ``images`` need the gimbal. Raise BagError (no bag, a needed topic absent,
-    nothing readable), CameraError, ConfigError, MapError, ElevationError, VideoError.
+    override them. ``images`` need the gimbal. They are drawn in another process unless ``cores``
+    (None: those that this process may use) is 1: the bytes are the same. ``smooth``: each pose
+    from all measurements, also later ones. Raise BagError (no bag, a needed topic absent, nothing
+    readable), CameraError, ConfigError, MapError, ElevationError, PictureError, VideoError.
     """
     configs = node_configs(
         params, namespace, method=method, dem=dem, ground_height=ground_height, camera=camera
@@ -76,12 +83,15 @@ def process(
         raise ConfigError("overlay images need a map and images")
     given = [bag_in, *paths_of(params), *configs.files, *map_files(map_path)]
     check_outputs(given, (bag_out, video), BagError)
-    job = _prepared(configs, BagReader(bag_in), namespace, params, map_path, images=images)
-    return {
-        "input": os.fspath(bag_in),
-        "output": os.fspath(bag_out),
-        **_run(job, bag_out, video, progress, raw_images=raw_images),
-    }
+    reader, cores = BagReader(bag_in), available_cores() if cores is None else cores
+    with PictureStage(cores if map_path else 1) as stage:
+        job = _prepared(configs, reader, namespace, params, map_path, images=images)
+        return {
+            "input": os.fspath(bag_in),
+            "output": os.fspath(bag_out),
+            "smoothed": smooth,
+            **_run(job, bag_out, video, progress, stage, raw_images=raw_images, smooth=smooth),
+        }
 
 
 def _prepared(
@@ -118,15 +128,30 @@ def _prepared(
 
 
 def _run(
-    job: _Job, bag_out: PathLike, video: PathLike | None, progress: Report, *, raw_images: bool
+    job: _Job,
+    bag_out: PathLike,
+    video: PathLike | None,
+    progress: Report,
+    stage: PictureStage,
+    *,
+    raw_images: bool,
+    smooth: bool,
 ) -> dict[str, object]:
     """Process all messages and write the outputs; return the summary."""
     begun_s = time.perf_counter()
+    if job.drawn is not None:
+        keeps_images = raw_images or video is not None
+        stage.begin(job.configs.overlay, job.drawn.ground, keeps_images=keeps_images)
     with contextlib.ExitStack() as stack:
         film = _film(job, stack.enter_context(VideoFile(video))) if video is not None else None
         writer = stack.enter_context(BagWriter(bag_out))
-        chain = (job.configs, job.drawn, writer, film, job.namespace, job.checks)
-        run = Pipeline(*chain, raw_images=raw_images)
+        smoothed = None
+        if smooth:
+            first, progress = passes(progress)
+            flown = FlightFilter(job.configs.ekf)
+            (smoothed,) = smoothed_runs(job.reader, job.namespace, [flown], first)
+        chain = (job.configs, job.drawn, writer, film, job.namespace, job.checks, stage)
+        run = Pipeline(*chain, raw_images=raw_images, smoothed=smoothed)
         run.through(job.reader, job.topics, progress)
         if not run.read:
             because = f": {job.reader.damage}" if job.reader.damage else ""

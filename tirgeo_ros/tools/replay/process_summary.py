@@ -52,7 +52,8 @@ def _state(result: Mapping[str, Any]) -> Line:
     times = Counter(result["states_s"]).most_common()
     said = ", ".join(f"{state} {seconds} s" for state, seconds in times)
     reason = f" ({result['reason']})" if result["reason"] else ""
-    text = f"{result['state']} at the end{reason}, by {result['method']}; in all {said}"
+    method = f"{result['method']}{', smoothed' if result['smoothed'] else ''}"
+    text = f"{result['state']} at the end{reason}, by {method}; in all {said}"
     return "state", text, result["state"] not in _GOOD_STATES
 
 

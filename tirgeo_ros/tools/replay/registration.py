@@ -11,6 +11,8 @@ from typing import Any, NamedTuple
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig
 from tirgeo_ros.core.gimbal.composer import GimbalComposer
 from tirgeo_ros.core.navigation.estimator import Navigation
+from tirgeo_ros.core.navigation.smoothing.smoothed_navigation import SmoothedNavigation
+from tirgeo_ros.core.navigation.smoothing.smoothed_run import SmoothedRun
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
     ImuSample,
@@ -38,7 +40,8 @@ class Registered(NamedTuple):
 class Registration:
     """Feed the filter and the gimbal composition with samples in order of arrival.
 
-    ``heard`` is called with the filter's verdicts, as in ``Navigation``.
+    ``heard`` is called with the filter's verdicts, as in ``Navigation``. With ``smoothed`` runs of
+    the same samples the poses are those.
     """
 
     def __init__(
@@ -46,8 +49,13 @@ class Registration:
         ekf: EkfConfig,
         gimbal: GimbalConfig,
         heard: Callable[[Verdict], None] | None = None,
+        smoothed: Sequence[SmoothedRun] | None = None,
     ) -> None:
-        self.navigation = Navigation(ekf, heard)
+        self.navigation = (
+            Navigation(ekf, heard)
+            if smoothed is None
+            else SmoothedNavigation(ekf, smoothed, heard)
+        )
         self.composer = GimbalComposer(gimbal)
 
     def take(self, sample: Sample) -> Registered:

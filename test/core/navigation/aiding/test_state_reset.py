@@ -215,3 +215,35 @@ def test_heading_reset_with_an_error_state(degrees, error_sigma_deg):
     # A second one halves the noise; what is the receiver's error stays unknown.
     expected = noise_rad2 / 2 + error_rad2
     assert again.belief.covariance[2, 2] == pytest.approx(expected, rel=0.02)
+
+
+def by_gps(t_s):
+    return fix(t_s, (0.0, 0.0, 60.0), Source.GPS_POSITION, FixStatus.SINGLE)
+
+
+def set_by(make, **belief):
+    return again_and_again(belief_of(**belief), make)[1:]
+
+
+@pytest.mark.parametrize(
+    ("reset", "chosen"),
+    [
+        (lambda: set_by(lambda t_s: fix(t_s, SHIFT_N)), range(6, 9)),
+        (lambda: set_by(off, rtk=False), range(3, 6)),
+        (lambda: set_by(by_gps, rtk=False), range(15, 18)),
+        (lambda: turned(CONFIG, 52.0)[:2], (0, 1, 2, *range(9, 15))),
+        (lambda: turned(ekf_config(heading__reset_after_s=5.0), 4.5)[:2], (2,)),
+        (lambda: turned(ekf_config(heading__bias_sigma_deg=2.0), 52.0, belief_of(19))[:2],
+         (0, 1, 2, *range(9, 15))),
+    ],
+)  # fmt: skip
+def test_a_reset_is_a_transition_and_noise_of_what_was_set(reset, chosen):
+    """So a smoother knows what the reset has discarded: the rest keeps all its covariances."""
+    before, after = reset()
+    (change,) = after.changes
+    noise = change.covariance - change.transition @ before.covariance @ change.transition.T
+    np.testing.assert_array_equal(change.covariance, after.covariance)
+    others = [k for k in range(len(noise)) if k not in chosen]
+    scale = np.sqrt(np.diag(after.covariance))
+    np.testing.assert_allclose((noise / np.outer(scale, scale))[others], 0.0, atol=1e-12)
+    assert (np.linalg.eigvalsh(noise[np.ix_(chosen, chosen)]) > 0).all()

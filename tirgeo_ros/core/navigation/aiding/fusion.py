@@ -30,6 +30,7 @@ from tirgeo_ros.core.navigation.ins_error_model import (
     heading_error,
 )
 from tirgeo_ros.core.navigation.kalman import Measurement, chi_square_limit, update
+from tirgeo_ros.core.navigation.smoothing.trail import Change, cut
 from tirgeo_ros.core.navigation.strapdown import Vector
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import PositionSample, Source, VelocitySample
@@ -74,7 +75,8 @@ class Fusion:
             return Fused(Verdict(sample.source, Outcome.STANDBY, "not needed"), belief)
         control = belief.control
         receivers = control.receivers.at(sample.stamp_ns, self._gps_time_s, self._heading_time_s)
-        belief = belief._replace(control=control._replace(receivers=receivers))
+        control = control._replace(receivers=receivers)
+        belief = StateEstimate(belief.state, belief.covariance, control)
         aid, belief = self._aids[sample.source].measured(sample, belief, angular_rate_b)
         if isinstance(aid, Verdict):
             return Fused(aid, belief)
@@ -101,7 +103,7 @@ class Fusion:
             gate_sigma = min(measurement.gate_sigma, _STEPPED_GATE_SIGMA)
             measurement = measurement._replace(gate_sigma=gate_sigma)
             aid = aid._replace(measurement=measurement)
-        ratio, error, updated, predicted = update(belief.covariance, measurement)
+        ratio, error, updated, predicted, correction = update(belief.covariance, measurement)
         reason = "refused" if error is None else ""
         track, reason = model.averaged(track, measurement, predicted, reason)
         if reason or error is None or updated is None:
@@ -114,11 +116,13 @@ class Fusion:
             if reset is None:
                 return Fused(_verdict(aid, Outcome.GATED, reason, ratio), belief)
             return Fused(_verdict(aid, Outcome.RESET, str(reset.control.last_reset), ratio), reset)
+        changes: tuple[Change, ...] = (Change(updated, correction=correction),)
         if self._direct and aid.source is Source.RTK_POSITION:
             error, updated = _with_rtk_position(error, updated, measurement)
+            changes = (*changes, Change(updated, cut(len(error), POSITION)))
         track = track.used(aid.stamp_ns, self._timeout_ns, aid.invariant)
         belief = belief._replace(control=control.with_track(aid.source, track))
-        return Fused(_verdict(aid, Outcome.USED, "", ratio), _corrected(belief, error, updated))
+        return Fused(_verdict(aid, Outcome.USED, "", ratio), _corrected(belief, error, changes))
 
     def _refused(self, aid: AidMeasurement, track: AidTrack) -> AidTrack:
         """Return the record after a refusal.
@@ -153,9 +157,11 @@ class Fusion:
         accepted = self._resets.after_step(aid, belief)
         if accepted is None:
             innovation = plain.innovation - np.array(track.step)
-            _, error, updated, _ = update(belief.covariance, plain._replace(innovation=innovation))
+            _, error, updated, _, correction = update(
+                belief.covariance, plain._replace(innovation=innovation)
+            )
             if error is not None and updated is not None:
-                belief = _corrected(belief, error, updated)
+                belief = _corrected(belief, error, (Change(updated, correction=correction),))
         elif accepted.control.resets != control.resets:
             reason = str(accepted.control.last_reset)
             return Fused(_verdict(aid, Outcome.RESET, reason, ratio), accepted)
@@ -177,14 +183,15 @@ def _checked_rtk(
     return belief._replace(control=belief.control._replace(rtk=rtk)), rtk.reason(aid.source)
 
 
-def _corrected(belief: StateEstimate, error: Array, covariance: Array) -> StateEstimate:
+def _corrected(belief: StateEstimate, error: Array, changes: tuple[Change, ...]) -> StateEstimate:
     """Return the belief after a correction of the state and the receivers by an error (n,)."""
     at = heading_error(len(error))
     turned = 0.0 if at is None else float(error[at])
     moved = error[ANTENNA].tolist() if has_antenna(len(error)) else (0.0, 0.0, 0.0)
     receivers = belief.control.receivers.changed(error[GPS_ERROR].tolist(), turned, moved)
     control = belief.control._replace(receivers=receivers)
-    return StateEstimate(feedback(belief.state, error), covariance, control)
+    state = feedback(belief.state, error)
+    return StateEstimate(state, changes[-1].covariance, control, changes)
 
 
 def _verdict(aid: AidMeasurement, outcome: Outcome, reason: str, ratio: float) -> Verdict:

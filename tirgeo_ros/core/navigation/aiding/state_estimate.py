@@ -8,6 +8,7 @@ import numpy as np
 
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus
 from tirgeo_ros.core.navigation.kalman import Measurement
+from tirgeo_ros.core.navigation.smoothing.trail import Change
 from tirgeo_ros.core.navigation.strapdown import NavState, Vector
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import (
@@ -28,11 +29,15 @@ AidSample = Aiding | AutopilotHeading
 
 
 class StateEstimate(NamedTuple):
-    """Hold the state, the covariance (n, n) of its error, and the records of the aids."""
+    """Hold the state, the covariance (n, n) of its error, and the records of the aids.
+
+    ``changes`` are those by which a measurement has led to it.
+    """
 
     state: NavState
     covariance: Array
     control: AidStatus
+    changes: tuple[Change, ...] = ()
 
 
 class Fused(NamedTuple):

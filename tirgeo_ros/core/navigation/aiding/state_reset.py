@@ -24,6 +24,7 @@ from tirgeo_ros.core.navigation.ins_error_model import (
     feedback,
     heading_error,
 )
+from tirgeo_ros.core.navigation.smoothing.trail import Change, cut
 from tirgeo_ros.core.navigation.strapdown import NavState
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array
@@ -88,7 +89,7 @@ class Resets:
         After a small step the position becomes as uncertain as the step is large, and the next
         ones move it gently. After a large one it is reset, and counted.
         """
-        state, covariance, control = belief
+        state, covariance, control = belief[:3]
         track = control.track(aid.source)
         if (aid.stamp_ns - track.denied_ns) * 1e-9 < self._step_patience_s(aid, control):
             return None
@@ -97,7 +98,8 @@ class Resets:
         covariance = covariance.copy()
         covariance[POSITION, POSITION] += np.outer(track.step, track.step)
         track = AidTrack(track.used_ns, track.agreed_ns, EASE_STEPS)
-        return StateEstimate(state, covariance, control.with_track(aid.source, track))
+        control = control.with_track(aid.source, track)
+        return StateEstimate(state, covariance, control, (Change(covariance),))
 
     def _step_patience_s(self, aid: AidMeasurement, control: AidStatus) -> float:
         """Return how long a step must last: longer, or for ever, where ordinary GPS denies it."""
@@ -133,9 +135,9 @@ class Resets:
         self, aid: AidMeasurement, belief: StateEstimate, block: slice
     ) -> StateEstimate:
         """Set three states and their covariance as measured, uncorrelated with the others."""
-        state, covariance, control = belief
+        state, covariance, control = belief[:3]
         innovation, noise = aid.measurement.innovation, aid.measurement.noise
-        covariance = _uncorrelated(covariance, block)
+        covariance, transition = _uncorrelated(covariance, block), cut(len(covariance), block)
         error = np.zeros(len(covariance))
         error[block] = innovation
         covariance[block, block] = noise
@@ -143,6 +145,7 @@ class Resets:
             # Their sum is measured: the error of the one is that of the other, negated.
             covariance[block, :] -= covariance[POSITION, :]
             covariance[:, block] -= covariance[:, POSITION]
+            transition[block, POSITION] = -np.eye(3)
             control = control._replace(receivers=control.receivers.changed(innovation.tolist()))
         else:
             state = feedback(state, error)
@@ -150,26 +153,30 @@ class Resets:
             # The ordinary GPS has not moved, but its error against the new position has changed.
             control = control._replace(receivers=control.receivers.changed((-innovation).tolist()))
         size = float(np.linalg.norm(innovation))
-        return StateEstimate(state, covariance, control.with_reset(aid.source, aid.stamp_ns, size))
+        control = control.with_reset(aid.source, aid.stamp_ns, size)
+        return StateEstimate(state, covariance, control, (Change(covariance, transition),))
 
     def _with_heading(self, aid: AidMeasurement, belief: StateEstimate) -> StateEstimate:
         """Turn the attitude about the vertical to the heading."""
-        state, covariance, control = belief
+        state, covariance, control = belief[:3]
         turn = float(aid.measurement.innovation[0])
         error = np.zeros(len(covariance))
-        error[2] = turn
+        error[2], lost = turn, [slice(2, 3)]
         if abs(turn) > _SPOILING_TURN_RAD:
             covariance = self._as_at_start(covariance)
             b, a = state.gyro_bias_b, state.accel_bias_b
             error[GYRO_BIAS], error[ACCEL_BIAS] = np.negative(b), np.negative(a)
-        covariance = _uncorrelated(covariance, slice(2, 3))
+            lost += [ATTITUDE, GYRO_BIAS, ACCEL_BIAS]
+        covariance, transition = _uncorrelated(covariance, lost[0]), cut(len(covariance), *lost)
         covariance[2, 2] = aid.measurement.noise[0, 0]
         at = heading_error(len(covariance))
         if at is not None:  # their sum is measured: correlate heading and heading error
             covariance[2, :] -= covariance[at, :]
             covariance[:, 2] -= covariance[:, at]
+            transition[2, at] = -1.0
         control = control.with_reset(aid.source, aid.stamp_ns, turn)
-        return StateEstimate(feedback(state, error), covariance, control)
+        changes = (Change(covariance, transition),)
+        return StateEstimate(feedback(state, error), covariance, control, changes)
 
     def _as_at_start(self, covariance: Array) -> Array:
         """Return a covariance with tilt and biases as uncertain as at the start."""

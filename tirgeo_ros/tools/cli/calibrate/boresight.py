@@ -18,6 +18,7 @@ from tirgeo_ros.tools.cli._verb import (
     FLIGHT,
     NEEDED,
     PARAMETERS,
+    SMOOTH,
     SURVEY,
     UsageError,
     call,
@@ -46,6 +47,7 @@ OPTIONS = (
     *SURVEY,
     ("-o --output", "YAML", "the parameters", NEEDED),
     *PARAMETERS,
+    *SMOOTH,
     ("--estimate", "LIST", _ESTIMATE_HELP, _LIST),
     ("--hold", "LIST", "of the same: as --params has them", _LIST | {"default": []}),
     ("--click-sigma", "PX", _SIGMA_HELP, _SIGMA),
@@ -63,7 +65,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     if not set(_NAMES[:5] if args.estimate is None else args.estimate) - set(args.hold):
         raise UsageError("nothing to estimate")
     first = "bag survey observations output"
-    names = "params camera estimate hold namespace click_sigma_px plot"
+    names = "params camera estimate hold namespace click_sigma_px plot smooth"
     return call(calibrate_boresight, args, "calibrating, s", first, names)
 
 

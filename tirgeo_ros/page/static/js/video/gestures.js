@@ -31,7 +31,7 @@ export function listen(surface, gestures) {
     if (event.button !== 0) return;
     surface.setPointerCapture(event.pointerId);
     fingers.set(event.pointerId, place(event));
-    const at = performance.now();
+    const at = event.timeStamp; // of the finger: a busy page hears of it later
     press = fingers.size === 1 ? { ...place(event), at, down: gestures.down() } : null;
   });
 
@@ -66,7 +66,7 @@ export function listen(surface, gestures) {
     const pressed = press;
     press = null;
     if (!pressed || event.type !== "pointerup") return;
-    if (performance.now() - pressed.at < PRESS_MS) {
+    if (event.timeStamp - pressed.at < PRESS_MS) {
       gestures.press(pressed.x, pressed.y, pressed.down);
     }
   };

@@ -1,0 +1,175 @@
+"""The smoother on linear systems with Gaussian noise, against the joint distribution of all."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tirgeo_ros.core.navigation.kalman import Measurement, update
+from tirgeo_ros.core.navigation.smoothing import backward_pass
+from tirgeo_ros.core.navigation.smoothing.backward_pass import smooth
+from tirgeo_ros.core.navigation.smoothing.flight_record import FlightRecord
+from tirgeo_ros.core.navigation.smoothing.trail import Change, cut
+
+STATES = 5
+#: Two solutions of 300 linear equations in doubles; their condition is below 1e5.
+TOLERANCE = 1e-9
+NO_GATE = 1e9
+
+
+class LinearFilter:
+    """A Kalman filter that feeds its errors back, and the joint distribution of all states."""
+
+    def __init__(self, seed):
+        self.rng = np.random.default_rng(seed)
+        root = self.rng.normal(size=(STATES, STATES))
+        self.covariance = root @ root.T
+        self.estimate = self.rng.normal(size=STATES)
+        self.record = FlightRecord(STATES)
+        self.record.add(Change(self.covariance))
+        self.estimates = [self.estimate]
+        self.mean, self.joint = self.estimate.copy(), self.covariance.copy()
+        self.places = [0]  # where in the joint vector the state after each change begins
+        self.seen = []  # place, H, R, value
+
+    def changed(self, change):
+        self.covariance = change.covariance
+        self.record.add(change)
+        self.estimates.append(self.estimate)
+
+    def moved(self, transition, noise, offset=0.0):
+        """The next state is ``transition`` times this one, plus an offset, plus noise."""
+        old = slice(self.places[-1], self.places[-1] + STATES)
+        cross = transition @ self.joint[old]
+        corner = transition @ self.joint[old, old] @ transition.T + noise
+        self.places.append(len(self.mean))
+        self.mean = np.concatenate([self.mean, transition @ self.mean[old] + offset])
+        self.joint = np.block([[self.joint, cross.T], [cross, corner]])
+        self.estimate = transition @ self.estimate + offset
+        return transition @ self.covariance @ transition.T + noise
+
+    def propagate(self):
+        transition = np.eye(STATES) + 0.3 * self.rng.normal(size=(STATES, STATES))
+        noise = np.diag(self.rng.uniform(0.0, 0.2, STATES))
+        covariance = self.moved(transition, noise)
+        self.changed(Change(covariance, transition, step_s=0.1))
+
+    def correct(self, rows, ease=0.0):
+        design = self.rng.normal(size=(rows, STATES))
+        noise = np.diag(self.rng.uniform(0.1, 1.0, rows))
+        value = self.rng.normal(size=rows)
+        innovation = value - design @ self.estimate
+        found = update(self.covariance, Measurement(innovation, design, noise, NO_GATE, ease))
+        self.seen.append((self.places[-1], design, noise + ease * found.predicted, value))
+        self.places.append(self.places[-1])
+        self.estimate = self.estimate + found.error
+        self.changed(Change(found.covariance, correction=found.correction))
+
+    def reset(self, block):
+        """Set some states to a value, with a noise of its own."""
+        offset, noise = np.zeros(STATES), np.zeros((STATES, STATES))
+        offset[block], noise[block, block] = self.rng.normal(size=3), 0.5 * np.eye(3)
+        transition = cut(STATES, block)
+        covariance = self.moved(transition, noise, offset)
+        self.changed(Change(covariance, transition))
+
+    def doubt(self):
+        """Make a state more uncertain."""
+        noise = np.diag([0.0, 2.0, 0.0, 0.0, 0.0])
+        self.changed(Change(self.moved(np.eye(STATES), noise)))
+
+    def conditioned(self):
+        """Means (changes, n) and covariances (changes, n, n), given every measurement."""
+        rows = sum(len(value) for *_, value in self.seen)
+        design, noise = np.zeros((rows, len(self.mean))), np.zeros((rows, rows))
+        at = 0
+        for place, h, r, value in self.seen:
+            design[at : at + len(value), place : place + STATES] = h
+            noise[at : at + len(value), at : at + len(value)] = r
+            at += len(value)
+        values = np.concatenate([value for *_, value in self.seen])
+        gain = np.linalg.solve(design @ self.joint @ design.T + noise, design @ self.joint).T
+        mean = self.mean + gain @ (values - design @ self.mean)
+        joint = self.joint - gain @ design @ self.joint
+        parts = [slice(place, place + STATES) for place in self.places]
+        return np.array([mean[p] for p in parts]), np.array([joint[p, p] for p in parts])
+
+
+def flown(seed, steps=20):
+    """Propagations and updates of one to three rows, some eased; a reset and a doubt inside."""
+    found = LinearFilter(seed)
+    for step in range(steps):
+        found.propagate()
+        if step % 3 != 1:
+            found.correct(1 + step % 3, ease=2.0 * (step == 5))
+        if step == 8:
+            found.reset(slice(1, 4))
+        if step == 12:
+            found.doubt()
+            found.correct(2)
+    return found
+
+
+def square(record, lower):
+    full = np.zeros((len(lower), STATES, STATES))
+    full[:, record.lower[0], record.lower[1]] = lower
+    full[:, record.lower[1], record.lower[0]] = lower
+    return full
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("block", [4096, 7])
+def test_it_is_the_mean_and_covariance_given_all_measurements(seed, block, monkeypatch):
+    monkeypatch.setattr(backward_pass, "_BLOCK", block)
+    found = flown(seed)
+    mean, covariance = found.conditioned()
+    errors = smooth(found.record)
+    np.testing.assert_allclose(found.estimates + errors, mean, atol=TOLERANCE)
+    smoothed = square(found.record, found.record.covariances)
+    np.testing.assert_allclose(smoothed, covariance, atol=TOLERANCE)
+
+
+def test_the_last_is_that_of_the_filter():
+    found = flown(7)
+    last = found.covariance
+    errors = smooth(found.record)
+    assert (errors[-1] == 0).all()
+    smoothed = square(found.record, found.record.covariances)[-1]
+    np.testing.assert_allclose(smoothed, last, atol=1e-15)  # one half of it is stored
+
+
+def test_rauch_tung_and_striebel_find_the_same():
+    """Their recursion inverts every predicted covariance, which without resets can be done."""
+    found = LinearFilter(3)
+    steps = [("", None, found.covariance, np.zeros(STATES))]  # change, F, covariance, correction
+    for step in range(15):
+        found.propagate()
+        change = found.record.transitions[-1].copy()
+        steps.append(("moved", change, found.covariance, np.zeros(STATES)))
+        before = found.estimate
+        found.correct(1 + step % 3)
+        steps.append(("corrected", None, found.covariance, found.estimate - before))
+    errors, covariance = [np.zeros(STATES)], [found.covariance]
+    for (kind, transition, predicted, correction), (*_, earlier, _) in zip(
+        reversed(steps[1:]), reversed(steps[:-1]), strict=True
+    ):
+        if kind == "corrected":
+            errors.append(errors[-1] + correction)
+            covariance.append(covariance[-1])
+        else:
+            gain = earlier @ transition.T @ np.linalg.inv(predicted)
+            errors.append(gain @ errors[-1])
+            covariance.append(earlier + gain @ (covariance[-1] - predicted) @ gain.T)
+    np.testing.assert_allclose(smooth(found.record), errors[::-1], atol=TOLERANCE)
+    smoothed = square(found.record, found.record.covariances)
+    np.testing.assert_allclose(smoothed, covariance[::-1], atol=TOLERANCE)
+
+
+def test_what_is_not_finite_stays_out():
+    """Where a filter is lost, the record up to there is smoothed as if it ended there."""
+    sound, lost = flown(1), flown(1)
+    nothing = np.full((STATES, STATES), np.nan)
+    lost.record.add(Change(nothing, nothing))
+    errors = smooth(lost.record)
+    np.testing.assert_array_equal(errors, [*smooth(sound.record), np.zeros(STATES)])
+    np.testing.assert_array_equal(lost.record.covariances[:-1], sound.record.covariances)

@@ -1,0 +1,84 @@
+"""The reference of the public interface: what is missing or wrong in a docstring is a line."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import types
+import warnings
+from dataclasses import dataclass
+
+import pytest
+from project import PROJECT
+
+import tirgeo_ros
+from dev.api_reference import faults, main, public_names
+
+
+class Described:
+    """Hold a ``Described.part`` of ``CSV``; raise KeyError."""
+
+    def part(self):
+        """Return it."""
+
+    def hidden(self): ...
+
+    @property
+    def mistaken(self):
+        """Return a ``Nowhere``, a ``Described.whole``; raise ``PartError`` or KeyError."""
+
+
+@dataclass
+class Bare:
+    number: int
+
+
+def test_every_public_name_is_described():
+    assert faults(public_names()) == []
+
+
+def test_what_is_missing_or_does_not_exist_is_a_line():
+    assert faults({"Described": Described, "Bare": Bare}) == [
+        "Described.hidden: no docstring",
+        "Described.mistaken: its docstring names Nowhere, which is not public",
+        "Described.mistaken: its docstring names Described.whole, which is not public",
+        "Described.mistaken: its docstring names PartError, which is not public",
+        "Bare: no docstring",
+    ]
+
+
+@pytest.fixture
+def pdoc(monkeypatch):
+    """A pdoc that only says that it was called, with or without a warning."""
+    module = types.ModuleType("pdoc")
+    module.calls, module.warning = [], None
+
+    def document(*names, output_directory):
+        module.calls.append((names, output_directory))
+        if module.warning:
+            warnings.warn(module.warning, stacklevel=1)
+
+    module.pdoc = document
+    module.render = types.SimpleNamespace(configure=lambda **_: None)
+    monkeypatch.setitem(sys.modules, "pdoc", module)
+    return module
+
+
+def test_a_warning_of_pdoc_fails(pdoc, tmp_path, capsys):
+    assert main([str(tmp_path)]) == 0
+    assert pdoc.calls == [(("tirgeo_ros",), tmp_path)]
+    pdoc.warning = "Error parsing type annotation Nowhere\nand a traceback"
+    assert main([str(tmp_path)]) == 1
+    assert capsys.readouterr().err == "pdoc: Error parsing type annotation Nowhere\n"
+
+
+@pytest.mark.slow
+def test_pdoc_writes_a_page_of_all_names(tmp_path):
+    pytest.importorskip("pdoc", reason="pdoc comes with make api")
+    command = [sys.executable, "-m", "dev.api_reference", tmp_path]
+    done = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    page = (tmp_path / "tirgeo_ros.html").read_text()
+    places = [page.index(f'id="{name}"') for name in tirgeo_ros.__all__]
+    assert places == sorted(places)
+    assert (tmp_path / "index.html").exists()

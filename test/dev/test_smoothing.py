@@ -1,0 +1,96 @@
+"""``make smoothing``: what it measures, and what it marks; most of it on one short flight."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from project import PROJECT
+
+from dev.judging import MarkedTable
+from dev.monte_carlo import Case
+from dev.real_flights import Miss
+from dev.smoothed_flights import (
+    FILTER,
+    SMOOTHER,
+    Hidden,
+    Pair,
+    Squares,
+    fly_hidden,
+    fly_outage,
+    fly_pair,
+    outage_errors,
+)
+from dev.smoothing import hidden, outages, ratios, shapes
+from dev.smoothing_plot import outage_png
+
+FLIGHT = "p4rtk_vertical_03.mcap"
+
+
+def lines_of(make, found):
+    table = MarkedTable(26, 9)
+    return "\n".join(make(table, found)), table.missed
+
+
+@pytest.mark.slow
+def test_the_smoother_is_better_on_every_axis():
+    found = fly_pair(Case("lawnmower", 100.0, 5, 45.0))
+    for span in (found.whole, found.inner):
+        assert (span[SMOOTHER].position < 0.7 * span[FILTER].position).all()
+        assert span[SMOOTHER].rpy[:2].sum() < span[FILTER].rpy[:2].sum()
+    text, _ = lines_of(shapes, [found])
+    assert "lawnmower, smoother" in text
+    assert "all to the end, smoother" in text
+
+
+@pytest.mark.slow
+def test_an_outage_is_flown_and_drawn():
+    found = fly_outage(1)
+    assert found[SMOOTHER].largest[0] < 0.5 * found[FILTER].largest[0]
+    assert lines_of(outages, [found])[1] <= 1  # of one flight the rms may be above all flights'
+    assert outage_png(outage_errors(1))[:4] == b"\x89PNG"
+
+
+@pytest.mark.slow
+def test_hidden_fixes_of_a_recorded_flight():
+    path = PROJECT.parent / "shared" / "real_flights" / FLIGHT
+    if not path.exists():
+        pytest.skip(f"there is no {path}")
+    found = fly_hidden(path)
+    filtered, smoothed = (
+        np.median([miss.error_m for miss in found.last(kind)]) for kind in (FILTER, SMOOTHER)
+    )
+    assert smoothed < 0.5 * filtered
+    text, _ = lines_of(hidden, [found])
+    assert "worst fix, smoother" in text
+
+
+def squares(scale):
+    ratio = np.full(9, scale**2)
+    return Squares(np.full(3, 1e-8) * scale, np.full(3, 1e-6) * scale, ratio, (0.01, 1e-4))
+
+
+def test_what_is_missed_is_marked():
+    """Of the smoother alone: 1 mm, 0.006 deg and a ratio of 1 are good, 3 times that is not."""
+    pair = fly_nothing()
+    assert lines_of(ratios, [pair])[1] == 0
+    bad = replace(pair, whole=pair.whole | {SMOOTHER: squares(3.0)})
+    assert lines_of(ratios, [bad])[1] == 9
+    worse = replace(pair, whole=pair.whole | {FILTER: squares(3.0)})
+    assert lines_of(ratios, [worse])[1] == 0
+
+
+def fly_nothing():
+    good = {FILTER: squares(1.0), SMOOTHER: squares(1.0)}
+    return Pair(Case("hover", 100.0, 1), good, good)
+
+
+def test_misses_are_judged_at_the_last_fix():
+    good, bad = Miss(0.1, 0.1), Miss(2.0, 0.1)
+    cuts = {FILTER: [[bad, bad]], SMOOTHER: [[bad, good]]}
+    assert lines_of(hidden, [Hidden("x", cuts)])[1] == 0
+    cuts = {FILTER: [[good, good]], SMOOTHER: [[good, bad]]}
+    assert lines_of(hidden, [Hidden("x", cuts)])[1] == 2
+    assert not Miss(math.nan, math.nan).within(3)

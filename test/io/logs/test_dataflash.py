@@ -1,0 +1,175 @@
+"""ArduPilot's logs: every field as pymavlink reads it, instances, GPS time, and damaged files."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from datetime import datetime, timezone
+
+import numpy as np
+import pytest
+from damaged_files import read_damaged
+from dataflash_files import DataflashFile
+from foreign_logs import by_source
+
+from tirgeo_ros.core.types.errors import TirgeoError
+from tirgeo_ros.core.types.measurements import FixStatus, Source
+from tirgeo_ros.io.logs.dataflash import is_dataflash, read_dataflash
+from tirgeo_ros.io.logs.log_contents import LogOptions
+
+pytest.importorskip("pymavlink")
+UNDULATION_M = 19.25
+OPTIONS = LogOptions(geoid_undulation_m=UNDULATION_M)
+IMU = "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ"
+GPS = "TimeUS,I,Status,GMS,GWk,NSats,HDop,Lat,Lng,Alt,Spd,GCrs,VZ,Yaw,U"
+GPA = "TimeUS,I,VDop,HAcc,VAcc,SAcc,YAcc,VV,SMS,Delta,Und"
+
+
+def small_log():
+    """A log of 0.5 s with two IMUs and two receivers in the columns of newer versions."""
+    log = DataflashFile()
+    log.message("IMU", "QBffffff", IMU)
+    log.message("ATT", "QccccCC", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw")
+    log.message("GPS", "QBBIHBcLLeffffB", GPS)
+    log.message("GPA", "QBCCCCfBIHf", GPA)
+    log.message("PARM", "QNf", "TimeUS,Name,Value")
+    for k in range(101):
+        at_us = 80_000_000 + 5_000 * k
+        for instance in (0, 1):
+            log.add("IMU", at_us, instance, 0.01, -0.02, 0.03, 0.1, 0.2 + instance, -9.8)
+        if k % 20 == 0:
+            log.add("ATT", at_us, 0, 5.0, 0, -10.0, 0, k)
+    log.add("PARM", 0, "GPS_POS1_X", 0.5)
+    return log
+
+
+def fix(log, at_us, status, yaw_deg, instance=0, vertical=1):
+    log.add("GPS", at_us, instance, status, 6_448_000 + at_us // 1000 - 80_000, 1973, 20, 0.7,
+            -35.3626277, 149.1653034, 588.82, 5.0, 30.0, -1.5, yaw_deg, 1)  # fmt: skip
+    log.add("GPA", at_us, instance, 1.2, 0.02, 0.03, 0.1, 0.5, vertical, at_us // 1000, 200, -19.2)
+
+
+def test_every_field_is_the_source_readers(shared):
+    """Against pymavlink, for each record and field of a flight controller's log."""
+    from pymavlink.DFReader import DFReader_binary  # noqa: PLC0415
+
+    path = shared / "foreign_logs" / "ardupilot" / "plane_1s.BIN"
+    found, rows = by_source(read_dataflash(path, OPTIONS)), defaultdict(list)
+    log = DFReader_binary(str(path))
+    while message := log.recv_msg():
+        rows[message.get_type()].append(message)
+    week_utc_us = datetime(2017, 10, 29, tzinfo=timezone.utc).timestamp() * 1e6 - 18e6
+    shifts = [week_utc_us + gps.GMS * 1000 - gps.TimeUS for gps in rows["GPS"]]
+    shift_us = int(np.median(shifts))
+    assert max(shifts) - min(shifts) < 10_000
+
+    def same(samples, name):
+        assert [s.stamp_ns // 1000 - shift_us for s in samples] == [m.TimeUS for m in rows[name]]
+        return zip(samples, rows[name], strict=True)
+
+    for sample, message in same(found[Source.IMU], "IMU"):
+        assert sample.specific_force_b.tolist() == [message.AccX, message.AccY, message.AccZ]
+        assert sample.angular_rate_b.tolist() == [message.GyrX, message.GyrY, message.GyrZ]
+    accuracies = {message.TimeUS: message for message in rows["GPA"]}
+    for sample, message in same(found[Source.GPS_POSITION], "GPS"):
+        place = math.degrees(sample.latitude_rad), math.degrees(sample.longitude_rad)
+        assert place == pytest.approx((message.Lat, message.Lng), abs=1e-13)
+        assert sample.height_m == pytest.approx(message.Alt + UNDULATION_M, abs=1e-12)
+        assert sample.status is FixStatus.SINGLE
+        accuracy = accuracies[message.TimeUS]
+        sigmas = np.sqrt(sample.covariance_n.diagonal())
+        assert sigmas == pytest.approx((accuracy.HAcc, accuracy.HAcc, accuracy.VAcc))
+    for sample, message in same(found[Source.GPS_VELOCITY], "GPS"):
+        north, east, down = sample.velocity_n
+        assert math.hypot(north, east) == pytest.approx(message.Spd)
+        assert math.degrees(math.atan2(east, north)) % 360 == pytest.approx(message.GCrs)
+        assert down == message.VZ
+        sigma = accuracies[message.TimeUS].SAcc
+        assert math.sqrt(sample.covariance_n[0, 0]) == pytest.approx(sigma)
+    for sample, message in same(found[Source.BAROMETER], "BARO"):
+        assert sample.pressure_pa == message.Press
+    attitudes = sum(sample.autopilot_q_nb is not None for sample in found[Source.IMU])
+    assert attitudes == len(rows["IMU"]) - 1  # the first is before the first attitude
+
+
+def test_the_first_of_each_is_taken_with_rtk_and_yaw(tmp_path):
+    log = small_log()
+    fix(log, 80_100_000, 6, 123.0)
+    fix(log, 80_100_000, 3, 9.0, instance=1)
+    fix(log, 80_300_000, 5, 0.0)  # 0 where the receiver has no yaw
+    fix(log, 80_400_000, 2, 0.0)
+    contents = read_dataflash(log.write(tmp_path / "a.BIN"), OPTIONS)
+    found = by_source(contents)
+    first, second = found[Source.RTK_POSITION]
+    assert (first.status, second.status) == (FixStatus.FIXED, FixStatus.FLOAT)
+    utc = datetime(2017, 10, 29, 1, 47, 10, 100_000, tzinfo=timezone.utc)
+    assert first.stamp_ns == round(utc.timestamp() * 1e6) * 1000
+    assert first.height_m == pytest.approx(588.82 + UNDULATION_M)
+    assert np.sqrt(first.covariance_n.diagonal()) == pytest.approx((0.02, 0.02, 0.03))
+    (heading,) = found[Source.RTK_HEADING]
+    assert math.degrees(heading.heading_rad) == pytest.approx(123.0)
+    assert math.sqrt(heading.variance_rad2) == pytest.approx(math.radians(0.5))
+    assert found[Source.RTK_VELOCITY][0].velocity_n == pytest.approx(
+        (5 * math.cos(math.radians(30)), 2.5, -1.5)
+    )
+    assert {sample.specific_force_b[1] for sample in found[Source.IMU]} == {np.float32(0.2)}
+    assert contents.refused == {
+        ("IMU", "of another instance than the first"): 101,
+        ("GPS", "of another instance than the first"): 1,
+        ("GPS", "fix type 2: no position in three dimensions"): 1,
+    }
+    assert "GPS_POS1: the antenna is at [0.5, 0, 0] (forward, left, up)" in " ".join(
+        contents.notes
+    )
+
+
+def test_a_receiver_without_vertical_velocity_gives_no_velocity(tmp_path):
+    log = small_log()
+    fix(log, 80_100_000, 3, 0.0, vertical=0)
+    found = by_source(read_dataflash(log.write(tmp_path / "a.BIN"), OPTIONS))
+    assert len(found[Source.GPS_POSITION]) == 1
+    assert Source.GPS_VELOCITY not in found
+
+
+def test_the_attitude_is_roll_pitch_and_yaw(tmp_path):
+    found = by_source(read_dataflash(small_log().write(tmp_path / "a.BIN"), OPTIONS))
+    for k in (0, 20, 33):
+        w, x, y, z = found[Source.IMU][k].autopilot_q_nb
+        nose_n = (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y))
+        assert math.degrees(math.atan2(nose_n[1], nose_n[0])) == pytest.approx(k, abs=0.01)
+        assert math.degrees(math.asin(-nose_n[2])) == pytest.approx(-10.0, abs=0.01)
+        right_down, down_down = 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+        assert math.degrees(math.atan2(right_down, down_down)) == pytest.approx(5.0, abs=0.01)
+
+
+def test_heights_need_the_geoid_and_the_logs_own_is_shown(tmp_path):
+    log = small_log()
+    fix(log, 80_100_000, 3, 0.0)
+    with pytest.raises(
+        TirgeoError,
+        match=r"above mean sea level: .*--geoid-undulation \(GPA.Und is -19.2, of eith",
+    ):
+        read_dataflash(log.write(tmp_path / "a.BIN"), LogOptions())
+
+
+def test_a_log_without_imu_is_refused(tmp_path):
+    log = DataflashFile()
+    log.message("PARM", "QNf", "TimeUS,Name,Value")
+    log.add("PARM", 0, "GPS_POS1_X", 0.5)
+    with pytest.raises(TirgeoError, match=r"no IMU in this log: .*LOG_BITMASK"):
+        read_dataflash(log.write(tmp_path / "a.BIN"), OPTIONS)
+
+
+def test_it_is_known_by_its_first_bytes(tmp_path):
+    assert is_dataflash(small_log().write(tmp_path / "a.BIN").read_bytes()[:64])
+    assert not is_dataflash(b"\xa3\x95")
+
+
+def test_damaged_logs_give_a_line_or_what_can_be_read(tmp_path, capfd):
+    log = small_log()
+    fix(log, 80_100_000, 6, 123.0)
+    whole = log.write(tmp_path / "a.BIN").read_bytes()
+    path = tmp_path / "b.BIN"
+    found = read_damaged(lambda one: read_dataflash(one, OPTIONS).samples, whole, path, 80)
+    assert 15 < found < 80
+    assert capfd.readouterr() == ("", "")

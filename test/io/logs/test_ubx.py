@@ -1,0 +1,224 @@
+"""u-blox UBX: the samples against pyubx2's own reader, and the headings that must be refused."""
+
+from __future__ import annotations
+
+import math
+from datetime import datetime, timezone
+
+import numpy as np
+import pytest
+from foreign_logs import OPTIONS, by_topic, pvt, relposned, samples
+
+from tirgeo_ros.core.types.measurements import (
+    FixStatus,
+    HeadingSample,
+    PositionSample,
+    VelocitySample,
+)
+from tirgeo_ros.io.logs.log_contents import LogOptions
+from tirgeo_ros.io.logs.ubx import read_ubx
+from tirgeo_ros.io.logs.ubx_frames import is_ubx, ubx_frames
+
+pyubx2 = pytest.importorskip("pyubx2")
+
+LOGS = (
+    *("walk_0827_pvt_nmea", "zed_f9p_rtk_pvt", "fixed_base_relposned_one_epoch"),
+    *("neo_m8p_relposned_v0", "zed_x20p_relposned_invalid", "made_moving_base"),
+)
+
+
+def read(folder, *frames, options=OPTIONS):
+    path = folder / "log.ubx"
+    path.write_bytes(b"".join(frames))
+    return read_ubx(path, options)
+
+
+def of(contents, kind):
+    return [sample for sample in contents.samples if isinstance(sample, kind)]
+
+
+def judged(path):
+    """The messages of pyubx2's reader over the whole stream, by identity."""
+    found = {}
+    with path.open("rb") as stream:
+        for _, message in pyubx2.UBXReader(stream, protfilter=2, quitonerror=0):
+            if message is not None:
+                found.setdefault(message.identity, []).append(message)
+    return found
+
+
+@pytest.mark.parametrize("name", LOGS)
+def test_positions_and_velocities_are_those_of_pyubx2(shared, name):
+    path = shared / "foreign_logs" / "ublox" / f"{name}.ubx"
+    contents, messages = read_ubx(path, OPTIONS), judged(path)
+    positions, velocities = of(contents, PositionSample), of(contents, VelocitySample)
+    precise = {m.iTOW: m for m in messages.get("NAV-HPPOSLLH", [])}
+    assert len(positions) == len(velocities) == len(messages["NAV-PVT"]) > 0
+    for position, velocity, m in zip(positions, velocities, messages["NAV-PVT"], strict=True):
+        utc = datetime(m.year, m.month, m.day, m.hour, m.min, m.second, tzinfo=timezone.utc)
+        assert position.stamp_ns == velocity.stamp_ns == round(utc.timestamp()) * 10**9 + m.nano
+        place = precise.get(m.iTOW, m)
+        degrees = math.degrees(position.latitude_rad), math.degrees(position.longitude_rad)
+        assert degrees == pytest.approx((place.lat, place.lon), abs=1e-12)
+        assert position.height_m == pytest.approx(place.height / 1000, abs=1e-9)
+        expected = {(2, 1): 2, (1, 1): 1, (0, 1): 1, (0, 0): 0}[m.carrSoln, m.diffSoln]
+        assert position.status == expected
+        np.testing.assert_allclose(velocity.velocity_n, np.array([m.velN, m.velE, m.velD]) / 1000)
+        north, east, down = position.covariance_n.diagonal()
+        assert math.sqrt(north + east) == pytest.approx(place.hAcc / 1000)
+        assert math.sqrt(down) == pytest.approx(place.vAcc / 1000)
+    assert contents.read["NAV-PVT"] == len(messages["NAV-PVT"])
+
+
+def test_hacc_is_the_root_of_both_variances(shared):
+    """As the receiver's own NAV-COV of the same epoch says, to the millimetre that hAcc has."""
+    folder = shared / "foreign_logs" / "ublox"
+    messages = judged(folder / "zed_x20p_relposned_invalid.ubx")
+    cov, place = messages["NAV-COV"][-1], messages["NAV-HPPOSLLH"][-1]
+    assert math.sqrt(cov.posCovNN + cov.posCovEE) == pytest.approx(place.hAcc / 1000, abs=1e-3)
+
+
+def test_headings_of_a_moving_base(shared):
+    path = shared / "foreign_logs" / "ublox" / "made_moving_base.ubx"
+    headings = of(read_ubx(path, OPTIONS), HeadingSample)
+    messages = judged(path)
+    stamps = {p.stamp_ns for p in of(read_ubx(path, OPTIONS), PositionSample)}
+    assert len(headings) == len(messages["NAV-RELPOSNED"]) == 150
+    for heading, m in zip(headings, messages["NAV-RELPOSNED"], strict=True):
+        assert heading.stamp_ns in stamps
+        assert heading.heading_rad == pytest.approx(math.radians(m.relPosHeading), abs=1e-12)
+        assert heading.variance_rad2 == pytest.approx(math.radians(m.accHeading) ** 2)
+
+
+def test_a_moving_base_is_the_flight_it_was_made_of(shared, sample):
+    """Cut to the last digit of UBX: 1e-7 deg, mm, mm/s, 1e-5 deg of heading, ms in time."""
+    path = shared / "foreign_logs" / "ublox" / "made_moving_base.ubx"
+    found = by_topic(read_ubx(path, OPTIONS))
+    flown = samples(sample / "flight.mcap", found)
+    pairs = {topic: [(s, nearest(flown[topic], s)) for s in found[topic]] for topic in found}
+    for own, other in pairs["rtk/fix"]:
+        assert own.latitude_rad == pytest.approx(other.latitude_rad, abs=math.radians(1e-7))
+        assert own.longitude_rad == pytest.approx(other.longitude_rad, abs=math.radians(1e-7))
+        assert own.height_m == pytest.approx(other.height_m, abs=1e-3)
+    for own, other in pairs["rtk/vel"]:
+        np.testing.assert_allclose(own.velocity_n, other.velocity_n, atol=1e-3)
+    for own, other in pairs["rtk/heading"]:
+        apart_rad = math.remainder(own.heading_rad - other.heading_rad, math.tau)
+        assert math.degrees(abs(apart_rad)) < 1e-5
+    assert [len(of_topic) for of_topic in pairs.values()] == [150] * 3
+
+
+def nearest(known, sample):
+    """The sample at the same stamp, to the millisecond."""
+    other = min(known, key=lambda one: abs(one.stamp_ns - sample.stamp_ns))
+    assert abs(other.stamp_ns - sample.stamp_ns) < 1_000_000
+    return other
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        # 24.96 km from its base: all else of that message says that the heading is good
+        ("fixed_base_relposned_one_epoch", "not of a moving base"),
+        ("neo_m8p_relposned_v0", "version 0 of 40 bytes has no heading"),
+        ("zed_x20p_relposned_invalid", "the receiver calls it not valid"),
+    ],
+)
+def test_real_relposned_that_are_no_heading(shared, name, reason):
+    contents = read_ubx(shared / "foreign_logs" / "ublox" / f"{name}.ubx", OPTIONS)
+    assert not of(contents, HeadingSample)
+    refused = {why: n for (record, why), n in contents.refused.items() if record.endswith("NED")}
+    assert [why.startswith(reason) for why in refused] == [True]
+    assert sum(refused.values()) == contents.read["NAV-RELPOSNED"]
+
+
+@pytest.mark.parametrize(
+    ("changed", "reason"),
+    [
+        ({"isMoving": 0}, "not of a moving base"),
+        ({"carrSoln": 1}, "ambiguities are not fixed"),
+        ({"relPosHeadingValid": 0}, "the receiver calls it not valid"),
+        ({"relPosLength": 131}, "its length is more than 0.1 m from the baseline's"),
+        ({"relPosLength": 2496465}, "its length is more than 0.1 m from the baseline's"),
+        ({"iTOW": 5}, "no NAV-PVT with a date at its time of week"),
+    ],
+)
+def test_headings_that_are_refused(tmp_path, changed, reason):
+    contents = read(tmp_path, pvt(), relposned(**changed))
+    assert not of(contents, HeadingSample)
+    assert [why.startswith(reason) for _, why in contents.refused] == [True]
+
+
+def test_a_heading_needs_the_length_of_the_baseline(tmp_path):
+    contents = read(tmp_path, pvt(), relposned(), options=LogOptions())
+    ((_, reason),) = contents.refused
+    assert reason.startswith("the baseline's length is not known")
+
+
+@pytest.mark.parametrize(
+    ("options", "expected_deg"),
+    [
+        (LogOptions(baseline_m=1.2), 200.0),
+        (LogOptions(baseline_m=1.2, baseline_rad=math.radians(90)), 110.0),
+        (LogOptions(baseline_m=1.2, baseline_rad=math.radians(90), rover_first=True), 290.0),
+    ],
+)
+def test_the_nose_by_the_direction_of_the_baseline(tmp_path, options, expected_deg):
+    contents = read(tmp_path, relposned(), pvt(), options=options)  # in any order
+    (heading,) = of(contents, HeadingSample)
+    assert math.degrees(heading.heading_rad) == pytest.approx(expected_deg)
+
+
+@pytest.mark.parametrize(
+    ("changed", "reason"),
+    [
+        ({"validTime": 0}, "date or time is not valid"),
+        ({"fullyResolved": 0}, "UTC is not resolved"),
+        ({"month": 13}, "date or time is impossible"),
+        ({"fixType": 2}, "no 3D fix"),
+        ({"gnssFixOk": 0}, "no 3D fix"),
+        ({"invalidLlh": 1}, "latitude, longitude and height are not valid"),
+    ],
+)
+def test_solutions_that_are_refused(tmp_path, changed, reason):
+    contents = read(tmp_path, pvt(**changed))
+    assert not contents.samples
+    assert [why.startswith(reason) for _, why in contents.refused] == [True]
+
+
+def test_the_fraction_of_a_second_has_a_sign(tmp_path):
+    early, late = of(read(tmp_path, pvt(nano=-456_994), pvt(nano=749_574_993)), PositionSample)
+    whole_ns = round(datetime(2024, 6, 11, 7, 44, 39, tzinfo=timezone.utc).timestamp()) * 10**9
+    assert early.stamp_ns == whole_ns - 456_994
+    assert late.stamp_ns == whole_ns + 749_574_993
+    assert early.status is FixStatus.FIXED
+
+
+def test_a_damaged_length_costs_its_own_frame_alone(tmp_path):
+    """What stands between frames is passed over; the frames after a damaged one are found."""
+    damaged = bytearray(pvt())
+    damaged[5] = 0xFF  # a length of 65 kB
+    noise = b"# comment\n$GNGGA,074439.00,,,,,0,,,,,,,,*4F\r\n"
+    contents = read(tmp_path, noise, pvt(), noise, bytes(damaged), pvt(second=40), pvt()[:50])
+    assert len(of(contents, PositionSample)) == 2
+    assert contents.refused == {("frame", "cut, or its sum is wrong"): 2}
+
+
+@pytest.mark.parametrize(("length", "expected"), [(84, 1), (92, 1), (0, 0), (91, 0), (100, 0)])
+def test_solutions_of_other_lengths(tmp_path, length, expected):
+    """84 bytes are those of older receivers; what follows them is not used."""
+    payload = (pvt()[6:-2] + bytes(8))[:length]
+    frame = pyubx2.UBXMessage("NAV", "NAV-PVT", pyubx2.GET, payload=payload).serialize()
+    contents = read(tmp_path, frame)
+    assert len(of(contents, PositionSample)) == expected
+    assert contents.refused.total() == 1 - expected
+
+
+def test_frames_are_those_of_pyubx2(shared):
+    path = shared / "foreign_logs" / "ublox" / "walk_0827_pvt_nmea.ubx"
+    data = path.read_bytes()
+    with path.open("rb") as stream:
+        raw = [raw for raw, _ in pyubx2.UBXReader(stream, protfilter=2, parsing=False)]
+    assert list(ubx_frames(data)) == raw
+    assert is_ubx(data[:4096])
+    assert not is_ubx(b"\xb5\x62 text that begins like a frame")

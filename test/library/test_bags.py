@@ -1,0 +1,158 @@
+"""Tables of bags hold what another reader of bags finds in them, and bags what the tables hold."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+from process_bags import rewritten
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+
+import tirgeo_ros
+from tirgeo_ros import BagError, TableError
+from tirgeo_ros.io.messages import TOPIC_TYPES
+from tirgeo_ros.library.sensor_columns import SENSORS
+
+
+@pytest.fixture(scope="module")
+def judged(short):
+    """Messages of each topic, (log time, message), by rosbags."""
+    found = {}
+    with AnyReader([short], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+        for link, log_ns, data in reader.messages():
+            message = reader.deserialize(data, link.msgtype)
+            found.setdefault(link.topic.lstrip("/"), []).append((log_ns, message))
+    return found
+
+
+def test_every_message_of_every_known_topic_is_there(tables, judged):
+    assert set(tables) == set(judged) & set(SENSORS)
+    for topic, table in tables.items():
+        stamps = [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for _, m in judged[topic]]
+        assert table["stamp_ns"].tolist() == stamps
+        assert table["arrival_ns"].tolist() == [log_ns for log_ns, _ in judged[topic]]
+    order = np.concatenate([table["arrival_order"] for table in tables.values()])
+    assert sorted(order) == list(range(len(order)))
+
+
+def test_the_columns_are_the_fields_in_the_core_s_axes(tables, judged):
+    """ROS has east-north-up and forward-left-up, degrees in a fix; a column names its own axis."""
+    (_, imu), (_, fix), (_, vel) = (judged[t][3] for t in ("imu/data", "rtk/fix", "rtk/vel"))
+    row = {topic: {name: one[3] for name, one in table.items()} for topic, table in tables.items()}
+    assert row["imu/data"]["force_right_m_s2"] == -imu.linear_acceleration.y
+    assert row["imu/data"]["rate_forward_rad_s"] == imu.angular_velocity.x
+    assert row["imu/data"]["force_down_m_s2"] == -imu.linear_acceleration.z < -9
+    assert row["rtk/fix"]["latitude_rad"] == np.radians(fix.latitude)
+    assert row["rtk/fix"]["height_m"] == fix.altitude
+    assert row["rtk/fix"]["status"] == fix.status.status == 2
+    assert row["rtk/fix"]["variance_east_m2"] == fix.position_covariance[0]
+    assert row["rtk/vel"]["velocity_north_m_s"] == vel.twist.twist.linear.y
+    assert row["rtk/vel"]["velocity_down_m_s"] == -vel.twist.twist.linear.z
+    joints = judged["gimbal/joint_states"][3][1]
+    angles = dict(zip(joints.name, joints.position, strict=True))
+    assert row["gimbal/joint_states"]["pitch_rad"] == -angles["gimbal_pitch_joint"]
+
+
+def test_a_written_bag_holds_the_tables_again(tables, tmp_path):
+    """Degrees and quaternions in between cost a digit of the last place; stamps nothing."""
+    tirgeo_ros.write_bag(tmp_path / "again.mcap", tables)
+    again = tirgeo_ros.read_bag(tmp_path / "again.mcap")
+    assert list(again) == list(tables)
+    for topic, table in tables.items():
+        for name, one in table.items():
+            if one.dtype == np.int64:
+                assert np.array_equal(again[topic][name], one), (topic, name)
+            else:
+                assert np.allclose(again[topic][name], one, rtol=1e-14, atol=1e-15), (topic, name)
+
+
+def test_another_reader_takes_what_was_written(tables, judged, tmp_path):
+    tirgeo_ros.write_bag(tmp_path / "bag.mcap", tables, namespace="uav1")
+    store = get_typestore(Stores.ROS2_JAZZY)
+    count = 0
+    with AnyReader([tmp_path / "bag.mcap"], default_typestore=store) as reader:
+        types = {link.topic: link.msgtype for link in reader.connections}
+        assert types == {f"/uav1/{topic}": TOPIC_TYPES[topic] for topic in tables}
+        for link, log_ns, data in reader.messages():
+            if link.topic == "/uav1/rtk/fix":
+                fix, (expected_ns, expected) = (
+                    reader.deserialize(data, link.msgtype),
+                    judged["rtk/fix"][count],
+                )
+                assert log_ns == expected_ns
+                assert fix.latitude == pytest.approx(expected.latitude, rel=1e-15)
+                assert fix.position_covariance == pytest.approx(expected.position_covariance)
+                count += 1
+    assert count == len(judged["rtk/fix"])
+    assert "imu/data" in tirgeo_ros.read_bag(
+        tmp_path / "bag.mcap", ["imu/data"], namespace="/uav1"
+    )
+
+
+def test_pictures_and_camera(short, judged):
+    pictures = list(tirgeo_ros.read_pictures(short))
+    messages = judged["thermal/image_raw/compressed"]
+    assert len(pictures) == len(messages) > 10
+    camera = tirgeo_ros.read_camera(short)
+    info = judged["thermal/camera_info"][0][1]
+    assert (camera.width, camera.height, camera.fx) == (info.width, info.height, info.k[0])
+    assert pictures[0].pixels.shape[:2] == (camera.height, camera.width)
+
+
+def test_truth_is_a_table_too(sample, flight):
+    truth = tirgeo_ros.read_bag(sample / "truth.mcap", ["tirgeo/odometry"])["tirgeo/odometry"]
+    north_m = np.interp(flight.stamp_ns, truth["stamp_ns"], truth["north_m"])
+    error = north_m - flight.position_n[:, 0]
+    assert np.abs(error[100:] / flight.sigma[100:, 0]).max() < 5
+
+
+@pytest.mark.parametrize(
+    ("topics", "line"),
+    [
+        (["/imu/data"], r"/imu/data has no table \(did you mean imu/data\?\)"),
+        (["baro/pressure"], r"no topic /baro/pressure; it has: /gimbal/attitude, "),
+        (["tirgeo/footprint"], r"tirgeo/footprint has no table"),
+    ],
+)
+def test_a_topic_that_cannot_be_read_is_named(short, topics, line):
+    with pytest.raises(BagError, match=line):
+        tirgeo_ros.read_bag(short, topics)
+
+
+def test_a_topic_of_another_type_is_named(short, tmp_path):
+    swapped = rewritten(
+        short,
+        tmp_path / "swapped.mcap",
+        lambda item: (item.topic.replace("rtk/fix", "x").replace("rtk/vel", "rtk/fix"), item.data),
+        without=("/rtk/heading",),
+    )
+    with pytest.raises(BagError, match=r"/rtk/fix is of type geometry_msgs/msg/Twist.*not sensor"):
+        tirgeo_ros.read_bag(swapped, ["rtk/fix"])
+    assert "rtk/fix" not in tirgeo_ros.read_bag(swapped)
+
+
+def test_what_cannot_be_read_is_warned_of(short, tmp_path):
+    """A message cut in its middle is left out; the rest is read."""
+
+    def cut(item):
+        return item.topic, item.data[:40] if item.topic == "/rtk/fix" else item.data
+
+    damaged = rewritten(short, tmp_path / "cut.mcap", cut)
+    with pytest.warns(
+        UserWarning, match=r"cut.mcap: 30 messages of /rtk/fix left out: .*40 bytes"
+    ):
+        tables = tirgeo_ros.read_bag(damaged)
+    assert tables["rtk/fix"]["stamp_ns"].shape == (0,)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert len(tirgeo_ros.read_bag(damaged, ["imu/data"])["imu/data"]["stamp_ns"]) == 600
+
+
+def test_nothing_is_no_bag(tables, tmp_path):
+    empty = {name: one[:0] for name, one in tables["imu/data"].items()}
+    for given in ({}, {"imu/data": empty}):
+        with pytest.raises(TableError, match=r"bag.mcap: no table has a row"):
+            tirgeo_ros.write_bag(tmp_path / "bag.mcap", given)
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,197 @@
+"""filter_flight gives what tirgeo process gives, to the last digit, whatever holds the columns."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from library_flights import filtered
+
+import tirgeo_ros
+from tirgeo_ros import ConfigError, PoseError, TableError
+from tirgeo_ros.tools.replay.pose_outputs import PoseOutputs
+from tirgeo_ros.tools.replay.process import process
+
+FIELDS = ("stamp_ns", "latitude_rad", "longitude_rad", "height_m", "velocity_n", "q_nb")
+
+
+def processed(monkeypatch, bag, target, **options):
+    """What process publishes: solutions, body poses, camera poses; and its summary."""
+    found = []
+    add = PoseOutputs.add
+
+    def kept(self, registered, *others):
+        found.append(registered)
+        add(self, registered, *others)
+
+    monkeypatch.setattr(PoseOutputs, "add", kept)
+    summary = process(bag, target, images=False, **options)
+    navigated = [one for one in found if one.solution is not None]
+    cameras = [pose for one in found for pose in one.cameras]
+    return navigated, cameras, summary
+
+
+def same_as_process(monkeypatch, bag, flight, target, **options):
+    navigated, cameras, summary = processed(monkeypatch, bag, target, **options)
+    assert len(navigated) == len(flight) > 100
+    for name in (*FIELDS, "angular_rate_b", "covariance"):
+        expected = np.array([getattr(one.solution, name) for one in navigated])
+        assert np.array_equal(getattr(flight, name), expected), name
+    assert np.array_equal(flight.position_n, [one.body.position_n for one in navigated])
+    for pose in cameras[5:-5:7]:
+        latency_ns = round(flight.video_latency_s * 1e9)
+        mine = flight.picture_pose(pose.stamp_ns + latency_ns).pose
+        for name in ("position_n", "q_nc", "covariance"):
+            assert np.array_equal(getattr(mine, name), getattr(pose, name)), name
+    counts = {
+        f"{a} {b}": n for a, of_source in flight.verdicts.items() for b, n in of_source.items()
+    }
+    assert counts == summary["verdicts"]
+    assert (flight.method, flight.state) == (summary["method"], summary["state"])
+
+
+def test_the_numbers_are_those_of_process(short, flight, params, tmp_path, monkeypatch):
+    same_as_process(monkeypatch, short, flight, tmp_path / "out.mcap", params=params)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["raw", "rtk", "ekf", "ekf_heading"])
+def test_so_they_are_over_the_whole_sample(sample, params, method, tmp_path, monkeypatch):
+    bag = sample / "flight.mcap"
+    given = tmp_path / "method.yaml"
+    given.write_text(f"/**/ekf_node: {{ros__parameters: {{method: {method}}}}}\n")
+    flight = filtered(tirgeo_ros.read_bag(bag), config=[params, given])
+    same_as_process(monkeypatch, bag, flight, tmp_path / "out.mcap", params=[params, given])
+
+
+def test_what_a_written_bag_holds_is_the_same(short, flight, params, tmp_path):
+    process(short, tmp_path / "out.mcap", images=False, params=params)
+    odometry = tirgeo_ros.read_bag(tmp_path / "out.mcap", ["tirgeo/odometry"])["tirgeo/odometry"]
+    for axis, name in enumerate(("north_m", "east_m", "down_m")):
+        assert np.array_equal(odometry[name], flight.position_n[:, axis])
+    variance = odometry["covariance_phi_down_rad_phi_down_rad"]
+    # The plane's axes differ from those at the aircraft by 1e-5 rad: 60 m over the earth's radius.
+    assert np.allclose(np.sqrt(variance), flight.sigma[:, 5], rtol=1e-4)
+
+
+def structured(table):
+    made = np.zeros(len(table["stamp_ns"]), [(name, one.dtype) for name, one in table.items()])
+    for name, one in table.items():
+        made[name] = one
+    return made
+
+
+@pytest.mark.parametrize(
+    "made", [pd.DataFrame, structured, lambda t: {k: list(v) for k, v in t.items()}]
+)
+def test_any_table_gives_the_same(made, tables, flight, params):
+    again = filtered({topic: made(table) for topic, table in tables.items()}, config=params)
+    for name in FIELDS:
+        assert np.array_equal(getattr(again, name), getattr(flight, name))
+    assert isinstance(again.table, pd.DataFrame if made is pd.DataFrame else dict)
+    assert np.array_equal(again.table["heading_rad"], flight.rpy_rad[:, 2])
+
+
+def test_the_table_says_what_the_arrays_say(flight):
+    table = flight.table
+    assert {one.shape for one in table.values()} == {(len(flight),)}
+    assert not any(np.isnan(one).any() for one in table.values())
+    assert np.allclose(table["sigma_heading_rad"] ** 2, flight.covariance[:, 5, 5], rtol=1e-12)
+    assert np.array_equal(table["velocity_down_m_s"], flight.velocity_n[:, 2])
+
+
+def test_without_arrivals_a_sample_arrives_at_its_stamp(tables, flight, params):
+    """The receiver is 80 ms late in the bag: without that, the same but for the newest moment."""
+    plain = {
+        topic: {name: one for name, one in table.items() if not name.startswith("arrival")}
+        for topic, table in tables.items()
+    }
+    again = filtered(plain, config=params)
+    same = np.isin(flight.stamp_ns, again.stamp_ns)
+    assert same.mean() > 0.9
+    offset = again.position_n[np.isin(again.stamp_ns, flight.stamp_ns)] - flight.position_n[same]
+    assert 0 < np.abs(offset).max() < 0.1
+
+
+def test_degrees_and_sigmas_stand_for_radians_and_variances(tables, flight, params):
+    fix, heading = dict(tables["rtk/fix"]), dict(tables["rtk/heading"])
+    fix["latitude_deg"] = np.degrees(fix.pop("latitude_rad"))
+    fix["sigma_down_m"] = np.sqrt(fix.pop("variance_down_m2"))
+    heading["sigma_deg"] = np.degrees(np.sqrt(heading.pop("variance_rad2")))
+    others = {"rtk/fix": fix, "rtk/heading": heading}
+    again = filtered(tables | others, config=params)
+    assert np.allclose(again.position_n, flight.position_n, atol=1e-6, rtol=0)
+
+
+def test_stamps_may_be_datetimes(tables, flight, params):
+    stamps = {
+        topic: table | {"stamp_ns": table["stamp_ns"].astype("datetime64[ns]")}
+        for topic, table in tables.items()
+    }
+    assert np.array_equal(filtered(stamps, config=params).q_nb, flight.q_nb)
+
+
+def test_without_heading_the_method_is_the_one_without(tables, params):
+    flight = filtered(tables, heading=None, joints=None, camera_attitude=None, config=params)
+    assert flight.method == "ekf"
+    with pytest.raises(PoseError, match="give filter_flight joints or camera_attitude"):
+        flight.picture_pose(int(flight.stamp_ns[-1]))
+
+
+def test_pressure_and_a_heading_that_was_set_are_taken(tables, params):
+    """The bag has neither: 30 m up in the standard atmosphere; the nose roughly south."""
+    stamps = tables["rtk/heading"]["stamp_ns"]
+    level = np.zeros(len(stamps))
+    pressure = {"stamp_ns": stamps, "pressure_pa": level + 100_965.0, "sigma_pa": level + 5.0}
+    set_heading = {"stamp_ns": stamps[20:21], "heading_deg": [200.0], "sigma_deg": [3.0]}
+    flight = filtered(tables, pressure=pressure, set_heading=set_heading, config=params)
+    assert sum(flight.verdicts["barometer"].values()) >= len(stamps)
+    assert flight.verdicts["set_heading"]["standby"] == 1  # RTK's heading is there
+
+
+def test_parameters_may_be_a_mapping(tables, flight):
+    """Those of the sample's file that are not the defaults."""
+    config = {
+        "aircraft.rtk_antenna_m": [-0.1, 0.32, 0.38],
+        "aircraft.second_antenna_m": [0.9, 0.32, 0.38],
+        "aircraft.gps_antenna_m": [0.0, 0.0, 0.28],
+        "aircraft.gimbal_pivot_m": [0.08, 0.0, -0.25],
+        "aircraft.camera_from_pivot_m": [0.05, 0.02, -0.01],
+        "origin_lat_lon_h": [39.85, 116.7, 11.5],
+        "ground_height_m": 11.5,
+    }
+    assert np.array_equal(filtered(tables, config=config).position_n, flight.position_n)
+    with pytest.raises(
+        ConfigError, match=r"unknown parameter orign_lat_lon_h \(did you mean origin"
+    ):
+        filtered(tables, config={"orign_lat_lon_h": []})
+    with pytest.raises(ConfigError, match=r"no_such.yaml"):
+        filtered(tables, config="no_such.yaml")
+
+
+def test_a_flight_without_a_position_warns_and_is_empty(tables, params):
+    with pytest.warns(UserWarning, match="filter_flight: no solution: needs rtk/vel"):
+        flight = tirgeo_ros.filter_flight(tables["imu/data"], config=params)
+    assert len(flight) == 0
+    assert flight.covariance.shape == (0, 9, 9)
+    assert flight.state == "waiting"
+    assert {one.shape for one in flight.table.values()} == {(0,)}
+
+
+def test_samples_that_are_no_numbers_are_refused_and_counted(tables, params):
+    fix = {name: one.copy() for name, one in tables["rtk/fix"].items()}
+    fix["height_m"][10:13] = np.nan
+    assert (
+        filtered(tables | {"rtk/fix": fix}, config=params).verdicts["rtk_position"]["invalid"] == 3
+    )
+
+
+def test_a_picture_without_a_pose_says_when_the_poses_are(flight):
+    for stamp_ns, why in ((0, "before the first"), (int(2e18), "after the last, at 16347")):
+        with pytest.raises(PoseError, match=why):
+            flight.picture_pose(stamp_ns)
+
+
+def test_the_argument_names_the_table(tables):
+    with pytest.raises(TableError, match=r"^heading: no column heading_rad or heading_deg"):
+        tirgeo_ros.filter_flight(tables["imu/data"], heading=tables["gps/vel"])

@@ -1,0 +1,84 @@
+"""A table with a wrong column gives one line that names the column and what it must be."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import tirgeo_ros
+from tirgeo_ros import TableError
+from tirgeo_ros.library.sensor_columns import SENSORS
+from tirgeo_ros.library.tables import numbers_of
+
+STAMPS = np.arange(3) * 10_000_000
+HEADING = {"stamp_ns": STAMPS, "heading_rad": [0.1, 0.2, 0.3], "variance_rad2": np.zeros(3)}
+COLUMNS = SENSORS["rtk/heading"].columns
+
+
+def changed(**columns):
+    return {name: one for name, one in (HEADING | columns).items() if one is not None}
+
+
+@pytest.mark.parametrize(
+    ("table", "line"),
+    [
+        (changed(heading_rad=None), r"heading: no column heading_rad or heading_deg: heading, "),
+        (changed(heading_rad=None), r"clockwise, rad \(it has: stamp_ns, variance_rad2\)"),
+        (changed(heading_rad=None, headin_rad=STAMPS), r"\(did you mean headin_rad\?\)"),
+        (changed(stamp_ns=None), r"heading: no column stamp_ns: time of measurement, ns, int64"),
+        (changed(stamp_ns=STAMPS * 1.0), r"stamp_ns must be whole nanoseconds .* float64"),
+        (changed(heading_rad=["N", "E", "S"]), r"heading_rad must be numbers; it is <U1"),
+        (changed(heading_rad=np.zeros((3, 3))), r"heading_rad needs one number a row, has .*3, 3"),
+        (changed(sigma_deg=np.ones(3)), r"columns variance_rad2 and sigma_deg say the same"),
+        (changed(heading_rad=[0.1]), r"heading_rad has 1 rows, stamp_ns has 3"),
+        (changed(arrival_ns=STAMPS[:2]), r"arrival_ns has 2 rows, stamp_ns has 3"),
+        (np.zeros((3, 3)), r"heading: ndarray is no table: give a dict of arrays"),
+        (pd.DataFrame(HEADING).rename(columns={"variance_rad2": "var"}),
+         r"no column variance_rad2 or sigma_rad or sigma_deg: .*0 = unknown"),
+    ],
+)  # fmt: skip
+def test_the_error_names_the_column(table, line):
+    with pytest.raises(TableError, match=line):
+        numbers_of("heading", table, COLUMNS)
+
+
+def test_what_may_be_absent_has_its_default():
+    imu = dict(zip([c.name for c in SENSORS["imu/data"].columns[:6]], np.eye(6), strict=True))
+    found = numbers_of("imu", imu | {"stamp_ns": np.arange(6)}, SENSORS["imu/data"].columns)
+    given, attitude = np.split(found.rows, [6], axis=1)
+    assert np.array_equal(given, np.eye(6))
+    assert np.isnan(attitude).all()
+    assert np.array_equal(found.arrivals_ns, np.arange(6))
+
+
+@pytest.mark.parametrize("topic", SENSORS)
+def test_a_row_is_its_sample(topic):
+    """Each column's value comes back in its place: none is swapped or lost."""
+    form = SENSORS[topic]
+    row = np.arange(1.0, len(form.columns) + 1)
+    if topic in {"rtk/fix", "gps/fix", "gimbal/joint_states"}:
+        row[0 if topic.endswith("fix") else -1] = 1.0
+    sample = form.sample(5, row.tolist())
+    assert sample.stamp_ns == 5
+    assert list(form.values(sample)) == row.tolist()
+
+
+def test_variances_and_covariances_fill_a_symmetric_matrix():
+    values = [2.0, 0.7, 2.0, 50.0, 1.0, 2.0, 3.0, 0.1, 0.2, 0.3]
+    sample = SENSORS["rtk/fix"].sample(0, values)
+    assert sample.covariance_n.tolist() == [[1.0, 0.1, 0.2], [0.1, 2.0, 0.3], [0.2, 0.3, 3.0]]
+
+
+def test_a_status_that_no_receiver_has_is_no_fix():
+    for status in (2.5, np.nan, 7.0):
+        values = [status, 0.7, 2.0, 50.0, *[1.0] * 3, *[0.0] * 3]
+        assert SENSORS["rtk/fix"].sample(0, values).status == -1
+
+
+def test_an_unknown_topic_is_named(tmp_path):
+    with pytest.raises(
+        TableError, match=r"rtk/velocity: no topic of a sensor \(did you mean rtk/vel"
+    ):
+        tirgeo_ros.write_bag(tmp_path / "bag.mcap", {"rtk/velocity": HEADING})
+    assert list(tmp_path.iterdir()) == []

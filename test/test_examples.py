@@ -1,0 +1,146 @@
+"""The scripts and the notebook of examples/ run as a user runs them, and make what they say."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+
+import cv2
+import numpy as np
+import pytest
+from project import PROJECT
+
+import tirgeo_ros
+
+EXAMPLES = PROJECT / "examples"
+NOTEBOOK = EXAMPLES / "flight.ipynb"
+README = (EXAMPLES / "README.md").read_text()
+
+
+def run(name, folder):
+    """Run an example in a folder; return what it printed."""
+    environment = os.environ | {"PYTHONPATH": str(PROJECT), "MPLBACKEND": "Agg"}
+    done = subprocess.run(
+        [sys.executable, EXAMPLES / name],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "Warning" not in done.stderr
+    return done.stdout
+
+
+def is_drawing(path):
+    """Whether a picture has shapes in it, not one colour."""
+    return len(np.unique(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE))) > 20
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("sample")
+class TestScripts:
+    def test_filter_csv(self, tmp_path):
+        said = run("01_filter_csv.py", tmp_path)
+        assert re.match(r"2851 solutions, state running, .*'used': 144", said)
+        assert is_drawing(tmp_path / "heading.png")
+
+    def test_project_survey(self, tmp_path):
+        """The points are corners of outlines in the picture: there the grey steps."""
+        said = run("02_project_survey.py", tmp_path)
+        assert int(re.match(r"(\d+) points in the picture of \d+ ns", said)[1]) >= 5
+        assert is_drawing(tmp_path / "survey.png")
+
+    def test_locate_pixels(self, tmp_path):
+        said = run("03_locate_pixels.py", tmp_path)
+        found = re.findall(r"P\d\d: (\S+) m from the survey, 95 % within (\S+) m", said)
+        inside = [float(error) <= float(radius) for error, radius in found]
+        # Of 23 points 19 or more are inside 95 % ellipses with a probability of 99.4 %.
+        assert len(inside) == 23
+        assert sum(inside) >= 19
+        document = json.loads((tmp_path / "points.geojson").read_text())
+        kinds = [feature["properties"]["kind"] for feature in document["features"]]
+        assert kinds.count("point") == kinds.count("ellipse") == 23
+
+    def test_rtk_outage(self, tmp_path):
+        said = run("04_rtk_outage.py", tmp_path)
+        errors = re.findall(r"largest error (\S+) m, sigma then (\S+) m", said)
+        (error, _), (longer, sigma) = [tuple(map(float, pair)) for pair in errors]
+        assert error < longer < 3 * sigma
+        assert is_drawing(tmp_path / "outage.png")
+
+    def test_own_sensors(self, tmp_path):
+        """The circle that the sensors were made of is what comes out."""
+        assert run("05_own_sensors.py", tmp_path).startswith("state running, 2850 poses")
+        topic = "tirgeo/odometry"
+        poses = tirgeo_ros.read_bag(tmp_path / "own_poses.mcap", [topic])[topic]
+        plane = tirgeo_ros.read_bag(tmp_path / "own.mcap", ["rtk/fix"])["rtk/fix"]
+        origin = tirgeo_ros.TangentPlane(
+            *(plane[name][0] for name in ("latitude_rad", "longitude_rad", "height_m"))
+        )
+        seconds = (poses["stamp_ns"] - plane["stamp_ns"][0]) * 1e-9
+        angle = 6.0 / 40.0 * seconds
+        circle = np.stack([40 * np.sin(angle), 40 - 40 * np.cos(angle)], axis=1)
+        apart = circle - np.stack([poses["north_m"], poses["east_m"]], axis=1)
+        # The origin is the first fix, of sigma 1 cm; the filter's own sigma is below that.
+        assert origin.height_m == pytest.approx(630.0, abs=0.05)
+        assert np.abs(apart).max() < 5 * 0.01 * 2**0.5
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("sample")
+def test_the_notebook_runs_from_the_top(monkeypatch):
+    import matplotlib as mpl  # noqa: PLC0415  slow to import
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt  # noqa: PLC0415
+
+    monkeypatch.chdir(EXAMPLES)
+    plt.close("all")
+    namespace = {}
+    for cell in cells("code"):
+        exec(compile("".join(cell["source"]), cell["id"], "exec"), namespace)
+    assert len(plt.get_fignums()) == 3
+    assert all(plt.figure(number).axes[0].has_data() for number in plt.get_fignums())
+    plt.close("all")
+    inside = [one.ellipse.major_m < 1.0 for one in namespace["located"]]
+    assert len(inside) >= 3
+    assert all(inside)
+
+
+def cells(kind):
+    document = json.loads(NOTEBOOK.read_text())
+    return [cell for cell in document["cells"] if cell["cell_type"] == kind]
+
+
+def test_the_notebook_is_one_of_format_4_5():
+    """The fields that the format requires of a document and of its cells, and no output."""
+    document = json.loads(NOTEBOOK.read_text())
+    assert (document["nbformat"], document["nbformat_minor"]) == (4, 5)
+    assert document["metadata"]["kernelspec"]["name"] == "python3"
+    names = [cell["id"] for cell in document["cells"]]
+    assert len(set(names)) == len(names)
+    assert all(re.fullmatch(r"[\w-]{1,64}", name) for name in names)
+    common = {"cell_type", "id", "metadata", "source"}
+    assert all(set(cell) == common for cell in cells("markdown"))
+    for cell in cells("code"):
+        assert set(cell) == common | {"execution_count", "outputs"}
+        assert (cell["execution_count"], cell["outputs"]) == (None, [])
+    assert len(cells("code")) + len(cells("markdown")) == len(names)
+
+
+def test_the_readme_lists_every_example():
+    files = {path.name for path in EXAMPLES.iterdir() if path.suffix in {".py", ".ipynb"}}
+    assert set(re.findall(r"^\| `([\w.]+)` \|", README, re.MULTILINE)) == files
+
+
+def test_examples_use_the_public_interface_alone():
+    for path in EXAMPLES.glob("*.*"):
+        text = path.read_text()
+        assert "from tirgeo_ros" not in text
+        named = set(re.findall(r"\btirgeo_ros\.(\w+)", text))
+        assert named <= set(tirgeo_ros.__all__), path.name

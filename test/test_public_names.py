@@ -1,0 +1,63 @@
+"""The package's own import stays quick, gives each public name at its first use, and no other."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import subprocess
+import sys
+
+import pytest
+from project import PROJECT
+
+import tirgeo_ros
+
+# What the commands' start must not wait for.
+HEAVY = "numpy cv2 pyproj rosbags pandas matplotlib tirgeo_ros.core tirgeo_ros.library"
+
+
+def python(program):
+    run = subprocess.run(
+        [sys.executable, "-c", program], cwd=PROJECT, capture_output=True, text=True, check=True
+    )
+    return run.stdout.split()
+
+
+def test_the_import_alone_imports_nothing():
+    program = f"import sys, tirgeo_ros; print(*[m for m in '{HEAVY}'.split() if m in sys.modules])"
+    assert python(program) == []
+
+
+def test_pandas_is_imported_by_who_uses_it_alone():
+    program = "import sys, tirgeo_ros\nfor name in tirgeo_ros.__all__: getattr(tirgeo_ros, name)\n"
+    assert python(f"{program}print('pandas' in sys.modules, 'rclpy' in sys.modules)") == [
+        "False",
+        "False",
+    ]
+
+
+def test_every_name_is_there():
+    assert set(tirgeo_ros.__all__) <= set(dir(tirgeo_ros))
+    for name in tirgeo_ros.__all__:
+        assert getattr(tirgeo_ros, name) is getattr(tirgeo_ros, name)
+
+
+def test_types_are_those_of_the_stub():
+    """mypy reads __init__.pyi, Python __init__.py: each name must come from one place."""
+    stub = ast.parse((PROJECT / "tirgeo_ros" / "__init__.pyi").read_text())
+    imports = [node for node in stub.body if isinstance(node, ast.ImportFrom)]
+    told = {alias.name: node.module for node in imports for alias in node.names}
+    assert told == {
+        name: inspect.getmodule(getattr(tirgeo_ros, name)).__name__ for name in tirgeo_ros.__all__
+    }
+    (listed,) = (ast.literal_eval(n.value) for n in stub.body if isinstance(n, ast.Assign))
+    assert sorted(listed) == sorted(tirgeo_ros.__all__)
+
+
+def test_no_other_name_is_there():
+    with pytest.raises(
+        AttributeError, match="module 'tirgeo_ros' has no attribute 'filterflight'"
+    ):
+        _ = tirgeo_ros.filterflight
+    with pytest.raises(ImportError, match="filterflight"):
+        from tirgeo_ros import filterflight  # noqa: F401, PLC0415

@@ -1,0 +1,201 @@
+"""tirgeo import of logs: several of one flight, what is asked for, and the command."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+
+import pytest
+from foreign_logs import IMU, IMU_COLUMNS, OPTIONS, POS, SRT, pvt, relposned, samples
+
+from tirgeo_ros.core.types.errors import LogError
+from tirgeo_ros.io.bags.bag import BagReader
+from tirgeo_ros.io.logs.log_contents import LogOptions
+from tirgeo_ros.tools.cli.main import main
+from tirgeo_ros.tools.convert.import_flight import import_flight
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "imu.csv").write_text(IMU)
+    (tmp_path / "imu.yaml").write_text(IMU_COLUMNS)
+    (tmp_path / "rover.pos").write_text(POS)
+    (tmp_path / "clip.srt").write_text(SRT)
+    return tmp_path
+
+
+def imported(folder, *names, **more):
+    paths = [folder / name for name in names]
+    return import_flight(paths, folder / "out.mcap", **{"logs": OPTIONS} | more)
+
+
+def test_logs_of_one_flight_are_merged_by_their_stamps(folder):
+    result = imported(folder, "rover.pos", "imu.csv", "clip.srt", columns=[folder / "imu.yaml"])
+    assert {topic: seen["messages"] for topic, seen in result["written"].items()} == {
+        "/imu/data": 19,
+        "/rtk/fix": 2,
+        "/gps/fix": 2,
+        "/gimbal/attitude": 2,
+    }
+    logged = [m.log_time_ns for m in BagReader(folder / "out.mcap").messages()]
+    assert logged == sorted(logged)
+    for found in samples(folder / "out.mcap").values():
+        assert {s.stamp_ns for s in found} <= set(logged)
+    forms = [log["form"] for log in result["files"]]
+    assert forms == ["RTKLIB .pos", "CSV", "DJI subtitles (SRT)"]
+    assert "imu.csv: refused 1 imu: imu.gyro.columns.3 is not a number" in result["warning"]
+    assert "geoid" not in result["warning"]  # of DJI's receivers
+    again = folder / "again.mcap"
+    paths = [folder / "rover.pos", folder / "imu.csv", folder / "clip.srt"]
+    import_flight(paths, again, logs=OPTIONS, columns=[folder / "imu.yaml"])
+    assert again.read_bytes() == (folder / "out.mcap").read_bytes()
+
+
+def test_a_topic_comes_from_the_first_log_that_has_it(folder):
+    """Two receivers on one topic would be one that jumps between two places."""
+    moved = POS.replace("48.137", "48.138")
+    (folder / "base.pos").write_text(moved)
+    result = imported(folder, "base.pos", "rover.pos")
+    assert "rover.pos: refused 2 rtk/fix: " in result["warning"]
+    assert "base.pos, named before, has it" in result["warning"]
+    found = samples(folder / "out.mcap")["rtk/fix"]
+    assert [math.degrees(s.latitude_rad) > 48.138 for s in found] == [True, True]
+    (folder / "part2.pos").write_text(POS.replace("07:44:5", "07:45:0"))
+    result = imported(folder, "rover.pos", "part2.pos")  # parts of one recording
+    assert result["written"]["/rtk/fix"]["messages"] == 4
+
+
+def test_logs_without_a_common_time_are_refused(folder):
+    """Local times that are taken as UTC, for example."""
+    options = LogOptions(utc_offset_s=0, geoid_undulation_m=0.0)
+    with pytest.raises(LogError, match=r"no time in common: .*rover\.pos is of 2024-06-11 07:44"):
+        imported(folder, "rover.pos", "clip.srt", logs=options)
+    assert not (folder / "out.mcap").exists()
+
+
+def test_the_parameters_give_undulation_and_baseline(folder):
+    pytest.importorskip("pyubx2")
+    (folder / "params.yaml").write_text(
+        "/**:\n  ros__parameters:\n    geoid_undulation_m: 45.0\n"
+        "    aircraft.rtk_antenna_m: [0.0, 0.6, 0.0]\n"
+        "    aircraft.second_antenna_m: [0.0, -0.6, 0.0]\n"
+    )
+    (folder / "rover.ubx").write_bytes(pvt() + relposned() + pvt(second=40))
+    params, options = folder / "params.yaml", LogOptions(utc_offset_s=7200)
+    result = imported(folder, "rover.ubx", "clip.srt", params=params, logs=options)
+    found = samples(folder / "out.mcap")
+    assert found["gps/fix"][0].height_m == pytest.approx(585.25)
+    assert math.degrees(found["rtk/heading"][0].heading_rad) % 360 == pytest.approx(110.0)
+    assert "aircraft.second_antenna_m is not set" not in str(result["warning"])
+
+
+def test_whose_antenna_a_position_is_of(folder):
+    """The rover's, unless the base's log is named first or the rover is the first antenna."""
+    pytest.importorskip("pyubx2")
+    rover, base = folder / "rover.ubx", folder / "base.ubx"
+    rover.write_bytes(pvt() + relposned() + pvt(second=40))
+    base.write_bytes(pvt(lat=48.2) + pvt(second=40))
+    warned = "rtk/fix is of the rover's antenna"
+    assert warned in imported(folder, "rover.ubx")["warning"]
+    options = replace(OPTIONS, rover_first=True)
+    assert warned not in imported(folder, "rover.ubx", logs=options)["warning"]
+    result = imported(folder, "base.ubx", "rover.ubx")
+    assert warned not in result["warning"]
+    found = samples(folder / "out.mcap")
+    assert math.degrees(found["rtk/fix"][0].latitude_rad) == pytest.approx(48.2)
+    assert math.degrees(found["rtk/heading"][0].heading_rad) % 360 == pytest.approx(200.0)
+
+
+def test_a_heading_that_a_person_knows(folder):
+    options = LogOptions(set_heading_rad=1.0)
+    result = imported(folder, "rover.pos", logs=options)
+    assert result["written"]["/ekf_node/set_heading"]["messages"] == 1
+    (heading,) = samples(folder / "out.mcap")["ekf_node/set_heading"]
+    assert heading.heading_rad == pytest.approx(1.0)
+
+
+def test_impossible_samples_are_refused(folder):
+    text = SRT.replace("48.137155", "0.000000").replace("11.576126", "0.000000")
+    (folder / "clip.srt").write_text(text)
+    result = imported(folder, "clip.srt")
+    refused = result["files"][0]["refused"]
+    assert [(one["record"], one["count"]) for one in refused] == [("gps/fix", 1)]
+    assert refused[0]["reason"].startswith("position is 0, 0")
+    (folder / "clip.srt").write_text(SRT.replace("2024-06", "1960-06"))
+    with pytest.raises(LogError, match=r"nothing in it can be used: .* not between 1970 and 2038"):
+        imported(folder, "clip.srt")
+
+
+def test_times_that_go_back_are_told(folder):
+    first, *rest = IMU.splitlines(keepends=True)
+    (folder / "imu.csv").write_text("".join([*rest, first]))
+    result = imported(folder, "imu.csv", columns=[folder / "imu.yaml"])
+    told = "imu/data: its time goes back 1 times; it is sorted by time"
+    assert told in result["files"][0]["notes"]
+    stamps = [s.stamp_ns for s in samples(folder / "out.mcap")["imu/data"]]
+    assert stamps == sorted(stamps)
+
+
+def test_units_that_gravity_contradicts(folder):
+    """At rest for 6 s, in m/s2 as if they were g, and upside down."""
+    rows = "".join(f"{1718091879 + k / 50:.2f},0,0,9.8,0,0,0\n" for k in range(300))
+    (folder / "imu.csv").write_text(rows)
+    result = imported(folder, "imu.csv", columns=[folder / "imu.yaml"])
+    assert "96.1 m/s2 on average, not 9.8" in result["warning"]
+    assert "in --columns: imu.accel.unit" in result["warning"]
+    columns = IMU_COLUMNS.replace("unit: g", "unit: m/s2").replace("axes: flu", "axes: frd")
+    (folder / "imu.yaml").write_text(columns)
+    result = imported(folder, "imu.csv", columns=[folder / "imu.yaml"])
+    assert "the sign is wrong" in result["warning"]
+    assert "in --columns: imu.axes" in result["warning"]
+
+
+@pytest.mark.parametrize(
+    ("names", "columns", "message"),
+    [
+        (("imu.csv",), (), r"imu\.csv: text in columns: say what they mean with --columns"),
+        (("rover.pos",), ("imu.yaml",), r"imu\.yaml: --columns is for CSV files, and there is no"),
+        (("imu.csv", "rover.pos"), ("imu.yaml",) * 2, "2 --columns for 1 CSV files"),
+        (
+            ("rover.pos", "noise.bin"),
+            (),
+            r"noise\.bin: no log that can be merged: import it alone",
+        ),
+        (("log.nmea",), (), r"log\.nmea: NMEA: it has no covariances"),
+    ],
+)
+def test_what_cannot_be_imported(folder, names, columns, message):
+    (folder / "noise.bin").write_bytes(bytes(range(256)) * 8)
+    (folder / "log.nmea").write_text("# comment\n$GNGGA,1,2\n")
+    with pytest.raises(LogError, match=message):
+        imported(folder, *names, columns=[folder / name for name in columns])
+    assert not (folder / "out.mcap").exists()
+
+
+def test_the_command(folder, capsys):
+    args = [str(folder / "imu.csv"), str(folder / "clip.srt"), "-o", str(folder / "out.mcap")]
+    more = ["--columns", str(folder / "imu.yaml"), "--utc-offset", "+02:00"]
+    height = ["--takeoff-height", "500"]
+    assert main(["import", *args, *more, *height]) == 0
+    out, err = capsys.readouterr()
+    assert "clip.srt: DJI subtitles (SRT)" in out
+    assert "note: heights: rel_alt as takeoff" in out
+    assert err.startswith("tirgeo import: warning: ")
+    assert main(["import", *args, *more]) == 1
+    assert "give the geoid's height there with --geoid-undulation" in capsys.readouterr().err
+    assert main(["import", *args, *more, *height, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["kind"] == "logs"
+    for wrong in (["import"], ["import", "x.csv"], ["import", *args, "--utc-offset", "CET"]):
+        with pytest.raises(SystemExit, match="2"):
+            main(wrong)
+
+
+def test_the_template(folder, capsys):
+    assert main(["import", "--example"]) == 0
+    text = capsys.readouterr().out
+    path = folder / "columns.yaml"
+    assert main(["import", "--example", "-o", str(path)]) == 0
+    assert path.read_text() == text
+    assert main(["import", "--example", "-o", str(path)]) == 1
+    assert "is there already" in capsys.readouterr().err

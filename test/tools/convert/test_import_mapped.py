@@ -1,0 +1,287 @@
+"""tirgeo import --map-topic: any bag's topics become those of the contract."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from recorded_bags import record
+from ros1_bags import BEGUN_NS, Bag, by_time
+
+from tirgeo_ros.core.types.errors import BagError
+from tirgeo_ros.core.types.measurements import FixStatus, Source
+from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
+from tirgeo_ros.io.messages import NAVIGATION_INPUTS, TOPIC_TYPES
+from tirgeo_ros.tools.cli.main import main
+from tirgeo_ros.tools.convert.import_flight import import_flight
+from tirgeo_ros.tools.convert.import_mapped import MappedTopics
+
+CDR = Cdr()
+MAVROS = (
+    ("/mavros/imu/data", "imu/data"),
+    ("mavros/fix", "gps/fix"),
+    ("/mavros/gps_vel", "gps/vel"),
+    ("/mavros/compass_hdg", "rtk/heading"),
+)
+#: The IMU stands on its side: its y is up, its x east.
+ON_SIDE = (math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0)
+
+
+def mavros_bag(seconds=3.0, force=(0.0, 0.0, 9.8), q=(1.0, 0.0, 0.0, 0.0), lag_ns=5_000_000):
+    """A bag of ROS 1 with MAVROS's topics, of an aircraft at rest."""
+    bag = Bag()
+    for k in range(round(seconds * 100)):
+        at_ns = BEGUN_NS + k * 10_000_000
+        bag.add(at_ns + lag_ns, "/mavros/imu/data", bag.imu(at_ns, q, (0.0, 0.0, 0.1), force))
+        if k % 20 == 0:
+            fix = bag.fix(at_ns, 52.0116, 4.3575, 44.0, "/gps")
+            bag.add(at_ns + lag_ns, "/mavros/fix", fix)
+            bag.add(at_ns + lag_ns, "/mavros/gps_vel", twist_stamped(bag, at_ns, 1.0, 2.0, 3.0))
+            compass = bag.new("std_msgs/msg/Float64", data=355.0)
+            bag.add(at_ns + lag_ns, "/mavros/compass_hdg", compass)
+            bag.add(at_ns + lag_ns, "/chatter", bag.new("std_msgs/msg/String", data="hello"))
+    return bag
+
+
+def twist_stamped(bag, at_ns, *linear):
+    twist = bag.new(
+        "geometry_msgs/msg/Twist", linear=bag.vector(*linear), angular=bag.vector(0, 0, 0)
+    )
+    return bag.new("geometry_msgs/msg/TwistStamped", header=bag.header(at_ns), twist=twist)
+
+
+def samples(path, source):
+    topic, decode = NAVIGATION_INPUTS[source]
+    return [decode(message) for _, message in by_time(path, f"/{topic}")]
+
+
+def test_topics_of_ros_1_with_their_stamps_and_log_times(tmp_path):
+    path = mavros_bag().write(tmp_path / "mavros.bag")
+    out = tmp_path / "out.mcap"
+    result = import_flight(path, out, mapped=MappedTopics(MAVROS))
+    assert BagReader(out).topics() == {f"/{to}": TOPIC_TYPES[to] for _, to in sorted(
+        MAVROS, key=lambda pair: pair[1]
+    )}  # fmt: skip
+    imu = samples(out, Source.IMU)
+    assert [sample.stamp_ns for sample in imu] == [BEGUN_NS + k * 10_000_000 for k in range(300)]
+    assert imu[7].specific_force_b.tolist() == [0.0, 0.0, -9.8]
+    logged = [message.log_time_ns for message in BagReader(out).messages(["/imu/data"])]
+    assert logged == [sample.stamp_ns + 5_000_000 for sample in imu]
+    (velocity, *_), (fix, *_) = (
+        samples(out, Source.GPS_VELOCITY),
+        samples(out, Source.GPS_POSITION),
+    )
+    assert velocity.velocity_n.tolist() == [2.0, 1.0, -3.0]
+    assert not velocity.covariance_n.any()
+    assert (math.degrees(fix.latitude_rad), fix.height_m) == (pytest.approx(52.0116), 44.0)
+    (heading, *_) = samples(out, Source.RTK_HEADING)
+    assert math.degrees(heading.heading_rad) == pytest.approx(355.0)
+    assert heading.stamp_ns == BEGUN_NS + 5_000_000  # no header: when it was recorded
+    assert result["not_read"] == {"/chatter": "std_msgs/msg/String"}
+    assert result["warning"] is None
+    told = " ".join(result["notes"])
+    for words in ("15 of status 0 and covariance type 0", "no covariance", "no heading of two"):
+        assert words in told
+    assert [row["lag_s"] for row in result["topics"]] == pytest.approx([0.005, 0.005, 0.005, 0.0])
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+@pytest.mark.parametrize("mode", ["", "message", "file"])
+def test_recordings_of_ros_2_in_every_form(tmp_path, storage, mode):
+    """The same messages, byte by byte, under the contract's names."""
+    ros1 = mavros_bag(0.5).write(tmp_path / "a.bag")
+    import_flight(ros1, tmp_path / "a.mcap", mapped=MappedTopics(MAVROS[:1]))
+    whole = [one._replace(topic="/xsens/imu") for one in BagReader(tmp_path / "a.mcap").messages()]
+    odd = "std_msgs/msg/String" if storage == "mcap" else "test_msgs/msg/Arrays"
+    other = BagMessage("/odd", odd, whole[3].log_time_ns, b"\0\1\0\0abc")
+    parts = [[*whole[:20], other], whole[20:]]
+    folder = record(tmp_path / "recorded", parts, storage, mode)
+    out = tmp_path / "out.mcap"
+    result = import_flight(folder, out, mapped=MappedTopics((("/xsens/imu", "imu/data"),)))
+    assert [one._replace(topic="/xsens/imu") for one in BagReader(out).messages()] == whole
+    assert result["not_read"] == {"/odd": odd}
+    assert result["error"] is None
+
+
+def test_pictures_and_gimbal_go_on_byte_by_byte_into_a_namespace(sample, tmp_path):
+    names = ("thermal/image_raw/compressed", "thermal/camera_info", "gimbal/joint_states")
+    names += ("gimbal/attitude",)
+    path, out = sample / "flight.mcap", tmp_path / "out.mcap"
+    mapped = MappedTopics(tuple((name, name) for name in names))
+    import_flight(path, out, namespace="uav1", mapped=mapped)
+    whole = [one for one in BagReader(path).messages() if one.topic.strip("/") in names]
+    found = [one._replace(topic=one.topic[5:]) for one in BagReader(out).messages()]
+    assert sorted(found) == sorted(whole)
+
+
+def test_an_odometry_becomes_a_velocity_east_north_up(tmp_path):
+    """Forward 2 m/s with the nose to the north; the covariance turns along."""
+    bag = Bag()
+    covariance = np.zeros((6, 6))
+    covariance[:3, :3] = np.diag([0.04, 0.01, 0.09])
+    zero = bag.new("geometry_msgs/msg/Point", x=0.0, y=0.0, z=0.0)
+    half = math.radians(45)
+    pose = bag.new(
+        "geometry_msgs/msg/Pose",
+        position=zero,
+        orientation=bag.quaternion((math.cos(half), 0, 0, math.sin(half))),
+    )
+    twist = bag.new(
+        "geometry_msgs/msg/Twist", linear=bag.vector(2, 0.5, -1), angular=bag.vector(0, 0, 0)
+    )
+    odometry = bag.new(
+        "nav_msgs/msg/Odometry",
+        header=bag.header(BEGUN_NS, "odom"),
+        child_frame_id="base_link",
+        pose=bag.new("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.zeros(36)),
+        twist=bag.new(
+            "geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=covariance.ravel()
+        ),
+    )
+    bag.add(BEGUN_NS, "/odom", odometry)
+    out = tmp_path / "out.mcap"
+    path = bag.write(tmp_path / "odom.bag")
+    result = import_flight(path, out, mapped=MappedTopics((("/odom", "rtk/vel"),)))
+    (velocity,) = samples(out, Source.RTK_VELOCITY)
+    assert velocity.velocity_n == pytest.approx((2.0, -0.5, 1.0))
+    assert velocity.covariance_n.diagonal() == pytest.approx((0.04, 0.01, 0.09))
+    assert "wheel's odometry" in result["notes"][0]
+
+
+def test_an_imu_on_its_side_is_told_and_turned(tmp_path, capsys):
+    bag = mavros_bag(force=(0.0, 9.8, 0.0), q=ON_SIDE)
+    path, out = bag.write(tmp_path / "side.bag"), tmp_path / "out.mcap"
+    words = ["import", str(path), "-o", str(out), "--map-topic", "/mavros/imu/data=imu/data"]
+    assert main(words) == 0
+    told = capsys.readouterr().err
+    assert "imu/data: gravity is on +y at the beginning, (+0.0, +9.8, +0.0) m/s2, not on" in told
+    assert "give --imu-rpy 90 0 YAW" in told
+    assert main([*words, "--imu-rpy", "90", "0", "0"]) == 0
+    assert capsys.readouterr().err == ""
+    sample = samples(out, Source.IMU)[0]
+    assert sample.specific_force_b == pytest.approx((0.0, 0.0, -9.8))
+    assert sample.angular_rate_b == pytest.approx((0.0, 0.1, 0.0))
+    # Its own attitude was on its side; the body's is level, with the nose to the east.
+    q_nb = sample.autopilot_q_nb
+    assert abs(q_nb @ [math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]) == pytest.approx(1.0)
+
+
+def test_parameters_that_turn_it_later_are_no_cause_for_doubt(tmp_path):
+    bag = mavros_bag(force=(0.0, 9.8, 0.0))
+    path = bag.write(tmp_path / "side.bag")
+    params = tmp_path / "params.yaml"
+    params.write_text("/**:\n  ros__parameters:\n    aircraft.imu_rpy_deg: [90.0, 0.0, 0.0]\n")
+    mapped = MappedTopics(MAVROS[:1])
+    result = import_flight(path, tmp_path / "out.mcap", params=params, mapped=mapped)
+    assert result["warning"] is None
+
+
+def test_heights_and_fixes_that_are_none_of_rtk(tmp_path):
+    path = mavros_bag().write(tmp_path / "a.bag")
+    out = tmp_path / "out.mcap"
+    mapped = MappedTopics((("/mavros/fix", "rtk/fix"),), undulation_m=43.5)
+    result = import_flight(path, out, mapped=mapped)
+    first = samples(out, Source.RTK_POSITION)[0]
+    assert (first.height_m, first.status) == (87.5, FixStatus.SINGLE)
+    assert "43.5 m are added to altitudes" in result["notes"][0]
+    assert "no message has status 1 (float) or 2 (fixed)" in result["warning"]
+    assert "map it to gps/fix" in result["warning"]
+
+
+def test_stamps_of_another_clock_are_kept_and_told(tmp_path):
+    path = mavros_bag(lag_ns=7_200_000_000_000).write(tmp_path / "a.bag")
+    out = tmp_path / "out.mcap"
+    result = import_flight(path, out, mapped=MappedTopics(MAVROS[:2]))
+    assert samples(out, Source.IMU)[0].stamp_ns == BEGUN_NS
+    assert "(/mavros/imu/data -7200.0 s, /mavros/fix -7200.0 s) and are kept" in result["warning"]
+
+
+@pytest.mark.parametrize(
+    ("pairs", "told"),
+    [
+        (
+            [("/x", "imu/data")],
+            r"/x is not there; imu/data takes sensor_msgs/msg/Imu: /mavros/imu",
+        ),
+        (
+            [("/mavros/imu/data", "gps/vel")],
+            r"/data is of type sensor_msgs/msg/Imu; gps/vel takes .*Odometry: /mavros/gps_vel",
+        ),
+        ([("/chatter", "baro/pressure")], r"FluidPressure: no topic of the bag"),
+        (
+            [("/mavros/fix", "gps/fix"), ("/mavros/fix", "gps/fix")],
+            r"two topics for gps/fix: give one",
+        ),
+    ],
+)
+def test_topics_that_do_not_fit_are_named(tmp_path, pairs, told):
+    path = mavros_bag(0.2).write(tmp_path / "a.bag")
+    with pytest.raises(BagError, match=rf"^{path}: .*{told}"):
+        import_flight(path, tmp_path / "out.mcap", mapped=MappedTopics(tuple(pairs)))
+    assert not (tmp_path / "out.mcap").exists()
+
+
+@pytest.mark.parametrize("word", ["/a", "/a=", "=imu/data", "/a=tirgeo/odometry", "/a=/imu"])
+def test_a_wrong_pair_is_wrong_use(tmp_path, word, capsys):
+    words = ["import", "a.bag", "-o", str(tmp_path / "out.mcap"), "--map-topic", word]
+    with pytest.raises(SystemExit, match="2"):
+        main(words)
+    assert (
+        f"--map-topic {word}: not FROM=TO, TO one of imu/data, rtk/fix" in capsys.readouterr().err
+    )
+
+
+def test_axes_without_topics_are_wrong_use(tmp_path, capsys):
+    words = ["import", "a.ulg", "-o", str(tmp_path / "out.mcap"), "--imu-rpy", "90", "0", "0"]
+    with pytest.raises(SystemExit, match="2"):
+        main(words)
+    assert "--imu-rpy is for --map-topic" in capsys.readouterr().err
+
+
+def test_a_joint_state_without_the_gimbals_joints_is_refused(tmp_path):
+    bag = mavros_bag(0.5)
+    doubles = {name: np.zeros(1) for name in ("position", "velocity", "effort")}
+    for k in range(4):
+        joints = bag.new(
+            "sensor_msgs/msg/JointState",
+            header=bag.header(BEGUN_NS),
+            name=["front_left_wheel"],
+            **doubles,
+        )
+        bag.add(BEGUN_NS + k, "/joint_states", joints)
+    path = bag.write(tmp_path / "a.bag")
+    mapped = MappedTopics((("/joint_states", "gimbal/joint_states"),))
+    with pytest.raises(
+        BagError, match=r"nothing to import: /joint_states: 4 of 4 refused \(.*yaw"
+    ):
+        import_flight(path, tmp_path / "out.mcap", mapped=mapped)
+    both = MappedTopics((*MAVROS[:1], *mapped.pairs))
+    result = import_flight(path, tmp_path / "out.mcap", mapped=both)
+    assert "/joint_states: 4 of 4 refused" in result["warning"]
+
+
+def test_a_bag_without_pairs_is_answered_with_options(tmp_path, capsys):
+    ros1 = mavros_bag(0.2).write(tmp_path / "a.bag")
+    assert main(["import", str(ros1), "-o", str(tmp_path / "out.mcap")]) == 1
+    asked = "--map-topic /mavros/imu/data=imu/data --map-topic /mavros/fix=gps/fix --map-topic "
+    assert f"{asked}/mavros/gps_vel=gps/vel\n" in capsys.readouterr().err
+    ros2 = tmp_path / "b"
+    data = CDR.from_ros1(next(iter_ros1(ros1)), "sensor_msgs/msg/Imu")
+    record(ros2, [[BagMessage("/xsens/imu", "sensor_msgs/msg/Imu", 1, data)]])
+    assert main(["import", str(ros2), "-o", str(tmp_path / "out.mcap")]) == 1
+    told = f"{ros2}: a ROS 2 bag; say what its topics are, as --map-topic /xsens/imu=imu/data\n"
+    assert told in capsys.readouterr().err
+    record(tmp_path / "c", [[BagMessage("/chatter", "std_msgs/msg/String", 1, b"\0\1\0\0")]])
+    assert main(["import", str(tmp_path / "c"), "-o", str(tmp_path / "out.mcap")]) == 1
+    told = "nothing to import: no topic has a type that tirgeo takes; it has /chatter (std_msgs/m"
+    assert told in capsys.readouterr().err
+    record(tmp_path / "d", [[BagMessage("/imu/data", "sensor_msgs/msg/Imu", 1, data)]])
+    assert main(["import", str(tmp_path / "d"), "-o", str(tmp_path / "out.mcap")]) == 1
+    assert "it needs no import: give it to tirgeo process" in capsys.readouterr().err
+
+
+def iter_ros1(path):
+    from tirgeo_ros.io.bags.ros1_bag import Ros1Bag  # noqa: PLC0415
+
+    return (one.data for one in Ros1Bag(path).messages(["/mavros/imu/data"]))

@@ -1,0 +1,194 @@
+"""Parts of a flight: every message in them as it was, and before them what a late reader needs."""
+
+from __future__ import annotations
+
+from datetime import datetime, timedelta, timezone
+
+import pytest
+from latched_bags import LATCHED, START_NS, THING, THING_TEXT, TOPICS, payload, recorded, said
+from mcap.reader import make_reader
+from mcap.writer import Writer
+from recorded_bags import MESSAGES, record
+from rosbags.rosbag2 import CompressionMode, StoragePlugin
+from rosbags.rosbag2.metadata import parse_qos
+from target_samples import STAMP_NS, click, target
+
+from tirgeo_ros.core.types.errors import BagError, TargetError
+from tirgeo_ros.io.bags.bag import BagReader
+from tirgeo_ros.io.targets.exports import exported
+from tirgeo_ros.io.targets.store import TargetStore
+from tirgeo_ros.tools.cli.main import main
+from tirgeo_ros.tools.replay.cut import cut
+
+FROM_S, TO_S = 1.5, 2.2
+FORMS = {
+    "mcap": {},
+    "mcap of Humble": {"version": 8},
+    "sqlite": {"storage": StoragePlugin.SQLITE3},
+    "sqlite of Humble": {"version": 8, "storage": StoragePlugin.SQLITE3},
+    "messages packed": {"mode": CompressionMode.MESSAGE},
+    "file packed": {"mode": CompressionMode.FILE},
+}
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    return recorded(tmp_path_factory.mktemp("latched") / "bag")
+
+
+def contents(path):
+    """What MCAP's own reader finds: (log time, topic, bytes), and channel and schema by topic."""
+    with path.open("rb") as file:
+        found = [*make_reader(file, validate_crcs=True).iter_messages()]
+    messages = [(one.log_time, channel.topic, one.data) for _, channel, one in found]
+    return messages, {channel.topic: (channel, schema) for schema, channel, _ in found}
+
+
+@pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
+def test_a_part_of_every_form(tmp_path, form):
+    bag, out = recorded(tmp_path / "bag", **form), tmp_path / "part.mcap"
+    result = cut(bag, out, begin=FROM_S, end=TO_S)
+    messages, channels = contents(out)
+    start_ns, end_ns = (START_NS + round(at_s * 1e9) for at_s in (FROM_S, TO_S))
+    inside = [one for one in said() if start_ns <= one[0] <= end_ns]
+    carried = [
+        ("/robot_description", 0),
+        ("/thermal/camera_info", 0),
+        ("/tf_static", 1),  # the first one's frame came again
+        ("/tirgeo/origin", 1),
+        ("/tf_static", 2),
+    ]
+    before = [(start_ns, topic, payload(TOPICS[topic][0], n)) for topic, n in carried]
+    assert messages == [*before, *inside]
+    assert {topic: schema.name for topic, (_, schema) in channels.items()} == {
+        topic: TOPICS[topic][0] for topic in channels
+    }
+    for topic, (channel, _) in channels.items():
+        (found,) = parse_qos(channel.metadata["offered_qos_profiles"])
+        assert (found.durability is LATCHED) is (TOPICS[topic][1] is LATCHED)
+        assert "history: keep_last" in channel.metadata["offered_qos_profiles"]
+    schema = channels["/thing"][1]
+    assert (schema.name, schema.encoding, schema.data) == (THING, "ros2msg", THING_TEXT.encode())
+    assert result["error"] is None
+    assert result["parts"][0]["carried"] == {
+        "/robot_description": 1,
+        "/tf_static": 2,
+        "/thermal/camera_info": 1,
+        "/tirgeo/origin": 1,
+    }
+
+
+def test_a_split_bag_and_one_that_is_damaged(tmp_path):
+    """The log times of these messages are 0 to 299 ns."""
+    whole = record(tmp_path / "bag", [MESSAGES[:100], MESSAGES[100:200], MESSAGES[200:]])
+    cut(whole, tmp_path / "part.mcap", begin=50e-9, end=250e-9)
+    assert [*BagReader(tmp_path / "part.mcap").messages()] == MESSAGES[50:251]
+    last = whole / "bag_2.mcap"
+    last.write_bytes(last.read_bytes()[:-9000])
+    result = cut(whole, tmp_path / "part.mcap", begin=50e-9)
+    assert "bag_2.mcap" in result["error"]
+    assert [*BagReader(tmp_path / "part.mcap").messages()][:100] == MESSAGES[50:150]
+
+
+def test_what_is_no_ros_message_is_kept_too(tmp_path):
+    source, out = tmp_path / "a.mcap", tmp_path / "part.mcap"
+    with source.open("wb") as file:
+        writer = Writer(file)
+        writer.start("ros2", "another")
+        idl = writer.register_schema("a_msgs/msg/B", "ros2idl", b"module a_msgs {};")
+        kinds = {"/json": ("json", 0), "/idl": ("cdr", idl)}
+        for number, (topic, kind) in enumerate(kinds.items()):
+            writer.add_message(writer.register_channel(topic, *kind), 5 + number, b"{}", 5)
+        writer.finish()
+    cut(source, out)
+    messages, channels = contents(out)
+    assert messages == [(5, "/json", b"{}"), (6, "/idl", b"{}")]
+    channel, _ = channels["/json"]
+    assert (channel.message_encoding, channel.schema_id) == ("json", 0)
+    assert channels["/idl"][1].data == b"module a_msgs {};"
+
+
+def test_times_in_utc_and_a_run_up(bag, tmp_path):
+    begun = datetime.fromtimestamp(START_NS // 10**9, timezone.utc)
+    at = {"begin": begun + timedelta(seconds=FROM_S), "end": begun + timedelta(seconds=TO_S)}
+    cut(bag, tmp_path / "utc.mcap", **at)
+    cut(bag, tmp_path / "part.mcap", begin=FROM_S, end=TO_S)
+    assert (tmp_path / "utc.mcap").read_bytes() == (tmp_path / "part.mcap").read_bytes()
+    cut(bag, tmp_path / "part.mcap", begin=FROM_S, end=TO_S, before=1.0)
+    first_ns, last_ns = BagReader(tmp_path / "part.mcap").span_ns
+    assert (first_ns - START_NS, last_ns - START_NS) == (500_000_000, 2_200_000_000)
+
+
+def test_a_part_from_the_start_needs_nothing_carried(bag, tmp_path):
+    result = cut(bag, tmp_path / "part.mcap", end=TO_S, before=9.0)
+    assert result["parts"][0]["carried"] == {}
+    assert contents(tmp_path / "part.mcap")[0] == [
+        one for one in said() if one[0] <= START_NS + round(TO_S * 1e9)
+    ]
+
+
+def test_a_bag_for_each_pass_over_a_target(bag, tmp_path):
+    after_s = (START_NS - STAMP_NS) * 1e-9
+    passes = click(after_s=after_s + 0.5), click(after_s=after_s + 0.7), click(after_s=after_s + 2)
+    store = TargetStore(tmp_path / "targets.gpkg")
+    first = store.add(passes[0], now_ns=1)
+    store.add(click(after_s=after_s + 900), now_ns=1)  # of another flight
+    for one in passes[1:]:
+        store.refine(first.id, one, 1)
+    store.close()
+    result = cut(bag, tmp_path / "out", targets=tmp_path / "targets.gpkg", around=0.25)
+    assert [part["output"] for part in result["parts"]] == [
+        str(tmp_path / "out" / name) for name in ("target_1.mcap", "target_1_2.mcap")
+    ]
+    spans_ns = [BagReader(part["output"]).span_ns for part in result["parts"]]
+    assert [[round((t - START_NS) * 1e-9, 2) for t in span] for span in spans_ns] == [
+        [0.25, 0.95],
+        [1.75, 2.25],
+    ]
+
+
+def test_an_export_of_targets_and_none_in_the_flight(bag, tmp_path):
+    given = tmp_path / "targets.geojson"
+    given.write_bytes(exported([target(7, click(after_s=0.5))], "geojson"))
+    result = cut(bag, tmp_path / "out", targets=given, around=0.2)
+    assert [part["output"] for part in result["parts"]] == [str(tmp_path / "out/target_7.mcap")]
+    given.write_bytes(exported([target(7, click(after_s=60.0))], "geojson"))
+    with pytest.raises(
+        TargetError, match=r"during this flight: the flight is 3\.0 s long, from 2"
+    ):
+        cut(bag, tmp_path / "none", targets=given)
+    assert not (tmp_path / "none").exists()
+
+
+def test_what_cannot_be_cut(bag, tmp_path):
+    for times in ({"begin": 5.0}, {"end": datetime(2020, 1, 1, tzinfo=timezone.utc)}):
+        with pytest.raises(BagError, match="nothing between these times: the flight is"):
+            cut(bag, tmp_path / "part.mcap", **times)
+    with pytest.raises(BagError, match="would overwrite"):
+        cut(bag, next(bag.glob("*.mcap")), begin=1.0)
+    assert [*tmp_path.iterdir()] == []
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        ("", "give --from, --to or --targets"),
+        ("--from 1 --targets t.gpkg", "either --from and --to, or --targets"),
+        ("--from 1 --around 5", "--around needs --targets"),
+        ("--from 1 --before -2", "--before must be 0 or more"),
+        ("--from noon", "noon: neither seconds nor a time as 2024-06-11T07:44:39"),
+        ("--from nan", "nan: neither seconds"),
+    ],
+)
+def test_wrong_use(bag, capsys, words, why):
+    with pytest.raises(SystemExit) as left:
+        main(["cut", str(bag), "-o", "out.mcap", *words.split()])
+    assert left.value.code == 2
+    assert why in capsys.readouterr().err
+
+
+def test_the_command(bag, tmp_path, capsys):
+    argv = ["--from", "2021-10-20T12:00:36.5", "--to", "2.2"]
+    assert main(["cut", str(bag), "-o", str(tmp_path / "part.mcap"), *argv]) == 0
+    row = "part.mcap  1.50     2.20   2021-10-20T12:00:36.500Z  81        5"  # 71 + 8 + 2, and 5
+    assert row in capsys.readouterr().out

@@ -1,0 +1,145 @@
+"""--smooth over the sample flight: the same outputs and verdicts, with smoothed poses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from process_bags import rewritten
+
+from tirgeo_ros.core.config import EkfConfig, GimbalConfig
+from tirgeo_ros.core.types.errors import ConfigError
+from tirgeo_ros.io.bags.bag import BagReader, Cdr
+from tirgeo_ros.tools.cli.main import main
+from tirgeo_ros.tools.evaluate.evaluate import evaluate
+from tirgeo_ros.tools.evaluate.summary import summary
+from tirgeo_ros.tools.replay.flight_poses import RecordedFlight, smoothed_runs
+from tirgeo_ros.tools.replay.locate import locate_pixels
+from tirgeo_ros.tools.replay.process import process
+from tirgeo_ros.tools.replay.smoothed_flight import FlightFilter, passes
+
+SHORT_S = 9.0
+
+
+@pytest.fixture(scope="module")
+def short(sample, tmp_path_factory):
+    """The first seconds of the sample flight, without its pictures."""
+    path = tmp_path_factory.mktemp("short") / "flight.mcap"
+    pictures = ("/thermal/image_raw/compressed",)
+    return rewritten(sample / "flight.mcap", path, seconds=SHORT_S, without=pictures)
+
+
+@pytest.fixture(scope="module")
+def processed(short, sample, tmp_path_factory):
+    """Folder and summary of process without and with ``smooth``."""
+    folder = tmp_path_factory.mktemp("processed")
+    both = {}
+    for name, smooth in (("filter", False), ("smoother", True)):
+        out = folder / f"{name}.mcap"
+        both[name] = process(
+            short, out, params=sample / "params.yaml", images=False, smooth=smooth
+        )
+    return folder, both
+
+
+def odometry_of(path):
+    cdr = Cdr()
+    return [
+        cdr.deserialize(m.data, m.typename) for m in BagReader(path).messages(["/tirgeo/odometry"])
+    ]
+
+
+def test_the_summary_says_so_and_counts_the_same(processed):
+    _, both = processed
+    assert [one["smoothed"] for one in both.values()] == [False, True]
+    for key in ("written", "verdicts", "states_s", "read", "gimbal", "state"):
+        assert both["smoother"][key] == both["filter"][key]
+
+
+def test_poses_differ_and_are_more_certain(processed):
+    folder, _ = processed
+    of_filter, of_smoother = (odometry_of(folder / f"{n}.mcap") for n in ("filter", "smoother"))
+    stamps = [m.header.stamp for m in of_filter]
+    assert [m.header.stamp for m in of_smoother] == stamps
+    middle = slice(len(stamps) // 4, len(stamps) // 2)
+    variances = [
+        np.mean([m.pose.covariance.reshape(6, 6).diagonal() for m in found[middle]], axis=0)
+        for found in (of_filter, of_smoother)
+    ]
+    assert (variances[1] < 0.8 * variances[0]).all()
+
+
+@pytest.mark.slow
+def test_the_same_input_gives_the_same_bytes(processed, short, sample, tmp_path):
+    folder, _ = processed
+    again = tmp_path / "smoother.mcap"
+    process(short, again, params=sample / "params.yaml", images=False, smooth=True)
+    assert again.read_bytes() == (folder / "smoother.mcap").read_bytes()
+
+
+@pytest.mark.parametrize("method", ["raw", "rtk"])
+def test_a_method_without_filter_is_refused_in_one_line(short, sample, tmp_path, capsys, method):
+    out = tmp_path / "out.mcap"
+    args = ["process", short, "-o", out, "--params", sample / "params.yaml", "--no-images"]
+    assert main([str(one) for one in (*args, "--method", method, "--smooth")]) == 1
+    expected = (
+        f"tirgeo process: method {method} has no filter to smooth: choose ekf or ekf_heading, or "
+        "leave --smooth out\n"
+    )
+    assert capsys.readouterr().err == expected
+    assert not out.exists()
+
+
+def test_progress_covers_both_passes():
+    told = []
+    first, second = passes(lambda done, total: told.append((done, total)))
+    for report in (first, second):
+        for done in (0.0, 50.0, 100.0):
+            report(done, 100.0)
+    shares = [done / total for done, total in told]
+    assert shares == sorted(shares)
+    assert (shares[0], shares[-1]) == (0.0, 1.0)
+    assert shares[2] == shares[3]
+
+
+def test_filters_that_are_the_same_are_run_once(short):
+    """Two registrations with one set of parameters get one record; a turned baseline its own."""
+    ekf = EkfConfig()
+    filters = [FlightFilter(ekf), FlightFilter(ekf), FlightFilter(ekf, 0.01)]
+    first, second, turned = smoothed_runs(BagReader(short), "", filters, lambda *_: None)
+    assert first is second
+    assert turned is not first
+
+
+@pytest.mark.slow
+def test_a_registration_of_each_kind_in_one_flight(short):
+    """What is not to be smoothed is as without."""
+    found = {}
+    for smooth in (False, True):
+        flight = RecordedFlight(BagReader(short), needs_camera=False)
+        config = EkfConfig(), GimbalConfig()
+        plain = flight.registered(*config, [])
+        other = flight.registered(*config, [], smooth=smooth)
+        flight.read_all(lambda *_: None)
+        assert other.plane == plain.plane
+        found[smooth] = (
+            plain.registration.navigation.status(),
+            type(other.registration.navigation).__name__,
+        )
+    assert found[False][0] == found[True][0]
+    assert [found[smooth][1] for smooth in (False, True)] == ["Navigation", "SmoothedNavigation"]
+
+
+@pytest.mark.slow
+def test_every_verb_takes_it(sample, tmp_path):
+    flight, params = sample / "flight.mcap", sample / "params.yaml"
+    points = sample / "survey.geojson", sample / "observations.csv"
+    out, options = tmp_path / "points.geojson", {"params": params, "smooth": True}
+    assert locate_pixels(flight, points[1], out, **options)["smoothed"]
+    with pytest.raises(ConfigError, match="method rtk has no filter to smooth"):
+        locate_pixels(flight, points[1], out, method="rtk", **options)
+    found = summary(evaluate(flight, *points, **options))
+    assert found["smoothed"]
+    assert any(note.startswith("raw and rtk are as they are") for note in found["notes"])
+    usual = [flight, "--survey", points[0], "--observations", points[1], "--params", params]
+    args = ("calibrate", "boresight", *usual, "-o", tmp_path / "boresight.yaml", "--smooth")
+    assert main([str(one) for one in args]) == 0

@@ -1,0 +1,128 @@
+"""Paint one picture: tones, the map, and the words on it.
+
+Everything that depends on other pictures but their tones and labels is decided before
+(``Overlay``), so that this, which takes nearly all of the time, can also be done elsewhere.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.camera.projection_covariance import CameraRates
+from tirgeo_ros.core.camera.rectification import Rectifier
+from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.overlay.clicks import Marker
+from tirgeo_ros.core.overlay.map_renderer import DrapedMap, DrawingVerdict, MapRenderer
+from tirgeo_ros.core.overlay.status_text import VERDICT_BGR, status_line
+from tirgeo_ros.core.overlay.text_boxes import paint_notice, paint_status, place_notice
+from tirgeo_ros.core.overlay.tone_mapping import ToneMapper
+from tirgeo_ros.core.types.arrays import Pixels, RawPixels
+from tirgeo_ros.core.types.poses import CameraPose
+from tirgeo_ros.core.types.verdicts import NavigationStatus
+
+
+class Scene(NamedTuple):
+    """Hold what many pictures have in common."""
+
+    camera: Camera | None = None  # of the picture as shown
+    rectifier: Rectifier | None = None  # None if the picture is shown as it is
+    laid: DrapedMap | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Unpainted:
+    """Hold a frame with everything that is painted on it."""
+
+    stamp_ns: int
+    pixels: RawPixels  # (h, w) of 8 or 16 bits, or (h, w, 3) BGR
+    camera: Camera | None  # of the picture as shown; None if unknown or of another size
+    pose: CameraPose | None  # at the exposure; None if no map is drawn
+    rates: CameraRates | None  # the camera's at the pose, if known
+    notice: str  # why no map is drawn; else empty
+    predicted_s: float  # how far the pose was extrapolated
+    markers: tuple[Marker, ...]
+    verdict: DrawingVerdict
+    status: NavigationStatus | None
+    age_s: float  # of the frame
+    rate_hz: float  # of the frames; may be nan
+    replaced: int  # frames lost so far
+
+
+@dataclass(frozen=True, slots=True)
+class OverlayResult:
+    """Hold one finished picture."""
+
+    stamp_ns: int  # of the frame
+    image: Pixels  # (h, w, 3) BGR
+    pose: CameraPose | None  # at the exposure; None if no map was drawn
+    notice: str  # why no map was drawn, or why none is in view; else empty
+    camera: Camera | None = None  # of the picture as shown; None if unknown or of another size
+    predicted_s: float = 0.0  # how far the pose was extrapolated
+
+
+class PicturePainter:
+    """Paint pictures in order of time, with ``drawing``, which has the scene's map and camera."""
+
+    def __init__(self, config: OverlayConfig, drawing: MapRenderer) -> None:
+        self._drawing = drawing
+        self._toner = ToneMapper(config.picture, config.palette)
+        self.rectifier: Rectifier | None = None
+
+    def configure(self, config: OverlayConfig) -> None:
+        """Take the parameters that are live, also others in flight."""
+        self._toner.configure(config.picture, config.palette)
+        self._drawing.set_confidence(config.confidence)
+
+    def set_scene(self, scene: Scene) -> None:
+        """Paint with another camera or map from now on; what is equal goes on as it is."""
+        self.rectifier = scene.rectifier
+        if scene.camera is not None:
+            self._drawing.set_camera(scene.camera)
+        if scene.laid is not None:
+            self._drawing.set_map(scene.laid)
+
+    def paint(self, picture: Unpainted) -> OverlayResult:
+        """Return the finished picture."""
+        image = self._toner.tone(picture.pixels, picture.stamp_ns)
+        if self.rectifier is not None and picture.camera is not None:
+            image = self.rectifier.rectified(image)
+        notice, above_m = picture.notice, math.nan
+        if picture.pose is None:
+            _write_notice(image, picture)
+        else:
+            drawn = self._drawing.draw(
+                image, picture.pose, picture.rates, picture.markers, picture.verdict
+            )
+            notice = f"NO MAP IN VIEW: {drawn.absence}" if drawn.absence else ""
+            above_m = drawn.above_m
+        _write_status(image, picture, above_m)
+        return OverlayResult(
+            picture.stamp_ns, image, picture.pose, notice, picture.camera, picture.predicted_s
+        )
+
+
+def _write_notice(image: Pixels, picture: Unpainted) -> None:
+    """Write why there is no map, below the checks' verdict."""
+    severity, words = picture.verdict
+    below = 0
+    if severity:
+        verdict = place_notice(image, words, VERDICT_BGR[severity])
+        verdict.paint(image)
+        below = verdict.box.bottom
+    paint_notice(image, picture.notice, below)
+
+
+def _write_status(image: Pixels, picture: Unpainted, above_m: float) -> None:
+    fields = status_line(
+        picture.status,
+        picture.age_s,
+        picture.rate_hz,
+        picture.predicted_s,
+        picture.replaced,
+        above_m,
+        picture.verdict.severity,
+    )
+    paint_status(image, fields)

@@ -1,0 +1,120 @@
+"""Exchange objects with a child process of this Python, through pipes.
+
+child = ChildProcess("from somewhere import main; main()")     # here
+child.send(task)
+answer = child.receive()
+
+with parent_pipes() as (tasks, answers):                       # there, in ``main``
+    task = pickle.load(tasks)
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import IO, Any
+
+from tirgeo_ros.io.files.child_python import end_with, python_command
+
+_SAID_BYTES = 4000  # of a child's last output; a traceback has as many
+#: What a pipe holds before its writer has to wait: a picture or two. Linux allows anybody as much.
+_PIPE_BYTES = 1 << 20
+
+
+class ChildEndedError(Exception):
+    """Report that a child ended before it answered."""
+
+    def __init__(self, code: int, said: str) -> None:
+        """Take its exit code (negative: the signal that ended it) and its last lines on stderr."""
+        super().__init__(code, said)
+        self.code, self.said = code, said
+
+    @property
+    def last(self) -> str:
+        """Return the last line that it said after a colon, or nothing."""
+        return f": {self.said.splitlines()[-1]}" if self.said else ""
+
+
+class ChildProcess:
+    """Run ``code`` in a child; it lives no longer than the thread that started it."""
+
+    def __init__(self, code: str) -> None:
+        self.said = ""  # its last lines on stderr, once it is closed
+        self._stderr = tempfile.TemporaryFile()  # noqa: SIM115  until ``close``
+        self._process = subprocess.Popen(  # noqa: S603  this very Python
+            python_command(code, str(os.getpid())),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._stderr,
+        )
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._to, self._from = self._process.stdin, self._process.stdout
+        for pipe in (self._to, self._from):
+            with suppress(AttributeError, OSError):  # not Linux, or too many large ones already
+                fcntl.fcntl(pipe, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
+
+    def send(self, thing: object) -> None:
+        """Send an object. Raises ChildEndedError; then, and on any other error, it is closed."""
+        with self._open():
+            pickle.dump(thing, self._to, protocol=pickle.HIGHEST_PROTOCOL)
+            self._to.flush()
+
+    def receive(self) -> Any:
+        """Return the next object that it sends. Raises as ``send``."""
+        with self._open():
+            # From the pipe: the interpreter is free while it waits for each part.
+            return pickle.load(self._from)  # noqa: S301  from our own child
+
+    @contextmanager
+    def _open(self) -> Iterator[None]:
+        try:
+            yield
+        except (EOFError, OSError, pickle.UnpicklingError):
+            code = self._process.wait()  # its end of the pipe is closed, so it has ended
+            self.close()
+            raise ChildEndedError(code, self.said) from None
+        except BaseException:
+            self.close()
+            raise
+
+    def kill(self) -> None:
+        """End it; who waits for an answer gets a ChildEndedError."""
+        self._process.kill()
+
+    def close(self) -> None:
+        """End it, and free what it held; once more does nothing."""
+        self._process.kill()
+        self._process.wait()
+        for pipe in (self._to, self._from):
+            with suppress(OSError):  # for what it never took
+                pipe.close()
+        if self._stderr.closed:
+            return
+        with self._stderr as file:
+            file.seek(max(file.seek(0, os.SEEK_END) - _SAID_BYTES, 0))
+            lines = file.read().decode(errors="replace").strip().splitlines()
+        # Without characters that a terminal would obey.
+        self.said = "\n".join("".join(x if x.isprintable() else "?" for x in y) for y in lines)
+
+
+@contextmanager
+def parent_pipes() -> Iterator[tuple[IO[bytes], IO[bytes]]]:
+    """Yield, in a child, the pipe from its parent and the one to it, up to the parent's end.
+
+    What else reads stdin or prints gets neither of them. Ctrl-C is the parent's, who ends this.
+    """
+    end_with(int(sys.argv[1]), signal.SIGKILL)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    tasks, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    os.dup2(2, 1)
+    with suppress(EOFError):
+        yield tasks, answers

@@ -1,0 +1,183 @@
+"""Read the subtitles (SRT) that DJI's cameras write beside a video: position and gimbal.
+
+Models and years differ in the fields and in their order. Cues are told apart by their numbers; an
+end of a cue, which may be impossible (00:04:60), is not read. There is no IMU in them.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from tirgeo_ros.core.frames.rotations import quat_from_euler
+from tirgeo_ros.core.types.errors import LogError
+from tirgeo_ros.core.types.measurements import (
+    CameraAttitudeSample,
+    FixStatus,
+    PositionSample,
+    Source,
+)
+from tirgeo_ros.io.files.text_file import read_text
+from tirgeo_ros.io.logs.log_contents import MSL, TAKEOFF, LogContents, LogOptions
+from tirgeo_ros.io.logs.log_times import SECOND_NS, WrittenTime, written_time
+
+_MOST_BYTES = 1 << 28
+_N = r"\s*(-?\d+(?:\.\d+)?)"  # a number
+_CUE = re.compile(r"^\ufeff?\d+[ \t]*\n(?=\d+:\d\d:\d\d[,.]\d+\s*-->|\d{4}[-.])", re.MULTILINE)
+_BEGIN = re.compile(r"(\d+):(\d\d):(\d\d)[,.](\d{1,3})\s*-->")
+#: Matrice 300: latitude first, and a height of 0.0 M as the third. All others: longitude first.
+_LAT_LON = (
+    re.compile(rf"\[latitude\s*:{_N}\]\s*\[longt?itude\s*:{_N}\]"),
+    re.compile(rf"GPS\s*\({_N},{_N},{_N}M\)"),
+)
+_LON_LAT = re.compile(rf"GPS\s*\({_N},{_N},\s*\d+\)")
+#: Height above mean sea level; above nobody says what; above the take-off.
+_ABSOLUTE = re.compile(rf"abs_alt\s*:{_N}")
+_PLAIN = re.compile(rf"\[altitude\s*:{_N}")
+_RELATIVE = re.compile(rf"(?:rel_alt\s*:|BAROMETER\s*:|\bHb\s*:|\bH\s){_N}")
+_GIMBAL_PRY = re.compile(rf"G\.PRY\s*\({_N}°?,{_N}°?,{_N}°?\)")
+_GIMBAL_YPR = re.compile(rf"gb_yaw\s*:{_N}\s+gb_pitch\s*:{_N}\s+gb_roll\s*:{_N}")
+_CUE_NAME = "cue"
+
+
+class _Cue(NamedTuple):
+    """Hold a cue's text, its begin in the video (ns; None: not written) and its date."""
+
+    text: str
+    begin_ns: int | None
+    written: WrittenTime | None
+
+
+def is_srt(head: bytes) -> bool:
+    """Return whether a file's first bytes are numbered cues."""
+    return bool(_CUE.match(head.decode("utf-8", "replace").replace("\r\n", "\n").lstrip()))
+
+
+def read_srt(path: Path, options: LogOptions) -> LogContents:
+    """Read DJI's subtitles. Raise LogError if a zone, a date or a datum is missing."""
+    text = read_text(path, LogError, _MOST_BYTES, damaged="replace")
+    cues = [_cue(part) for part in _CUE.split(text) if part.strip()]
+    contents = LogContents()
+    heights = _Heights(path, options)
+    for cue, stamp_ns in zip(cues, _stamps_ns(cues, path, options), strict=True):
+        contents.read[_CUE_NAME] += 1
+        contents.samples += _attitude(cue.text, stamp_ns)
+        place = _place(cue.text)
+        height_m = None if place is None else heights.of(cue.text)
+        if place is None or height_m is None:
+            reason = "no position in it" if place is None else "no height in it"
+            contents.refused[_CUE_NAME, reason] += 1
+        else:
+            contents.samples.append(_position(stamp_ns, place, height_m))
+    contents.notes += [*heights.notes, *_doubts(cues)]
+    return contents
+
+
+class _Heights:
+    """Find the heights of cues, and make them ellipsoidal."""
+
+    def __init__(self, path: Path, options: LogOptions) -> None:
+        self._path, self._options = path, options
+        self._used: dict[str, None] = {}
+
+    def of(self, text: str) -> float | None:
+        """Return a cue's ellipsoidal height, or None; LogError if its datum is not known.
+
+        The height above the take-off is used if that of the take-off is given: of the two it is
+        the better one.
+        """
+        relative, absolute, plain = (p.search(text) for p in (_RELATIVE, _ABSOLUTE, _PLAIN))
+        if relative and (self._options.takeoff_height_m is not None or not (absolute or plain)):
+            return self._above(TAKEOFF, relative)
+        if absolute:
+            return self._above(MSL, absolute)
+        if plain is None:
+            return None
+        if not self._options.height:
+            raise LogError(
+                f"{self._path}: it does not tell what its altitude is above: give --height msl "
+                "(sea level) or --height takeoff"
+            )
+        return self._above(self._options.height, plain)
+
+    def _above(self, datum: str, found: re.Match[str]) -> float:
+        self._used[f"{found[0].strip(' :[').partition(':')[0].split()[0]} as {datum}"] = None
+        return float(found[1]) + self._options.to_ellipsoid_m(datum, self._path)
+
+    @property
+    def notes(self) -> list[str]:
+        """Return which heights were taken."""
+        return [f"heights: {', '.join(self._used)}"] if self._used else []
+
+
+def _cue(part: str) -> _Cue:
+    begin = _BEGIN.match(part)
+    if begin is None:
+        return _Cue(part, None, written_time(part))
+    hours, minutes, seconds, thousandths = begin.groups()
+    whole_s = (int(hours) * 60 + int(minutes)) * 60 + int(seconds)
+    begin_ns = whole_s * SECOND_NS + int(thousandths.ljust(3, "0")) * 1_000_000
+    return _Cue(part, begin_ns, written_time(part))
+
+
+def _stamps_ns(cues: list[_Cue], path: Path, options: LogOptions) -> Iterator[int]:
+    """Yield the time of each cue: as written, else by the video's from the first one that has it.
+
+    Without any date the first cue is at ``start_ns``; LogError without that.
+    """
+    dated = next((cue for cue in cues if cue.written), None)
+    if dated is None or dated.written is None:
+        if options.start_ns is None:
+            raise LogError(f"{path}: no date in it: give the UTC of its first cue as --start-time")
+        begun_ns = options.start_ns - (cues[0].begin_ns or 0)
+    else:
+        begun_ns = options.utc_ns(dated.written, path) - (dated.begin_ns or 0)
+    for cue in cues:
+        if cue.written:
+            yield options.utc_ns(cue.written, path)
+        else:
+            yield begun_ns + (cue.begin_ns or 0)
+
+
+def _place(text: str) -> tuple[str, str] | None:
+    """Return latitude and longitude (deg) as they are written, or None."""
+    for pattern in _LAT_LON:
+        if found := pattern.search(text):
+            return found[1], found[2]
+    found = _LON_LAT.search(text)
+    return (found[2], found[1]) if found else None
+
+
+def _position(stamp_ns: int, place: tuple[str, str], height_m: float) -> PositionSample:
+    """Return a position of the ordinary GPS; a covariance of zeros is unknown."""
+    source, status, unknown = Source.GPS_POSITION, FixStatus.SINGLE, np.zeros((3, 3))
+    latitude_rad, longitude_rad = (math.radians(float(degrees)) for degrees in place)
+    return PositionSample(stamp_ns, source, status, latitude_rad, longitude_rad, height_m, unknown)
+
+
+def _attitude(text: str, stamp_ns: int) -> list[CameraAttitudeSample]:
+    """Return the camera's attitude if it is written: degrees, in NED."""
+    if found := _GIMBAL_PRY.search(text):
+        pitch, roll, yaw = found.groups()
+    elif found := _GIMBAL_YPR.search(text):
+        yaw, pitch, roll = found.groups()
+    else:
+        return []
+    angles_rad = (math.radians(float(angle)) for angle in (roll, pitch, yaw))
+    return [CameraAttitudeSample(stamp_ns, quat_from_euler(*angles_rad))]
+
+
+def _doubts(cues: list[_Cue]) -> Iterator[str]:
+    """Yield what limits the accuracy of times and positions."""
+    if any(cue.written and cue.written.whole_seconds for cue in cues):
+        yield "times have whole seconds: up to 1 s late"
+    places = [place for cue in cues if (place := _place(cue.text))]
+    decimals = max((len(p.partition(".")[2]) for place in places for p in place), default=0)
+    if 0 < decimals < 6:
+        step_m = 111e3 * 10.0**-decimals  # m in a degree of latitude
+        yield f"positions have {decimals} decimals of a degree: steps of {step_m:.0f} m"

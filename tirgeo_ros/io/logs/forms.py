@@ -1,0 +1,84 @@
+"""Recognise the form of a log by its content: the table of the readers."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+from typing import NamedTuple
+
+from tirgeo_ros.core.types.errors import LogError
+from tirgeo_ros.io.logs import dataflash, dji_srt, px4_ulog, rtklib_pos, ubx_frames
+from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions
+
+Reader = Callable[[Path, LogOptions], LogContents]
+
+#: A log says what it is within this many bytes.
+_HEAD_BYTES = 1 << 16
+_NMEA = re.compile(rb"^\$G[A-Z]{4},", re.MULTILINE)
+
+
+class Form(NamedTuple):
+    """Hold a form of logs: its name, how a file's first bytes show it, and its reader.
+
+    The reader is named by module and function: some import packages that not everybody has.
+    """
+
+    name: str
+    is_form: Callable[[bytes], bool]
+    module: str
+    function: str
+
+    def read(self, path: Path, options: LogOptions) -> LogContents:
+        """Return the contents of a log; raise LogError naming it."""
+        reader: Reader = getattr(import_module(f"{__package__}.{self.module}"), self.function)
+        return reader(path, options)
+
+
+UBX = Form("u-blox UBX", ubx_frames.is_ubx, "ubx", "read_ubx")
+#: The first that fits is taken.
+FORMS = (
+    Form("PX4 ULog", px4_ulog.is_px4_ulog, "px4_ulog", "read_px4_ulog"),
+    Form("ArduPilot DataFlash", dataflash.is_dataflash, "dataflash", "read_dataflash"),
+    UBX,
+    Form("RTKLIB .pos", rtklib_pos.is_pos, "rtklib_pos", "read_pos"),
+    Form("DJI subtitles (SRT)", dji_srt.is_srt, "dji_srt", "read_srt"),
+)
+
+
+def _is_text(head: bytes) -> bool:
+    """Return whether there is no control byte but those of texts."""
+    return all(byte >= 32 or byte in b"\t\n\r\f" for byte in head)
+
+
+#: Any text, where a columns file says what is in it.
+CSV = Form("CSV", _is_text, "csv_log", "read_csv")
+
+
+def form_of(path: Path, *, columns: bool = False) -> Form | None:
+    """Return the form of a log by its first bytes; None: no log that has a reader.
+
+    With ``columns`` a text of no other form is CSV; without, LogError says so. Raise LogError if
+    it cannot be read.
+    """
+    if path.is_dir():
+        return None
+    try:
+        with path.open("rb") as file:
+            head = file.read(_HEAD_BYTES)
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read: {error.strerror or error}") from None
+    form = next((form for form in FORMS if form.is_form(head)), None)
+    if form is not None or not head or not CSV.is_form(head):
+        return form
+    if columns:
+        return CSV
+    if _NMEA.search(head):
+        raise LogError(f"{path}: NMEA: it has no covariances; record UBX (NAV-PVT) beside it")
+    if b"," in head or b";" in head:
+        raise LogError(
+            f"{path}: text in columns: say what they mean with --columns; tirgeo import "
+            "--example -o COLUMNS.yaml writes a template"
+        )
+    return None

@@ -1,0 +1,239 @@
+"""Read PX4's logs (ULog) through pyulog: IMU, attitude, satellite receiver, barometer.
+
+Fields differ by version and are taken by their names: positions in 1e-7 deg and mm, or in deg and
+m. ``heading`` is the nose's: PX4's drivers take ``heading_offset``, the direction of the two
+antennas in the body, off the baseline's azimuth, as the contract of ``rtk/heading`` asks for.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import redirect_stdout
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tirgeo_ros.core.types.arrays import Array, IntArray
+from tirgeo_ros.core.types.errors import LogError
+from tirgeo_ros.io.files.memory_bound import bounded_memory
+from tirgeo_ros.io.logs.autopilot_tables import (
+    LOG_BYTES,
+    AttitudeTable,
+    AutopilotClock,
+    GnssTable,
+    ImuTable,
+    add_gnss,
+    antenna_note,
+    delay_note,
+    imu_samples,
+    pressure_samples,
+)
+from tirgeo_ros.io.logs.log_contents import MSL, LogContents, LogOptions
+
+MAGIC = b"ULog\x01\x12\x35"
+
+_IMUS, _ATTITUDE = ("sensor_combined", "vehicle_imu"), "vehicle_attitude"
+#: The receiver that PX4's filter takes, which may be a blend of several, before the first alone.
+_RECEIVERS = ("vehicle_gps_position", "sensor_gps")
+_AIR = "vehicle_air_data"
+_GIMBALS = ("gimbal_device_attitude_status", "mount_orientation")
+_WANTED = [*_IMUS, _ATTITUDE, *_RECEIVERS, _AIR, *_GIMBALS]
+#: Raised by pyulog for bytes that are no such log.
+_DAMAGED = (
+    *(struct.error, IndexError, KeyError, ValueError, OverflowError, TypeError),
+    *(AttributeError, MemoryError, RecursionError, EOFError),
+)
+
+
+def is_px4_ulog(head: bytes) -> bool:
+    """Return whether a file that begins so is a ULog."""
+    return head.startswith(MAGIC)
+
+
+class _Table:
+    """Hold one topic's records (one instance), by the names of their fields."""
+
+    def __init__(self, name: str, fields: dict[str, Any]) -> None:
+        self.name = name
+        self.others = 0  # records of the topic's other instances
+        self._fields = fields
+
+    def __len__(self) -> int:
+        return len(self._fields["timestamp"])
+
+    def has(self, field: str) -> bool:
+        """Return whether the records have this field."""
+        return field in self._fields
+
+    def column(self, name: str) -> Array:
+        """Return a field (N,), NaN if there is none."""
+        return np.asarray(self._fields.get(name, np.full(len(self), math.nan)), float)
+
+    def columns(self, *names: str) -> Array:
+        """Return fields beside each other, (N, number of names). Raise KeyError for none."""
+        return np.stack([np.asarray(self._fields[name], float) for name in names], axis=-1)
+
+    def integers(self, name: str) -> IntArray:
+        """Return a field (N,), zeros if there is none."""
+        return np.asarray(self._fields.get(name, np.zeros(len(self))), np.int64)
+
+    @property
+    def time_us(self) -> IntArray:
+        """Return the times of measurement, by the clock since boot."""
+        sampled = self.integers("timestamp_sample")
+        return np.where(sampled > 0, sampled, self.integers("timestamp"))
+
+
+@np.errstate(invalid="ignore", over="ignore", divide="ignore")  # samples are judged afterwards
+def read_px4_ulog(path: Path, options: LogOptions) -> LogContents:
+    """Read a log, as far as it is whole.
+
+    Several instances of a topic: the first is taken. Raise LogError if it is no ULog, or has no
+    IMU; if its heights are above mean sea level alone and the undulation is not given.
+    """
+    log = _opened(path)
+    contents = LogContents()
+    tables = _first_instances(log)
+    imu, receiver = (_first_of(tables, names) for names in (_IMUS, _RECEIVERS))
+    attitude, air = tables.get(_ATTITUDE), tables.get(_AIR)
+    if imu is None:
+        raise LogError(f"{path}: no IMU in this log: none of {', '.join(_IMUS)} is in it")
+    _count(contents, (imu, attitude, receiver, air))
+    try:
+        gnss = None if receiver is None else _gnss(path, receiver, options)
+        clock = AutopilotClock.by_receiver(gnss, int(imu.time_us[0]), contents)
+        contents.samples += imu_samples(clock, _imu(imu), _attitude(attitude))
+        if gnss is not None and receiver is not None:
+            add_gnss(contents, clock, receiver.name, gnss)
+            contents.notes += _receiver_notes(log.initial_parameters, receiver)
+        if air is not None:
+            pressures_pa = air.column("baro_pressure_pa")
+            contents.samples += pressure_samples(clock, air.time_us, pressures_pa)
+    except KeyError as error:
+        raise LogError(f"{path}: a topic has no field {error}: a version not known here") from None
+    contents.notes += _left_out(log, tables)
+    return contents
+
+
+def _first_of(tables: dict[str, _Table], names: Sequence[str]) -> _Table | None:
+    return next((tables[name] for name in names if name in tables), None)
+
+
+def _opened(path: Path) -> Any:
+    from pyulog import ULog  # noqa: PLC0415  an extra, for these logs alone
+    from pyulog.exceptions import ULogException  # noqa: PLC0415
+
+    try:
+        with path.open("rb") as file, bounded_memory(LOG_BYTES), redirect_stdout(StringIO()):
+            return ULog(file, _WANTED)
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except (*_DAMAGED, ULogException) as error:
+        why = str(error) or type(error).__name__
+        raise LogError(f"{path}: damaged, or not a ULog: {why}") from None
+
+
+def _first_instances(log: Any) -> dict[str, _Table]:
+    """Return each topic's table of the first instance that has records."""
+    found: dict[str, _Table] = {}
+    for data in sorted(log.data_list, key=lambda one: int(one.multi_id)):
+        number = len(data.data.get("timestamp", ()))  # none in a damaged format
+        if data.name in found:
+            found[data.name].others += number
+        elif number:
+            found[data.name] = _Table(data.name, data.data)
+    return found
+
+
+def _count(contents: LogContents, tables: Iterable[_Table | None]) -> None:
+    """Count the records of the tables that are taken, and those of their other instances."""
+    for table in filter(None, tables):
+        contents.read[table.name] += len(table) + table.others
+        if table.others:
+            contents.refused[table.name, "of another instance than the first"] += table.others
+
+
+def _imu(table: _Table) -> ImuTable:
+    """Return the IMU: rates and forces, or the steps of angle and velocity by their durations."""
+    if table.name == _IMUS[0]:
+        force_b, rate_b = _xyz(table, "accelerometer_m_s2"), _xyz(table, "gyro_rad")
+        return ImuTable(table.time_us, force_b, rate_b)
+    seconds = table.columns("delta_velocity_dt", "delta_angle_dt") * 1e-6
+    force_b = _xyz(table, "delta_velocity") / seconds[:, :1]
+    rate_b = _xyz(table, "delta_angle") / seconds[:, 1:]
+    return ImuTable(table.time_us, force_b, rate_b)
+
+
+def _xyz(table: _Table, name: str) -> Array:
+    return table.columns(*(f"{name}[{axis}]" for axis in range(3)))
+
+
+def _attitude(table: _Table | None) -> AttitudeTable | None:
+    if table is None:
+        return None
+    return AttitudeTable(table.time_us, table.columns(*(f"q[{k}]" for k in range(4))))
+
+
+def _gnss(path: Path, table: _Table, options: LogOptions) -> GnssTable:
+    """Return a receiver's table; integers are in 1e-7 deg and mm, doubles in deg and m."""
+    degrees = ("latitude_deg", "longitude_deg")
+    scaled = not table.has(degrees[0])
+    latitude, longitude = table.columns(*(("lat", "lon") if scaled else degrees)).T
+    velocity_n = table.columns("vel_n_m_s", "vel_e_m_s", "vel_d_m_s")
+    velocity_n[table.integers("vel_ned_valid") == 0] = math.nan
+    unit = math.radians(1e-7 if scaled else 1.0)
+    return GnssTable(
+        table.time_us,
+        table.integers("time_utc_usec"),
+        table.integers("fix_type"),
+        latitude * unit,
+        longitude * unit,
+        _height_m(path, table, options, scaled=scaled),
+        table.columns("eph", "epv"),
+        velocity_n,
+        table.column("s_variance_m_s"),  # a standard deviation, whatever its name says
+        table.column("heading"),
+        table.column("heading_accuracy"),
+    )
+
+
+def _height_m(path: Path, table: _Table, options: LogOptions, *, scaled: bool) -> Array:
+    """Return ellipsoidal heights (N,): as logged, or by the undulation where none is logged."""
+    names = ("alt_ellipsoid", "alt") if scaled else ("altitude_ellipsoid_m", "altitude_msl_m")
+    unit = 1e-3 if scaled else 1.0
+    ellipsoidal_m, sea_level_m = (table.column(name) * unit for name in names)
+    if ellipsoidal_m.any() and not np.isnan(ellipsoidal_m).all():
+        return ellipsoidal_m
+    return sea_level_m + options.to_ellipsoid_m(MSL, path)
+
+
+def _receiver_notes(parameters: dict[str, float], receiver: _Table) -> Iterator[str]:
+    """Yield what the log's parameters say of the receiver, for the parameters of the flight."""
+    place = [float(parameters.get(f"EKF2_GPS_POS_{axis}", 0.0)) for axis in "XYZ"]
+    yield from antenna_note("EKF2_GPS_POS", place)
+    yield from delay_note("EKF2_GPS_DELAY", float(parameters.get("EKF2_GPS_DELAY", 0.0)))
+    offset = receiver.column("heading_offset")[~np.isnan(receiver.column("heading"))]
+    known = offset[np.isfinite(offset)]
+    if len(known):
+        offset_deg = math.degrees(float(np.median(known)))
+        yield (
+            f"headings are the nose's: PX4 has taken heading_offset, {offset_deg:.1f} deg, "
+            "off the baseline's: aircraft.second_antenna_m lies in that direction, clockwise "
+            "from the nose, from aircraft.rtk_antenna_m"
+        )
+
+
+def _left_out(log: Any, tables: dict[str, _Table]) -> Iterator[str]:
+    """Yield what the log lacks, and what is not taken from it."""
+    for name in _GIMBALS:
+        if name in tables:
+            yield f"{name} is left out: what its angles refer to differs by flags and version"
+    if log.dropouts:
+        longest_ms = max(dropout.duration for dropout in log.dropouts)
+        yield f"the autopilot lost data {len(log.dropouts)} times, {longest_ms} ms at most"
+    if log.file_corruption:
+        yield "the file is damaged: what could be read is imported"

@@ -1,0 +1,217 @@
+"""Read the solution files of RTKLIB (.pos): positions, velocities and their covariances.
+
+Columns as in the manual of RTKLIB 2.4.2, appendix B.1: the values stand in a fixed order, and the
+header tells the time scale, the kind of coordinates and the heights' datum. Covariances are given
+as signed square roots: ``sdne`` is ``sign(c) sqrt(|c|)``.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from tirgeo_ros.core.frames.wgs84 import geodetic_from_ecef, rotation_ecef_from_ned
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.errors import LogError
+from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source, VelocitySample
+from tirgeo_ros.io.files.text_file import read_text
+from tirgeo_ros.io.logs.log_contents import ELLIPSOIDAL, MSL, LogContents, LogOptions, say_receiver
+from tirgeo_ros.io.logs.log_times import (
+    GPS_EPOCH_NS,
+    SECOND_NS,
+    WEEK_NS,
+    utc_ns,
+    written_time,
+)
+from tirgeo_ros.io.messages import SensedSample
+
+_MOST_BYTES = 1 << 30
+_TITLES = re.compile(r"%\s+(GPST|UTC|JST)\s+(\S+)")
+_DATUM = re.compile(r"height=WGS84/(ellipsoidal|geodetic)")
+_NUMBER = r"\s+[-+.\d]+"
+_DATE = r"(\d{4}/\d\d/\d\d\s+\d\d:\d\d:[\d.]+|\d{3,4}\s+\d+\.\d+)"
+_BARE = re.compile(rf"{_DATE}({_NUMBER}){{13}}")
+_DEGREES, _SEXAGESIMAL, _ECEF = "deg", "dms", "ecef"
+_COORDINATES = {"latitude(deg)": _DEGREES, "latitude(d'\")": _SEXAGESIMAL, "x-ecef(m)": _ECEF}
+#: Columns of a line, without and with velocity.
+_SEXAGESIMAL_COLUMNS = (19, 28)
+_WIDTH = {_DEGREES: 3, _SEXAGESIMAL: 7, _ECEF: 3}
+#: Of UTC, which RTKLIB applies to weeks and seconds too.
+_AHEAD_NS = {"UTC": 0, "JST": 9 * 3600 * SECOND_NS}
+#: NED from the file's north, east, up.
+_NEU = np.diag([1.0, 1.0, -1.0])
+#: Fixed, float, SBAS, differential, single, PPP: the last is no integer solution.
+_STATUS: dict[float, FixStatus] = {
+    1: FixStatus.FIXED,
+    **dict.fromkeys((2, 3, 4, 6), FixStatus.FLOAT),
+    5: FixStatus.SINGLE,
+}
+_RTK = (1, 2)  # fixed and float
+_SAMPLE = "solution"
+
+
+@dataclass(frozen=True)
+class _Header:
+    """Hold what the lines with % tell; empty where they do not."""
+
+    scale: str = ""  # GPST, UTC or JST
+    coordinates: str = ""
+    datum: str = ""
+
+
+def is_pos(head: bytes) -> bool:
+    """Return whether a file's first bytes are those of a solution file."""
+    text = head.decode("ascii", "replace")
+    return bool(_TITLES.search(text) or _BARE.match(text.lstrip("\ufeff")))
+
+
+def read_pos(path: Path, options: LogOptions) -> LogContents:
+    """Read a solution file. Raise LogError if it cannot be read or leaves too much open."""
+    text = read_text(path, LogError, _MOST_BYTES, damaged="replace")
+    lines = [line for line in text.splitlines() if line.strip()]
+    log = _PosLog(path, options, lines)
+    for line in lines:
+        log.take(line)
+    say_receiver(log.contents, "the receiver", is_rtk=log.is_rtk)
+    return log.contents
+
+
+class _PosLog:
+    """Convert the lines of a file one by one; a header holds until the next one."""
+
+    def __init__(self, path: Path, options: LogOptions, lines: list[str]) -> None:
+        self.contents = LogContents()
+        self.is_rtk = False
+        self._path, self._options = path, options
+        self._header = _Header()
+        for line in lines:  # the first header is also that of lines before it
+            self._take_header(line)
+            if self._header.scale:
+                break
+        else:
+            self._header = self._without_header(lines)
+
+    def take(self, line: str) -> None:
+        """Take a line: of the header, or a solution."""
+        if line.startswith("%"):
+            self._take_header(line)
+            return
+        self.contents.read[_SAMPLE] += 1
+        try:
+            self.contents.samples += self._samples(line.replace(",", " ").split())
+        except (ValueError, OverflowError):
+            self.contents.refused[_SAMPLE, "its columns are not those of the header"] += 1
+
+    def _take_header(self, line: str) -> None:
+        datum, titles = _DATUM.search(line), _TITLES.match(line)
+        if datum:
+            name = ELLIPSOIDAL if datum[1] == "ellipsoidal" else MSL
+            self._header = replace(self._header, datum=name)
+        if titles:
+            coordinates = _COORDINATES.get(titles[2])
+            if coordinates is None:
+                raise LogError(
+                    f"{self._path}: coordinates {titles[2]}, relative to a base: let RTKLIB write "
+                    "latitude, longitude and height"
+                )
+            self._header = replace(self._header, scale=titles[1], coordinates=coordinates)
+
+    def _without_header(self, lines: list[str]) -> _Header:
+        scale = self._options.time_scale.upper()
+        if not scale:
+            raise LogError(
+                f"{self._path}: no header with the time scale: give --time-scale gpst or utc"
+            )
+        first = next((line.split() for line in lines if not line.startswith("%")), [])
+        coordinates = _guessed(first)
+        self.contents.notes.append(f"it has no header: coordinates taken as {coordinates}")
+        return replace(self._header, scale=scale, coordinates=coordinates)
+
+    def _samples(self, cells: list[str]) -> list[SensedSample]:
+        """Return the samples of a line; raise ValueError if it is none."""
+        date, time, *cells = cells
+        stamp_ns = self._stamp_ns(date, time)
+        width = _WIDTH[self._header.coordinates]
+        place, (quality, _satellites, *rest) = cells[:width], cells[width:]
+        latitude_rad, longitude_rad, height_m, r_nf = self._place(place)
+        numbers = [float(cell) for cell in rest]
+        self.is_rtk |= float(quality) in _RTK
+        covariance_n = _covariance_n(numbers[:6], r_nf)
+        position = PositionSample(
+            stamp_ns,
+            Source.RTK_POSITION,
+            _STATUS.get(float(quality), FixStatus.NONE),
+            latitude_rad,
+            longitude_rad,
+            height_m,
+            covariance_n,
+        )
+        if len(numbers) < 17:  # age and ratio, then velocity and its six
+            return [position]
+        velocity_n = r_nf @ np.array(numbers[8:11])
+        covariance_n = _covariance_n(numbers[11:17], r_nf)
+        velocity = VelocitySample(stamp_ns, Source.RTK_VELOCITY, velocity_n, covariance_n)
+        return [position, velocity]
+
+    def _stamp_ns(self, date: str, time: str) -> int:
+        """Return the Unix time of the first two columns: date and time, or week and seconds."""
+        scale = self._header.scale
+        if "/" in date:
+            written = written_time(f"{date} {time}")
+            if written is None:
+                raise ValueError(date)
+            local_ns = written.local_ns
+        else:
+            local_ns = GPS_EPOCH_NS + int(date) * WEEK_NS + round(float(time) * 1e6) * 1000
+        return utc_ns(local_ns) if scale == "GPST" else local_ns - _AHEAD_NS[scale]
+
+    def _place(self, cells: list[str]) -> tuple[float, float, float, Array]:
+        """Return latitude and longitude (rad), height (m), and NED from the file's axes (3, 3)."""
+        if self._header.coordinates == _ECEF:
+            place = geodetic_from_ecef(np.array([float(cell) for cell in cells]))
+            latitude_rad, longitude_rad, height_m = map(float, place)
+            r_en = rotation_ecef_from_ned(latitude_rad, longitude_rad)
+            return latitude_rad, longitude_rad, height_m, r_en.T
+        half = len(cells) // 2
+        latitude_rad, longitude_rad = _angle_rad(cells[:half]), _angle_rad(cells[half:-1])
+        offset_m = self._options.to_ellipsoid_m(self._datum, self._path)
+        return latitude_rad, longitude_rad, float(cells[-1]) + offset_m, _NEU
+
+    @property
+    def _datum(self) -> str:
+        datum = self._header.datum or self._options.height
+        if not datum:
+            raise LogError(
+                f"{self._path}: its header does not tell what heights are above: give --height "
+                "ellipsoidal, or --height msl (sea level)"
+            )
+        return datum
+
+
+def _angle_rad(cells: list[str]) -> float:
+    """Return degrees, or degrees, minutes and seconds, in rad; -0 has a sign."""
+    degrees, minutes, seconds = (*map(float, cells), 0.0, 0.0)[:3]
+    return math.radians(math.copysign(abs(degrees) + minutes / 60 + seconds / 3600, degrees))
+
+
+def _covariance_n(roots: list[float], r_nf: Array) -> Array:
+    """Return the covariance in NED (3, 3) of signed square roots in the file's axes.
+
+    They are of xx, yy, zz, xy, yz, zx.
+    """
+    xx, yy, zz, xy, yz, zx = (math.copysign(root * root, root) for root in roots)
+    covariance_f = np.array([[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]])
+    return np.asarray(r_nf @ covariance_f @ r_nf.T)
+
+
+def _guessed(cells: list[str]) -> str:
+    """Return the coordinates of a line without a header, by their size and number."""
+    with suppress(ValueError, IndexError):
+        if abs(float(cells[2])) > 360:
+            return _ECEF
+    return _SEXAGESIMAL if len(cells) in _SEXAGESIMAL_COLUMNS else _DEGREES

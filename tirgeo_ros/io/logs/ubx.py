@@ -1,0 +1,164 @@
+"""Read u-blox UBX: NAV-PVT to position and velocity, NAV-RELPOSNED to the heading.
+
+Fields as in u-blox's F9 interface description, decoded by pyubx2. hAcc is the root of the sum of
+both horizontal variances (NAV-COV of the same epochs has them), so each axis gets half of its
+square. RELPOSNED points from the moving base to the rover, and has no date: it takes that of the
+NAV-PVT of its epoch.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tirgeo_ros.core.types.errors import LogError
+from tirgeo_ros.core.types.measurements import (
+    FixStatus,
+    HeadingSample,
+    PositionSample,
+    Source,
+    VelocitySample,
+)
+from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions, Refused, say_receiver
+from tirgeo_ros.io.logs.log_times import SECOND_NS, written_time
+from tirgeo_ros.io.logs.ubx_frames import ubx_frames
+from tirgeo_ros.io.messages import SensedSample
+
+PVT, RELPOSNED, HPPOSLLH = "NAV-PVT", "NAV-RELPOSNED", "NAV-HPPOSLLH"
+_KEYS = {b"\x01\x07": PVT, b"\x01\x3c": RELPOSNED, b"\x01\x14": HPPOSLLH}
+#: Lengths of their payloads: those of older receivers first.
+_LENGTHS = {PVT: (84, 92), RELPOSNED: (40, 64), HPPOSLLH: (36,)}
+_AROUND = 8  # bytes of a frame beside its payload
+#: Half a wavelength of L1: more than a tape errs, less than most wrong ambiguities do.
+_LENGTH_TOLERANCE_M = 0.1
+_STATUS = {2: FixStatus.FIXED, 1: FixStatus.FLOAT}
+_FIX_TYPES = (3, 4)  # 3D; GNSS and dead reckoning. 2D has no height, 1 is dead reckoning alone
+
+
+def read_ubx(path: Path, options: LogOptions) -> LogContents:
+    """Read a log of UBX, alone or among NMEA and RTCM. Raise LogError if it cannot be read."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read: {error.strerror or error}") from None
+    log = _UbxLog(options)
+    for frame in ubx_frames(data):
+        log.take(frame)
+    log.finish()
+    return log.contents
+
+
+class _UbxLog:
+    """Collect the messages of a log; a position waits for its high-precision part."""
+
+    def __init__(self, options: LogOptions) -> None:
+        self.contents = LogContents()
+        self._options = options
+        self._found: dict[str, list[Any]] = {name: [] for name in _KEYS.values()}
+        self._stamps_ns: dict[object, int] = {}  # by time of week
+
+    def take(self, frame: bytes | None) -> None:
+        """Take a frame, or the remains of one."""
+        if frame is None:
+            self.contents.refused["frame", "cut, or its sum is wrong"] += 1
+            return
+        name = _KEYS.get(frame[2:4])
+        self.contents.read[name or _name(frame)] += 1
+        if name is not None:
+            self._keep(name, frame)
+
+    def _keep(self, name: str, frame: bytes) -> None:
+        from pyubx2 import UBXReader  # noqa: PLC0415  an extra
+
+        if len(frame) - _AROUND in _LENGTHS[name]:  # of others pyubx2 leaves fields out
+            self._found[name].append(UBXReader.parse(frame))
+        else:
+            self.contents.refused[name, "its length is no known one"] += 1
+
+    def finish(self) -> None:
+        """Convert what was collected to samples."""
+        precise = {m.iTOW: m for m in self._found[HPPOSLLH] if not getattr(m, "invalidLlh", 0)}
+        for message in self._found[PVT]:
+            self._count(PVT, self._solution, message, precise.get(message.iTOW, message))
+        for message in self._found[RELPOSNED]:
+            self._count(RELPOSNED, self._heading, message)
+        if self._found[PVT]:
+            is_rtk = any(message.carrSoln for message in self._found[PVT])
+            say_receiver(self.contents, PVT, is_rtk=is_rtk)
+
+    def _count(self, name: str, convert: Any, *messages: Any) -> None:
+        try:
+            self.contents.samples += convert(*messages)
+        except Refused as why:
+            self.contents.refused[name, str(why)] += 1
+
+    def _solution(self, pvt: Any, place: Any) -> list[SensedSample]:
+        stamp_ns = _stamp_ns(pvt)
+        self._stamps_ns[pvt.iTOW] = stamp_ns
+        _must(pvt.gnssFixOk and pvt.fixType in _FIX_TYPES, "no 3D fix")
+        _must(not getattr(pvt, "invalidLlh", 0), "latitude, longitude and height are not valid")
+        status = _STATUS.get(pvt.carrSoln, FixStatus.FLOAT if pvt.diffSoln else FixStatus.SINGLE)
+        horizontal, vertical = 0.5 * (place.hAcc * 1e-3) ** 2, (place.vAcc * 1e-3) ** 2
+        position = PositionSample(
+            stamp_ns,
+            Source.RTK_POSITION,
+            status,
+            math.radians(place.lat),
+            math.radians(place.lon),
+            place.height * 1e-3,
+            np.diag([horizontal, horizontal, vertical]),
+        )
+        velocity_n = np.array([pvt.velN, pvt.velE, pvt.velD]) * 1e-3
+        covariance_n = np.eye(3) * (pvt.sAcc * 1e-3) ** 2
+        velocity = VelocitySample(stamp_ns, Source.RTK_VELOCITY, velocity_n, covariance_n)
+        return [position, velocity]
+
+    def _heading(self, vector: Any) -> list[SensedSample]:
+        whole = vector.version == 1 and vector.length == _LENGTHS[RELPOSNED][-1]
+        _must(whole, f"version {vector.version} of {vector.length} bytes has no heading")
+        _must(vector.relPosValid and vector.relPosHeadingValid, "the receiver calls it not valid")
+        _must(vector.isMoving, "not of a moving base: the bearing from a base on the ground")
+        _must(vector.carrSoln == 2, "ambiguities are not fixed")
+        self._must_be_baseline(vector.relPosLength * 1e-2)
+        stamp_ns = self._stamps_ns.get(vector.iTOW)
+        if stamp_ns is None:
+            raise Refused("no NAV-PVT with a date at its time of week")
+        azimuth_rad = math.radians(vector.relPosHeading) + self._options.rover_first * math.pi
+        heading_rad = (azimuth_rad - self._options.baseline_rad) % math.tau
+        variance = math.radians(vector.accHeading) ** 2
+        return [HeadingSample(stamp_ns, heading_rad, variance)]
+
+    def _must_be_baseline(self, length_m: float) -> None:
+        known_m = self._options.baseline_m
+        if known_m is None:
+            raise Refused(
+                "the baseline's length is not known: set aircraft.rtk_antenna_m and "
+                "aircraft.second_antenna_m, or give --baseline"
+            )
+        near = abs(length_m - known_m) <= _LENGTH_TOLERANCE_M
+        _must(near, f"its length is more than {_LENGTH_TOLERANCE_M:g} m from the baseline's")
+
+
+def _must(good: object, reason: str) -> None:
+    if not good:
+        raise Refused(reason)
+
+
+def _stamp_ns(pvt: Any) -> int:
+    """Return the UTC of a NAV-PVT in ns; its fraction has a sign."""
+    _must(pvt.validDate and pvt.validTime, "date or time is not valid")
+    _must(pvt.fullyResolved, "UTC is not resolved to the second")
+    text = f"{pvt.year:04}-{pvt.month}-{pvt.day} {pvt.hour}:{pvt.min:02}:{pvt.second:02}"
+    time = written_time(text)
+    if time is None or abs(pvt.nano) > SECOND_NS:
+        raise Refused("date or time is impossible")
+    return time.local_ns + int(pvt.nano)
+
+
+def _name(frame: bytes) -> str:
+    from pyubx2 import UBX_MSGIDS  # noqa: PLC0415  an extra
+
+    return str(UBX_MSGIDS.get(frame[2:4], f"class {frame[2]:02x} id {frame[3]:02x}"))

@@ -1,0 +1,1 @@
+"""Offer filter, projection and bags to Python programs: arrays and data frames in and out."""

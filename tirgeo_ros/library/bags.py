@@ -1,0 +1,161 @@
+"""Read bags into tables and write tables to bags."""
+
+from __future__ import annotations
+
+import warnings
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.types.arrays import Array, IntArray, RawPixels
+from tirgeo_ros.core.types.errors import BagError, TableError, TirgeoError
+from tirgeo_ros.io import messages as convert
+from tirgeo_ros.io.bags.bag import BagMessage, BagReader, BagWriter, Cdr
+from tirgeo_ros.io.files.whole_files import PathLike
+from tirgeo_ros.io.messages import SENSED_SAMPLES, TOPIC_TYPES, Messages, sensed
+from tirgeo_ros.io.parameters.parameter_file import nearest
+from tirgeo_ros.library.samples import arrived
+from tirgeo_ros.library.sensor_columns import OUTPUTS, SENSORS
+from tirgeo_ros.library.tables import ARRIVAL, ORDER, STAMP, Table
+from tirgeo_ros.tools.replay.flight_topics import CAMERA_INFO, PICTURES, resolved
+
+T = TypeVar("T")
+
+
+class Picture(NamedTuple):
+    """Hold a picture of a bag."""
+
+    stamp_ns: int
+    """Stamp of its header, ns: the time of exposure plus the video's latency."""
+    pixels: RawPixels
+    """(h, w) 8 or 16 bit, or (h, w, 3) blue, green, red."""
+
+
+def read_bag(
+    path: PathLike, topics: Collection[str] | None = None, *, namespace: str = ""
+) -> dict[str, dict[str, Array | IntArray]]:
+    """Read a bag's sensors and poses: a table of 1-D arrays for each topic.
+
+    ``topics`` are names without a leading slash (``imu/data``); None: all known ones that the bag
+    has. ``namespace`` is that of the bag. The columns are those that ``filter_flight`` takes, in
+    SI units and radians, axes forward-right-down and north-east-down whatever ROS has, and
+    ``arrival_ns`` (the message's log time) and ``arrival_order`` (its place in what was read).
+    ``pandas.DataFrame(table)`` makes a frame of one. A warning names what could not be read.
+    Raises BagError for no bag, a topic that is absent or unknown, or one of another type.
+    """
+    reader = BagReader(path)
+    names = _chosen(reader, topics, namespace)
+    rows: dict[str, list[Any]] = {topic: [] for topic in names.values()}
+    for number, message, (stamp_ns, values) in _read(reader, names, _row_of):
+        row = (stamp_ns, message.log_time_ns, number, *values)
+        rows[names[message.topic]].append(row)
+    return {topic: _table(topic, found) for topic, found in rows.items()}
+
+
+def read_camera(path: PathLike, *, namespace: str = "") -> Camera:
+    """Return the camera's calibration in a bag (``thermal/camera_info``).
+
+    Raises BagError if there is none that can be used.
+    """
+    reader = BagReader(path)
+    names = _chosen(reader, [CAMERA_INFO], namespace)
+    for _, _, camera in _read(reader, names, lambda topic, one: convert.camera(one, topic)):
+        return camera
+    raise BagError(f"{path}: no {CAMERA_INFO} could be used")
+
+
+def read_pictures(path: PathLike, *, namespace: str = "") -> Iterator[Picture]:
+    """Yield a bag's pictures in the order of their log times, one in memory at a time.
+
+    A warning at the end names what could not be read. Raises BagError if the bag has none.
+    """
+    reader = BagReader(path)
+    present = [topic for topic in PICTURES if resolved(topic, namespace) in reader.topics()]
+    names = _chosen(reader, present[:1] or [PICTURES[-1]], namespace)
+    for _, _, picture in _read(reader, names, _picture_of):
+        yield picture
+
+
+def write_bag(path: PathLike, tables: Mapping[str, Table], *, namespace: str = "") -> None:
+    """Write sensors' tables (by topic, without a leading slash) to a bag.
+
+    The tables are as for ``filter_flight``. The messages are those of the contract, which ROS 2,
+    Foxglove and ``tirgeo process`` take; they are in the order of arrival, and the log time of
+    each is its arrival. The bag is whole or absent. Raises TableError for a topic or a column,
+    BagError if it cannot be written.
+    """
+    messages, written = Messages(Cdr().types), 0
+    with BagWriter(path) as writer:
+        for written, (topic, arrival_ns, sample) in enumerate(arrived(tables), 1):  # noqa: B007
+            name = resolved(topic, namespace)
+            writer.write(name, TOPIC_TYPES[topic], sensed(messages, sample)[1], arrival_ns)
+        if not written:
+            raise TableError(f"{path}: no table has a row: there is nothing to write")
+
+
+def _chosen(reader: BagReader, topics: Collection[str] | None, namespace: str) -> dict[str, str]:
+    """Return the topics to read, resolved name -> contract topic."""
+    present = reader.topics()
+    known = [*SENSORS, *OUTPUTS]
+    if topics is None:
+        names = {resolved(topic, namespace): topic for topic in known}
+        return {name: one for name, one in names.items() if present.get(name) == TOPIC_TYPES[one]}
+    for topic in topics:
+        name = resolved(topic, namespace)
+        if topic not in {*known, CAMERA_INFO, *PICTURES}:
+            raise BagError(f"{reader.path}: {topic} has no table{nearest(topic, known)}")
+        if name not in present:
+            raise BagError(f"{reader.path}: no topic {name}; it has: {', '.join(present)}")
+        if present[name] != TOPIC_TYPES[topic]:
+            wanted = TOPIC_TYPES[topic]
+            raise BagError(f"{reader.path}: {name} is of type {present[name]}, not {wanted}")
+    return {resolved(topic, namespace): topic for topic in topics}
+
+
+def _read(
+    reader: BagReader, names: Mapping[str, str], made: Callable[[str, Any], T]
+) -> Iterator[tuple[int, BagMessage, T]]:
+    """Yield the place of each message, the message, and what ``made`` makes of topic and content.
+
+    Those that cannot be read are left out, and warned of at the end.
+    """
+    cdr, lost, why = Cdr(), Counter[str](), dict[str, str]()
+    for number, message in enumerate(reader.messages(names)):
+        name = message.topic
+        try:
+            found = made(names[name], cdr.deserialize(message.data, message.typename, name))
+        except TirgeoError as error:
+            lost[name] += 1
+            why[name] = str(error)
+        else:
+            yield number, message, found
+    losses = [f"{lost[topic]} messages of {topic} left out: {text}" for topic, text in why.items()]
+    for loss in [*losses, reader.damage]:
+        if loss:
+            warnings.warn(f"{reader.path}: {loss}", stacklevel=3)
+
+
+def _row_of(topic: str, message: Any) -> tuple[int, Sequence[float]]:
+    if topic in OUTPUTS:
+        return OUTPUTS[topic].values(message)
+    sample = SENSED_SAMPLES[topic](message)
+    return sample.stamp_ns, SENSORS[topic].values(sample)
+
+
+def _picture_of(topic: str, message: Any) -> Picture:
+    return Picture(convert.stamp_ns(message), convert.pixels(topic, message))
+
+
+def _table(topic: str, rows: Sequence[Sequence[Any]]) -> dict[str, Array | IntArray]:
+    """Return rows of three whole numbers and the columns' values as columns."""
+    if topic in OUTPUTS:
+        names = OUTPUTS[topic].columns
+    else:
+        names = tuple(column.name for column in SENSORS[topic].columns)
+    whole = np.array([row[:3] for row in rows], np.int64).reshape(-1, 3)
+    values = np.array([row[3:] for row in rows], float).reshape(-1, len(names))
+    table: dict[str, Array | IntArray] = dict(zip((STAMP, ARRIVAL, ORDER), whole.T, strict=True))
+    return table | dict(zip(names, values.T, strict=True))

@@ -1,0 +1,128 @@
+"""Project points to pixels and locate pixels on the ground, each with its covariance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.camera.projection_covariance import FrameConfidence, matrices, rays_to
+from tirgeo_ros.core.ground.backprojection import Ground
+from tirgeo_ros.core.ground.ground_point import Located, Refusal, place
+from tirgeo_ros.core.types.arrays import Array, BoolArray
+from tirgeo_ros.core.types.errors import SurveyError, TableError
+from tirgeo_ros.io.files.whole_files import PathLike, write_files
+from tirgeo_ros.io.surveys.ground_point_files import Answered
+from tirgeo_ros.io.targets.exports import exported_answers, form_of
+from tirgeo_ros.library.parameters import Config, load_config
+from tirgeo_ros.library.picture_pose import PicturePose
+
+
+class Projected(NamedTuple):
+    """Hold the pixels of N points; nan where a point is behind the camera or off its lens."""
+
+    pixels: Array
+    """(N, 2) column and row, px; (0, 0) is the centre of the first pixel."""
+    visible: BoolArray
+    """(N,) whether the pixel is in the picture."""
+    covariance: Array
+    """(N, 2, 2) of the pixel, px2: from the pose, the time, the lens and the point."""
+    linear: BoolArray
+    """(N,) whether first order, by which the covariance is computed, is enough."""
+
+
+def project(
+    points_n: npt.ArrayLike,
+    pose: PicturePose,
+    camera: Camera,
+    *,
+    sigma_m: npt.ArrayLike | None = None,
+    config: Config = None,
+) -> Projected:
+    """Project points (N, 3) to the pixels of a picture, with covariances.
+
+    ``points_n`` are north, east, down in ``pose.plane``, m, as ``pose.plane.ned_from_geodetic``
+    gives them. ``sigma_m``, one for all or (N,), is the standard deviation of their horizontal
+    positions; by default and where nan that of the parameters (``confidence.map_sigma_m``), which
+    also give those of the time, the lens and the ground's height. Raises ConfigError, and
+    TableError for points of another shape.
+    """
+    points = _rows("points_n", points_n, 3)
+    rays = rays_to(camera, pose.pose, points)
+    known = np.isfinite(rays[0])
+    confidence = load_config(config).overlay.confidence
+    found = FrameConfidence(confidence, camera, pose.pose, pose.rates)
+    sigma = _sigmas(sigma_m, len(points))
+    spread, first_order = found.spread(rays[:, known], sigma[known], int(known.sum()))
+    pixels, covariance = np.full((len(points), 2), np.nan), np.full((len(points), 2, 2), np.nan)
+    pixels[known] = camera.pixels(*rays[:2, known]).T
+    covariance[known] = matrices(spread)
+    linear = np.zeros(len(points), bool)
+    linear[known] = first_order
+    with np.errstate(invalid="ignore"):
+        beyond = (pixels < -0.5) | (pixels > [camera.width - 0.5, camera.height - 0.5])
+    return Projected(pixels, known & ~beyond.any(axis=1), covariance, linear)
+
+
+def locate(
+    pixels: npt.ArrayLike,
+    pose: PicturePose,
+    camera: Camera,
+    ground: Ground,
+    *,
+    config: Config = None,
+) -> list[Located | Refusal]:
+    """Locate pixels (N, 2), column and row, on the ground: a Located or a Refusal for each.
+
+    ``ground`` is the ellipsoidal height of level ground, m, or an elevation model of
+    ``load_terrain``. A Located has latitude, longitude, height, the point in ``pose.plane``, its
+    covariance and its 95 % ellipse; a Refusal the reason why there is no point, or none that is
+    certain enough. The sigmas of time, lens and ground are those of the parameters
+    (``confidence``). The numbers are those of ``tirgeo locate``. Raises ConfigError, and
+    TableError for pixels of another shape.
+    """
+    confidence = load_config(config).overlay.confidence
+    answers = (
+        place(camera, pose.pose, (u, v), pose.plane, ground, confidence, pose.rates)
+        for u, v in _rows("pixels", pixels, 2).tolist()
+    )
+    return [replace(answer, stamp_ns=pose.stamp_ns) for answer in answers]
+
+
+def save_located(
+    path: PathLike, answers: Sequence[Located | Refusal], ids: Sequence[str] | None = None
+) -> None:
+    """Write what ``locate`` returned, as ``tirgeo locate`` does: points with 95 % ellipses.
+
+    The name's ending chooses the format: ``.geojson`` (also for any other), ``.kml``, ``.gpx``,
+    ``.csv`` or ``.gpkg``. ``ids`` name the pixels, by default by number. The file is whole or
+    absent. Raises SurveyError if it cannot be written, TableError if there are more or fewer ids.
+    """
+    names = [str(number) for number in range(1, len(answers) + 1)] if ids is None else list(ids)
+    if len(names) != len(answers):
+        raise TableError(f"ids: {len(names)} for {len(answers)} answers")
+    answered = [Answered(str(name), one) for name, one in zip(names, answers, strict=True)]
+    write_files({path: exported_answers(answered, form_of(path))}, SurveyError)
+
+
+def _sigmas(sigma_m: npt.ArrayLike | None, count: int) -> Array:
+    """Return (count,) standard deviations, nan for the parameters' own. Raises TableError."""
+    sigma = np.asarray(np.nan if sigma_m is None else sigma_m, float)
+    if sigma.shape not in {(), (count,)}:
+        raise TableError(f"sigma_m: must be a number or of shape ({count},), is {sigma.shape}")
+    return np.broadcast_to(sigma, count)
+
+
+def _rows(name: str, values: npt.ArrayLike, width: int) -> Array:
+    """Return numbers (N, width); a single row may stand alone. Raises TableError."""
+    try:
+        rows = np.atleast_2d(np.asarray(values, float))
+    except (TypeError, ValueError):
+        raise TableError(f"{name}: must be numbers of shape (N, {width})") from None
+    if rows.ndim != 2 or (rows.shape[1] != width and rows.size):
+        raise TableError(f"{name}: must be of shape (N, {width}), is {rows.shape}")
+    return rows.reshape(-1, width)

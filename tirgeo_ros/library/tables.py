@@ -1,0 +1,135 @@
+"""Read columns of tables: dicts of arrays, NumPy structured arrays, data frames of any library.
+
+A table gives its columns by name (``table["stamp_ns"]``), all of one length. pandas is not needed:
+whatever has ``columns`` or can be iterated over its names is taken.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Collection, Mapping
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+from tirgeo_ros.core.types.arrays import Array, IntArray
+from tirgeo_ros.core.types.errors import TableError
+
+#: A dict of 1-D arrays or lists, a structured array, or a data frame.
+Table: TypeAlias = Any
+
+STAMP, ARRIVAL, ORDER = "stamp_ns", "arrival_ns", "arrival_order"
+_WHOLE = (
+    "must be whole nanoseconds (int64 or datetime64), for a float resolves 256 ns today: "
+    "(seconds * 1e9).round().astype('int64')"
+)
+
+
+class Column(NamedTuple):
+    """Describe a column of numbers; without a ``default`` a table must have it.
+
+    ``others`` are columns that may stand in its place: name -> conversion of its values.
+    """
+
+    name: str
+    meaning: str  # with unit and axis
+    default: float | None = None
+    others: Mapping[str, Callable[[Any], Any]] = {}
+
+
+_TIME = Column(STAMP, "time of measurement, ns, int64")
+
+
+class Numbers(NamedTuple):
+    """Hold what was read of a table: stamps, times of arrival, and the other columns."""
+
+    stamps_ns: IntArray  # (n,)
+    arrivals_ns: IntArray  # (n,) the stamps, where the table has no arrival_ns
+    order: IntArray  # (n,) among samples that arrived at one time
+    rows: Array  # (n, columns)
+
+
+def numbers_of(name: str, table: Table, columns: Collection[Column]) -> Numbers:
+    """Return the numbers of a table's columns; ``name`` is what errors call the table.
+
+    Raises TableError naming the column and what it must be.
+    """
+    present = _names(name, table)
+    _check_presence(name, present, columns)
+    stamps_ns = _whole(name, table, STAMP)
+    arrivals_ns = _whole(name, table, ARRIVAL) if ARRIVAL in present else stamps_ns
+    order = _whole(name, table, ORDER) if ORDER in present else np.zeros_like(stamps_ns)
+    count = len(stamps_ns)
+    values = [_values(name, table, present, column, count) for column in columns]
+    for given, numbers in ((ARRIVAL, arrivals_ns), (ORDER, order)):
+        _check_length(name, given, len(numbers), count)
+    return Numbers(stamps_ns, arrivals_ns, order, np.stack(values, axis=1))
+
+
+def is_frame(table: Table) -> bool:
+    """Return whether a table is a data frame, which a dict of arrays can be made into."""
+    return hasattr(table, "columns") and not isinstance(table, Mapping)
+
+
+def _names(name: str, table: Table) -> list[str]:
+    fields = getattr(getattr(table, "dtype", None), "names", None)
+    columns = fields or getattr(table, "columns", table if isinstance(table, Mapping) else None)
+    if columns is None:
+        raise TableError(
+            f"{name}: {type(table).__name__} is no table: give a dict of arrays, a structured "
+            "array or a data frame"
+        )
+    return [str(one) for one in columns]
+
+
+def _check_presence(name: str, present: list[str], columns: Collection[Column]) -> None:
+    """Raise TableError for a column that is missing; the hint is at one that is no other's."""
+    for column in (_TIME, *columns):
+        if column.default is not None or {column.name, *column.others} & set(present):
+            continue
+        taken = {one for each in columns for one in (each.name, *each.others)}
+        near = difflib.get_close_matches(column.name, [p for p in present if p not in taken], 1)
+        hint = f"did you mean {near[0]}?" if near else f"it has: {', '.join(present)}"
+        choice = " or ".join([column.name, *column.others])
+        raise TableError(f"{name}: no column {choice}: {column.meaning} ({hint})")
+
+
+def _whole(name: str, table: Table, column: str) -> IntArray:
+    values = np.asarray(table[column])
+    if values.dtype.kind == "M":
+        values = values.astype("datetime64[ns]").astype(np.int64)
+    if values.dtype.kind not in "iu" or values.ndim != 1:
+        raise TableError(f"{name}: column {column} {_WHOLE}; it is {_kind(values)}")
+    return values.astype(np.int64)
+
+
+def _values(name: str, table: Table, present: list[str], column: Column, count: int) -> Array:
+    """Return the values (count,) of a column, of one in its place, or its default."""
+    given = [one for one in (column.name, *column.others) if one in present]
+    if len(given) > 1:
+        raise TableError(f"{name}: columns {' and '.join(given)} say the same: leave one out")
+    if given:
+        values = _floats(name, table, given[0], count)
+        return values if given[0] == column.name else column.others[given[0]](values)
+    return np.full(count, column.default)
+
+
+def _floats(name: str, table: Table, column: str, count: int) -> Array:
+    try:
+        values = np.asarray(table[column], float)
+    except (TypeError, ValueError):
+        kind = _kind(np.asarray(table[column]))
+        raise TableError(f"{name}: column {column} must be numbers; it is {kind}") from None
+    if values.ndim != 1:
+        raise TableError(f"{name}: column {column} needs one number a row, has {_kind(values)}")
+    _check_length(name, column, len(values), count)
+    return values
+
+
+def _check_length(name: str, column: str, length: int, count: int) -> None:
+    if length != count:
+        raise TableError(f"{name}: column {column} has {length} rows, {STAMP} has {count}")
+
+
+def _kind(values: Any) -> str:
+    return f"{values.dtype} of shape {values.shape}"

@@ -1,0 +1,265 @@
+"""Import logs of other makers: those that belong to one flight become one bag, by their stamps."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime, timezone
+from pathlib import Path
+
+from tirgeo_ros.core.checks.imu_blocks import ImuBlocks
+from tirgeo_ros.core.checks.imu_checks import ImuChecks
+from tirgeo_ros.core.config import AircraftConfig, DjiConfig
+from tirgeo_ros.core.streams.sanity_checks import fault_of, joints_fault, usable_attitude
+from tirgeo_ros.core.types.errors import LogError
+from tirgeo_ros.core.types.measurements import (
+    CameraAttitudeSample,
+    ImuSample,
+    JointSample,
+    SetHeading,
+)
+from tirgeo_ros.io.logs.forms import CSV, UBX, Form, form_of
+from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions
+from tirgeo_ros.io.logs.log_times import LAST_NS
+from tirgeo_ros.io.messages import SensedSample, topic_of
+from tirgeo_ros.tools.convert.import_sink import ImportSink
+from tirgeo_ros.tools.presentation.progress import Report
+
+#: After this time with all topics a filter lacks nothing but a heading, and takes one: its
+#: ``alignment.wait_s``, and a window of data.
+_ASKED_NS = 7_000_000_000
+#: Keys of a columns file that a finding on the IMU is about.
+_KEYS = {
+    "force_unit": "imu.accel.unit",
+    "gyro_unit": "imu.gyro.unit",
+    **dict.fromkeys(("force_axes", "gyro_axes"), "imu.axes"),
+}
+#: A receiver with a moving base gives the position of its own antenna, the rover's.
+_ROVER = (
+    "rtk/fix is of the rover's antenna, and rtk/heading points to it from the moving base: take "
+    "positions from the base's log (name it before this one), or make the rover's antenna the "
+    "first with --rover-first"
+)
+_POSITIONS = ("rtk/fix", "gps/fix")
+
+
+@dataclass
+class Log:
+    """Hold a log that was read; ``spans`` are its topics, each with first and last stamp (ns)."""
+
+    path: Path
+    form: str
+    contents: LogContents
+    spans: dict[str, tuple[int, int]]
+
+    @property
+    def span(self) -> tuple[int, int]:
+        """Return first and last stamp (ns)."""
+        return self.contents.samples[0].stamp_ns, self.contents.samples[-1].stamp_ns
+
+    def leave_out(self, topic: str, reason: str) -> None:
+        """Count a topic's samples as refused."""
+        kept = [sample for sample in self.contents.samples if topic_of(sample) != topic]
+        self.contents.refused[topic, reason] += len(self.contents.samples) - len(kept)
+        self.contents.samples = kept
+        del self.spans[topic]
+
+    def result(self) -> dict[str, object]:
+        """Return the row of the summary."""
+        refused = self.contents.refused
+        return {
+            "file": str(self.path),
+            "form": self.form,
+            "read": dict(self.contents.read),
+            "messages": dict(Counter(map(topic_of, self.contents.samples))),
+            "refused": [
+                {"record": name, "reason": reason, "count": number}
+                for (name, reason), number in sorted(refused.items())
+            ],
+            "notes": self.contents.notes,
+        }
+
+
+def forms_of(paths: Sequence[Path], columns: Sequence[Path]) -> list[Form | None]:
+    """Return the form of each file; None: none of the logs. Raise LogError if several are given.
+
+    The files of columns are for the CSVs, in their order; one alone is for all of them.
+    """
+    forms = [form_of(path, columns=bool(columns)) for path in paths]
+    if None in forms and len(paths) > 1:
+        raise LogError(f"{paths[forms.index(None)]}: no log that can be merged: import it alone")
+    tables = forms.count(CSV)
+    if columns and not tables:
+        raise LogError(f"{columns[0]}: --columns is for CSV files, and there is none")
+    if len(columns) not in {0, 1, tables}:
+        raise LogError(f"{len(columns)} --columns for {tables} CSV files: give one for each")
+    return forms
+
+
+def import_logs(
+    files: Sequence[tuple[Path, Form]],
+    columns: Sequence[Path],
+    sink: ImportSink,
+    config: DjiConfig,
+    options: LogOptions,
+    progress: Report,
+) -> dict[str, object]:
+    """Import logs; return what to report of them. Raise LogError, ConfigError."""
+    options = _completed(options, config)
+    rest = iter(columns if len(columns) > 1 else [*columns] * len(files))
+    logs: list[Log] = []
+    for path, form in files:
+        own = replace(options, columns=next(rest)) if form is CSV else options
+        logs.append(_read(path, form, own))
+    _leave_out_repeated_topics(logs)
+    _check_common_time(logs)
+    samples = [sample for log in logs for sample in log.contents.samples]
+    if not samples:
+        raise LogError(f"{logs[0].path}: nothing in it can be used: {_refusals(logs[0])}")
+    if options.set_heading_rad is not None:
+        begun_ns = max(span[0] for log in logs for span in log.spans.values())
+        samples.append(SetHeading(begun_ns + _ASKED_NS, options.set_heading_rad, 0.0))
+    samples.sort(key=lambda sample: sample.stamp_ns)
+    for number, sample in enumerate(samples):
+        sink.write(sample)
+        progress(number, len(samples))
+    return {
+        "kind": "logs",
+        "files": [log.result() for log in logs],
+        "warnings": [
+            *_doubts(logs, rover_first=options.rover_first),
+            *_of_imu(logs, samples, config.aircraft),
+        ],
+    }
+
+
+def _completed(options: LogOptions, config: DjiConfig) -> LogOptions:
+    """Return the options with what the parameters tell: undulation and baseline."""
+    if options.geoid_undulation_m is None and not math.isnan(config.geoid_undulation_m):
+        options = replace(options, geoid_undulation_m=config.geoid_undulation_m)
+    baseline_b, degrees = config.aircraft.baseline_b, config.aircraft.baseline_deg
+    if baseline_b is None or degrees is None:
+        return options
+    length_m = math.hypot(*baseline_b) if options.baseline_m is None else options.baseline_m
+    return replace(options, baseline_m=length_m, baseline_rad=math.radians(degrees))
+
+
+def _read(path: Path, form: Form, options: LogOptions) -> Log:
+    """Read a log; refuse its impossible samples, and sort the others."""
+    contents = form.read(path, options)
+    good: list[SensedSample] = []
+    for sample in contents.samples:
+        fault = _fault(sample)
+        if fault:
+            contents.refused[topic_of(sample), fault] += 1
+        else:
+            good.append(sample)
+    contents.notes += _disorder(good)
+    contents.samples = sorted(good, key=lambda sample: sample.stamp_ns)
+    return Log(path, form.name, contents, _spans(contents.samples))
+
+
+def _fault(sample: SensedSample) -> str:
+    if not 0 <= sample.stamp_ns < LAST_NS:
+        return "its time is not between 1970 and 2038"
+    if isinstance(sample, JointSample):
+        return joints_fault((sample.yaw_rad, sample.roll_rad, sample.pitch_rad))
+    if isinstance(sample, CameraAttitudeSample):
+        return "" if usable_attitude(sample.q_ng) else "attitude is not a unit quaternion"
+    return fault_of(sample)
+
+
+def _disorder(samples: Sequence[SensedSample]) -> Iterator[str]:
+    """Yield a line for each topic whose stamps go back."""
+    newest_ns: dict[str, int] = {}
+    back: Counter[str] = Counter()
+    for sample in samples:
+        topic = topic_of(sample)
+        back[topic] += sample.stamp_ns < newest_ns.get(topic, 0)
+        newest_ns[topic] = sample.stamp_ns
+    for topic, number in (+back).items():
+        yield f"{topic}: its time goes back {number} times; it is sorted by time"
+
+
+def _spans(samples: Sequence[SensedSample]) -> dict[str, tuple[int, int]]:
+    """Return each topic's first and last stamp, of sorted samples."""
+    found: dict[str, tuple[int, int]] = {}
+    for sample in samples:
+        topic = topic_of(sample)
+        found[topic] = found.get(topic, (sample.stamp_ns, 0))[0], sample.stamp_ns
+    return found
+
+
+def _meet(one: tuple[int, int], other: tuple[int, int]) -> bool:
+    return one[0] <= other[1] and other[0] <= one[1]
+
+
+def _leave_out_repeated_topics(logs: Sequence[Log]) -> None:
+    """Leave out a topic that an earlier log has for the same time.
+
+    Two receivers on one topic would be one that jumps between two places.
+    """
+    for place, log in enumerate(logs):
+        for topic, span in list(log.spans.items()):
+            same = [one for one in logs[:place] if topic in one.spans]
+            before = next((one for one in same if _meet(span, one.spans[topic])), None)
+            if before is not None:
+                log.leave_out(topic, f"{before.path}, named before, has it")
+
+
+def _check_common_time(logs: Sequence[Log]) -> None:
+    """Raise LogError for a log that has no time in common with any other.
+
+    Parts of one recording, which have a topic in common, may follow each other.
+    """
+    used = [log for log in logs if log.contents.samples]
+    for log in used if len(used) > 1 else ():
+        others = [other for other in used if other is not log]
+        if not any(_meet(log.span, o.span) or log.spans.keys() & o.spans for o in others):
+            spans = ", ".join(f"{one.path} is of {_written(one)}" for one in used)
+            raise LogError(
+                f"no time in common: {spans}: is one in another time scale or zone "
+                "(--utc-offset), or of another flight?"
+            )
+
+
+def _written(log: Log) -> str:
+    begun, ended = (datetime.fromtimestamp(ns // 10**9, timezone.utc) for ns in log.span)
+    return f"{begun:%Y-%m-%d %H:%M:%S} to {ended:%H:%M:%S}"
+
+
+def _refusals(log: Log) -> str:
+    refused = [f"{n} {name}: {why}" for (name, why), n in log.contents.refused.most_common()]
+    read = ", ".join(log.contents.read) or "no record"
+    return "; ".join(refused) or f"it has {read}"
+
+
+def _doubts(logs: Sequence[Log], *, rover_first: bool) -> Iterator[str]:
+    """Yield what was refused, what is missing, and what is measured at another antenna."""
+    for log in logs:
+        if log.contents.refused:
+            yield f"{log.path}: refused {_refusals(log)}"
+        if log.form == UBX.name and {"rtk/fix", "rtk/heading"} <= log.spans.keys():
+            yield from () if rover_first else (f"{log.path}: {_ROVER}",)
+    topics = {topic for log in logs for topic in log.spans}
+    if "imu/data" not in topics:
+        yield "no imu/data: nothing can be filtered without; give a log with an IMU beside it"
+    if not topics & {*_POSITIONS}:
+        yield f"neither {' nor '.join(_POSITIONS)}: give a log with positions beside it"
+
+
+def _of_imu(
+    logs: Sequence[Log], samples: Sequence[SensedSample], aircraft: AircraftConfig
+) -> Iterator[str]:
+    """Yield what gravity and the orientation say against units and axes of the IMU."""
+    blocks, checks = ImuBlocks(aircraft.rotation_bi), ImuChecks()
+    for sample in samples:
+        block = blocks.add(sample) if isinstance(sample, ImuSample) else None
+        if block is not None:
+            checks.block(block)
+    is_table = any(log.form == CSV.name and "imu/data" in log.spans for log in logs)
+    for finding in checks.findings():
+        keys = _KEYS.get(finding.check, "")
+        yield f"{finding.line} (in --columns: {keys})" if is_table and keys else finding.line
