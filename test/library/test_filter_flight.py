@@ -54,6 +54,14 @@ def test_the_numbers_are_those_of_process(short, flight, params, tmp_path, monke
     same_as_process(monkeypatch, short, flight, tmp_path / "out.mcap", params=params)
 
 
+def test_smoothed_numbers_are_those_of_process(short, tables, params, tmp_path, monkeypatch):
+    flight = filtered(tables, config=params, smooth=True)
+    options = {"params": params, "smooth": True}
+    same_as_process(monkeypatch, short, flight, tmp_path / "out.mcap", **options)
+    with pytest.raises(ConfigError, match="method rtk has no filter to smooth"):
+        filtered(tables, config={"method": "rtk"}, smooth=True)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["raw", "rtk", "ekf", "ekf_heading"])
 def test_so_they_are_over_the_whole_sample(sample, params, method, tmp_path, monkeypatch):

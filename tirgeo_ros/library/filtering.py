@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
+from tirgeo_ros.core.navigation.smoothing.smoothed_run import SmoothedRun
 from tirgeo_ros.core.streams.arrival_stamps import Arrivals
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.messages import TOPIC_TYPES
@@ -19,6 +20,7 @@ from tirgeo_ros.tools.replay.flight_poses import WHOLE_FLIGHT_S
 from tirgeo_ros.tools.replay.flight_topics import GIMBAL_TOPICS, METHOD_TOPICS
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs
 from tirgeo_ros.tools.replay.registration import Registration, Sample
+from tirgeo_ros.tools.replay.smoothed_flight import FilterRecording, FlightFilter
 
 #: Topic -> the argument of its table, in the order of the arguments.
 _ARGUMENTS = {
@@ -47,6 +49,7 @@ def filter_flight(
     set_heading: Table | None = None,
     joints: Table | None = None,
     camera_attitude: Table | None = None,
+    smooth: bool = False,
     config: Config = None,
 ) -> FilteredFlight:
     """Filter a flight: estimate the aircraft's poses, and with the gimbal's angles the camera's.
@@ -59,16 +62,18 @@ def filter_flight(
     as for ``load_config``; unless it gives a method, this is ``ekf_heading``, or ``ekf`` without
     ``heading``.
 
-    The numbers are those of ``tirgeo process``. A flight without a single solution gives an empty
-    result, with a warning that says why. Raises TableError naming a column that is missing or
-    wrong, and ConfigError.
+    With ``smooth`` each pose is made of the whole flight, of what was measured later too; only a
+    method with a filter can be smoothed. The numbers are those of ``tirgeo process``, with or
+    without ``--smooth``. A flight without a single solution gives an empty result, with a warning
+    that says why. Raises TableError naming a column that is missing or wrong, and ConfigError.
     """
     given = (imu, rtk_fix, rtk_velocity, heading, gps_fix, gps_velocity, pressure, set_heading)
     gimbal = (joints, camera_attitude)
     pairs = zip(_ARGUMENTS, (*given, *gimbal), strict=True)
     tables = {topic: table for topic, table in pairs if table is not None}
     configs, _ = load_config(config).fitting(_Given(tables), "")
-    registration = Registration(configs.ekf, configs.gimbal)
+    runs = _smoothed(_stream(tables, configs), configs) if smooth else None
+    registration = Registration(configs.ekf, configs.gimbal, smoothed=runs)
     made = type(imu) if is_frame(imu) else dict
     return _filtered(_stream(tables, configs), registration, configs, made)
 
@@ -91,6 +96,14 @@ def _stream(tables: Mapping[str, Table], configs: NodeConfigs) -> Iterator[Sampl
     for topic, arrival_ns, sample in arrived(tables, _ARGUMENTS):
         if topic in wanted:
             yield arrivals.stamped(topic, sample, arrival_ns)
+
+
+def _smoothed(stream: Iterable[Sample], configs: NodeConfigs) -> list[SmoothedRun]:
+    """Run the filter over samples, then backwards. Raises ConfigError for a method without one."""
+    recording = FilterRecording(FlightFilter(configs.ekf))
+    for sample in stream:
+        recording.take(sample)
+    return recording.smoothed()
 
 
 def _filtered(

@@ -25,9 +25,13 @@ REST = {"board": "9x6", "square": "0.1"}  # what is needed beside files
 PARAMETERS = {"params", "boresight"}  # are read first, for what they name
 VERBS = verb_parsers()
 OUTPUTS = {
-    verb: [one.dest for one in parser._actions if one.dest in WRITTEN and one.type in {Path, str}]
+    verb: [
+        one.dest
+        for one in parser._actions
+        if one.dest in WRITTEN and (one.type is Path or one.dest == "output")
+    ]
     for verb, parser in VERBS.items()
-    if verb not in IN_FOLDERS
+    if verb not in {*IN_FOLDERS, "cut"}  # with all its inputs it writes where targets were clicked
 }
 
 
