@@ -97,6 +97,11 @@ def test_a_flight_is_told_as_its_record_has_it():
         assert told in found, told
 
 
+def test_a_smoothed_flight_says_so():
+    assert "done, smoothed" in words(Page(html(record("a", smoothed=True))))
+    assert "smoothed" not in words(Page(html(record("a", smoothed=False))))
+
+
 def test_totals_are_those_of_all_flights():
     damaged = record("c", begin="2026-05-03T10:00:00Z", error="c.mcap: cut off")
     text = html(record("a", findings=[finding("caution")]), failed("b"), damaged)
