@@ -28,7 +28,6 @@ class _Place(NamedTuple):
     stamp_ns: int
     latitude_deg: float
     longitude_deg: float
-    height_m: float
     horizontal_m: float  # sigma: root of the sum of the variances of east and north
     vertical_m: float  # sigma
 
@@ -94,8 +93,7 @@ class _Aids:
 def _place(msg: Any) -> _Place:
     east, north, up = np.reshape(msg.position_covariance, (3, 3)).diagonal().tolist()
     sigmas_m = math.sqrt(max(east + north, 0.0)), math.sqrt(max(up, 0.0))
-    place = msg.latitude, msg.longitude, msg.altitude
-    return _Place(convert.stamp_ns(msg), *place, *sigmas_m)
+    return _Place(convert.stamp_ns(msg), msg.latitude, msg.longitude, *sigmas_m)
 
 
 def _of_places(places: list[_Place]) -> dict[str, Any]:
