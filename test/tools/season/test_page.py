@@ -188,6 +188,19 @@ def test_sites_have_a_map_each_to_scale():
         assert (float(end) - 16) / float(metres) == pytest.approx(scale, rel=2e-3)
 
 
+def test_a_chain_of_flights_is_one_site():
+    """Each begins 445 m north of another, by the length of a degree there."""
+
+    def track(steps):
+        return [[47.4 + 0.004 * steps, 8.55], [47.4 + 0.004 * steps + 0.001, 8.55]]
+
+    apart = {"a": track(0), "c": track(2), "e": track(5)}
+    assert track_maps(apart).count("<svg") == 3
+    assert track_maps(apart | {"b": track(1)}).count("<svg") == 2
+    assert track_maps(apart | {"b": track(1), "d": track(3), "f": track(4)}).count("<svg") == 1
+    assert track_maps({}) == ""
+
+
 @pytest.mark.slow
 def test_in_a_browser(tmp_path):
     """No sideways scrolling, from a phone to a desk; rows sorted by column; no complaints."""

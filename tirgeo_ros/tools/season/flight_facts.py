@@ -20,7 +20,7 @@ from tirgeo_ros.tools.replay.flight_topics import prefix, resolved
 
 _TRACK_POINTS = 200
 _TRACK_STEP_NS = 1_000_000_000  # of the points whose distances are added up
-_WIDTH_PX, _QUALITY = 320, 75  # of the small picture
+_WIDTH_PX, _QUALITY = 320, 60  # of the small picture
 _FIX, _PICTURE, _DIAGNOSTICS = "tirgeo/fix", "tirgeo/overlay/image/compressed", "/diagnostics"
 
 
