@@ -52,18 +52,26 @@ class Run:
     result: dict[str, Any]
 
 
+def scenario_of(number: int) -> dict[str, Any]:
+    """Return the scenario of a flight by its number from 0: site, shape, heading and day."""
+    latitude, longitude = _SITES[number % len(_SITES)]
+    day = date(2026, 4, 3) + timedelta(days=4 * number)
+    return {
+        "start_utc": f"{day.isoformat()}T{8 + number % 9:02d}:30:00Z",
+        "site": {"latitude_deg": latitude, "longitude_deg": longitude},
+        "route": {
+            "shape": SHAPES[number % len(SHAPES)],
+            "heading_deg": 37.0 * number % 360.0,
+        },
+    }
+
+
 def make_flight(folder: Path, seconds: float, images: bool, number: int) -> Path:
     """Simulate a flight unless it is there; return its bag."""
     place = folder / f"flight_{number + 1:02d}"
     if not (place / "flight.mcap").is_file():
-        latitude, longitude = _SITES[number % len(_SITES)]
-        site = {"latitude_deg": latitude, "longitude_deg": longitude}
-        route = {"shape": SHAPES[number % len(SHAPES)], "heading_deg": 37.0 * number % 360.0}
-        day = date(2026, 4, 3) + timedelta(days=4 * number)
-        start = f"{day.isoformat()}T{8 + number % 9:02d}:30:00Z"
-        scenario = {"start_utc": start, "site": site, "route": route}
         path = made_folder(place, SeasonError) / "scenario.yaml"
-        path.write_text(json.dumps(scenario))  # JSON is YAML
+        path.write_text(json.dumps(scenario_of(number)))  # JSON is YAML
         simulate(path, place, seed=number, start_s=25.0, duration_s=seconds, images=images)
     return place / "flight.mcap"
 

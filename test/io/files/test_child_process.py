@@ -23,6 +23,19 @@ with parent_pipes() as (tasks, answers):
         pickle.dump(task, answers)
         answers.flush()
 """
+_TIDY = """
+import os, pickle, signal, sys, time
+from tirgeo_ros.io.files.child_process import parent_pipes
+signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+with parent_pipes(signal.SIGTERM) as (tasks, answers):
+    try:
+        pickle.dump(os.getpid(), answers)
+        answers.flush()
+        time.sleep(600)
+    finally:
+        time.sleep(0.3)
+        sys.stderr.write("cleaned up")
+"""
 LARGE = bytes(range(256)) * 40_000  # ten times what a pipe holds
 
 
@@ -69,3 +82,23 @@ def test_killed_from_elsewhere(child):
     with pytest.raises(ChildEndedError) as ended:
         child.receive()
     assert ended.value.code == -signal.SIGKILL
+
+
+def test_an_answer_can_be_waited_for(child):
+    assert not child.answers_within(0.0)
+    child.send(7)
+    assert child.answers_within(60.0)
+    assert child.receive() == 7
+    child.kill()
+    assert child.answers_within(60.0)  # its end is one, which ``receive`` tells
+
+
+@pytest.mark.parametrize(("patience_s", "said"), [(60.0, "cleaned up"), (0.0, "")])
+def test_one_that_is_told_to_end_may_clean_up(patience_s, said):
+    """With no patience it is killed at once: it sleeps meanwhile."""
+    child = ChildProcess(_TIDY)
+    child.send(None)
+    assert child.receive() == child.number
+    child.end(patience_s)
+    assert child.said == said
+    child.end(patience_s)  # again

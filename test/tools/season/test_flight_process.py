@@ -8,6 +8,7 @@ import signal
 from pathlib import Path
 
 import pytest
+from process_bags import rewritten
 
 from tirgeo_ros.tools.replay.process import process
 from tirgeo_ros.tools.season.flight_process import ATTEMPTS, Stopped, remove_parts, run_flight
@@ -64,6 +65,34 @@ def test_a_process_that_is_killed_each_time_is_an_error(task, tmp_path):
     assert f"ended {ATTEMPTS} times without a result: signal 9 (SIGKILL)" in record["error"]
     assert record["output"] is None
     assert [path.name for path in tmp_path.iterdir()] == ["one.json"]
+
+
+def painters_of(number):
+    """The processes that paint a process's pictures."""
+    for children in Path(f"/proc/{number}/task").glob("*/children"):
+        for child in map(int, children.read_text().split()):
+            if "picture_stage" in Path(f"/proc/{child}/cmdline").read_text():
+                yield child
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="one core: no process for pictures")
+def test_a_flight_whose_picture_process_is_killed_is_begun_again(sample, tmp_path):
+    """That process is the one with most memory, which a system without memory kills first."""
+    bag = rewritten(sample / "flight.mcap", tmp_path / "flight.mcap", seconds=4.0)
+    task = task_of(bag, sample, tmp_path)
+    task.options.update(images=True, map=str(sample / "map.geojson"))
+    killed = []
+
+    def report(_part):
+        if not killed:
+            killed.extend(painters_of(child_of(tmp_path)))
+            os.kill(killed[0], signal.SIGKILL)
+
+    record = run_flight(task, lambda: False, report, sorted(os.sched_getaffinity(0)))
+    assert killed
+    assert (record["error"], record["season"]["attempts"]) == (None, 2)
+    assert record["overlay"]["drawn"] > 10
 
 
 @pytest.mark.slow

@@ -97,6 +97,11 @@ def test_a_flight_is_told_as_its_record_has_it():
         assert told in found, told
 
 
+def test_a_smoothed_flight_says_so():
+    assert "done, smoothed" in words(Page(html(record("a", smoothed=True))))
+    assert "smoothed" not in words(Page(html(record("a", smoothed=False))))
+
+
 def test_totals_are_those_of_all_flights():
     damaged = record("c", begin="2026-05-03T10:00:00Z", error="c.mcap: cut off")
     text = html(record("a", findings=[finding("caution")]), failed("b"), damaged)
@@ -181,6 +186,19 @@ def test_sites_have_a_map_each_to_scale():
     bars = re.findall(r'd="M16 210V214H([\d.]+)V210"/><text[^>]*>(\d+) m<', text)
     for (end, metres), scale in zip(bars, scales[1:], strict=True):
         assert (float(end) - 16) / float(metres) == pytest.approx(scale, rel=2e-3)
+
+
+def test_a_chain_of_flights_is_one_site():
+    """Each begins 445 m north of another, by the length of a degree there."""
+
+    def track(steps):
+        return [[47.4 + 0.004 * steps, 8.55], [47.4 + 0.004 * steps + 0.001, 8.55]]
+
+    apart = {"a": track(0), "c": track(2), "e": track(5)}
+    assert track_maps(apart).count("<svg") == 3
+    assert track_maps(apart | {"b": track(1)}).count("<svg") == 2
+    assert track_maps(apart | {"b": track(1), "d": track(3), "f": track(4)}).count("<svg") == 1
+    assert track_maps({}) == ""
 
 
 @pytest.mark.slow

@@ -13,6 +13,7 @@ from __future__ import annotations
 import fcntl
 import os
 import pickle
+import select
 import signal
 import subprocess
 import sys
@@ -89,6 +90,22 @@ class ChildProcess:
             self.close()
             raise
 
+    def answers_within(self, time_s: float) -> bool:
+        """Return whether it answers, or ends, within a time; of several answers ask again."""
+        return bool(select.select([self._from], [], [], time_s)[0])
+
+    @property
+    def number(self) -> int:
+        """Return the number of the process."""
+        return self._process.pid
+
+    def end(self, patience_s: float) -> None:
+        """Tell it to end (SIGTERM), and close it once it has, or has not within this time."""
+        self._process.terminate()
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(patience_s)
+        self.close()
+
     def kill(self) -> None:
         """End it; who waits for an answer gets a ChildEndedError."""
         self._process.kill()
@@ -110,12 +127,15 @@ class ChildProcess:
 
 
 @contextmanager
-def parent_pipes() -> Iterator[tuple[IO[bytes], IO[bytes]]]:
+def parent_pipes(
+    number: signal.Signals = signal.SIGKILL,
+) -> Iterator[tuple[IO[bytes], IO[bytes]]]:
     """Yield, in a child, the pipe from its parent and the one to it, up to the parent's end.
 
-    What else reads stdin or prints gets neither of them. Ctrl-C is the parent's, who ends this.
+    Then it gets the signal ``number``. What else reads stdin or prints gets neither of them.
+    Ctrl-C is the parent's, who ends this.
     """
-    end_with(int(sys.argv[1]), signal.SIGKILL)
+    end_with(int(sys.argv[1]), number)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     tasks, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)

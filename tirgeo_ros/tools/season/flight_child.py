@@ -1,13 +1,12 @@
 """Process one flight, in a process of its own: what ``flight_process`` starts.
 
-It gets its task as JSON and answers on stdout, a JSON object a line: how far it is, and at last
-what it found.
+It answers numbers, the part that is done, and at last what it found.
 """
 
 from __future__ import annotations
 
-import json
 import os
+import pickle
 import signal
 import sys
 import time
@@ -16,8 +15,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NoReturn
 
-from tirgeo_ros.core.types.errors import SeasonError, TirgeoError, shown
-from tirgeo_ros.io.files.child_python import end_with
+from tirgeo_ros.core.types.errors import PictureError, SeasonError, TirgeoError, shown
+from tirgeo_ros.io.files.child_process import parent_pipes
 from tirgeo_ros.io.files.missing_package import missing_line
 from tirgeo_ros.io.files.whole_files import write_files
 from tirgeo_ros.tools.presentation.progress import Report
@@ -26,34 +25,27 @@ from tirgeo_ros.tools.season.flight_task import FlightTask
 
 _REPORT_S = 0.2
 
-Answer = Callable[[dict[str, object]], None]
-
 
 def main() -> None:
-    """Process the task in the arguments: the parent's number, the task, the cores to use."""
-    parent, text, cores = sys.argv[1:]
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides, and sends SIGTERM
+    """Process the task of the parent, on the cores that it gives."""
     signal.signal(signal.SIGTERM, _end)
-    end_with(int(parent), signal.SIGTERM)
-    if json.loads(cores):
-        os.sched_setaffinity(0, json.loads(cores))
-    # Libraries may print: they get stderr.
-    answers = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)
+    with parent_pipes(signal.SIGTERM) as (tasks, answers):
+        task, cores = pickle.load(tasks)  # noqa: S301  from our own parent
 
-    def answer(found: dict[str, object]) -> None:
-        answers.write(f"{json.dumps(found, allow_nan=False)}\n")
-        answers.flush()
+        def answer(found: object) -> None:
+            pickle.dump(found, answers)
+            answers.flush()
 
-    task = FlightTask(**json.loads(text))
-    answer({"found": _found(task, _reporting(answer))})
+        if cores:
+            os.sched_setaffinity(0, cores)
+        answer(_found(task, max(len(cores), 1), _reporting(answer)))
 
 
 def _end(number: int, _frame: object) -> NoReturn:
     sys.exit(128 + number)
 
 
-def _reporting(answer: Answer) -> Report:
+def _reporting(answer: Callable[[object], None]) -> Report:
     """Return a Report that answers the part that is done, a few times a second."""
     next_s = time.monotonic()
 
@@ -61,15 +53,21 @@ def _reporting(answer: Answer) -> Report:
         nonlocal next_s
         if time.monotonic() >= next_s and total:
             next_s = time.monotonic() + _REPORT_S
-            answer({"part": min(max(done / total, 0.0), 1.0)})
+            answer(min(max(done / total, 0.0), 1.0))
 
     return report
 
 
-def _found(task: FlightTask, report: Report) -> dict[str, Any]:
-    """Return the summary of a flight; if it fails, its error in one line."""
+def _found(task: FlightTask, cores: int, report: Report) -> dict[str, Any]:
+    """Return the summary of a flight; if it fails, its error in one line.
+
+    Raises PictureError, as a process that was killed is no fault of the flight.
+    """
     try:
-        return _processed(task, report)
+        os.chdir(task.working_folder)
+        return _processed(task, cores, report)
+    except PictureError:
+        raise
     except (TirgeoError, OSError) as error:
         return {"error": error_line(error)}
     except ModuleNotFoundError as error:
@@ -80,15 +78,18 @@ def _found(task: FlightTask, report: Report) -> dict[str, Any]:
         return {"error": shown(f"{task.bag}: {what}; report it with this flight")}
 
 
-def _processed(task: FlightTask, report: Report) -> dict[str, Any]:
+def _processed(task: FlightTask, cores: int, report: Report) -> dict[str, Any]:
     """Process the flight; return the summary, with what the season adds, in JSON's types."""
-    from tirgeo_ros.tools.replay.process import process  # noqa: PLC0415  heavy
+    import cv2  # noqa: PLC0415  heavy, as the others
+
+    from tirgeo_ros.tools.replay.process import process  # noqa: PLC0415
     from tirgeo_ros.tools.season.flight_facts import flight_facts  # noqa: PLC0415
 
+    cv2.setNumThreads(cores)
     video = task.path(task.video) if task.video else None
     bag_out, picture = task.path(".mcap"), task.path(".jpg")
     summary: dict[str, Any] = process(
-        task.bag, bag_out, **task.options, video=video, progress=report
+        task.bag, bag_out, **task.options, video=video, progress=report, cores=cores
     )
     facts, jpeg = flight_facts(bag_out, task.options["namespace"], summary["duration_s"])
     if jpeg:

@@ -20,7 +20,7 @@ from tirgeo_ros.tools.replay.flight_topics import prefix, resolved
 
 _TRACK_POINTS = 200
 _TRACK_STEP_NS = 1_000_000_000  # of the points whose distances are added up
-_WIDTH_PX, _QUALITY = 320, 75  # of the small picture
+_WIDTH_PX, _QUALITY = 320, 60  # of the small picture
 _FIX, _PICTURE, _DIAGNOSTICS = "tirgeo/fix", "tirgeo/overlay/image/compressed", "/diagnostics"
 
 
@@ -28,7 +28,6 @@ class _Place(NamedTuple):
     stamp_ns: int
     latitude_deg: float
     longitude_deg: float
-    height_m: float
     horizontal_m: float  # sigma: root of the sum of the variances of east and north
     vertical_m: float  # sigma
 
@@ -94,8 +93,7 @@ class _Aids:
 def _place(msg: Any) -> _Place:
     east, north, up = np.reshape(msg.position_covariance, (3, 3)).diagonal().tolist()
     sigmas_m = math.sqrt(max(east + north, 0.0)), math.sqrt(max(up, 0.0))
-    place = msg.latitude, msg.longitude, msg.altitude
-    return _Place(convert.stamp_ns(msg), *place, *sigmas_m)
+    return _Place(convert.stamp_ns(msg), msg.latitude, msg.longitude, *sigmas_m)
 
 
 def _of_places(places: list[_Place]) -> dict[str, Any]:

@@ -183,7 +183,7 @@ def _refused(record: Record) -> Cell:
 def _result(record: Record) -> Cell:
     error: Any = record["error"]
     if not error:
-        return Cell("done", 0.0)
+        return Cell("done, smoothed" if record.get("smoothed") else "done", 0.0)
     word = "in part" if record["output"] else "failed"
     return Cell(f'<b class="stop">{word}</b> {escape(error)}', 1.0 if record["output"] else 2.0)
 

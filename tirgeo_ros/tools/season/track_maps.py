@@ -8,6 +8,7 @@ from html import escape
 
 import numpy as np
 
+from tirgeo_ros.core.frames.wgs84 import ecef_from_geodetic
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.tools.season.flight_facts import positions_ned
 from tirgeo_ros.tools.season.page_cells import anchor, degrees
@@ -32,20 +33,16 @@ def track_maps(tracks: Mapping[str, Track]) -> str:
 
 def _sites(tracks: Mapping[str, Track]) -> list[dict[str, Track]]:
     """Return the tracks by site: each begins near to another one of its site."""
-    sites: list[dict[str, Track]] = []
-    for name, track in tracks.items():
-        near = [site for site in sites if any(_is_near(track, one) for one in site.values())]
-        joined = {name: track}
-        for site in near:
-            joined = site | joined
-            sites.remove(site)
-        sites.append(joined)
-    return sites
-
-
-def _is_near(one: Track, other: Track) -> bool:
-    begins = positions_ned([one[0], other[0]])
-    return float(np.linalg.norm(begins[1])) < _SITE_M
+    begins = np.radians([track[0] for track in tracks.values()]).reshape(-1, 2)
+    places_e = ecef_from_geodetic(begins[:, 0], begins[:, 1], np.zeros(len(begins)))
+    numbers = np.arange(len(begins))  # of each track's site: that of its last track
+    for last, place_e in enumerate(places_e):
+        near = np.linalg.norm(places_e[:last] - place_e, axis=1) < _SITE_M
+        numbers[np.isin(numbers, numbers[:last][near])] = last
+    sites: dict[int, dict[str, Track]] = {}
+    for number, (name, track) in zip(numbers.tolist(), tracks.items(), strict=True):
+        sites.setdefault(number, {})[name] = track
+    return list(sites.values())
 
 
 def _figure(site: Mapping[str, Track]) -> str:
