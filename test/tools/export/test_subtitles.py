@@ -15,6 +15,9 @@ from srt_reader import cues_of
 
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.types.errors import ExportError
+from tirgeo_ros.core.types.measurements import PositionSample
+from tirgeo_ros.io.logs.dji_srt import read_srt
+from tirgeo_ros.io.logs.log_contents import LogOptions
 from tirgeo_ros.tools.export.subtitles import Subtitles
 from tirgeo_ros.tools.replay.process import process
 
@@ -120,6 +123,20 @@ def test_what_was_not_finished_leaves_nothing(flight, tmp_path):
 def test_a_file_that_cannot_be_written_is_named(tmp_path):
     with pytest.raises(ExportError, match=r"absent/flight.srt: cannot be written: No such file"):
         Subtitles(tmp_path / "absent" / "flight.srt", stamps_ns=[])
+
+
+def test_import_reads_them_back(written, flight, tmp_path):
+    written(undulation_m=UNDULATION_M)
+    options = LogOptions(geoid_undulation_m=UNDULATION_M, height="msl", utc_offset_s=0)
+    found = read_srt(tmp_path / "flight.srt", options)
+    places = [one for one in found.samples if isinstance(one, PositionSample)]
+    assert len(places) == len(flight.frames)
+    for place, frame in zip(places, flight.frames, strict=True):
+        # Stamps to a millisecond; degrees to 8 decimals, heights to a millimetre.
+        assert abs(place.stamp_ns - frame.pose.stamp_ns) < 1.01e6
+        known = (place.latitude_rad, place.longitude_rad, place.height_m)
+        off_m = frame.plane.ned_from_geodetic(*known) - frame.pose.position_n
+        assert np.abs(off_m).max() < 2e-3
 
 
 @pytest.mark.slow
