@@ -218,38 +218,45 @@ class Overlay:
         return f"{words_of(self._status.state)}{reason}"
 
     def _unpainted(
-        self, frame: Frame, now_ns: int, pose: CameraPose | Miss, obstacle: str
+        self, frame: Frame, now_ns: int, found: CameraPose | Miss, obstacle: str
     ) -> Unpainted:
-        exposure_ns, predicted_s = frame.stamp_ns - self._latency_ns, 0.0
-        if not obstacle and pose is Miss.TOO_NEW:
-            pose, predicted_s = self._predicted(exposure_ns)
-        if not obstacle and isinstance(pose, Miss):
-            obstacle = self._why_no_pose(pose, exposure_ns)
-        shown_pose = None if obstacle or isinstance(pose, Miss) else pose
-        rates = None if shown_pose is None else rates_up_to(shown_pose, self.poses)
-        camera, notice = self._drawing.camera, ""
-        if shown_pose is None:
-            waits = "NO MAP YET" if obstacle == _READING else "NO MAP"
-            notice = f"{waits}: {obstacle}"
-        self._results["drawn" if shown_pose is not None else "notices"] += 1
-        self._results["predicted"] += shown_pose is not None and predicted_s > 0
+        pose, predicted_s, notice = self._judged(frame, found, obstacle)
+        rates = None if pose is None else rates_up_to(pose, self.poses)
+        camera = self._drawing.camera
         if camera is not None:
-            self.clicks.show(frame.stamp_ns, camera, shown_pose, rates)
+            self.clicks.show(frame.stamp_ns, camera, pose, rates)
         return Unpainted(
             stamp_ns=frame.stamp_ns,
             pixels=frame.pixels,
             camera=camera if self._fits(frame.pixels) else None,
-            pose=shown_pose,
+            pose=pose,
             rates=rates,
             notice=notice,
             predicted_s=predicted_s,
-            markers=() if shown_pose is None else tuple(self.clicks.markers()),
+            markers=() if pose is None else tuple(self.clicks.markers()),
             verdict=self._verdict,
             status=self._status,
             age_s=(now_ns - frame.stamp_ns) * 1e-9,
             rate_hz=self.frames.rate_hz,
             replaced=self.frames.counts["replaced"],
         )
+
+    def _judged(
+        self, frame: Frame, found: CameraPose | Miss, obstacle: str
+    ) -> tuple[CameraPose | None, float, str]:
+        """Return the pose to draw with, how far it was predicted, s, or None and the notice."""
+        exposure_ns, predicted_s = frame.stamp_ns - self._latency_ns, 0.0
+        if not obstacle and found is Miss.TOO_NEW:
+            found, predicted_s = self._predicted(exposure_ns)
+        if not obstacle and isinstance(found, Miss):
+            obstacle = self._why_no_pose(found, exposure_ns)
+        if obstacle or isinstance(found, Miss):
+            self._results["notices"] += 1
+            waits = "NO MAP YET" if obstacle == _READING else "NO MAP"
+            return None, predicted_s, f"{waits}: {obstacle}"
+        self._results["drawn"] += 1
+        self._results["predicted"] += predicted_s > 0
+        return found, predicted_s, ""
 
     def _predicted(self, exposure_ns: int) -> tuple[CameraPose | Miss, float]:
         """Return a pose extrapolated from the last ones, and by how much, s; a Miss if too far.
