@@ -72,6 +72,7 @@ _HOMES = {
     "ConfigError": "core.types.errors",
     "ElevationError": "core.types.errors",
     "MapError": "core.types.errors",
+    "PictureError": "core.types.errors",
     "PoseError": "core.types.errors",
     "SurveyError": "core.types.errors",
     "TableError": "core.types.errors",

@@ -206,8 +206,8 @@ def a_killed_node_has_all_targets_when_it_is_back(fleet, node, start, first, sec
     node.wait(5)
     fleet.pictures("uav1").clear()
     uv = pixel_of(SQUARE_N[0], "uav1")
-    fleet.until(lambda: len(fleet.pictures("uav1")) > 3)
-    assert marked(fleet.pictures("uav1")[-1], uv)  # overlay_node keeps them
+    # overlay_node keeps them; on a busy machine a picture may have no pose, and so no marks
+    fleet.until(lambda: fleet.pictures("uav1") and marked(fleet.pictures("uav1")[-1], uv))
     _, url = start()
 
     async def delete(_, states):
