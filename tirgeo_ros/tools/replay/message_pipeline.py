@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import contextlib
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import islice
-from typing import Any, NamedTuple
+from typing import Any
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.ground_point import Located
@@ -36,14 +36,6 @@ DIAGNOSTICS_PERIOD_NS = 1_000_000_000
 _BLOCK = 32
 #: Of the messages that only the checks want, every tenth is decoded: 5 a second at 50 Hz.
 _LOOKED_AT = 10
-
-
-class _Input(NamedTuple):
-    """Hold a message of a contract topic."""
-
-    topic: str
-    message: BagMessage
-    content: object | None = None  # once it is decoded
 
 
 class Pipeline:
@@ -105,42 +97,31 @@ class Pipeline:
         begin_ns, end_ns = reader.span_ns
         first_ns = last_ns = 0
         messages = reader.messages(topics)
-        following = self._next_block(messages, topics)
-        while block := following:
-            following = self._next_block(messages, topics)
-            last_ns = block[-1].message.log_time_ns
-            first_ns = first_ns or block[0].message.log_time_ns
+        while block := list(islice(messages, _BLOCK)):
+            last_ns = block[-1].log_time_ns
+            first_ns = first_ns or block[0].log_time_ns
             self.duration_s = (last_ns - first_ns) * 1e-9
             progress(self.duration_s, (end_ns - begin_ns) * 1e-9)
-            for one in [one._replace(content=self._wanted_content(one)) for one in block]:
-                self._take(*one)
+            contents = [self._wanted_content(topics[message.topic], message) for message in block]
+            for message, content in zip(block, contents, strict=True):
+                self._take(topics[message.topic], message, content)
         if self.read:
             self._finish(last_ns)
-
-    def _next_block(
-        self, messages: Iterator[BagMessage], topics: Mapping[str, str]
-    ) -> list[_Input]:
-        """Return the next messages; their pictures are decoded while the ones before are used."""
-        block = [_Input(topics[one.topic], one) for one in islice(messages, _BLOCK)]
-        return [self._begun(one) if one.topic in PICTURES else one for one in block]
-
-    def _begun(self, picture: _Input) -> _Input:
-        content = self._decoded(picture.message)
-        if content is not None and self.overlay is not None:
-            self._decoder.begin(picture.topic, content)
-        return picture._replace(content=content)
 
     def _is_wanted(self, topic: str) -> bool:
         """Return whether a topic changes outputs: attitudes do until the joints are trusted."""
         return topic != "gimbal/attitude" or self.registration.composer.composition == "paper"
 
-    def _wanted_content(self, one: _Input) -> object | None:
+    def _wanted_content(self, topic: str, message: BagMessage) -> object | None:
         """Return the content, or None; of what only the checks want, each tenth is decoded."""
-        if not self._is_wanted(one.topic):
+        if not self._is_wanted(topic):
             self._unwanted += 1
             if self._unwanted % _LOOKED_AT:
                 return None
-        return one.content or self._decoded(one.message)
+        content = self._decoded(message)
+        if topic in PICTURES and content is not None and self.overlay is not None:
+            self._decoder.begin(topic, content)
+        return content
 
     def _decoded(self, message: BagMessage) -> object | None:
         try:
