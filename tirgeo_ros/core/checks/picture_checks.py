@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
-from functools import partial
+from collections.abc import Collection
 from typing import Any
 
 import numpy.typing as npt
@@ -14,15 +13,13 @@ from tirgeo_ros.core.checks.height_checks import HeightChecks, ground_parameter
 from tirgeo_ros.core.checks.motion_findings import motion_findings
 from tirgeo_ros.core.checks.parameter_checks import lens_findings
 from tirgeo_ros.core.checks.picture_motion import PictureMotion
-from tirgeo_ros.core.checks.picture_tracks import PictureTracker, Tracks, tracks_of
+from tirgeo_ros.core.checks.picture_tracks import PictureTracker
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.streams.sanity_checks import pose_fault
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.poses import CameraPose
-
-Begin = Callable[[Callable[[], "Tracks | None"]], Callable[[], "Tracks | None"]]
 
 
 class PictureChecks:
@@ -47,22 +44,17 @@ class PictureChecks:
         self._heights = HeightChecks(ground)
         self._stamps = FrameStamps()
         self._tracker = PictureTracker()
-        #: Begin to follow the points of a pair elsewhere; return what waits for the tracks.
-        self.begin: Begin = lambda work: work
-        self._begun: list[Callable[[], Tracks | None]] = []
         self._motion = PictureMotion(config.video_latency_s, ground)
         self._size: tuple[int, int] | None = None  # of a picture that does not fit the lens
 
     def configure(self, config: OverlayConfig) -> None:
         """Take other parameters; the evidence against a former latency is forgotten."""
-        self._catch_up()
         if config.video_latency_s != self._latency_s:
             self._latency_s, self._default = config.video_latency_s, False
             self._motion.set_latency(self._latency_s)
 
     def camera(self, camera: Camera) -> None:
         """Set the calibration."""
-        self._catch_up()
         if camera != self._camera:
             self._camera = self._motion.camera = camera
             self._motion.forget()
@@ -70,14 +62,12 @@ class PictureChecks:
 
     def plane(self, plane: TangentPlane) -> None:
         """Set the plane of the poses."""
-        self._catch_up()
         if plane != self._motion.plane:
             self._motion.plane = self._heights.plane = plane
             self._motion.forget()
 
     def pose(self, pose: CameraPose) -> None:
         """Take a camera pose, in order of time."""
-        self._catch_up()
         self._stamps.pose(pose.stamp_ns)
         is_due = self._camera is not None or self._heights.is_due(pose.stamp_ns)
         if is_due and not pose_fault(pose.position_n, pose.q_nc, pose.covariance):
@@ -100,21 +90,12 @@ class PictureChecks:
         if camera is not None and (width, height) != (camera.width, camera.height):
             self._size = width, height
             return
-        pair = self._tracker.pair(stamp_ns or arrival_ns, pixels)
-        if pair is not None:
-            self._begun.append(self.begin(partial(tracks_of, pair)))
-
-    def _catch_up(self) -> None:
-        """Take the tracks that were begun, before what comes after them."""
-        begun, self._begun = self._begun, []
-        for result in begun:
-            tracks = self._tracker.counted(result())
-            if tracks is not None:
-                self._motion.tracks(tracks)
+        tracks = self._tracker.take(stamp_ns or arrival_ns, pixels)
+        if tracks is not None:
+            self._motion.tracks(tracks)
 
     def findings(self) -> list[Finding]:
         """Return the findings so far."""
-        self._catch_up()
         found = [*self._heights.findings(), *self._stamps.findings()]
         if self._camera is not None:
             found += self._lens_findings(self._camera)

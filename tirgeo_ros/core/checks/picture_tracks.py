@@ -37,16 +37,6 @@ class Tracks(NamedTuple):
     second: Array  # (N, 2)
 
 
-class ReducedPair(NamedTuple):
-    """Hold two reduced pictures and their stamps."""
-
-    first_ns: int
-    first: RawPixels
-    second_ns: int
-    second: RawPixels
-    scale: int  # pixels of the whole picture along a side of a reduced one
-
-
 class PictureTracker:
     """Take frames, return tracks when a pair is complete; ``pairs`` counts them."""
 
@@ -57,18 +47,13 @@ class PictureTracker:
 
     def take(self, stamp_ns: int, pixels: RawPixels) -> Tracks | None:
         """Take a frame (h, w) uint8 or uint16, or (h, w, 3) uint8."""
-        pair = self.pair(stamp_ns, pixels)
-        return None if pair is None else self.counted(tracks_of(pair))
-
-    def pair(self, stamp_ns: int, pixels: RawPixels) -> ReducedPair | None:
-        """Take a frame; return a pair that is complete, for ``tracks_of``, then ``counted``."""
         if not self.wants(stamp_ns):
             return None
         scale = -(-pixels.shape[1] // _WIDTH)
         small = _reduced(pixels, scale)
         first, self._first = self._first, None
         if first is not None and 0 < stamp_ns - first[0] <= _LONGEST_NS:
-            return ReducedPair(*first, stamp_ns, small, scale)
+            return self._tracks(*first, stamp_ns, small, scale)
         self._first, self._begun_ns = (stamp_ns, small), stamp_ns
         return None
 
@@ -80,30 +65,22 @@ class PictureTracker:
                 return apart_ns >= _SHORTEST_NS
         return self._begun_ns is None or not 0 <= stamp_ns - self._begun_ns < _EVERY_NS
 
-    def counted(self, found: Tracks | None) -> Tracks | None:
-        """Count what ``tracks_of`` found of a pair; return it if it has points."""
-        self.pairs += found is not None
-        return found if found is not None and len(found.first) else None
-
-
-def tracks_of(pair: ReducedPair) -> Tracks | None:
-    """Return the tracks of a pair; without points if they cannot be followed.
-
-    They are None for pictures that are not alike, too small or without contrast.
-    """
-    first_ns, first, second_ns, second, scale = pair
-    alike = (first.shape, first.dtype) == (second.shape, second.dtype)
-    if not alike or min(first.shape) < _SMALLEST:
-        return None
-    before, after = _grey(first, second)
-    if before.std() < _LEAST_CONTRAST:
-        return None
-    found = _followed(before, after)
-    if found is None:
-        return Tracks(first_ns, second_ns, np.empty((0, 2)), np.empty((0, 2)))
-    middle = 0.5 * (scale - 1)  # offset of a reduced pixel's centre in the whole picture
-    start, end = (points * scale + middle for points in found)
-    return Tracks(first_ns, second_ns, start, end)
+    def _tracks(
+        self, first_ns: int, first: RawPixels, second_ns: int, second: RawPixels, scale: int
+    ) -> Tracks | None:
+        alike = (first.shape, first.dtype) == (second.shape, second.dtype)
+        if not alike or min(first.shape) < _SMALLEST:
+            return None
+        before, after = _grey(first, second)
+        if before.std() < _LEAST_CONTRAST:
+            return None
+        self.pairs += 1
+        found = _followed(before, after)
+        if found is None:
+            return None
+        middle = 0.5 * (scale - 1)  # offset of a reduced pixel's centre in the whole picture
+        start, end = (points * scale + middle for points in found)
+        return Tracks(first_ns, second_ns, start, end)
 
 
 def _reduced(pixels: RawPixels, scale: int) -> RawPixels:

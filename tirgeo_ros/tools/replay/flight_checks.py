@@ -17,7 +17,7 @@ from tirgeo_ros.core.checks.gimbal_checks import GimbalChecks
 from tirgeo_ros.core.checks.map_checks import MapChecks
 from tirgeo_ros.core.checks.navigation_checks import NavigationChecks
 from tirgeo_ros.core.checks.parameter_checks import parameter_findings
-from tirgeo_ros.core.checks.picture_checks import Begin, PictureChecks
+from tirgeo_ros.core.checks.picture_checks import PictureChecks
 from tirgeo_ros.core.checks.recording_checks import (
     RecordedTopics,
     recording_findings,
@@ -103,10 +103,6 @@ class FlightChecks:
             *recording_findings(recording),
             *parameter_findings(given, unused, namespace, pictures=bool(seen)),
         ]
-
-    def begin_elsewhere(self, begin: Begin) -> None:
-        """Follow points of pictures where ``begin`` begins it, as in ``PictureChecks``."""
-        self._pictures.begin = begin
 
     def catch_up(self) -> None:
         """Run all queued calls; count an exception as a fault of the check instead of raising."""

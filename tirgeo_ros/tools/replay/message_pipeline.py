@@ -73,7 +73,6 @@ class Pipeline:
         self.arrivals = Arrivals()
         self.duration_s = 0.0  # from the first to the newest message
         self._checks, self._decoder = checks, stage.decoder
-        checks.begin_elsewhere(stage.decoder.begun)
         self._cdr = Cdr()
         self._messages = Messages(self._cdr.types, configs.ekf.frame_ids)
         self._pictures = PictureOutputs(
