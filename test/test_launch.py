@@ -2,80 +2,19 @@
 
 from __future__ import annotations
 
-import os
-import runpy
-import sys
 import xml.etree.ElementTree as ET
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 
 import pytest
+from launch_stand_ins import actions_of, environment_of, launched, loaded
 from project import NODES, PROJECT
 
 PROFILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 
 
-class Recorded(SimpleNamespace):
-    def __init__(self, *positional, **named):
-        super().__init__(positional=positional, **named)
-
-
-class Argument(Recorded):
-    def perform(self, context):
-        (name,) = self.positional
-        return context.get(name, getattr(self, "default", None))
-
-
-class PackageNotFoundError(KeyError):
-    """As ament_index_python has it."""
-
-
-def no_prefix(package):
-    raise PackageNotFoundError(package)
-
-
 @pytest.fixture
 def launch_file(monkeypatch):
-    names = {
-        "ament_index_python": "",
-        "ament_index_python.packages": "",
-        "launch": "LaunchContext LaunchDescription",
-        "launch.action": "Action",
-        "launch.actions": "DeclareLaunchArgument OpaqueFunction SetEnvironmentVariable Shutdown "
-        "UnsetEnvironmentVariable",
-        "launch.events": "",
-        "launch.events.process": "ProcessExited",
-        "launch_ros": "",
-        "launch_ros.actions": "Node",
-        "launch_ros.parameter_descriptions": "ParameterValue",
-        "launch.substitutions": "",
-    }
-    for module_name, classes in names.items():
-        module = ModuleType(module_name)
-        for name in classes.split():
-            setattr(module, name, type(name, (Recorded,), {}))
-        monkeypatch.setitem(sys.modules, module_name, module)
-    sys.modules["launch.substitutions"].LaunchConfiguration = Argument
-    packages = sys.modules["ament_index_python.packages"]
-    packages.PackageNotFoundError, packages.get_package_prefix = PackageNotFoundError, no_prefix
-    for name in [name for name in os.environ if name.startswith(("ROS_", "RMW_", "FAST"))]:
-        monkeypatch.delenv(name)
-    return runpy.run_path(str(PROJECT / "launch" / "tirgeo.launch.py"))
-
-
-def actions_of(launch_file, **given):
-    actions = launch_file["generate_launch_description"]().positional[0]
-    declared = {
-        action.positional[0]: action.default_value
-        for action in actions
-        if type(action).__name__ == "DeclareLaunchArgument"
-    }
-    assert given.keys() <= declared.keys()
-    return actions[-1].function(declared | given)
-
-
-def launched(launch_file, **given):
-    actions = actions_of(launch_file, **given)
-    return {node.name: node for node in actions if type(node).__name__ == "Node"}
+    return loaded(monkeypatch)
 
 
 @pytest.fixture
@@ -83,15 +22,6 @@ def flight(tmp_path):
     path = tmp_path / "flight.mcap"
     path.touch()
     return str(path)
-
-
-def environment_of(launch_file, **given):
-    """What the launch file sets, and None for what it takes away."""
-    return {
-        action.positional[0]: dict(enumerate(action.positional)).get(1)
-        for action in actions_of(launch_file, **given)
-        if type(action).__name__.endswith("EnvironmentVariable")
-    }
 
 
 def test_launch_without_arguments_starts_the_live_graph(launch_file):
