@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import struct
+from importlib.metadata import version as version_of
 
+import pytest
 from rosbags.interfaces import (
     Qos,
     QosDurability,
@@ -81,6 +83,8 @@ def said():
 
 def recorded(folder, *, version=9, storage=StoragePlugin.MCAP, mode=CompressionMode.NONE):
     """Write the bag; return its folder."""
+    if storage is StoragePlugin.MCAP and version_of("rosbags").startswith("0.10."):
+        pytest.skip("rosbags before 0.11 writes no QoS into MCAP")
     writer = Writer(folder, version=version, storage_plugin=storage)
     writer.set_compression(mode, CompressionFormat.ZSTD)
     with writer:

@@ -60,9 +60,10 @@ def test_a_pixel_shows_its_own_place(ground, pose):
     """By the way back: rays to the ground made the picture, the ground's points find it again."""
     off = off_px(ground, pose)
     assert len(off) > 4_000
-    # Codes and OpenCV's 1/32 px are 0.02; between nodes of 4 pixels, and between the picture's
-    # pixels, the perspective bends by a few hundredths. Half a pixel is what is asked for.
-    assert np.abs(off).max() < 0.1
+    # Codes are 0.02; between nodes of 4 pixels, and between the picture's pixels, the perspective
+    # bends by a few hundredths. Older versions of OpenCV round places to 1/32 of the picture's
+    # pixels, of which one covers six at the far end: another 0.1.
+    assert np.abs(off).max() < 0.25
     assert (np.abs(off.mean(axis=0)) < 0.01).all()
 
 

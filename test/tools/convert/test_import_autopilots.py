@@ -143,6 +143,7 @@ def processed(bag, sample, folder):
 
 @pytest.mark.parametrize("write", [ulog, pytest.param(dataflash, marks=pytest.mark.slow)])
 def test_a_flight_in_an_autopilots_log_gives_its_poses(flown, recorded, sample, tmp_path, write):
+    pytest.importorskip("pyulog" if write is ulog else "pymavlink")
     log, bag = write(flown, tmp_path / "log"), tmp_path / "a.mcap"
     words = ["-o", str(bag), "--geoid-undulation", str(UNDULATION_M)]
     assert main(["import", str(log), *words]) == 0
