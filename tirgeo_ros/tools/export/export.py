@@ -71,7 +71,7 @@ def export(
     job = Job(
         made_folder(folder, MapError),
         setup,
-        stamps_ns=[one.stamp_ns for one in pictures.chosen(Window())],
+        stamps_ns=pictures.stamps_ns,
         every_s=window.every_s if window else 0.0,
         state_at=flight.states.get,
         confidence=configs.overlay.confidence,

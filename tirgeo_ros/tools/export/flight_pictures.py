@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterator
 from contextlib import suppress
+from functools import cached_property
 from typing import NamedTuple
 
 from tirgeo_ros.core.types.arrays import RawPixels
@@ -46,18 +47,28 @@ class FlightPictures:
             raise BagError(f"{reader.path}: needed topic absent: {absent}{hint}")
         self._topic, self._name = there[0], names[there[0]]
 
+    @cached_property
+    def _times_ns(self) -> list[tuple[int, int]]:
+        """Return the log time and the stamp of each picture; the bag is read once for them."""
+        return [(message.log_time_ns, _stamp_ns(message)) for message in self._messages()]
+
+    @property
+    def stamps_ns(self) -> list[int]:
+        """Return the stamps of all pictures."""
+        return [stamp_ns for _, stamp_ns in self._times_ns]
+
     def chosen(self, window: Window) -> list[Chosen]:
         """Return the pictures in a window, the first in each interval of ``every_s``."""
         found: list[Chosen] = []
         first_ns, newest = self._reader.span_ns[0], None
-        for number, message in enumerate(self._messages()):
-            since_s = (message.log_time_ns - first_ns) * 1e-9
+        for number, (log_time_ns, stamp_ns) in enumerate(self._times_ns):
+            since_s = (log_time_ns - first_ns) * 1e-9
             if since_s > window.to_s:
                 break
             interval = number if window.every_s <= 0 else since_s // window.every_s
             if since_s >= window.from_s and interval != newest:
                 newest = interval
-                found.append(Chosen(number, _stamp_ns(message)))
+                found.append(Chosen(number, stamp_ns))
         return found
 
     def read(self, numbers: Collection[int]) -> Iterator[tuple[int, RawPixels | TirgeoError]]:
