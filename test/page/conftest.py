@@ -1,9 +1,10 @@
-"""Pages that are served while a file of tests runs."""
+"""Pages that are served while a file of tests runs, and the team's TAK server."""
 
 from __future__ import annotations
 
 import pytest
 from page_clients import TOKENS, Served
+from tak_server import TakServer
 
 
 @pytest.fixture(scope="module")
@@ -18,3 +19,12 @@ def guarded(tmp_path_factory):
     """A page that other computers reach: with tokens."""
     with Served(tmp_path_factory.mktemp("page"), **TOKENS) as one:
         yield one
+
+
+@pytest.fixture
+def server(tmp_path):
+    """A TAK server, as the team has it, without TLS."""
+    taky = TakServer(tmp_path)
+    taky.start()
+    yield taky
+    taky.kill()

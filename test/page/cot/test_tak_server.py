@@ -13,14 +13,6 @@ from tirgeo_ros.page.cot.team_picture import aircraft_uid
 
 
 @pytest.fixture
-def server(tmp_path):
-    taky = TakServer(tmp_path)
-    taky.start()
-    yield taky
-    taky.kill()
-
-
-@pytest.fixture
 def secure(tmp_path):
     taky = TakServer(tmp_path, tls=True)
     taky.start()

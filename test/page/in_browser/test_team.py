@@ -4,20 +4,12 @@ from __future__ import annotations
 
 import pytest
 from flown_page import FlownPage
-from tak_server import Member, TakServer
+from tak_server import Member
 
 pytestmark = [pytest.mark.graph, pytest.mark.slow]
 
 MOST_TAPS = 6
 TRIES = 40
-
-
-@pytest.fixture
-def server(tmp_path):
-    taky = TakServer(tmp_path)
-    taky.start()
-    yield taky
-    taky.kill()
 
 
 @pytest.fixture
