@@ -14,6 +14,7 @@ from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
 from tirgeo_ros.io.logs.columns_example import EXAMPLE
 from tirgeo_ros.io.logs.csv_log import read_csv
+from tirgeo_ros.io.logs.forms import CSV, form_of
 from tirgeo_ros.io.logs.log_contents import LogOptions
 
 #: 07:44:39.125 UTC.
@@ -134,12 +135,51 @@ def test_headings_of_a_baseline_need_its_direction(tmp_path):
             1_718_091_879_000_000_000,
         ),
         ("{counts: start, column: t, unit: ms}", "77", OPTIONS.start_ns),
+        ("{counts: gps, column: t, unit: 0.1ms}", "14021270971250", STAMP_NS),
     ],
 )
 def test_times(tmp_path, time, cell, expected_ns):
     columns = f"time: {time}\npressure: {{column: p, unit: Pa}}\n"
     (sample,) = read(tmp_path, f"t,p\n{cell},1e5\n", columns).samples
     assert sample.stamp_ns == expected_ns
+
+
+@pytest.mark.parametrize("day", ["2024-06-11", "2024/6/11", "2024-06-11 00:00:00"])
+def test_a_date_beside_a_time_of_day(tmp_path, day):
+    columns = "time: {counts: written_utc, date: d, column: t}\npressure: {column: p, unit: Pa}\n"
+    (sample,) = read(tmp_path, f"d,t,p\n{day},07:44:39.125,1e5\n", columns).samples
+    assert sample.stamp_ns == STAMP_NS
+
+
+@pytest.mark.parametrize("cell", ["1e999999", "-1e99999", "inf", "nan", "1718091879,125"])
+def test_what_is_no_time_costs_its_row(tmp_path, cell):
+    columns = "time: {counts: utc, column: t, unit: s}\npressure: {column: p, unit: Pa}\n"
+    contents = read(tmp_path, f't,p\n"{cell}",1e5\n1,1e5\n', columns)
+    assert len(contents.samples) == 1
+    ((_, reason),) = contents.refused
+    assert reason.startswith("time.column is not a number")
+    assert ("decimal comma" in reason) == ("," in cell)
+
+
+@pytest.mark.parametrize(
+    ("encoding", "separator"),
+    [("utf-8", ";"), ("utf-16", "\t"), ("utf-16-le", ";"), ("cp1252", ";")],
+)
+def test_a_table_of_a_german_excel(tmp_path, encoding, separator):
+    """It writes a decimal comma, and degrees and squares in Windows-1252 or UTF-16."""
+    rows = ["Zeit", "Höhe²", "Druck [°]"], ["1718091879,125", "9,5", "1013,25"]
+    text = "\ufeff" * (encoding == "utf-16-le") + "\n".join(map(separator.join, rows))
+    (tmp_path / "log.csv").write_bytes(text.encode(encoding))
+    (tmp_path / "columns.yaml").write_text(
+        f"table: {{separator: {'tab' if separator != ';' else 'semicolon'}, decimal: comma}}\n"
+        "time: {counts: utc, column: Zeit, unit: s}\n"
+        "pressure: {column: 'Druck [°]', unit: hPa}\n",
+        encoding="utf-8",
+    )
+    path = tmp_path / "log.csv"
+    assert form_of(path, columns=True) is CSV
+    (sample,) = read_csv(path, LogOptions(columns=tmp_path / "columns.yaml")).samples
+    assert (sample.stamp_ns, sample.pressure_pa) == (STAMP_NS, pytest.approx(101325))
 
 
 @pytest.mark.parametrize(

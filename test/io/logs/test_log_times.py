@@ -63,6 +63,9 @@ def test_weeks_count_on_and_have_the_leap_seconds():
         ("2025/08/28 17:30:39.749", (2025, 8, 28, 17, 30, 39, 749_000), None, False),
         ("HOME(1.0,2.0) 2017.8.5 14:11:51", (2017, 8, 5, 14, 11, 51, 0), None, True),
         ("2022-08-07 13:40:40,774,808\n", (2022, 8, 7, 13, 40, 40, 774_808), None, False),
+        ("2024-06-11 07:44:39.25+02", (2024, 6, 11, 7, 44, 39, 250_000), 7200, False),  # SQL
+        ("2024-06-11T07:44:39.2500000000-03:30", (2024, 6, 11, 7, 44, 39, 250_000), -12600, False),
+        ("2024-06-11 07:44:39 +0200", (2024, 6, 11, 7, 44, 39, 0), 7200, True),
         ("2016-12-31 23:59:60", (2017, 1, 1, 0, 0, 0, 0), None, True),
     ],
 )
@@ -73,7 +76,11 @@ def test_written_times(text, local, offset_s, whole):
 
 
 @pytest.mark.parametrize(
-    "text", ["", "2024-06-11", "2024-13-11 07:44:39", "2024-06-11 25:44:39", "12:30:00 61"]
+    "text",
+    [
+        *("", "2024-06-11", "2024-13-11 07:44:39", "2024-06-11 25:44:39", "12:30:00 61"),
+        *("2024-06-11 07:44:39.125 PM", "2024-06-11 07:44:39am", "2024-06-11 7:44:39 p.m."),
+    ],
 )
 def test_what_is_no_time(text):
     assert written_time(text) is None
@@ -92,7 +99,8 @@ def test_what_is_written_is_read(moment, nanos):
 
 
 def test_offsets():
-    assert [zone_offset_s(t) for t in ("+02:00", "-0330", "Z")] == [7200, -12600, 0]
+    texts = ("+02:00", "-0330", "Z", "+02", "-8")
+    assert [zone_offset_s(t) for t in texts] == [7200, -12600, 0, 7200, -28800]
     for text in ("2", "+15:00", "+02:60", "CET"):
         with pytest.raises(ValueError, match=text.replace("+", r"\+")):
             zone_offset_s(text)

@@ -10,12 +10,14 @@ from pathlib import Path
 
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.measurements import ImuSample
+from tirgeo_ros.io.files.text_file import encoding_of
 from tirgeo_ros.io.logs.columns_file import Columns, Layout, NamedQuantity
 from tirgeo_ros.io.logs.columns_quantities import prepare
 from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions, Refused
 from tirgeo_ros.io.messages import SensedSample
 
 _ROW = "row"
+_HEAD_BYTES = 4096
 _LOOKED_AT = 200  # rows by which the usual number of columns is known
 #: More repeats of an IMU's six values than these are no chance.
 _REPEATS = 0.02
@@ -102,7 +104,9 @@ class _Table:
 def _rows(path: Path, layout: Layout) -> Iterator[list[str]]:
     """Yield the rows, the header first, without empty lines and comments."""
     try:
-        with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
+        with path.open("rb") as binary:
+            encoding = encoding_of(binary.read(_HEAD_BYTES))
+        with path.open(encoding=encoding, errors="replace", newline="") as file:
             lines = (line for line in islice(file, layout.skip, None) if line.strip())
             if layout.comment:
                 lines = (line for line in lines if not line.startswith(layout.comment))
@@ -117,8 +121,11 @@ def _rows(path: Path, layout: Layout) -> Iterator[list[str]]:
 
 
 def _values(path: Path, layout: Layout) -> Iterator[list[str]]:
-    """Yield the rows without the header."""
-    return islice(_rows(path, layout), int(layout.header), None)
+    """Yield the rows without the header, with decimal points."""
+    rows = islice(_rows(path, layout), int(layout.header), None)
+    if layout.decimal_comma:
+        return ([cell.replace(",", ".") for cell in row] for row in rows)
+    return rows
 
 
 def _usual_width(path: Path, layout: Layout) -> int:

@@ -23,9 +23,10 @@ _LEAPS = (
 )
 _WRITTEN = re.compile(
     r"(\d{4})[-./](\d{1,2})[-./](\d{1,2})[T\s]+(\d{1,2}):(\d{2}):(\d{2})"
-    r"(?:[.,](\d{1,9}))?(?:,(\d{3}))?\s*(Z|[+-]\d{2}:?\d{2}(?!\d))?"
+    r"(?![\d.,]*\s*[AaPp]\.?[Mm]\b)"  # hours up to 12 are not read
+    r"(?:[.,](\d{1,9})\d*)?(?:,(\d{3}))?\s*(Z|[+-]\d{2}(?::?\d{2})?(?![\d:]))?"
 )
-_OFFSET = re.compile(r"([+-])(\d{1,2}):?(\d{2})")
+_OFFSET = re.compile(r"([+-])(\d{1,2})(?::?(\d{2}))?")
 #: Stamps of ROS messages end in 2038, and a bag's begin in 1970.
 LAST_NS = (1 << 31) * SECOND_NS
 
@@ -80,10 +81,16 @@ def written_time(text: str) -> WrittenTime | None:
 
 
 def zone_offset_s(text: str) -> int:
-    """Return the offset (s, east positive) of ``+09:00``, ``-0330`` or ``Z``; else ValueError."""
+    """Return the offset (s, east positive) of ``+09:00``, ``-0330``, ``+02`` or ``Z``.
+
+    Raise ValueError for another text.
+    """
     if text == "Z":
         return 0
     found = _OFFSET.fullmatch(text)
-    if found is None or int(found[2]) > 14 or int(found[3]) > 59:
+    if found is None:
         raise ValueError(text)
-    return (int(found[2]) * 3600 + int(found[3]) * 60) * (-1 if found[1] == "-" else 1)
+    hours, minutes = int(found[2]), int(found[3] or 0)
+    if hours > 14 or minutes > 59:
+        raise ValueError(text)
+    return (hours * 3600 + minutes * 60) * (-1 if found[1] == "-" else 1)
