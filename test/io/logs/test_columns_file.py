@@ -197,6 +197,10 @@ def test_a_table_of_a_german_excel(tmp_path, encoding, separator):
         (("axes: flu", "axes: [front, left, down]"), r"imu\.axes: .* not right-handed"),
         (("axes: flu", "axes: north"), r"imu\.axes: 'north' are not"),
         (("counts: utc", "counts: boot"), r"time\.counts: 'boot' is not one of utc"),
+        (
+            ("header: false", "header: false, skip: -1"),
+            r"table\.skip: -1 is not a number",
+        ),
         (("time:", "tim:"), r"time is missing: for all, or imu\.time"),
         (("header: false", "header: true"), "time.column: 1: a number is for tables without a"),
         (("[2, 3, 4]", "[2, 3, az]"), r"imu\.accel\.columns\.3: 'az': .* a name for those with"),
@@ -222,6 +226,26 @@ def test_a_wrong_table_names_the_file(tmp_path, table, message):
     columns = "time: {counts: utc, column: t, unit: s}\npressure: {column: p, unit: Pa}\n"
     with pytest.raises(LogError, match=message):
         read(tmp_path, table, columns)
+
+
+@pytest.mark.parametrize("value", ["-1", "0", ".nan", ".inf"])
+def test_a_sigma_is_above_zero(tmp_path, value):
+    columns = (
+        "time: {counts: utc, column: t, unit: s}\n"
+        f"pressure: {{column: p, unit: Pa, sigma: {{value: {value}, unit: Pa}}}}\n"
+    )
+    with pytest.raises(LogError, match=r"pressure\.sigma\.value: .* not above zero"):
+        read(tmp_path, "t,p\n1,2\n", columns)
+
+
+def test_a_half_line_does_not_tell_the_begin(tmp_path):
+    """A recording that began in the middle of a line has another number in the first column."""
+    columns = "time: {counts: start, column: 1, unit: s}\npressure: {column: 3, unit: Pa}\n"
+    contents = read(
+        tmp_path, "1013,2\n5123.5,7,2\n5124.5,7,2\n", "table: {header: false}\n" + columns
+    )
+    begun_ns = OPTIONS.start_ns
+    assert [sample.stamp_ns for sample in contents.samples] == [begun_ns, begun_ns + 10**9]
 
 
 def test_fixes_with_another_status_are_refused(tmp_path):

@@ -93,6 +93,8 @@ def _layout(keys: Keys) -> Layout:
         "comment": (str, "a text"),
     }
     given = {name: keys.value(name, *kinds[name]) for name in kinds if name in keys}
+    if given.get("skip", 0) < 0:
+        raise LogError(f"{keys.place}.skip: {given['skip']} is not a number of lines")
     separator = _SEPARATORS[keys.choice("separator", list(_SEPARATORS), "comma")]
     decimal_comma = keys.choice("decimal", ("point", "comma"), "point") == "comma"
     keys.finish()

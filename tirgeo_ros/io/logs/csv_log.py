@@ -30,11 +30,13 @@ def read_csv(path: Path, options: LogOptions) -> LogContents:
     columns = Columns(options.columns)
     if columns.layout.header:
         columns.bind(next(_rows(path, columns.layout), []), path)
+    width = 0 if columns.layout.ragged else _usual_width(path, columns.layout)
     for time in dict.fromkeys(one.time for one in columns.quantities):
-        time.prepare(_values(path, columns.layout), path, options)
+        whole = (row for row in _values(path, columns.layout) if len(row) >= width)
+        time.prepare(whole, path, options)
     for one in columns.quantities:
         prepare(one.quantity, path, options)
-    table = _Table(columns, _usual_width(path, columns.layout))
+    table = _Table(columns, width)
     for row in _values(path, columns.layout):
         table.take(row)
     table.finish()
@@ -55,7 +57,7 @@ class _Table:
     def take(self, row: list[str]) -> None:
         """Take a row."""
         self.contents.read[_ROW] += 1
-        if len(row) < self._width and not self._columns.layout.ragged:
+        if len(row) < self._width:
             self.contents.refused[_ROW, "it has fewer columns than the others"] += 1
             return
         for one in self._columns.quantities:

@@ -110,7 +110,8 @@ def import_logs(
     options = _completed(options, config)
     rest = iter(columns if len(columns) > 1 else [*columns] * len(files))
     logs: list[Log] = []
-    for path, form in files:
+    for number, (path, form) in enumerate(files):
+        progress(number, len(files))
         own = replace(options, columns=next(rest)) if form is CSV else options
         logs.append(_read(path, form, own))
     _leave_out_repeated_topics(logs)
