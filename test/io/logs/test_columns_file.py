@@ -248,6 +248,18 @@ def test_a_half_line_does_not_tell_the_begin(tmp_path):
     assert [sample.stamp_ns for sample in contents.samples] == [begun_ns, begun_ns + 10**9]
 
 
+@pytest.mark.parametrize(("longitude", "expected_deg"), [(350.25, -9.75), (-9.75, -9.75)])
+def test_longitudes_to_360_deg(tmp_path, longitude, expected_deg):
+    columns = """
+time: {counts: utc, column: t, unit: s}
+gps_position:
+  {latitude: a, longitude: b, unit: deg, height: {column: c, unit: m, above: ellipsoidal},
+   status: {always: single}}
+"""
+    (sample,) = read(tmp_path, f"t,a,b,c\n1,48,{longitude},500\n", columns).samples
+    assert math.degrees(sample.longitude_rad) == pytest.approx(expected_deg)
+
+
 def test_fixes_with_another_status_are_refused(tmp_path):
     columns = """
 time: {counts: utc, column: t, unit: s}
