@@ -260,6 +260,14 @@ gps_position:
     assert math.degrees(sample.longitude_rad) == pytest.approx(expected_deg)
 
 
+def test_a_quote_that_is_not_closed_costs_its_row(tmp_path):
+    columns = 'time: {counts: utc, column: t, unit: s}\npressure: {column: "p\\n(Pa)", unit: Pa}\n'
+    table = 't,"p\n(Pa)",note\n1,1e5,"a, b"\n2,"1e5,\n3,1e5,5" lens\n4,1e5,\n'
+    contents = read(tmp_path, table, columns)
+    assert [sample.stamp_ns // 10**9 for sample in contents.samples] == [1, 3, 4]
+    assert contents.refused.total() == 1
+
+
 def test_fixes_with_another_status_are_refused(tmp_path):
     columns = """
 time: {counts: utc, column: t, unit: s}

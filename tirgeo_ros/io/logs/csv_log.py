@@ -104,7 +104,11 @@ class _Table:
 
 
 def _rows(path: Path, layout: Layout) -> Iterator[list[str]]:
-    """Yield the rows, the header first, without empty lines and comments."""
+    """Yield the rows, the header first, without empty lines and comments.
+
+    A title in quotes may have several lines. A row has one: a quote that a damaged line does not
+    close costs no other.
+    """
     try:
         with path.open("rb") as binary:
             encoding = encoding_of(binary.read(_HEAD_BYTES))
@@ -114,8 +118,11 @@ def _rows(path: Path, layout: Layout) -> Iterator[list[str]]:
                 lines = (line for line in lines if not line.startswith(layout.comment))
             if layout.separator == " ":
                 yield from (line.split() for line in lines)
-            else:
-                yield from csv.reader(lines, delimiter=layout.separator)
+                return
+            if layout.header:
+                yield next(csv.reader(lines, delimiter=layout.separator), [])
+            for line in lines:
+                yield next(csv.reader([line], delimiter=layout.separator))
     except OSError as error:
         raise LogError(f"{path}: cannot be read: {error.strerror or error}") from None
     except csv.Error as error:

@@ -159,7 +159,10 @@ class _UbxLog:
             for dated in self._dated[max(place - 1, 0) : place + 1]
         }
         nearest_ms = min(apart, key=abs, default=_WEEK_MS)
-        _must(abs(nearest_ms) < _MOST_APART_MS, "no NAV-PVT with a date within a minute of it")
+        _must(
+            abs(nearest_ms) < _MOST_APART_MS,
+            "no NAV-PVT with a date within a minute of it: record both",
+        )
         return apart[nearest_ms].stamp_ns + nearest_ms * 1_000_000
 
     def _must_be_baseline(self, length_m: float) -> None:
