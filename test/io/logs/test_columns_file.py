@@ -260,6 +260,13 @@ gps_position:
     assert math.degrees(sample.longitude_rad) == pytest.approx(expected_deg)
 
 
+def test_empty_cells_are_called_so(tmp_path):
+    """As those of a receiver between its fixes, in a table of an IMU."""
+    columns = "time: {counts: utc, column: t, unit: s}\npressure: {column: p, unit: Pa}\n"
+    contents = read(tmp_path, "t,p\n1,2\n2, \n", columns)
+    assert contents.refused == {("pressure", "pressure.column is empty"): 1}
+
+
 def test_a_quote_that_is_not_closed_costs_its_row(tmp_path):
     columns = 'time: {counts: utc, column: t, unit: s}\npressure: {column: "p\\n(Pa)", unit: Pa}\n'
     table = 't,"p\n(Pa)",note\n1,1e5,"a, b"\n2,"1e5,\n3,1e5,5" lens\n4,1e5,\n'

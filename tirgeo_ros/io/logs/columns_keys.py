@@ -63,8 +63,9 @@ class Cell:
 
     def no_number(self, row: Sequence[str]) -> Refused:
         """Return why a cell is no number."""
-        comma = ": has it a decimal comma? (table.decimal)" if "," in self.text(row) else ""
-        return Refused(f"{self.label} is not a number{comma}")
+        text = self.text(row)
+        comma = ": has it a decimal comma? (table.decimal)" if "," in text else ""
+        return Refused(f"{self.label} is {f'not a number{comma}' if text else 'empty'}")
 
 
 class Keys:
