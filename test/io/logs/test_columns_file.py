@@ -10,6 +10,7 @@ import pytest
 from foreign_logs import IMU, IMU_COLUMNS, OPTIONS, by_topic
 
 from tirgeo_ros.core.frames.rotations import euler_from_quat
+from tirgeo_ros.core.streams.sanity_checks import fault_of
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
 from tirgeo_ros.io.logs.columns_example import EXAMPLE
@@ -256,7 +257,9 @@ gps_position:
   {latitude: a, longitude: b, unit: deg, height: {column: c, unit: m, above: ellipsoidal},
    status: {always: single}}
 """
-    (sample,) = read(tmp_path, f"t,a,b,c\n1,48,{longitude},500\n", columns).samples
+    table = f"t,a,b,c\n1,48,{longitude},500\n2,48,361,500\n"
+    sample, impossible = read(tmp_path, table, columns).samples
+    assert fault_of(impossible) == "latitude or longitude is out of range"
     assert math.degrees(sample.longitude_rad) == pytest.approx(expected_deg)
 
 
