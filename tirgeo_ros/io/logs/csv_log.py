@@ -113,7 +113,9 @@ def _rows(path: Path, layout: Layout) -> Iterator[list[str]]:
         with path.open("rb") as binary:
             encoding = encoding_of(binary.read(_HEAD_BYTES))
         with path.open(encoding=encoding, errors="replace", newline="") as file:
-            lines = (line for line in islice(file, layout.skip, None) if line.strip())
+            # csv of Python 3.10 stops at a zero byte; it must not join the digits around it either
+            lines = (line.replace("\0", "?") for line in islice(file, layout.skip, None))
+            lines = (line for line in lines if line.strip())
             if layout.comment:
                 lines = (line for line in lines if not line.startswith(layout.comment))
             if layout.separator == " ":
