@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from dataclasses import replace
 
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
+from tirgeo_ros.io.logs.csv_log import read_csv
 from tirgeo_ros.io.logs.log_contents import LogOptions
 from tirgeo_ros.io.messages import SENSED_SAMPLES, topic_of
 
@@ -57,6 +59,17 @@ imu:
   gyro: {columns: [5, 6, 7], unit: deg/s}
   axes: flu
 """
+
+
+#: Of a table with the columns t and p.
+PRESSURE = "time: {counts: utc, column: t, unit: s}\npressure: {column: p, unit: Pa}\n"
+
+
+def read_table(folder, table, columns, options=OPTIONS):
+    """Return the contents of a table, as a columns file explains it."""
+    (folder / "log.csv").write_text(table, encoding="utf-8")
+    (folder / "columns.yaml").write_text(columns)
+    return read_csv(folder / "log.csv", replace(options, columns=folder / "columns.yaml"))
 
 
 def pvt(**changed):

@@ -7,23 +7,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from foreign_logs import IMU, IMU_COLUMNS, OPTIONS, by_topic
+from foreign_logs import IMU, IMU_COLUMNS, OPTIONS, PRESSURE, by_topic, read_table
 
 from tirgeo_ros.core.frames.rotations import euler_from_quat
+from tirgeo_ros.core.streams.sanity_checks import fault_of
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
 from tirgeo_ros.io.logs.columns_example import EXAMPLE
-from tirgeo_ros.io.logs.csv_log import read_csv
 from tirgeo_ros.io.logs.log_contents import LogOptions
 
 #: 07:44:39.125 UTC.
 STAMP_NS = 1_718_091_879_125_000_000
-
-
-def read(folder, table, columns, options=OPTIONS):
-    (folder / "log.csv").write_text(table, encoding="utf-8")
-    (folder / "columns.yaml").write_text(columns)
-    return read_csv(folder / "log.csv", replace(options, columns=folder / "columns.yaml"))
 
 
 ALL_TITLES = (
@@ -37,7 +31,7 @@ ALL_VALUES = (
 
 
 def test_the_template_takes_every_quantity(tmp_path):
-    found = by_topic(read(tmp_path, f"# a comment\n{ALL_TITLES}\n{ALL_VALUES}\n", EXAMPLE))
+    found = by_topic(read_table(tmp_path, f"# a comment\n{ALL_TITLES}\n{ALL_VALUES}\n", EXAMPLE))
     assert all(len(samples) == 1 for samples in found.values())
     assert set(found) == {
         *("imu/data", "rtk/fix", "rtk/vel", "rtk/heading", "baro/pressure"),
@@ -80,26 +74,26 @@ def test_attitudes_in_both_worlds(tmp_path, attitude, rpy_deg):
         f"gimbal_attitude: {{attitude: {attitude}}}\n"
     )
     half = math.sqrt(0.5)
-    (sample,) = read(tmp_path, f"10  20 30 {half} 0 0 {half} 5\n", columns).samples
+    (sample,) = read_table(tmp_path, f"10  20 30 {half} 0 0 {half} 5\n", columns).samples
     assert np.degrees(euler_from_quat(sample.q_ng)) == pytest.approx(rpy_deg, abs=1e-9)
 
 
 def test_axes_by_the_directions_in_which_they_point(tmp_path):
     """An IMU on its side: x forward, y up."""
     columns = IMU_COLUMNS.replace("axes: flu", "axes: [front, up, right]")
-    imu = read(tmp_path, "5,1,9.8,2,3,4,5\n", columns).samples[0]
+    imu = read_table(tmp_path, "5,1,9.8,2,3,4,5\n", columns).samples[0]
     np.testing.assert_allclose(imu.specific_force_b / 9.80665, [1, 2, -9.8])
     np.testing.assert_allclose(np.degrees(imu.angular_rate_b), [3, 5, -4])
 
 
 def test_a_value_that_is_no_number_costs_its_row(tmp_path):
-    contents = read(tmp_path, IMU, IMU_COLUMNS)
+    contents = read_table(tmp_path, IMU, IMU_COLUMNS)
     assert len(contents.samples) == 19
     assert contents.refused == {("imu", "imu.gyro.columns.3 is not a number"): 1}
 
 
 def test_a_fix_that_is_held_in_many_rows_is_one(tmp_path):
-    contents = read(tmp_path, "1,0,0,1,0,0,0\n" * 3 + "2,0,0,1,0,0,0\n", IMU_COLUMNS)
+    contents = read_table(tmp_path, "1,0,0,1,0,0,0\n" * 3 + "2,0,0,1,0,0,0\n", IMU_COLUMNS)
     assert len(contents.samples) == 2
     assert contents.refused == {("imu", "it has the time of the row before"): 2}
 
@@ -110,10 +104,10 @@ def test_headings_of_a_baseline_need_its_direction(tmp_path):
         "  {column: a, unit: deg, of: baseline, sigma: {value: 1, unit: deg}}\n"
     )
     options = replace(OPTIONS, baseline_rad=math.radians(90))
-    (sample,) = read(tmp_path, "t,a\n1,10\n", columns, options).samples
+    (sample,) = read_table(tmp_path, "t,a\n1,10\n", columns, options).samples
     assert math.degrees(sample.heading_rad) == pytest.approx(280)
     with pytest.raises(LogError, match="headings of a baseline: set aircraft"):
-        read(tmp_path, "t,a\n1,10\n", columns, LogOptions())
+        read_table(tmp_path, "t,a\n1,10\n", columns, LogOptions())
 
 
 @pytest.mark.parametrize(
@@ -134,11 +128,12 @@ def test_headings_of_a_baseline_need_its_direction(tmp_path):
             1_718_091_879_000_000_000,
         ),
         ("{counts: start, column: t, unit: ms}", "77", OPTIONS.start_ns),
+        ("{counts: gps, column: t, unit: 0.1ms}", "14021270971250", STAMP_NS),
     ],
 )
 def test_times(tmp_path, time, cell, expected_ns):
     columns = f"time: {time}\npressure: {{column: p, unit: Pa}}\n"
-    (sample,) = read(tmp_path, f"t,p\n{cell},1e5\n", columns).samples
+    (sample,) = read_table(tmp_path, f"t,p\n{cell},1e5\n", columns).samples
     assert sample.stamp_ns == expected_ns
 
 
@@ -157,6 +152,10 @@ def test_times(tmp_path, time, cell, expected_ns):
         (("axes: flu", "axes: [front, left, down]"), r"imu\.axes: .* not right-handed"),
         (("axes: flu", "axes: north"), r"imu\.axes: 'north' are not"),
         (("counts: utc", "counts: boot"), r"time\.counts: 'boot' is not one of utc"),
+        (
+            ("header: false", "header: false, skip: -1"),
+            r"table\.skip: -1 is not a number",
+        ),
         (("time:", "tim:"), r"time is missing: for all, or imu\.time"),
         (("header: false", "header: true"), "time.column: 1: a number is for tables without a"),
         (("[2, 3, 4]", "[2, 3, az]"), r"imu\.accel\.columns\.3: 'az': .* a name for those with"),
@@ -166,7 +165,7 @@ def test_times(tmp_path, time, cell, expected_ns):
 )
 def test_a_wrong_columns_file_names_file_and_key(tmp_path, change, message):
     with pytest.raises(LogError, match=rf"columns\.yaml: .*{message}"):
-        read(tmp_path, IMU, IMU_COLUMNS.replace(*change))
+        read_table(tmp_path, IMU, IMU_COLUMNS.replace(*change))
 
 
 @pytest.mark.parametrize(
@@ -179,9 +178,32 @@ def test_a_wrong_columns_file_names_file_and_key(tmp_path, change, message):
     ],
 )
 def test_a_wrong_table_names_the_file(tmp_path, table, message):
-    columns = "time: {counts: utc, column: t, unit: s}\npressure: {column: p, unit: Pa}\n"
     with pytest.raises(LogError, match=message):
-        read(tmp_path, table, columns)
+        read_table(tmp_path, table, PRESSURE)
+
+
+@pytest.mark.parametrize("value", ["-1", "0", ".nan", ".inf"])
+def test_a_sigma_is_above_zero(tmp_path, value):
+    columns = (
+        "time: {counts: utc, column: t, unit: s}\n"
+        f"pressure: {{column: p, unit: Pa, sigma: {{value: {value}, unit: Pa}}}}\n"
+    )
+    with pytest.raises(LogError, match=r"pressure\.sigma\.value: .* not above zero"):
+        read_table(tmp_path, "t,p\n1,2\n", columns)
+
+
+@pytest.mark.parametrize(("longitude", "expected_deg"), [(350.25, -9.75), (-9.75, -9.75)])
+def test_longitudes_to_360_deg(tmp_path, longitude, expected_deg):
+    columns = """
+time: {counts: utc, column: t, unit: s}
+gps_position:
+  {latitude: a, longitude: b, unit: deg, height: {column: c, unit: m, above: ellipsoidal},
+   status: {always: single}}
+"""
+    table = f"t,a,b,c\n1,48,{longitude},500\n2,48,361,500\n"
+    sample, impossible = read_table(tmp_path, table, columns).samples
+    assert fault_of(impossible) == "latitude or longitude is out of range"
+    assert math.degrees(sample.longitude_rad) == pytest.approx(expected_deg)
 
 
 def test_fixes_with_another_status_are_refused(tmp_path):
@@ -195,10 +217,10 @@ gps_position:
   status: {column: s, float: [DGPS, 5], single: 1}
 """
     rows = "t,lat,lon,h,s\n1,1,2,0.3,DGPS\n2,1,2,0.3,1.000\n3,1,2,0.3,0\n4,1,2,0.3,\n"
-    contents = read(tmp_path, rows, columns)
+    contents = read_table(tmp_path, rows, columns)
     assert [s.status for s in contents.samples] == [FixStatus.FLOAT, FixStatus.SINGLE]
     assert contents.refused == {("gps_position", "status is none of those that are a fix"): 2}
     assert isinstance(contents.samples[0], PositionSample)
     assert contents.samples[0].height_m == pytest.approx(300 - 21.387)
     with pytest.raises(LogError, match=r"status\.fixd: unknown key \(did you mean fixed"):
-        read(tmp_path, rows, columns.replace("float:", "fixd:"))
+        read_table(tmp_path, rows, columns.replace("float:", "fixd:"))

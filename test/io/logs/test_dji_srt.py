@@ -164,6 +164,22 @@ def test_what_it_leaves_open_is_asked_for(tmp_path, text, options, message):
         read(tmp_path, text, **options)
 
 
+@pytest.mark.parametrize(
+    "line",
+    [
+        "RTK (120.083799, -30.213635, 28), HOME (120.084146, -30.214243, 103.55m), H 76.2m",
+        "GPS (+120.083799, -30.213635, 28.5), D 75.36m, H 76.2m",
+        "GPS(-30.213635,120.083799,0.0M) BAROMETER:76.2M",
+    ],
+)
+def test_ways_to_write_a_place(tmp_path, line):
+    text = f"1\n00:00:00,000 --> 00:00:01,000\n{line}\n"
+    (found,) = of(read(tmp_path, text, start_ns=0, takeoff_height_m=100.0), PositionSample)
+    assert math.degrees(found.latitude_rad) == pytest.approx(-30.213635)
+    assert math.degrees(found.longitude_rad) == pytest.approx(120.083799)
+    assert found.height_m == pytest.approx(176.2)
+
+
 def test_other_subtitles_are_none(tmp_path):
     assert not is_srt(b"WEBVTT\n\n00:00.000 --> 00:01.000\n")
     film = "1\n00:00:01,000 --> 00:00:02,000\nGood evening.\n"

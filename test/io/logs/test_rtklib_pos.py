@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from datetime import datetime, timezone
 
 import numpy as np
@@ -12,6 +13,7 @@ from foreign_logs import OPTIONS, POS
 
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, VelocitySample
+from tirgeo_ros.io.logs.forms import form_of
 from tirgeo_ros.io.logs.log_contents import LogOptions
 from tirgeo_ros.io.logs.rtklib_pos import is_pos, read_pos
 
@@ -155,6 +157,38 @@ def test_south_of_the_equator_by_less_than_a_degree(tmp_path):
     (position,) = kinds(read_pos(written(tmp_path, text), LogOptions()))[0]
     assert math.degrees(position.latitude_rad) == pytest.approx(-0.51)
     assert math.degrees(position.longitude_rad) == pytest.approx(-11.576124)
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t", " , "])
+@pytest.mark.parametrize("header", [True, False])
+def test_columns_with_another_separator(tmp_path, separator, header):
+    """RTKPOST asks for it; date and time of day stay separated by a blank."""
+    lines = [re.sub(r"(?<=[^\s%]) +(?!\d\d:)", separator, line) for line in POS.splitlines()]
+    lines[0] = POS.splitlines()[0]
+    path = written(tmp_path, "\ufeff" + "\n".join(lines if header else lines[2:]))
+    assert form_of(path, columns=True).name == "RTKLIB .pos"
+    found = read_pos(path, LogOptions(time_scale="gpst", height="ellipsoidal"))
+    expected = read_pos(written(tmp_path, POS), LogOptions())
+    assert not found.refused
+    for one, other in zip(found.samples, expected.samples, strict=True):
+        assert (one.stamp_ns, one.latitude_rad) == (other.stamp_ns, other.latitude_rad)
+        assert one.height_m == other.height_m
+        np.testing.assert_array_equal(one.covariance_n, other.covariance_n)
+
+
+def test_a_solution_in_utf16(tmp_path):
+    """As PowerShell writes what a program prints."""
+    path = tmp_path / "rover.pos"
+    path.write_text(POS, encoding="utf-16")
+    assert form_of(path).name == "RTKLIB .pos"
+    assert len(kinds(read_pos(path, LogOptions()))[0]) == 2
+
+
+def test_weeks_and_seconds_of_another_table_are_none():
+    """An INS writes them too, and more columns than a solution has."""
+    assert is_pos(b"2316 200697.000 48.137 11.576 560.1 1 20" + b" 0.01" * 8)
+    assert is_pos(b"2316,200697,48.137,11.576,560.1,1,20" + b",0.01" * 8)
+    assert not is_pos(b"2316 200697.000 48.137 11.576 560.1 1.25 -0.02" + b" 0.01" * 12)
 
 
 @pytest.mark.parametrize(

@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 from foreign_logs import OPTIONS, by_topic, pvt, relposned, samples
 
+from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.measurements import (
     FixStatus,
     HeadingSample,
     PositionSample,
     VelocitySample,
 )
+from tirgeo_ros.io.logs.forms import UBX, form_of
 from tirgeo_ros.io.logs.log_contents import LogOptions
 from tirgeo_ros.io.logs.ubx import read_ubx
 from tirgeo_ros.io.logs.ubx_frames import is_ubx, ubx_frames
@@ -35,6 +37,12 @@ def read(folder, *frames, options=OPTIONS):
 
 def of(contents, kind):
     return [sample for sample in contents.samples if isinstance(sample, kind)]
+
+
+def hpposllh(i_tow, height):
+    """Return a NAV-HPPOSLLH 3 mm above the solution, as bytes."""
+    values = {"iTOW": i_tow, "lon": 11.5, "lat": 48.1, "height": height + 3}
+    return pyubx2.UBXMessage("NAV", "NAV-HPPOSLLH", pyubx2.GET, **values).serialize()
 
 
 def judged(path):
@@ -140,7 +148,7 @@ def test_real_relposned_that_are_no_heading(shared, name, reason):
         ({"relPosHeadingValid": 0}, "the receiver calls it not valid"),
         ({"relPosLength": 131}, "its length is more than 0.1 m from the baseline's"),
         ({"relPosLength": 2496465}, "its length is more than 0.1 m from the baseline's"),
-        ({"iTOW": 5}, "no NAV-PVT with a date at its time of week"),
+        ({"iTOW": 5}, "no NAV-PVT with a date within a minute of it"),
     ],
 )
 def test_headings_that_are_refused(tmp_path, changed, reason):
@@ -153,6 +161,43 @@ def test_a_heading_needs_the_length_of_the_baseline(tmp_path):
     contents = read(tmp_path, pvt(), relposned(), options=LogOptions())
     ((_, reason),) = contents.refused
     assert reason.startswith("the baseline's length is not known")
+
+
+def test_headings_between_the_solutions(tmp_path):
+    """Their epochs follow by the time of week, before the date is known and over a week's end."""
+    vectors = [relposned(iTOW=i_tow) for i_tow in (604_799_600, 604_799_800, 0, 200)]
+    saturday = {"day": 15, "hour": 23, "min": 59, "second": 41, "nano": 800_000_000}
+    undated = pvt(iTOW=604_799_600, fullyResolved=0)
+    dated = pvt(iTOW=604_799_800, **saturday)
+    contents = read(tmp_path, undated, vectors[0], dated, *vectors[1:])
+    last_ns = round(datetime(2024, 6, 15, 23, 59, 42, tzinfo=timezone.utc).timestamp()) * 10**9
+    steps_ns = [heading.stamp_ns - last_ns for heading in of(contents, HeadingSample)]
+    assert steps_ns == [-400_000_000, -200_000_000, 0, 200_000_000]
+
+
+def test_logs_of_two_weeks_in_one_file(tmp_path):
+    """The times of week are the same: what belongs together stands together."""
+    epochs = [
+        pvt(day=day, iTOW=i_tow, height=height) + relposned(iTOW=i_tow) + hpposllh(i_tow, height)
+        for day, height in ((11, 560_100), (18, 580_200))
+        for i_tow in (200_697_000, 200_698_000)
+    ]
+    contents = read(tmp_path, *epochs)
+    positions = of(contents, PositionSample)
+    assert positions[2].stamp_ns - positions[0].stamp_ns == 7 * 86400 * 10**9
+    heights_m = [560.103, 560.103, 580.203, 580.203]
+    assert [p.height_m for p in positions] == pytest.approx(heights_m, abs=1e-5)
+    stamps_ns = [position.stamp_ns for position in positions]
+    assert [heading.stamp_ns for heading in of(contents, HeadingSample)] == stamps_ns
+
+
+def test_a_receiver_that_was_set_to_ubx_later(tmp_path):
+    path = tmp_path / "log.ubx"
+    path.write_bytes(b"$GNGGA,074439.00,,,,,0,,,,,,,,*4F\r\n" * 2000)
+    with pytest.raises(LogError, match="NMEA: it has no covariances"):
+        form_of(path)
+    path.write_bytes(path.read_bytes() + pvt())
+    assert form_of(path) is UBX
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import io
 import os
 from pathlib import Path
@@ -11,6 +12,9 @@ from tirgeo_ros.io.files.whole_files import PathLike
 
 #: Limit for a table or a small document: some hundred thousand lines.
 _MOST_BYTES = 16 << 20
+#: The first bytes tell the encoding: titles and units stand there.
+_HEAD_BYTES = 4096
+UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
 def read_text(
@@ -22,6 +26,7 @@ def read_text(
 ) -> str:
     """Return the text of a file in UTF-8; ``damaged`` as ``errors`` of ``open``.
 
+    What may be damaged comes of other programs, and may be in ``encoding_of`` too.
     Raises ``error``, naming the file, if it cannot be read, is larger than ``most_bytes`` or is no
     such text.
     """
@@ -29,12 +34,28 @@ def read_text(
         with Path(path).open("rb") as file:
             content = file.read(most_bytes + 1)
         if len(content) <= most_bytes:
-            return io.TextIOWrapper(io.BytesIO(content), "utf-8-sig", damaged).read()
+            encoding = "utf-8-sig" if damaged == "strict" else encoding_of(content)
+            return io.TextIOWrapper(io.BytesIO(content), encoding, damaged).read()
     except OSError as fault:
         raise error(f"{os.fspath(path)}: cannot be read: {fault.strerror or fault}") from None
     except UnicodeDecodeError:
         raise error(f"{os.fspath(path)}: not a text file in UTF-8") from None
     raise error(f"{os.fspath(path)}: larger than {most_bytes / 2**20:g} MB; is it the right file?")
+
+
+def encoding_of(head: bytes) -> str:
+    """Return the encoding of a text by its first bytes.
+
+    UTF-16 has a mark, as Excel and PowerShell write it. What is no UTF-8 is taken as Windows-1252,
+    in which Excel writes degrees and squares.
+    """
+    if head.startswith(UTF16):
+        return "utf-16"
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(head[:_HEAD_BYTES])
+    except UnicodeDecodeError:
+        return "cp1252"
+    return "utf-8-sig"
 
 
 def named_files(text: str) -> list[str]:

@@ -6,15 +6,16 @@ from __future__ import annotations
 EXAMPLE = """\
 # What the columns of a table mean, for tirgeo import log.csv --columns THIS.yaml -o flight.mcap
 # Keep what the table has and delete the rest. Each value needs its unit:
-#   acceleration  m/s2, g, mg, ft/s2          rate      rad/s, deg/s, mrad/s, deg/h
+#   acceleration  m/s2, g, mg, ft/s2          rate      rad/s, deg/s, mrad/s, mdeg/s, deg/h
 #   angle         deg, rad, mrad, 1e-7deg     length    m, ft, km, cm, mm
 #   speed         m/s, km/h, mph, knots, ft/s, cm/s, mm/s
-#   pressure      Pa, hPa, mbar, kPa          time      s, ms, us, ns
+#   pressure      Pa, hPa, mbar, kPa          time      s, ms, 0.1ms, us, ns
 # A column is its title, or its number from 1 in a table without a header.
 
 table:
   header: true           # false: columns are numbers
   separator: comma       # comma, semicolon, tab, space
+  decimal: point         # comma: 9,81 is a number
   skip: 0                # lines before the header
   comment: "#"           # lines that begin so are passed over
   ragged: false          # true: rows may be shorter than most
@@ -24,7 +25,9 @@ time:                    # any quantity below may have a time of its own instead
                          # week: since the GPS week, which is in column 'week: TITLE';
                          # start: since the log's start, given by --start-time, or by the dates
                          # (UTC, whole seconds) in column 'date: TITLE';
-                         # written_utc, written_gpst, written_local (with --utc-offset): dates
+                         # written_utc, written_gpst, written_local (with --utc-offset): dates as
+                         # 2024-06-11 07:44:39.25; with 'date: TITLE' that column has the date, and
+                         # column the time of day
   column: time
   unit: s                # not with written dates
 

@@ -25,6 +25,7 @@ class Layout:
     skip: int = 0  # lines before the header
     comment: str = ""  # what begins lines that are passed over; empty: none
     ragged: bool = False  # rows may be shorter than most
+    decimal_comma: bool = False  # 9,81 is a number
 
 
 @dataclass(frozen=True)
@@ -92,9 +93,12 @@ def _layout(keys: Keys) -> Layout:
         "comment": (str, "a text"),
     }
     given = {name: keys.value(name, *kinds[name]) for name in kinds if name in keys}
+    if given.get("skip", 0) < 0:
+        raise LogError(f"{keys.place}.skip: {given['skip']} is not a number of lines")
     separator = _SEPARATORS[keys.choice("separator", list(_SEPARATORS), "comma")]
+    decimal_comma = keys.choice("decimal", ("point", "comma"), "point") == "comma"
     keys.finish()
-    return Layout(separator=separator, **given)
+    return Layout(separator=separator, decimal_comma=decimal_comma, **given)
 
 
 def _where(keys: Keys) -> tuple[Matching, ...]:

@@ -13,7 +13,13 @@ from tirgeo_ros.io.logs.log_contents import Refused
 #: What a unit is multiplied by to give m/s2, rad/s, rad, m, m/s, Pa; for times, ns.
 UNITS: dict[str, dict[str, float]] = {
     "acceleration": {"m/s2": 1.0, "g": 9.80665, "mg": 9.80665e-3, "ft/s2": 0.3048},
-    "rate": {"rad/s": 1.0, "deg/s": math.pi / 180, "mrad/s": 1e-3, "deg/h": math.pi / 648000},
+    "rate": {
+        "rad/s": 1.0,
+        "deg/s": math.pi / 180,
+        "mrad/s": 1e-3,
+        "mdeg/s": math.pi / 180e3,
+        "deg/h": math.pi / 648000,
+    },
     "angle": {"deg": math.pi / 180, "rad": 1.0, "mrad": 1e-3, "1e-7deg": math.pi / 180e7},
     "length": {"m": 1.0, "ft": 0.3048, "km": 1e3, "cm": 1e-2, "mm": 1e-3},
     "speed": {
@@ -27,7 +33,7 @@ UNITS: dict[str, dict[str, float]] = {
         "mm/s": 1e-3,
     },
     "pressure": {"Pa": 1.0, "hPa": 100.0, "mbar": 100.0, "kPa": 1e3},
-    "time": {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0},
+    "time": {"s": 1e9, "ms": 1e6, "0.1ms": 1e5, "us": 1e3, "ns": 1.0},
 }
 
 
@@ -52,8 +58,14 @@ class Cell:
         except (ValueError, IndexError):
             value = math.nan
         if not math.isfinite(value):
-            raise Refused(f"{self.label} is not a number")
+            raise self.no_number(row)
         return value
+
+    def no_number(self, row: Sequence[str]) -> Refused:
+        """Return why a cell is no number."""
+        text = self.text(row)
+        comma = ": has it a decimal comma? (table.decimal)" if "," in text else ""
+        return Refused(f"{self.label} is {f'not a number{comma}' if text else 'empty'}")
 
 
 class Keys:

@@ -125,7 +125,10 @@ def sigmas(keys: Keys, dimension: str) -> list[Cell | float]:
     factor = inner.unit(dimension)
     found: list[Cell | float]
     if "value" in inner:
-        found = [inner.value("value", (int, float), "a number") * factor] * 3
+        value = inner.value("value", (int, float), "a number")
+        if not 0 < value < math.inf:
+            raise LogError(f"{inner.place}.value: {value!r} is not above zero")
+        found = [value * factor] * 3
     elif "column" in inner:
         found = [inner.cell("column", factor)] * 3
     elif "horizontal" in inner:

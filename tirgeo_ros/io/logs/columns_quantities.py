@@ -79,8 +79,10 @@ class Position:
         self.offset_m = 0.0  # what makes the height ellipsoidal
 
     def sample(self, stamp_ns: int, row: Row) -> PositionSample:
-        """Return the sample."""
+        """Return the sample; longitudes may be 0 to 360 deg in the table."""
         latitude_rad, longitude_rad = (cell.of(row) for cell in self._place)
+        if math.pi < longitude_rad <= math.tau:
+            longitude_rad -= math.tau
         height_m = self._height.of(row) + self.offset_m
         covariance_n = covariance(self._sigma, row)
         status = self._status.of(row)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 from pathlib import Path
 
 from tirgeo_ros.core.types.errors import LogError
@@ -12,6 +12,7 @@ from tirgeo_ros.io.logs.columns_keys import Keys
 from tirgeo_ros.io.logs.log_contents import LogOptions, Refused
 from tirgeo_ros.io.logs.log_times import (
     GPS_EPOCH_NS,
+    LAST_NS,
     SECOND_NS,
     utc_ns,
     utc_ns_of_week,
@@ -24,6 +25,7 @@ _NUMBERS = ("utc", "gpst", "gps", "week", "start")
 _WRITTEN = ("written_utc", "written_gpst", "written_local")
 #: A full week since 1999; receivers that count to 1023 began anew then, and in 2019.
 _LEAST_WEEK = 1024
+_FORM = "2024-06-11 17:44:39.25"
 
 
 class TimeColumns:
@@ -33,7 +35,8 @@ class TimeColumns:
         self._counts = keys.choice("counts", (*_NUMBERS, *_WRITTEN))
         self._cell = keys.cell("column", 1.0 if self._is_written else keys.unit("time"))
         self._week = keys.cell("week") if self._counts == "week" else None
-        self._date = keys.cell("date") if self._counts == "start" and "date" in keys else None
+        has_date = (self._counts == "start" or self._is_written) and "date" in keys
+        self._date = keys.cell("date") if has_date else None
         self._begun_ns = 0
         keys.finish()
 
@@ -61,7 +64,7 @@ class TimeColumns:
     def stamp_ns(self, row: Sequence[str]) -> int:
         """Return the time of a row; raise Refused if it has none."""
         if self._is_written:
-            return self._written_ns(self._cell.text(row))
+            return self._written_ns(row)
         number = self._number(row)
         if self._week is not None:
             week = int(self._week.of(row))
@@ -75,15 +78,19 @@ class TimeColumns:
 
     def _number(self, row: Sequence[str]) -> int:
         """Return the count of a row in ns, by decimal arithmetic."""
-        try:
-            return round(Decimal(self._cell.text(row)) * int(self._cell.factor))
-        except (InvalidOperation, ValueError, OverflowError):
-            raise Refused(f"{self._cell.label} is not a number") from None
+        with suppress(ArithmeticError):
+            number = Decimal(self._cell.text(row)) * int(self._cell.factor)
+            if number.is_finite() and abs(number) < LAST_NS:
+                return round(number)
+        raise self._cell.no_number(row)
 
-    def _written_ns(self, text: str) -> int:
+    def _written_ns(self, row: Sequence[str]) -> int:
+        text = self._cell.text(row)
+        if self._date is not None:
+            text = f"{self._date.text(row).partition(' ')[0]} {text}"
         written = written_time(text)
         if written is None:
-            raise Refused(f"{self._cell.label} is not a date with time of day")
+            raise Refused(f"{self._cell.label} is not a date with time of day, as {_FORM}")
         if self._counts == "written_gpst":
             return utc_ns(written.local_ns)
         if self._counts == "written_utc" and written.offset_s is None:

@@ -10,12 +10,14 @@ from pathlib import Path
 
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.measurements import ImuSample
+from tirgeo_ros.io.files.text_file import encoding_of
 from tirgeo_ros.io.logs.columns_file import Columns, Layout, NamedQuantity
 from tirgeo_ros.io.logs.columns_quantities import prepare
 from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions, Refused
 from tirgeo_ros.io.messages import SensedSample
 
 _ROW = "row"
+_HEAD_BYTES = 4096
 _LOOKED_AT = 200  # rows by which the usual number of columns is known
 #: More repeats of an IMU's six values than these are no chance.
 _REPEATS = 0.02
@@ -28,11 +30,13 @@ def read_csv(path: Path, options: LogOptions) -> LogContents:
     columns = Columns(options.columns)
     if columns.layout.header:
         columns.bind(next(_rows(path, columns.layout), []), path)
+    width = 0 if columns.layout.ragged else _usual_width(path, columns.layout)
     for time in dict.fromkeys(one.time for one in columns.quantities):
-        time.prepare(_values(path, columns.layout), path, options)
+        whole = (row for row in _values(path, columns.layout) if len(row) >= width)
+        time.prepare(whole, path, options)
     for one in columns.quantities:
         prepare(one.quantity, path, options)
-    table = _Table(columns, _usual_width(path, columns.layout))
+    table = _Table(columns, width)
     for row in _values(path, columns.layout):
         table.take(row)
     table.finish()
@@ -53,7 +57,7 @@ class _Table:
     def take(self, row: list[str]) -> None:
         """Take a row."""
         self.contents.read[_ROW] += 1
-        if len(row) < self._width and not self._columns.layout.ragged:
+        if len(row) < self._width:
             self.contents.refused[_ROW, "it has fewer columns than the others"] += 1
             return
         for one in self._columns.quantities:
@@ -100,16 +104,27 @@ class _Table:
 
 
 def _rows(path: Path, layout: Layout) -> Iterator[list[str]]:
-    """Yield the rows, the header first, without empty lines and comments."""
+    """Yield the rows, the header first, without empty lines and comments.
+
+    A title in quotes may have several lines. A row has one: a quote that a damaged line does not
+    close costs no other.
+    """
     try:
-        with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
-            lines = (line for line in islice(file, layout.skip, None) if line.strip())
+        with path.open("rb") as binary:
+            encoding = encoding_of(binary.read(_HEAD_BYTES))
+        with path.open(encoding=encoding, errors="replace", newline="") as file:
+            # csv of Python 3.10 stops at a zero byte; it must not join the digits around it either
+            lines = (line.replace("\0", "?") for line in islice(file, layout.skip, None))
+            lines = (line for line in lines if line.strip())
             if layout.comment:
                 lines = (line for line in lines if not line.startswith(layout.comment))
             if layout.separator == " ":
                 yield from (line.split() for line in lines)
-            else:
-                yield from csv.reader(lines, delimiter=layout.separator)
+                return
+            if layout.header:
+                yield next(csv.reader(lines, delimiter=layout.separator), [])
+            for line in lines:
+                yield next(csv.reader([line], delimiter=layout.separator))
     except OSError as error:
         raise LogError(f"{path}: cannot be read: {error.strerror or error}") from None
     except csv.Error as error:
@@ -117,8 +132,11 @@ def _rows(path: Path, layout: Layout) -> Iterator[list[str]]:
 
 
 def _values(path: Path, layout: Layout) -> Iterator[list[str]]:
-    """Yield the rows without the header."""
-    return islice(_rows(path, layout), int(layout.header), None)
+    """Yield the rows without the header, with decimal points."""
+    rows = islice(_rows(path, layout), int(layout.header), None)
+    if layout.decimal_comma:
+        return ([cell.replace(",", ".") for cell in row] for row in rows)
+    return rows
 
 
 def _usual_width(path: Path, layout: Layout) -> int:

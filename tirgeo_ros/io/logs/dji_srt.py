@@ -27,15 +27,16 @@ from tirgeo_ros.io.logs.log_contents import MSL, TAKEOFF, LogContents, LogOption
 from tirgeo_ros.io.logs.log_times import SECOND_NS, WrittenTime, written_time
 
 _MOST_BYTES = 1 << 28
-_N = r"\s*(-?\d+(?:\.\d+)?)"  # a number
+_N = r"\s*([-+]?\d+(?:\.\d+)?)"  # a number
 _CUE = re.compile(r"^\ufeff?\d+[ \t]*\n(?=\d+:\d\d:\d\d[,.]\d+\s*-->|\d{4}[-.])", re.MULTILINE)
 _BEGIN = re.compile(r"(\d+):(\d\d):(\d\d)[,.](\d{1,3})\s*-->")
-#: Matrice 300: latitude first, and a height of 0.0 M as the third. All others: longitude first.
+#: Matrice 300: latitude first, and a height of 0.0 M as the third. All others: longitude first,
+#: and the satellites or a height as the third; Phantom 4 RTK writes RTK for GPS while it has one.
 _LAT_LON = (
     re.compile(rf"\[latitude\s*:{_N}\]\s*\[longt?itude\s*:{_N}\]"),
     re.compile(rf"GPS\s*\({_N},{_N},{_N}M\)"),
 )
-_LON_LAT = re.compile(rf"GPS\s*\({_N},{_N},\s*\d+\)")
+_LON_LAT = re.compile(rf"(?:GPS|RTK)\s*\({_N},{_N},{_N}\)")
 #: Height above mean sea level; above nobody says what; above the take-off.
 _ABSOLUTE = re.compile(rf"abs_alt\s*:{_N}")
 _PLAIN = re.compile(rf"\[altitude\s*:{_N}")

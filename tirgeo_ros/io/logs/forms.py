@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
 
 from tirgeo_ros.core.types.errors import LogError
+from tirgeo_ros.io.files.text_file import UTF16
 from tirgeo_ros.io.logs import dataflash, dji_srt, px4_ulog, rtklib_pos, ubx_frames
 from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions
 
@@ -48,8 +50,11 @@ FORMS = (
 
 
 def _is_text(head: bytes) -> bool:
-    """Return whether there is no control byte but those of texts."""
-    return all(byte >= 32 or byte in b"\t\n\r\f" for byte in head)
+    """Return whether there are hardly any control bytes but those of texts.
+
+    Logs of memory cards have some, where the power went; binary ones have a tenth and more.
+    """
+    return sum(byte < 32 and byte not in b"\t\n\r\f" for byte in head) <= len(head) // 100
 
 
 #: Any text, where a columns file says what is in it.
@@ -69,12 +74,17 @@ def form_of(path: Path, *, columns: bool = False) -> Form | None:
             head = file.read(_HEAD_BYTES)
     except OSError as error:
         raise LogError(f"{path}: cannot be read: {error.strerror or error}") from None
+    if head.startswith(UTF16):
+        with suppress(UnicodeDecodeError):  # then it is no text
+            head = head.decode("utf-16").encode()
     form = next((form for form in FORMS if form.is_form(head)), None)
     if form is not None or not head or not CSV.is_form(head):
         return form
     if columns:
         return CSV
     if _NMEA.search(head):
+        if UBX.is_form(path.read_bytes()):  # a receiver that was set to UBX later
+            return UBX
         raise LogError(f"{path}: NMEA: it has no covariances; record UBX (NAV-PVT) beside it")
     if b"," in head or b";" in head:
         raise LogError(

@@ -23,9 +23,11 @@ _LEAPS = (
 )
 _WRITTEN = re.compile(
     r"(\d{4})[-./](\d{1,2})[-./](\d{1,2})[T\s]+(\d{1,2}):(\d{2}):(\d{2})"
-    r"(?:[.,](\d{1,9}))?(?:,(\d{3}))?\s*(Z|[+-]\d{2}:?\d{2}(?!\d))?"
+    r"(?![\d.,]*\s*[AaPp]\.?[Mm]\b)"  # hours up to 12 are not read
+    r"(?:[.,](\d{1,9})\d*)?(?:,(\d{3}))?"
+    r"[ \t]*(?:(Z|UTC|GMT)\b)?[ \t]*([+-]\d{1,2}(?::?\d{2})?(?![\d:.]))?"
 )
-_OFFSET = re.compile(r"([+-])(\d{1,2}):?(\d{2})")
+_OFFSET = re.compile(r"([+-])(\d{1,2})(?::?(\d{2}))?")
 #: Stamps of ROS messages end in 2038, and a bag's begin in 1970.
 LAST_NS = (1 << 31) * SECOND_NS
 
@@ -59,13 +61,14 @@ class WrittenTime(NamedTuple):
 def written_time(text: str) -> WrittenTime | None:
     """Return the first date with time of day in a text, or None; its second may be 60.
 
-    Takes ``2024-06-11T07:44:39.25Z``, ``2025/08/28 17:30:39.749`` and DJI's
-    ``2022.8.7 13:40:40,774,808``.
+    Takes ``2024-06-11T07:44:39.25Z``, ``2025/08/28 17:30:39.749``, DJI's
+    ``2022.8.7 13:40:40,774,808`` and Emlid's ``2022-03-14 13:03:45.8 UTC+03:00``.
     """
     found = _WRITTEN.search(text)
     if found is None:
         return None
-    *fields, fraction, micros, zone = found.groups()
+    *fields, fraction, micros, utc, offset = found.groups()
+    zone = offset or (utc and "Z")
     year, month, day, hour, minute, second = map(int, fields)
     try:
         minutes_ns = _unix_ns(year, month, day, hour, minute)
@@ -80,10 +83,16 @@ def written_time(text: str) -> WrittenTime | None:
 
 
 def zone_offset_s(text: str) -> int:
-    """Return the offset (s, east positive) of ``+09:00``, ``-0330`` or ``Z``; else ValueError."""
+    """Return the offset (s, east positive) of ``+09:00``, ``-0330``, ``+02`` or ``Z``.
+
+    Raise ValueError for another text.
+    """
     if text == "Z":
         return 0
     found = _OFFSET.fullmatch(text)
-    if found is None or int(found[2]) > 14 or int(found[3]) > 59:
+    if found is None:
         raise ValueError(text)
-    return (int(found[2]) * 3600 + int(found[3]) * 60) * (-1 if found[1] == "-" else 1)
+    hours, minutes = int(found[2]), int(found[3] or 0)
+    if hours > 14 or minutes > 59:
+        raise ValueError(text)
+    return (hours * 3600 + minutes * 60) * (-1 if found[1] == "-" else 1)

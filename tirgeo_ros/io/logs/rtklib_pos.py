@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import re
+from codecs import BOM_UTF8
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -31,11 +32,17 @@ from tirgeo_ros.io.logs.log_times import (
 from tirgeo_ros.io.messages import SensedSample
 
 _MOST_BYTES = 1 << 30
-_TITLES = re.compile(r"%\s+(GPST|UTC|JST)\s+(\S+)")
+#: What stands between columns: blanks, or what a person chose in RTKPOST.
+_SEPARATOR = re.compile(r"[\s,;]+")
+_TITLES = re.compile(r"%\s+(GPST|UTC|JST)[\s,;]+([^\s,;]+)")
 _DATUM = re.compile(r"height=WGS84/(ellipsoidal|geodetic)")
-_NUMBER = r"\s+[-+.\d]+"
-_DATE = r"(\d{4}/\d\d/\d\d\s+\d\d:\d\d:[\d.]+|\d{3,4}\s+\d+\.\d+)"
-_BARE = re.compile(rf"{_DATE}({_NUMBER}){{13}}")
+_NUMBER = r"[\s,;]+[-+.\d]+"
+_DATE = r"\s*(\d{4}/\d\d/\d\d\s+\d\d:\d\d:[\d.]+|\d{3,4}[\s,;]+\d+(\.\d+)?)"
+#: A place of three or seven columns, quality, satellites, and at least eight more.
+_BARE = re.compile(
+    rf"{_DATE}({_NUMBER}){{3}}(({_NUMBER}){{4}})?[\s,;]+[0-7](\.0*)?[\s,;]+\d{{1,3}}(\.0*)?"
+    rf"({_NUMBER}){{8}}"
+)
 _DEGREES, _SEXAGESIMAL, _ECEF = "deg", "dms", "ecef"
 _COORDINATES = {"latitude(deg)": _DEGREES, "latitude(d'\")": _SEXAGESIMAL, "x-ecef(m)": _ECEF}
 #: Columns of a line, without and with velocity.
@@ -66,8 +73,8 @@ class _Header:
 
 def is_pos(head: bytes) -> bool:
     """Return whether a file's first bytes are those of a solution file."""
-    text = head.decode("ascii", "replace")
-    return bool(_TITLES.search(text) or _BARE.match(text.lstrip("\ufeff")))
+    text = head.removeprefix(BOM_UTF8).decode("ascii", "replace")
+    return bool(_TITLES.search(text) or _BARE.match(text))
 
 
 def read_pos(path: Path, options: LogOptions) -> LogContents:
@@ -103,7 +110,7 @@ class _PosLog:
             return
         self.contents.read[_SAMPLE] += 1
         try:
-            self.contents.samples += self._samples(line.replace(",", " ").split())
+            self.contents.samples += self._samples(_cells(line))
         except (ValueError, OverflowError):
             self.contents.refused[_SAMPLE, "its columns are not those of the header"] += 1
 
@@ -127,7 +134,7 @@ class _PosLog:
             raise LogError(
                 f"{self._path}: no header with the time scale: give --time-scale gpst or utc"
             )
-        first = next((line.split() for line in lines if not line.startswith("%")), [])
+        first = next((_cells(line) for line in lines if not line.startswith("%")), [])
         coordinates = _guessed(first)
         self.contents.notes.append(f"it has no header: coordinates taken as {coordinates}")
         return replace(self._header, scale=scale, coordinates=coordinates)
@@ -191,6 +198,10 @@ class _PosLog:
                 "ellipsoidal, or --height msl (sea level)"
             )
         return datum
+
+
+def _cells(line: str) -> list[str]:
+    return _SEPARATOR.split(line.strip(" \t,;"))
 
 
 def _angle_rad(cells: list[str]) -> float:

@@ -2,15 +2,17 @@
 
 Fields as in u-blox's F9 interface description, decoded by pyubx2. hAcc is the root of the sum of
 both horizontal variances (NAV-COV of the same epochs has them), so each axis gets half of its
-square. RELPOSNED points from the moving base to the rover, and has no date: it takes that of the
-NAV-PVT of its epoch.
+square. RELPOSNED points from the moving base to the rover, and has no date: its time is that of a
+NAV-PVT near it in the log, plus the difference of their times of week.
 """
 
 from __future__ import annotations
 
+import bisect
 import math
+from collections import defaultdict
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,7 +25,7 @@ from tirgeo_ros.core.types.measurements import (
     VelocitySample,
 )
 from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions, Refused, say_receiver
-from tirgeo_ros.io.logs.log_times import SECOND_NS, written_time
+from tirgeo_ros.io.logs.log_times import SECOND_NS, WEEK_NS, written_time
 from tirgeo_ros.io.logs.ubx_frames import ubx_frames
 from tirgeo_ros.io.messages import SensedSample
 
@@ -35,6 +37,9 @@ _AROUND = 8  # bytes of a frame beside its payload
 #: Half a wavelength of L1: more than a tape errs, less than most wrong ambiguities do.
 _LENGTH_TOLERANCE_M = 0.1
 _STATUS = {2: FixStatus.FIXED, 1: FixStatus.FLOAT}
+_WEEK_MS = WEEK_NS // 1_000_000
+#: A heading farther from all solutions with a date than this is none of their recording.
+_MOST_APART_MS = 60_000
 _FIX_TYPES = (3, 4)  # 3D; GNSS and dead reckoning. 2D has no height, 1 is dead reckoning alone
 
 
@@ -51,14 +56,22 @@ def read_ubx(path: Path, options: LogOptions) -> LogContents:
     return log.contents
 
 
+class _Dated(NamedTuple):
+    """Hold a solution with a date: its place in the log, time of week (ms) and UTC (ns)."""
+
+    number: int
+    of_week_ms: int
+    stamp_ns: int
+
+
 class _UbxLog:
     """Collect the messages of a log; a position waits for its high-precision part."""
 
     def __init__(self, options: LogOptions) -> None:
         self.contents = LogContents()
         self._options = options
-        self._found: dict[str, list[Any]] = {name: [] for name in _KEYS.values()}
-        self._stamps_ns: dict[object, int] = {}  # by time of week
+        self._found: dict[str, list[tuple[int, Any]]] = {name: [] for name in _KEYS.values()}
+        self._dated: list[_Dated] = []
 
     def take(self, frame: bytes | None) -> None:
         """Take a frame, or the remains of one."""
@@ -74,30 +87,36 @@ class _UbxLog:
         from pyubx2 import UBXReader  # noqa: PLC0415  an extra
 
         if len(frame) - _AROUND in _LENGTHS[name]:  # of others pyubx2 leaves fields out
-            self._found[name].append(UBXReader.parse(frame))
+            number = self.contents.read.total()  # its place in the log
+            self._found[name].append((number, UBXReader.parse(frame)))
         else:
             self.contents.refused[name, "its length is no known one"] += 1
 
     def finish(self) -> None:
         """Convert what was collected to samples."""
-        precise = {m.iTOW: m for m in self._found[HPPOSLLH] if not getattr(m, "invalidLlh", 0)}
-        for message in self._found[PVT]:
-            self._count(PVT, self._solution, message, precise.get(message.iTOW, message))
-        for message in self._found[RELPOSNED]:
-            self._count(RELPOSNED, self._heading, message)
+        precise = defaultdict(list)  # by time of week, which comes again in a joined log
+        for number, message in self._found[HPPOSLLH]:
+            if not getattr(message, "invalidLlh", 0):
+                precise[message.iTOW].append((number, message))
+        for number, message in self._found[PVT]:
+            near = precise.get(message.iTOW, [(number, message)])
+            _, place = min(near, key=lambda one: abs(one[0] - number))
+            self._count(PVT, self._solution, number, message, place)
+        for number, message in self._found[RELPOSNED]:
+            self._count(RELPOSNED, self._heading, number, message)
         if self._found[PVT]:
-            is_rtk = any(message.carrSoln for message in self._found[PVT])
+            is_rtk = any(message.carrSoln for _, message in self._found[PVT])
             say_receiver(self.contents, PVT, is_rtk=is_rtk)
 
-    def _count(self, name: str, convert: Any, *messages: Any) -> None:
+    def _count(self, name: str, convert: Any, *record: Any) -> None:
         try:
-            self.contents.samples += convert(*messages)
+            self.contents.samples += convert(*record)
         except Refused as why:
             self.contents.refused[name, str(why)] += 1
 
-    def _solution(self, pvt: Any, place: Any) -> list[SensedSample]:
+    def _solution(self, number: int, pvt: Any, place: Any) -> list[SensedSample]:
         stamp_ns = _stamp_ns(pvt)
-        self._stamps_ns[pvt.iTOW] = stamp_ns
+        self._dated.append(_Dated(number, pvt.iTOW, stamp_ns))
         _must(pvt.gnssFixOk and pvt.fixType in _FIX_TYPES, "no 3D fix")
         _must(not getattr(pvt, "invalidLlh", 0), "latitude, longitude and height are not valid")
         status = _STATUS.get(pvt.carrSoln, FixStatus.FLOAT if pvt.diffSoln else FixStatus.SINGLE)
@@ -116,20 +135,35 @@ class _UbxLog:
         velocity = VelocitySample(stamp_ns, Source.RTK_VELOCITY, velocity_n, covariance_n)
         return [position, velocity]
 
-    def _heading(self, vector: Any) -> list[SensedSample]:
+    def _heading(self, number: int, vector: Any) -> list[SensedSample]:
         whole = vector.version == 1 and vector.length == _LENGTHS[RELPOSNED][-1]
         _must(whole, f"version {vector.version} of {vector.length} bytes has no heading")
         _must(vector.relPosValid and vector.relPosHeadingValid, "the receiver calls it not valid")
         _must(vector.isMoving, "not of a moving base: the bearing from a base on the ground")
         _must(vector.carrSoln == 2, "ambiguities are not fixed")
         self._must_be_baseline(vector.relPosLength * 1e-2)
-        stamp_ns = self._stamps_ns.get(vector.iTOW)
-        if stamp_ns is None:
-            raise Refused("no NAV-PVT with a date at its time of week")
+        stamp_ns = self._stamp_near_ns(number, vector.iTOW)
         azimuth_rad = math.radians(vector.relPosHeading) + self._options.rover_first * math.pi
         heading_rad = (azimuth_rad - self._options.baseline_rad) % math.tau
         variance = math.radians(vector.accHeading) ** 2
         return [HeadingSample(stamp_ns, heading_rad, variance)]
+
+    def _stamp_near_ns(self, number: int, of_week_ms: int) -> int:
+        """Return the UTC (ns) of a time of week, by the solution before or behind it in the log.
+
+        Times of week begin anew, and receivers may give more vectors than solutions.
+        """
+        place = bisect.bisect(self._dated, number, key=lambda dated: dated.number)
+        apart = {
+            _apart_ms(of_week_ms - dated.of_week_ms): dated
+            for dated in self._dated[max(place - 1, 0) : place + 1]
+        }
+        nearest_ms = min(apart, key=abs, default=_WEEK_MS)
+        _must(
+            abs(nearest_ms) < _MOST_APART_MS,
+            "no NAV-PVT with a date within a minute of it: record both",
+        )
+        return apart[nearest_ms].stamp_ns + nearest_ms * 1_000_000
 
     def _must_be_baseline(self, length_m: float) -> None:
         known_m = self._options.baseline_m
@@ -145,6 +179,11 @@ class _UbxLog:
 def _must(good: object, reason: str) -> None:
     if not good:
         raise Refused(reason)
+
+
+def _apart_ms(difference_ms: int) -> int:
+    """Return a difference of times of week in -half to half a week."""
+    return (difference_ms + _WEEK_MS // 2) % _WEEK_MS - _WEEK_MS // 2
 
 
 def _stamp_ns(pvt: Any) -> int:

@@ -39,8 +39,8 @@ _KEYS = {
 #: A receiver with a moving base gives the position of its own antenna, the rover's.
 _ROVER = (
     "rtk/fix is of the rover's antenna, and rtk/heading points to it from the moving base: take "
-    "positions from the base's log (name it before this one), or make the rover's antenna the "
-    "first with --rover-first"
+    "positions from the base's log (name it before this one; it must be RTK too), or make the "
+    "rover's antenna the first with --rover-first"
 )
 _POSITIONS = ("rtk/fix", "gps/fix")
 
@@ -110,7 +110,8 @@ def import_logs(
     options = _completed(options, config)
     rest = iter(columns if len(columns) > 1 else [*columns] * len(files))
     logs: list[Log] = []
-    for path, form in files:
+    for number, (path, form) in enumerate(files):
+        progress(number, len(files))
         own = replace(options, columns=next(rest)) if form is CSV else options
         logs.append(_read(path, form, own))
     _leave_out_repeated_topics(logs)
