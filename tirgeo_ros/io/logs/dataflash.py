@@ -41,7 +41,7 @@ from tirgeo_ros.io.logs.log_contents import MSL, LogContents, LogOptions
 from tirgeo_ros.io.logs.log_times import utc_ns_of_week
 
 #: The first message of a log: a format (FMT, 0x80) that describes a message, mostly itself.
-_HEADS = b"\xa3\x95\x80", b"FMT,"
+_BINARY, _TEXT = b"\xa3\x95\x80", b"FMT,"
 #: The fields that are taken; a log that lacks one has NaN.
 _FIELDS = {
     "IMU": ("TimeUS", "I", "AccX", "AccY", "AccZ", "GyrX", "GyrY", "GyrZ"),
@@ -59,7 +59,7 @@ _PARAMETER = "PARM"
 
 def is_dataflash(head: bytes) -> bool:
     """Return whether a file that begins so is a DataFlash log, binary or as text."""
-    return head.startswith(_HEADS)
+    return head.startswith((_BINARY, _TEXT))
 
 
 class _Records:
@@ -147,6 +147,16 @@ def read_dataflash(path: Path, options: LogOptions) -> LogContents:
 
 
 def _logged(path: Path) -> _Log:
+    from pymavlink.DFReader import (  # noqa: PLC0415  an extra, for these logs
+        DFReader_binary,
+        DFReader_text,
+    )
+
+    class Reader(DFReader_binary):  # type: ignore[misc]  # pymavlink has no types
+        def init_arrays_fast(self, progress_callback: Any = None) -> None:
+            """Index in Python: the faster way prints past any redirection."""
+            self.init_arrays(progress_callback)
+
     said = StringIO()  # it prints each place that it cannot read
     log = _Log({name: _Records(name) for name in _FIELDS}, {}, damaged=False)
     try:
@@ -154,7 +164,7 @@ def _logged(path: Path) -> _Log:
             bounded_memory(LOG_BYTES),
             redirect_stdout(said),
             redirect_stderr(said),
-            _reader(path) as file,
+            (DFReader_text if _is_text(path) else Reader)(str(path)) as file,
         ):
             while message := file.recv_match(type={*_FIELDS, _PARAMETER}, strict=True):
                 _take(log, message)
@@ -167,20 +177,9 @@ def _logged(path: Path) -> _Log:
     return log
 
 
-def _reader(path: Path) -> Any:
-    from pymavlink.DFReader import (  # noqa: PLC0415  an extra, for these logs
-        DFReader_binary,
-        DFReader_text,
-    )
-
-    class Reader(DFReader_binary):  # type: ignore[misc]  # pymavlink has no types
-        def init_arrays_fast(self, progress_callback: Any = None) -> None:
-            """Index in Python: the faster way prints past any redirection."""
-            self.init_arrays(progress_callback)
-
+def _is_text(path: Path) -> bool:
     with path.open("rb") as file:
-        is_text = file.read(len(_HEADS[1])) == _HEADS[1]
-    return DFReader_text(str(path)) if is_text else Reader(str(path))
+        return file.read(len(_TEXT)) == _TEXT
 
 
 def _take(log: _Log, message: Any) -> None:

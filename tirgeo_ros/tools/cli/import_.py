@@ -4,7 +4,7 @@ Makes a bag with the topics of tirgeo (imu/data, gps, rtk, gimbal, thermal) from
 ROS 1 bag with the topics of DJI's wrapper (dji_sdk/ or dji_osdk_ros/), from any bag of ROS 1 or
 ROS 2 whose topics --map-topic names, or from the bytes of an aircraft's serial port. Each file is
 recognised by its content. Topics of the wrong type and implausible values are reported and left
-out. A ROS 1 bag that was cut off or never closed is refused; rosbag reindex mends it. The same
+out. A ROS 1 bag that was cut off or never closed is read up to the cut, with exit code 1. The same
 input gives the same bytes. --namespace and the topics are for bags; --packages and --key for
 captures.
 
