@@ -36,6 +36,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Iterator
 from datetime import datetime, timezone
 from typing import Any
 
@@ -126,12 +127,24 @@ def _mapped_topics(args: argparse.Namespace) -> Any:
 
     if args.map_topic and (args.image_topic or args.camera_info_topic):
         raise UsageError(
-            "--image-topic is for DJI's bags: use --map-topic TOPIC=thermal/image_raw"
+            "--image-topic is for DJI's bags: use --map-topic TOPIC=thermal/image_raw, "
+            "thermal/image_raw/compressed or thermal/camera_info"
         )
+    of_logs = [name for name, given in _of_logs(args) if given]
+    if args.map_topic and of_logs:
+        raise UsageError(f"{of_logs[0]} is for logs, not for --map-topic")
     if args.imu_rpy and not args.map_topic:
         raise UsageError("--imu-rpy is for --map-topic; else set aircraft.imu_rpy_deg for process")
     pairs = tuple(map(_pair, args.map_topic))
     return MappedTopics(pairs, tuple(args.imu_rpy or (0.0, 0.0, 0.0)), args.geoid_undulation)
+
+
+def _of_logs(args: argparse.Namespace) -> Iterator[tuple[str, object]]:
+    """Yield the options that bags have no use for, and what is given."""
+    for option, *_ in LOGS:
+        given = getattr(args, option.removeprefix("--").replace("-", "_"))
+        if option != "--geoid-undulation":
+            yield option, given if isinstance(given, bool | str | list) else given is not None
 
 
 def _pair(text: str) -> tuple[str, str]:
@@ -195,7 +208,8 @@ def describe(result: dict[str, Any]) -> str:
     parts += result.get("notes", [])
     pictures = [t for t, kind in result.get("not_read", {}).items() if "Image" in kind]
     if pictures:
-        parts.append(f"pictures in the bag that --image-topic may name: {', '.join(pictures)}")
+        option = "--map-topic" if result["kind"] == "mapped" else "--image-topic"
+        parts.append(f"pictures in the bag that {option} may name: {', '.join(pictures)}")
     return "\n\n".join(parts)
 
 
