@@ -41,7 +41,7 @@ from datetime import datetime, timezone
 from typing import Any
 
 from tirgeo_ros.tools.cli._lines import table
-from tirgeo_ros.tools.cli._verb import NUMBER, WORD, Option, UsageError, call
+from tirgeo_ros.tools.cli._verb import NUMBER, WORD, Option, UsageError, call, utc_time
 from tirgeo_ros.tools.cli.dump import CAPTURE
 
 
@@ -192,10 +192,7 @@ def _write_example(args: argparse.Namespace) -> int:
 def _utc_ns(text: str) -> int:
     """Return an ISO time in ns of Unix time; without a zone it is UTC. Raise UsageError."""
     try:
-        time = datetime.fromisoformat(text.removesuffix("Z"))
-        if time.tzinfo is None:
-            time = time.replace(tzinfo=timezone.utc)
-        return round(time.timestamp() * 1e6) * 1000
+        return round(utc_time(text).timestamp() * 1e6) * 1000
     except (ValueError, OverflowError):
         raise UsageError(f"--start-time {text}: not a time as 2024-06-11T07:44:39") from None
 
