@@ -48,6 +48,14 @@ def test_a_file_that_is_absent(tmp_path):
     assert damage == "bag_1.mcap, named in metadata.yaml, is absent; 200 messages were read"
 
 
+def test_a_file_that_was_renamed(tmp_path):
+    folder = record(tmp_path / "bag", [MESSAGES])
+    (folder / "bag_0.mcap").rename(folder / "flight.mcap")
+    found, damage = read(folder)
+    assert found == MESSAGES
+    assert damage == "bag_0.mcap, named in metadata.yaml, is absent; 300 messages were read"
+
+
 def test_an_empty_last_file(tmp_path):
     folder = record(tmp_path / "bag", THIRDS, metadata=False)
     (folder / "bag_2.mcap").write_bytes(b"")
@@ -189,7 +197,7 @@ def unknown_compression(folder):
         (lambda folder: folder, "{}: no bag in this folder: no .mcap and no .db3 file"),
         (lambda folder: folder / "a.mcap", "{}/a.mcap: cannot be read: No such file"),
         (two_recordings, "{}: 2 recordings without a metadata.yaml (first, other): give one"),
-        (all_absent, "{}: bag_0.mcap, named in metadata.yaml, is absent; bag_1.mcap, named in"),
+        (all_absent, "{}: no bag in this folder: no .mcap and no .db3 file"),
         (unknown_storage, "{}/metadata.yaml: storage 'of_my_own' is not known (mcap, sqlite3"),
         (unknown_compression, "{}/metadata.yaml: compression 'lz4' is not known (zstd is)"),
         (a_name_that_no_file_can_have, "{}: cannot be read: File name too long"),

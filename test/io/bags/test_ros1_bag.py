@@ -1,4 +1,4 @@
-"""ROS 1 bags: whole ones are read; cut off, damaged and oversized ones are refused."""
+"""ROS 1 bags: whole, or cut off and read up to the cut; damaged and oversized ones are refused."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from ros1_bags import BEGUN_NS, Bag
-from rosbags.rosbag1 import Writer
+from rosbags.rosbag1 import Reader, Writer
 
 from tirgeo_ros.core.types.errors import BagError, MessageError
 from tirgeo_ros.io.bags.bag import Cdr
@@ -70,15 +70,41 @@ def test_order_is_that_of_the_record_where_chunks_overlap(tmp_path):
 
 
 @pytest.mark.parametrize("packed", PACKED)
-def test_a_bag_that_was_cut_is_refused(tmp_path, packed):
+def test_a_bag_that_was_cut_is_read_up_to_the_cut(tmp_path, packed):
     path = numbers_bag(tmp_path / "a.bag", packed)
-    data = path.read_bytes()
+    data, counts = path.read_bytes(), []
     for cut in np.linspace(len(MAGIC), len(data) - 1, 9).astype(int):
         path.write_bytes(data[:cut])
-        with pytest.raises(
-            BagError, match=r"a\.bag: cannot be read: .*repair it with rosbag reindex"
-        ):
-            read(path)
+        found = []
+        with suppress(BagError):
+            found = read(path)
+        assert found == EXPECTED[: len(found)]
+        counts.append(len(found))
+        assert not found or f"{len(found)} messages were found" in str(Ros1Bag(path).damage)
+    assert counts == sorted(counts)
+    assert (counts[0], counts[-1]) == (0, len(EXPECTED))  # the last cut is in the index
+    # The whole chunks before the cut, which are all alike but for the last.
+    assert counts[4] > len(EXPECTED) * 0.25
+
+
+def test_a_chunk_that_was_being_written(tmp_path):
+    """A recorder fills in the sizes of a chunk, and the bag's index, when it is done."""
+    path = numbers_bag(tmp_path / "a.bag")
+    data = bytearray(path.read_bytes())
+    with Reader(path) as reader:
+        last = max(chunk.datapos for chunk in reader.chunks.values())
+        end = last + max(reader.chunks.values(), key=lambda chunk: chunk.datapos).datasize
+        whole = sum(entry.chunk_pos < last - 200 for i in reader.indexes.values() for entry in i)
+    data[last - 4 : last] = bytes(4)
+    place = data.index(b"index_pos=") + len("index_pos=")
+    data[place : place + 8] = bytes(8)
+    path.write_bytes(data[: end - 10])  # in the middle of the last record
+    bag = Ros1Bag(path)
+    assert read(path) == EXPECTED[:-1]
+    assert whole < len(EXPECTED) - 1
+    assert bag.span_ns == (EXPECTED[0][0], EXPECTED[-2][0])
+    assert bag.damage is not None
+    assert f"{len(EXPECTED) - 1} messages were found" in bag.damage
 
 
 @pytest.mark.parametrize("packed", PACKED)

@@ -43,9 +43,9 @@ def small_log():
     return log
 
 
-def fix(log, at_us, status, yaw_deg, instance=0, vertical=1):
-    log.add("GPS", at_us, instance, status, 6_448_000 + at_us // 1000 - 80_000, 1973, 20, 0.7,
-            -35.3626277, 149.1653034, 588.82, 5.0, 30.0, -1.5, yaw_deg, 1)  # fmt: skip
+def fix(log, at_us, status, yaw_deg, instance=0, vertical=1, used=1, week=1973):
+    log.add("GPS", at_us, instance, status, 6_448_000 + at_us // 1000 - 80_000, week, 20, 0.7,
+            -35.3626277, 149.1653034, 588.82, 5.0, 30.0, -1.5, yaw_deg, used)  # fmt: skip
     log.add("GPA", at_us, instance, 1.2, 0.02, 0.03, 0.1, 0.5, vertical, at_us // 1000, 200, -19.2)
 
 
@@ -114,13 +114,60 @@ def test_the_first_of_each_is_taken_with_rtk_and_yaw(tmp_path):
     )
     assert {sample.specific_force_b[1] for sample in found[Source.IMU]} == {np.float32(0.2)}
     assert contents.refused == {
-        ("IMU", "of another instance than the first"): 101,
-        ("GPS", "of another instance than the first"): 1,
+        ("IMU", "of another instance than the one taken"): 101,
+        ("GPS", "of another instance than the one taken"): 1,
         ("GPS", "fix type 2: no position in three dimensions"): 1,
     }
     assert "GPS_POS1: the antenna is at [0.5, 0, 0] (forward, left, up)" in " ".join(
         contents.notes
     )
+
+
+@pytest.mark.parametrize(
+    ("fixes", "used", "taken"), [((1, 6), 0, 1), ((3, 6), 1, 1), ((3, 6), 0, 0), ((3, 6), 2, 0)]
+)
+def test_the_receiver_is_taken_that_the_autopilot_used(tmp_path, fixes, used, taken):
+    """Not the first where that has no fix, and not a rover of a moving base, whatever its fix."""
+    log = small_log()
+    log.add("PARM", 0, "GPS_POS2_X", 0.25)
+    for instance, status in enumerate(fixes):
+        fix(log, 80_100_000, status, 0.0, instance, used=int(instance == used))
+    contents = read_dataflash(log.write(tmp_path / "a.BIN"), OPTIONS)
+    source = (Source.GPS_POSITION, Source.RTK_POSITION)[fixes[taken] == 6]
+    assert len(by_source(contents)[source]) == 1
+    assert contents.refused["GPS", "of another instance than the one taken"] == 1
+    assert ("GPS: receiver 2 is taken" in contents.notes) == bool(taken)
+    assert f"at [{(0.5, 0.25)[taken]}, 0, 0]" in " ".join(contents.notes)
+
+
+def test_utc_is_that_of_records_with_a_fix(tmp_path):
+    log = small_log()
+    for at_us in (80_100_000, 80_200_000, 80_300_000):
+        fix(log, at_us, 1, 0.0, week=1024)  # what the receiver's own clock says
+    fix(log, 80_400_000, 3, 0.0)
+    found = by_source(read_dataflash(log.write(tmp_path / "a.BIN"), OPTIONS))
+    utc = datetime(2017, 10, 29, 1, 47, 10, 400_000, tzinfo=timezone.utc)
+    assert [s.stamp_ns for s in found[Source.GPS_POSITION]] == [round(utc.timestamp() * 1e9)]
+
+
+def test_a_log_as_text_gives_the_same(tmp_path):
+    """As a ground station writes it: each record's values, scaled, behind its name."""
+    from pymavlink.DFReader import DFReader_binary  # noqa: PLC0415  an extra
+
+    log = small_log()
+    fix(log, 80_100_000, 6, 123.0)
+    path = log.write(tmp_path / "a.BIN")
+    reader, lines = DFReader_binary(str(path)), []
+    while message := reader.recv_msg():
+        values = (getattr(message, name) for name in message.get_fieldnames())
+        lines.append(", ".join([message.get_type(), *map(str, values)]))
+    text = tmp_path / "a.log"
+    text.write_text("\n".join(lines) + "\n")
+    assert is_dataflash(text.read_bytes()[:64])
+    given, found = (by_source(read_dataflash(one, OPTIONS)) for one in (path, text))
+    assert found.keys() == given.keys()
+    for source, samples in given.items():
+        assert list(map(repr, found[source])) == list(map(repr, samples))
 
 
 def test_a_receiver_without_vertical_velocity_gives_no_velocity(tmp_path):

@@ -182,6 +182,41 @@ def test_the_newer_units_rtk_and_the_heading_of_the_nose(tmp_path):
         assert told in notes
 
 
+def test_the_first_receiver_with_a_fix_is_taken(tmp_path):
+    log = small_log(fixes=False)
+    log.topic("sensor_gps", NEW)
+    place = (52.0116, 4.3575, 1.0, 44.0)
+    for instance, kind in enumerate((0, 6, 3)):
+        row = (20_300_000, UTC_US, *place, *FIX[:9], kind, True)
+        log.add("sensor_gps", *row, instance=instance)
+    contents = read_px4_ulog(log.write(tmp_path / "two.ulg"), LogOptions())
+    (position,) = by_source(contents)[Source.RTK_POSITION]
+    assert position.status is FixStatus.FIXED
+    assert contents.read["sensor_gps"] == 3
+    assert contents.refused == {("sensor_gps", "of another instance than the one taken"): 2}
+
+
+def test_utc_is_that_of_records_with_a_fix(tmp_path):
+    """Before it, a receiver's own clock may be hours away, for most of a log."""
+    log = small_log()
+    place = (0, 0, 0, 0)
+    for k in range(3):
+        wrong_us = UTC_US - 3 * 3600 * 10**6
+        log.add("vehicle_gps_position", 20_000_000 + k, wrong_us, *place, *FIX[:9], 1, True)
+    found = by_source(read_px4_ulog(log.write(tmp_path / "utc.ulg"), LogOptions()))
+    (position,) = found[Source.GPS_POSITION]
+    assert position.stamp_ns == (UTC_US + 20_300_000) * 1000
+
+
+def test_velocities_count_where_the_log_does_not_judge_them(tmp_path):
+    log = small_log(fixes=False)
+    log.topic("vehicle_gps_position", OLD.removesuffix(";bool vel_ned_valid"))
+    place = (520_116_000, 43_575_000, 1_000, 44_000)
+    log.add("vehicle_gps_position", 20_300_000, UTC_US, *place, *FIX[:10])
+    found = by_source(read_px4_ulog(log.write(tmp_path / "old.ulg"), LogOptions()))
+    assert [s.velocity_n.tolist() for s in found[Source.GPS_VELOCITY]] == [[1.0, -2.0, 0.5]]
+
+
 @pytest.mark.parametrize(("boot_us", "told"), [(20_000_000, "in 1970"), (UTC_US, "a date")])
 def test_without_utc_the_autopilots_clock_is_taken(tmp_path, boot_us, told):
     log = UlogFile()
@@ -198,7 +233,7 @@ def test_without_utc_the_autopilots_clock_is_taken(tmp_path, boot_us, told):
     assert sample.autopilot_q_nb is None
     assert told in contents.notes[0]
     assert contents.read["vehicle_imu"] == 3
-    assert contents.refused["vehicle_imu", "of another instance than the first"] == 1
+    assert contents.refused["vehicle_imu", "of another instance than the one taken"] == 1
 
 
 def test_heights_above_the_sea_alone_need_the_geoid(tmp_path):

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from datetime import datetime, timezone
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -17,7 +18,7 @@ from project import verb_parsers
 
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.tools.cli import main as command
-from tirgeo_ros.tools.cli._verb import UsageError
+from tirgeo_ros.tools.cli._verb import UsageError, utc_time
 
 
 def verb(run, **more):
@@ -98,6 +99,20 @@ def test_wrong_use_is_2(monkeypatch, capsys, argv, message):
         command.main(argv)
     assert left.value.code == 2
     assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "micros"),
+    [
+        ("2021-10-20T12:00:36", 0),
+        ("2021-10-20T12:00:36.5Z", 500_000),
+        ("2021-10-20 14:00:36.25+02:00", 250_000),
+        ("2021-10-20T12:00:36.123456789", 123_456),
+    ],
+)
+def test_a_time_is_read_on_every_python(text, micros):
+    """Python 3.10 itself refuses fractions of other than three or six digits."""
+    assert utc_time(text) == datetime(2021, 10, 20, 12, 0, 36, micros, timezone.utc)
 
 
 def test_a_verb_may_find_wrong_use_itself(run_verb, capsys):

@@ -239,6 +239,34 @@ def test_axes_without_topics_are_wrong_use(tmp_path, capsys):
     assert "--imu-rpy is for --map-topic" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("option", "why"),
+    [
+        ("--set-heading 0", "--set-heading is for logs, not for --map-topic"),
+        ("--rover-first", "--rover-first is for logs"),
+        ("--height msl", "--height is for logs"),
+        ("--image-topic /a", "use --map-topic TOPIC=thermal/image_raw, thermal/image_raw/comp"),
+    ],
+)
+def test_options_that_a_bag_does_not_take_are_wrong_use(tmp_path, option, why, capsys):
+    words = f"import a.bag -o {tmp_path}/out.mcap --map-topic /a=imu/data {option}"
+    with pytest.raises(SystemExit, match="2"):
+        main(words.split())
+    assert why in capsys.readouterr().err
+
+
+def test_pictures_that_are_left_are_named_with_the_option_that_takes_them(tmp_path, capsys):
+    bag = mavros_bag()
+    header = bag.header(BEGUN_NS)
+    kind = bag.store.types["sensor_msgs/msg/CompressedImage"]
+    bag.add(BEGUN_NS, "/cam/compressed", kind(header, "jpeg", np.zeros(1, np.uint8)))
+    path = bag.write(tmp_path / "a.bag")
+    words = f"import {path} -o {tmp_path}/out.mcap --map-topic /mavros/imu/data=imu/data"
+    assert main(words.split()) == 0
+    told = "pictures in the bag that --map-topic may name: /cam/compressed"
+    assert told in capsys.readouterr().out
+
+
 def test_a_joint_state_without_the_gimbals_joints_is_refused(tmp_path):
     bag = mavros_bag(0.5)
     doubles = {name: np.zeros(1) for name in ("position", "velocity", "effort")}

@@ -140,13 +140,17 @@ def test_pictures_that_are_not_there(folder, pictures, message):
         import_flight(path, folder / "no.mcap", pictures=pictures)
 
 
-def test_a_bag_that_was_cut_off_is_refused(folder, capsys):
+def test_a_bag_that_was_cut_off_is_read_up_to_the_cut(folder, capsys):
     path = wrapper_bag(Flight(duration_s=1.0)).write(folder / "cut.bag", chunk_bytes=20_000)
     path.write_bytes(path.read_bytes()[:50_000])
     params = ["--params", str(folder / "params.yaml")]
     assert main(["import", str(path), "-o", str(folder / "cut.mcap"), *params]) == 1
+    assert "cut.bag: no usable index: it was not closed, or cut off; " in capsys.readouterr().err
+    assert len(messages(folder / "cut.mcap", "/imu/data")) > 20
+    path.write_bytes(path.read_bytes()[:5_000])
+    assert main(["import", str(path), "-o", str(folder / "none.mcap"), *params]) == 1
     assert "cut.bag: cannot be read: " in capsys.readouterr().err
-    assert not (folder / "cut.mcap").exists()
+    assert not (folder / "none.mcap").exists()
 
 
 def head_of_sqlite(path):

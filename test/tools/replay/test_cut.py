@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from datetime import datetime, timedelta, timezone
 
+import numpy as np
 import pytest
 from latched_bags import LATCHED, START_NS, THING, THING_TEXT, TOPICS, payload, recorded, said
 from mcap.reader import make_reader
@@ -14,7 +15,7 @@ from rosbags.rosbag2.metadata import parse_qos
 from target_samples import STAMP_NS, click, target
 
 from tirgeo_ros.core.types.errors import BagError, TargetError
-from tirgeo_ros.io.bags.bag import BagReader
+from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
 from tirgeo_ros.io.targets.exports import exported
 from tirgeo_ros.io.targets.store import TargetStore
 from tirgeo_ros.tools.cli.main import main
@@ -158,6 +159,23 @@ def test_an_export_of_targets_and_none_in_the_flight(bag, tmp_path):
     ):
         cut(bag, tmp_path / "none", targets=given)
     assert not (tmp_path / "none").exists()
+
+
+def test_clicks_are_found_where_the_recorder_had_another_clock(tmp_path):
+    """A click has its picture's stamp; parts are of the log times, here a day later."""
+    cdr, log_ns = Cdr(), STAMP_NS + 86_400 * 10**9
+    header, time = (cdr.types(t) for t in ("std_msgs/msg/Header", "builtin_interfaces/msg/Time"))
+    with BagWriter(tmp_path / "bag.mcap") as writer:
+        for k in range(100):
+            at_ns = k * 10**8
+            stamp = time(*divmod(STAMP_NS + at_ns, 10**9))
+            kind = "sensor_msgs/msg/CompressedImage"
+            picture = cdr.types(kind)(header(stamp, ""), "jpeg", np.zeros(1, np.uint8))
+            writer.write("/thermal/image_raw/compressed", kind, picture, log_ns + at_ns)
+    given = tmp_path / "targets.geojson"
+    given.write_bytes(exported([target(1, click(after_s=5.0))], "geojson"))
+    (part,) = cut(tmp_path / "bag.mcap", tmp_path / "out", targets=given, around=1)["parts"]
+    assert (part["from_s"], part["to_s"]) == (4.0, 6.0)
 
 
 def test_what_cannot_be_cut(bag, tmp_path):

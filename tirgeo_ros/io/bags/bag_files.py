@@ -23,8 +23,9 @@ def bag_files(path: Path) -> tuple[list[Path], list[str]]:
 
     ``path`` is a file, a folder, or the ``metadata.yaml`` in it. The metadata only names the
     files: what it says of times and counts is not always right. Without metadata (the recorder
-    was killed) the files of the folder are taken. Raises BagError for a folder without a bag or
-    with several, and for a storage or a compression that is not known.
+    was killed), or where all its names are wrong, the files of the folder are taken. Raises
+    BagError for a folder without a bag or with several, and for a storage or a compression that is
+    not known.
     """
     folder = path.parent if path.name == METADATA else path
     if not folder.is_dir():
@@ -41,9 +42,7 @@ def bag_files(path: Path) -> tuple[list[Path], list[str]]:
     found = {name: _file_of(folder, name) for name in names}
     files = [file for file in found.values() if file]
     lost = [f"{name}, named in {METADATA}, is absent" for name in names if not found[name]]
-    if not files:
-        raise BagError(f"{folder}: {'; '.join(lost[:3]) or f'{METADATA} names no file'}")
-    return files, lost
+    return files or _in_folder(folder), lost
 
 
 def is_bag(path: Path) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,6 +17,7 @@ from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typest
 from rosbags.typesys.store import Typestore
 
 from tirgeo_ros.core.types.errors import BagError, MessageError
+from tirgeo_ros.io.bags.ros1_unindexed import UnindexedReader
 from tirgeo_ros.io.files.bounded_unpacking import unpacked
 from tirgeo_ros.io.files.memory_bound import bounded_memory
 from tirgeo_ros.io.files.whole_files import PathLike
@@ -44,12 +45,14 @@ class Ros1Message(NamedTuple):
 class Ros1Bag:
     """Read a bag.
 
-    Raises BagError if the file is absent, damaged, without an index (it was cut off or never
-    closed), not a ROS 1 bag of version 2.0, encrypted, or without messages.
+    One without an index (it was cut off or never closed) is read up to the cut, and ``damage``
+    describes what is lost, else None. Raises BagError if the file is absent, otherwise damaged,
+    not a ROS 1 bag of version 2.0, encrypted, or without messages.
     """
 
     def __init__(self, path: PathLike) -> None:
         self.path = Path(path)
+        self.damage: str | None = None
         self._stores: dict[tuple[str, str], Typestore | None] = {}
         with bounded_memory(), self._opened() as reader:
             self._connections = list(reader.connections)
@@ -64,7 +67,7 @@ class Ros1Bag:
             with self.path.open("rb") as file:
                 if file.read(len(MAGIC)) != MAGIC:
                     raise BagError(f"{self.path}: not a ROS 1 bag of version 2.0")
-            with Reader(self.path) as reader:
+            with closing(self._reader()) as reader:
                 names = {function: name for name, function in decompressors.items()}
                 for place, chunk in reader.chunks.items():
                     unpack = partial(_unpacked, names[chunk.decompressor])
@@ -74,9 +77,26 @@ class Ros1Bag:
             raise BagError(f"{self.path}: cannot be read: {error.strerror}") from None
         except _DAMAGED as error:
             raise BagError(
-                f"{self.path}: cannot be read: {error or type(error).__name__}; if it was cut off "
-                "or never closed, repair it with rosbag reindex of ROS 1"
+                f"{self.path}: cannot be read: {error or type(error).__name__}; rosbag fix or "
+                "reindex of ROS 1 may mend it"
             ) from None
+
+    def _reader(self) -> Reader:
+        """Return a reader that is open: by the index, or by the chunks where that is absent."""
+        reader = Reader(self.path)
+        try:
+            reader.open()
+        except _DAMAGED:
+            reader = UnindexedReader(self.path)
+            reader.open()
+            if not reader.message_count:
+                reader.close()
+                raise
+            self.damage = (
+                f"no usable index: it was not closed, or cut off; {reader.message_count} messages "
+                f"were found, {reader.lost_bytes} bytes at the end are not readable"
+            )
+        return reader
 
     def topics(self) -> dict[str, tuple[str, ...]]:
         """Return every topic in the bag with the names of its types (there should be one)."""

@@ -10,7 +10,7 @@ import numpy as np
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.frames.rotations import slerp
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
-from tirgeo_ros.core.types.arrays import Array, IntArray
+from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 from tirgeo_ros.core.types.measurements import (
     FixStatus,
     HeadingSample,
@@ -32,6 +32,9 @@ _UNIX_US = 946_684_800_000_000
 #: Fix types of MAVLink, which PX4 and ArduPilot log: 4 differential, 5 RTK float, 6 RTK fixed.
 _FIXES = {3: FixStatus.SINGLE, 4: FixStatus.FLOAT, 5: FixStatus.FLOAT, 6: FixStatus.FIXED}
 _RTK_FIXES = (5, 6)
+LEAST_FIX = min(_FIXES)
+#: Why records are refused.
+OTHER_INSTANCE = "of another instance than the one taken"
 
 
 @dataclass(frozen=True)
@@ -84,7 +87,7 @@ class AutopilotClock:
         """
         shifts_us = np.empty(0, np.int64)
         if gnss is not None:
-            shifts_us = (gnss.utc_us - gnss.time_us)[gnss.utc_us > 0]
+            shifts_us = (gnss.utc_us - gnss.time_us)[_dated(gnss)]
         if len(shifts_us):
             spread_ms = float(np.ptp(shifts_us)) * 1e-3
             contents.notes.append(
@@ -102,6 +105,16 @@ class AutopilotClock:
     def unix_ns(self, time_us: IntArray) -> IntArray:
         """Return ns of Unix time."""
         return (time_us + self.shift_us) * 1000
+
+
+def _dated(gnss: GnssTable) -> BoolArray:
+    """Return which records (N,) tell UTC: of those with a fix, if any has one.
+
+    Before it, a receiver tells what its own clock counted since it was last switched on.
+    """
+    dated = gnss.utc_us > 0
+    fixed = dated & np.isin(gnss.fix, list(_FIXES))
+    return fixed if fixed.any() else dated
 
 
 def imu_samples(

@@ -1,5 +1,6 @@
-"""Read ArduPilot's logs (DataFlash, binary) through pymavlink: IMU, attitude, receiver, barometer.
+"""Read ArduPilot's logs (DataFlash) through pymavlink: IMU, attitude, receiver, barometer.
 
+A log is binary, or a text that a ground station made of it.
 Axes are body FRD with ``AHRS_ORIENTATION`` applied, angles in degrees, heights above mean sea
 level. Older logs have the names IMU2 and GPS2 where newer ones number instances in a column ``I``.
 """
@@ -23,7 +24,9 @@ from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.io.files.memory_bound import bounded_memory
 from tirgeo_ros.io.logs.autopilot_tables import (
+    LEAST_FIX,
     LOG_BYTES,
+    OTHER_INSTANCE,
     AttitudeTable,
     AutopilotClock,
     GnssTable,
@@ -38,14 +41,14 @@ from tirgeo_ros.io.logs.log_contents import MSL, LogContents, LogOptions
 from tirgeo_ros.io.logs.log_times import utc_ns_of_week
 
 #: The first message of a log: a format (FMT, 0x80) that describes a message, mostly itself.
-_HEAD = b"\xa3\x95\x80"
+_BINARY, _TEXT = b"\xa3\x95\x80", b"FMT,"
 #: The fields that are taken; a log that lacks one has NaN.
 _FIELDS = {
     "IMU": ("TimeUS", "I", "AccX", "AccY", "AccZ", "GyrX", "GyrY", "GyrZ"),
     "ATT": ("TimeUS", "Roll", "Pitch", "Yaw"),
     "GPS": (
         *("TimeUS", "I", "Status", "GMS", "GWk", "Lat", "Lng", "Alt"),
-        *("Spd", "GCrs", "VZ", "Yaw"),
+        *("Spd", "GCrs", "VZ", "Yaw", "U"),
     ),
     "GPA": ("TimeUS", "I", "HAcc", "VAcc", "SAcc", "YAcc", "VV", "Und"),
     "BARO": ("TimeUS", "I", "Press"),
@@ -55,8 +58,8 @@ _PARAMETER = "PARM"
 
 
 def is_dataflash(head: bytes) -> bool:
-    """Return whether a file that begins so is a binary DataFlash log."""
-    return head.startswith(_HEAD)
+    """Return whether a file that begins so is a DataFlash log, binary or as text."""
+    return head.startswith((_BINARY, _TEXT))
 
 
 class _Records:
@@ -64,6 +67,7 @@ class _Records:
 
     def __init__(self, name: str) -> None:
         self.name = name
+        self.instance: float | None = None  # that is taken; None: the first
         self._fields = {field: array("d") for field in _FIELDS[name]}
 
     def add(self, message: Any) -> None:
@@ -73,12 +77,22 @@ class _Records:
             values.append(value)
 
     @cached_property
-    def first(self) -> BoolArray:
-        """Return which records (N,) have a time and are of the first instance."""
+    def instances(self) -> Array:
+        """Return the instance of each record (N,), infinite for one without a time."""
         known = np.isfinite(self._fields["TimeUS"])
-        instance = np.nan_to_num(np.array(self._fields.get("I", np.zeros(len(known)))))
-        first: BoolArray = known & (instance == instance[known].min(initial=math.inf))
-        return first
+        numbers = np.nan_to_num(np.array(self._fields.get("I", np.zeros(len(known)))))
+        return np.where(known, numbers, math.inf)
+
+    @cached_property
+    def taken(self) -> BoolArray:
+        """Return which records (N,) have a time and are of the instance that is taken."""
+        first = self.instances.min(initial=math.inf)
+        taken: BoolArray = self.instances == (first if self.instance is None else self.instance)
+        return taken & np.isfinite(self.instances)
+
+    def field(self, name: str) -> Array:
+        """Return a field (N,) of all records; NaN where it is absent."""
+        return np.array(self._fields[name])
 
     @property
     def time_us(self) -> IntArray:
@@ -86,8 +100,8 @@ class _Records:
         return self.column("TimeUS").astype(np.int64)
 
     def column(self, name: str) -> Array:
-        """Return a field (n,) of the first instance; NaN where it is absent."""
-        return np.array(self._fields[name])[self.first]
+        """Return a field (n,) of the instance that is taken; NaN where it is absent."""
+        return self.field(name)[self.taken]
 
     def columns(self, *names: str) -> Array:
         """Return fields beside each other, (n, number of names)."""
@@ -107,20 +121,22 @@ class _Log:
 def read_dataflash(path: Path, options: LogOptions) -> LogContents:
     """Read a log, as far as it is whole.
 
-    Several IMUs or receivers: the first is taken. Raise LogError if it is no such log, has no
-    IMU, or has positions and the geoid's undulation is not given.
+    Of several IMUs the first is taken, of receivers the one that the autopilot used. Raise
+    LogError if it is no such log, has no IMU, or has positions and the geoid's undulation is not
+    given.
     """
     log = _logged(path)
     contents = LogContents()
     imu, attitude, receiver, accuracy, air, _ = log.records.values()
-    if not imu.first.any():
+    receiver.instance = accuracy.instance = _used(receiver)
+    if not imu.taken.any():
         raise LogError(f"{path}: no IMU in this log: set it in the parameter LOG_BITMASK")
     for records in (imu, attitude, receiver, air):
-        number, taken = len(records.first), int(records.first.sum())
+        number, taken = len(records.taken), int(records.taken.sum())
         contents.read[records.name] += number
         if number > taken:
-            contents.refused[records.name, "of another instance than the first"] += number - taken
-    gnss = _gnss(path, receiver, accuracy, options) if receiver.first.any() else None
+            contents.refused[records.name, OTHER_INSTANCE] += number - taken
+    gnss = _gnss(path, receiver, accuracy, options) if receiver.taken.any() else None
     clock = AutopilotClock.by_receiver(gnss, int(imu.time_us[0]), contents)
     contents.samples += imu_samples(clock, _imu(imu), _attitude(attitude))
     if gnss is not None:
@@ -131,7 +147,10 @@ def read_dataflash(path: Path, options: LogOptions) -> LogContents:
 
 
 def _logged(path: Path) -> _Log:
-    from pymavlink.DFReader import DFReader_binary  # noqa: PLC0415  an extra, for these logs
+    from pymavlink.DFReader import (  # noqa: PLC0415  an extra, for these logs
+        DFReader_binary,
+        DFReader_text,
+    )
 
     class Reader(DFReader_binary):  # type: ignore[misc]  # pymavlink has no types
         def init_arrays_fast(self, progress_callback: Any = None) -> None:
@@ -145,7 +164,7 @@ def _logged(path: Path) -> _Log:
             bounded_memory(LOG_BYTES),
             redirect_stdout(said),
             redirect_stderr(said),
-            Reader(str(path)) as file,
+            (DFReader_text if _is_text(path) else Reader)(str(path)) as file,
         ):
             while message := file.recv_match(type={*_FIELDS, _PARAMETER}, strict=True):
                 _take(log, message)
@@ -158,6 +177,11 @@ def _logged(path: Path) -> _Log:
     return log
 
 
+def _is_text(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(len(_TEXT)) == _TEXT
+
+
 def _take(log: _Log, message: Any) -> None:
     try:
         if message.get_type() == _PARAMETER:
@@ -168,13 +192,26 @@ def _take(log: _Log, message: Any) -> None:
         log.damaged = True
 
 
+def _used(fixes: _Records) -> float | None:
+    """Return the receiver that gave the autopilot most fixes, else the first with one.
+
+    The fix type does not tell which is best: a rover's is relative to its moving base.
+    """
+    fixed = (fixes.field("Status") >= LEAST_FIX) & np.isfinite(fixes.instances)
+    if not fixed.any():
+        return None
+    used = fixed & (fixes.field("U") == 1)
+    numbers, counts = np.unique(fixes.instances[used if used.any() else fixed], return_counts=True)
+    return float(numbers[counts.argmax() if used.any() else 0])
+
+
 def _imu(records: _Records) -> ImuTable:
     force_b = records.columns("AccX", "AccY", "AccZ")
     return ImuTable(records.time_us, force_b, records.columns("GyrX", "GyrY", "GyrZ"))
 
 
 def _attitude(records: _Records) -> AttitudeTable | None:
-    if not records.first.any():
+    if not records.taken.any():
         return None
     roll, pitch, yaw = np.radians(records.columns("Roll", "Pitch", "Yaw")).T
     return AttitudeTable(records.time_us, quat_from_euler(roll, pitch, yaw))
@@ -240,12 +277,15 @@ def _utc_us(fixes: _Records) -> IntArray:
 
 def _notes(log: _Log) -> Iterator[str]:
     """Yield what the parameters say of the receiver, and what the log lacks."""
-    for receiver in ("GPS1_POS", "GPS_POS1"):  # from 4.6 on, and before
+    number = int(log.records["GPS"].instance or 0) + 1
+    if number > 1:
+        yield f"GPS: receiver {number} is taken"
+    for receiver in (f"GPS{number}_POS", f"GPS_POS{number}"):  # from 4.6 on, and before
         place = [log.parameters.get(f"{receiver}_{axis}", 0.0) for axis in "XYZ"]
         yield from antenna_note(receiver, place)
-    for delay in ("GPS1_DELAY_MS", "GPS_DELAY_MS"):
+    for delay in (f"GPS{number}_DELAY_MS", f"GPS_DELAY_MS{number if number > 1 else ''}"):
         yield from delay_note(delay, log.parameters.get(delay, 0.0))
-    if log.records["MNT"].first.any():
+    if log.records["MNT"].taken.any():
         yield "MNT (gimbal) is left out: what its angles refer to differs by mount and version"
     if log.damaged:
         yield "the file is damaged: what could be read is imported"

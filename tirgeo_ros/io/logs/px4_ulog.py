@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import struct
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import redirect_stdout
 from io import StringIO
@@ -21,7 +22,9 @@ from tirgeo_ros.core.types.arrays import Array, IntArray
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.io.files.memory_bound import bounded_memory
 from tirgeo_ros.io.logs.autopilot_tables import (
+    LEAST_FIX,
     LOG_BYTES,
+    OTHER_INSTANCE,
     AttitudeTable,
     AutopilotClock,
     GnssTable,
@@ -92,12 +95,13 @@ class _Table:
 def read_px4_ulog(path: Path, options: LogOptions) -> LogContents:
     """Read a log, as far as it is whole.
 
-    Several instances of a topic: the first is taken. Raise LogError if it is no ULog, or has no
-    IMU; if its heights are above mean sea level alone and the undulation is not given.
+    Several instances of a topic: the first is taken, of receivers the first with a fix. Raise
+    LogError if it is no ULog, or has no IMU; if its heights are above mean sea level alone and the
+    undulation is not given.
     """
     log = _opened(path)
     contents = LogContents()
-    tables = _first_instances(log)
+    tables = _instances_taken(log)
     imu, receiver = (_first_of(tables, names) for names in (_IMUS, _RECEIVERS))
     attitude, air = tables.get(_ATTITUDE), tables.get(_AIR)
     if imu is None:
@@ -137,16 +141,21 @@ def _opened(path: Path) -> Any:
         raise LogError(f"{path}: damaged, or not a ULog: {why}") from None
 
 
-def _first_instances(log: Any) -> dict[str, _Table]:
-    """Return each topic's table of the first instance that has records."""
-    found: dict[str, _Table] = {}
+def _instances_taken(log: Any) -> dict[str, _Table]:
+    """Return each topic's table of one instance that has records."""
+    found = defaultdict[str, list[_Table]](list)
     for data in sorted(log.data_list, key=lambda one: int(one.multi_id)):
-        number = len(data.data.get("timestamp", ()))  # none in a damaged format
-        if data.name in found:
-            found[data.name].others += number
-        elif number:
-            found[data.name] = _Table(data.name, data.data)
-    return found
+        if len(data.data.get("timestamp", ())):  # none in a damaged format
+            found[data.name].append(_Table(data.name, data.data))
+    return {name: _taken(instances) for name, instances in found.items()}
+
+
+def _taken(instances: Sequence[_Table]) -> _Table:
+    """Return the first instance with a fix, else the first; count the records of the others."""
+    fixed = (one for one in instances if (one.integers("fix_type") >= LEAST_FIX).any())
+    taken = next(fixed, instances[0])
+    taken.others = sum(map(len, instances)) - len(taken)
+    return taken
 
 
 def _count(contents: LogContents, tables: Iterable[_Table | None]) -> None:
@@ -154,7 +163,7 @@ def _count(contents: LogContents, tables: Iterable[_Table | None]) -> None:
     for table in filter(None, tables):
         contents.read[table.name] += len(table) + table.others
         if table.others:
-            contents.refused[table.name, "of another instance than the first"] += table.others
+            contents.refused[table.name, OTHER_INSTANCE] += table.others
 
 
 def _imu(table: _Table) -> ImuTable:
@@ -184,7 +193,7 @@ def _gnss(path: Path, table: _Table, options: LogOptions) -> GnssTable:
     scaled = not table.has(degrees[0])
     latitude, longitude = table.columns(*(("lat", "lon") if scaled else degrees)).T
     velocity_n = table.columns("vel_n_m_s", "vel_e_m_s", "vel_d_m_s")
-    velocity_n[table.integers("vel_ned_valid") == 0] = math.nan
+    velocity_n[table.column("vel_ned_valid") == 0] = math.nan
     unit = math.radians(1e-7 if scaled else 1.0)
     return GnssTable(
         table.time_us,

@@ -49,7 +49,7 @@ def read_targets(path: PathLike) -> list[Target]:
         try:
             targets.append(_target(row, len(targets) + 1))
         except (KeyError, TypeError, ValueError, OverflowError, TargetError):
-            raise TargetError(f"{path}: row {line} is none {_WRITTEN}") from None
+            raise TargetError(f"{path}: row {line} is one {_WRITTEN}") from None
     for what in ("id", "number"):
         if len({getattr(one, what) for one in targets}) < len(targets):
             raise TargetError(f"{path}: two targets have the same {what}; remove one of them")
@@ -88,7 +88,7 @@ def _csv_rows(path: Path, text: str) -> list[dict[str, Any]]:
             for row in reader
         ]
     except (AttributeError, TypeError, csv.Error):
-        raise TargetError(f"{path}: line {reader.line_num} is none {_WRITTEN}") from None
+        raise TargetError(f"{path}: line {reader.line_num} is one {_WRITTEN}") from None
     if "covariance_enu" not in (reader.fieldnames or ()):
         raise TargetError(f"{path}: a file {_WRITTEN}")
     return rows

@@ -6,7 +6,9 @@ import argparse
 import importlib
 import math
 import pkgutil
+import re
 from collections.abc import Callable
+from datetime import datetime, timezone
 from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeAlias, TypeVar
@@ -94,6 +96,14 @@ PAGE: tuple[Option, ...] = (
     ("--page", "ADDRESS", _PAGE, {"nargs": "?", "const": "", "type": page_address}),
     ("--cot", "ADDRESS", _COT, WORD),
 )
+
+
+def utc_time(text: str) -> datetime:
+    """Return a written time (ISO 8601); one without a zone is UTC. Raise ValueError."""
+    # Python 3.10 reads fractions of three or six digits alone.
+    whole = re.sub(r"[.,](\d{1,6})\d*", lambda found: f".{found[1]:0<6}", text.removesuffix("Z"))
+    time = datetime.fromisoformat(whole)
+    return time if time.tzinfo else time.replace(tzinfo=timezone.utc)
 
 
 class UsageError(Exception):

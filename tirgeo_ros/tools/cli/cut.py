@@ -17,11 +17,10 @@ from __future__ import annotations
 import argparse
 import math
 from contextlib import suppress
-from datetime import datetime, timezone
 from typing import TYPE_CHECKING, Any
 
 from tirgeo_ros.tools.cli._lines import table
-from tirgeo_ros.tools.cli._verb import FLIGHT, NEEDED, NUMBER, UsageError, call
+from tirgeo_ros.tools.cli._verb import FLIGHT, NEEDED, NUMBER, UsageError, call, utc_time
 
 if TYPE_CHECKING:
     from tirgeo_ros.tools.replay.cut import Instant
@@ -33,8 +32,7 @@ def instant(text: str) -> Instant:
         if 0 <= float(text) < math.inf:
             return float(text)
     with suppress(ValueError):
-        time = datetime.fromisoformat(text.removesuffix("Z"))
-        return time if time.tzinfo else time.replace(tzinfo=timezone.utc)
+        return utc_time(text)
     raise argparse.ArgumentTypeError(f"{text}: neither seconds nor a time as 2024-06-11T07:44:39")
 
 

@@ -4,7 +4,7 @@ Makes a bag with the topics of tirgeo (imu/data, gps, rtk, gimbal, thermal) from
 ROS 1 bag with the topics of DJI's wrapper (dji_sdk/ or dji_osdk_ros/), from any bag of ROS 1 or
 ROS 2 whose topics --map-topic names, or from the bytes of an aircraft's serial port. Each file is
 recognised by its content. Topics of the wrong type and implausible values are reported and left
-out. A ROS 1 bag that was cut off or never closed is refused; rosbag reindex mends it. The same
+out. A ROS 1 bag that was cut off or never closed is read up to the cut, with exit code 1. The same
 input gives the same bytes. --namespace and the topics are for bags; --packages and --key for
 captures.
 
@@ -36,11 +36,12 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Iterator
 from datetime import datetime, timezone
 from typing import Any
 
 from tirgeo_ros.tools.cli._lines import table
-from tirgeo_ros.tools.cli._verb import NUMBER, WORD, Option, UsageError, call
+from tirgeo_ros.tools.cli._verb import NUMBER, WORD, Option, UsageError, call, utc_time
 from tirgeo_ros.tools.cli.dump import CAPTURE
 
 
@@ -126,12 +127,24 @@ def _mapped_topics(args: argparse.Namespace) -> Any:
 
     if args.map_topic and (args.image_topic or args.camera_info_topic):
         raise UsageError(
-            "--image-topic is for DJI's bags: use --map-topic TOPIC=thermal/image_raw"
+            "--image-topic is for DJI's bags: use --map-topic TOPIC=thermal/image_raw, "
+            "thermal/image_raw/compressed or thermal/camera_info"
         )
+    of_logs = [name for name, given in _of_logs(args) if given]
+    if args.map_topic and of_logs:
+        raise UsageError(f"{of_logs[0]} is for logs, not for --map-topic")
     if args.imu_rpy and not args.map_topic:
         raise UsageError("--imu-rpy is for --map-topic; else set aircraft.imu_rpy_deg for process")
     pairs = tuple(map(_pair, args.map_topic))
     return MappedTopics(pairs, tuple(args.imu_rpy or (0.0, 0.0, 0.0)), args.geoid_undulation)
+
+
+def _of_logs(args: argparse.Namespace) -> Iterator[tuple[str, object]]:
+    """Yield the options that bags have no use for, and what is given."""
+    for option, *_ in LOGS:
+        given = getattr(args, option.removeprefix("--").replace("-", "_"))
+        if option != "--geoid-undulation":
+            yield option, given if isinstance(given, bool | str | list) else given is not None
 
 
 def _pair(text: str) -> tuple[str, str]:
@@ -179,10 +192,7 @@ def _write_example(args: argparse.Namespace) -> int:
 def _utc_ns(text: str) -> int:
     """Return an ISO time in ns of Unix time; without a zone it is UTC. Raise UsageError."""
     try:
-        time = datetime.fromisoformat(text.removesuffix("Z"))
-        if time.tzinfo is None:
-            time = time.replace(tzinfo=timezone.utc)
-        return round(time.timestamp() * 1e6) * 1000
+        return round(utc_time(text).timestamp() * 1e6) * 1000
     except (ValueError, OverflowError):
         raise UsageError(f"--start-time {text}: not a time as 2024-06-11T07:44:39") from None
 
@@ -195,7 +205,8 @@ def describe(result: dict[str, Any]) -> str:
     parts += result.get("notes", [])
     pictures = [t for t, kind in result.get("not_read", {}).items() if "Image" in kind]
     if pictures:
-        parts.append(f"pictures in the bag that --image-topic may name: {', '.join(pictures)}")
+        option = "--map-topic" if result["kind"] == "mapped" else "--image-topic"
+        parts.append(f"pictures in the bag that {option} may name: {', '.join(pictures)}")
     return "\n\n".join(parts)
 
 

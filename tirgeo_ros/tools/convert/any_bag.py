@@ -49,13 +49,12 @@ class _Ros2(BagReader):
 class _Ros1:
     """Read a bag of ROS 1."""
 
-    damage = None  # a damaged one is refused
-
     def __init__(self, path: Path) -> None:
         self.path = path
         self._bag = Ros1Bag(path)
         self._cdr = Cdr()
         self.span_ns = self._bag.span_ns
+        self.damage = self._bag.damage
 
     def topics(self) -> dict[str, str]:
         """Return every topic with the name of its type, or of all its types."""

@@ -201,4 +201,5 @@ def import_ros1(
             topic: ", ".join(types) for topic, types in bag.topics().items() if topic not in taken
         },
         "warnings": run.warnings(),
+        "error": None if bag.damage is None else f"{path}: {bag.damage}",
     }

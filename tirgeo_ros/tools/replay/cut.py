@@ -11,12 +11,15 @@ import os
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime, timezone
+from itertools import islice
 from pathlib import Path
+from statistics import median
 from typing import NamedTuple
 
 from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.errors import BagError, MessageError, TargetError
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, BagWriter, Cdr, TopicForm
+from tirgeo_ros.io.bags.cdr import header_stamp_ns
 from tirgeo_ros.io.bags.recorded_qos import is_latched
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, made_folder
 from tirgeo_ros.io.targets.reading import read_targets
@@ -24,6 +27,8 @@ from tirgeo_ros.tools.presentation.progress import Report, silent
 
 _NS = 1_000_000_000
 _CALIBRATION, _TRANSFORMS = "sensor_msgs/msg/CameraInfo", "tf2_msgs/msg/TFMessage"
+_PICTURES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
+_MOST_PICTURES = 100  # whose stamps are compared with their log times
 
 #: Seconds after the flight's first message, or UTC.
 Instant = float | datetime
@@ -108,10 +113,10 @@ def _around_clicks(
 ) -> list[_Part]:
     """Return a part for each pass over a target. Raises TargetError if no click is in the bag."""
     first_ns, last_ns = reader.span_ns
-    around_ns = round(around_s * _NS)
+    around_ns, lag_ns = round(around_s * _NS), _picture_lag_ns(reader)
     parts = []
     for target in targets:
-        clicks_ns = sorted(one.stamp_ns for one in target.fixings)
+        clicks_ns = sorted(one.stamp_ns + lag_ns for one in target.fixings)
         flown_ns = [one for one in clicks_ns if first_ns <= one <= last_ns]
         for number, (start_ns, end_ns) in enumerate(_passes(flown_ns, around_ns), 1):
             again = f"_{number}" if number > 1 else ""
@@ -120,6 +125,27 @@ def _around_clicks(
     if not parts:
         raise TargetError(f"no target was clicked during this flight: {_flight_times(reader)}")
     return parts
+
+
+def _picture_lag_ns(reader: BagReader) -> int:
+    """Return by how much pictures were logged after their stamps, which a click has; 0 for none.
+
+    It is much where the recorder's clock is not the camera's.
+    """
+    pictures = {topic for topic, kind in reader.topics().items() if kind in _PICTURES}
+    lags_ns = [
+        one.log_time_ns - stamp_ns
+        for one in islice(reader.messages(pictures, any_form=True), _MOST_PICTURES)
+        if (stamp_ns := _stamp_ns(one))
+    ]
+    return int(median(lags_ns)) if lags_ns else 0
+
+
+def _stamp_ns(picture: BagMessage) -> int:
+    try:
+        return header_stamp_ns(picture.data)
+    except MessageError:
+        return 0
 
 
 def _passes(clicks_ns: Iterable[int], around_ns: int) -> list[tuple[int, int]]:

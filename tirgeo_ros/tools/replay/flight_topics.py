@@ -75,14 +75,13 @@ def inputs_of(
         needed += [PICTURES, *([(CAMERA_INFO,)] if camera else ())]
         wanted += ["tirgeo/locate/pixel", *([CAMERA_INFO] if camera else ())]
         wanted += [name for name in PICTURES if name in there][:1]
-    absent = [
-        " or ".join(resolved(name, namespace) for name in names)
-        for names in needed
-        if not there.intersection(names)
-    ]
+    absent = [names for names in needed if not there.intersection(names)]
     if absent:
+        said = [" or ".join(resolved(name, namespace) for name in names) for names in absent]
         hint = "" if namespace else "; is there a --namespace?"
-        raise BagError(f"{reader.path}: needed topic absent: {', '.join(absent)}{hint}")
+        if absent == [GIMBAL_TOPICS[composition]]:
+            hint = "; without it, tirgeo process --no-images gives the body's poses"
+        raise BagError(f"{reader.path}: needed topic absent: {', '.join(said)}{hint}")
     found = {resolved(name, namespace): name for name in wanted if name in there}
     for topic, name in found.items():
         if present[topic] != TOPIC_TYPES[name]:
