@@ -21,15 +21,15 @@ _CORNERS, _OFFSETS = range(82, 90), range(26, 34)
 class FrameMetadata:
     """Make packets for the pictures of one camera.
 
-    ``confidence`` gives the sigmas besides the pose's. Without ``undulation_m``, the height of the
-    geoid above the ellipsoid, there are no heights above sea level. ``platform`` names the
-    aircraft; it may be empty.
+    ``confidence`` gives the sigmas besides the pose's; it may be renewed. Without
+    ``undulation_m``, the height of the geoid above the ellipsoid, there are no heights above sea
+    level. ``platform`` names the aircraft; it may be empty.
     """
 
     def __init__(
         self, confidence: ConfidenceConfig, undulation_m: float = math.nan, platform: str = ""
     ) -> None:
-        self._confidence, self._undulation_m = confidence, undulation_m
+        self.confidence, self._undulation_m = confidence, undulation_m
         self._same: dict[int, Value] = {10: platform, 48: _SECURITY}
         self._same |= {11: "Thermal", 12: "Geodetic WGS84"}
 
@@ -40,7 +40,7 @@ class FrameMetadata:
         """
         if sight is None:
             return packet(time_ns, {})
-        geometry = frame_geometry(sight, self._confidence)
+        geometry = frame_geometry(sight, self.confidence)
         return packet(time_ns, {**self._same, **items_of(geometry, self._undulation_m)})
 
 

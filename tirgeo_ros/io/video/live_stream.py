@@ -63,8 +63,9 @@ def stream_url(address: str) -> str:
 
 def _takes(options: Mapping[str, str]) -> bool:
     """Return whether FFmpeg takes the options; raise ValueError for an address that is none."""
+    if "localaddr" in options:
+        ipaddress.ip_address(options["localaddr"])
     ttl = options.get("ttl", "1")
-    ipaddress.ip_address(options.get("localaddr", "0.0.0.0"))
     known = options.keys() <= {"ttl", "localaddr"}
     return known and ttl.isdecimal() and 1 <= int(ttl) <= _MOST_TTL
 
