@@ -122,7 +122,8 @@ def distrust(message):
         (distrust("self-signed certificate in certificate chain"), "cot_ca must be"),
         (ssl.SSLError(1, "[SSL: TLSV1_ALERT_UNKNOWN_CA] tlsv1"), "refuses cot_certificate"),
         (ssl.SSLError(1, "[SSL: WRONG_VERSION_NUMBER] wrong"), "is the port right"),
-        (OSError(errno.EACCES, "\x1b[31mdenied"), "denied"),
+        (OSError(errno.EACCES, "a broadcast"), "to all in a network: udp://239.2.3.1:6969"),
+        (OSError(errno.EPROTO, "\x1b[31mdenied"), "denied"),
     ],
 )
 def test_failures_are_said_in_plain_words(error, words):

@@ -14,6 +14,7 @@ _CLOCK = "is the clock of this computer right?"
 _OUT_OF_DATE = ("expired", "not yet valid")
 _WORDS = {
     socket.gaierror: "no computer of this name is known here; write its IP address in cot",
+    PermissionError: "this computer may not send there; to all in a network: udp://239.2.3.1:6969",
     ConnectionRefusedError: "nobody answers; is the TAK server running, is the port right?",
     ConnectionError: "the server ended the connection; is it running, is it tcp or tls there?",
     TimeoutError: f"no answer; {_IN_NETWORK}",
