@@ -205,8 +205,9 @@ def _file_of(values: Mapping[str, object]) -> str:
         name: value if isinstance(value, bool | int | float) else str(value)
         for name, value in values.items()
     }
+    content = json.dumps({"/**/*": {"ros__parameters": plain}}, ensure_ascii=False)
     file = os.memfd_create("parameters", 0)  # open in the programs that this process becomes
-    os.write(file, json.dumps({"/**/*": {"ros__parameters": plain}}, ensure_ascii=False).encode())
+    os.write(file, os.fsencode(content))
     return f"/proc/{os.getpid()}/fd/{file}"
 
 
