@@ -13,11 +13,12 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from tirgeo_ros.core.config import NODE_CONFIGS, AircraftConfig, EkfConfig
+from tirgeo_ros.core.config import NODE_CONFIGS, AircraftConfig, EkfConfig, OverlayConfig
 from tirgeo_ros.core.config.schema import parameters_of
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile
-from tirgeo_ros.nodes.parameters import check_arguments, declare, given_names
+from tirgeo_ros.nodes.parameters import check_arguments, declare, given_names, parameter_files
+from tirgeo_ros.tools.graph.node_graph import parameter_words
 
 
 @pytest.fixture
@@ -59,6 +60,15 @@ def test_every_parameter_is_declared_with_what_a_person_needs(make_node):
     window = node.describe_parameter("rtk.median_window").integer_range[0]
     assert (window.from_value, window.to_value) == (1, 99)
     assert "ekf_heading" in node.describe_parameter("method").additional_constraints
+
+
+def test_options_of_a_command_count_over_what_a_file_says_of_the_node(make_node, tmp_path):
+    path = tmp_path / "aircraft.yaml"
+    path.write_text("/**/overlay_node:\n  ros__parameters: {map: a.kml, style: s.yaml}\n")
+    words = parameter_words({"map": "7"}, [path])
+    assert parameter_files(words) == [str(path)]
+    config = declare(make_node("overlay_node", words[1::2]), OverlayConfig)
+    assert (config.map, config.style) == ("7", "s.yaml")
 
 
 def test_parameters_of_other_nodes_and_of_ros_are_passed_over(make_node):

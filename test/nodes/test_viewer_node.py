@@ -93,9 +93,10 @@ class Fleet:
 
 
 @pytest.fixture
-def fleet(spawn, meet, tmp_path):
+def fleet(spawn, meet, tmp_path, request):
     write_map(tmp_path / "map.geojson", SQUARE_N)
-    given = ("-p", f"map:={tmp_path / 'map.geojson'}", "-p", "ground_height_m:=25.0")
+    given = ["-p", f"map:={tmp_path / 'map.geojson'}", "-p", "ground_height_m:=25.0"]
+    given += [word for one in getattr(request, "param", ()) for word in ("-p", one)]
 
     def overlay(name):
         node = spawn("overlay_node", *given, "-r", f"__ns:=/{name}")
@@ -273,6 +274,7 @@ def live_packet(address):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("fleet", [["confidence.ground_sigma_m:=3.0"]], indirect=True)
 def test_the_live_stream_says_where_a_click_in_its_middle_would_be(fleet, start):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
@@ -287,4 +289,6 @@ def test_the_live_stream_says_where_a_click_in_its_middle_would_be(fleet, start)
     # The step of 32 bits is 84e-9 deg at most.
     assert centre == pytest.approx((target["latitude_deg"], target["longitude_deg"]), abs=1e-7)
     assert 0 < float(values[45]) < 2 * target["ellipse"]["major_m"]
+    # overlay_node's sigma of the ground, to half a step of 4095 m / 65535.
+    assert float(values[46]) == pytest.approx(1.645 * 3.0, abs=0.032)
     assert values[10] == "uav1"

@@ -106,11 +106,11 @@ def values_in(packet: bytes) -> dict[int, float]:
 
 
 def by_klvdata(packet: bytes) -> dict[int, str]:
-    """What klvdata makes of a packet, by tag: all of its items but the security set."""
+    """What klvdata makes of a packet, by tag: all of its items."""
     (parsed,) = klvdata.StreamParser(packet)
     assert packet_checksum(packet) == packet[-2:]
     found = {tag: words[3] for tag, words in parsed.MetadataList().items()}
-    assert found.keys() | {48} == {tag for tag, _ in items_in(packet)} | {48}
+    assert found.keys() == {tag for tag, _ in items_in(packet)}
     return found
 
 

@@ -12,6 +12,7 @@ from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.checks.map_checks import MapChecks
 from tirgeo_ros.core.checks.picture_checks import PictureChecks
 from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.config.overlay import POINT_SIGMAS
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.overlay.map_renderer import DrawingVerdict
@@ -245,6 +246,8 @@ class OverlayNode(GraphNode):
         }
         values |= {name: text for name, text in texts.items() if text}
         values["video_latency_s"] = repr(self._config.video_latency_s)
+        confidence = self._config.confidence
+        values |= {name: repr(getattr(confidence, name)) for name in POINT_SIGMAS}
         values["frame rate [Hz]"] = f"{overlay.frames.rate_hz:.1f}"
         values |= self._frames.values | self._arrivals.diagnostics
         waits = f"no map yet: {overlay.no_map_yet}" if overlay.no_map_yet else ""

@@ -30,8 +30,12 @@ _ROS_OWN = {"use_sim_time", "start_type_description_service"}  # rclpy checks th
 
 
 def parameter_files(arguments: Sequence[str]) -> list[str]:
-    """Return the paths of the parameter files on a command line, in order."""
-    return [b for a, b in pairwise(arguments) if a == "--params-file"]
+    """Return the paths of the parameter files on a command line, in order.
+
+    Those in memory, which ``tirgeo run`` gives for its own options, are left out.
+    """
+    files = [b for a, b in pairwise(arguments) if a == "--params-file"]
+    return [path for path in files if not path.startswith("/proc/")]
 
 
 def check_arguments(name: str, arguments: Sequence[str]) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from tirgeo_ros.core.config.overlay import POINT_SIGMAS, ConfidenceConfig
 from tirgeo_ros.core.config.viewer import GroundConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import Miss
@@ -123,6 +124,13 @@ class SeenAircraft:
         """Return when a picture was exposed; None while overlay_node does not say the delay."""
         latency_s = self.heard.number(time.monotonic(), "overlay", "video_latency_s")
         return None if latency_s is None else stamp - round(latency_s * 1e9)
+
+    @property
+    def confidence(self) -> ConfidenceConfig:
+        """Return the sigmas of located points, as overlay_node says them; else their defaults."""
+        now_s = time.monotonic()
+        said = {name: self.heard.number(now_s, "overlay", name) for name in POINT_SIGMAS}
+        return ConfidenceConfig(**{name: x for name, x in said.items() if x is not None})
 
     def sight(self, stamp: int, *, last_pose_s: float = 0.0) -> Sight | None:
         """Return from where a picture was taken; None if that is not known.

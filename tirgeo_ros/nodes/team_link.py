@@ -8,7 +8,6 @@ from functools import partial
 from typing import Any, final
 
 from tirgeo_ros.core.config import ViewerConfig
-from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.ground.frame_geometry import frame_geometry
 from tirgeo_ros.core.ground.target_error import circular_error_90, linear_error_90
 from tirgeo_ros.core.targets.target import Target
@@ -95,5 +94,5 @@ def aircraft_state(name: str, aircraft: ViewedAircraft) -> AircraftState | None:
         linear_error_90(pose.covariance[:3, :3]),
         math.degrees(math.atan2(moving_n[1], moving_n[0])) % 360,
         math.hypot(moving_n[0], moving_n[1]),
-        frame_geometry(sight, ConfidenceConfig()) if sight else None,
+        frame_geometry(sight, aircraft.confidence) if sight else None,
     )

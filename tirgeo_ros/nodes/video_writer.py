@@ -34,8 +34,8 @@ class VideoWriter(GraphNode):
             raise ConfigError(
                 "parameter output: nothing to write: set it to a file, or set stream"
             )
-        names = ConfidenceConfig(), config.geoid_undulation_m, config.platform
-        self._metadata = FrameMetadata(*names)
+        known = ConfidenceConfig(), config.geoid_undulation_m, config.platform
+        self._metadata = FrameMetadata(*known)
         self._film = VideoFile(Path(config.output), growing=True) if config.output else None
         self._stream = LiveStream(config.stream, self._metadata) if config.stream else None
         self._aircraft = SeenAircraft(self, "", terrain_of(config), self._take)
@@ -59,6 +59,7 @@ class VideoWriter(GraphNode):
         exposure_ns = self._aircraft.exposure_ns(stamp_ns)
         time_ns = stamp_ns if exposure_ns is None else exposure_ns
         sight = self._aircraft.sight(stamp_ns)
+        self._metadata.confidence = self._aircraft.confidence
         if self._stream is not None:
             self._stream.add(time_ns, jpeg, sight)
         if self._film is not None:

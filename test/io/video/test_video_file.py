@@ -54,6 +54,8 @@ def test_frames_come_back_at_their_times(tmp_path, count, name):
         ([9, 5], [0.1]),
         ([0, STEP_NS, 0, STEP_NS], [1 / 9] * 3),
         ([0, STEP_NS, 10**18], [1 / 9] * 2),
+        # below a tick of the clock: two frames would have the same time, which no container takes
+        ([0, STEP_NS, STEP_NS + 5_000], [1 / 9] * 2),
     ],
 )
 def test_stamps_that_repeat_or_jump_keep_the_step_before(tmp_path, stamps, steps_s):
@@ -124,6 +126,16 @@ def test_nothing_is_left_after_an_error(tmp_path, shape, error, said):
         write_and_fail(path, frame(0, shape))
     assert path.read_bytes() == b"what was there"
     assert [entry.name for entry in tmp_path.iterdir()] == ["out.mp4"]
+
+
+def test_any_error_of_the_codec_is_one_line(tmp_path):
+    """More pixels in a row than H.264 has: no OSError of PyAV."""
+    with (
+        pytest.raises(VideoError, match=r"out\.mp4: cannot be written: "),
+        VideoFile(tmp_path / "out.mp4") as video,
+    ):
+        video.add(0, frame(0, (2, 20_000, 3)))
+    assert not [*tmp_path.iterdir()]
 
 
 def test_a_growing_file_plays_as_far_as_it_was_written(tmp_path):

@@ -8,6 +8,10 @@ import socket
 import ssl
 
 import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives import serialization
+from cryptography.hazmat.primitives.serialization import pkcs12
+from signed_certificates import certificate
 
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.page.cot.address import CotParameters, endpoint, pytak_settings
@@ -69,6 +73,28 @@ def test_absent_and_broken_files_are_named(key, tmp_path):
             pytak_settings(CotParameters("tls://tak.example", **files | {"ca": ca}))
 
 
+def locked(folder, *, pem):
+    """A certificate with its key under a password, as PEM or PKCS#12."""
+    signed, key = (path.read_bytes() for path in certificate(folder))
+    own = serialization.load_pem_private_key(key, None)
+    by = serialization.BestAvailableEncryption(b"secret")
+    if pem:
+        form = serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8
+        return signed + own.private_bytes(*form, by)
+    return pkcs12.serialize_key_and_certificates(
+        b"own", own, x509.load_pem_x509_certificate(signed), None, by
+    )
+
+
+@pytest.mark.parametrize("password", ["", "not this one"])
+@pytest.mark.parametrize("ending", [".p12", ".pem", ".pfx"])
+def test_a_key_that_does_not_open_is_refused_without_asking(tmp_path, ending, password):
+    own = tmp_path / f"own{ending}"
+    own.write_bytes(locked(tmp_path, pem=ending == ".pem"))
+    with pytest.raises(ConfigError, match=rf"cot_certificate: .*own\{ending} .*cot_password that"):
+        pytak_settings(CotParameters("tls://h", certificate=str(own), password=password))
+
+
 def distrust(message):
     error = ssl.SSLCertVerificationError()
     error.verify_message = message
@@ -87,10 +113,17 @@ def distrust(message):
         (OSError(errno.ENETUNREACH, "unreachable"), "no way there"),
         (socket.gaierror(socket.EAI_NONAME, "unknown"), "write its IP address in cot"),
         (distrust("Hostname mismatch, certificate is not valid"), r"\?name=THAT_NAME"),
+        (distrust("certificate has expired"), "has expired; is the clock of this computer right"),
+        (distrust("certificate is not yet valid"), "not yet valid; is the clock of this"),
+        (
+            ssl.SSLError(1, "[SSL: SSLV3_ALERT_CERTIFICATE_EXPIRED] sslv3"),
+            "cot_certificate has expired; its server's owner makes a new one",
+        ),
         (distrust("self-signed certificate in certificate chain"), "cot_ca must be"),
         (ssl.SSLError(1, "[SSL: TLSV1_ALERT_UNKNOWN_CA] tlsv1"), "refuses cot_certificate"),
         (ssl.SSLError(1, "[SSL: WRONG_VERSION_NUMBER] wrong"), "is the port right"),
-        (OSError(errno.EACCES, "\x1b[31mdenied"), "denied"),
+        (OSError(errno.EACCES, "a broadcast"), "to all in a network: udp://239.2.3.1:6969"),
+        (OSError(errno.EPROTO, "\x1b[31mdenied"), "denied"),
     ],
 )
 def test_failures_are_said_in_plain_words(error, words):

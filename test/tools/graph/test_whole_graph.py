@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 from pathlib import Path
@@ -43,6 +44,15 @@ def become(monkeypatch):
     signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
+def given(argv):
+    """The parameters in the last file, which is in memory and names all nodes."""
+    last = max(place for place, word in enumerate(argv) if word == "--params-file")
+    (section,) = json.loads(Path(argv.pop(last + 1)).read_text()).items()
+    assert argv.pop(last) == "--params-file"
+    assert section[0] == "/**/*"
+    return section[1]["ros__parameters"]
+
+
 def test_live_is_the_launch_files_live(become):
     argv, environment = become()
     usual = ["--params-file", str(PROJECT / "config" / "m600_xt2.yaml")]
@@ -58,10 +68,10 @@ def test_a_bag_brings_its_own_time_and_stays_on_this_machine(become, tmp_path, m
         (tmp_path / name).touch()
     words = ["--map", "7", "--params", "a.yaml", "--params", "b.yaml", "--namespace", "/uav1/"]
     argv, environment = become("--bag", "flight.mcap", *words)
+    # A map named 7 is no number.
+    assert given(argv) == {"bag": "flight.mcap", "use_sim_time": True, "map": "7"}
     assert argv == [
         *("--ros-args", "--params-file", "a.yaml", "--params-file", "b.yaml"),
-        # In quotes: as YAML, a map named 7 would be a number.
-        *("-p", 'bag:="flight.mcap"', "-p", "use_sim_time:=true", "-p", 'map:="7"'),
         *(
             "-r",
             "__ns:=/uav1",
@@ -90,14 +100,21 @@ def test_inputs_of_other_names(become, tmp_path):
 
 def test_the_page_comes_at_its_own_address_or_that_of_the_parameters(become, capsys):
     argv, _ = become("--page", "0.0.0.0:8081")
-    assert argv[argv.index("-p") + 1] == 'listen:="0.0.0.0:8081"'
+    assert given(argv) == {"listen": "0.0.0.0:8081"}
     assert set(argv[argv.index("--") + 1 :]) == NODES - {"bag_player"}
     argv, _ = become("--page")
-    assert "-p" not in argv
+    assert argv.count("--params-file") == 1
     assert "viewer_node" in argv
     with pytest.raises(SystemExit, match="2"):
         command.main(["run", "--page", "8080"])
     assert "'8080' is not HOST:PORT" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("verb", ["run", "demo"])
+def test_events_without_a_page_are_wrong_use(verb, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        command.main([verb, "--cot", "tcp://tak.example"])
+    assert "--cot is for the operator's page: give --page too" in capsys.readouterr().err
 
 
 def test_what_runs_is_said_on_stdout_for_programs(become, capsys, monkeypatch):

@@ -49,6 +49,10 @@ class ConfidenceConfig:
     heading_rose: bool = param(True, "draw where north is, and the camera's heading")
 
 
+#: What of it enters the covariance of a located point.
+POINT_SIGMAS = ("latency_sigma_s", "lens_sigma_px", "ground_sigma_m")
+
+
 @dataclass(frozen=True, slots=True)
 class OverlayConfig(FramesConfig):
     """Parameters of overlay_node."""

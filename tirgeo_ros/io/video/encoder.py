@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import contextlib
+from collections.abc import Iterator, Mapping
 from fractions import Fraction
 from typing import Any, NamedTuple, final
 
@@ -13,6 +14,7 @@ from tirgeo_ros.core.types.errors import VideoError
 
 _CLOCK_HZ = 90_000
 _FIRST_STEP_NS = 100_000_000
+_SHORTEST_STEP_NS = 100_000  # nine ticks of the clock, so that no two frames share one
 _LONGEST_STEP_NS = 10_000_000_000
 
 
@@ -28,7 +30,7 @@ class Form(NamedTuple):
 class FrameTimes:
     """Turn stamps into times from 0, ns, that always increase.
 
-    A step between stamps that is not between 0 and 10 s is replaced by the step before it.
+    A step between stamps that is not between 0.1 ms and 10 s is replaced by the step before it.
     """
 
     def __init__(self) -> None:
@@ -40,7 +42,7 @@ class FrameTimes:
         """Return the next frame's time, ns."""
         if self._last_stamp_ns is not None:
             step_ns = stamp_ns - self._last_stamp_ns
-            if 0 < step_ns < _LONGEST_STEP_NS:
+            if _SHORTEST_STEP_NS <= step_ns < _LONGEST_STEP_NS:
                 self._step_ns = step_ns
             self.time_ns += self._step_ns
         self._last_stamp_ns = stamp_ns
@@ -55,15 +57,27 @@ def require_av(name: str) -> None:
         raise VideoError(f"{name}: a video needs PyAV: pip install av ({error})") from error
 
 
+@contextlib.contextmanager
+def _as_os_errors() -> Iterator[None]:
+    """Raise OSError for any error of PyAV: some are ValueErrors, OverflowErrors and others."""
+    from av.error import FFmpegError  # noqa: PLC0415  35 MB that only videos need
+
+    try:
+        yield
+    except FFmpegError as error:
+        raise OSError(error.errno, error.strerror) from error
+
+
 @final
 class Encoder:
-    """Write pictures (h, w, 3) BGR of one size to a file or an address; PyAV's errors pass.
+    """Write pictures (h, w, 3) BGR of one size to a file or an address; raise OSError.
 
-    PyAV's errors are OSErrors. If a side has an odd number of pixels, its last pixel is repeated.
-    With ``metadata`` there is a data stream of KLV beside the video: then each picture needs its
-    packet, because the container waits for the stream that is behind.
+    If a side has an odd number of pixels, its last pixel is repeated. With ``metadata`` there
+    is a data stream of KLV beside the video: then each picture needs its packet, because the
+    container waits for the stream that is behind.
     """
 
+    @_as_os_errors()
     def __init__(
         self, target: str, form: Form, size: tuple[int, int], *, metadata: bool = False
     ) -> None:
@@ -82,6 +96,7 @@ class Encoder:
         stream.codec_context.time_base = Fraction(1, _CLOCK_HZ)
         return stream
 
+    @_as_os_errors()
     def add(self, time_ns: int, pixels: Pixels, metadata: bytes = b"") -> None:
         """Append a picture at a time from 0, ns, with its metadata."""
         height, width = pixels.shape[:2]
@@ -97,11 +112,13 @@ class Encoder:
             packet.pts = packet.dts = frame.pts
             self._container.mux(packet)
 
+    @_as_os_errors()
     def finish(self) -> None:
         """Write the pictures that the codec holds back, and the container's end."""
         self._write(None)
         self._container.close()
 
+    @_as_os_errors()
     def close(self) -> None:
         """Free what it holds; without ``finish`` a file is not complete."""
         self._container.close()

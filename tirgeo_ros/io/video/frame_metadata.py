@@ -9,10 +9,8 @@ import numpy as np
 from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.ground.frame_geometry import FrameGeometry, Sight, frame_geometry
 from tirgeo_ros.core.types.arrays import Array, Vector
-from tirgeo_ros.io.video.klv import ITEMS, Value, local_item, packet
+from tirgeo_ros.io.video.klv import ITEMS, Value, packet
 
-#: ST 0102: unclassified, and the version of that standard. The country is not known.
-_SECURITY = local_item(1, b"\x01") + local_item(22, (12).to_bytes(2, "big"))
 #: Beyond the range of these items, the same angle goes into the item with the larger range.
 _FULL = {6: 90, 7: 91}
 _CORNERS, _OFFSETS = range(82, 90), range(26, 34)
@@ -21,17 +19,16 @@ _CORNERS, _OFFSETS = range(82, 90), range(26, 34)
 class FrameMetadata:
     """Make packets for the pictures of one camera.
 
-    ``confidence`` gives the sigmas besides the pose's. Without ``undulation_m``, the height of the
-    geoid above the ellipsoid, there are no heights above sea level. ``platform`` names the
-    aircraft; it may be empty.
+    ``confidence`` gives the sigmas besides the pose's; it may be renewed. Without
+    ``undulation_m``, the height of the geoid above the ellipsoid, there are no heights above sea
+    level. ``platform`` names the aircraft; it may be empty.
     """
 
     def __init__(
         self, confidence: ConfidenceConfig, undulation_m: float = math.nan, platform: str = ""
     ) -> None:
-        self._confidence, self._undulation_m = confidence, undulation_m
-        self._same: dict[int, Value] = {10: platform, 48: _SECURITY}
-        self._same |= {11: "Thermal", 12: "Geodetic WGS84"}
+        self.confidence, self._undulation_m = confidence, undulation_m
+        self._same: dict[int, Value] = {10: platform, 11: "Thermal", 12: "Geodetic WGS84"}
 
     def packet(self, time_ns: int, sight: Sight | None) -> bytes:
         """Return the packet of a picture that was exposed at ``time_ns``, ns since 1970.
@@ -40,7 +37,7 @@ class FrameMetadata:
         """
         if sight is None:
             return packet(time_ns, {})
-        geometry = frame_geometry(sight, self._confidence)
+        geometry = frame_geometry(sight, self.confidence)
         return packet(time_ns, {**self._same, **items_of(geometry, self._undulation_m)})
 
 

@@ -19,11 +19,11 @@ REVISION = 19  # of ST 0601
 _MOST_TEXT = 127  # bytes
 _SHORT = 128  # the smallest length that takes more than one byte
 
-Value: TypeAlias = float | int | str | bytes
+Value: TypeAlias = float | int | str
 
 
 class Item(NamedTuple):
-    """Hold what an item is; ``low`` and ``high`` are nan for text, integers and sets.
+    """Hold what an item is; ``low`` and ``high`` are nan for text and integers.
 
     A range from -m to m is mapped to signed integers, whose lowest stands for an error; any other
     to unsigned ones.
@@ -31,7 +31,7 @@ class Item(NamedTuple):
 
     name: str
     unit: str
-    length: int  # bytes; the largest number of them for text and sets
+    length: int  # bytes; the largest number of them for text
     low: float = math.nan
     high: float = math.nan
 
@@ -46,8 +46,6 @@ class Item(NamedTuple):
 
     def encoded(self, value: Value) -> bytes | None:
         """Return a value's bytes; None if it is not known (nan) or out of range."""
-        if isinstance(value, bytes):
-            return value
         if isinstance(value, str):
             return value.encode()[:_MOST_TEXT].decode(errors="ignore").encode() or None
         if math.isnan(self.low):
@@ -107,7 +105,6 @@ ITEMS: Mapping[int, Item] = {
     **_places(26, "Offset Corner {} Point {}", 2, (0.075, 0.075)),
     45: Item("Target Error Estimate - CE90", "m", 2, 0.0, 4095.0),
     46: Item("Target Error Estimate - LE90", "m", 2, 0.0, 4095.0),
-    48: Item("Security Local Metadata Set", "set", _MOST_TEXT),
     VERSION: Item("UAS Datalink LS Version Number", "", 1),
     75: _height("Sensor Ellipsoid Height"),
     78: _height("Frame Center Height Above Ellipsoid"),

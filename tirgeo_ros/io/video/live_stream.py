@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import errno
+import ipaddress
 import threading
 import time
 import urllib.parse
 from collections import Counter
+from collections.abc import Mapping
 from typing import NamedTuple, final
 
 import cv2
@@ -27,8 +30,8 @@ _FORM = Form(
     {"preset": "veryfast", "tune": "zerolatency", "crf": "26", "g": "15"},
     {"flush_packets": "1"},
 )
-_DATAGRAM = "pkt_size=1316"
-_OPTIONS = ("ttl", "localaddr")
+_DATAGRAM = {"pkt_size": "1316"}
+_MOST_TTL = 255
 _RETRY_S = 1.0
 
 
@@ -46,16 +49,25 @@ def stream_url(address: str) -> str:
     """
     try:
         parts = urllib.parse.urlsplit(address)
-        known = all(name in _OPTIONS for name, _ in urllib.parse.parse_qsl(parts.query))
-        good = parts.scheme == "udp" and parts.hostname and parts.port and not parts.path
+        options = dict(urllib.parse.parse_qsl(parts.query, keep_blank_values=True))
+        good = parts.scheme == "udp" and parts.hostname and parts.port and _takes(options)
     except ValueError:
-        known = good = False
-    if not (good and known):
+        good = False
+    if not good or parts.path or parts.fragment or parts.username is not None:
         raise VideoError(
-            f"stream {shown(address)}: give udp://HOST:PORT, and after a question mark "
-            f"{' or '.join(_OPTIONS)}: udp://239.1.1.1:5004?ttl=4"
+            f"stream {shown(address)}: give udp://HOST:PORT, and after a question mark ttl (1 to "
+            "255) or localaddr (an address of this computer): udp://239.1.1.1:5004?ttl=4"
         )
-    return f"{address}{'&' if parts.query else '?'}{_DATAGRAM}"
+    return parts._replace(query=urllib.parse.urlencode(options | _DATAGRAM, safe=":")).geturl()
+
+
+def _takes(options: Mapping[str, str]) -> bool:
+    """Return whether FFmpeg takes the options; raise ValueError for an address that is none."""
+    if "localaddr" in options:
+        ipaddress.ip_address(options["localaddr"])
+    ttl = options.get("ttl", "1")
+    known = options.keys() <= {"ttl", "localaddr"}
+    return known and ttl.isdecimal() and 1 <= int(ttl) <= _MOST_TTL
 
 
 @final
@@ -125,9 +137,9 @@ class LiveStream:
         try:
             encoder = self._encoder_for(pixels)
             encoder.add(self._times.at(frame.time_ns), pixels, packet)
-        except OSError as error:  # PyAV's own errors are OSErrors too
+        except OSError as error:
             self.counts["failed"] += 1
-            self.error = f"{self._address}: cannot be sent: {error.strerror or error}"
+            self.error = f"{self._address}: cannot be sent: {_words(error)}"
             self._retry_s = time.monotonic() + _RETRY_S
             self._drop()
         else:
@@ -149,6 +161,12 @@ class LiveStream:
             with contextlib.suppress(OSError):
                 self._encoder.close()
         self._encoder = None
+
+
+def _words(error: OSError) -> str:
+    if error.errno == errno.EIO:  # that of FFmpeg for a name that nothing resolves
+        return "no computer of this name is known here; write its IP address"
+    return error.strerror or str(error)
 
 
 def _pixels(picture: Pixels | bytes) -> Pixels | None:

@@ -33,10 +33,10 @@ _WITH_METADATA = {".ts"}
 class VideoFile:
     """Write frames (h, w, 3) BGR as H.264 (.mp4, .ts) or VP9 (.webm), each at its own time.
 
-    A step between stamps that is not between 0 and 10 s is replaced by the step before it. If a
-    side has an odd number of pixels, its last pixel is repeated. This is a context manager: the
-    file gets its name when the block ends without an error; without a frame there is no file. One
-    that is ``growing`` (.ts) has its name from the start and plays as far as it was written.
+    A step between stamps that is not between 0.1 ms and 10 s is replaced by the step before it.
+    If a side has an odd number of pixels, its last pixel is repeated. This is a context manager:
+    the file gets its name when the block ends without an error; without a frame there is no file.
+    One that is ``growing`` (.ts) has its name from the start and plays as far as it was written.
     Raise VideoError if it cannot be written or frames change their size.
     """
 
@@ -93,7 +93,7 @@ class VideoFile:
     def _writing(self) -> Iterator[None]:
         try:
             yield
-        except OSError as error:  # PyAV's own errors are OSErrors too
+        except OSError as error:
             raise VideoError(f"{self.path}: cannot be written: {error.strerror}") from error
 
     def __enter__(self) -> VideoFile:

@@ -111,7 +111,8 @@ def _tls_settings(given: CotParameters, name: str | None) -> dict[str, str]:
         "PYTAK_TLS_CLIENT_CERT": given.certificate,
         "PYTAK_TLS_CLIENT_KEY": given.key or given.certificate,
         "PYTAK_TLS_CLIENT_CAFILE": given.ca or ssl.get_default_verify_paths().cafile or "",
-        "PYTAK_TLS_CLIENT_PASSWORD": given.password,
+        # Without one PyTAK fails at a .p12, and OpenSSL asks the terminal for that of a PEM.
+        "PYTAK_TLS_CLIENT_PASSWORD": given.password or PASSWORD,
         "PYTAK_TLS_CLIENT_CIPHERS": "DEFAULT",  # PyTAK's own choice takes weak ones too
         "PYTAK_TLS_SERVER_EXPECTED_HOSTNAME": name or "",
     }
@@ -134,8 +135,9 @@ def _check_files(given: CotParameters, settings: SectionProxy) -> None:
     except (ValueError, OSError, SyntaxError, SystemError, AttributeError) as error:
         reason = error.__cause__ or error
         raise ConfigError(
-            f"cot_certificate: {given.certificate} cannot be used ({reason}); give the .p12 with "
-            "its cot_password, or certificate and cot_key in PEM"
+            f"cot_certificate: {given.certificate} cannot be used ({reason}); give a file "
+            "whose name ends in .p12, with the cot_password that it must have, or certificate "
+            "and cot_key in PEM"
         ) from None
 
 

@@ -47,6 +47,8 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         raise UsageError("--rate must be from 0.01 to 100")
     if args.serial and args.rate != 1:
         raise UsageError("--serial runs in real time: leave --rate out")
+    if args.cot and args.page is None:
+        raise UsageError("--cot is for the operator's page: give --page too")
     given = (args.bag, args.output, args.params, args.map, args.method, args.rate)
     setup = demo_setup(*given, serial=args.serial)
     domain = setup.environment["ROS_DOMAIN_ID"]

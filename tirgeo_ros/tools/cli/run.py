@@ -43,6 +43,8 @@ def run(args: argparse.Namespace) -> NoReturn:
 
     if not _NAMES.fullmatch(args.namespace):
         raise UsageError(f"--namespace {args.namespace}: use letters, digits, _ and /, as uav1")
+    if args.cot and args.page is None:
+        raise UsageError("--cot is for the operator's page: give --page too")
     params = args.params or ()
     given = args.bag, args.map, params, args.namespace
     page = {"page": args.page, "cot": args.cot}

@@ -191,12 +191,24 @@ def _player(setup: GraphSetup) -> list[str]:
 
 def parameter_words(values: Mapping[str, object], files: Iterable[Path] = ()) -> list[str]:
     """Return the arguments that give a node parameters; ``values`` override ``files``."""
-    words = [word for path in files for word in ("--params-file", str(path))]
-    for name, value in values.items():
-        # ROS reads the value as YAML: a file named 7 would be a number without its quotes.
-        plain = value if isinstance(value, bool | int | float) else str(value)
-        words += ["-p", f"{name}:={json.dumps(plain, ensure_ascii=False)}"]
-    return words
+    paths = [*map(str, files), *([_file_of(values)] if values else [])]
+    return [word for path in paths for word in ("--params-file", path)]
+
+
+def _file_of(values: Mapping[str, object]) -> str:
+    """Return a file in memory with parameters of all nodes, as long as this process lives.
+
+    ROS ranks ``-p NAME:=VALUE`` below what a file says of a node by its name. Of files the last
+    one counts, where it names the nodes too.
+    """
+    plain = {
+        name: value if isinstance(value, bool | int | float) else str(value)
+        for name, value in values.items()
+    }
+    content = json.dumps({"/**/*": {"ros__parameters": plain}}, ensure_ascii=False)
+    file = os.memfd_create("parameters", 0)  # open in the programs that this process becomes
+    os.write(file, os.fsencode(content))
+    return f"/proc/{os.getpid()}/fd/{file}"
 
 
 def _files(setup: GraphSetup) -> list[Path]:
