@@ -100,12 +100,13 @@ def severities(record: Record) -> Counter[str]:
 def _flight(record: Record, picture: bytes) -> Cell:
     name, outputs = record["season"]["name"], record["season"]["outputs"]
     files = [*outputs, f"{name}.json"]
-    links = " ".join(
-        f'<a href="{escape(_in_url(file), quote=True)}">{_LINKS.get(file[len(name) :], "video")}</a>'
-        for file in files
-    )
+    links = " ".join(_link(file, file[len(name) :]) for file in files)
     shown = embedded(picture, "image/jpeg", f"a picture of {name}") if picture else ""
     return Cell(f"{shown}<strong>{escape(name)}</strong><span>{links}</span>", name)
+
+
+def _link(file: str, ending: str) -> str:
+    return f'<a href="{escape(_in_url(file))}">{_LINKS.get(ending, "video")}</a>'
 
 
 def _begin(record: Record) -> Cell:
