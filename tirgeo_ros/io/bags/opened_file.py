@@ -53,9 +53,9 @@ def _reader(path: Path, name: Path) -> Storage:
 
 
 def _begins(path: Path, magic: bytes) -> bool:
-    if path.exists() and not path.is_file():  # a pipe would be waited for without end
-        raise BagError(f"{path}: is no file: a pipe or a device cannot be read as a bag")
     try:
+        if path.exists() and not path.is_file():  # a pipe would be waited for without end
+            raise BagError(f"{path}: is no file: a pipe or a device cannot be read as a bag")
         with path.open("rb") as file:
             return file.read(len(magic)) == magic
     except OSError as error:
