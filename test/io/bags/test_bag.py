@@ -222,6 +222,11 @@ def test_of_another_kind(tmp_path, data):
         BagReader(tmp_path / "a.mcap")
 
 
+def test_a_pipe_or_a_device_is_not_waited_for():
+    with pytest.raises(BagError, match="/dev/null: is no file: a pipe or a device cannot be read"):
+        BagReader("/dev/null")
+
+
 def test_of_another_profile(tmp_path):
     with pytest.raises(BagError, match="profile 'ros1' is not 'ros2'"):
         BagReader(foreign(tmp_path / "a.mcap", profile="ros1"))

@@ -9,8 +9,10 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import suppress
+from concurrent.futures import Future
+from contextlib import nullcontext, suppress
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from process_bags import IMAGES, rewritten
@@ -18,6 +20,7 @@ from process_bags import IMAGES, rewritten
 from tirgeo_ros.io.files.child_python import python_command
 from tirgeo_ros.tools.replay.process import process
 from tirgeo_ros.tools.season import dask_workers
+from tirgeo_ros.tools.season.board import Board
 
 LIMIT_S = 240.0
 
@@ -110,6 +113,33 @@ def test_a_worker_of_another_version_that_came_later_begins_nothing(tmp_path):
     task = dask_workers.FlightTask("a", "a", str(tmp_path), ".", {}, "", {"version": "99.0"})
     with pytest.raises(dask_workers.SeasonError, match="another version"):
         dask_workers.run_on_worker(task)
+
+
+@pytest.mark.parametrize("noticed", [False, True])
+def test_a_scheduler_that_is_lost_is_told_in_one_line(tmp_path, monkeypatch, noticed):
+    """The client cancels all flights as soon as it has noticed; before, each request fails."""
+
+    def lost(*_):
+        raise ConnectionResetError(104, "Connection reset by peer")
+
+    cancelled = Future()
+    cancelled.cancel()
+    client = SimpleNamespace(
+        wait_for_workers=lambda *_, **__: None,
+        run=lambda *_, **__: {},
+        submit=lambda *_, **__: cancelled,
+        processing=dict if noticed else lost,
+        cancel=lost,
+        status="connecting",
+    )
+    monkeypatch.setattr(dask_workers, "_client", lambda _: nullcontext(client))
+    monkeypatch.setattr(dask_workers, "_SHOW_S", 0.0)
+    task = dask_workers.FlightTask("a", "a", str(tmp_path), ".", {}, "", {})
+    running = dask_workers.run_on_cluster([task], "tcp://10.0.0.9:8786", Board(1))
+    told = "--scheduler tcp://10.0.0.9:8786: the connection to it is lost; .* run the same command"
+    with pytest.raises(dask_workers.SeasonError, match=told):
+        next(running)
+    assert not list(tmp_path.iterdir())  # no flight has failed
 
 
 def test_no_address_of_a_scheduler(run, flights, tmp_path, capsys):

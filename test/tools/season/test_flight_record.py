@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from dataclasses import replace
 
 import pytest
 
@@ -114,3 +115,9 @@ def test_a_record_that_cannot_be_written_is_an_error_of_its_flight(made, tmp_pat
         record["error"] == f"{tmp_path}/out/flight.json: not a file; give the output another name"
     )
     assert written_record(task(), {"error": "worse"}, 1)["error"] == "worse"
+
+
+def test_a_name_too_long_for_the_file_system_is_an_error_of_its_flight(made):
+    task = replace(made[0](), name="n" * 255)
+    record = written_record(task, {"output": None, "error": None}, 1)
+    assert record["error"].endswith(".json: cannot be written: File name too long")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 
 import numpy as np
@@ -128,6 +129,11 @@ def test_names_are_text_and_links_are_quoted():
     assert "<i>: imu/data" in words(page)
     assert "%3Cb%3E%26%27%22%201%23%3F%25.mcap" in page.sources
     assert not re.findall(r"<[bui]>&|<u>|<i>", text)
+
+
+def test_a_name_that_is_no_utf8_is_linked_by_its_bytes():
+    page = Page(html(record(os.fsdecode(b"S\xfcd"))))
+    assert {"#flight-S%FCd", "S%FCd.mcap", "S%FCd.json"} <= set(page.sources)
 
 
 def test_a_flight_without_a_pose_and_one_of_hours():

@@ -54,6 +54,8 @@ def _reader(path: Path, name: Path) -> Storage:
 
 def _begins(path: Path, magic: bytes) -> bool:
     try:
+        if path.exists() and not path.is_file():  # a pipe would be waited for without end
+            raise BagError(f"{path}: is no file: a pipe or a device cannot be read as a bag")
         with path.open("rb") as file:
             return file.read(len(magic)) == magic
     except OSError as error:

@@ -112,4 +112,5 @@ def write_files(contents: Mapping[PathLike, str | bytes], error: type[TirgeoErro
         raise error(f"{os.fspath(path)}: cannot be written: {fault.strerror or fault}") from None
     finally:
         for part in parts.values():
-            part.unlink(missing_ok=True)
+            with suppress(OSError):  # absent, or with a name that is too long
+                part.unlink()

@@ -12,7 +12,7 @@ import re
 import time
 import uuid
 from collections.abc import Generator, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -37,8 +37,8 @@ def run_on_cluster(
     """Yield each task with its record, in the order in which they end.
 
     When the generator is closed, the tasks are cancelled, and their processes end. Raises
-    SeasonError for a scheduler without workers, and for workers of another version or without
-    the folder.
+    SeasonError for a scheduler without workers or one that is lost, and for workers of another
+    version or without the folder.
     """
     with _client(scheduler) as client:
         _check(client, tasks[0].folder)
@@ -52,12 +52,21 @@ def run_on_cluster(
                 board.in_work(_names(client, run))
                 board.show()
                 time.sleep(_SHOW_S)
-                for future in [one for one in pending if one.done()]:
+                done = [one for one in pending if one.done()]
+                if client.status != "running":  # it has cancelled all of them by itself
+                    raise ConnectionError
+                for future in done:
                     task = pending.pop(future)
                     board.done(task.name)
                     yield task, _record(task, future)
+        except OSError:  # Dask's own are of this kind
+            raise SeasonError(
+                f"--scheduler {scheduler}: the connection to it is lost; what is done is kept: "
+                "run the same command again when it is back"
+            ) from None
         finally:
-            client.cancel(list(pending))
+            with suppress(OSError):
+                client.cancel(list(pending))
 
 
 def run_on_worker(task: FlightTask) -> Record:
@@ -83,9 +92,11 @@ def _client(scheduler: str) -> Iterator[Any]:
     """Connect to a scheduler; raise SeasonError if there is none."""
     if not _ADDRESS.fullmatch(scheduler):
         raise SeasonError(f"--scheduler {scheduler}: no address, as tcp://192.168.1.5:8786")
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what it tells is raised here
+    dask = _dask()
+    for name in ("distributed", "distributed.client"):  # the package gives each its own level
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # what they tell is raised here
     try:
-        client = _dask().Client(scheduler, timeout=_CONNECT_S, set_as_default=False, name="tirgeo")
+        client = dask.Client(scheduler, timeout=_CONNECT_S, set_as_default=False, name="tirgeo")
     except (OSError, ValueError, TypeError) as error:
         why = shown(str(error).partition("\n")[0], 200)
         raise SeasonError(f"--scheduler {scheduler}: no Dask scheduler answers: {why}") from None

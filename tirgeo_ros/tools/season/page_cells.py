@@ -54,7 +54,12 @@ def _cell(make: Callable[[Record], Cell], record: Record) -> Cell:
 
 def anchor(name: str) -> str:
     """Return the identifier of a flight's row."""
-    return "flight-" + quote(name, safe="")
+    return "flight-" + _in_url(name, safe="")
+
+
+def _in_url(name: str, safe: str = "/") -> str:
+    """Return a file's name for a URL; a byte that is no UTF-8 stays the one that it is."""
+    return quote(name, safe, errors="surrogateescape")
 
 
 def clock(seconds: float) -> str:
@@ -95,12 +100,13 @@ def severities(record: Record) -> Counter[str]:
 def _flight(record: Record, picture: bytes) -> Cell:
     name, outputs = record["season"]["name"], record["season"]["outputs"]
     files = [*outputs, f"{name}.json"]
-    links = " ".join(
-        f'<a href="{escape(quote(file), quote=True)}">{_LINKS.get(file[len(name) :], "video")}</a>'
-        for file in files
-    )
+    links = " ".join(_link(file, file[len(name) :]) for file in files)
     shown = embedded(picture, "image/jpeg", f"a picture of {name}") if picture else ""
     return Cell(f"{shown}<strong>{escape(name)}</strong><span>{links}</span>", name)
+
+
+def _link(file: str, ending: str) -> str:
+    return f'<a href="{escape(_in_url(file))}">{_LINKS.get(ending, "video")}</a>'
 
 
 def _begin(record: Record) -> Cell:
