@@ -181,3 +181,7 @@ def test_red_night_colours_stay_after_a_reload(guarded, tablet):
     red, green, blue = (int(part) for part in colour.strip("rgba()").split(",")[:3])
     assert red > 100
     assert max(green, blue) < red / 2
+    bars = screen.page.evaluate(
+        "() => getComputedStyle(document.querySelector('#panel')).scrollbarColor"
+    )
+    assert bars == "rgb(74, 19, 13) rgb(18, 3, 2)"  # else white in Firefox
