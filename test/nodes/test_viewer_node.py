@@ -30,6 +30,7 @@ from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.messages import image_pixels
+from tirgeo_ros.nodes.viewer_node import taken_ns
 
 pytestmark = pytest.mark.graph
 
@@ -54,6 +55,14 @@ def start(spawn, tmp_path):
         return node, found[1]
 
     return page
+
+
+@pytest.mark.parametrize(("late_s", "own"), [(0.04, True), (59, True), (-0.5, False), (61, False)])
+def test_a_stamp_of_another_clock_is_no_age(late_s, own):
+    """A camera's clock ahead of this one gave pictures that came before they were taken."""
+    now_ns = 1_700_000_000_000_000_000
+    stamp_ns = now_ns - round(late_s * 1e9)
+    assert taken_ns(stamp_ns, now_ns) == (stamp_ns if own else now_ns)
 
 
 class Fleet:

@@ -213,6 +213,12 @@ def test_too_many_requests_are_refused_each_with_an_answer(served):
     assert 60 < sum(good) < 400
 
 
+@pytest.mark.parametrize("lines", ["GET / HTTP/1.1\r\nno header\r\n", "GET / HTTP/9.9.9\r\n"])
+def test_what_is_no_http_is_refused_and_does_not_fill_the_log(served, caplog, lines):
+    assert status(served.port, f"{lines}\r\n".encode()) == 400
+    assert caplog.text == ""
+
+
 @pytest.mark.slow
 def test_too_many_gets_are_refused():
     with ServedApart() as one, opened(one) as own:

@@ -32,6 +32,11 @@ def test_a_request_is_read_with_its_name_and_types():
     assert fields["stamp_ns"] == 1_700_000_000_000_000_001
     assert isinstance(fields["u"], float)
     assert read_request(json.dumps({**EDIT, "note": "a\nb"}))[2] == {"id": ID, "note": "a\nb"}
+    pasted = {**EDIT, "name": "Team\t7\r\n"}  # the store makes spaces of these
+    assert read_request(json.dumps(pasted))[2]["name"] == "Team\t7\r\n"
+    undo = {"type": "undo", "request": "r"}
+    assert read_request(json.dumps(undo))[2] == {}
+    assert read_request(json.dumps({**undo, "id": ID}))[2] == {"id": ID}
     assert read_request(json.dumps(MEASURE))[2]["to"] == (48.0, 17.0)
 
 

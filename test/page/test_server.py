@@ -72,6 +72,20 @@ def test_a_click_is_a_target_for_all_pages_and_on_the_disk(served):
     assert b"<svg" in code[1]
 
 
+def test_a_picture_that_stood_still_on_a_screen_is_cut_out_later(served):
+    async def click():
+        async with Page(served.url) as page, page.state() as state:
+            async with page.video() as video:
+                stamp_ns, _ = await next_picture(video)
+            for at in range(150):  # more than the feed keeps
+                served.server.show("", stamp_ns + 1 + at, jpeg)
+            target = (await state.click(stamp_ns))["target"]
+            return await page.get(f"/targets/{target['id']}/picture")
+
+    jpeg = Pictures().jpeg(0)
+    assert asyncio.run(click())[0] == 200
+
+
 def test_refine_edit_delete_undo_and_refusals_are_answered(served):
     async def ask():
         async with Page(served.url) as page, page.state() as state, page.video() as video:
@@ -81,7 +95,7 @@ def test_refine_edit_delete_undo_and_refusals_are_answered(served):
             edit = await state.ask("edit", id=first["id"], name="Anna", note="two\nlines")
             gone = await state.ask("delete", id=first["id"])
             lost = await state.ask("edit", id=first["id"], name="Berta")
-            back = await state.ask("undo")
+            back = await state.ask("undo", id=first["id"])
             sky = await state.click(stamp_ns, v=1.0)
             listed = await state.until("targets", lambda told: len(told["targets"]) > 0)
             return again, edit, gone, lost, back, sky, listed

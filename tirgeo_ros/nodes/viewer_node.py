@@ -32,7 +32,7 @@ from tirgeo_ros.page.invitation import invitation
 from tirgeo_ros.page.server import PageServer
 
 _REPORT_S, _LOOK_S, _WATCH_S = 0.2, 0.1, 1.0
-#: A stamp that is further off is of another clock: a bag's, a camera's own.
+#: A stamp that is older, or of the future, is of another clock: a bag's, a camera's own.
 _SAME_CLOCK_NS = 60_000_000_000
 
 
@@ -98,9 +98,7 @@ class ViewerNode(GraphNode):
         sys.stdout.flush()
 
     def _show(self, aircraft: str, stamp_ns: int, jpeg: bytes) -> None:
-        now_ns = time.time_ns()
-        same = abs(now_ns - stamp_ns) < _SAME_CLOCK_NS
-        self._server.show(aircraft, stamp_ns, jpeg, stamp_ns if same else now_ns)
+        self._server.show(aircraft, stamp_ns, jpeg, taken_ns(stamp_ns, time.time_ns()))
 
     def _answered(self, aircraft: str, answer: Any) -> None:
         self._backend.answered(aircraft, answer)
@@ -133,6 +131,11 @@ class ViewerNode(GraphNode):
         values |= {f"stream {name}": trouble for name, trouble in self._streams.troubles.items()}
         trouble = self._map.error or next(iter(self._streams.troubles.values()), "")
         return [self.item("page", values, trouble or "ok", WARN if trouble else OK)]
+
+
+def taken_ns(stamp_ns: int, now_ns: int) -> int:
+    """Return when a picture was taken by this computer's clock: now, if the stamp's is another."""
+    return stamp_ns if 0 <= now_ns - stamp_ns < _SAME_CLOCK_NS else now_ns
 
 
 def marked_place(target: Target) -> MarkedPlace:

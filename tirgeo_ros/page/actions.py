@@ -89,8 +89,9 @@ class Actions:
         await self._stored(lambda: self._backend.targets.delete(id, time.time_ns()))
         return {}
 
-    async def _undo(self) -> dict[str, Any]:
-        return {"text": await self._stored(self._backend.targets.undo) or "nothing to undo"}
+    async def _undo(self, id: str | None = None) -> dict[str, Any]:  # noqa: A002 as sent
+        text = await self._stored(lambda: self._backend.targets.undo(id))
+        return {"text": text or "nothing to undo"}
 
     async def _mark(self, text: str) -> dict[str, Any]:
         await self._stored(lambda: self._backend.targets.mark(text, time.time_ns()))

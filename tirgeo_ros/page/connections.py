@@ -12,6 +12,7 @@ from collections.abc import Callable
 from typing import Any
 
 from aiohttp import web
+from aiohttp.http_exceptions import HttpProcessingError
 
 from tirgeo_ros.page.limits import Allowance
 
@@ -70,6 +71,11 @@ class Connection(web.RequestHandler):
             timer.cancel()
         if not self.ended.done():
             self.ended.set_result(None)
+
+    def log_exception(self, *args: Any, **kw: Any) -> None:
+        """Log a fault of ours; what a peer sends that is no HTTP must not fill the log."""
+        if not isinstance(kw.get("exc_info"), HttpProcessingError):
+            super().log_exception(*args, **kw)
 
     def asked(self, *, websocket: bool) -> None:
         """Note that a whole request has come."""

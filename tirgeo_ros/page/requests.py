@@ -25,7 +25,7 @@ def _text(most: int, least: int = 0) -> Check:
     def check(value: Any) -> str:
         if not isinstance(value, str) or not least <= len(value) <= most:
             raise ValueError(f"a text of {least} to {most} characters")
-        if any((ord(c) < 32 and c != "\n") or 0xD800 <= ord(c) < 0xE000 for c in value):
+        if any((ord(c) < 32 and c not in "\n\r\t") or 0xD800 <= ord(c) < 0xE000 for c in value):
             raise ValueError("a text without control characters")
         return value
 
@@ -102,6 +102,7 @@ _MUST: Mapping[str, Mapping[str, Check]] = {
 #: And those that it may have.
 _MAY: Mapping[str, Mapping[str, Check]] = {
     "edit": {"name": _text(80), "kind": _kind, "note": _text(2000)},
+    "undo": {"id": _id},
 }
 #: What somebody who may only look may ask.
 FOR_VIEWERS = frozenset({"where", "measure"})

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import io
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import Executor
 from dataclasses import dataclass
 
@@ -16,6 +16,7 @@ from PIL import Image, UnidentifiedImageError
 from tirgeo_ros.page.pace import LEVELS
 
 _KEPT, _KEPT_BYTES = 100, 16 * 2**20  # pictures to cut targets out of: three seconds
+_HELD = 30  # pictures that were the last on somebody's screen: he may press on one for long
 _CUT_HALF = 80  # pixels: half a cut-out's side
 _REDUCED = {
     1: cv2.IMREAD_COLOR,
@@ -49,6 +50,7 @@ class VideoFeed:
         self._workers = workers
         self._kept: deque[Picture] = deque(maxlen=_KEPT)
         self._kept_bytes = 0
+        self._held: deque[Picture] = deque(maxlen=_HELD)
         self._smaller: dict[int, asyncio.Future[bytes]] = {}  # by level, of the newest alone
         self._waking: set[Callable[[], None]] = set()
 
@@ -74,6 +76,10 @@ class VideoFeed:
         """Call no more."""
         self._waking.discard(call)
 
+    def hold(self, pictures: Iterable[Picture]) -> None:
+        """Keep pictures for targets: those that a page had last when it stopped the video."""
+        self._held.extend(pictures)
+
     async def bytes_at(self, picture: Picture, level: int) -> bytes:
         """Return the JPEG at a level; never more bytes than the picture has."""
         if LEVELS[level].quality == 0:
@@ -87,7 +93,8 @@ class VideoFeed:
 
     def cut_out(self, stamp_ns: int, u: float, v: float) -> Callable[[], bytes | None]:
         """Return what a thread calls for a JPEG around a pixel; None of a picture not kept."""
-        found = next((one for one in self._kept if one.stamp_ns == stamp_ns), None)
+        every = (*self._kept, *self._held)
+        found = next((one for one in every if one.stamp_ns == stamp_ns), None)
         return lambda: _cut_out(found, u, v) if found else None
 
     def _keep(self, picture: Picture) -> None:

@@ -21,6 +21,7 @@ HEADER = struct.Struct("<QQIHH")
 _KERNEL_BUFFER = 256 * 1024
 _ANSWERS_A_S = 150.0
 _AGES = 30  # pictures over which an age is taken
+_SENT = 3  # pictures of which one may be on the screen: two unanswered, and the one before
 
 
 class VideoViewer:
@@ -32,7 +33,7 @@ class VideoViewer:
         self._pace = Pace()
         self._news = asyncio.Event()  # a picture, or an answer
         self._ages_ms: deque[float] = deque(maxlen=_AGES)
-        self._begun_ns: dict[int, int] = {}
+        self._sent: dict[int, Picture] = {}  # by number, the newest _SENT
 
     @property
     def latency_ms(self) -> float | None:
@@ -47,6 +48,7 @@ class VideoViewer:
             await self._take_answers()
         finally:
             self._feed.forget(self._news.set)
+            self._feed.hold(self._sent.values())
             sending.cancel()
             await asyncio.gather(sending, return_exceptions=True)
 
@@ -71,7 +73,9 @@ class VideoViewer:
             picture.height,
         )
         self._pace.sent(picture.number, time.monotonic())
-        self._begun_ns[picture.number] = picture.begun_ns
+        self._sent[picture.number] = picture
+        if len(self._sent) > _SENT:
+            del self._sent[min(self._sent)]
         await self._socket.send_bytes(head + jpeg)
 
     async def _take_answers(self) -> None:
@@ -89,9 +93,8 @@ class VideoViewer:
     def _shown(self, number: int) -> None:
         if not self._pace.shown(number, time.monotonic()):
             return
-        age_ms = (time.time_ns() - self._begun_ns[number]) * 1e-6
+        age_ms = (time.time_ns() - self._sent[number].begun_ns) * 1e-6
         self._ages_ms.append(age_ms)
-        self._begun_ns = {n: begun for n, begun in self._begun_ns.items() if n > number}
         self._news.set()
 
 

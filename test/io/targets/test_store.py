@@ -12,6 +12,7 @@ from target_samples import click
 from tirgeo_ros.core.targets.target import averaged
 from tirgeo_ros.core.types.errors import TargetError
 from tirgeo_ros.io.targets import store as store_module
+from tirgeo_ros.io.targets.exports import exported
 from tirgeo_ros.io.targets.store import (
     MOST_CLICKS,
     MOST_NAME,
@@ -22,6 +23,8 @@ from tirgeo_ros.io.targets.store import (
 )
 
 JPEG = b"\xff\xd8 a picture"
+#: Zero-width joiner and non-joiner, which Python does not call printable.
+JOINERS = str.maketrans("", "", "\u200c\u200d")
 
 
 @pytest.fixture
@@ -101,6 +104,18 @@ def test_undo_after_new_changes_takes_the_newest(store):
     assert store.undo() == "target 1 removed again"
 
 
+def test_one_target_is_undone_past_the_changes_of_others(store):
+    one = store.add(click(), now_ns=1)
+    other = store.add(click(), now_ns=2)
+    store.edit(one.id, 3, name="Anna")
+    store.edit(other.id, 4, name="Berta")
+    assert store.undo(one.id) == "target 1 as before"
+    assert [target.name for target in store.all()] == ["", "Berta"]
+    assert store.undo(one.id) == "target 1 removed again"
+    assert store.undo(one.id) == ""
+    assert store.undo() == "target 2 as before"
+
+
 def test_a_deleted_target_comes_back_with_its_picture(store):
     one = store.add(click(), picture=JPEG, now_ns=1)
     store.delete(one.id, 2)
@@ -148,13 +163,30 @@ def test_marks_in_time(store):
     again.close()
 
 
+@pytest.mark.parametrize(
+    ("typed", "kept"),
+    [
+        ("Team\u00a07\tNord", "Team 7 Nord"),
+        ("\u5c71\u7530\u3000\u592a\u90ce", "\u5c71\u7530 \u592a\u90ce"),
+        ("\u0645\u06cc\u200c\u062e\u0648\u0627\u0647\u0645", None),
+        ("\U0001f469\u200d\U0001f467", None),
+    ],
+    ids=["no-break", "ideographic", "non-joiner", "emoji"],
+)
+def test_spaces_of_all_scripts_and_joiners_stay(store, typed, kept):
+    one = store.add(click(), name=typed, now_ns=1)
+    assert one.name == (kept or typed)
+    for form in ("kml", "gpx", "geojson", "csv"):
+        assert one.name in exported([one], form).decode()
+
+
 @settings(max_examples=40)
 @given(st.text(max_size=80), st.text(max_size=80))
 def test_any_text_can_be_a_name_and_a_note(shared_store, name, note):
     one = shared_store.add(click(), name=name, now_ns=1)
     edited = shared_store.edit(one.id, 2, note=note)
-    assert edited.name.isprintable()
-    assert edited.note.replace("\n", "").isprintable()
+    assert edited.name.translate(JOINERS).isprintable()
+    assert edited.note.replace("\n", "").translate(JOINERS).isprintable()
     # what is there is what was typed
     assert set(edited.name) <= set(name) | {" "}
     assert shared_store._read("SELECT name, note FROM targets WHERE id = ?", one.id) == [

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import sqlite3
 
 import pyogrio
 import pytest
 from browser import DESK, PHONE, TABLET
 from page_backend import M_PER_PIXEL
+from page_clients import tile_file
 from served_page import ELLIPSE, corner_in, corner_on, off_corner, well
 
 
@@ -60,6 +62,30 @@ def test_a_press_on_an_outline_is_a_target_within_its_ellipse(serve, tablet):
     screen.reads(".value[data-form=decimal]", f"{target.latitude_deg:.6f}")
     assert screen.one(".picture").evaluate("(image) => image.decode().then(() => true)")
     assert screen.one(".qr").evaluate("(image) => image.decode().then(() => true)")
+
+
+@pytest.mark.slow
+def test_a_press_that_lasts_is_one(serve, tablet):
+    page = serve()
+    screen = tablet(page.url)
+    place = screen.on_screen(*corner_in(screen.hold_still()))
+    screen.page.mouse.move(*place)
+    screen.page.mouse.down()
+    screen.page.wait_for_timeout(1500)
+    screen.page.mouse.up()
+    screen.reads(".row", "1")
+
+
+@pytest.mark.slow
+def test_tiles_are_enlarged_where_the_map_is_nearer_than_they_are(serve, tablet, tmp_path):
+    path = tile_file(tmp_path / "a.mbtiles")
+    with sqlite3.connect(path) as db:
+        db.execute("insert into metadata values ('attribution', '<a href=x>&copy; Survey</a>')")
+    db.close()
+    screen = tablet(serve(tiles=str(path)).url, DESK)
+    screen.wait("() => document.querySelector('.leaflet-tile')?.src.includes('/tiles/5/')")
+    screen.reads(".map-credit", "\N{COPYRIGHT SIGN} Survey")
+    assert screen.page.locator(".map-credit a").count() == 0
 
 
 def test_a_press_into_the_sky_says_why_not(serve, tablet):

@@ -89,6 +89,49 @@ def test_two_operators_agree(guarded, tablet):
     assert shown[0] == shown[1]
 
 
+@pytest.mark.slow
+def test_what_another_typed_meanwhile_is_seen_and_not_undone_by_mistake(guarded, tablet):
+    one, other = tablet(guarded.url), tablet(guarded.url, DESK)
+    other.await_picture()
+    press(one)
+    for screen in (one, other):
+        screen.tap_on(".row")
+    note = "textarea[aria-label=Note]"
+    one.one(note).focus()
+    other.one(note).fill("am Ufer")
+    other.one(note).blur()
+    one.wait("() => document.querySelector('textarea').value === 'am Ufer'")
+    one.one(note).press_sequentially("!")
+    other.one(note).fill("im Wald")
+    other.one(note).blur()
+    one.reads(".texts .said", "Changed elsewhere meanwhile: im Wald")
+    one.one(note).fill("im Wald")
+    one.one(note).blur()
+    one.one("input[aria-label=Name]").fill("Anna")
+    one.one("input[aria-label=Name]").blur()
+    one.reads("#toast", "Target 1 changed")
+    press(other)
+    one.wait("() => document.querySelectorAll('.map-target').length === 2")
+    one.tap_on("#toast .primary")
+    one.reads("#toast", "Target 1 as before")
+    assert [(target.name, target.note) for target in guarded.targets] == [
+        ("", "im Wald"),
+        ("", ""),
+    ]
+
+
+@pytest.mark.slow
+def test_a_busy_server_is_asked_again_instead_of_a_token(guarded, tablet):
+    screen = tablet(guarded.url)
+    screen.await_picture()
+    screen.expected = "429"
+    busy = {"status": 429, "json": {"reason": "too many requests: wait a moment"}}
+    screen.page.route("**/enter", lambda route: route.fulfill(**busy), times=1)
+    screen.page.reload()
+    screen.await_picture()
+    assert not screen.page.locator("#enter").is_visible()
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
@@ -138,3 +181,7 @@ def test_red_night_colours_stay_after_a_reload(guarded, tablet):
     red, green, blue = (int(part) for part in colour.strip("rgba()").split(",")[:3])
     assert red > 100
     assert max(green, blue) < red / 2
+    bars = screen.page.evaluate(
+        "() => getComputedStyle(document.querySelector('#panel')).scrollbarColor"
+    )
+    assert bars == "rgb(74, 19, 13) rgb(18, 3, 2)"  # else white in Firefox

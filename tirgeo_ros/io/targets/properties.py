@@ -9,6 +9,8 @@ from typing import Any
 from tirgeo_ros.core.targets.target import Fixing, Target
 from tirgeo_ros.io.coordinates.written import written
 
+#: Line end, zero-width non-joiner, zero-width joiner.
+_KEPT = "\n\u200c\u200d"
 #: Property of a place -> its type in SQL.
 OF_PLACE = {
     "stamp_ns": "INTEGER",
@@ -81,6 +83,15 @@ def of_place(place: Fixing) -> dict[str, Any]:
         "mgrs": texts.mgrs,
         "utm": texts.utm,
     }
+
+
+def legible(text: str) -> str:
+    """Return a text without control characters; each tab or other space is a plain one.
+
+    Line ends stay, and the joiners within emoji, Persian and Indian words.
+    """
+    spaced = (" " if c.isspace() and c != "\n" else c for c in text)
+    return "".join(c for c in spaced if c.isprintable() or c in _KEPT)
 
 
 def utf8(text: str) -> str:

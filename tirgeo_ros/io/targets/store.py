@@ -17,7 +17,7 @@ from tirgeo_ros.core.frames.wgs84 import ecef_from_geodetic
 from tirgeo_ros.core.targets.target import KINDS, Fixing, Target
 from tirgeo_ros.core.types.errors import TargetError
 from tirgeo_ros.io.targets.geopackage import next_number, put_picture, put_target, remove_target
-from tirgeo_ros.io.targets.properties import utc
+from tirgeo_ros.io.targets.properties import legible, utc
 from tirgeo_ros.io.targets.target_file import explained, opened, transaction
 
 #: Limits: characters, bytes and numbers.
@@ -37,7 +37,7 @@ _UNDONE = {
 _LOG = "INSERT INTO tirgeo_changes (at_ns, action, target, before, undone) VALUES (?, ?, ?, ?, ?)"
 _LAST = (
     "SELECT revision, action, target, before FROM tirgeo_changes WHERE undone = 0 "
-    "ORDER BY revision DESC LIMIT 1"
+    "AND (?1 IS NULL OR target = ?1) ORDER BY revision DESC LIMIT 1"
 )
 #: Pictures of targets that are deleted, and that no undo can bring back.
 _LOOSE = (
@@ -158,10 +158,13 @@ class TargetStore:
             del self._targets[before.id]
             self.revision = revision
 
-    def undo(self) -> str:
-        """Undo the last change that is not undone; return words for the operator, "" if none."""
+    def undo(self, of: str | None = None) -> str:
+        """Undo the last change that is not undone, or the last ``of`` one target alone.
+
+        Return words for the operator, "" if there is none.
+        """
         with self._lock:
-            rows = self._read(_LAST)
+            rows = self._read(_LAST, of)
             if not rows:
                 return ""
             undone, action, target_id, text = rows[0]
@@ -176,7 +179,7 @@ class TargetStore:
                 self._db.execute(done, (undone,))
                 revision = self._log("undo", target_id, None, None)
             if target is None:  # another program removed it while we were away
-                return self.undo()
+                return self.undo(of)
             self._kept(target, revision)
             if before is None:
                 del self._targets[target_id]
@@ -270,7 +273,7 @@ def _decoded(text: str | None) -> Target | None:
 
 def _text(what: str, text: str, most: int) -> str:
     """Return a text without control characters. Raises TargetError if it is too long."""
-    clean = "".join(c for c in text if c.isprintable() or c == "\n").strip()
+    clean = legible(text).strip()
     if len(clean) > most:
         raise TargetError(f"the {what} has {len(clean)} characters; shorten it to {most}")
     return clean if what == "note" else " ".join(clean.split())

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from xml.etree import ElementTree as ET
 
 from tirgeo_ros.core.targets.target import Fixing, Target
-from tirgeo_ros.io.targets.properties import utc
+from tirgeo_ros.io.targets.properties import legible, utc
 from tirgeo_ros.io.targets.rows import Row
 
 _KML = "http://www.opengis.net/kml/2.2"
@@ -95,7 +95,7 @@ def _child(parent: ET.Element, tag: str, text: str) -> None:
 
 def _printable(text: str) -> str:
     """Return the text without the characters that XML does not allow, on one line."""
-    return "".join(letter for letter in text.replace("\n", " ") if letter.isprintable())
+    return legible(text).replace("\n", " ")
 
 
 def _xml(root: ET.Element) -> str:

@@ -72,7 +72,7 @@ export const store = new Store({
   aircraft: [],
   /** @type {string[]} */
   kinds: ["person", "fire", "vehicle", "hydrant", "building", "other"],
-  /** @type {{deepest: number, attribution: string} | null} */
+  /** @type {{min: number, max: number, attribution: string} | null} */
   tiles: null,
   current: "", // id of the aircraft that is looked at
   states: {}, // newest state message of each aircraft

@@ -20,7 +20,11 @@ export async function enter() {
 
 /** @returns {Promise<string>} why this browser may not come in; "" if it may */
 async function refusalNow() {
-  const answer = await reach(() => fetch("/enter"));
+  const answer = await reach(async () => {
+    const found = await fetch("/enter");
+    if (found.status === 429 || found.status >= 500) throw new Error("later");
+    return found;
+  });
   return answer.ok ? "" : "This page needs a token.";
 }
 

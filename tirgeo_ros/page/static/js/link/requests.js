@@ -79,7 +79,7 @@ export class Requests {
 
   /** Ends what cannot be sent again. */
   disconnected() {
-    const reason = "the connection was lost: press again";
+    const reason = "the connection was lost before the answer: look whether it was done";
     for (const pending of [...this.pending.values()]) {
       pending.sent = false;
       if (!pending.keep) this.finish(pending, { ok: false, lost: true, reason });

@@ -38,20 +38,22 @@ export function buildBase(map, ready) {
   });
   store.watch(["theme"], () => vector.setStyle(featureStyle));
   map.on("moveend", () => {
-    if (store.get("tiles") && !tiles) tiles = tileLayer().addTo(map); // not before a place is known
+    if (store.get("tiles") && !tiles) tiles = addTiles(map); // not before a place is known
     label(map, vector, labels);
   });
   return vector;
 }
 
-/** @returns {any} tiles of an MBTiles file, below all lines */
-function tileLayer() {
-  const { deepest } = store.get("tiles");
-  return L.tileLayer("/tiles/{z}/{x}/{y}", {
-    maxZoom: 22,
-    maxNativeZoom: deepest,
-    className: "tiles",
-  });
+/**
+ * Adds the tiles of an MBTiles file, below all lines; nearer than its deepest they are enlarged.
+ * @param {any} map @returns {any}
+ */
+function addTiles(map) {
+  const { max, attribution } = store.get("tiles");
+  const { body } = new DOMParser().parseFromString(attribution, "text/html"); // often a link
+  map.getContainer().append(element("small", { class: "map-credit", text: body.textContent }));
+  const options = { maxNativeZoom: max, maxZoom: 22, className: "tiles" };
+  return L.tileLayer("/tiles/{z}/{x}/{y}", options).addTo(map);
 }
 
 /**

@@ -3,7 +3,7 @@
 import { ask } from "../link/state_link.js";
 import { currentState, mayChange, store } from "../store.js";
 import { toast } from "./toast.js";
-import { capital, clock } from "./words.js";
+import { capital } from "./words.js";
 
 /**
  * @param {string} type
@@ -26,9 +26,9 @@ export function record() {
   );
 }
 
+/** Marks a moment: the server knows the time, this tablet's clock may be wrong. */
 export function mark() {
-  const text = `mark at ${clock(Date.now() * 1e6)}`;
-  return command("mark", { text }, text);
+  return command("mark", { text: "mark" }, "moment marked");
 }
 
 export function share() {

@@ -59,7 +59,7 @@ function commandOf(event) {
     m: mark,
     r: record,
     n: changeTheme,
-    Escape: () => store.set({ refine: null, measuring: false }),
+    Escape: () => store.set({ refine: null, measuring: false, selected: null }),
   }[key];
 }
 

@@ -74,8 +74,13 @@ function kindButtons(now) {
 
 /** @param {() => Target} now @returns {Part} name and note, saved when left */
 function texts(now) {
+  /** @type {Record<string, {shown: string, saved: string}>} what each field was filled with */
+  const filled = {};
+  /** @type {Record<string, string>} */
+  const sent = {};
   const save = (/** @type {"name" | "note"} */ key) => (/** @type {Event} */ event) => {
     const { value } = /** @type {HTMLInputElement} */ (event.target);
+    sent[key] = value.trim();
     if (value !== (draftOf(now().id).fields[key] ?? now()[key])) edit(now(), { [key]: value });
   };
   const name = element("input", {
@@ -99,13 +104,21 @@ function texts(now) {
   ]);
   const update = () => {
     const draft = draftOf(now().id);
-    const locked = store.get("role") !== "operator";
+    let words = stateOfDraft(now().id);
     for (const { field, key } of fields) {
-      field.readOnly = locked;
-      if (document.activeElement !== field) field.value = draft.fields[key] ?? now()[key];
+      const saved = now()[key];
+      const shown = draft.fields[key] ?? saved;
+      const typing = document.activeElement === field && field.value !== filled[key]?.shown;
+      field.readOnly = store.get("role") !== "operator";
+      if (!typing) {
+        filled[key] = { shown, saved };
+        if (field.value !== shown) field.value = shown; // the same would move the caret
+      } else if (saved !== filled[key].saved && saved !== sent[key]) {
+        words ||= `Changed elsewhere meanwhile: ${saved || "emptied"}`;
+      }
     }
-    setText(said, stateOfDraft(now().id));
-    said.hidden = !said.textContent;
+    setText(said, words);
+    said.hidden = !words;
   };
   name.addEventListener("keydown", (/** @type {KeyboardEvent} */ event) => {
     if (event.key === "Enter") name.blur();

@@ -40,7 +40,7 @@ export async function edit(target, fields) {
     open: now.open - 1,
     refusal: answer.ok ? "" : (answer.reason ?? ""),
   });
-  if (answer.ok) changed(`Target ${target.number} changed`);
+  if (answer.ok) changed(`Target ${target.number} changed`, target.id);
   else toast(`Target ${target.number} not changed: ${answer.reason}`, { tone: "bad" });
 }
 
@@ -55,18 +55,27 @@ export async function remove(target) {
   store.set({ selected: null });
   const answer = await ask("delete", { id: target.id }, { keep: true });
   const gone = !targetOf(target.id); // by an earlier try whose answer was lost
-  if (answer.ok || gone) changed(`Target ${target.number} deleted`);
+  if (answer.ok || gone) changed(`Target ${target.number} deleted`, target.id);
   else toast(`Target ${target.number} not deleted: ${answer.reason}`, { tone: "bad" });
 }
 
 /** Undoes the last change, whoever made it. */
-export async function undo() {
-  const answer = await ask("undo");
+export function undo() {
+  return takeBack({});
+}
+
+/** @param {{id?: string}} which  the target whose last change is undone; none: the last of all */
+async function takeBack(which) {
+  const answer = await ask("undo", which);
   if (answer.ok) toast(capital(answer.text));
   else toast(`Not undone: ${answer.reason}`, { tone: "bad" });
 }
 
-/** @param {string} words  says what changed, with the way back */
-export function changed(words) {
-  toast(words, { action: { icon: "undo", words: "Undo", run: undo } });
+/**
+ * Says what changed, with the way back: others may have changed other targets since.
+ * @param {string} words
+ * @param {string} id  of the target
+ */
+export function changed(words, id) {
+  toast(words, { action: { icon: "undo", words: "Undo", run: () => takeBack({ id }) } });
 }

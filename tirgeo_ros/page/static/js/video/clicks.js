@@ -52,5 +52,6 @@ function located(marks, u, v, answer, refined) {
     refined
       ? `Target ${target.number} averaged over ${target.clicks} presses`
       : `Target ${target.number} set`,
+    target.id,
   );
 }

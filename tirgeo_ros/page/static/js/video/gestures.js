@@ -1,7 +1,6 @@
-/** Fingers, mouse and wheel on the video: a short press, a pan, a pinch. */
+/** Fingers, mouse and wheel on the video: a press, however long, a pan, a pinch. */
 
 const SLOP_PX = 14; // a gloved finger rolls by some millimetres
-const PRESS_MS = 700;
 
 /**
  * @typedef {object} Gestures
@@ -19,7 +18,7 @@ const PRESS_MS = 700;
 export function listen(surface, gestures) {
   /** @type {Map<number, {x: number, y: number}>} */
   const fingers = new Map();
-  /** @type {{x: number, y: number, at: number, down: any} | null} */
+  /** @type {{x: number, y: number, down: any} | null} */
   let press = null;
 
   const place = (/** @type {MouseEvent} */ event) => {
@@ -31,8 +30,7 @@ export function listen(surface, gestures) {
     if (event.button !== 0) return;
     surface.setPointerCapture(event.pointerId);
     fingers.set(event.pointerId, place(event));
-    const at = event.timeStamp; // of the finger: a busy page hears of it later
-    press = fingers.size === 1 ? { ...place(event), at, down: gestures.down() } : null;
+    press = fingers.size === 1 ? { ...place(event), down: gestures.down() } : null;
   });
 
   surface.addEventListener("pointermove", (event) => {
@@ -65,13 +63,11 @@ export function listen(surface, gestures) {
     fingers.delete(event.pointerId);
     const pressed = press;
     press = null;
-    if (!pressed || event.type !== "pointerup") return;
-    if (event.timeStamp - pressed.at < PRESS_MS) {
-      gestures.press(pressed.x, pressed.y, pressed.down);
-    }
+    if (pressed && event.type === "pointerup") gestures.press(pressed.x, pressed.y, pressed.down);
   };
   surface.addEventListener("pointerup", up);
   surface.addEventListener("pointercancel", up);
+  surface.addEventListener("contextmenu", (event) => event.preventDefault()); // of a long press
 
   surface.addEventListener(
     "wheel",
