@@ -160,13 +160,13 @@ def test_pressure_and_a_heading_that_was_set_are_taken(tables, params):
 def test_parameters_may_be_a_mapping(tables, flight):
     """Those of the sample's file that are not the defaults."""
     config = {
-        "aircraft.rtk_antenna_m": [-0.1, 0.32, 0.38],
+        "aircraft.rtk_antenna_m": np.array([-0.1, 0.32, 0.38]),  # NumPy's numbers are numbers
         "aircraft.second_antenna_m": [0.9, 0.32, 0.38],
         "aircraft.gps_antenna_m": [0.0, 0.0, 0.28],
         "aircraft.gimbal_pivot_m": [0.08, 0.0, -0.25],
         "aircraft.camera_from_pivot_m": [0.05, 0.02, -0.01],
         "origin_lat_lon_h": [39.85, 116.7, 11.5],
-        "ground_height_m": 11.5,
+        "ground_height_m": np.float64(11.5),
     }
     assert np.array_equal(filtered(tables, config=config).position_n, flight.position_n)
     with pytest.raises(
@@ -175,6 +175,8 @@ def test_parameters_may_be_a_mapping(tables, flight):
         filtered(tables, config={"orign_lat_lon_h": []})
     with pytest.raises(ConfigError, match=r"no_such.yaml"):
         filtered(tables, config="no_such.yaml")
+    with pytest.raises(ConfigError, match="dict is no name of a file"):
+        filtered(tables, config=[config])
 
 
 def test_a_flight_without_a_position_warns_and_is_empty(tables, params):
@@ -184,6 +186,15 @@ def test_a_flight_without_a_position_warns_and_is_empty(tables, params):
     assert flight.covariance.shape == (0, 9, 9)
     assert flight.state == "waiting"
     assert {one.shape for one in flight.table.values()} == {(0,)}
+
+
+def test_the_warning_says_what_was_refused(tables, params):
+    """The filter needs rtk/fix, and has 30 of them, each with an impossible latitude."""
+    fix = tables["rtk/fix"] | {"latitude_rad": np.degrees(tables["rtk/fix"]["latitude_rad"])}
+    count = len(fix["stamp_ns"])
+    refused = rf"no solution: needs rtk/fix.* \(refused: {count} rtk_position invalid\)"
+    with pytest.warns(UserWarning, match=refused):
+        filtered(tables, rtk_fix=fix, gps_fix=None, config=params)
 
 
 def test_samples_that_are_no_numbers_are_refused_and_counted(tables, params):

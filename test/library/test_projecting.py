@@ -164,7 +164,13 @@ def test_located_as_tirgeo_locate_does(short, flight, params, sample, tmp_path):
             lambda pose: tirgeo_ros.project(np.eye(3), pose, XT2, sigma_m=[1.0, 2.0]),
             r"sigma_m: .*\(3,\)",
         ),
+        (lambda pose: tirgeo_ros.project(np.eye(3), pose, XT2, sigma_m=-1), r"must not be negat"),
         (lambda pose: tirgeo_ros.locate("here", pose, XT2, 0.0), r"pixels: must be numbers"),
+        (
+            lambda pose: tirgeo_ros.locate([1, 2], pose, XT2, "dem.tif"),
+            r"it is 'dem.tif'",
+        ),
+        (lambda pose: tirgeo_ros.locate([1, 2], pose, XT2, math.nan), r"ground: .*; it is nan"),
         (lambda pose: tirgeo_ros.locate(np.zeros((2, 2, 2)), pose, XT2, 0.0), r"is \(2, 2, 2\)"),
     ],
 )
@@ -179,6 +185,7 @@ def test_arrays_of_another_shape_are_refused(call, line):
         ({"latitude_rad": 39.8}, "latitude or longitude is out of range"),
         ({"covariance": np.full((6, 6), np.nan)}, "covariance is not finite"),
         ({"covariance": np.eye(3)}, r"of shape \(6, 6\), is \(3, 3\)"),
+        ({"covariance": np.triu(np.full((6, 6), 0.1)) + np.eye(6)}, "covariance is not symmetric"),
         ({"pitch_rad": math.nan}, "attitude is not a unit quaternion"),
     ],
 )

@@ -33,14 +33,37 @@ def changed(**columns):
         (changed(sigma_deg=np.ones(3)), r"columns variance_rad2 and sigma_deg say the same"),
         (changed(heading_rad=[0.1]), r"heading_rad has 1 rows, stamp_ns has 3"),
         (changed(arrival_ns=STAMPS[:2]), r"arrival_ns has 2 rows, stamp_ns has 3"),
+        (changed(stamp_ns=np.array([0, "NaT", 2], "datetime64[ns]")), r"no time \(NaT\) in row 1"),
         (np.zeros((3, 3)), r"heading: ndarray is no table: give a dict of arrays"),
         (pd.DataFrame(HEADING).rename(columns={"variance_rad2": "var"}),
          r"no column variance_rad2 or sigma_rad or sigma_deg: .*0 = unknown"),
+        (pd.DataFrame(HEADING).set_index("stamp_ns"), r"index is not read; frame.reset_index\("),
     ],
 )  # fmt: skip
 def test_the_error_names_the_column(table, line):
     with pytest.raises(TableError, match=line):
         numbers_of("heading", table, COLUMNS)
+
+
+def test_columns_that_belong_together_are_all_there_or_none():
+    """Three parts of a quaternion are a mistake: they would be dropped without a word."""
+    columns = SENSORS["imu/data"].columns
+    table = {"stamp_ns": STAMPS} | {column.name: np.ones(3) for column in columns}
+    del table["autopilot_qz"]
+    with pytest.raises(TableError, match=r"imu: no column autopilot_qz: "):
+        numbers_of("imu", table, columns)
+
+
+def test_degrees_under_a_name_of_radians_are_warned_of():
+    with pytest.warns(UserWarning, match=r"heading_rad has values like 188: .* name it heading_d"):
+        numbers_of("heading", changed(heading_rad=[170.0, 188.0, 190.0]), COLUMNS)
+
+
+def test_stamps_of_pandas_with_a_time_zone_are_those_without():
+    stamps = np.arange(3) + 1_634_731_235_000_000_001
+    zoned = pd.to_datetime(stamps, utc=True).tz_convert("Europe/Berlin")
+    frame = pd.DataFrame(HEADING).assign(stamp_ns=zoned)
+    assert numbers_of("heading", frame, COLUMNS).stamps_ns.tolist() == stamps.tolist()
 
 
 def test_what_may_be_absent_has_its_default():

@@ -35,19 +35,23 @@ class Picture(NamedTuple):
 
 
 def read_bag(
-    path: PathLike, topics: Collection[str] | None = None, *, namespace: str = ""
+    path: PathLike, topics: str | Collection[str] | None = None, *, namespace: str = ""
 ) -> dict[str, dict[str, Array | IntArray]]:
     """Read a bag's sensors and poses: a table of 1-D arrays for each topic.
 
-    ``topics`` are names without a leading slash (``imu/data``); None: all known ones that the bag
-    has. ``namespace`` is that of the bag. The columns are those that ``filter_flight`` takes, in
-    SI units and radians, axes forward-right-down and north-east-down whatever ROS has, and
-    ``arrival_ns`` (the message's log time) and ``arrival_order`` (its place in what was read).
-    ``pandas.DataFrame(table)`` makes a frame of one. A warning names what could not be read.
-    Raises BagError for no bag, a topic that is absent or unknown, or one of another type.
+    ``topics`` is a name without a leading slash (``imu/data``) or several; None: all known ones
+    that the bag has. ``namespace`` is that of the bag. The columns are those that
+    ``filter_flight`` takes, in SI units and radians, axes forward-right-down and north-east-down
+    whatever ROS has, and ``arrival_ns`` (the message's log time) and ``arrival_order`` (its place
+    in what was read). ``pandas.DataFrame(table)`` makes a frame of one. A warning names what could
+    not be read. Raises BagError for no bag, one without sensors or poses, a topic that is absent
+    or unknown, or one of another type.
     """
     reader = BagReader(path)
-    names = _chosen(reader, topics, namespace)
+    chosen = [topics] if isinstance(topics, str) else topics
+    if not {CAMERA_INFO, *PICTURES}.isdisjoint(chosen or ()):
+        raise BagError(f"{path}: pictures are no table: read_pictures and read_camera read them")
+    names = _chosen(reader, chosen, namespace)
     rows: dict[str, list[Any]] = {topic: [] for topic in names.values()}
     for number, message, (stamp_ns, values) in _read(reader, names, _row_of):
         row = (stamp_ns, message.log_time_ns, number, *values)
@@ -102,7 +106,12 @@ def _chosen(reader: BagReader, topics: Collection[str] | None, namespace: str) -
     known = [*SENSORS, *OUTPUTS]
     if topics is None:
         names = {resolved(topic, namespace): topic for topic in known}
-        return {name: one for name, one in names.items() if present.get(name) == TOPIC_TYPES[one]}
+        found = {name: one for name, one in names.items() if present.get(name) == TOPIC_TYPES[one]}
+        if not found:
+            has = ", ".join(present) or "nothing"
+            here = f"in namespace {namespace}" if namespace else "without a namespace"
+            raise BagError(f"{reader.path}: no sensor and no pose {here}; it has: {has}")
+        return found
     for topic in topics:
         name = resolved(topic, namespace)
         if topic not in {*known, CAMERA_INFO, *PICTURES}:

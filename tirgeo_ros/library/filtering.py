@@ -11,6 +11,7 @@ from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
 from tirgeo_ros.core.navigation.smoothing.smoothed_run import SmoothedRun
 from tirgeo_ros.core.streams.arrival_stamps import Arrivals
 from tirgeo_ros.core.types.poses import CameraPose
+from tirgeo_ros.core.types.verdicts import Outcome
 from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.library.filtered_flight import FilteredFlight, Solutions
 from tirgeo_ros.library.parameters import Config, load_config
@@ -19,6 +20,7 @@ from tirgeo_ros.library.tables import Table, is_frame
 from tirgeo_ros.tools.replay.flight_poses import WHOLE_FLIGHT_S
 from tirgeo_ros.tools.replay.flight_topics import GIMBAL_TOPICS, METHOD_TOPICS
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs
+from tirgeo_ros.tools.replay.process_summary import QUIET
 from tirgeo_ros.tools.replay.registration import Registration, Sample
 from tirgeo_ros.tools.replay.smoothed_flight import FilterRecording, FlightFilter
 
@@ -122,7 +124,7 @@ def _filtered(
             cameras.add(pose)
     status = registration.navigation.status()
     if not found:
-        why = status.reason or status.state.value
+        why = f"{status.reason or status.state.value}{_refused(status.counts)}"
         warnings.warn(f"filter_flight: no solution: {why}", stacklevel=3)
     return found.flight(
         made,
@@ -135,6 +137,16 @@ def _filtered(
         video_latency_s=configs.overlay.video_latency_s,
         _cameras=cameras,
     )
+
+
+def _refused(counts: Mapping[tuple[str, str], int]) -> str:
+    """Return the end of a sentence: which samples were refused, empty if none."""
+    bad = [
+        f"{number} {source} {outcome}"
+        for (source, outcome), number in counts.items()
+        if Outcome(outcome) not in QUIET
+    ]
+    return f" (refused: {', '.join(bad)})" if bad else ""
 
 
 def _by_source(counts: Mapping[tuple[str, str], int]) -> dict[str, dict[str, int]]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, TypeAlias
 
+import numpy as np
+
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.config.schema import config_from, parameters_of
 from tirgeo_ros.io.parameters.parameter_file import Files
@@ -26,6 +28,7 @@ def load_config(config: Config = None) -> NodeConfigs:
         return config
     if not isinstance(config, Mapping):
         return node_configs(config)
+    config = {name: _plain(value) for name, value in config.items()}
     kinds = (EkfConfig, GimbalConfig, OverlayConfig)
     names = [{parameter.name for parameter in parameters_of(kind)} for kind in kinds]
     for name in config.keys() - set().union(*names):
@@ -39,3 +42,9 @@ def load_config(config: Config = None) -> NodeConfigs:
         config_from(OverlayConfig, overlay, "config"),
         frozenset(config),
     )
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as Python has it: NumPy's numbers and arrays are no types of a parameter."""
+    arrays = isinstance(value, np.ndarray | np.generic | list | tuple)
+    return np.asarray(value).tolist() if arrays else value

@@ -58,6 +58,8 @@ class PicturePose:
         q_nc = quat_multiply(q_ng, Q_BODY_OPTICAL)
         fault = place_fault(latitude_rad, longitude_rad, height_m)
         fault = fault or pose_fault(np.zeros(3), q_nc, matrix)
+        if not fault and not np.allclose(matrix, matrix.T):
+            fault = "covariance is not symmetric"
         if fault:
             raise PoseError(f"not the pose of a camera: {fault}")
         plane = TangentPlane(latitude_rad, longitude_rad, height_m)

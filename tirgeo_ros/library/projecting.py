@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import numbers
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -12,6 +14,7 @@ import numpy.typing as npt
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import FrameConfidence, matrices, rays_to
 from tirgeo_ros.core.ground.backprojection import Ground
+from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.ground_point import Located, Refusal, place
 from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.core.types.errors import SurveyError, TableError
@@ -83,11 +86,12 @@ def locate(
     covariance and its 95 % ellipse; a Refusal the reason why there is no point, or none that is
     certain enough. The sigmas of time, lens and ground are those of the parameters
     (``confidence``). The numbers are those of ``tirgeo locate``. Raises ConfigError, and
-    TableError for pixels of another shape.
+    TableError for pixels of another shape or for another kind of ground.
     """
     confidence = load_config(config).overlay.confidence
+    level = _checked(ground)
     answers = (
-        place(camera, pose.pose, (u, v), pose.plane, ground, confidence, pose.rates)
+        place(camera, pose.pose, (u, v), pose.plane, level, confidence, pose.rates)
         for u, v in _rows("pixels", pixels, 2).tolist()
     )
     return [replace(answer, stamp_ns=pose.stamp_ns) for answer in answers]
@@ -109,11 +113,23 @@ def save_located(
     write_files({path: exported_answers(answered, form_of(path))}, SurveyError)
 
 
+def _checked(ground: Ground) -> Ground:
+    """Return the ground. Raises TableError for one that is neither a height nor a model."""
+    if isinstance(ground, Terrain):
+        return ground
+    if not isinstance(ground, numbers.Real) or not math.isfinite(ground):
+        wanted = "a height in m, or an elevation model of load_terrain"
+        raise TableError(f"ground: must be {wanted}; it is {ground!r}")
+    return float(ground)
+
+
 def _sigmas(sigma_m: npt.ArrayLike | None, count: int) -> Array:
     """Return (count,) standard deviations, nan for the parameters' own. Raises TableError."""
     sigma = np.asarray(np.nan if sigma_m is None else sigma_m, float)
     if sigma.shape not in {(), (count,)}:
         raise TableError(f"sigma_m: must be a number or of shape ({count},), is {sigma.shape}")
+    if (sigma < 0).any():
+        raise TableError(f"sigma_m: must not be negative, is {sigma.min():g}")
     return np.broadcast_to(sigma, count)
 
 

@@ -44,8 +44,13 @@ class Form(NamedTuple):
     values: Callable[[Any], Sequence[float]]
 
 
-def _angle(name: str, meaning: str) -> Column:
-    return Column(f"{name}_rad", f"{meaning}, rad", None, {f"{name}_deg": np.radians})
+def _angle(name: str, meaning: str, largest: float = math.tau) -> Column:
+    return Column(f"{name}_rad", f"{meaning}, rad", None, {f"{name}_deg": np.radians}, largest)
+
+
+def _rate(axis: str) -> Column:
+    name, degrees = f"rate_{axis}_rad_s", f"rate_{axis}_deg_s"
+    return Column(name, f"angular rate about {axis}, rad/s", None, {degrees: np.radians})
 
 
 def _quaternion(name: str, meaning: str, default: float | None = None) -> tuple[Column, ...]:
@@ -120,7 +125,7 @@ def _velocity_row(sample: VelocitySample) -> list[float]:
 
 _FIX = (
     Column("status", "2 RTK fixed, 1 float or differential, 0 single, -1 none"),
-    _angle("latitude", "geodetic latitude of the antenna"),
+    _angle("latitude", "geodetic latitude of the antenna", math.pi / 2),
     _angle("longitude", "longitude of the antenna"),
     Column("height_m", "height of the antenna above the ellipsoid, m"),
     *_covariance("m", "m2", "the position"),
@@ -144,7 +149,7 @@ SENSORS: Mapping[str, Form] = {
     "imu/data": Form(
         (
             *(Column(f"force_{a}_m_s2", f"specific force {a}, m/s2") for a in _BODY),
-            *(Column(f"rate_{a}_rad_s", f"angular rate about {a}, rad/s") for a in _BODY),
+            *(_rate(a) for a in _BODY),
             *_quaternion("autopilot", "the autopilot's q_nb, FRD to NED; nan = absent", math.nan),
         ),
         _imu,

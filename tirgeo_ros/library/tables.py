@@ -7,6 +7,8 @@ whatever has ``columns`` or can be iterated over its names is taken.
 from __future__ import annotations
 
 import difflib
+import math
+import warnings
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, NamedTuple, TypeAlias
 
@@ -28,13 +30,16 @@ _WHOLE = (
 class Column(NamedTuple):
     """Describe a column of numbers; without a ``default`` a table must have it.
 
-    ``others`` are columns that may stand in its place: name -> conversion of its values.
+    ``others`` are columns that may stand in its place: name -> conversion of its values. Columns
+    whose default is nan belong together: a table has all of them or none. Values beyond
+    ``largest`` are warned of: they look like degrees.
     """
 
     name: str
     meaning: str  # with unit and axis
     default: float | None = None
     others: Mapping[str, Callable[[Any], Any]] = {}
+    largest: float = math.inf
 
 
 _TIME = Column(STAMP, "time of measurement, ns, int64")
@@ -55,6 +60,9 @@ def numbers_of(name: str, table: Table, columns: Collection[Column]) -> Numbers:
     Raises TableError naming the column and what it must be.
     """
     present = _names(name, table)
+    if STAMP not in present and is_frame(table):
+        why = "the index is not read; frame.reset_index(names='stamp_ns') makes a column of it"
+        raise TableError(f"{name}: no column {STAMP}: {_TIME.meaning} ({why})")
     _check_presence(name, present, columns)
     stamps_ns = _whole(name, table, STAMP)
     arrivals_ns = _whole(name, table, ARRIVAL) if ARRIVAL in present else stamps_ns
@@ -84,8 +92,11 @@ def _names(name: str, table: Table) -> list[str]:
 
 def _check_presence(name: str, present: list[str], columns: Collection[Column]) -> None:
     """Raise TableError for a column that is missing; the hint is at one that is no other's."""
+    together = {c.name for c in columns if c.default is not None and math.isnan(c.default)}
     for column in (_TIME, *columns):
-        if column.default is not None or {column.name, *column.others} & set(present):
+        begun = column.name in together and not together.isdisjoint(present)
+        absent = {column.name, *column.others}.isdisjoint(present)
+        if not absent or (column.default is not None and not begun):
             continue
         taken = {one for each in columns for one in (each.name, *each.others)}
         near = difflib.get_close_matches(column.name, [p for p in present if p not in taken], 1)
@@ -95,8 +106,11 @@ def _check_presence(name: str, present: list[str], columns: Collection[Column]) 
 
 
 def _whole(name: str, table: Table, column: str) -> IntArray:
-    values = np.asarray(table[column])
+    given = table[column]
+    zoned = getattr(getattr(given, "dtype", None), "tz", None) is not None  # pandas; in UTC then
+    values = np.asarray(given, "datetime64[ns]" if zoned else None)
     if values.dtype.kind == "M":
+        _check_times(name, column, values)
         values = values.astype("datetime64[ns]").astype(np.int64)
     if values.dtype.kind not in "iu" or values.ndim != 1:
         raise TableError(f"{name}: column {column} {_WHOLE}; it is {_kind(values)}")
@@ -110,6 +124,8 @@ def _values(name: str, table: Table, present: list[str], column: Column, count: 
         raise TableError(f"{name}: columns {' and '.join(given)} say the same: leave one out")
     if given:
         values = _floats(name, table, given[0], count)
+        if given[0] == column.name:
+            _check_size(name, column, values)
         return values if given[0] == column.name else column.others[given[0]](values)
     return np.full(count, column.default)
 
@@ -124,6 +140,21 @@ def _floats(name: str, table: Table, column: str, count: int) -> Array:
         raise TableError(f"{name}: column {column} needs one number a row, has {_kind(values)}")
     _check_length(name, column, len(values), count)
     return values
+
+
+def _check_times(name: str, column: str, times: Any) -> None:
+    if np.isnat(times).any():
+        row = int(np.isnat(times).argmax())
+        raise TableError(f"{name}: column {column} has no time (NaT) in row {row}: leave it out")
+
+
+def _check_size(name: str, column: Column, values: Array) -> None:
+    """Warn of angles that no radians reach, by their middle: a single one may be damaged."""
+    sizes = np.abs(values[np.isfinite(values)])
+    if sizes.size and (middle := np.median(sizes)) > column.largest:
+        degrees = column.name.replace("_rad", "_deg")
+        text = f"{name}: column {column.name} has values like {middle:.4g}: if they are degrees, "
+        warnings.warn(f"{text}name it {degrees}", stacklevel=2)
 
 
 def _check_length(name: str, column: str, length: int, count: int) -> None:

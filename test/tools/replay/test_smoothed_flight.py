@@ -83,7 +83,7 @@ def test_a_method_without_filter_is_refused_in_one_line(short, sample, tmp_path,
     assert main([str(one) for one in (*args, "--method", method, "--smooth")]) == 1
     expected = (
         f"tirgeo process: method {method} has no filter to smooth: choose ekf or ekf_heading, or "
-        "leave --smooth out\n"
+        "do not smooth\n"
     )
     assert capsys.readouterr().err == expected
     assert not out.exists()

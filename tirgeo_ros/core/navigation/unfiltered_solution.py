@@ -57,7 +57,7 @@ class UnfilteredSolution:
         if self._imu is None or not usable_attitude(self._imu.autopilot_q_nb):
             return "imu/data has no orientation"
         if self._position is None or not self._fresh(self._position):
-            return f"no {self._source.value} within {_LARGEST_AGE_S:g} s"
+            return f"no {self._source.topic} within {_LARGEST_AGE_S:g} s"
         return ""
 
     def add_imu(self, sample: ImuSample) -> tuple[Outcome, str]:

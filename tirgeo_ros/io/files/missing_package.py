@@ -48,6 +48,6 @@ def _remedy(name: str) -> str:
     if distribution and name.endswith(_MESSAGES):
         return f"sudo apt install ros-{distribution}-{name.replace('_', '-')}"
     if name.endswith(_MESSAGES) or name.startswith(_ROS):
-        return "source ROS 2 Jazzy (/opt/ros/jazzy/setup.bash) or install its wheels"
+        return "source ROS 2 Jazzy (/opt/ros/jazzy/setup.bash), or pip install 'tirgeo[ros]'"
     apt, pip = PACKAGES.get(name, ("", name))
     return f"sudo apt install {apt}, or pip install {pip}" if apt else f"pip install {pip}"

@@ -97,10 +97,15 @@ def nearest(name: str, known: Collection[str]) -> str:
 
 
 def paths_of(files: Files) -> list[PathLike]:
-    """Return the files as a list."""
+    """Return the files as a list. Raises ConfigError for what names no file."""
     if files is None:
         return []
-    return [files] if isinstance(files, str | os.PathLike) else list(files)
+    if isinstance(files, str | os.PathLike) or not isinstance(files, Sequence):
+        files = [files]
+    for path in files:
+        if not isinstance(path, str | os.PathLike):
+            raise ConfigError(f"parameters: {type(path).__name__} is no name of a file: {path!r}")
+    return list(files)
 
 
 def load_config(files: Files, node: str, kind: type[T], namespace: str = "") -> T:

@@ -13,7 +13,7 @@ from tirgeo_ros.tools.presentation.progress import three
 from tirgeo_ros.tools.replay.flight_topics import PICTURES
 
 #: Outcomes of a measurement that are not reported.
-_QUIET = {
+QUIET = {
     Outcome.USED,
     Outcome.WAITING,
     Outcome.REPEATED,
@@ -87,7 +87,7 @@ def refused_line(result: Mapping[str, Any]) -> Line:
     for name, number in result["verdicts"].items():
         source, outcome = name.split(" ")
         taken[source] += number
-        if Outcome(outcome) not in _QUIET:
+        if Outcome(outcome) not in QUIET:
             refused.setdefault(source, []).append((outcome, number))
     parts = [
         f"{source} {number} of {taken[source]} {outcome.replace('_', ' ')}"

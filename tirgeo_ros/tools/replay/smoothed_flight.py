@@ -51,7 +51,7 @@ class FilterRecording:
         if not can_smooth(one.ekf.method):
             method, choices = one.ekf.method, " or ".join(_FILTERS)
             raise ConfigError(
-                f"method {method} has no filter to smooth: choose {choices}, or leave --smooth out"
+                f"method {method} has no filter to smooth: choose {choices}, or do not smooth"
             )
         self._filter = one
         self._navigation = RecordingNavigation(one.ekf)

@@ -179,6 +179,19 @@ def test_what_is_missing_is_named(missing, length_s, reason):
     assert reason in aligner.reason
 
 
+def test_a_fault_of_the_imu_is_not_called_a_lack_of_what_is_there():
+    """Of an aircraft without ordinary GPS, whose acceleration is in g, also after the wait."""
+    flown = flight(4, 50.0, "hover")
+    samples = samples_from(flown, 0.0, [Source.GPS_POSITION, Source.GPS_VELOCITY], 12.0)
+    in_g = [
+        replace(s, specific_force_b=s.specific_force_b / 9.81) if isinstance(s, ImuSample) else s
+        for s in samples
+    ]
+    found, aligner = aligned(in_g, config_for(flown))
+    assert found is None
+    assert aligner.reason == "imu/data: a mean force of 1.0 m/s2 is not gravity"
+
+
 def test_what_came_after_the_stamp_is_kept():
     """Ordinary GPS comes at once, RTK 150 ms later: that is ahead of the window's end."""
     flown = fly(scenario_from({"duration_s": 3.0, "rtk.arrival_delay_s": 0.15}), 1)

@@ -139,7 +139,7 @@ class Aligner:
     def _try(self) -> Alignment | None:
         """Try the best sources; once ``wait_s`` has passed, try all of them, best first."""
         lacks: list[NotAlignedError] = []
-        self.lacks_heading = False
+        self.lacks_heading = contradicted = False
         retry_ns = self._samples.newest_ns + _RETRY_NS
         if self._waited:
             self._next_ns = retry_ns
@@ -154,6 +154,7 @@ class Aligner:
             self._next_ns = retry_ns
             if outcome.stage == MOTION_STAGE:
                 break  # no other sources are better
+            contradicted = True
             # In a turn wrong headings contradict the motion too; report the antennas.
             doubt = outcome if outcome.lasting else self._lately_doubted()
             self.reason = str(doubt or outcome)
@@ -163,7 +164,9 @@ class Aligner:
                 return None
         if lacks:
             lack = furthest(lacks)
-            self.reason, self.lacks_heading = str(lack), lack.stage in HEADING_STAGES
+            self.lacks_heading = lack.stage in HEADING_STAGES
+            # What better sources contradict is to mend, not what lesser ones lack.
+            self.reason = self.reason if contradicted and lack.stage < MOTION_STAGE else str(lack)
         return None
 
     def _plans(self) -> list[_Plan]:
