@@ -7,9 +7,11 @@ time. The same input gives the same bytes.
 from __future__ import annotations
 
 import contextlib
+import gc
 import math
 import os
 import time
+from collections.abc import Iterator
 from typing import NamedTuple
 
 from tirgeo_ros.core.config import DjiConfig
@@ -84,7 +86,7 @@ def process(
     given = [bag_in, *paths_of(params), *configs.files, *map_files(map_path)]
     check_outputs(given, (bag_out, video), BagError)
     reader, cores = BagReader(bag_in), available_cores() if cores is None else cores
-    with PictureStage(cores if map_path else 1) as stage:
+    with PictureStage(cores if map_path else 1) as stage, _uncollected():
         job = _prepared(configs, reader, namespace, params, map_path, images=images)
         return {
             "input": os.fspath(bag_in),
@@ -92,6 +94,18 @@ def process(
             "smoothed": smooth,
             **_run(job, bag_out, video, progress, stage, raw_images=raw_images, smooth=smooth),
         }
+
+
+@contextlib.contextmanager
+def _uncollected() -> Iterator[None]:
+    """Leave out garbage collection: messages make no cycles, and it takes 3 % of the time."""
+    was_on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()
 
 
 def _prepared(
