@@ -147,7 +147,11 @@ def test_wrong_arguments_end_in_one_line(spawn):
 @pytest.mark.parametrize(
     ("missing", "distribution", "remedy"),
     [
-        ("rclpy", "", "(/opt/ros/jazzy/setup.bash), or pip install 'tirgeo[ros]'"),
+        (
+            "rclpy",
+            "",
+            "source ROS 2 Jazzy (/opt/ros/jazzy/setup.bash), or pip install 'tirgeo[ros]'",
+        ),
         ("std_msgs", "jazzy", "sudo apt install ros-jazzy-std-msgs"),
         ("cv2", "jazzy", "sudo apt install python3-opencv, or pip install opencv-python-headless"),
         ("mcap", "jazzy", "pip install mcap"),

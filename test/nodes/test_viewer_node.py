@@ -7,11 +7,9 @@ import math
 import os
 import re
 import signal
-import socket
 from concurrent.futures import ThreadPoolExecutor
 
 import av
-import klvdata
 import numpy as np
 import pytest
 
@@ -19,6 +17,7 @@ pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
 from diagnostic_msgs.msg import DiagnosticArray
 from graph_helpers import await_words
+from klv_reader import free_udp_address, live_packet
 from overlay_flight import MESSAGES, Flight, write_map
 from overlays import PLANE, SQUARE_N, pose_at
 from page_clients import Page, next_picture
@@ -188,7 +187,10 @@ def the_map_shows_where_a_target_is(fleet, url, target):
 
 def an_aircrafts_state_is_its_own(fleet, url):
     async def state(_, states):
-        return await states.until("state", lambda s: s["aircraft"] == "uav2" and s["footprint"])
+        return await states.until("state", lambda s: s["aircraft"] == "uav2" and whole(s))
+
+    def whole(said):  # overlay_node says once a second whether there is a map
+        return said["footprint"] and said["no_map"] is not None
 
     told = fleet.browse(url, state)
     assert told["navigation"] == {"state": "waiting", "reason": "nothing is heard of ekf_node"}
@@ -271,23 +273,10 @@ def test_recordings_that_are_killed_can_be_read(fleet, start, tmp_path):
     assert "/uav1/tirgeo/camera_pose" in BagReader(second).topics()
 
 
-def live_packet(address):
-    """The first packet of metadata with a frame's centre: values by tag."""
-    with av.open(f"{address}?timeout=60000000") as live:
-        for part in live.demux(live.streams.data[0]):
-            for packet in klvdata.StreamParser(bytes(part)):
-                values = {tag: value for tag, (_, _, _, value) in packet.MetadataList().items()}
-                if 23 in values:
-                    return values
-    raise AssertionError("the stream ended")
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("fleet", [["confidence.ground_sigma_m:=3.0"]], indirect=True)
 def test_the_live_stream_says_where_a_click_in_its_middle_would_be(fleet, start):
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
-        free.bind(("127.0.0.1", 0))
-        address = f"udp://127.0.0.1:{free.getsockname()[1]}"
+    address = free_udp_address()
     _, url = start(stream=address)
     watched = ThreadPoolExecutor(1).submit(live_packet, address)
     fleet.until(watched.done)

@@ -5,6 +5,7 @@ klvdata reads them too, but neither checks sums nor takes every value at a range
 
 from __future__ import annotations
 
+import socket
 from typing import NamedTuple
 
 import av
@@ -139,3 +140,21 @@ def demuxed(path, most=None) -> Demuxed:
                 break
     found.frame_s.sort()
     return found
+
+
+def live_packet(address: str) -> dict[int, str]:
+    """Return the first packet of metadata with a frame's centre: values of klvdata by tag."""
+    with av.open(f"{address}?timeout=60000000") as live:
+        for part in live.demux(live.streams.data[0]):
+            for packet in klvdata.StreamParser(bytes(part)):
+                values = {tag: value for tag, (_, _, _, value) in packet.MetadataList().items()}
+                if 23 in values:
+                    return values
+    raise AssertionError("the stream ended")
+
+
+def free_udp_address() -> str:
+    """Return where to send a stream that nobody else receives."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        return f"udp://127.0.0.1:{free.getsockname()[1]}"

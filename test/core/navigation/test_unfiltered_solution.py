@@ -138,7 +138,7 @@ def test_age_of_the_position(receiver, age_ns, good):
     for sign in (1, -1):
         made = fed(position(sign * age_ns, source), imu(), source=source)
         assert (made.solution() is not None) is good
-        assert made.reason == ("" if good else f"no {source.value} within 1 s")
+        assert made.reason == ("" if good else f"no {source.topic} within 1 s")
 
 
 @receivers

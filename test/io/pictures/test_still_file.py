@@ -115,7 +115,7 @@ def test_altitudes_say_what_they_are_above(written):
     sea = written(still_at(undulation_m=-9.25))
     assert place_of(sea)[2] == pytest.approx(50.75, abs=1e-4)
     assert float(sea.xmp[f"{DJI}AbsoluteAltitude"]) == pytest.approx(50.75, abs=1e-4)
-    assert sea.picture[0x9000] == b"0230"  # where 0 means the sea
+    assert sea.picture[0x9000] == b"0231"  # where 0 means the sea
     assert sea.tags[270].endswith(f"41.500 m above the {WORDS}, geoid undulation -9.25 m")
     below = written(still_at(undulation_m=60.0))
     assert place_of(below)[2] == pytest.approx(-18.5, abs=1e-4)

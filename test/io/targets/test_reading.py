@@ -55,6 +55,14 @@ def test_others_hold_the_average_with_its_covariance(form, tmp_path):
         np.testing.assert_allclose(place.covariance_enu, wanted.covariance_enu, rtol=5e-6)
 
 
+def test_points_of_others_are_not_left_out_without_a_word(tmp_path):
+    mine = json.loads(exported(TARGETS, "geojson"))
+    other = {"type": "Feature", "properties": {"kind": "fire"}, "geometry": None}
+    path = written(tmp_path, json.dumps(mine | {"features": [*mine["features"], other]}).encode())
+    with pytest.raises(TargetError, match=re.escape(f"{path}: a file which tirgeo did not write")):
+        read_targets(path)
+
+
 @pytest.mark.parametrize("form", ["geojson", "csv", "gpkg"])
 def test_located_pixels_are_targets_with_the_pixels_names(form, tmp_path):
     path = written(tmp_path, exported_answers([*reversed(ANSWERS), ANSWERS[0]], form))

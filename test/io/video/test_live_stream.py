@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import socket
 import threading
 import time
 
 import cv2
 import numpy as np
 import pytest
-from klv_reader import Demuxed, demuxed, values_in
+from klv_reader import Demuxed, demuxed, free_udp_address, values_in
 
 from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.types.errors import VideoError
@@ -80,9 +79,7 @@ def sent(stream, count):
 
 @pytest.mark.parametrize("form", ["pixels", "jpeg"])
 def test_another_program_receives_each_packet_with_its_frame(opened, form):
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
-        free.bind(("127.0.0.1", 0))
-        address = f"udp://127.0.0.1:{free.getsockname()[1]}"
+    address = free_udp_address()
     got: list[Demuxed] = []
     reader = threading.Thread(target=lambda: got.append(demuxed(address, most=20)), daemon=True)
     reader.start()

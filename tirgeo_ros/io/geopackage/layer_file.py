@@ -128,7 +128,10 @@ class LayerFile:
             "useAsDefault": np.ones(len(rows), np.bool_),
             "update_time": np.full(len(rows), np.datetime64("now", "ms")),
         }
-        self._to_gdal("layer_styles", None, list(columns.values()), list(columns))
+        times = {"update_time": np.full(len(rows), _UTC)}
+        self._to_gdal(
+            "layer_styles", None, list(columns.values()), list(columns), gdal_tz_offsets=times
+        )
 
     def _to_gdal(
         self,

@@ -16,7 +16,7 @@ _OF_A_SECOND = 1_000_000
 #: Of the versions, 2.3 has altitudes above sea level; 3.0 has ellipsoidal ones under the same
 #: values 0 and 1 of the reference, and those above sea level under 2 and 3. Readers know 0 and 1
 #: alone: OpenDroneMap takes any other value for a depth.
-_VERSIONS = {True: (b"0230", b"\x02\x03\x00\x00"), False: (b"0300", b"\x02\x04\x00\x00")}
+_VERSIONS = {True: (b"0231", b"\x02\x03\x00\x00"), False: (b"0300", b"\x02\x04\x00\x00")}
 _CENTIMETRE = 3  # the unit of the focal plane's resolution; of metric units all readers know it
 
 

@@ -74,9 +74,10 @@ def _json_rows(path: Path, text: str) -> list[dict[str, Any]]:
     try:
         features = json.loads(text)["features"]
         every = [feature["properties"] for feature in features]
-        return [row for row in every if row["kind"] == "point"]
+        points = [row for row in every if {"point": True, "ellipse": False}[row["kind"]]]
     except (KeyError, TypeError, ValueError, RecursionError):
         raise TargetError(f"{path}: a file {_WRITTEN}") from None
+    return points
 
 
 def _csv_rows(path: Path, text: str) -> list[dict[str, Any]]:

@@ -30,7 +30,7 @@ FOOTPRINTS = Layer(
         "le90_m": "REAL",
     },
     "what the pictures show of the ground, with where they were taken",
-    single(area("255,170,0,25", "220,120,0,200", 0.3)),
+    single(area("255,170,0,0", "220,120,0,200", 0.3)),
 )
 TRACK = Layer(
     "track",
