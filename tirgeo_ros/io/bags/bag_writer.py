@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any, final
@@ -41,8 +40,6 @@ custom_data: ~"""
 #: Bytes of messages that a process that is killed takes with it: a second without pictures.
 _GROWING_CHUNK = 1 << 17
 _CHUNK = 1 << 20
-#: Bytes of messages that are given to the thread at once.
-_BLOCK = 1 << 18
 
 
 @final
@@ -51,10 +48,10 @@ class BagWriter:
 
     The file appears under its name when the context ends without an error; on an error nothing is
     left behind. One that is ``growing`` has its name from the start, and can be read up to about
-    the last ``flush``, whatever ends the process. Any other is compressed in a thread. The same
-    calls give the same bytes. Each topic has the QoS of its publisher with it, so that
-    ``ros2 bag play`` offers the same. Topics among ``forms`` keep the definition of their type,
-    which need not be known, and their QoS. Raises BagError if it cannot be written.
+    the last ``flush``, whatever ends the process. The same calls give the same bytes. Each topic
+    has the QoS of its publisher with it, so that ``ros2 bag play`` offers the same. Topics among
+    ``forms`` keep the definition of their type, which need not be known, and their QoS. Raises
+    BagError if it cannot be written.
     """
 
     def __init__(
@@ -73,10 +70,6 @@ class BagWriter:
         self._part = self.path if growing else part_of(self.path)
         self._file: IO[bytes]
         self._writer: Writer
-        self._waiting: list[tuple[int, int, bytes]] = []  # channel, log time (ns), data
-        self._waiting_bytes = 0
-        self._thread: ThreadPoolExecutor
-        self._written: Future[None]
 
     def __enter__(self) -> BagWriter:
         """Open a temporary file beside the future bag."""
@@ -87,8 +80,6 @@ class BagWriter:
             self._writer = Writer(self._file, chunk, CompressionType.ZSTD)
             self._writer.start("ros2", f"tirgeo {__version__}")
             self._writer.add_metadata("rosbag2", {"serialized_metadata": _METADATA})
-        self._thread = ThreadPoolExecutor(1)
-        self._written = self._thread.submit(self._add, [])
         return self
 
     def write(self, topic: str, typename: str, message: Any, log_time_ns: int) -> None:
@@ -98,24 +89,10 @@ class BagWriter:
             raise BagError(f"{self.path}: topic {topic} is {first} and cannot be {typename} too")
         ready = isinstance(message, bytes)
         data = message if ready else self._cdr.serialize(message, typename)
-        if self._growing:
-            self._add([(number, log_time_ns, data)])
-            return
-        self._waiting.append((number, log_time_ns, data))
-        self._waiting_bytes += len(data)
-        if self._waiting_bytes >= _BLOCK:
-            self._hand_over()
-
-    def _hand_over(self) -> None:
-        """Give the waiting messages to the thread, when it has written those before."""
-        self._written.result()
-        self._written = self._thread.submit(self._add, self._waiting)
-        self._waiting, self._waiting_bytes = [], 0
-
-    def _add(self, messages: Sequence[tuple[int, int, bytes]]) -> None:
-        with self._errors():
-            for number, log_time_ns, data in messages:
-                self._writer.add_message(number, log_time_ns, data, log_time_ns)
+        try:
+            self._writer.add_message(number, log_time_ns, data, log_time_ns)
+        except OSError as error:
+            raise self._error(error) from None
 
     def flush(self) -> None:
         """Give the system what is written, but for the messages of the newest chunk."""
@@ -123,8 +100,6 @@ class BagWriter:
             self._file.flush()
 
     def _channel(self, topic: str, typename: str) -> tuple[int, str]:
-        self._hand_over()  # a channel is written when it is registered: after these
-        self._written.result()
         form = self._forms.get(topic) or TopicForm(typename, b"", "", "cdr", {})
         metadata = {**form.metadata, "offered_qos_profiles": qos_in_words(topic, form.metadata)}
         schema = self._schema(typename, form, copied=topic in self._forms)
@@ -151,10 +126,8 @@ class BagWriter:
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         """Finish the file and rename it, or remove it after an error."""
         try:
-            with self._errors(), self._file, self._thread:
+            with self._errors(), self._file:
                 if kind is None or self._growing:
-                    self._hand_over()
-                    self._written.result()
                     self._writer.finish()  # type: ignore[no-untyped-call]
             if kind is None:
                 with self._errors():
