@@ -7,11 +7,9 @@ time. The same input gives the same bytes.
 from __future__ import annotations
 
 import contextlib
-import gc
 import math
 import os
 import time
-from collections.abc import Iterator
 from typing import NamedTuple
 
 from tirgeo_ros.core.config import DjiConfig
@@ -86,7 +84,7 @@ def process(
     given = [bag_in, *paths_of(params), *configs.files, *map_files(map_path)]
     check_outputs(given, (bag_out, video), BagError)
     reader, cores = BagReader(bag_in), available_cores() if cores is None else cores
-    with PictureStage(cores if map_path else 1) as stage, _frozen():
+    with PictureStage(cores if map_path else 1) as stage:
         job = _prepared(configs, reader, namespace, params, map_path, images=images)
         return {
             "input": os.fspath(bag_in),
@@ -94,16 +92,6 @@ def process(
             "smoothed": smooth,
             **_run(job, bag_out, video, progress, stage, raw_images=raw_images, smooth=smooth),
         }
-
-
-@contextlib.contextmanager
-def _frozen() -> Iterator[None]:
-    """Keep what is there already out of garbage collection, which would look at all of it."""
-    gc.freeze()
-    try:
-        yield
-    finally:
-        gc.unfreeze()
 
 
 def _prepared(
