@@ -110,6 +110,12 @@ class UsageError(Exception):
     """Report arguments whose error argparse alone cannot see: usage and exit code 2."""
 
 
+def check_page(args: argparse.Namespace) -> None:
+    """Raise UsageError for options among ``PAGE`` that need another one."""
+    if args.cot and args.page is None:
+        raise UsageError("--cot is for the operator's page: give --page too")
+
+
 def verbs_of(package: ModuleType) -> list[ModuleType]:
     """Return the modules of a package's verbs, sorted by name."""
     names = sorted(found.name for found in pkgutil.iter_modules(package.__path__))

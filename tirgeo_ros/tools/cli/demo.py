@@ -19,7 +19,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from tirgeo_ros.tools.cli._verb import ANY_BAG, METHODS, NUMBER, PAGE, UsageError
+from tirgeo_ros.tools.cli._verb import ANY_BAG, METHODS, NUMBER, PAGE, UsageError, check_page
 from tirgeo_ros.tools.presentation.progress import Progress, three
 
 _SERIAL = "simulate the aircraft's serial port: DJI's protocol to dji_node over a pseudo-terminal"
@@ -47,8 +47,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         raise UsageError("--rate must be from 0.01 to 100")
     if args.serial and args.rate != 1:
         raise UsageError("--serial runs in real time: leave --rate out")
-    if args.cot and args.page is None:
-        raise UsageError("--cot is for the operator's page: give --page too")
+    check_page(args)
     given = (args.bag, args.output, args.params, args.map, args.method, args.rate)
     setup = demo_setup(*given, serial=args.serial)
     domain = setup.environment["ROS_DOMAIN_ID"]

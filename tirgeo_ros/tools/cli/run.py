@@ -22,7 +22,7 @@ import re
 import sys
 from typing import NoReturn
 
-from tirgeo_ros.tools.cli._verb import PAGE, PARAMS, WORD, UsageError
+from tirgeo_ros.tools.cli._verb import PAGE, PARAMS, WORD, UsageError, check_page
 
 _NAMESPACE = "namespace of the aircraft, as uav1; default: none"
 _NAMES = re.compile(r"(/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*)?/?", re.ASCII)
@@ -43,8 +43,7 @@ def run(args: argparse.Namespace) -> NoReturn:
 
     if not _NAMES.fullmatch(args.namespace):
         raise UsageError(f"--namespace {args.namespace}: use letters, digits, _ and /, as uav1")
-    if args.cot and args.page is None:
-        raise UsageError("--cot is for the operator's page: give --page too")
+    check_page(args)
     params = args.params or ()
     given = args.bag, args.map, params, args.namespace
     page = {"page": args.page, "cot": args.cot}
