@@ -134,7 +134,9 @@ def test_a_click_needs_no_map(layers, failure, notice, untrusted):
     assert result.notice == notice
     assert len(overlay.footprint(result.pose)) > 2
     assert not (ink_on(result.image)[:, 1] > 150).any()  # no line
-    at_px = tuple(XT2.project((SQUARE_N[:1] - [0, 0, -20]) @ matrix_from_quat(pose_at(0).q_nc))[0][0])
+    at_px = tuple(
+        XT2.project((SQUARE_N[:1] - [0, 0, -20]) @ matrix_from_quat(pose_at(0).q_nc))[0][0]
+    )
     located = overlay.clicks.locate(at_px)
     np.testing.assert_allclose(located.point_n[:2], SQUARE_N[0, :2], atol=0.01)  # Earth's bend
     overlay.add_frame(START + 10 * WAIT, GREY, START)

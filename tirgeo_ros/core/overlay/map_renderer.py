@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -33,8 +33,9 @@ from tirgeo_ros.core.overlay.scale_bar_compass import (
 )
 from tirgeo_ros.core.overlay.status_text import VERDICT_BGR
 from tirgeo_ros.core.overlay.text_boxes import PlacedText, place_notice, status_box
-from tirgeo_ros.core.overlay.text_rendering import Box
+from tirgeo_ros.core.overlay.text_rendering import LONGEST, Box, can_shape, writable
 from tirgeo_ros.core.types.arrays import Array, Pixels
+from tirgeo_ros.core.types.errors import cut
 from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.core.types.poses import CameraPose
 
@@ -72,7 +73,7 @@ def lay_layers(layers: Sequence[MapLayer], plane: TangentPlane, ground: Ground) 
     """Drape layers in a plane, the slow part of a map. Raises ConfigError as VectorMap does."""
     check_heights(layers, ground)
     features = sum(len(layer.features) for layer in layers)
-    laid = VectorMap.from_layers(layers, plane, ground)
+    laid = _written(VectorMap.from_layers(layers, plane, ground))
     places = [feature.points for layer in layers for feature in layer.features]
     level_m = math.nan
     if places and not _is_given(ground):
@@ -82,6 +83,19 @@ def lay_layers(layers: Sequence[MapLayer], plane: TangentPlane, ground: Ground) 
         latitude, longitude, _ = places[0][0]
         first_n = plane.ned_from_geodetic(latitude, longitude, 0.0)
     return DrapedMap(plane, laid, features, level_m, first_n)
+
+
+def _written(laid: VectorMap) -> VectorMap:
+    """Return a map without the labels that cannot be written here, and with a note of them."""
+    lost = [i for i in np.flatnonzero(laid.labelled).tolist() if not writable(laid.labels[i])]
+    if not lost:
+        return laid
+    labelled = laid.labelled.copy()
+    labelled[lost] = False
+    needed = "a typeface with their letters" + ("" if can_shape() else ", or libfribidi0")
+    example = cut(laid.labels[lost[0]], LONGEST)
+    note = f"map: labels not drawn: {len(lost)}, as {example!r}; they need {needed}"
+    return replace(laid, labelled=labelled, notes=(*laid.notes, note))
 
 
 class MapRenderer:

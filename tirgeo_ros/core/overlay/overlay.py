@@ -90,8 +90,8 @@ class Overlay:
         """Return the counts of frames and poses, for diagnostics.
 
         Frames: those of FrameQueue; ``drawn`` have a trusted pose, of which ``predicted`` with a
-        predicted one; ``notices`` have none; ``late`` counts frames of both kinds that were finished after
-        the longest wait for a pose or later. Poses: ``poses_invalid`` and ``poses_went_back``.
+        predicted one; ``notices`` have none; ``late`` counts frames of both kinds that were
+        finished after the longest wait for a pose or later. Poses: ``poses_invalid`` and ``poses_went_back``.
         """
         poses = {"poses_invalid": self.poses.invalid, "poses_went_back": self.poses.went_back}
         return self._results | self.frames.counts | poses
@@ -189,7 +189,7 @@ class Overlay:
         return None
 
     def _no_view(self, pixels: RawPixels) -> str:
-        """Return why nothing can be placed in the picture whatever the pose, else an empty text."""
+        """Return why nothing can be placed in the picture, whatever the pose; else empty."""
         camera = self._camera
         if camera is None:
             return "no camera info"

@@ -1,20 +1,24 @@
 """Render text in any script as small bitmaps, each rendered once and then copied to pictures.
 
-OpenCV 5 writes UTF-8 with its own typeface. OpenCV 4 writes only ASCII, so there Pillow is used,
-with a typeface of the system.
+OpenCV 5 writes UTF-8 with its own typeface, each letter by itself and from left to right. Other
+letters, and all of them where there is OpenCV 4, are written by Pillow with a typeface of the
+system. What nobody can write is left out: never a question mark or a reversed word.
 """
 
 from __future__ import annotations
 
 import contextlib
+import re
+import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import groupby
 from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw, ImageFont, features
 
 from tirgeo_ros.core.map.layers import Colour
 from tirgeo_ros.core.types.arrays import Pixels
@@ -28,7 +32,22 @@ _WIDTH_PARTS, _HEIGHT_PARTS = 42, 24
 _SMALLEST_PX, _LARGEST_PX = 12, 64  # smaller is not legible, whatever the picture
 _LEAST_HALO_PX, _HALO_PART = 2, 1 / 8  # of the text's size, on each side
 _WEIGHT = 500  # of OpenCV's typeface: 400 is regular, 700 bold
-_SYSTEM_FONTS = ("DejaVuSans.ttf", "NotoSans-Regular.ttf", "LiberationSans-Regular.ttf")
+_OPENCV, _PILLOW = "OpenCV's own", "Pillow's own"
+#: In order of preference; DejaVu Sans has Hebrew and Arabic.
+_TYPEFACES = (
+    *([_OPENCV] if hasattr(cv2, "FontFace") else []),
+    "DejaVuSans.ttf",
+    "NotoSans-Regular.ttf",
+    "LiberationSans-Regular.ttf",
+    "FreeSans.ttf",
+    *(f"NotoSans{script}-Regular.ttf" for script in ("Hebrew", "Arabic", "Devanagari", "Thai")),
+    "NotoSansCJK-Regular.ttc",
+    _PILLOW,
+)
+_LETTERS = 4096  # that are remembered
+_JOINERS = "\u200c\u200d\u200e\u200f"  # without ink of their own; they decide how others join
+_VARIATIONS = re.compile("[\ufe00-\ufe0f]")  # a choice between an emoji and a plain symbol
+_NO_LETTER = "\U0010ffff"  # never assigned
 
 
 def text_px(image: Pixels) -> int:
@@ -109,21 +128,25 @@ class TextBitmap:
 
 @lru_cache(maxsize=_CACHED)
 def stamp(text: str, size_px: int, colour: Colour) -> TextBitmap:
-    """Return a text in a BGR colour with a dark halo, cut at ``LONGEST``, controls as spaces."""
-    return _rendered(text, size_px, colour)
+    """Return what is ``writable`` of a text in a BGR colour with a dark halo."""
+    return _rendered(writable(text), size_px, colour)
 
 
 # Without its own cache, reasons with a running time in seconds (60 characters each) would fill
 # the large one with 70 MB.
 @lru_cache(maxsize=_PASSING)
 def passing_stamp(text: str, size_px: int, colour: Colour) -> TextBitmap:
-    """Return the stamp of a text that will not come again, from a small cache of its own."""
-    return _rendered(text, size_px, colour)
+    """Return the stamp of a text that will not come again, from a small cache of its own.
+
+    It is a message of ours: if its letters cannot be written, an ellipsis replaces those alone.
+    """
+    runs = groupby(cut(text, LONGEST), str.isascii)
+    short = "".join("".join(run) if plain else "\u2026" for plain, run in runs)
+    return _rendered(writable(text) or writable(short), size_px, colour)
 
 
 def _rendered(text: str, size_px: int, colour: Colour) -> TextBitmap:
-    printable = "".join(c if c.isprintable() else " " for c in cut(text, LONGEST))
-    alpha = coverage(printable, size_px)
+    alpha = coverage(text, size_px)
     return TextBitmap.of(alpha, cv2.dilate(alpha, _disc(_halo_px(size_px))), colour)
 
 
@@ -139,9 +162,63 @@ def composed(width: int, height: int, parts: Sequence[tuple[TextBitmap, int, int
 
 def coverage(text: str, size_px: int) -> Pixels:
     """Return the coverage of a text by ink, (h, w), 0 to 255, with a margin for the halo."""
-    if hasattr(cv2, "FontFace"):
-        return _by_opencv(cv2, text, size_px)
-    return _by_pillow(text, size_px)
+    name = typeface(text)
+    return _by_opencv(cv2, text, size_px) if name == _OPENCV else _by_pillow(text, size_px, name)
+
+
+def writable(text: str) -> str:
+    """Return what can be written of a text, cut at ``LONGEST``, in composed letters.
+
+    Controls become spaces; symbols that no typeface has are left out. The result is empty if no
+    typeface has all of the letters, or if nothing here can lay them out.
+    """
+    text = cut(text, LONGEST)
+    if text.isascii() and text.isprintable():
+        return text
+    composed_text = unicodedata.normalize("NFC", _VARIATIONS.sub("", text))
+    shown = (c if c.isprintable() or c in _JOINERS else " " for c in composed_text)
+    kept = "".join(c for c in shown if unicodedata.category(c)[0] in "LMN" or typeface(c)).strip()
+    return kept if typeface(kept) else ""
+
+
+def typeface(text: str) -> str:
+    """Return the first typeface that has, and can lay out, all of a text; empty if none can."""
+    return next((name for name in _TYPEFACES if all(_has(name, c) for c in text)), "")
+
+
+def can_shape() -> bool:
+    """Return whether Pillow can lay out right-to-left and joined letters here."""
+    return all(map(features.check_feature, ("raqm", "fribidi")))
+
+
+@lru_cache(maxsize=_LETTERS)
+def _has(name: str, letter: str) -> bool:
+    """Return whether a typeface has a letter and can lay it out.
+
+    What runs from right to left or is set above another letter needs Pillow's Raqm layout, which
+    takes FriBiDi from the system; OpenCV writes it in the wrong order or place.
+    """
+    if letter.isspace() or letter in _JOINERS:
+        return True
+    shaped = unicodedata.bidirectional(letter) in {"R", "AL"}
+    shaped = shaped or unicodedata.category(letter)[0] == "M"
+    if shaped and (name == _OPENCV or not can_shape()):
+        return False
+    return _opencv_has(cv2, letter) if name == _OPENCV else _pillow_has(name, letter)
+
+
+def _opencv_has(cv: Any, letter: str) -> bool:
+    """Return whether OpenCV has a letter; it writes a question mark for each that it lacks."""
+    drawn, absent = (_by_opencv(cv, one, _SMALLEST_PX) for one in (letter, "?"))
+    return letter == "?" or not np.array_equal(drawn, absent)
+
+
+def _pillow_has(name: str, letter: str) -> bool:
+    font = _pillow_font(name, _SMALLEST_PX)
+    if font is None:
+        return False
+    drawn, absent = font.getmask(letter), font.getmask(_NO_LETTER)
+    return bool(drawn.size != absent.size or bytes(drawn) != bytes(absent))
 
 
 def _by_opencv(cv: Any, text: str, size_px: int) -> Pixels:
@@ -164,8 +241,8 @@ def _opencv_face(cv: Any) -> Any:
     return cv.FontFace("sans")
 
 
-def _by_pillow(text: str, size_px: int) -> Pixels:
-    font = _pillow_font(size_px)
+def _by_pillow(text: str, size_px: int, name: str) -> Pixels:
+    font = _pillow_font(name, size_px) or ImageFont.load_default(size_px)
     left, top, right, bottom = map(round, font.getbbox(text, anchor="ls"))
     sheet, base = _sheet(size_px, right - left, top, bottom)
     image = Image.fromarray(sheet)
@@ -174,10 +251,11 @@ def _by_pillow(text: str, size_px: int) -> Pixels:
     return np.array(image)
 
 
-@lru_cache(maxsize=8)
-def _pillow_font(size_px: int) -> Any:
-    """Return a system typeface, else Pillow's own, which has few letters beyond ASCII."""
-    for name in _SYSTEM_FONTS:
-        with contextlib.suppress(OSError):
-            return ImageFont.truetype(name, size_px)
-    return ImageFont.load_default(size_px)
+@lru_cache(maxsize=64)
+def _pillow_font(name: str, size_px: int) -> Any:
+    """Return a typeface of the system, or None; Pillow's own, of few letters, is always there."""
+    if name == _PILLOW:
+        return ImageFont.load_default(size_px)
+    with contextlib.suppress(OSError):
+        return ImageFont.truetype(name, size_px)
+    return None

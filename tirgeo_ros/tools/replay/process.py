@@ -88,9 +88,7 @@ def process(
     check_outputs(given, (bag_out, video), BagError)
     reader, cores = BagReader(bag_in), available_cores() if cores is None else cores
     with PictureStage(cores if draws else 1) as stage:
-        job = _prepared(
-            configs, reader, namespace, params, map_path, images=images, draws=draws
-        )
+        job = _prepared(configs, reader, namespace, params, map_path, images=images, draws=draws)
         return {
             "input": os.fspath(bag_in),
             "output": os.fspath(bag_out),
