@@ -91,7 +91,8 @@ class Overlay:
 
         Frames: those of FrameQueue; ``drawn`` have a trusted pose, of which ``predicted`` with a
         predicted one; ``notices`` have none; ``late`` counts frames of both kinds that were
-        finished after the longest wait for a pose or later. Poses: ``poses_invalid`` and ``poses_went_back``.
+        finished after the longest wait for a pose or later. Poses: ``poses_invalid`` and
+        ``poses_went_back``.
         """
         poses = {"poses_invalid": self.poses.invalid, "poses_went_back": self.poses.went_back}
         return self._results | self.frames.counts | poses
