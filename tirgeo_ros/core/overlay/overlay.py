@@ -201,11 +201,6 @@ class Overlay:
             return self._not_navigating() or "no origin"
         return ""
 
-    def _no_map(self) -> str:
-        """Return why there is no map to draw; empty if there is, or if none is given."""
-        empty = self.map_given and self._drawing.empty
-        return self._map_not_ready or ("the map has no features" if empty else "")
-
     def _why_no_pose(self, miss: Miss, exposure_ns: int) -> str:
         newest_ns = self.poses.newest_ns
         why = "camera poses are missing" if miss is Miss.GAP else "no pose at this frame"
@@ -261,13 +256,14 @@ class Overlay:
         return found, predicted_s, self._notice("")
 
     def _notice(self, no_pose: str) -> str:
-        """Return the notice for the reason why there is no trusted pose, empty if there is."""
-        no_map = self._no_map()
-        if no_map and no_map != _READING:  # first: a misspelt file is mended before take-off
-            return f"NO MAP: {no_map}" + (f"; {no_pose}" if no_pose else "")
-        if no_pose:
-            return f"NO MAP: {no_pose}" if self.map_given else f"NO POSE: {no_pose}"
-        return f"NO MAP YET: {no_map}" if no_map else ""
+        """Return why there is no map, or no trusted pose for the reason given; else empty."""
+        no_map = self._map_not_ready
+        if not no_map and self.map_given and self._drawing.empty:
+            no_map = "the map has no features"
+        if no_map == _READING and not no_pose:
+            return f"NO MAP YET: {_READING}"
+        why = [one for one in (no_map, no_pose) if one not in {"", _READING}]
+        return f"NO {'MAP' if self.map_given else 'POSE'}: {'; '.join(why)}" if why else ""
 
     def _predicted(self, exposure_ns: int) -> tuple[CameraPose | Miss, float]:
         """Return a pose extrapolated from the last ones, and by how much, s; a Miss if too far.

@@ -7,13 +7,11 @@ system. What nobody can write is left out: never a question mark or a reversed w
 
 from __future__ import annotations
 
-import contextlib
 import re
 import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import groupby
 from typing import Any, NamedTuple
 
 import cv2
@@ -32,21 +30,14 @@ _WIDTH_PARTS, _HEIGHT_PARTS = 42, 24
 _SMALLEST_PX, _LARGEST_PX = 12, 64  # smaller is not legible, whatever the picture
 _LEAST_HALO_PX, _HALO_PART = 2, 1 / 8  # of the text's size, on each side
 _WEIGHT = 500  # of OpenCV's typeface: 400 is regular, 700 bold
-_OPENCV, _PILLOW = "OpenCV's own", "Pillow's own"
-#: In order of preference; DejaVu Sans has Hebrew and Arabic.
-_TYPEFACES = (
-    *([_OPENCV] if hasattr(cv2, "FontFace") else []),
-    "DejaVuSans.ttf",
-    "NotoSans-Regular.ttf",
-    "LiberationSans-Regular.ttf",
-    "FreeSans.ttf",
-    *(f"NotoSans{script}-Regular.ttf" for script in ("Hebrew", "Arabic", "Devanagari", "Thai")),
-    "NotoSansCJK-Regular.ttc",
-    _PILLOW,
-)
+_OPENCV = "sans"
+_SYSTEM = "DejaVuSans NotoSans-Regular LiberationSans-Regular FreeSans NotoSansDevanagari-Regular"
+#: In order of preference; DejaVu Sans has Hebrew and Arabic, FreeSans Indic scripts and Thai.
+_TYPEFACES = ([_OPENCV] if hasattr(cv2, "FontFace") else []) + _SYSTEM.split()
 _LETTERS = 4096  # that are remembered
 _JOINERS = "\u200c\u200d\u200e\u200f"  # without ink of their own; they decide how others join
 _VARIATIONS = re.compile("[\ufe00-\ufe0f]")  # a choice between an emoji and a plain symbol
+_NOT_ASCII = re.compile("[^ -~]+")
 _NO_LETTER = "\U0010ffff"  # never assigned
 
 
@@ -138,11 +129,9 @@ def stamp(text: str, size_px: int, colour: Colour) -> TextBitmap:
 def passing_stamp(text: str, size_px: int, colour: Colour) -> TextBitmap:
     """Return the stamp of a text that will not come again, from a small cache of its own.
 
-    It is a message of ours: if its letters cannot be written, an ellipsis replaces those alone.
+    It is a message of ours: letters that cannot be written, as of a file's name, leave a gap.
     """
-    runs = groupby(cut(text, LONGEST), str.isascii)
-    short = "".join("".join(run) if plain else "\u2026" for plain, run in runs)
-    return _rendered(writable(text) or writable(short), size_px, colour)
+    return _rendered(writable(text) or _NOT_ASCII.sub(" ", cut(text, LONGEST)), size_px, colour)
 
 
 def _rendered(text: str, size_px: int, colour: Colour) -> TextBitmap:
@@ -162,21 +151,23 @@ def composed(width: int, height: int, parts: Sequence[tuple[TextBitmap, int, int
 
 def coverage(text: str, size_px: int) -> Pixels:
     """Return the coverage of a text by ink, (h, w), 0 to 255, with a margin for the halo."""
-    name = typeface(text)
-    return _by_opencv(cv2, text, size_px) if name == _OPENCV else _by_pillow(text, size_px, name)
+    return _drawn(text, size_px, typeface(text))
+
+
+def _drawn(text: str, size_px: int, name: str) -> Pixels:
+    return (_by_opencv if name == _OPENCV else _by_pillow)(text, size_px, name)
 
 
 def writable(text: str) -> str:
-    """Return what can be written of a text, cut at ``LONGEST``, in composed letters.
+    """Return what can be written of a text, cut at ``LONGEST``; controls become spaces.
 
-    Controls become spaces; symbols that no typeface has are left out. The result is empty if no
-    typeface has all of the letters, or if nothing here can lay them out.
+    Symbols that no typeface has are left out. It is empty if letters cannot be written.
     """
     text = cut(text, LONGEST)
     if text.isascii() and text.isprintable():
         return text
-    composed_text = unicodedata.normalize("NFC", _VARIATIONS.sub("", text))
-    shown = (c if c.isprintable() or c in _JOINERS else " " for c in composed_text)
+    text = unicodedata.normalize("NFC", _VARIATIONS.sub("", text))
+    shown = (c if c.isprintable() or c in _JOINERS else " " for c in text)
     kept = "".join(c for c in shown if unicodedata.category(c)[0] in "LMN" or typeface(c)).strip()
     return kept if typeface(kept) else ""
 
@@ -198,31 +189,19 @@ def _has(name: str, letter: str) -> bool:
     What runs from right to left or is set above another letter needs Pillow's Raqm layout, which
     takes FriBiDi from the system; OpenCV writes it in the wrong order or place.
     """
-    if letter.isspace() or letter in _JOINERS:
+    if letter.isascii() or letter.isspace() or letter in _JOINERS:
         return True
-    shaped = unicodedata.bidirectional(letter) in {"R", "AL"}
-    shaped = shaped or unicodedata.category(letter)[0] == "M"
+    is_mark = unicodedata.category(letter)[0] == "M"
+    shaped = is_mark or unicodedata.bidirectional(letter) in {"R", "AL"}
     if shaped and (name == _OPENCV or not can_shape()):
         return False
-    return _opencv_has(cv2, letter) if name == _OPENCV else _pillow_has(name, letter)
+    drawn, absent = (_drawn(one, _SMALLEST_PX, name) for one in (letter, _NO_LETTER))
+    return not np.array_equal(drawn, absent)
 
 
-def _opencv_has(cv: Any, letter: str) -> bool:
-    """Return whether OpenCV has a letter; it writes a question mark for each that it lacks."""
-    drawn, absent = (_by_opencv(cv, one, _SMALLEST_PX) for one in (letter, "?"))
-    return letter == "?" or not np.array_equal(drawn, absent)
-
-
-def _pillow_has(name: str, letter: str) -> bool:
-    font = _pillow_font(name, _SMALLEST_PX)
-    if font is None:
-        return False
-    drawn, absent = font.getmask(letter), font.getmask(_NO_LETTER)
-    return bool(drawn.size != absent.size or bytes(drawn) != bytes(absent))
-
-
-def _by_opencv(cv: Any, text: str, size_px: int) -> Pixels:
-    face = _opencv_face(cv)
+def _by_opencv(text: str, size_px: int, name: str) -> Pixels:
+    cv: Any = cv2  # of version 5
+    face = _opencv_face(name)
     left, top, width, height = cv.getTextSize((0, 0), text, (0, 0), face, size_px, _WEIGHT)
     image, base = _sheet(size_px, width, top, top + height)
     cv.putText(image, text, (_halo_px(size_px) - left, base), (255,), face, size_px, _WEIGHT)
@@ -237,12 +216,13 @@ def _sheet(size_px: int, width: int, top: int, bottom: int) -> tuple[Pixels, int
 
 
 @lru_cache(maxsize=1)
-def _opencv_face(cv: Any) -> Any:
-    return cv.FontFace("sans")
+def _opencv_face(name: str) -> Any:
+    cv: Any = cv2
+    return cv.FontFace(name)
 
 
 def _by_pillow(text: str, size_px: int, name: str) -> Pixels:
-    font = _pillow_font(name, size_px) or ImageFont.load_default(size_px)
+    font = _pillow_font(name, size_px)
     left, top, right, bottom = map(round, font.getbbox(text, anchor="ls"))
     sheet, base = _sheet(size_px, right - left, top, bottom)
     image = Image.fromarray(sheet)
@@ -253,9 +233,8 @@ def _by_pillow(text: str, size_px: int, name: str) -> Pixels:
 
 @lru_cache(maxsize=64)
 def _pillow_font(name: str, size_px: int) -> Any:
-    """Return a typeface of the system, or None; Pillow's own, of few letters, is always there."""
-    if name == _PILLOW:
-        return ImageFont.load_default(size_px)
-    with contextlib.suppress(OSError):
+    """Return a system typeface, else Pillow's own, which has few letters beyond ASCII."""
+    try:
         return ImageFont.truetype(name, size_px)
-    return None
+    except OSError:
+        return ImageFont.load_default(size_px)

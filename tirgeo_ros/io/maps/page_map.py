@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import groupby
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -22,50 +23,53 @@ MOST_PARTS, MOST_POINTS = 20_000, 150_000
 _POINT_M = 10.0  # a point of the map matters as much as a building of this size
 _DIGITS = 7  # of degrees: a centimetre
 
+_Parts = list[tuple[int, GeoFeature]]  # each with the index of its layer
 
-def page_map(layers: Iterable[MapLayer]) -> bytes:
+
+def page_map(layers: Sequence[MapLayer]) -> bytes:
     """Return layers as GeoJSON, in the order of drawing, simplified to what a browser can draw.
 
-    Lines then lie within a tolerance of the map's; the smallest parts are left out if there are
-    too many. ``simplified`` says so in words, and is empty if nothing is changed.
+    ``simplified`` says in words what is changed, and is empty if nothing is.
     """
-    layers = list(layers)
-    kept, words = _simplified([part for layer in layers for part in layer.features])
-    features, end = [], 0
-    for layer in layers:
-        start, end = end, end + len(layer.features)
-        left = [part for part in kept[start:end] if part is not None]
-        features += [
-            {
-                "type": "Feature",
-                "properties": {"layer": layer.name, "name": part.label},
-                "geometry": geometry,
-            }
-            for part, geometry in _shapes(left)
-        ]
+    parts = [(number, part) for number, layer in enumerate(layers) for part in layer.features]
+    parts, fewer = _largest(parts)
+    parts, coarser = _thinned(parts)
+    features = [
+        {
+            "type": "Feature",
+            "properties": {"layer": layers[number].name, "name": part.label},
+            "geometry": geometry,
+        }
+        for number, of_layer in groupby(parts, key=itemgetter(0))
+        for part, geometry in _shapes([part for _, part in of_layer])
+    ]
+    words = ", ".join(filter(None, (fewer, coarser)))
     found = {"type": "FeatureCollection", "simplified": words, "features": features}
     return json.dumps(found, separators=(",", ":")).encode()
 
 
-def _simplified(parts: list[GeoFeature]) -> tuple[list[GeoFeature | None], str]:
-    """Return the parts with fewer points, None for those left out, and words for what changed."""
-    chosen = [*range(len(parts))]
-    if len(parts) > MOST_PARTS:
-        chosen = np.sort(np.argsort(-_sizes_m(parts), kind="stable")[:MOST_PARTS]).tolist()
-    rings = [_metres(parts[i]) for i in chosen]
-    kept: list[GeoFeature | None] = [None] * len(parts)
-    said = [f"{len(chosen):,} of {len(parts):,} shapes"] if len(chosen) < len(parts) else []
-    worths_m, tolerance_m = [np.full(len(ring), math.inf) for ring in rings], 0.0
-    if sum(map(len, rings)) > MOST_POINTS:
-        starts = np.append(0, np.cumsum([len(ring) for ring in rings]))
-        worth_m = worths(Polylines(np.concatenate(rings).T, starts, np.arange(len(rings))))
-        worths_m, tolerance_m = np.split(worth_m, starts[1:-1]), np.sort(worth_m)[-MOST_POINTS]
-        said.append(f"lines within {tolerance_m:.2g} m")
-    for i, worth_m in zip(chosen, worths_m, strict=True):
-        fifth_m = np.sort(worth_m)[-5:][0]  # with it a small outline keeps four corners
-        stays = worth_m >= min(tolerance_m, fifth_m)
-        kept[i] = replace(parts[i], points=parts[i].points[stays[: len(parts[i].points)]])
-    return kept, ", ".join(said)
+def _largest(parts: _Parts) -> tuple[_Parts, str]:
+    """Return the largest parts in their order, and words if some are left out."""
+    if len(parts) <= MOST_PARTS:
+        return parts, ""
+    rank = np.argsort([-_size_m(part) for _, part in parts], kind="stable")
+    chosen = [parts[i] for i in np.sort(rank[:MOST_PARTS]).tolist()]
+    return chosen, f"{MOST_PARTS:,} of {len(parts):,} shapes"
+
+
+def _thinned(parts: _Parts) -> tuple[_Parts, str]:
+    """Return the parts with fewer points by Douglas and Peucker's rule, and words if they are."""
+    lines = [_metres(part) for _, part in parts]
+    starts = np.append(0, np.cumsum([len(line) for line in lines]))
+    if starts[-1] <= MOST_POINTS:
+        return parts, ""
+    worth_m = worths(Polylines(np.concatenate(lines).T, starts, np.arange(len(lines))))
+    tolerance_m, thinned = np.sort(worth_m)[-MOST_POINTS], []
+    for (number, part), own_m in zip(parts, np.split(worth_m, starts[1:-1]), strict=True):
+        fifth_m = np.sort(own_m)[-5:][0]  # with it a small outline keeps four corners
+        stays = (own_m >= min(tolerance_m, fifth_m))[: len(part.points)]
+        thinned.append((number, replace(part, points=part.points[stays])))
+    return thinned, f"lines within {tolerance_m:.2g} m"
 
 
 def _metres(part: GeoFeature) -> Array:
@@ -74,14 +78,8 @@ def _metres(part: GeoFeature) -> Array:
     return SEMI_MAJOR_AXIS_M * points[:, :2] * [1.0, math.cos(points[0, 0])]
 
 
-def _sizes_m(parts: list[GeoFeature]) -> Array:
-    """Return the diagonal of the box around each part (N,), m."""
-    counts = np.array([len(part.points) for part in parts])
-    starts = np.cumsum(counts) - counts
-    points = np.concatenate([part.points[:, :2] for part in parts])
-    low, high = (each.reduceat(points, starts) for each in (np.minimum, np.maximum))
-    spans_m = SEMI_MAJOR_AXIS_M * (high - low) * np.column_stack([counts > 0, np.cos(low[:, 0])])
-    return np.where(counts > 1, np.hypot(*spans_m.T), _POINT_M)
+def _size_m(part: GeoFeature) -> float:
+    return math.hypot(*np.ptp(_metres(part), axis=0)) if len(part.points) > 1 else _POINT_M
 
 
 def _shapes(features: Sequence[GeoFeature]) -> Iterable[tuple[GeoFeature, dict[str, Any]]]:
