@@ -120,6 +120,25 @@ def test_a_map_that_changes_is_read_again_and_a_wrong_one_is_not(flight):
     assert float(told["latency p95 [ms]"]) > 0
 
 
+@pytest.mark.parametrize("content", [None, "{ no map"], ids=["none given", "broken"])
+def test_a_click_without_a_map_becomes_a_point(spawn, take_off, tmp_path, content):
+    """None given is no alarm; a broken one is a finding, and the picture says so."""
+    path = tmp_path / "map.geojson"
+    if content is not None:
+        path.write_text(content)
+    map_words = [] if content is None else ["-p", f"map:={path}"]
+    await_words(spawn("overlay_node", "-p", "ground_height_m:=25.0", *map_words), "ready")
+    flown = take_off()
+    located = flown.stranger.received["tirgeo/locate/point"]
+    flown.until(lambda: flown.click(320.0, 256.0) or located)
+    assert np.isfinite(ground_point(located[0])[1]).all()
+    told = flown.next_diagnostics()
+    assert told.get("notice", "") == ("" if content is None else "NO MAP: its reading failed")
+    flown.until(lambda: flown.diagnostics("/overlay_node: set-up"))
+    broken = "map_unreadable" in flown.diagnostics("/overlay_node: set-up")
+    assert broken is (content is not None)
+
+
 def test_the_video_goes_on_while_the_first_map_is_laid(overlay, take_off):
     node, _ = overlay
     reader = reader_of(node.pid)

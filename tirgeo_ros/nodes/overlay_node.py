@@ -65,7 +65,7 @@ class OverlayNode(GraphNode):
         cv2.setNumThreads(1)  # a frame is too little work for several threads
         self._config = self.configured(OverlayConfig, self._reconfigure)
         if not self._config.map:
-            self.log(WARN, "no map: set the parameter map to its file")
+            self.log(OK, "no map is given: clicks are answered, no lines are drawn")
         layers = None if self._config.map else ()
         ground = unless_stopped(partial(ground_of, self._config))
         for note in ground.notes if isinstance(ground, Terrain) else ():
@@ -251,7 +251,8 @@ class OverlayNode(GraphNode):
         values["frame rate [Hz]"] = f"{overlay.frames.rate_hz:.1f}"
         values |= self._frames.values | self._arrivals.diagnostics
         waits = f"no map yet: {overlay.no_map_yet}" if overlay.no_map_yet else ""
-        level, message = (WARN, watch.error) if watch.error else (OK, waits or "ok")
+        fine = "ok" if self._config.map else "ok; no map is given"
+        level, message = (WARN, watch.error) if watch.error else (OK, waits or fine)
         return self.item("overlay", values, message, level)
 
 

@@ -29,6 +29,7 @@ from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.ground.backprojection import Reason
 from tirgeo_ros.core.map.layers import MapLayer
 from tirgeo_ros.core.overlay.map_renderer import lay_layers
 from tirgeo_ros.core.overlay.overlay import Overlay
@@ -114,6 +115,35 @@ def test_a_map_that_fails_to_come_is_told_and_one_that_is_drawn_stays():
     assert_on(pictured(overlay, START + 2 * MS).image, pose_at(START))
 
 
+@pytest.mark.parametrize(
+    ("layers", "failure", "notice", "untrusted"),
+    [
+        ((), "", "", "NO POSE: pose 0.9 s old"),
+        (None, "", "NO MAP YET: reading", "NO MAP: pose 0.9 s old"),
+        (None, "x not found", "NO MAP: x not found", "NO MAP: x not found; pose 0.9 s old"),
+    ],
+    ids=["none given", "being read", "broken"],
+)
+def test_a_click_needs_no_map(layers, failure, notice, untrusted):
+    """A pose, a camera and a ground are enough, also for the footprint; without a pose, none."""
+    overlay = Overlay(OverlayConfig(ground_height_m=25.0), layers)
+    overlay.set_plane(PLANE)
+    overlay.set_camera(XT2)
+    overlay.map_failed(failure or overlay.no_map_yet)
+    result = pictured(overlay)
+    assert result.notice == notice
+    assert len(overlay.footprint(result.pose)) > 2
+    assert not (ink_on(result.image)[:, 1] > 150).any()  # no line
+    at_px = tuple(
+        XT2.project((SQUARE_N[:1] - [0, 0, -20]) @ matrix_from_quat(pose_at(0).q_nc))[0][0]
+    )
+    located = overlay.clicks.locate(at_px)
+    np.testing.assert_allclose(located.point_n[:2], SQUARE_N[0, :2], atol=0.01)  # Earth's bend
+    overlay.add_frame(START + 10 * WAIT, GREY, START)
+    assert overlay.take(START + WAIT).notice == untrusted
+    assert overlay.clicks.locate(at_px).reason is Reason.NO_POSE
+
+
 def gap(overlay):
     overlay.add_pose(pose_at(START - 300 * MS))
     overlay.add_pose(pose_at(START + 300 * MS))
@@ -168,9 +198,7 @@ def test_what_no_pose_can_help_is_said_at_once():
     overlay.add_pose(pose_at(START + 3 - LATENCY))
     overlay.add_frame(START + 3, GREY[:256, :320], START)
     assert overlay.take(START).notice == ""
-    empty = ready(features=[])
-    empty.add_frame(START, GREY, START)
-    assert empty.take(START).notice == "NO MAP: the map has no features"
+    assert pictured(ready(features=[])).notice == "NO MAP: the map has no features"
 
 
 def test_a_new_plane_forgets_poses_in_the_old_one():

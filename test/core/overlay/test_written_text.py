@@ -10,12 +10,15 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from overlays import luminance
+from overlays import PLANE, SQUARE_N, geo, luminance
+from PIL import Image, ImageDraw, ImageFont
 
+from tirgeo_ros.core.map.layers import MapLayer
 from tirgeo_ros.core.overlay import text_rendering as text
+from tirgeo_ros.core.overlay.map_renderer import lay_layers
 from tirgeo_ros.core.overlay.status_text import status_line
 from tirgeo_ros.core.overlay.text_boxes import Field, fitted, paint_notice, paint_status
-from tirgeo_ros.core.overlay.text_rendering import TEXT_BGR, coverage, stamp
+from tirgeo_ros.core.overlay.text_rendering import TEXT_BGR, coverage, passing_stamp, stamp
 from tirgeo_ros.core.types.measurements import FixStatus
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 
@@ -150,16 +153,10 @@ def test_an_hour_of_seconds_is_not_remembered():
     assert after - before < 1_000_000
 
 
-BY_OPENCV = pytest.param(
-    lambda words, size_px: text._by_opencv(cv2, words, size_px),
-    marks=pytest.mark.skipif(not hasattr(cv2, "FontFace"), reason="OpenCV 4 has no typeface"),
-)
-
-
-@pytest.mark.parametrize("render", [BY_OPENCV, text._by_pillow])
-def test_accents_are_letters_and_not_boxes(render):
+@pytest.mark.parametrize("name", text._TYPEFACES[:2])
+def test_accents_are_letters_and_not_boxes(name):
     """The accented letter is the plain one and something above it."""
-    plain, accented = render("u", 24), render("\u00fc", 24)
+    plain, accented = (text._drawn(letter, 24, name) for letter in "u\u00fc")
     assert plain.shape[0] == accented.shape[0]
     body = np.flatnonzero(plain.max(axis=1) > 60)[[0, -1]]
     same = plain[body[0] + 1 : body[1]].astype(int) - accented[body[0] + 1 : body[1]]
@@ -171,6 +168,67 @@ def test_accents_are_letters_and_not_boxes(render):
 def test_chinese():
     one, other = coverage("\u82b1", 24), coverage("\u575b", 24)
     assert one.shape != other.shape or np.abs(one.astype(int) - other).max() > 200
+
+
+def ink(bitmap):
+    """Where there is ink, in a sheet around the middle of all."""
+    bitmap = np.pad(np.asarray(bitmap) > 100, 200)
+    rows, columns = np.nonzero(bitmap)
+    middle = (rows.min() + rows.max()) // 2, (columns.min() + columns.max()) // 2
+    return bitmap[middle[0] - 40 : middle[0] + 40, middle[1] - 150 : middle[1] + 150]
+
+
+def is_within_a_pixel(one, other):
+    """The layouts round each letter's place in their own way."""
+    near = cv2.dilate(other.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    return not (one & ~near).any()
+
+
+DEJAVU = text._pillow_font("DejaVuSans", 40).getname()[0] == "DejaVu Sans"
+
+
+@pytest.mark.skipif(not (text.can_shape() and DEJAVU), reason="no libfribidi0 or no DejaVu Sans")
+@pytest.mark.parametrize(
+    ("words", "glyphs"),
+    [
+        ("\u05e9\u05dc\u05d5\u05dd", "\u05dd\u05d5\u05dc\u05e9"),  # shalom
+        ("\u05d1\u05d9\u05ea 12", "12 \u05ea\u05d9\u05d1"),
+        # A hospital; to the right its letters' initial, medial and final forms.
+        ("\u0645\u0633\u062a\u0634\u0641\u0649", "\ufef0\ufed4\ufeb8\ufe98\ufeb4\ufee3"),
+    ],
+)
+def test_right_to_left_is_written_so_and_joined(words, glyphs):
+    """As the same glyphs from left to right, in a layout that leaves them as they are."""
+    font = ImageFont.truetype("DejaVuSans.ttf", 40, layout_engine=ImageFont.Layout.BASIC)
+    sheet = Image.new("L", (600, 100))
+    ImageDraw.Draw(sheet).text((9, 9), glyphs, fill=255, font=font)
+    assert text.writable(words) == words
+    drawn, wanted = ink(coverage(words, 40)), ink(sheet)
+    assert is_within_a_pixel(drawn, wanted)
+    assert is_within_a_pixel(wanted, drawn)
+
+
+@pytest.mark.parametrize(
+    ("words", "written"),
+    [
+        ("\U0001f6e9 Rose \ufe0f", "Rose"),  # an aeroplane, and a selector without its emoji
+        ("u\u0308ber a\u200db", "\u00fcber a\u200db"),
+        ("\U00012000 4", ""),  # cuneiform: no typeface has it
+        ("\u05d1\u05d9\u05ea 4", ""),  # Hebrew, without FriBiDi
+    ],
+)
+def test_what_cannot_be_written_is_left_out(monkeypatch, words, written):
+    """And a message that has it keeps the rest."""
+    monkeypatch.setattr(text, "can_shape", lambda: False)
+    monkeypatch.setattr(text, "_has", text._has.__wrapped__)
+    stamp.cache_clear()
+    assert text.writable(words) == written
+    assert stamp(words, 24, TEXT_BGR).ink.any() == bool(written)
+    assert passing_stamp(f"NO MAP: {words}", 24, TEXT_BGR).size[0] > 90
+    layer = MapLayer("m", [geo(SQUARE_N, words), geo(SQUARE_N, "plain")])
+    laid = lay_layers([layer], PLANE, 25.0).map
+    assert laid.labelled.tolist() == [bool(written), True]
+    assert ("map: labels not drawn: 1, as" in str(laid.notes)) is not bool(written)
 
 
 def test_control_characters_and_length():

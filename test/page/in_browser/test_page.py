@@ -64,6 +64,12 @@ def test_a_press_on_an_outline_is_a_target_within_its_ellipse(serve, tablet):
     assert screen.one(".qr").evaluate("(image) => image.decode().then(() => true)")
 
 
+def test_a_map_that_was_simplified_says_so(serve, tablet):
+    page = serve()
+    page.backend._map = page.backend._map.replace(b"{", b'{"simplified": "20 of 49 shapes", ', 1)
+    tablet(page.url).reads(".map-simplified", "Map simplified: 20 of 49 shapes")
+
+
 @pytest.mark.slow
 def test_a_press_that_lasts_is_one(serve, tablet):
     page = serve()

@@ -53,7 +53,7 @@ def test_a_good_flight(result):
         "  read     30.0 s of flight.mcap in 0.73 s, 41.0x real time; 3270 messages",
         "  state    running at the end, by ekf_heading; in all running 29 s, aligning 1 s",
         "  poses    2851 of the body, 1426 of the camera, heading to 0.10 deg",
-        "  frames   256 of 270 with the map, 14 with a notice why not",
+        "  frames   256 of 270 with a trusted pose, 14 with a notice why not",
         "  refused  nothing",
         f"  output   {result['output']}, 26.4 MB",
     ]
@@ -70,7 +70,7 @@ def test_a_good_flight(result):
             "0 of the body, 0 of the camera",
         ),
         ({"written": {"/tirgeo/odometry": 9}}, "poses", "9 of the body, 0 of the camera"),
-        ({"overlay": {"drawn": 3, "notices": 267}}, "frames", "3 of 270 with the map"),
+        ({"overlay": {"drawn": 3, "notices": 267}}, "frames", "3 of 270 with a trusted pose"),
         ({"overlay": {"drawn": 256, "notices": 10}}, "frames", "10 with a notice why not, 4 lost"),
         (
             {"verdicts": {"rtk_heading used": 90, "rtk_heading too_old": 10}},

@@ -40,6 +40,19 @@ def test_everything_of_drawn_frames_and_nothing_of_others(film):
         by_klvdata(one)
 
 
+def test_a_film_needs_no_map(film, cut, options, tmp_path):
+    """Without one: the same poses, the clicks' points, and no word of a map."""
+    params = options["params"]
+    summary = process(cut, tmp_path / "out.mcap", video=tmp_path / "out.ts", params=params)
+    assert summary["overlay"] == film[0]["overlay"]
+    assert demuxed(tmp_path / "out.ts").packets == film[1].packets
+    topics = ("/tirgeo/overlay/camera_info", "/tirgeo/footprint", "/tirgeo/locate/point")
+    written = [summary["written"].get(one, 0) for one in topics]
+    assert written == [film[0]["written"].get(one, 0) for one in topics]
+    assert written[0] == summary["video"]["frames"]
+    assert not [one for one in summary["findings"] if "map" in str(one)]
+
+
 def test_places_are_those_of_the_flight(film, sample):
     """Within a metre of the true camera; heights above the sea by dji_node's undulation, -9 m."""
     truth = sample / "truth.mcap"

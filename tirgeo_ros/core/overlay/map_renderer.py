@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -33,8 +33,9 @@ from tirgeo_ros.core.overlay.scale_bar_compass import (
 )
 from tirgeo_ros.core.overlay.status_text import VERDICT_BGR
 from tirgeo_ros.core.overlay.text_boxes import PlacedText, place_notice, status_box
-from tirgeo_ros.core.overlay.text_rendering import Box
+from tirgeo_ros.core.overlay.text_rendering import LONGEST, Box, can_shape, writable
 from tirgeo_ros.core.types.arrays import Array, Pixels
+from tirgeo_ros.core.types.errors import cut
 from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.core.types.poses import CameraPose
 
@@ -60,7 +61,7 @@ class DrawingVerdict(NamedTuple):
 class Drawn(NamedTuple):
     """Hold what a picture shows."""
 
-    absence: str  # why none of the map is in view, else empty
+    notice: str  # why none of the map is drawn, else empty
     above_m: float  # the camera's height over the given ground; nan without one below
     boxes: tuple[Box, ...]  # of everything that is written; they do not overlap
 
@@ -72,7 +73,7 @@ def lay_layers(layers: Sequence[MapLayer], plane: TangentPlane, ground: Ground) 
     """Drape layers in a plane, the slow part of a map. Raises ConfigError as VectorMap does."""
     check_heights(layers, ground)
     features = sum(len(layer.features) for layer in layers)
-    laid = VectorMap.from_layers(layers, plane, ground)
+    laid = _written(VectorMap.from_layers(layers, plane, ground))
     places = [feature.points for layer in layers for feature in layer.features]
     level_m = math.nan
     if places and not _is_given(ground):
@@ -82,6 +83,19 @@ def lay_layers(layers: Sequence[MapLayer], plane: TangentPlane, ground: Ground) 
         latitude, longitude, _ = places[0][0]
         first_n = plane.ned_from_geodetic(latitude, longitude, 0.0)
     return DrapedMap(plane, laid, features, level_m, first_n)
+
+
+def _written(laid: VectorMap) -> VectorMap:
+    """Return a map without the labels that cannot be written here, and with a note of them."""
+    lost = [i for i in np.flatnonzero(laid.labelled).tolist() if not writable(laid.labels[i])]
+    if not lost:
+        return laid
+    labelled = laid.labelled.copy()
+    labelled[lost] = False
+    needed = "a typeface with their letters" + ("" if can_shape() else ", or libfribidi0")
+    example = cut(laid.labels[lost[0]], LONGEST)
+    note = f"map: labels not drawn: {len(lost)}, as {example!r}; they need {needed}"
+    return replace(laid, labelled=labelled, notes=(*laid.notes, note))
 
 
 class MapRenderer:
@@ -165,11 +179,12 @@ class MapRenderer:
         rates: CameraRates | None = None,
         markers: Sequence[Marker] = (),
         verdict: DrawingVerdict = _GO,
+        notice: str = "",
     ) -> Drawn:
         """Draw map and markers into (h, w, 3) BGR; a camera and a plane must be set.
 
         ``rates`` are the camera's at the pose, or None. The ``verdict`` of the checks, and the
-        reason why none of the map is in view, are written at the top.
+        ``notice``, else the reason why none of the map is in view, are written at the top.
         """
         assert self.view is not None
         assert self.laid is not None
@@ -182,11 +197,11 @@ class MapRenderer:
         above_m = height_above_m(*seen[1:])
         far_m = self.view.farthest_m(above_m)
         in_view = painter.see(self.view, pose, scale_m_px, far_m)
-        absence = self._absent(in_view, pose, scale_m_px, far_m)
+        notice = notice or self._absent(in_view, pose, scale_m_px, far_m)
         bar = place_scale_bar(image, *seen) if self._confidence.scale_bar else None
         wants_rose = self._confidence.heading_rose
         rose = place_rose(image, camera_heading_rad(pose)) if wants_rose else None
-        notices = _notices(image, verdict, absence, rose.box if rose else None)
+        notices = _notices(image, verdict, notice, rose.box if rose else None)
         written = [each for each in (bar, rose, *notices) if each]
         taken = [status_box(image), *(each.box for each in written)]
         placed = PlacedMarkers(image, camera, pose, markers, taken) if markers else None
@@ -197,12 +212,15 @@ class MapRenderer:
             placed.paint(image, self._painter)
         for each in written:
             each.paint(image)
-        return Drawn(absence, above_m if _is_given(ground) else math.nan, (*taken, *labels))
+        return Drawn(notice, above_m if _is_given(ground) else math.nan, (*taken, *labels))
 
     def _absent(self, seen: SeenMap, pose: CameraPose, scale_m_px: float, far_m: float) -> str:
-        """Return why there is nothing to draw, else an empty string."""
-        if not seen.empty:
+        """Return why none of a map is in view, else an empty string."""
+        if not seen.empty or self.empty:
             return ""
+        return f"NO MAP IN VIEW: {self._why_absent(seen, pose, scale_m_px, far_m)}"
+
+    def _why_absent(self, seen: SeenMap, pose: CameraPose, scale_m_px: float, far_m: float) -> str:
         if seen.hidden:
             words = f"{100 * scale_m_px:.2g} cm" if scale_m_px < 1 else f"{scale_m_px:.3g} m"
             sees_ground = not math.isnan(scale_m_px)
@@ -216,17 +234,16 @@ class MapRenderer:
 
 
 def _notices(
-    image: Pixels, verdict: DrawingVerdict, absence: str, beside: Box | None
+    image: Pixels, verdict: DrawingVerdict, notice: str, beside: Box | None
 ) -> list[PlacedText]:
     """Place the notices one below the other, at the top of the picture, left of the rose."""
     notices = []
     if verdict.severity:
         colour = VERDICT_BGR[verdict.severity]
         notices.append(place_notice(image, verdict.words, colour, beside=beside))
-    if absence:
+    if notice:
         top = notices[0].box.bottom if notices else 0
-        words = f"NO MAP IN VIEW: {absence}"
-        notices.append(place_notice(image, words, top=top, beside=beside))
+        notices.append(place_notice(image, notice, top=top, beside=beside))
     return notices
 
 

@@ -2,7 +2,8 @@
 
 No line is drawn that cannot be trusted. Without a camera, without an origin, or without a pose at
 the exposure, neither interpolated nor predicted, the picture carries a notice instead of the
-lines.
+lines. A map that is missing takes nothing else away: with a trusted pose, clicks are answered and
+targets are drawn.
 """
 
 from __future__ import annotations
@@ -55,8 +56,8 @@ class Overlay:
         self._drawing = MapRenderer(config, layers or (), terrain)
         self.footprint, self.ground = self._drawing.footprint, self._drawing.ground
         self._laid_elsewhere = layers is None
-        given = layers is None or len(layers) > 0
-        self._no_map = "the map has no features" if given else "no map is given"
+        #: Whether there is, or will be, a map to draw.
+        self.map_given = layers is None or len(layers) > 0
         #: Why the map that is draped elsewhere is not here yet.
         self._map_not_ready = _READING if layers is None else ""
         self.clicks = Clicks(config.confidence)
@@ -88,9 +89,10 @@ class Overlay:
     def counts(self) -> dict[str, int]:
         """Return the counts of frames and poses, for diagnostics.
 
-        Frames: those of FrameQueue; ``drawn`` have lines, of which ``predicted`` with a predicted
-        pose; ``notices`` have none; ``late`` counts frames of both kinds that were finished after
-        the longest wait for a pose or later. Poses: ``poses_invalid`` and ``poses_went_back``.
+        Frames: those of FrameQueue; ``drawn`` have a trusted pose, of which ``predicted`` with a
+        predicted one; ``notices`` have none; ``late`` counts frames of both kinds that were
+        finished after the longest wait for a pose or later. Poses: ``poses_invalid`` and
+        ``poses_went_back``.
         """
         poses = {"poses_invalid": self.poses.invalid, "poses_went_back": self.poses.went_back}
         return self._results | self.frames.counts | poses
@@ -137,7 +139,7 @@ class Overlay:
     def set_map(self, new: DrapedMap) -> None:
         """Draw a map that was draped elsewhere from now on; ignore one in another plane."""
         if new.plane == self.plane:
-            self._laid_elsewhere, self._map_not_ready = True, ""
+            self._laid_elsewhere, self.map_given, self._map_not_ready = True, True, ""
             self._drawing.set_map(new)
 
     def map_failed(self, why: str) -> None:
@@ -178,7 +180,7 @@ class Overlay:
         """Return the picture of ``take`` as it is before a PicturePainter painted it."""
         for frame in self.frames:
             pose = self.poses.at(frame.stamp_ns - self._latency_ns)
-            obstacle = self._obstacle(frame.pixels)
+            obstacle = self._no_view(frame.pixels)
             # Negative if the clock went back: without the lower limit it would wait for ever.
             has_time = 0 <= now_ns - frame.arrival_ns < self._wait_ns
             if obstacle or not (has_time and pose in (Miss.EMPTY, Miss.TOO_NEW)):
@@ -187,12 +189,8 @@ class Overlay:
                 return self._unpainted(frame, now_ns, pose, obstacle)
         return None
 
-    def _obstacle(self, pixels: RawPixels) -> str:
-        """Return why the map cannot be drawn whatever the pose, else an empty string."""
-        if self._drawing.empty and not self._map_not_ready:
-            return self._no_map
-        if self._map_not_ready not in ("", _READING):
-            return self._map_not_ready  # first: a misspelt file is mended before take-off
+    def _no_view(self, pixels: RawPixels) -> str:
+        """Return why nothing can be placed in the picture, whatever the pose; else empty."""
         camera = self._camera
         if camera is None:
             return "no camera info"
@@ -201,7 +199,7 @@ class Overlay:
             return f"image is {width}x{height}, camera info {camera.width}x{camera.height}"
         if self.plane is None:
             return self._not_navigating() or "no origin"
-        return self._map_not_ready
+        return ""
 
     def _why_no_pose(self, miss: Miss, exposure_ns: int) -> str:
         newest_ns = self.poses.newest_ns
@@ -244,7 +242,7 @@ class Overlay:
     def _judged(
         self, frame: Frame, found: CameraPose | Miss, obstacle: str
     ) -> tuple[CameraPose | None, float, str]:
-        """Return the pose to draw with, how far it was predicted, s, or None and the notice."""
+        """Return the trusted pose or None, how far it was predicted, s, and the notice."""
         exposure_ns, predicted_s = frame.stamp_ns - self._latency_ns, 0.0
         if not obstacle and found is Miss.TOO_NEW:
             found, predicted_s = self._predicted(exposure_ns)
@@ -252,11 +250,20 @@ class Overlay:
             obstacle = self._why_no_pose(found, exposure_ns)
         if obstacle or isinstance(found, Miss):
             self._results["notices"] += 1
-            waits = "NO MAP YET" if obstacle == _READING else "NO MAP"
-            return None, predicted_s, f"{waits}: {obstacle}"
+            return None, predicted_s, self._notice(obstacle)
         self._results["drawn"] += 1
         self._results["predicted"] += predicted_s > 0
-        return found, predicted_s, ""
+        return found, predicted_s, self._notice("")
+
+    def _notice(self, no_pose: str) -> str:
+        """Return why there is no map, or no trusted pose for the reason given; else empty."""
+        no_map = self._map_not_ready
+        if not no_map and self.map_given and self._drawing.empty:
+            no_map = "the map has no features"
+        if no_map == _READING and not no_pose:
+            return f"NO MAP YET: {_READING}"
+        why = [one for one in (no_map, no_pose) if one not in {"", _READING}]
+        return f"NO {'MAP' if self.map_given else 'POSE'}: {'; '.join(why)}" if why else ""
 
     def _predicted(self, exposure_ns: int) -> tuple[CameraPose | Miss, float]:
         """Return a pose extrapolated from the last ones, and by how much, s; a Miss if too far.

@@ -39,9 +39,9 @@ class Unpainted:
     stamp_ns: int
     pixels: RawPixels  # (h, w) of 8 or 16 bits, or (h, w, 3) BGR
     camera: Camera | None  # of the picture as shown; None if unknown or of another size
-    pose: CameraPose | None  # at the exposure; None if no map is drawn
+    pose: CameraPose | None  # at the exposure; None if none can be trusted
     rates: CameraRates | None  # the camera's at the pose, if known
-    notice: str  # why no map is drawn; else empty
+    notice: str  # why there is no trusted pose or no map; else empty
     predicted_s: float  # how far the pose was extrapolated
     markers: tuple[Marker, ...]
     verdict: DrawingVerdict
@@ -57,7 +57,7 @@ class OverlayResult:
 
     stamp_ns: int  # of the frame
     image: Pixels  # (h, w, 3) BGR
-    pose: CameraPose | None  # at the exposure; None if no map was drawn
+    pose: CameraPose | None  # at the exposure; None if none can be trusted
     notice: str  # why no map was drawn, or why none is in view; else empty
     camera: Camera | None = None  # of the picture as shown; None if unknown or of another size
     predicted_s: float = 0.0  # how far the pose was extrapolated
@@ -93,11 +93,9 @@ class PicturePainter:
         if picture.pose is None:
             _write_notice(image, picture)
         else:
-            drawn = self._drawing.draw(
-                image, picture.pose, picture.rates, picture.markers, picture.verdict
-            )
-            notice = f"NO MAP IN VIEW: {drawn.absence}" if drawn.absence else ""
-            above_m = drawn.above_m
+            scene = picture.pose, picture.rates, picture.markers, picture.verdict
+            drawn = self._drawing.draw(image, *scene, notice)
+            notice, above_m = drawn.notice, drawn.above_m
         _write_status(image, picture, above_m)
         return OverlayResult(
             picture.stamp_ns, image, picture.pose, notice, picture.camera, picture.predicted_s

@@ -1,12 +1,14 @@
 """Render text in any script as small bitmaps, each rendered once and then copied to pictures.
 
-OpenCV 5 writes UTF-8 with its own typeface. OpenCV 4 writes only ASCII, so there Pillow is used,
-with a typeface of the system.
+OpenCV 5 writes UTF-8 with its own typeface, each letter by itself and from left to right. Other
+letters, and all of them where there is OpenCV 4, are written by Pillow with a typeface of the
+system. What nobody can write is left out: never a question mark or a reversed word.
 """
 
 from __future__ import annotations
 
-import contextlib
+import re
+import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -14,7 +16,7 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw, ImageFont, features
 
 from tirgeo_ros.core.map.layers import Colour
 from tirgeo_ros.core.types.arrays import Pixels
@@ -28,7 +30,15 @@ _WIDTH_PARTS, _HEIGHT_PARTS = 42, 24
 _SMALLEST_PX, _LARGEST_PX = 12, 64  # smaller is not legible, whatever the picture
 _LEAST_HALO_PX, _HALO_PART = 2, 1 / 8  # of the text's size, on each side
 _WEIGHT = 500  # of OpenCV's typeface: 400 is regular, 700 bold
-_SYSTEM_FONTS = ("DejaVuSans.ttf", "NotoSans-Regular.ttf", "LiberationSans-Regular.ttf")
+_OPENCV = "sans"
+_SYSTEM = "DejaVuSans NotoSans-Regular LiberationSans-Regular FreeSans NotoSansDevanagari-Regular"
+#: In order of preference; DejaVu Sans has Hebrew and Arabic, FreeSans Indic scripts and Thai.
+_TYPEFACES = ([_OPENCV] if hasattr(cv2, "FontFace") else []) + _SYSTEM.split()
+_LETTERS = 4096  # that are remembered
+_JOINERS = "\u200c\u200d\u200e\u200f"  # without ink of their own; they decide how others join
+_VARIATIONS = re.compile("[\ufe00-\ufe0f]")  # a choice between an emoji and a plain symbol
+_NOT_ASCII = re.compile("[^ -~]+")
+_NO_LETTER = "\U0010ffff"  # never assigned
 
 
 def text_px(image: Pixels) -> int:
@@ -109,21 +119,23 @@ class TextBitmap:
 
 @lru_cache(maxsize=_CACHED)
 def stamp(text: str, size_px: int, colour: Colour) -> TextBitmap:
-    """Return a text in a BGR colour with a dark halo, cut at ``LONGEST``, controls as spaces."""
-    return _rendered(text, size_px, colour)
+    """Return what is ``writable`` of a text in a BGR colour with a dark halo."""
+    return _rendered(writable(text), size_px, colour)
 
 
 # Without its own cache, reasons with a running time in seconds (60 characters each) would fill
 # the large one with 70 MB.
 @lru_cache(maxsize=_PASSING)
 def passing_stamp(text: str, size_px: int, colour: Colour) -> TextBitmap:
-    """Return the stamp of a text that will not come again, from a small cache of its own."""
-    return _rendered(text, size_px, colour)
+    """Return the stamp of a text that will not come again, from a small cache of its own.
+
+    It is a message of ours: letters that cannot be written, as of a file's name, leave a gap.
+    """
+    return _rendered(writable(text) or _NOT_ASCII.sub(" ", cut(text, LONGEST)), size_px, colour)
 
 
 def _rendered(text: str, size_px: int, colour: Colour) -> TextBitmap:
-    printable = "".join(c if c.isprintable() else " " for c in cut(text, LONGEST))
-    alpha = coverage(printable, size_px)
+    alpha = coverage(text, size_px)
     return TextBitmap.of(alpha, cv2.dilate(alpha, _disc(_halo_px(size_px))), colour)
 
 
@@ -139,13 +151,57 @@ def composed(width: int, height: int, parts: Sequence[tuple[TextBitmap, int, int
 
 def coverage(text: str, size_px: int) -> Pixels:
     """Return the coverage of a text by ink, (h, w), 0 to 255, with a margin for the halo."""
-    if hasattr(cv2, "FontFace"):
-        return _by_opencv(cv2, text, size_px)
-    return _by_pillow(text, size_px)
+    return _drawn(text, size_px, typeface(text))
 
 
-def _by_opencv(cv: Any, text: str, size_px: int) -> Pixels:
-    face = _opencv_face(cv)
+def _drawn(text: str, size_px: int, name: str) -> Pixels:
+    return (_by_opencv if name == _OPENCV else _by_pillow)(text, size_px, name)
+
+
+def writable(text: str) -> str:
+    """Return what can be written of a text, cut at ``LONGEST``; controls become spaces.
+
+    Symbols that no typeface has are left out. It is empty if letters cannot be written.
+    """
+    text = cut(text, LONGEST)
+    if text.isascii() and text.isprintable():
+        return text
+    text = unicodedata.normalize("NFC", _VARIATIONS.sub("", text))
+    shown = (c if c.isprintable() or c in _JOINERS else " " for c in text)
+    kept = "".join(c for c in shown if unicodedata.category(c)[0] in "LMN" or typeface(c)).strip()
+    return kept if typeface(kept) else ""
+
+
+def typeface(text: str) -> str:
+    """Return the first typeface that has, and can lay out, all of a text; empty if none can."""
+    return next((name for name in _TYPEFACES if all(_has(name, c) for c in text)), "")
+
+
+def can_shape() -> bool:
+    """Return whether Pillow can lay out right-to-left and joined letters here."""
+    return all(map(features.check_feature, ("raqm", "fribidi")))
+
+
+@lru_cache(maxsize=_LETTERS)
+def _has(name: str, letter: str) -> bool:
+    """Return whether a typeface has a letter and can lay it out.
+
+    What runs from right to left or is set above another letter needs Pillow's Raqm layout, which
+    takes FriBiDi from the system; OpenCV writes it in the wrong order or place.
+    """
+    if letter.isascii() or letter.isspace() or letter in _JOINERS:
+        return True
+    is_mark = unicodedata.category(letter)[0] == "M"
+    shaped = is_mark or unicodedata.bidirectional(letter) in {"R", "AL"}
+    if shaped and (name == _OPENCV or not can_shape()):
+        return False
+    drawn, absent = (_drawn(one, _SMALLEST_PX, name) for one in (letter, _NO_LETTER))
+    return not np.array_equal(drawn, absent)
+
+
+def _by_opencv(text: str, size_px: int, name: str) -> Pixels:
+    cv: Any = cv2  # of version 5
+    face = _opencv_face(name)
     left, top, width, height = cv.getTextSize((0, 0), text, (0, 0), face, size_px, _WEIGHT)
     image, base = _sheet(size_px, width, top, top + height)
     cv.putText(image, text, (_halo_px(size_px) - left, base), (255,), face, size_px, _WEIGHT)
@@ -160,12 +216,13 @@ def _sheet(size_px: int, width: int, top: int, bottom: int) -> tuple[Pixels, int
 
 
 @lru_cache(maxsize=1)
-def _opencv_face(cv: Any) -> Any:
-    return cv.FontFace("sans")
+def _opencv_face(name: str) -> Any:
+    cv: Any = cv2
+    return cv.FontFace(name)
 
 
-def _by_pillow(text: str, size_px: int) -> Pixels:
-    font = _pillow_font(size_px)
+def _by_pillow(text: str, size_px: int, name: str) -> Pixels:
+    font = _pillow_font(name, size_px)
     left, top, right, bottom = map(round, font.getbbox(text, anchor="ls"))
     sheet, base = _sheet(size_px, right - left, top, bottom)
     image = Image.fromarray(sheet)
@@ -174,10 +231,10 @@ def _by_pillow(text: str, size_px: int) -> Pixels:
     return np.array(image)
 
 
-@lru_cache(maxsize=8)
-def _pillow_font(size_px: int) -> Any:
+@lru_cache(maxsize=64)
+def _pillow_font(name: str, size_px: int) -> Any:
     """Return a system typeface, else Pillow's own, which has few letters beyond ASCII."""
-    for name in _SYSTEM_FONTS:
-        with contextlib.suppress(OSError):
-            return ImageFont.truetype(name, size_px)
-    return ImageFont.load_default(size_px)
+    try:
+        return ImageFont.truetype(name, size_px)
+    except OSError:
+        return ImageFont.load_default(size_px)

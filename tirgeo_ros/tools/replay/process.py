@@ -70,8 +70,9 @@ def process(
 
     ``error`` in the summary is None, or what of the bag was lost. ``params`` are parameter files;
     ``map``, ``dem`` or ``ground_height`` (ellipsoidal m) and ``camera``, a calibration file,
-    override them. ``images`` need the gimbal. They are drawn in another process unless ``cores``
-    (None: those that this process may use) is 1: the bytes are the same. ``smooth``: each pose
+    override them. ``images`` need the gimbal. They are drawn if there is a map, or ``raw_images``
+    or ``video`` are wanted, in another process unless ``cores`` (None: those that this process may
+    use) is 1: the bytes are the same. ``smooth``: each pose
     from all measurements, also later ones. Raise BagError (no bag, a needed topic absent, nothing
     readable), CameraError, ConfigError, MapError, ElevationError, PictureError, VideoError.
     """
@@ -79,13 +80,15 @@ def process(
         params, namespace, method=method, dem=dem, ground_height=ground_height, camera=camera
     )
     map_path = (configs.overlay.map if map is None else os.fspath(map)) if images else ""
-    if (raw_images or video is not None) and not map_path:
-        raise ConfigError("overlay images need a map and images")
+    wanted = raw_images or video is not None
+    if wanted and not images:
+        raise ConfigError("raw_images and video need images")
+    draws = wanted or bool(map_path)
     given = [bag_in, *paths_of(params), *configs.files, *map_files(map_path)]
     check_outputs(given, (bag_out, video), BagError)
     reader, cores = BagReader(bag_in), available_cores() if cores is None else cores
-    with PictureStage(cores if map_path else 1) as stage:
-        job = _prepared(configs, reader, namespace, params, map_path, images=images)
+    with PictureStage(cores if draws else 1) as stage:
+        job = _prepared(configs, reader, namespace, params, map_path, images=images, draws=draws)
         return {
             "input": os.fspath(bag_in),
             "output": os.fspath(bag_out),
@@ -102,18 +105,19 @@ def _prepared(
     map_path: str,
     *,
     images: bool,
+    draws: bool,
 ) -> _Job:
     """Choose the topics, load the map on its ground, and set up the checks."""
     fitted, notes = configs.fitting(reader, namespace)
     ekf, gimbal, overlay, _ = fitted
     known = given_camera(overlay)
-    needed = {"pictures": bool(map_path), "camera": known is None, "gimbal": images}
+    needed = {"pictures": draws, "camera": known is None, "gimbal": images}
     topics = inputs_of(reader, ekf.method, gimbal.composition, namespace, **needed)
     style = (overlay.style, overlay.label_field)
     layers = load_layers(map_path, *style, network=overlay.network) if map_path else None
-    ground = ground_of(overlay) if map_path else None
+    ground = ground_of(overlay) if draws else None
     terrain = ground if isinstance(ground, Terrain) else None
-    drawn = Overlay(overlay, layers, terrain) if layers is not None else None
+    drawn = Overlay(overlay, layers or (), terrain) if draws else None
     if drawn is not None and known is not None:
         drawn.set_camera(known)
     notes += [
@@ -165,7 +169,7 @@ def _run(
 
 def _film(job: _Job, video: VideoFile) -> OverlayFilm:
     """Return what writes the overlay's pictures to a video file."""
-    assert job.drawn is not None  # a video without a map is refused before
+    assert job.drawn is not None  # a video is always drawn
     return OverlayFilm(video, job.drawn, job.configs.overlay, job.undulation_m)
 
 

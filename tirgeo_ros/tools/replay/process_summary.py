@@ -69,14 +69,14 @@ def _poses(result: Mapping[str, Any]) -> Line:
 
 
 def _frames(result: Mapping[str, Any]) -> Line:
-    """Return how many frames show the map, and how many show a notice instead."""
+    """Return how many frames have a trusted pose, and how many show a notice instead."""
     counts = result["overlay"]
     if not counts:
-        return "frames", "not drawn: no map given, or --no-images", False
+        return "frames", "not drawn: give --map or --video, and no --no-images", False
     drawn, notices = counts["drawn"], counts["notices"]
     read = sum(n for topic, n in result["read"].items() if topic.endswith(PICTURES))
     lost = f", {read - drawn - notices} lost" if read > drawn + notices else ""
-    text = f"{drawn} of {read} with the map, {notices} with a notice why not{lost}"
+    text = f"{drawn} of {read} with a trusted pose, {notices} with a notice why not{lost}"
     return "frames", text, drawn < notices or bool(lost)
 
 

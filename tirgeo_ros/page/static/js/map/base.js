@@ -1,6 +1,6 @@
 /** What lies under everything on the map: the vector map, its labels, and tiles, if any. */
 
-import { element } from "../shell/dom.js";
+import { element, setText } from "../shell/dom.js";
 import { store } from "../store.js";
 import { featureStyle } from "./colours.js";
 import L from "./leaflet.js";
@@ -23,6 +23,8 @@ export function buildBase(map, ready) {
       L.circleMarker(place, featureStyle(feature)),
   }).addTo(map);
   const labels = L.layerGroup().addTo(map);
+  const simplified = element("small", { class: "map-simplified", role: "status" });
+  map.getContainer().append(simplified);
   let loadedFor = /** @type {string | null} */ (null);
   let tiles = /** @type {any} */ (null);
 
@@ -33,6 +35,7 @@ export function buildBase(map, ready) {
     loadedFor = current;
     if (await load(vector, current)) {
       label(map, vector, labels);
+      setText(simplified, vector.simplified && `Map simplified: ${vector.simplified}`);
       ready();
     } else loadedFor = null;
   });
@@ -66,7 +69,9 @@ async function load(vector, aircraft) {
     const answer = await fetch(`/map/${encodeURIComponent(aircraft)}`);
     const text = answer.ok ? await answer.text() : "";
     vector.clearLayers();
-    if (text) vector.addData(JSON.parse(text));
+    const found = text ? JSON.parse(text) : null;
+    if (found) vector.addData(found);
+    vector.simplified = found?.simplified ?? "";
     return answer.ok || answer.status === 404;
   } catch {
     return false; // asked again after the next reconnection
