@@ -225,7 +225,8 @@ def a_killed_node_has_all_targets_when_it_is_back(fleet, node, start, first, sec
     async def delete(_, states):
         told = await states.until("targets")
         assert [one["id"] for one in told["targets"]] == [first["id"], second["id"]]
-        return await states.ask("delete", id=first["id"])
+        was = {key: first[key] for key in ("name", "kind", "note")}
+        return await states.ask("delete", id=first["id"], was=was)
 
     assert fleet.browse(url, delete)["ok"]
     fleet.until(lambda: not marked(fleet.pictures("uav1")[-1], uv))

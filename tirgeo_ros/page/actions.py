@@ -81,12 +81,21 @@ class Actions:
         add = functools.partial(store.add, fixing, aircraft=aircraft, kind=kind, now_ns=now_ns)
         return await self._stored(lambda: self._told(add(picture=cut_out())))
 
-    async def _edit(self, id: str, **words: str) -> dict[str, Any]:  # noqa: A002 as sent
+    async def _edit(
+        self,
+        id: str,  # noqa: A002 as sent
+        was: dict[str, str],
+        **words: str,
+    ) -> dict[str, Any]:
         edit = self._backend.targets.edit
-        return await self._stored(lambda: self._told(edit(id, time.time_ns(), **words)))
+        return await self._stored(lambda: self._told(edit(id, time.time_ns(), was, **words)))
 
-    async def _delete(self, id: str) -> dict[str, Any]:  # noqa: A002 as sent
-        await self._stored(lambda: self._backend.targets.delete(id, time.time_ns()))
+    async def _leave_out(self, id: str, field: str, text: str) -> dict[str, Any]:  # noqa: A002
+        leave_out = self._backend.targets.leave_out
+        return await self._stored(lambda: self._told(leave_out(id, field, text, time.time_ns())))
+
+    async def _delete(self, id: str, was: dict[str, str]) -> dict[str, Any]:  # noqa: A002 as sent
+        await self._stored(lambda: self._backend.targets.delete(id, time.time_ns(), was))
         return {}
 
     async def _undo(self, id: str | None = None) -> dict[str, Any]:  # noqa: A002 as sent
@@ -125,7 +134,8 @@ class Actions:
         return self._feeds[aircraft]
 
     def _told(self, target: Target) -> dict[str, Any]:
-        return {"target": target_fields(target, self._undulation_m)}
+        open_ = self._backend.targets.alternatives()[target.id]
+        return {"target": target_fields(target, self._undulation_m) | {"alternatives": open_}}
 
     async def _stored(self, call: Callable[[], _T]) -> _T:
         """Change the store, and tell all pages."""
