@@ -150,7 +150,7 @@ def test_what_needs_no_target_is_answered(served):
     assert unknown["reason"] == "there is no such aircraft"
     assert share["text"] == "sharing"
     assert mark["ok"]
-    assert "smoke" in [one.text for one in served.backend.targets.marks()]
+    assert "smoke" in [text for _, text in served.backend.targets.marks()]
 
 
 def test_a_request_that_is_sent_again_is_done_once(served):

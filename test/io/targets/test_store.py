@@ -19,7 +19,6 @@ from tirgeo_ros.io.targets.store import (
     MOST_NOTE,
     MOST_PICTURE,
     TargetStore,
-    TimeMark,
 )
 
 JPEG = b"\xff\xd8 a picture"
@@ -159,7 +158,7 @@ def test_marks_in_time(store):
     store.mark("smoke", 7)
     store.mark("second pass", 9)
     again = reopened(store)
-    assert again.marks() == [TimeMark(7, "smoke"), TimeMark(9, "second pass")]
+    assert again.marks() == [(7, "smoke"), (9, "second pass")]
     again.close()
 
 

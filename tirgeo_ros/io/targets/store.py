@@ -12,7 +12,7 @@ import uuid
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from tirgeo_ros.core.frames.wgs84 import ecef_from_geodetic
 from tirgeo_ros.core.targets.target import KINDS, Fixing, Target
@@ -53,13 +53,6 @@ _LOOSE = (
     "DELETE FROM pictures WHERE target NOT IN (SELECT id FROM targets) "
     "AND target NOT IN (SELECT target FROM tirgeo_changes)"
 )
-
-
-class TimeMark(NamedTuple):
-    """Hold a moment that the operator marked."""
-
-    stamp_ns: int
-    text: str
 
 
 class TargetStore:
@@ -150,11 +143,10 @@ class TargetStore:
             if before is None:
                 self._keep(target_id, new, was or {}, now_ns)
                 raise TargetError("it was deleted meanwhile; what was written is kept with it")
-            new = {field: text for field, text in new.items() if getattr(before, field) != text}
-            late = {f: text for f, text in new.items() if not _is_still(before, f, was)}
-            if late:
-                self._keep(target_id, late, was or {}, now_ns)
-            new = {field: text for field, text in new.items() if field not in late}
+            changed = {f: text for f, text in new.items() if getattr(before, f) != text}
+            late = {f: text for f, text in changed.items() if not _is_still(before, f, was)}
+            self._keep(target_id, late, was or {}, now_ns)
+            new = {f: text for f, text in changed.items() if f not in late}
             return self._change("edit", before, now_ns, **new) if new else before
 
     def alternatives(self) -> dict[str, list[list[str]]]:
@@ -175,13 +167,12 @@ class TargetStore:
 
     def for_others(self) -> list[Target]:
         """Return the targets by number, with the alternatives in their notes."""
-        open_ = self.alternatives()
-        return [
-            dataclasses.replace(
-                one, note="\n".join(filter(None, [one.note, *map(_line, open_[one.id])]))
-            )
-            for one in self.all()
-        ]
+        targets, others = {one.id: one for one in self.all()}, self.alternatives()
+        for id_ in targets.keys() & others.keys():
+            lines = [f"also written as the {field}: {text}" for field, text in others[id_]]
+            note = "\n".join([targets[id_].note, *lines]).strip()
+            targets[id_] = dataclasses.replace(targets[id_], note=note)
+        return [*targets.values()]
 
     def _keep(
         self, target_id: str, texts: Mapping[str, str], was: Mapping[str, str], now_ns: int
@@ -258,9 +249,9 @@ class TargetStore:
                 row = "INSERT INTO marks (stamp_ns, time, text) VALUES (?, ?, ?)"
                 self._db.execute(row, (stamp_ns, utc(stamp_ns), text))
 
-    def marks(self) -> list[TimeMark]:
-        """Return the marks in the order in which they were made."""
-        return [TimeMark(*row) for row in self._read("SELECT stamp_ns, text FROM marks")]
+    def marks(self) -> list[tuple[int, str]]:
+        """Return stamps and texts of the marks in the order in which they were made."""
+        return self._read("SELECT stamp_ns, text FROM marks")
 
     def switch(self, what: str, on: bool) -> None:
         """Remember that something that is no target is on, or no longer."""
@@ -360,14 +351,9 @@ def _word(field: str, text: str) -> str:
 
 def _is_still(target: Target, field: str, was: Mapping[str, str] | None) -> bool:
     """Return whether a field is what it was, as it was typed or as it is kept."""
-    if was is None:
-        return True
-    base = was.get(field)
-    return base is not None and getattr(target, field) in {base, _text(field, base, len(base))}
-
-
-def _line(alternative: list[str]) -> str:
-    return "also written as the {}: {}".format(*alternative)
+    if was is None or field not in was:
+        return was is None
+    return getattr(target, field) in {was[field], _text(field, was[field], len(was[field]))}
 
 
 def _kind(kind: str) -> str:

@@ -155,7 +155,7 @@ function choice(now, key, text) {
   return element(
     "div",
     { class: "choice" },
-    element("p", { class: "said", text: `Somebody else wrote as the ${key} meanwhile:` }),
+    element("p", { class: "said", text: `Also written as the ${key}:` }),
     element("p", { class: "other", text: text || "(emptied)" }),
     element("div", { class: "actions operator-only" }, ...buttons),
   );
