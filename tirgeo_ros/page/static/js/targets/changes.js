@@ -14,7 +14,6 @@ import { store, targetOf } from "../store.js";
  */
 
 store.set({ drafts: {} });
-const FIELDS = /** @type {const} */ (["name", "kind", "note"]);
 
 /** @param {string} id @returns {Draft} */
 export function draftOf(id) {
@@ -57,10 +56,11 @@ export async function edit(target, key, value, base = baseOf(target, key)) {
   const deleted = !answer.ok && !targetOf(id); // what was written is kept with it
   const refusal = answer.ok || deleted ? "" : (answer.reason ?? "");
   setDraft(id, { ...now, open: now.open - 1, refusal });
+  const late = answer.target?.alternatives.some(([field]) => field === key);
   const both = `Target ${number}: changed elsewhere meanwhile. Its card has both texts: choose`;
   const action = deleted ? wayBack(id) : undefined;
   if (!answer.ok) toast(`Target ${number} not changed: ${answer.reason}`, { tone: "bad", action });
-  else if (answer.target[key] !== value && choicesOf(answer.target, key)) toast(both, { tone: "bad" });
+  else if (late && answer.target[key] !== value) toast(both, { tone: "bad" });
   else changed(`Target ${number} changed`, id);
 }
 
@@ -68,11 +68,6 @@ export async function edit(target, key, value, base = baseOf(target, key)) {
 export function dropDraft(id) {
   const draft = draftOf(id);
   if (draft.refusal) setDraft(id, { ...draft, fields: {}, refusal: "" });
-}
-
-/** @param {Target} target @param {Field} key */
-function choicesOf({ alternatives }, key) {
-  return alternatives.some(([field]) => field === key);
 }
 
 /** @param {Target} target @param {Field} field @param {string} text  an alternative */
@@ -85,7 +80,8 @@ export async function leaveOut({ id, number }, field, text) {
 /** @param {Target} target */
 export async function remove(target) {
   store.set({ selected: null });
-  const was = Object.fromEntries(FIELDS.map((key) => [key, baseOf(target, key)]));
+  const base = (/** @type {Field} */ key) => baseOf(target, key);
+  const was = { name: base("name"), kind: base("kind"), note: base("note") };
   const answer = await ask("delete", { id: target.id, was }, { keep: true });
   const gone = !targetOf(target.id); // by an earlier try whose answer was lost
   if (answer.ok || gone) changed(`Target ${target.number} deleted`, target.id);
