@@ -7,6 +7,7 @@ import math
 import os
 import re
 import signal
+import socket
 from concurrent.futures import ThreadPoolExecutor
 
 import av
@@ -29,6 +30,7 @@ from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.messages import image_pixels
+from tirgeo_ros.io.targets.store import TargetStore
 from tirgeo_ros.nodes.viewer_node import taken_ns
 
 pytestmark = pytest.mark.graph
@@ -225,7 +227,8 @@ def a_killed_node_has_all_targets_when_it_is_back(fleet, node, start, first, sec
     async def delete(_, states):
         told = await states.until("targets")
         assert [one["id"] for one in told["targets"]] == [first["id"], second["id"]]
-        return await states.ask("delete", id=first["id"])
+        was = {key: first[key] for key in ("name", "kind", "note")}
+        return await states.ask("delete", id=first["id"], was=was)
 
     assert fleet.browse(url, delete)["ok"]
     fleet.until(lambda: not marked(fleet.pictures("uav1")[-1], uv))
@@ -271,6 +274,59 @@ def test_recordings_that_are_killed_can_be_read(fleet, start, tmp_path):
     node.signal(signal.SIGKILL)
     fleet.until(lambda: BagReader(second).damage is None)
     assert "/uav1/tirgeo/camera_pose" in BagReader(second).topics()
+
+
+@pytest.mark.slow
+def test_a_killed_node_goes_on_as_it_was_and_a_stopped_one_begins_anew(fleet, start, tmp_path):
+    corner = pixel_of(SQUARE_N[0], "uav1")
+
+    async def switch_on(page, states):
+        target = (await clicked(page, states, "uav1", corner))["target"]
+        await states.ask("record", aircraft="uav1", on=True)
+        await states.ask("share", on=True)
+        return target
+
+    def state(url, good=lambda _: True):
+        async def until(_, states):
+            is_ours = {"type": "state", "aircraft": "uav1"}.items()
+            told = await states.until("state", lambda s: is_ours <= s.items() and good(s))
+            return told, (await states.until("targets"))["targets"]
+
+        return fleet.browse(url, until)
+
+    def bags():
+        return sorted((tmp_path / "recordings").glob("uav1-*.mcap"))
+
+    with socket.create_server(("127.0.0.1", 0)) as team:
+        cot = f"tcp://127.0.0.1:{team.getsockname()[1]}"
+        node, url = start(cot=cot)
+        target = fleet.browse(url, switch_on)
+        links = [team.accept()[0]]
+        (first,) = bags()
+        fleet.until(lambda: first.stat().st_size > 1e5)
+        for _ in range(2):
+            node.signal(signal.SIGKILL)
+            node.wait(5)
+            node, url = start(cot=cot)
+            on, targets = state(url, lambda s: s["recording"] and s["sharing"]["connected"])
+            assert targets == [target]
+            assert not [one for one in on["findings"] if one["title"] == "recording"]
+            links.append(team.accept()[0])
+            assert target["id"].encode() in links[-1].recv(10_000)
+        fleet.until(lambda: len(bags()) == 3 and bags()[-1].stat().st_size > 1e5)
+        assert "/uav1/thermal/image_raw" in BagReader(bags()[-1]).topics()
+        assert [BagReader(bag).damage for bag in bags()[:2]] == [None, None]
+        node.signal(signal.SIGKILL)
+        node, url = start(cot=cot, least_free_gb=1e4)
+        off, _ = state(url, lambda s: any(one["title"] == "recording" for one in s["findings"]))
+        (finding,) = (one for one in off["findings"] if one["title"] == "recording")
+        assert "it ended when viewer_node was killed; not recorded: " in finding["text"]
+        assert "GB are free; make room on this disk" in finding["text"]
+        node.signal(signal.SIGINT)
+        assert node.wait(30).exit_code == 0
+    store = TargetStore(tmp_path / "targets.gpkg")
+    assert (len(store.all()), store.switched_on()) == (1, [])
+    store.close()
 
 
 @pytest.mark.slow

@@ -175,8 +175,9 @@ def test_what_is_no_token_is_refused(tmp_path, body):
 def test_a_viewer_sees_all_and_changes_nothing(guarded):
     target = "0" * 32
     requests = (
-        ("edit", {"id": target, "name": "x"}),
-        ("delete", {"id": target}),
+        ("edit", {"id": target, "was": {}, "name": "x"}),
+        ("delete", {"id": target, "was": {}}),
+        ("leave_out", {"id": target, "field": "note", "text": "x"}),
         ("undo", {}),
         ("record", {"aircraft": "", "on": True}),
         ("share", {"on": True}),

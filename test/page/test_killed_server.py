@@ -48,16 +48,15 @@ def start(tmp_path):
         process.wait()
 
 
-async def confirmed(url, process, target_id, first, kill_after):
+async def confirmed(url, process, target_id, name, first, kill_after):
     """Edit as fast as answers come, kill the server after some; return the last confirmed name."""
-    name = ""
     async with (
         aiohttp.ClientSession(headers={"Origin": url}) as session,
         session.ws_connect(f"{url}/state") as state,
     ):
         for number in range(first, first + 2 * EDITS):
             edit = {"type": "edit", "request": f"e{number}", "id": target_id}
-            await state.send_json({**edit, "name": f"edit {number}"})
+            await state.send_json({**edit, "was": {"name": name}, "name": f"edit {number}"})
             if number == first + kill_after:  # this one is on its way, or being written
                 await asyncio.sleep(0.0005 * (kill_after % KILLS))
                 process.kill()
@@ -76,14 +75,16 @@ def test_twenty_kills_during_a_thousand_edits_lose_no_confirmed_one(start, tmp_p
     store = TargetStore(tmp_path / "targets.gpkg")
     target_id = store.add(Fixing(1, 48.0, 16.0, 0.0, (1, 0, 0, 0, 1, 0, 0, 0, 1)), now_ns=1).id
     store.close()
+    name = ""
     for kill in range(KILLS):
         process, url = start()
         kill_after = EDITS - 10 + kill
-        last = asyncio.run(confirmed(url, process, target_id, 1000 * kill, kill_after))
+        last = asyncio.run(confirmed(url, process, target_id, name, 1000 * kill, kill_after))
+        assert last != name
         process.wait()
         store = TargetStore(tmp_path / "targets.gpkg")
-        found = int(store.get(target_id).name.removeprefix("edit "))
+        name = store.get(target_id).name
         store.close()
         # The one that was on its way may be there too.
-        assert last
+        found = int(name.removeprefix("edit "))
         assert found - int(last.removeprefix("edit ")) in {0, 1}

@@ -22,7 +22,7 @@ CLICK = {
     "kind": "person",
     "refine": None,
 }
-EDIT = {"type": "edit", "request": "r2", "id": ID}
+EDIT = {"type": "edit", "request": "r2", "id": ID, "was": {"note": ""}}
 MEASURE = {"type": "measure", "request": "r3", "from": [48.0, 16.0], "to": [48, 17]}
 
 
@@ -31,7 +31,8 @@ def test_a_request_is_read_with_its_name_and_types():
     assert (name, kind) == ("r1", "click")
     assert fields["stamp_ns"] == 1_700_000_000_000_000_001
     assert isinstance(fields["u"], float)
-    assert read_request(json.dumps({**EDIT, "note": "a\nb"}))[2] == {"id": ID, "note": "a\nb"}
+    edit = read_request(json.dumps({**EDIT, "note": "a\nb"}))[2]
+    assert edit == {"id": ID, "was": {"note": ""}, "note": "a\nb"}
     pasted = {**EDIT, "name": "Team\t7\r\n"}  # the store makes spaces of these
     assert read_request(json.dumps(pasted))[2]["name"] == "Team\t7\r\n"
     undo = {"type": "undo", "request": "r"}
@@ -59,12 +60,14 @@ def test_a_request_is_read_with_its_name_and_types():
         ({**EDIT, "id": None}, "id must be the id of a target"),
         ({**EDIT, "name": "a\0b"}, "name must be a text without control characters"),
         ({**EDIT, "name": "a" * 81}, "name must be a text of 0 to 80 characters"),
+        ({**EDIT, "was": {"name": 1}}, "was must be an object of texts: what each field was"),
+        ({"type": "edit", "request": "r", "id": ID, "name": "x"}, "edit lacks was"),
         ({**EDIT, "note": "\ud800"}, "note must be a text without control characters"),
         ({**MEASURE, "to": [91, 0]}, "to must be a number from -90 to 90"),
         ({**MEASURE, "to": [0, 0, 0]}, r"to must be \[latitude, longitude\]"),
         ({**MEASURE, "type": "__init__"}, "type must be one of click, edit"),
         ({**MEASURE, "type": ["click"]}, "type must be one of click, edit"),
-        ({"type": "delete", "request": "r"}, "delete lacks id"),
+        ({"type": "delete", "request": "r", "id": ID}, "delete lacks was"),
         ({"type": "record", "request": "r", "aircraft": "", "on": 1}, "on must be true or false"),
     ],
 )

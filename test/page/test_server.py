@@ -92,23 +92,24 @@ def test_refine_edit_delete_undo_and_refusals_are_answered(served):
             stamp_ns, _ = await next_picture(video)
             first = (await state.click(stamp_ns))["target"]
             again = await state.click(stamp_ns, 321.0, refine=first["id"])
-            edit = await state.ask("edit", id=first["id"], name="Anna", note="two\nlines")
-            gone = await state.ask("delete", id=first["id"])
-            lost = await state.ask("edit", id=first["id"], name="Berta")
+            was = {"kind": "person", "name": "", "note": ""}
+            id_ = {"id": first["id"], "was": was}
+            edit = await state.ask("edit", **id_, name="Anna", note="two\nlines")
+            other = await state.ask("delete", **id_)
+            was |= {"name": "Anna", "note": "two\nlines"}
+            gone = await state.ask("delete", **id_)
+            lost = await state.ask("edit", **id_, name="Berta")
             back = await state.ask("undo", id=first["id"])
             sky = await state.click(stamp_ns, v=1.0)
             listed = await state.until("targets", lambda told: len(told["targets"]) > 0)
-            return again, edit, gone, lost, back, sky, listed
+            return again, edit, other, gone, lost, back, sky, listed
 
-    again, edit, gone, lost, back, sky, _ = asyncio.run(ask())
+    again, edit, other, gone, lost, back, sky, _ = asyncio.run(ask())
     assert again["target"]["clicks"] == 2
     assert (edit["target"]["name"], edit["target"]["note"]) == ("Anna", "two\nlines")
+    assert other["reason"] == "it was changed meanwhile: look at it, then delete it"
     assert gone["ok"]
-    assert lost == {
-        **lost,
-        "ok": False,
-        "reason": "there is no such target; perhaps it was deleted",
-    }
+    assert lost["reason"] == "it was deleted meanwhile; what was written is kept with it"
     assert back["ok"]
     assert "is back" in back["text"]
     assert not sky["ok"]
@@ -149,7 +150,7 @@ def test_what_needs_no_target_is_answered(served):
     assert unknown["reason"] == "there is no such aircraft"
     assert share["text"] == "sharing"
     assert mark["ok"]
-    assert "smoke" in [one.text for one in served.backend.targets.marks()]
+    assert "smoke" in [text for _, text in served.backend.targets.marks()]
 
 
 def test_a_request_that_is_sent_again_is_done_once(served):

@@ -80,13 +80,22 @@ class PageBackend:
     async def record(self, aircraft: str, on: bool) -> str:
         """Begin or end a recording; return words for the operator."""
         work = self._recordings.begin if on else self._recordings.end
-        return await asyncio.to_thread(work, aircraft)
+        words = await asyncio.to_thread(work, aircraft)
+        return words + await self._kept(f"record {aircraft}", self._recordings.is_on(aircraft))
 
     async def share(self, on: bool) -> str:
         """Begin or end to send Cursor-on-Target; return words for the operator."""
         if self._cot is None:
             return "there is nowhere to send to: set the parameter cot of viewer_node"
-        return self._cot.share(on)
+        return self._cot.share(on) + await self._kept("share", on)
+
+    async def _kept(self, what: str, on: bool) -> str:
+        """Remember what is on, for the next run if this one is killed; return why it can't be."""
+        try:
+            await asyncio.to_thread(self._targets.switch, what, on)
+        except TargetError as error:
+            return f"; after a crash this is forgotten: {error}"
+        return ""
 
     def vector_map(self, aircraft: str) -> bytes:  # noqa: ARG002  one map for all
         """Return the map as GeoJSON in WGS84; empty without one."""

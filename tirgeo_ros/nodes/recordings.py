@@ -6,6 +6,7 @@ import shutil
 import threading
 import time
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,7 @@ from tirgeo_ros.nodes.monitor import OK, WARN
 
 _BEGIN_S = 30.0
 _POLL_S = 0.05
+_MEET_S = 5.0  # until a camera is known to a node that has just begun
 _RAW, _COMPRESSED = "thermal/image_raw", "thermal/image_raw/compressed"
 #: What of the graph a recording holds. The overlay as JPEG alone: raw, overlay_node would have to
 #: make it for the recording.
@@ -55,6 +57,9 @@ class Recordings:
         self._lock = threading.Lock()
         self._active: dict[str, Recording] = {}
         self.troubles: dict[str, str] = {}
+        self._thread = ThreadPoolExecutor(
+            1, "recordings"
+        )  # a child ends with its thread: this stays
 
     def is_on(self, aircraft: str) -> bool:
         """Return whether an aircraft is recorded."""
@@ -85,6 +90,17 @@ class Recordings:
         self._node.log(OK, f"recording to {made.bag} and {made.video}")
         return f"recording to {made.bag}"
 
+    def go_on(self, aircraft: str) -> None:
+        """Record again, into new files, what was recorded when the last run was killed."""
+        self._thread.submit(self._begin_again, aircraft)
+
+    def _begin_again(self, aircraft: str) -> None:
+        camera = f"{self._namespaces[aircraft]}/{_COMPRESSED}"
+        _wait(lambda: self._node.count_publishers(camera), _MEET_S)
+        words = self.begin(aircraft)
+        if not self.is_on(aircraft):
+            self.troubles[aircraft] = f"it ended when viewer_node was killed; {words}"
+
     def end(self, aircraft: str) -> str:
         """End a recording; return words for the operator when its files are complete."""
         with self._lock:
@@ -99,6 +115,7 @@ class Recordings:
 
     def end_all(self) -> None:
         """End every recording."""
+        self._thread.shutdown()
         for aircraft in list(self._active):
             self.end(aircraft)
 

@@ -83,8 +83,20 @@ class ViewerNode(GraphNode):
             ends.callback(self._server.stop)
             ends.enter_context(self._team)
             ends.enter_context(self._streams)
+            self._go_on()
             self._invite()
             yield
+            for what in self._targets.switched_on():  # stopped, not killed: nothing is to go on
+                self._targets.switch(what, on=False)
+
+    def _go_on(self) -> None:
+        """Go on with what was on when the last run was killed."""
+        for what in self._targets.switched_on():
+            kind, _, aircraft = what.partition(" ")
+            if kind == "share" and self._team.link:
+                self._team.link.share(True)
+            elif aircraft in self._aircraft:
+                self._recordings.go_on(aircraft)
 
     def _invite(self) -> None:
         """Say where the page is, on stdout alone: tokens go into no ROS log.
@@ -116,7 +128,7 @@ class ViewerNode(GraphNode):
             targets = self._targets.all()
             self._marked = [marked_place(target) for target in targets]
             self._server.targets_changed()
-            self._team.targets(targets)
+            self._team.targets(self._targets.for_others())
             self._revision = revision
         for one in self._aircraft.values():
             one.draw(self._marked, revision)

@@ -19,6 +19,7 @@ from tirgeo_ros.page.target_messages import target_fields
 from tirgeo_ros.page.video_feed import VideoFeed
 
 _T = TypeVar("_T")
+_Was = dict[str, str]  # what each field was to whoever changes it
 _GEOD = pyproj.Geod(ellps="WGS84")
 _CLICK_S = 2.0  # the backend has its own limit, of a second
 #: A name so long is nobody else's: a page that lost the connection before the answer sends the
@@ -81,12 +82,16 @@ class Actions:
         add = functools.partial(store.add, fixing, aircraft=aircraft, kind=kind, now_ns=now_ns)
         return await self._stored(lambda: self._told(add(picture=cut_out())))
 
-    async def _edit(self, id: str, **words: str) -> dict[str, Any]:  # noqa: A002 as sent
+    async def _edit(self, id: str, was: _Was, **words: str) -> dict[str, Any]:  # noqa: A002
         edit = self._backend.targets.edit
-        return await self._stored(lambda: self._told(edit(id, time.time_ns(), **words)))
+        return await self._stored(lambda: self._told(edit(id, time.time_ns(), was, **words)))
 
-    async def _delete(self, id: str) -> dict[str, Any]:  # noqa: A002 as sent
-        await self._stored(lambda: self._backend.targets.delete(id, time.time_ns()))
+    async def _leave_out(self, id: str, field: str, text: str) -> dict[str, Any]:  # noqa: A002
+        leave_out = self._backend.targets.leave_out
+        return await self._stored(lambda: self._told(leave_out(id, field, text, time.time_ns())))
+
+    async def _delete(self, id: str, was: _Was) -> dict[str, Any]:  # noqa: A002 as sent
+        await self._stored(lambda: self._backend.targets.delete(id, time.time_ns(), was))
         return {}
 
     async def _undo(self, id: str | None = None) -> dict[str, Any]:  # noqa: A002 as sent
@@ -125,7 +130,8 @@ class Actions:
         return self._feeds[aircraft]
 
     def _told(self, target: Target) -> dict[str, Any]:
-        return {"target": target_fields(target, self._undulation_m)}
+        open_ = self._backend.targets.alternatives()[target.id]
+        return {"target": target_fields(target, self._undulation_m) | {"alternatives": open_}}
 
     async def _stored(self, call: Callable[[], _T]) -> _T:
         """Change the store, and tell all pages."""

@@ -74,6 +74,12 @@ def _place(value: Any) -> tuple[float, float]:
     return _latitude(value[0]), _longitude(value[1])
 
 
+def _texts(value: Any) -> dict[str, str]:
+    if not isinstance(value, dict) or not all(isinstance(text, str) for text in value.values()):
+        raise ValueError("an object of texts: what each field was")
+    return value
+
+
 def _or_none(check: Check) -> Check:
     return lambda value: None if value is None else check(value)
 
@@ -90,8 +96,9 @@ _MUST: Mapping[str, Mapping[str, Check]] = {
         "kind": _kind,
         "refine": _or_none(_id),
     },
-    "edit": {"id": _id},
-    "delete": {"id": _id},
+    "edit": {"id": _id, "was": _texts},
+    "leave_out": {"id": _id, "field": _text(4), "text": _text(2000)},
+    "delete": {"id": _id, "was": _texts},
     "undo": {},
     "record": {"aircraft": _aircraft, "on": _flag},
     "mark": {"text": _text(200)},

@@ -164,7 +164,7 @@ class Routes:
         form = request.match_info["format"]
         _found(FORMATS.get(form))
         targets = self._backend.targets
-        body = await self._made(lambda: exported(targets.all(), form, targets.picture))
+        body = await self._made(lambda: exported(targets.for_others(), form, targets.picture))
         named = {"Content-Disposition": f'attachment; filename="targets.{form}"'}
         return web.Response(body=body, content_type="application/octet-stream", headers=named)
 

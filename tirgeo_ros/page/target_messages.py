@@ -15,11 +15,14 @@ _CORNERS = 36
 
 def targets_message(store: TargetStore, undulation_m: float) -> dict[str, Any]:
     """Return the message ``targets``: the whole list, without deleted ones."""
-    revision = store.revision
+    revision, open_ = store.revision, store.alternatives()
     return {
         "type": "targets",
         "revision": revision,
-        "targets": [target_fields(target, undulation_m) for target in store.all()],
+        "targets": [
+            target_fields(target, undulation_m) | {"alternatives": open_[target.id]}
+            for target in store.all()
+        ],
     }
 
 

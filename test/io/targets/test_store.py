@@ -19,7 +19,6 @@ from tirgeo_ros.io.targets.store import (
     MOST_NOTE,
     MOST_PICTURE,
     TargetStore,
-    TimeMark,
 )
 
 JPEG = b"\xff\xd8 a picture"
@@ -159,7 +158,7 @@ def test_marks_in_time(store):
     store.mark("smoke", 7)
     store.mark("second pass", 9)
     again = reopened(store)
-    assert again.marks() == [TimeMark(7, "smoke"), TimeMark(9, "second pass")]
+    assert again.marks() == [(7, "smoke"), (9, "second pass")]
     again.close()
 
 
@@ -268,3 +267,51 @@ def test_a_closed_store_says_so(store):
     store.close()
     with pytest.raises(TargetError, match=r"targets\.gpkg: closed"):
         store.add(click(), now_ns=1)
+
+
+def test_what_two_wrote_at_once_is_kept_and_chosen_from(store, monkeypatch):
+    """Tablet A comes back with words that it wrote before B's."""
+    one = store.add(click(), now_ns=1)
+    newer = store.edit(one.id, 2, {"note": ""}, note="found alive, medic needed")
+    assert store.edit(one.id, 3, {"note": ""}, note="am Ufer") == newer
+    assert store.edit(one.id, 4, {"note": ""}, note="found alive, medic needed") == newer
+    assert store.alternatives() == {one.id: [["note", "am Ufer"]]}
+    store.edit(one.id, 5, {"note": "am Ufer"}, note="am Ufer, 2")  # A goes on with its own
+    store.edit(one.id, 5, {"note": ""}, note="am Ufer, 2")  # sent again
+    store.edit(one.id, 6, {"kind": "fire"}, kind="person", name="Anna")  # of before the name was
+    open_ = [["note", "am Ufer, 2"], ["kind", "person"], ["name", "Anna"]]
+    monkeypatch.setattr(store_module, "MOST_CHANGES", 1)
+    store = reopened(store)
+    store.refine(one.id, click(1), 7)
+    assert store.alternatives() == {one.id: open_}
+    assert "found alive, medic needed\nalso written as the note: am Ufer, 2\n" in (
+        store.for_others()[0].note
+    )
+    monkeypatch.setattr(store_module, "MOST_CHANGES", 1000)
+    store.edit(one.id, 8, {"note": newer.note}, note=f"{newer.note}\nam Ufer, 2")
+    store.leave_out(one.id, "kind", "person", 9)
+    assert store.alternatives() == {one.id: [["name", "Anna"]]}
+    assert [store.undo() for _ in range(2)] == ["target 1 as before"] * 2
+    assert store.alternatives() == {one.id: open_}
+    assert store.get(one.id).note == newer.note
+    store.edit(one.id, 10, {"name": "x"}, name="B")
+    store.edit(one.id, 10, {"name": "x"}, name="C")
+    with pytest.raises(TargetError, match="it has 5 texts to choose from: choose first"):
+        store.edit(one.id, 10, {"name": "x"}, name="D")
+    store.close()
+
+
+def test_a_target_that_changed_is_not_deleted_and_words_for_a_deleted_one_are_kept(store):
+    one = store.add(click(), now_ns=1)
+    was = {"name": "", "kind": "other", "note": ""}
+    store.edit(one.id, 2, note="found alive")
+    with pytest.raises(TargetError, match="it was changed meanwhile: look at it, then delete it"):
+        store.delete(one.id, 3, was)
+    store.delete(one.id, 4, was | {"note": " found alive"})
+    with pytest.raises(TargetError, match="it was deleted meanwhile"):
+        store.edit(one.id, 5, {"note": ""}, note="am Ufer")
+    assert store.undo() == "target 1 is back"
+    assert store.get(one.id).note == "found alive"
+    assert store.alternatives() == {one.id: [["note", "am Ufer"]]}
+    with pytest.raises(TargetError, match="there is no such target"):
+        store.edit("0" * 32, 6, {"note": ""}, note="am Ufer")

@@ -178,3 +178,40 @@ def test_everything_fits_and_a_glove_hits_it(serve, tablet, size):
         assert (screen.too_wide(), screen.too_small()) == ([], []), tab
     screen.tap_on("#menu-button")
     assert (screen.too_wide(), screen.too_small()) == ([], [])
+
+
+def test_an_old_edit_takes_nothing_from_a_newer_one(serve, tablet):
+    """Tablet A writes without a connection, B writes later; A comes back."""
+    page = serve()
+    first, second = tablet(page.url), tablet(page.url)
+    first.expected = "WebSocket connection|ERR_|Failed to load"
+    press(first)
+    note = "textarea[aria-label=Note]"
+    for screen in (first, second):
+        screen.tap_on(".row")
+    first.context.set_offline(True)
+    first.reads("#banner", "Connection lost")
+    first.one(note).fill("on the shore")
+    first.one(note).blur()
+    second.one(note).fill("found alive, medic needed")
+    second.one(note).blur()
+    second.reads("#toast", "changed")
+    first.context.set_offline(False)
+    first.reads("#toast", "both texts: choose")
+    for screen in (first, second):
+        screen.reads(".choice .other", "on the shore")
+        assert screen.one(note).input_value() == "found alive, medic needed"
+        assert screen.too_wide() == screen.too_small() == []
+    second.tap_on(".choice button", has_text="Keep both")
+    first.wait("() => !document.querySelector('.choice')")
+    assert first.one(note).input_value() == "found alive, medic needed\non the shore"
+    second.tap_on("#toast button", has_text="Undo")
+    first.tap_on(".choice button", has_text="Leave out")
+    second.wait("() => !document.querySelector('.choice')")
+    assert [target.note for target in page.targets] == ["found alive, medic needed"]
+    first.one(note).fill("typed while the other deletes")
+    second.tap_on("#delete")
+    first.reads("#toast", "deleted meanwhile")
+    first.tap_on("#toast button", has_text="Undo")
+    second.tap_on(".row", has_text="choose a text")
+    second.reads(".choice .other", "typed while the other deletes")

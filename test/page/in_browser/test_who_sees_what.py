@@ -65,7 +65,7 @@ def test_a_viewer_sees_what_operators_set_and_cannot_change_it(guarded, tablet):
     refusal = viewer.page.evaluate(
         """async (id) => {
           const { ask } = await import("/static/js/link/state_link.js");
-          return ask("delete", { id });
+          return ask("delete", { id, was: {} });
         }""",
         guarded.targets[0].id,
     )

@@ -9,9 +9,10 @@ import math
 import os
 import threading
 import uuid
-from collections.abc import Iterator
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from tirgeo_ros.core.frames.wgs84 import ecef_from_geodetic
 from tirgeo_ros.core.targets.target import KINDS, Fixing, Target
@@ -23,7 +24,7 @@ from tirgeo_ros.io.targets.target_file import explained, opened, transaction
 #: Limits: characters, bytes and numbers.
 MOST_NAME, MOST_NOTE, MOST_MARK = 100, 2000, 200
 MOST_PICTURE = 1 << 18
-MOST_TARGETS, MOST_CLICKS, MOST_MARKS = 2000, 50, 10_000
+MOST_TARGETS, MOST_CLICKS, MOST_MARKS, MOST_ALTERNATIVES = 2000, 50, 10_000, 5
 MOST_CHANGES = 1000  # that can be undone
 #: A click farther from the target is of another one.
 MOST_APART_M = 5000.0
@@ -39,18 +40,19 @@ _LAST = (
     "SELECT revision, action, target, before FROM tirgeo_changes WHERE undone = 0 "
     "AND (?1 IS NULL OR target = ?1) ORDER BY revision DESC LIMIT 1"
 )
+#: In the column ``undone``, of rows that are no changes: an alternative that is open (later the
+#: revision that settled it), and what is on.
+_OPEN, _ON = -1, -2
+_ALTERNATIVES = f"SELECT target, before FROM tirgeo_changes WHERE undone = {_OPEN}"  # noqa: S608
+_SETTLE = (
+    f"UPDATE tirgeo_changes SET undone = ? WHERE undone = {_OPEN} "  # noqa: S608
+    "AND target = ? AND before = ?"
+)
 #: Pictures of targets that are deleted, and that no undo can bring back.
 _LOOSE = (
     "DELETE FROM pictures WHERE target NOT IN (SELECT id FROM targets) "
     "AND target NOT IN (SELECT target FROM tirgeo_changes)"
 )
-
-
-class TimeMark(NamedTuple):
-    """Hold a moment that the operator marked."""
-
-    stamp_ns: int
-    text: str
 
 
 class TargetStore:
@@ -128,30 +130,74 @@ class TargetStore:
             return self._change("refine", before, now_ns, fixings=(*before.fixings, fixing))
 
     def edit(
-        self,
-        target_id: str,
-        now_ns: int,
-        *,
-        name: str | None = None,
-        kind: str | None = None,
-        note: str | None = None,
+        self, target_id: str, now_ns: int, was: Mapping[str, str] | None = None, **words: str
     ) -> Target:
-        """Change name, kind and note; None leaves one as it is."""
-        with self._lock:
-            before = self.get(target_id)
-            new: dict[str, Any] = {
-                "name": before.name if name is None else _text("name", name, MOST_NAME),
-                "kind": before.kind if kind is None else _kind(kind),
-                "note": before.note if note is None else _text("note", note, MOST_NOTE),
-            }
-            if dataclasses.replace(before, **new) == before:
-                return before
-            return self._change("edit", before, now_ns, **new)
+        """Change name, kind or note; ``was``: what they were to the writer (None: what they are).
 
-    def delete(self, target_id: str, now_ns: int) -> None:
-        """Delete a target; ``undo`` brings it back, with its picture."""
+        A field that was changed meanwhile, or whose target was deleted, stays; what was written is
+        kept as an alternative. Raises TargetError also for a deleted target.
+        """
+        new = {field: _word(field, text) for field, text in words.items()}
+        with self._lock:
+            before = self._targets.get(target_id)
+            if before is None:
+                self._keep(target_id, new, was or {}, now_ns)
+                raise TargetError("it was deleted meanwhile; what was written is kept with it")
+            changed = {f: text for f, text in new.items() if getattr(before, f) != text}
+            late = {f: text for f, text in changed.items() if not _is_still(before, f, was)}
+            self._keep(target_id, late, was or {}, now_ns)
+            new = {f: text for f, text in changed.items() if f not in late}
+            return self._change("edit", before, now_ns, **new) if new else before
+
+    def alternatives(self) -> dict[str, list[list[str]]]:
+        """Return fields and texts that are still to be chosen from, by a target's id."""
+        found = defaultdict(list)
+        for target_id, text in self._read(_ALTERNATIVES):
+            found[target_id].append(json.loads(text))
+        return found
+
+    def leave_out(self, target_id: str, field: str, text: str, now_ns: int) -> Target:
+        """Settle an alternative: the field stays as it is; ``undo`` opens it again."""
+        with self._lock:
+            target = self.get(target_id)
+            with self._transaction():
+                revision = self._log("edit", target_id, target, now_ns)
+                self._settle(target_id, [field, text], revision)
+            return self._kept(target, revision)
+
+    def for_others(self) -> list[Target]:
+        """Return the targets by number, with the alternatives in their notes."""
+        targets, others = {one.id: one for one in self.all()}, self.alternatives()
+        for id_ in targets.keys() & others.keys():
+            lines = [f"also written as the {field}: {text}" for field, text in others[id_]]
+            note = "\n".join([targets[id_].note, *lines]).strip()
+            targets[id_] = dataclasses.replace(targets[id_], note=note)
+        return [*targets.values()]
+
+    def _keep(
+        self, target_id: str, texts: Mapping[str, str], was: Mapping[str, str], now_ns: int
+    ) -> None:
+        """Keep alternatives, each in place of one that it was made on."""
+        if not self._read("SELECT 1 FROM tirgeo_changes WHERE target = ? LIMIT 1", target_id):
+            self.get(target_id)  # there never was one
+        with self._transaction():
+            for field, text in texts.items():
+                row = now_ns, "alternative", target_id, json.dumps([field, text]), _OPEN
+                for known in (text, was.get(field)):
+                    self._settle(target_id, [field, known], 1)
+                self.revision = int(self._db.execute(_LOG, row).lastrowid or 0)
+            if len(self.alternatives()[target_id]) > MOST_ALTERNATIVES:
+                raise TargetError(f"it has {MOST_ALTERNATIVES} texts to choose from: choose first")
+
+    def _settle(self, target_id: str, alternative: list[str | None], revision: int) -> None:
+        self._db.execute(_SETTLE, (revision, target_id, json.dumps(alternative)))
+
+    def delete(self, target_id: str, now_ns: int, was: Mapping[str, str] | None = None) -> None:
+        """Delete a target if its words are what they ``was``; ``undo`` brings all of it back."""
         with self._lock:
             before = self.get(target_id)
+            if not all(_is_still(before, field, was) for field in ("name", "kind", "note")):
+                raise TargetError("it was changed meanwhile: look at it, then delete it")
             with self._transaction():
                 remove_target(self._db, before.id)
                 revision = self._log("delete", before.id, before, now_ns)
@@ -177,7 +223,10 @@ class TargetStore:
                     put_target(self._db, before)
                 done = "UPDATE tirgeo_changes SET undone = 1 WHERE revision = ?"
                 self._db.execute(done, (undone,))
-                revision = self._log("undo", target_id, None, None)
+                again = "UPDATE tirgeo_changes SET undone = ? WHERE undone = ? AND action = ?"
+                self._db.execute(again, (_OPEN, undone, "alternative"))
+                # With what is undone: nothing that was written leaves the file.
+                revision = self._log("undo", target_id, self._targets.get(target_id), None)
             if target is None:  # another program removed it while we were away
                 return self.undo(of)
             self._kept(target, revision)
@@ -200,9 +249,22 @@ class TargetStore:
                 row = "INSERT INTO marks (stamp_ns, time, text) VALUES (?, ?, ?)"
                 self._db.execute(row, (stamp_ns, utc(stamp_ns), text))
 
-    def marks(self) -> list[TimeMark]:
-        """Return the marks in the order in which they were made."""
-        return [TimeMark(*row) for row in self._read("SELECT stamp_ns, text FROM marks")]
+    def marks(self) -> list[tuple[int, str]]:
+        """Return stamps and texts of the marks in the order in which they were made."""
+        return self._read("SELECT stamp_ns, text FROM marks")
+
+    def switch(self, what: str, on: bool) -> None:
+        """Remember that something that is no target is on, or no longer."""
+        with self._lock, self._transaction():
+            off = "DELETE FROM tirgeo_changes WHERE target = ? AND undone = ?"
+            self._db.execute(off, (what, _ON))
+            if on:
+                self._db.execute(_LOG, (None, "on", what, None, _ON))
+
+    def switched_on(self) -> list[str]:
+        """Return what is on, also what was on when an earlier run was killed."""
+        rows = self._read("SELECT target FROM tirgeo_changes WHERE undone = ?", _ON)
+        return [what for (what,) in rows]
 
     def close(self) -> None:
         """Close the file: another process may then open it. May be called again."""
@@ -215,6 +277,9 @@ class TargetStore:
         with self._transaction():
             put_target(self._db, after)
             revision = self._log(action, before.id, before, now_ns)
+            for field, text in self.alternatives()[before.id]:
+                if field in new and f"\n{text}\n" in f"\n{new[field]}\n":
+                    self._settle(before.id, [field, text], revision)
         return self._kept(after, revision)
 
     def _kept(self, target: Target, revision: int) -> Target:
@@ -227,7 +292,7 @@ class TargetStore:
         text = None if before is None else json.dumps(dataclasses.asdict(before))
         row = (now_ns, action, target_id, text, action == "undo")
         revision = int(self._db.execute(_LOG, row).lastrowid or 0)
-        old = "DELETE FROM tirgeo_changes WHERE revision <= ?"
+        old = "DELETE FROM tirgeo_changes WHERE revision <= ? AND undone >= 0"
         if self._db.execute(old, (revision - MOST_CHANGES,)).rowcount:
             self._db.execute(_LOOSE)
         return revision
@@ -277,6 +342,18 @@ def _text(what: str, text: str, most: int) -> str:
     if len(clean) > most:
         raise TargetError(f"the {what} has {len(clean)} characters; shorten it to {most}")
     return clean if what == "note" else " ".join(clean.split())
+
+
+def _word(field: str, text: str) -> str:
+    most = {"name": MOST_NAME, "note": MOST_NOTE}
+    return _kind(text) if field == "kind" else _text(field, text, most[field])
+
+
+def _is_still(target: Target, field: str, was: Mapping[str, str] | None) -> bool:
+    """Return whether a field is what it was, as it was typed or as it is kept."""
+    if was is None or field not in was:
+        return was is None
+    return getattr(target, field) in {was[field], _text(field, was[field], len(was[field]))}
 
 
 def _kind(kind: str) -> str:

@@ -12,6 +12,7 @@
  * @property {string} name
  * @property {string} kind
  * @property {string} note
+ * @property {["name" | "kind" | "note", string][]} alternatives  field and text: to choose from
  * @property {string} aircraft
  * @property {string} created_ns
  * @property {number} latitude_deg

@@ -3,7 +3,7 @@
 import { button, byId, element, setText } from "../shell/dom.js";
 import { called, dateAndTime, ellipse, quantity } from "../shell/words.js";
 import { store, targetOf } from "../store.js";
-import { dropDraft, draftOf, edit, remove } from "./changes.js";
+import { baseOf, dropDraft, draftOf, edit, leaveOut, remove, shownOf } from "./changes.js";
 import { coordinateRows } from "./coordinates.js";
 import { badge, kindButton } from "./symbols.js";
 
@@ -21,7 +21,10 @@ export function buildCard() {
     update();
   });
   store.watch(["targets", "drafts", "link", "role"], () => {
-    if (store.get("selected") && !targetOf(store.get("selected"))) store.set({ selected: null });
+    if (store.get("selected") && !targetOf(store.get("selected"))) {
+      /** @type {HTMLElement} */ (document.activeElement).blur(); // what is being typed is sent
+      store.set({ selected: null });
+    }
     update();
   });
 }
@@ -34,7 +37,8 @@ export function buildCard() {
  */
 function fill(holder, first) {
   const now = () => targetOf(first.id) ?? first;
-  const parts = [head(now), kindButtons(now), texts(now), place(now), pictures(now), actions(now)];
+  const own = [head(now), kindButtons(now), texts(now), choices(now)];
+  const parts = [...own, place(now), pictures(now), actions(now)];
   holder.replaceChildren(...parts.map((part) => part.node));
   byId("panel").scrollTo(0, 0);
   return () => parts.forEach((part) => part.update());
@@ -59,14 +63,14 @@ function head(now) {
 function kindButtons(now) {
   const buttons = store
     .get("kinds")
-    .map((/** @type {string} */ kind) => kindButton(kind, () => edit(now(), { kind }), {}));
+    .map((/** @type {string} */ kind) => kindButton(kind, () => edit(now(), "kind", kind), {}));
   const node = element(
     "div",
     { class: "kinds operator-only", role: "group", "aria-label": "Kind" },
     ...buttons,
   );
   const update = () => {
-    const kind = draftOf(now().id).fields.kind ?? now().kind;
+    const kind = shownOf(now(), "kind");
     for (const one of buttons) one.setAttribute("aria-pressed", String(one.dataset.kind === kind));
   };
   return { node, update };
@@ -74,14 +78,13 @@ function kindButtons(now) {
 
 /** @param {() => Target} now @returns {Part} name and note, saved when left */
 function texts(now) {
-  /** @type {Record<string, {shown: string, saved: string}>} what each field was filled with */
+  /** @type {Record<string, {shown: string, was: string}>} what each field was filled with */
   const filled = {};
-  /** @type {Record<string, string>} */
-  const sent = {};
   const save = (/** @type {"name" | "note"} */ key) => (/** @type {Event} */ event) => {
-    const { value } = /** @type {HTMLInputElement} */ (event.target);
-    sent[key] = value.trim();
-    if (value !== (draftOf(now().id).fields[key] ?? now()[key])) edit(now(), { [key]: value });
+    const value = /** @type {HTMLInputElement} */ (event.target).value.trim();
+    const { shown, was } = filled[key];
+    filled[key] = { shown: value, was: value };
+    if (value !== shown) edit(now(), key, value, was);
   };
   const name = element("input", {
     maxlength: "80",
@@ -103,18 +106,16 @@ function texts(now) {
     { field: note, key: "note" },
   ]);
   const update = () => {
-    const draft = draftOf(now().id);
     let words = stateOfDraft(now().id);
     for (const { field, key } of fields) {
-      const saved = now()[key];
-      const shown = draft.fields[key] ?? saved;
+      const shown = shownOf(now(), key);
       const typing = document.activeElement === field && field.value !== filled[key]?.shown;
       field.readOnly = store.get("role") !== "operator";
       if (!typing) {
-        filled[key] = { shown, saved };
+        filled[key] = { shown, was: baseOf(now(), key) };
         if (field.value !== shown) field.value = shown; // the same would move the caret
-      } else if (saved !== filled[key].saved && saved !== sent[key]) {
-        words ||= `Changed elsewhere meanwhile: ${saved || "emptied"}`;
+      } else if (shown !== filled[key].shown) {
+        words ||= `Changed elsewhere meanwhile: ${shown || "emptied"}. Yours is kept beside it`;
       }
     }
     setText(said, words);
@@ -125,6 +126,39 @@ function texts(now) {
   });
   name.addEventListener("input", () => dropDraft(now().id));
   return { node: element("div", { class: "texts" }, name, note, said), update };
+}
+
+/** @param {() => Target} now @returns {Part} what two wrote at once: an operator chooses */
+function choices(now) {
+  const node = element("div", { class: "choices" });
+  const update = () => {
+    const key = JSON.stringify(now().alternatives);
+    if (node.dataset.key === key) return;
+    node.dataset.key = key;
+    node.replaceChildren(...now().alternatives.map((one) => choice(now, ...one)));
+  };
+  return { node, update };
+}
+
+/**
+ * @param {() => Target} now
+ * @param {import("./changes.js").Field} key
+ * @param {string} text
+ */
+function choice(now, key, text) {
+  const both = () => edit(now(), key, `${baseOf(now(), key)}\n${text}`.trim());
+  const buttons = [
+    button("", "Use this", () => edit(now(), key, text)),
+    key === "note" ? button("", "Keep both", both) : null,
+    button("", "Leave out", () => leaveOut(now(), key, text)),
+  ];
+  return element(
+    "div",
+    { class: "choice" },
+    element("p", { class: "said", text: `Also written as the ${key}:` }),
+    element("p", { class: "other", text: text || "(emptied)" }),
+    element("div", { class: "actions operator-only" }, ...buttons),
+  );
 }
 
 /** @param {string} id @returns {string} */

@@ -5,6 +5,9 @@ import { toast } from "../shell/toast.js";
 import { capital } from "../shell/words.js";
 import { store, targetOf } from "../store.js";
 
+/** @typedef {import("../store.js").Target} Target */
+/** @typedef {"name" | "kind" | "note"} Field */
+
 /**
  * What was typed and is not confirmed: target id -> its fields, and what became of them.
  * @typedef {{fields: Record<string, string>, open: number, refusal: string}} Draft
@@ -24,24 +27,41 @@ function setDraft(id, draft) {
   store.set({ drafts: done ? others : { ...others, [id]: draft } });
 }
 
+/** @param {Target} target @param {Field} key @returns {string} */
+export function shownOf(target, key) {
+  return draftOf(target.id).fields[key] ?? target[key];
+}
+
+/** @param {Target} target @param {Field} key @returns {string} what an edit begins with */
+export function baseOf(target, key) {
+  return draftOf(target.id).refusal ? target[key] : shownOf(target, key);
+}
+
 /**
  * Sends an edit; without a connection it waits in the form and goes as soon as there is one.
- * @param {import("../store.js").Target} target
- * @param {Record<string, string>} fields  name, kind or note
+ * @param {Target} target
+ * @param {Field} key
+ * @param {string} value
+ * @param {string} base  what the operator began with
  */
-export async function edit(target, fields) {
-  const before = draftOf(target.id);
-  const draft = { fields: { ...before.fields, ...fields }, open: before.open + 1, refusal: "" };
-  setDraft(target.id, draft);
-  const answer = await ask("edit", { id: target.id, ...fields }, { keep: true });
-  const now = draftOf(target.id);
-  setDraft(target.id, {
-    ...now,
-    open: now.open - 1,
-    refusal: answer.ok ? "" : (answer.reason ?? ""),
-  });
-  if (answer.ok) changed(`Target ${target.number} changed`, target.id);
-  else toast(`Target ${target.number} not changed: ${answer.reason}`, { tone: "bad" });
+export async function edit(target, key, value, base = baseOf(target, key)) {
+  const { id, number } = target;
+  const before = draftOf(id);
+  const fields = { ...before.fields, [key]: value };
+  setDraft(id, { fields, open: before.open + 1, refusal: "" });
+  const answer = await ask("edit", { id, was: { [key]: base }, [key]: value }, { keep: true });
+  const newest = (/** @type {Target} */ one) => (one.id === id ? answer.target : one);
+  if (answer.ok) store.set({ targets: store.get("targets").map(newest) });
+  const now = draftOf(id);
+  const deleted = !answer.ok && !targetOf(id); // what was written is kept with it
+  const refusal = answer.ok || deleted ? "" : (answer.reason ?? "");
+  setDraft(id, { ...now, open: now.open - 1, refusal });
+  const late = answer.target?.alternatives.some(([field]) => field === key);
+  const both = `Target ${number}: changed elsewhere meanwhile. Its card has both texts: choose`;
+  const action = deleted ? wayBack(id) : undefined;
+  if (!answer.ok) toast(`Target ${number} not changed: ${answer.reason}`, { tone: "bad", action });
+  else if (late && answer.target[key] !== value) toast(both, { tone: "bad" });
+  else changed(`Target ${number} changed`, id);
 }
 
 /** @param {string} id  forgets a refused edit */
@@ -50,10 +70,19 @@ export function dropDraft(id) {
   if (draft.refusal) setDraft(id, { ...draft, fields: {}, refusal: "" });
 }
 
-/** @param {import("../store.js").Target} target */
+/** @param {Target} target @param {Field} field @param {string} text  an alternative */
+export async function leaveOut({ id, number }, field, text) {
+  const answer = await ask("leave_out", { id, field, text });
+  if (answer.ok) changed(`Target ${number}: left out`, id);
+  else toast(`Not left out: ${answer.reason}`, { tone: "bad" });
+}
+
+/** @param {Target} target */
 export async function remove(target) {
   store.set({ selected: null });
-  const answer = await ask("delete", { id: target.id }, { keep: true });
+  const base = (/** @type {Field} */ key) => baseOf(target, key);
+  const was = { name: base("name"), kind: base("kind"), note: base("note") };
+  const answer = await ask("delete", { id: target.id, was }, { keep: true });
   const gone = !targetOf(target.id); // by an earlier try whose answer was lost
   if (answer.ok || gone) changed(`Target ${target.number} deleted`, target.id);
   else toast(`Target ${target.number} not deleted: ${answer.reason}`, { tone: "bad" });
@@ -77,5 +106,10 @@ async function takeBack(which) {
  * @param {string} id  of the target
  */
 export function changed(words, id) {
-  toast(words, { action: { icon: "undo", words: "Undo", run: () => takeBack({ id }) } });
+  toast(words, { action: wayBack(id) });
+}
+
+/** @param {string} id  of the target whose last change the button undoes */
+function wayBack(id) {
+  return { icon: "undo", words: "Undo", run: () => takeBack({ id }) };
 }

@@ -94,6 +94,7 @@ function row(target) {
       { class: "row-below" },
       place,
       element("span", { class: "accuracy", text: `95 %: ${ellipse(target.ellipse)}` }),
+      target.alternatives.length ? element("span", { class: "said", text: "choose a text" }) : null,
     ),
   );
   const open = () => store.set({ selected: target.id });
