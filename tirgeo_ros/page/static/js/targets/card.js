@@ -84,14 +84,14 @@ function texts(now) {
     if (value !== (draftOf(now().id).fields[key] ?? now()[key])) edit(now(), { [key]: value });
   };
   const name = element("input", {
-    maxlength: "80",
+    maxlength: store.get("most").name,
     placeholder: "Name",
     "aria-label": "Name",
     autocomplete: "off",
     on: { change: save("name") },
   });
   const note = element("textarea", {
-    maxlength: "2000",
+    maxlength: store.get("most").note,
     rows: "2",
     placeholder: "Note",
     "aria-label": "Note",
