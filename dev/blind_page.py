@@ -94,9 +94,9 @@ class Watched:
 
     def happens(self, node: str, event: str, share: float, lasts_s: float) -> dict[str, Any]:
         """Let one thing happen to a node; return what the page then said and kept."""
-        before, begin_s = self.kept(), time.time()
+        before, begin_s, again = self.kept(), time.time(), True
         if event == "killed":
-            self._kill(node, lasts_s)
+            again = self._kill(node, lasts_s)
         elif node:
             self._slow(node_pid(self.demo.pid, node), share, lasts_s)
         else:
@@ -107,7 +107,7 @@ class Watched:
         sounds = [at for at in sounds if at >= begin_s]
         spans = [(min(b[0], end_s) - a[0], a[1]) for a, b in pairwise([*said, [end_s]])]
         return {
-            "event": f"{node} {event}",
+            "event": f"{node} {event}" + ("" if again else ", not started again"),
             "go_s": max([0.0, *(span_s for span_s, words in spans if words == "GO")]),
             "changes": len(said) - 1,
             "alarms_in_4_s": max(
@@ -147,15 +147,15 @@ class Watched:
 
         return max(0.0, last[0] - begin_s) if self._until(calm) else math.inf
 
-    def _kill(self, node: str, limit_s: float) -> None:
-        """Kill a node and wait until another takes its place, or the demo has ended."""
+    def _kill(self, node: str, limit_s: float) -> bool:
+        """Kill a node; return whether another takes its place."""
         old = node_pid(self.demo.pid, node)
         os.kill(old, signal.SIGKILL)
-        gone = (0, old)
+        ended = self.demo.poll
         self._until(
-            lambda: self.demo.poll() is not None or node_pid(self.demo.pid, node) not in gone,
-            limit_s,
+            lambda: ended() is not None or node_pid(self.demo.pid, node) not in (0, old), limit_s
         )
+        return ended() is None and node_pid(self.demo.pid, node) not in (0, old)
 
     def _slow(self, pid: int, share: float, lasts_s: float) -> None:
         """Give a process a share of each second, or none at all."""
@@ -220,7 +220,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--only", default="", metavar="WORDS", help="as: overlay_node stopped")
     parser.add_argument("--json", type=Path, help="file for all that the page said")
     args = parser.parse_args(argv)
-    table, done = MarkedTable(28, 15), []
+    table, done = MarkedTable(46, 15), []
     sys.stdout.write(table.row("", list(_MOST)) + "\n")
     for one in results(args.minutes, args.only):
         alone, slow = one["event"].startswith(" "), "%" in one["event"]
