@@ -206,9 +206,9 @@ def results(minutes: float, only: str) -> Iterator[dict[str, Any]]:
             watched.begin()
             yield watched.happens("", f"left alone for {minutes:g} min", 1.0, 60 * minutes)
             for node, event in happen:
-                yield watched.happens(node, event, *_EVENTS[event])
                 if watched.demo.poll() is not None or watched.kept() != _WELL:
                     watched.begin()
+                yield watched.happens(node, event, *_EVENTS[event])
         finally:
             watched.end()
 
@@ -220,6 +220,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--only", default="", metavar="WORDS", help="as: overlay_node stopped")
     parser.add_argument("--json", type=Path, help="file for all that the page said")
     args = parser.parse_args(argv)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # so that nothing is left running
     table, done = MarkedTable(46, 15), []
     sys.stdout.write(table.row("", list(_MOST)) + "\n")
     for one in results(args.minutes, args.only):
