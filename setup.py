@@ -123,7 +123,8 @@ setup(
         "test": [
             *("pytest>=7.4,<9", "pytest-xdist>=3.7", "hypothesis>=6.98", "setuptools>=64"),
             # Judges that are not ours: a browser's driver, a TAK server, a reader of KLV.
-            *("playwright>=1.45", "taky>=0.10", "klvdata>=0.0.3", "rio-cogeo>=5.0", "pandas>=2.0"),
+            *("playwright>=1.45", "axe-playwright-python>=0.1.4", "taky>=0.10", "klvdata>=0.0.3"),
+            *("rio-cogeo>=5.0", "pandas>=2.0"),
         ],
         # Elevation models, orthophotos.
         "dem": ["rasterio>=1.3"],

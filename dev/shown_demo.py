@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 _LIMIT_S = 90.0
@@ -30,6 +30,16 @@ def shown_demo(folder: Path, *words: object) -> Iterator[tuple[str, subprocess.P
         yield _address(log, demo), demo
     finally:
         end_demo(demo)
+
+
+def node_pid(demo: int, name: str) -> int:
+    """Return the process that runs a node for the demo; 0 if none does."""
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            parent = path.read_text().rpartition(")")[2].split()[1]
+            if int(parent) == demo and name in path.with_name("cmdline").read_text():
+                return int(path.parent.name)
+    return 0
 
 
 def end_demo(demo: subprocess.Popen[bytes]) -> None:

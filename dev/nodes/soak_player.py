@@ -13,14 +13,13 @@ from __future__ import annotations
 
 import os
 import signal
-import struct
 import threading
 import time
 from functools import partial
 from itertools import count, cycle
 from pathlib import Path
-from typing import Any
 
+from dev.soak.flight import stamped
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.bags.cdr import header_stamp_ns
@@ -107,13 +106,6 @@ class SoakPlayer(GraphNode):
 
     def _note(self, line: str) -> None:
         os.write(self._ledger, f"{line}\n".encode())
-
-
-def stamped(data: bytearray, stamp_ns: int) -> Any:
-    """CDR bytes of a message that begins with a header, under another stamp."""
-    given = bytearray(data)
-    struct.pack_into("<iI" if data[1] else ">iI", given, 4, *divmod(stamp_ns, 1_000_000_000))
-    return bytes(given)
 
 
 main = partial(run, "soak_player", SoakPlayer, SoakPlayer.play)

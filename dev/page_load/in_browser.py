@@ -25,7 +25,7 @@ from playwright.sync_api import Page, sync_playwright
 from dev.judging import Figure, in_processes, line
 from dev.page_load.served import ServedPage, draw_pictures
 from dev.page_load.viewer import Job, watch
-from dev.shown_demo import shown_demo
+from dev.shown_demo import node_pid, shown_demo
 from tirgeo_ros.tools.graph import find_resource
 
 _SETTLE_S = 6.0
@@ -62,16 +62,16 @@ def figures(flight: Path, seconds: float) -> Iterator[Figure]:
     with tempfile.TemporaryDirectory() as name:
         work = Path(name)
         draw_pictures(flight, work, work / "pictures")
-        with ServedPage(work / "pictures", work) as page, _chromium(page.url) as screen:
+        with ServedPage(work / "pictures", work) as page, _watched(page.url) as screen:
             seen, cores = _seen(screen, page.url, seconds, page.cpu_s)
         yield from _judged("server at 30 Hz", seen, seconds)
         yield Figure("server at 30 Hz: server", cores, "cores", "<= 0.35")
     with (
         tempfile.TemporaryDirectory() as name,
         _flown(flight, Path(name)) as (url, demo),
-        _chromium(url) as screen,
+        _watched(url) as screen,
     ):
-        pid = _node(demo.pid, "viewer_node")
+        pid = node_pid(demo.pid, "viewer_node")
         seen, cores = _seen(screen, url, seconds, lambda: _cpu_s(pid))
     yield from _judged("real nodes", seen, seconds)
     yield Figure("real nodes: viewer_node", cores, "cores", "<= 0.35")
@@ -90,17 +90,24 @@ def _judged(what: str, seen: dict[str, Any], seconds: float) -> Iterator[Figure]
 
 
 @contextmanager
-def _chromium(url: str) -> Iterator[Page]:
-    """Show the page in Chromium; yield it when the video runs."""
+def chromium() -> Iterator[Page]:
+    """Run Chromium; yield an empty page."""
     path = shutil.which("chromium") or shutil.which("chromium-browser")
     with sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=path, args=["--no-sandbox"])
-        page = browser.new_page(viewport={"width": 1280, "height": 800})
+        options = ["--no-sandbox", "--disable-dev-shm-usage", "--mute-audio"]
+        browser = driver.chromium.launch(executable_path=path, args=options)
+        yield browser.new_page(viewport={"width": 1280, "height": 800})
+        browser.close()
+
+
+@contextmanager
+def _watched(url: str) -> Iterator[Page]:
+    """Show the page in Chromium; yield it when the video runs."""
+    with chromium() as page:
         page.goto(url)
         page.locator(".stage canvas").wait_for()
         page.wait_for_timeout(_SETTLE_S * 1000)
         yield page
-        browser.close()
 
 
 def _seen(
@@ -124,19 +131,6 @@ def _flown(
     """Return the demo of a flight, its aircraft speaking on a serial port."""
     files = ["--params", flight / "params.yaml", "--map", flight / "map.geojson"]
     return shown_demo(folder, "--serial", "--bag", flight / "flight.mcap", *files)
-
-
-def _node(parent: int, name: str) -> int:
-    """Return the process that runs a node for the demo."""
-    for path in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            own = path.read_text().rpartition(")")[2].split()
-            words = path.with_name("cmdline").read_text()
-        except OSError:
-            continue
-        if int(own[1]) == parent and name in words:
-            return int(path.parent.name)
-    raise SystemExit(f"in_browser: the demo runs no {name}")
 
 
 def _cpu_s(pid: int) -> float:

@@ -12,10 +12,11 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
+from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, ConsoleMessage, Locator, Page, expect, sync_playwright
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
-PHONE, TABLET, DESK = (390, 844), (820, 1180), (1920, 1080)
+PHONE, TABLET, LEVEL, DESK = (390, 844), (820, 1180), (1180, 820), (1920, 1080)
 #: A limit, not a wait: a busy machine takes long to draw a first page.
 LIMIT_S = 30.0
 #: What a finger in a glove hits (WCAG 2.2, target size enhanced), CSS pixels.
@@ -142,13 +143,25 @@ class Screen:
         waiting.value.save_as(path)
         return path
 
-    def too_wide(self) -> list[str]:
-        """Return what is wider than the screen or stands out of it sideways."""
-        return self.page.evaluate(_TOO_WIDE)
+    def set(self, **changes: object) -> None:
+        """Change values of the page's store."""
+        self.page.evaluate(_SET, changes)
 
-    def too_small(self) -> list[str]:
-        """Return what can be pressed and is smaller than a finger."""
-        return self.page.evaluate(_TOO_SMALL, FINGER_PX)
+    def faults(self) -> list[str]:
+        """Return what stands out sideways, is too small for a finger, or a fault to axe-core.
+
+        Day and night colours are both looked at, with all rules of axe's.
+        """
+        found = self.page.evaluate(_TOO_WIDE) + self.page.evaluate(_TOO_SMALL, FINGER_PX)
+        for theme in ("red", "dark"):
+            self.set(theme=theme)
+            rules = Axe().run(self.page).response["violations"]
+            found += [
+                f"{theme}: {rule['id']}: {node['html'][:90]}: {node['failureSummary'][-200:]}"
+                for rule in rules
+                for node in rule["nodes"]
+            ]
+        return found
 
     def close(self) -> None:
         """Close the page and all of it."""
@@ -158,6 +171,10 @@ class Screen:
 _STAMP = """async (aircraft) => {
   const { stageOf } = await import("/static/js/video/stages.js");
   return stageOf(aircraft)?.frame?.stampNs ?? "0";
+}"""
+_SET = """async (changes) => {
+  const { store } = await import("/static/js/store.js");
+  store.set(changes);
 }"""
 _SHOWN_PIXEL = """async () => {
   const { stageOf } = await import("/static/js/video/stages.js");

@@ -8,6 +8,7 @@ from typing import Any
 
 from tirgeo_ros.core.targets.target import KINDS
 from tirgeo_ros.core.types.errors import shown
+from tirgeo_ros.io.targets.store import MOST_MARK, MOST_NAME, MOST_NOTE
 
 Check = Callable[[Any], Any]  # returns the value, or raises ValueError with what it must be
 _MOST_PIXEL = 1e5
@@ -101,14 +102,14 @@ _MUST: Mapping[str, Mapping[str, Check]] = {
     "delete": {"id": _id, "was": _texts},
     "undo": {},
     "record": {"aircraft": _aircraft, "on": _flag},
-    "mark": {"text": _text(200)},
+    "mark": {"text": _text(MOST_MARK)},
     "share": {"on": _flag},
     "where": {"aircraft": _aircraft, "latitude_deg": _latitude, "longitude_deg": _longitude},
     "measure": {"from": _place, "to": _place},
 }
 #: And those that it may have.
 _MAY: Mapping[str, Mapping[str, Check]] = {
-    "edit": {"name": _text(80), "kind": _kind, "note": _text(2000)},
+    "edit": {"name": _text(MOST_NAME), "kind": _kind, "note": _text(MOST_NOTE)},
     "undo": {"id": _id},
 }
 #: What somebody who may only look may ask.

@@ -14,6 +14,7 @@ from aiohttp import web
 from tirgeo_ros.core.targets.target import KINDS
 from tirgeo_ros.core.types.errors import TargetError
 from tirgeo_ros.io.targets.exports import FORMATS, exported
+from tirgeo_ros.io.targets.store import MOST_NAME, MOST_NOTE
 from tirgeo_ros.page.access import VIEWER
 from tirgeo_ros.page.actions import Actions
 from tirgeo_ros.page.backend import Backend
@@ -92,6 +93,7 @@ class Routes:
             "role": role,
             "aircraft": [{"id": id_, "name": name} for id_, name in self._aircraft.items()],
             "kinds": KINDS,
+            "most": {"name": MOST_NAME, "note": MOST_NOTE},
             "tiles": self._tiles.about if self._tiles else None,
             "now_ns": str(time.time_ns()),
         }

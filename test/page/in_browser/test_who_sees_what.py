@@ -28,6 +28,7 @@ def test_without_the_token_nothing_is_shown_and_with_it_all(guarded, tablet):
     screen.one("#enter input").fill("not-the-token")
     screen.tap_on("#enter button")
     screen.reads("#enter", "Wrong token")
+    assert screen.faults() == []
     assert screen.page.locator(".stage").count() == 0
     screen.one("#enter input").fill(guarded.url)
     while screen.page.locator("#enter").is_visible():  # a wrong one costs some seconds
@@ -60,6 +61,7 @@ def test_a_viewer_sees_what_operators_set_and_cannot_change_it(guarded, tablet):
     viewer.tap_on(".row")
     assert not viewer.page.locator(".operator-only").locator("visible=true").count()
     viewer.reads("#target-card", "95 %")
+    assert viewer.faults() == []
     fields = viewer.page.locator("#target-card :is(input, textarea)").locator("visible=true")
     assert all(field.get_attribute("readonly") is not None for field in fields.all())
     refusal = viewer.page.evaluate(

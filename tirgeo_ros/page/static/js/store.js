@@ -75,6 +75,7 @@ export const store = new Store({
   kinds: ["person", "fire", "vehicle", "hydrant", "building", "other"],
   /** @type {{min: number, max: number, attribution: string} | null} */
   tiles: null,
+  most: { name: 0, note: 0 }, // characters that the server takes
   current: "", // id of the aircraft that is looked at
   states: {}, // newest state message of each aircraft
   tracks: {}, // whole track of each aircraft: [[latitude, longitude], ...]
@@ -88,6 +89,8 @@ export const store = new Store({
   follow: true,
   measuring: false,
   theme: "dark",
+  /** @type {string[]} */
+  asked: [], // commands that wait for their answer
   sound: true,
   soundAllowed: false, // browsers allow sound after the first press
 });

@@ -42,11 +42,11 @@ function received(text) {
 }
 
 /** @param {any} hello */
-function welcomed({ role, aircraft, kinds, tiles }) {
+function welcomed({ role, aircraft, kinds, tiles, most }) {
   const kept = aircraft.some((/** @type {any} */ one) => one.id === store.get("current"));
   const current = kept ? store.get("current") : (aircraft[0]?.id ?? "");
   const link = { phase: "open", retryAt: 0 };
-  store.set({ role, aircraft, kinds, tiles, current, link });
+  store.set({ role, aircraft, kinds, tiles, most, current, link });
   requests.reconnected();
 }
 

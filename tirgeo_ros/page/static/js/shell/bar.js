@@ -92,10 +92,9 @@ function role() {
 /** @returns {HTMLElement} */
 function recordButton() {
   const made = button("record", "Record", record, { id: "record", class: "operator-only" });
-  store.watch(["states", "current"], () => {
+  store.watch(["states", "current", "asked"], () => {
     const on = Boolean(currentState()?.recording);
-    made.setAttribute("aria-pressed", String(on));
-    setText(made.querySelector(".words"), on ? "REC" : "Record");
+    showCommand(made, "record", on, on ? "REC" : "Record");
   });
   return made;
 }
@@ -107,13 +106,24 @@ function shareButton() {
     class: "operator-only wide-only",
     title: "Share the targets with the team, by Cursor-on-Target",
   });
-  store.watch(["states", "current"], () => {
+  store.watch(["states", "current", "asked"], () => {
     const { tone, words } = sharingWords(currentState()?.sharing);
     made.dataset.tone = tone;
-    made.setAttribute("aria-pressed", String(Boolean(currentState()?.sharing?.on)));
-    setText(made.querySelector(".words"), words);
+    showCommand(made, "share", Boolean(currentState()?.sharing?.on), words);
   });
   return made;
+}
+
+/**
+ * Shows a command that is on or off, or waits for its answer; it keeps the keyboard's focus then.
+ * @param {HTMLButtonElement} made @param {string} type @param {boolean} on @param {string} words
+ */
+function showCommand(made, type, on, words) {
+  const waits = store.get("asked").includes(type);
+  made.setAttribute("aria-pressed", String(on));
+  made.setAttribute("aria-busy", String(waits));
+  made.setAttribute("aria-disabled", String(waits));
+  setText(made.querySelector(".words"), waits ? "Wait…" : words);
 }
 
 /** @returns {HTMLElement} */

@@ -11,8 +11,11 @@ import { capital } from "./words.js";
  * @param {string} done  said if the server says nothing itself
  */
 async function command(type, fields, done) {
-  if (!mayChange()) return;
+  const asked = store.get("asked");
+  if (!mayChange() || asked.includes(type)) return;
+  store.set({ asked: [...asked, type] });
   const answer = await ask(type, fields);
+  store.set({ asked: store.get("asked").filter((/** @type {string} */ one) => one !== type) });
   if (answer.ok) toast(capital(answer.text || done), { milliseconds: 4000 });
   else toast(`Not done: ${answer.reason}`, { tone: "bad" });
 }

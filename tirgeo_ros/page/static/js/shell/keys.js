@@ -48,6 +48,8 @@ function commandOf(event) {
   if (kind) return () => store.set({ kind });
   const onButton = /** @type {HTMLElement} */ (event.target).closest("button, a, summary");
   if (onButton && (key === "Enter" || key === " ")) return undefined; // the button takes it
+  const scrolls = /** @type {HTMLElement} */ (event.target).matches("#panel:focus-visible");
+  if (scrolls && (key in ARROWS || key === " ")) return undefined;
   const stage = stageOf(store.get("current"));
   const step = event.shiftKey ? 1 : STEP_PX;
   if (key in ARROWS) return () => moveCursor(stage, /** @type {any} */ (ARROWS)[key], step);

@@ -87,14 +87,14 @@ function texts(now) {
     if (value !== shown) edit(now(), key, value, was);
   };
   const name = element("input", {
-    maxlength: "80",
+    maxlength: store.get("most").name,
     placeholder: "Name",
     "aria-label": "Name",
     autocomplete: "off",
     on: { change: save("name") },
   });
   const note = element("textarea", {
-    maxlength: "2000",
+    maxlength: store.get("most").note,
     rows: "2",
     placeholder: "Note",
     "aria-label": "Note",
