@@ -201,17 +201,40 @@ def test_every_module_is_installed(arguments):
 def test_share_holds_what_the_tools_look_for(arguments):
     files = dict(arguments["data_files"])
     assert files["share/ament_index/resource_index/packages"] == [f"resource/{NAME}"]
-    assert files[f"share/{NAME}"] == ["package.xml"]
+    assert files[f"share/{NAME}"] == ["package.xml", "LICENSE"]
     assert files[f"share/{NAME}/launch"] == ["launch/tirgeo.launch.py"]
     aircraft = {"config/m600_xt2.yaml", "config/m300_h20t.yaml"}
     assert aircraft <= set(files[f"share/{NAME}/config"])
     assert all((PROJECT / path).is_file() for paths in files.values() for path in paths)
 
 
+def test_it_builds_from_links_in_another_folder_as_colcon_has_it_for_a_symlink_install(
+    tmp_path, arguments
+):
+    """What colcon links, and what its ``develop`` and ``symlink_data`` do there.
+
+    ``develop`` itself is pip from setuptools 80 on, and would install into the tests' Python.
+    """
+    data = [name for _, names in arguments["data_files"] for name in names]
+    for name in ("setup.py", "setup.cfg", "tirgeo_ros", *data):
+        link = tmp_path / "build" / name
+        link.parent.mkdir(parents=True, exist_ok=True)
+        link.symlink_to(PROJECT / name)
+    commands = ["egg_info", "install_data", "--install-dir", tmp_path / "install"]
+    run = subprocess.run(
+        [sys.executable, "-W", "ignore:setup.py install", "setup.py", "-q", *commands],
+        cwd=tmp_path / "build",
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (run.returncode, run.stderr) == (0, "")
+    laid = [path for path in (tmp_path / "install").rglob("*") if path.is_file()]
+    assert len(laid) == len(data) > 30
+
+
 def test_only_a_wheel_has_forwarding_scripts(monkeypatch, tmp_path, arguments):
     assert not any(folder.startswith("lib") for folder, _ in arguments["data_files"])
-    for name in ("tirgeo_ros", "resource", "package.xml", "README.md", "config", "launch"):
-        (tmp_path / name).symlink_to(PROJECT / name)
     monkeypatch.chdir(tmp_path)
     files = dict(setup_arguments(monkeypatch, "bdist_wheel")["data_files"])
     assert {Path(path).name for path in files[f"lib/{NAME}"]} == {NAME, *NODES}
