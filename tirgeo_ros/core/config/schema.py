@@ -78,6 +78,8 @@ class Parameter:
             raise self._error(f"{value!r} is not of type {_KIND_NAMES[kind]}")
         if self.choices and value not in self.choices:
             raise self._error(f"{value!r} is not one of {', '.join(self.choices)}")
+        if kind is str and "\0" in cast("str", value):
+            raise self._error(f"{value!r} has a NUL character, which no name of a file can have")
         fault = self.fault(cast("str", value)) if self.fault else ""
         if fault:
             raise self._error(f"{value!r} {fault}")
