@@ -21,7 +21,8 @@ from rclpy.parameter import Parameter as RosParameter
 from tirgeo_ros.core.config import NODE_CONFIGS
 from tirgeo_ros.core.config.schema import Parameter, config_from, parameters_of, values_of
 from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.io.parameters.parameter_file import ParameterFile
+from tirgeo_ros.io.messages import TOPIC_TYPES
+from tirgeo_ros.io.parameters.parameter_file import ParameterFile, overridden_topic
 
 T = TypeVar("T")
 #: Errors of wrong arguments. rcl's own cannot be imported from the public API.
@@ -127,8 +128,19 @@ def _given(node: Node, kind: type) -> dict[str, object]:
         # rcl reads an empty list as None.
         name: () if given.value is None and name in lists else given.value
         for name, given in overrides.items()
-        if name in own or not (name in others or name.startswith("qos_overrides."))
+        if name in own or not (name in others or overridden_topic(name))
     }
+
+
+def idle_overrides(node: Node) -> list[str]:
+    """Return the QoS overrides of topics that neither this node nor another one of tirgeo has.
+
+    They may be misspelt; or remapped, in another node.
+    """
+    given = [name for name in node._parameter_overrides if not node.has_parameter(name)]  # noqa: SLF001
+    topics = {name: overridden_topic(name) for name in given}
+    known = tuple(f"/{topic.strip('~/')}" for topic in TOPIC_TYPES)
+    return [name for name, topic in topics.items() if topic and not topic.endswith(known)]
 
 
 def _descriptor(parameter: Parameter) -> ParameterDescriptor:

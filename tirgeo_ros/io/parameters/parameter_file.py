@@ -29,7 +29,13 @@ _MARK = "ros__parameters"
 # seven times the longest file of this package; takes a second or two to read
 _MOST_BYTES = 1 << 17
 _EVERY_NODE = ("use_sim_time", "start_type_description_service")
-_EVERY_NODE_PREFIX = "qos_overrides."
+_OVERRIDE = "qos_overrides."
+#: What rclpy lets a parameter override, of each topic.
+_POLICIES = [
+    f"{end}.{policy}"
+    for end in ("subscription", "publisher")
+    for policy in ("depth", "history", "reliability")
+]
 
 _SHOWN = 60  # characters of a refused value that a message shows
 
@@ -122,7 +128,21 @@ def _own(values: Mapping[str, object]) -> dict[str, object]:
 
 
 def _of_every_node(name: str) -> bool:
-    return name in _EVERY_NODE or name.startswith(_EVERY_NODE_PREFIX)
+    return name in _EVERY_NODE or overridden_topic(name) != ""
+
+
+def overridden_topic(name: str) -> str:
+    """Return the topic whose QoS a parameter overrides; the empty text for any other parameter.
+
+    Raise ConfigError for an override that no topic has, which rclpy would ignore.
+    """
+    if not name.startswith(_OVERRIDE):
+        return ""
+    topic = "/" + name.removeprefix(_OVERRIDE).partition(".")[0].lstrip("/")
+    known = [f"{_OVERRIDE}{topic}.{policy}" for policy in _POLICIES]
+    if name not in known:
+        raise ConfigError(f"unknown parameter {name}{nearest(name, known)}")
+    return topic
 
 
 def _check(path: PathLike, pattern: str, values: Mapping[str, object]) -> None:
@@ -130,14 +150,17 @@ def _check(path: PathLike, pattern: str, values: Mapping[str, object]) -> None:
     name = pattern.rpartition("/")[2]
     kinds = list(NODE_CONFIGS.values()) if "*" in name else [NODE_CONFIGS[name]]
     names = {parameter.name: kind for kind in kinds for parameter in parameters_of(kind)}
-    for key, value in _own(values).items():
-        if key in RENAMED and key not in names:
-            raise ConfigError(f"{path}: parameter {key} {RENAMED[key]}")
-        if key not in names:
-            near = difflib.get_close_matches(key, names, n=1)
-            hint = f" (did you mean {near[0]}?)" if near else ""
-            raise ConfigError(f"{path}: unknown parameter {key} of {pattern}{hint}")
-        config_from(names[key], {key: value}, str(path))
+    try:
+        for key, value in _own(values).items():
+            if key in RENAMED and key not in names:
+                raise ConfigError(f"parameter {key} {RENAMED[key]}")
+            if key not in names:
+                near = difflib.get_close_matches(key, names, n=1)
+                hint = f" (did you mean {near[0]}?)" if near else ""
+                raise ConfigError(f"unknown parameter {key} of {pattern}{hint}")
+            config_from(names[key], {key: value})
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from None
 
 
 def _fits(pattern: str, full_name: str) -> bool:
