@@ -27,9 +27,7 @@ NAME = "tirgeo"
 #: What the modules that the code imports are called in package.xml, where not the same. Neither
 #: lz4 and zstandard, which come with mcap, nor what has no key of rosdep that a system with an
 #: externally managed Python would take.
-BY_PIP_ALONE = {
-    *("av", "mcap", "lz4", "zstandard", "rosbags", "pyogrio", "mgrs", "pytak", "segno"),
-}
+BY_PIP_ALONE = {"av", "mcap", "lz4", "zstandard", "rosbags", "pyogrio", "mgrs", "pytak"}
 KEYS = {name: apt for name, (apt, _) in PACKAGES.items() if name not in BY_PIP_ALONE}
 #: Not in the distribution, and needed with an M300 or M350 alone.
 FROM_SOURCE = {"psdk_interfaces"}
