@@ -102,6 +102,21 @@ def test_wrong_use_is_2(monkeypatch, capsys, argv, message):
 
 
 @pytest.mark.parametrize(
+    ("words", "nearest"),
+    [
+        ("proces a", "process"),
+        ("calibrate lenz a", "lens"),
+        ("process a -o b --parms=c", "--params"),
+        ("locate a -o b --method ekf_headin", "ekf_heading"),
+    ],
+)
+def test_a_misspelt_name_gets_the_nearest(capsys, words, nearest):
+    with pytest.raises(SystemExit):
+        command.main(words.split())
+    assert capsys.readouterr().err.endswith(f" (did you mean {nearest}?)\n")
+
+
+@pytest.mark.parametrize(
     ("text", "micros"),
     [
         ("2021-10-20T12:00:36", 0),

@@ -7,7 +7,7 @@ import importlib
 import math
 import pkgutil
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from datetime import datetime, timezone
 from pathlib import Path
 from types import ModuleType
@@ -104,6 +104,27 @@ def utc_time(text: str) -> datetime:
     whole = re.sub(r"[.,](\d{1,6})\d*", lambda found: f".{found[1]:0<6}", text.removesuffix("Z"))
     time = datetime.fromisoformat(whole)
     return time if time.tzinfo else time.replace(tzinfo=timezone.utc)
+
+
+class Parser(argparse.ArgumentParser):
+    """Parse as argparse does, and say which name is nearest to one that is not known."""
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            hint = _nearest(str(value), map(str, action.choices))
+            raise argparse.ArgumentError(action, f"invalid choice: {value!r}{hint}")
+
+    def refuse(self, words: list[str]) -> None:
+        """End with usage and exit code 2, for words that are left over."""
+        options = [word.partition("=")[0] for word in words if word.startswith("-")]
+        hint = _nearest(options[0], self._option_string_actions) if options else ""
+        self.error(f"unrecognized arguments: {' '.join(words)}{hint}")
+
+
+def _nearest(name: str, known: Iterable[str]) -> str:
+    from tirgeo_ros.io.parameters.parameter_file import nearest  # noqa: PLC0415 --help stays quick
+
+    return nearest(name, list(known))
 
 
 class UsageError(Exception):
