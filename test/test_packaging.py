@@ -201,7 +201,7 @@ def test_share_holds_what_the_tools_look_for(arguments):
     assert files["share/ament_index/resource_index/packages"] == [f"resource/{NAME}"]
     assert files[f"share/{NAME}"] == ["package.xml", "LICENSE"]
     assert files[f"share/{NAME}/launch"] == ["launch/tirgeo.launch.py"]
-    aircraft = {"config/m600_xt2.yaml", "config/m300_h20t.yaml"}
+    aircraft = {f"config/{name}.yaml" for name in ("m600_xt2", "m300_h20t", "generic")}
     assert aircraft <= set(files[f"share/{NAME}/config"])
     assert all((PROJECT / path).is_file() for paths in files.values() for path in paths)
 
