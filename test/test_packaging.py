@@ -168,9 +168,13 @@ def test_the_licence_is_told_as_each_setuptools_reads_it(version, key, monkeypat
 @pytest.mark.slow
 def test_a_source_distribution_holds_the_whole_project(tmp_path):
     """Tests and documents too, so that ``make test`` runs where it was unpacked."""
-    made = (".git*", ".venv*", "*.egg-info", "__pycache__", "build", "dist", ".*_cache", "demo")
+    made = (".git*", ".venv*", "*.egg-info", "__pycache__", "build", "dist", ".*_cache")
     copy = tmp_path / "project"
-    shutil.copytree(PROJECT, copy, ignore=shutil.ignore_patterns(*made, ".hypothesis"))
+    shutil.copytree(
+        PROJECT,
+        copy,
+        ignore=shutil.ignore_patterns(*made, ".hypothesis", "demo", "examples_output"),
+    )
     command = [sys.executable, "setup.py", "-q", "sdist", "--dist-dir", tmp_path]
     run = subprocess.run(command, cwd=copy, capture_output=True, text=True, check=False)
     assert (run.returncode, run.stderr) == (0, "")
