@@ -12,8 +12,8 @@ from setuptools import find_packages, setup
 NAME = "tirgeo"
 HOME = "https://tirgeo.example"
 NODES = ("dji_node", "ekf_node", "gimbal_node", "overlay_node", "viewer_node", "bag_player")
-# Not the working directory: colcon's symlink install calls a link to this file in its build folder,
-# which holds links to packages and data files alone.
+# Not the working directory: colcon's symlink install calls a link to this file in its build
+# folder, which holds links to packages and data files alone.
 HERE = Path(__file__).resolve().parent
 VERSION = re.search(
     r'^__version__ = "(.+)"$', (HERE / "tirgeo_ros/__init__.py").read_text(), re.MULTILINE

@@ -1,7 +1,7 @@
 """Locate pixels of the sample flight's pictures on the ground, as GeoJSON with 95 % ellipses.
 
-Run it in any folder: it writes ``points.geojson`` into ``examples_output`` there. The pixels are of
-surveyed points, so the true errors are known too.
+Run it in any folder: it writes ``points.geojson`` into ``examples_output`` there. The pixels are
+of surveyed points, so the true errors are known too.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Take RTK away from the sample flight for some seconds; compare the filter's error and sigma.
 
-Run it in any folder: it writes ``outage.png`` into ``examples_output`` there. The truth of the flight,
-which is simulated, is in ``truth.mcap``.
+Run it in any folder: it writes ``outage.png`` into ``examples_output`` there. The truth of the
+flight, which is simulated, is in ``truth.mcap``.
 """
 
 from __future__ import annotations

@@ -35,9 +35,9 @@ parameter goes into the same file, or into a second one, under the name of its n
     rtk.delay_s: 0.08
 ```
 
-Give files to the launch file (`params_file:=a.yaml,b.yaml`), to a node (`--ros-args --params-file`)
-and to the commands (`--params`); the last two may be repeated. Later files override earlier ones.
-An unknown name, a wrong type or a value out of range is refused at start.
+Give files to the launch file (`params_file:=a.yaml,b.yaml`), to a node (`--ros-args
+--params-file`) and to the commands (`--params`); the last two may be repeated. Later files
+override earlier ones. An unknown name, a wrong type or a value out of range is refused at start.
 
 Where *in flight* says `yes`, a running node takes another value too, within the same range,
 from its next sample on, and logs the change: `ros2 param set /ekf_node

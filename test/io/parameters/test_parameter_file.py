@@ -123,8 +123,10 @@ def test_texts_that_look_like_something_else(write):
             ekf("/**", "qos_overrides: {/imu/data: {subscription: {depht: 3}}}"),
             r"parameter qos\S+depht \(did you mean qos_overrides./imu/data.subscription.depth\?\)",
         ),
-        (ekf("ekf_node", "qos_overrides./gps/fix.publsher.depth: 3"), r"did you .*publisher.depth"),
-        (ekf("ekf_node", "qos_overrides.gps/vel.publisher.depth: 3"), r"did you .*s\./gps/vel\.p"),
+        (
+            ekf("ekf_node", "qos_overrides.rtk/fix.publsher.depth: 3"),
+            r"an \S+s./rtk/fix.publisher",
+        ),
         (ekf("/**/overlay_node", 'map: "a\\0b"'), r"parameter map: 'a\\x00b' has a NUL character"),
         (ekf("/**", "video_latency: 0.1"), r"unknown .* of /\*\* \(did you mean video_latency_s"),
         (ekf("ekf_nod"), "unknown node /ekf_nod; known: dji_node, ekf_node, gimbal_node"),

@@ -7,17 +7,16 @@ ones take precedence.
 
 from __future__ import annotations
 
-import difflib
 import os
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, TypeVar
 
 import yaml
 
 from tirgeo_ros.core.config import NODE_CONFIGS, RENAMED
 from tirgeo_ros.core.config.schema import config_from, parameters_of
-from tirgeo_ros.core.types.errors import ConfigError
+from tirgeo_ros.core.types.errors import ConfigError, nearest
 from tirgeo_ros.io.files.text_file import read_text
 from tirgeo_ros.io.files.whole_files import PathLike
 
@@ -94,14 +93,6 @@ class ParameterFile:
         return config_from(kind, _own(self.values(node, namespace)), self._name)
 
 
-def nearest(name: str, known: Collection[str]) -> str:
-    """Return the end of a message: the nearest known name, else all of them, if any."""
-    near = difflib.get_close_matches(name, list(known), n=1)
-    if near:
-        return f" (did you mean {near[0]}?)"
-    return f" (known: {', '.join(sorted(known))})" if known else ""
-
-
 def paths_of(files: Files) -> list[PathLike]:
     """Return the files as a list. Raises ConfigError for what names no file."""
     if files is None:
@@ -127,21 +118,21 @@ def _own(values: Mapping[str, object]) -> dict[str, object]:
     return {name: value for name, value in values.items() if not _of_every_node(name)}
 
 
-def _of_every_node(name: str) -> bool:
-    return name in _EVERY_NODE or overridden_topic(name) != ""
+def _of_every_node(name: str, where: str = "") -> bool:
+    return name in _EVERY_NODE or overridden_topic(name, where) != ""
 
 
-def overridden_topic(name: str) -> str:
+def overridden_topic(name: str, where: str = "") -> str:
     """Return the topic whose QoS a parameter overrides; the empty text for any other parameter.
 
-    Raise ConfigError for an override that no topic has, which rclpy would ignore.
+    Raise ConfigError, which begins with ``where``, for an override that rclpy would ignore.
     """
     if not name.startswith(_OVERRIDE):
         return ""
     topic = "/" + name.removeprefix(_OVERRIDE).partition(".")[0].lstrip("/")
     known = [f"{_OVERRIDE}{topic}.{policy}" for policy in _POLICIES]
     if name not in known:
-        raise ConfigError(f"unknown parameter {name}{nearest(name, known)}")
+        raise ConfigError(f"{where}unknown parameter {name}{nearest(name, known)}")
     return topic
 
 
@@ -150,17 +141,14 @@ def _check(path: PathLike, pattern: str, values: Mapping[str, object]) -> None:
     name = pattern.rpartition("/")[2]
     kinds = list(NODE_CONFIGS.values()) if "*" in name else [NODE_CONFIGS[name]]
     names = {parameter.name: kind for kind in kinds for parameter in parameters_of(kind)}
-    try:
-        for key, value in _own(values).items():
-            if key in RENAMED and key not in names:
-                raise ConfigError(f"parameter {key} {RENAMED[key]}")
-            if key not in names:
-                near = difflib.get_close_matches(key, names, n=1)
-                hint = f" (did you mean {near[0]}?)" if near else ""
-                raise ConfigError(f"unknown parameter {key} of {pattern}{hint}")
-            config_from(names[key], {key: value})
-    except ConfigError as error:
-        raise ConfigError(f"{path}: {error}") from None
+    for key, value in values.items():
+        if _of_every_node(key, f"{path}: "):
+            continue
+        if key in RENAMED and key not in names:
+            raise ConfigError(f"{path}: parameter {key} {RENAMED[key]}")
+        if key not in names:
+            raise ConfigError(f"{path}: unknown parameter {key} of {pattern}{nearest(key, names)}")
+        config_from(names[key], {key: value}, str(path))
 
 
 def _fits(pattern: str, full_name: str) -> bool:

@@ -7,15 +7,16 @@ import importlib
 import math
 import pkgutil
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from datetime import datetime, timezone
 from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeAlias, TypeVar
 
+from tirgeo_ros.core.types.errors import nearest
 from tirgeo_ros.tools.presentation.progress import Progress
 
-Subparsers: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"  # noqa: SLF001  its only name
+Subparsers: TypeAlias = "argparse._SubParsersAction[Parser]"  # noqa: SLF001  its only name
 #: Names (with spaces), metavar (None: a flag), help, and more keywords of ``add_argument``. A
 #: value is a Path unless ``type`` or ``choices`` says otherwise.
 Option: TypeAlias = tuple[Any, ...]
@@ -111,20 +112,14 @@ class Parser(argparse.ArgumentParser):
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is not None and value not in action.choices:
-            hint = _nearest(str(value), map(str, action.choices))
+            hint = nearest(str(value), action.choices)
             raise argparse.ArgumentError(action, f"invalid choice: {value!r}{hint}")
 
     def refuse(self, words: list[str]) -> None:
         """End with usage and exit code 2, for words that are left over."""
         options = [word.partition("=")[0] for word in words if word.startswith("-")]
-        hint = _nearest(options[0], self._option_string_actions) if options else ""
+        hint = nearest(options[0], self._option_string_actions) if options else ""
         self.error(f"unrecognized arguments: {' '.join(words)}{hint}")
-
-
-def _nearest(name: str, known: Iterable[str]) -> str:
-    from tirgeo_ros.io.parameters.parameter_file import nearest  # noqa: PLC0415 --help stays quick
-
-    return nearest(name, list(known))
 
 
 class UsageError(Exception):
@@ -147,7 +142,7 @@ def verbs_of(package: ModuleType) -> list[ModuleType]:
     ]
 
 
-def add_verb(subparsers: Subparsers, module: ModuleType) -> argparse.ArgumentParser:
+def add_verb(subparsers: Subparsers, module: ModuleType) -> Parser:
     """Add and return the parser of a verb's module, with what all verbs share."""
     help_line, _, rest = (module.__doc__ or "").partition("\n\n")
     description, example, examples = rest.partition("example:\n")
