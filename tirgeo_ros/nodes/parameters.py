@@ -133,14 +133,10 @@ def _given(node: Node, kind: type) -> dict[str, object]:
 
 
 def idle_overrides(node: Node) -> list[str]:
-    """Return the QoS overrides of topics that neither this node nor another one of tirgeo has.
-
-    They may be misspelt; or remapped, in another node.
-    """
+    """Return the QoS overrides of topics that neither this node nor tirgeo's contract has."""
     given = [name for name in node._parameter_overrides if not node.has_parameter(name)]  # noqa: SLF001
-    topics = {name: overridden_topic(name) for name in given}
-    known = tuple(f"/{topic.strip('~/')}" for topic in TOPIC_TYPES)
-    return [name for name, topic in topics.items() if topic and not topic.endswith(known)]
+    known = tuple(f"/{topic.strip('/')}" for topic in TOPIC_TYPES)  # the first stands for no topic
+    return [name for name in given if not (overridden_topic(name) or known[0]).endswith(known)]
 
 
 def _descriptor(parameter: Parameter) -> ParameterDescriptor:
