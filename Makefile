@@ -45,7 +45,7 @@ demo: $(READY)  ## the whole node graph on the sample flight; leaves a video in 
 	$(BIN)/tirgeo demo
 
 test: $(READY)  ## the tests, those of the running graph included: some minutes
-	$(BIN)/python $(PYTEST) $(WORKERS) -m "not slow"
+	$(BIN)/python $(PYTEST) $(WORKERS)
 
 test-slow: $(READY)  ## more: accuracy over many flights, large sets of pictures, recordings
 	$(BIN)/python $(PYTEST) $(WORKERS) -m "slow and not long"

@@ -12,8 +12,11 @@ from setuptools import find_packages, setup
 NAME = "tirgeo"
 HOME = "https://tirgeo.example"
 NODES = ("dji_node", "ekf_node", "gimbal_node", "overlay_node", "viewer_node", "bag_player")
+# Not the working directory: colcon's symlink install calls a link to this file in its build
+# folder, which holds links to packages and data files alone.
+HERE = Path(__file__).resolve().parent
 VERSION = re.search(
-    r'^__version__ = "(.+)"$', Path("tirgeo_ros/__init__.py").read_text(), re.MULTILINE
+    r'^__version__ = "(.+)"$', (HERE / "tirgeo_ros/__init__.py").read_text(), re.MULTILINE
 )
 CLASSIFIERS = [
     "Development Status :: 4 - Beta",
@@ -41,8 +44,9 @@ FORWARD = '#!/bin/sh\nexec "$(dirname "$0")/../../bin/$(basename "$0")" "$@"\n'
 def shared(folder: str) -> list[tuple[str, list[str]]]:
     """All files of a folder, as data_files below share/tirgeo."""
     found: dict[str, list[str]] = {}
-    for path in sorted(Path(folder).rglob("*")):
-        if path.is_file() and "__pycache__" not in path.parts:
+    for file in sorted((HERE / folder).rglob("*")):
+        path = file.relative_to(HERE)
+        if file.is_file() and "__pycache__" not in path.parts:
             found.setdefault(f"share/{NAME}/{path.parent}", []).append(str(path))
     return list(found.items())
 
@@ -62,7 +66,7 @@ def forwarding_scripts() -> list[tuple[str, list[str]]]:
 
 def described() -> str:
     """The README for a package index, where links lead to the project's own pages."""
-    text = Path("README.md").read_text(encoding="utf-8")
+    text = (HERE / "README.md").read_text(encoding="utf-8")
     return re.sub(r"\]\((?!https?:|#)", f"]({HOME}/", text)
 
 
@@ -141,7 +145,7 @@ setup(
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
-        (f"share/{NAME}", ["package.xml"]),
+        (f"share/{NAME}", ["package.xml", "LICENSE"]),
         *shared("config"),
         *shared("launch"),
         *shared("bags/sample"),

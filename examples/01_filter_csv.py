@@ -1,6 +1,7 @@
 """Filter a flight that a logger of your own wrote as CSV; draw the heading and its sigma.
 
-Run it in any folder: ``.venv/bin/python examples/01_filter_csv.py`` writes ``heading.png`` there.
+Run it in any folder: ``.venv/bin/python examples/01_filter_csv.py`` writes ``heading.png`` into
+``examples_output`` there.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import pandas as pd
 import tirgeo_ros
 
 SAMPLE = Path(__file__).resolve().parents[1] / "bags" / "sample"
+OUTPUT = Path("examples_output")  # in the folder where you run this
 LOGGED = {
     "imu/data": "imu.csv",
     "rtk/fix": "fix.csv",
@@ -31,18 +33,19 @@ def log_csv() -> None:
         for angle in ("latitude", "longitude", "heading"):
             if f"{angle}_rad" in frame:
                 frame[f"{angle}_deg"] = np.degrees(frame.pop(f"{angle}_rad"))
-        frame.drop(columns=["arrival_ns", "arrival_order"]).to_csv(name, index=False)
+        frame.drop(columns=["arrival_ns", "arrival_order"]).to_csv(OUTPUT / name, index=False)
 
 
 def read_csv(name: str) -> pd.DataFrame:
     """Read a file; seconds become whole nanoseconds, from text, for a float has too few digits."""
-    frame = pd.read_csv(name, dtype={"time_s": str})
+    frame = pd.read_csv(OUTPUT / name, dtype={"time_s": str})
     seconds, nanoseconds = frame.pop("time_s").str.split(".", expand=True).to_numpy(np.int64).T
     return frame.assign(stamp_ns=seconds * 10**9 + nanoseconds)
 
 
 def main() -> None:
     """Filter the files and draw."""
+    OUTPUT.mkdir(exist_ok=True)
     log_csv()
     imu, fix, velocity, heading = (read_csv(name) for name in LOGGED.values())
     flight = tirgeo_ros.filter_flight(
@@ -55,7 +58,7 @@ def main() -> None:
     above.set_ylabel("heading, deg")
     below.plot(seconds, np.degrees(table["sigma_heading_rad"]))
     below.set(ylabel="its sigma, deg", xlabel="time, s")
-    figure.savefig("heading.png", dpi=110)
+    figure.savefig(OUTPUT / "heading.png", dpi=110)
     print(f"{len(flight)} solutions, state {flight.state}, {flight.verdicts['rtk_heading']}")
 
 

@@ -1,6 +1,6 @@
 """Draw surveyed points, with their 95 % ellipses, into a picture of the sample flight.
 
-Run it in any folder: it writes ``survey.png`` there.
+Run it in any folder: it writes ``survey.png`` into ``examples_output`` there.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import tirgeo_ros
 
 SAMPLE = Path(__file__).resolve().parents[1] / "bags" / "sample"
 BAG, PARAMS = SAMPLE / "flight.mcap", SAMPLE / "params.yaml"
+OUTPUT = Path("examples_output")  # in the folder where you run this
 CHI2_95 = 5.991  # 95 % quantile of chi-square with two degrees of freedom
 ORANGE = (0, 140, 255)
 
@@ -47,7 +48,8 @@ def main() -> None:
     canvas = cv2.resize(canvas, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)
     for row in np.flatnonzero(found.visible & found.linear):
         draw(canvas, survey[row].id, 2 * found.pixels[row] + 0.5, 4 * found.covariance[row])
-    cv2.imwrite("survey.png", canvas)
+    OUTPUT.mkdir(exist_ok=True)
+    cv2.imwrite(str(OUTPUT / "survey.png"), canvas)
     print(f"{found.visible.sum()} points in the picture of {best.stamp_ns} ns")
 
 

@@ -1,7 +1,7 @@
 """Locate pixels of the sample flight's pictures on the ground, as GeoJSON with 95 % ellipses.
 
-Run it in any folder: it writes ``points.geojson`` there. The pixels are of surveyed points, so the
-true errors are known too.
+Run it in any folder: it writes ``points.geojson`` into ``examples_output`` there. The pixels are
+of surveyed points, so the true errors are known too.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import tirgeo_ros
 
 SAMPLE = Path(__file__).resolve().parents[1] / "bags" / "sample"
 BAG = SAMPLE / "flight.mcap"
+OUTPUT = Path("examples_output")  # in the folder where you run this
 
 
 def main() -> None:
@@ -36,7 +37,8 @@ def main() -> None:
         ground_m = config.overlay.ground_height_m
         answers += tirgeo_ros.locate((seen.u, seen.v), pose, camera, ground_m, config=config)
         ids.append(seen.id)
-    tirgeo_ros.save_located("points.geojson", answers, ids)
+    OUTPUT.mkdir(exist_ok=True)
+    tirgeo_ros.save_located(OUTPUT / "points.geojson", answers, ids)
     for name, answer in zip(ids, answers, strict=True):
         if isinstance(answer, tirgeo_ros.Refusal):
             print(f"{name}: {answer.reason.value}")

@@ -1,7 +1,7 @@
 """Take RTK away from the sample flight for some seconds; compare the filter's error and sigma.
 
-Run it in any folder: it writes ``outage.png`` there. The truth of the flight, which is simulated,
-is in ``truth.mcap``.
+Run it in any folder: it writes ``outage.png`` into ``examples_output`` there. The truth of the
+flight, which is simulated, is in ``truth.mcap``.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 import tirgeo_ros
 
 SAMPLE = Path(__file__).resolve().parents[1] / "bags" / "sample"
+OUTPUT = Path("examples_output")  # in the folder where you run this
 FROM_S, UNTIL_S = 12.0, 20.0
 
 
@@ -53,7 +54,8 @@ def main() -> None:
         print(f"{label}: largest error {error_m[worst]:.2f} m, sigma then {sigma_m[worst]:.2f} m")
     axes.set(xlabel="time, s", ylabel="position, m", yscale="log")
     axes.legend()
-    figure.savefig("outage.png", dpi=110)
+    OUTPUT.mkdir(exist_ok=True)
+    figure.savefig(OUTPUT / "outage.png", dpi=110)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,9 @@
 """Write a bag of sensors of your own, process it, and read the result.
 
 The sensors are those of an aircraft that flies a level circle: arrays that a driver, a simulator
-or another format could have given. Run it in any folder: it writes ``own.mcap`` (the inputs) and
-``own_poses.mcap`` (every topic that the node graph publishes of poses) there.
+or another format could have given. Run it in any folder: into ``examples_output`` there it writes
+``own.mcap`` (the inputs) and ``own_poses.mcap`` (every topic that the node graph publishes of
+poses).
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ import numpy as np
 
 import tirgeo_ros
 
+OUTPUT = Path("examples_output")  # in the folder where you run this
+BAG, PARAMS, POSES = (OUTPUT / name for name in ("own.mcap", "own.yaml", "own_poses.mcap"))
 PLANE = tirgeo_ros.TangentPlane(math.radians(47.0), math.radians(11.0), 600.0)
 RADIUS_M, SPEED_M_S, GRAVITY_M_S2 = 40.0, 6.0, 9.8063  # gravity there, by WGS84's formula
 TURN_RAD_S = SPEED_M_S / RADIUS_M
@@ -64,11 +67,12 @@ def receiver(rng: np.random.Generator) -> dict[str, dict[str, np.ndarray]]:
 def main() -> None:
     """Write, process, read, and compare with the circle."""
     rng = np.random.default_rng(1)
-    tirgeo_ros.write_bag("own.mcap", {"imu/data": imu(rng), **receiver(rng)})
+    OUTPUT.mkdir(exist_ok=True)
+    tirgeo_ros.write_bag(BAG, {"imu/data": imu(rng), **receiver(rng)})
     antennas = "rtk_antenna_m: [0, 0, 0], second_antenna_m: [1, 0, 0]"
-    Path("own.yaml").write_text(f"/**: {{ros__parameters: {{aircraft: {{{antennas}}}}}}}\n")
-    summary = tirgeo_ros.process("own.mcap", "own_poses.mcap", params="own.yaml", images=False)
-    poses = tirgeo_ros.read_bag("own_poses.mcap", ["tirgeo/odometry"])["tirgeo/odometry"]
+    PARAMS.write_text(f"/**: {{ros__parameters: {{aircraft: {{{antennas}}}}}}}\n")
+    summary = tirgeo_ros.process(BAG, POSES, params=PARAMS, images=False)
+    poses = tirgeo_ros.read_bag(POSES, ["tirgeo/odometry"])["tirgeo/odometry"]
     sigma_m = math.sqrt(poses["covariance_north_m_north_m"][-1])
     print(f"state {summary['state']}, {len(poses['stamp_ns'])} poses, sigma north {sigma_m:.3f} m")
 

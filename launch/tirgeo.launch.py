@@ -39,7 +39,10 @@ IMAGE, CAMERA_INFO = "thermal/image_raw", "thermal/camera_info"
 RESPAWN_DELAY_S = 2.0
 LEVELS = ("debug", "info", "warn", "error", "fatal")
 ARGUMENTS = {
-    "params_file": (str(SHARE / "config" / "m600_xt2.yaml"), "parameters of all nodes (YAML)"),
+    "params_file": (
+        str(SHARE / "config" / "m600_xt2.yaml"),
+        "parameters of all nodes (YAML), or several files with commas: later ones override",
+    ),
     "map": ("", "the map to draw, or several with commas; empty = as params_file says"),
     "bag": ("", "recorded flight to play instead of a live aircraft; the graph ends with it"),
     "dji": ("true", "whether dji_node brings the aircraft's topics; never with a bag"),

@@ -12,7 +12,8 @@ from tirgeo_ros.core.config import NODE_CONFIGS, AircraftConfig, DjiConfig
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile, load_config
 from tirgeo_ros.tools.replay.node_configs import node_configs
 
-M600, M300 = (PROJECT / "config" / name for name in ("m600_xt2.yaml", "m300_h20t.yaml"))
+SHIPPED = ("m600_xt2.yaml", "m300_h20t.yaml", "generic.yaml")
+M600, M300, GENERIC = (PROJECT / "config" / name for name in SHIPPED)
 #: A parameter's line, and one that waits behind a "#" for the owner's value; prose has a space.
 LINE = re.compile(r"^    (#?)([a-z_.0-9]+): (.+)$", re.MULTILINE)
 #: What a person can face, all lines of values counted.
@@ -23,6 +24,10 @@ MEASURED_BY_THE_OWNER = {
     *("ground_height_m", "dem", "dem_undulation_m"),
 }
 ANTENNAS = {"aircraft.rtk_antenna_m", "aircraft.second_antenna_m"}
+OF_OTHER_SENSORS = {
+    *("aircraft.imu_rpy_deg", "imu.angle_random_walk", "imu.velocity_random_walk"),
+    *("rtk.delay_s", "heading.sigma_floor_deg"),
+}
 
 
 def lines(path):
@@ -31,7 +36,7 @@ def lines(path):
     return [name for mark, name, _ in found if not mark], [name for mark, name, _ in found if mark]
 
 
-@pytest.mark.parametrize("path", [M600, M300], ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", [M600, M300, GENERIC], ids=lambda path: path.stem)
 def test_a_shipped_file_is_short_and_sound_with_all_its_lines(path, tmp_path):
     live, waiting = lines(path)
     assert len({*live, *waiting}) == len(live) + len(waiting) <= MOST_LINES
@@ -48,8 +53,12 @@ def test_a_shipped_file_is_short_and_sound_with_all_its_lines(path, tmp_path):
 
 @pytest.mark.parametrize(
     ("path", "waiting"),
-    [(M600, MEASURED_BY_THE_OWNER), (M300, MEASURED_BY_THE_OWNER | ANTENNAS)],
-    ids=["m600", "m300"],
+    [
+        (M600, MEASURED_BY_THE_OWNER),
+        (M300, MEASURED_BY_THE_OWNER | ANTENNAS),
+        (GENERIC, MEASURED_BY_THE_OWNER - {"geoid_undulation_m"} | ANTENNAS | OF_OTHER_SENSORS),
+    ],
+    ids=["m600", "m300", "generic"],
 )
 def test_what_nobody_measured_is_not_given(path, waiting):
     """So that the checks name it: a value in the file is taken for one that somebody found."""
@@ -67,7 +76,7 @@ def test_all_but_the_antennas_is_at_its_default_for_an_m600_and_but_the_source_f
         assert m300.source == "psdk"
         m300 = replace(m300, source="serial")
     # repr, since NaN is not equal to itself
-    assert repr(m600) == repr(m300) == repr(kind())
+    assert repr(m600) == repr(m300) == repr(kind()) == repr(load_config(GENERIC, node, kind))
 
 
 def test_djis_antennas_stand_across():

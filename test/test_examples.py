@@ -17,6 +17,8 @@ import tirgeo_ros
 
 EXAMPLES = PROJECT / "examples"
 NOTEBOOK = EXAMPLES / "flight.ipynb"
+#: Where the scripts write, which git ignores.
+OUTPUT = "examples_output"
 README = (EXAMPLES / "README.md").read_text()
 
 
@@ -33,6 +35,7 @@ def run(name, folder):
     )
     assert done.returncode == 0, done.stderr
     assert "Warning" not in done.stderr
+    assert [path.name for path in folder.iterdir()] == [OUTPUT]
     return done.stdout
 
 
@@ -47,13 +50,13 @@ class TestScripts:
     def test_filter_csv(self, tmp_path):
         said = run("01_filter_csv.py", tmp_path)
         assert re.match(r"2851 solutions, state running, .*'used': 144", said)
-        assert is_drawing(tmp_path / "heading.png")
+        assert is_drawing(tmp_path / OUTPUT / "heading.png")
 
     def test_project_survey(self, tmp_path):
         """The points are corners of outlines in the picture: there the grey steps."""
         said = run("02_project_survey.py", tmp_path)
         assert int(re.match(r"(\d+) points in the picture of \d+ ns", said)[1]) >= 5
-        assert is_drawing(tmp_path / "survey.png")
+        assert is_drawing(tmp_path / OUTPUT / "survey.png")
 
     def test_locate_pixels(self, tmp_path):
         said = run("03_locate_pixels.py", tmp_path)
@@ -62,7 +65,7 @@ class TestScripts:
         # Of 23 points 19 or more are inside 95 % ellipses with a probability of 99.4 %.
         assert len(inside) == 23
         assert sum(inside) >= 19
-        document = json.loads((tmp_path / "points.geojson").read_text())
+        document = json.loads((tmp_path / OUTPUT / "points.geojson").read_text())
         kinds = [feature["properties"]["kind"] for feature in document["features"]]
         assert kinds.count("point") == kinds.count("ellipse") == 23
 
@@ -71,14 +74,14 @@ class TestScripts:
         errors = re.findall(r"largest error (\S+) m, sigma then (\S+) m", said)
         (error, _), (longer, sigma) = [tuple(map(float, pair)) for pair in errors]
         assert error < longer < 3 * sigma
-        assert is_drawing(tmp_path / "outage.png")
+        assert is_drawing(tmp_path / OUTPUT / "outage.png")
 
     def test_own_sensors(self, tmp_path):
         """The circle that the sensors were made of is what comes out."""
         assert run("05_own_sensors.py", tmp_path).startswith("state running, 2850 poses")
         topic = "tirgeo/odometry"
-        poses = tirgeo_ros.read_bag(tmp_path / "own_poses.mcap", [topic])[topic]
-        plane = tirgeo_ros.read_bag(tmp_path / "own.mcap", ["rtk/fix"])["rtk/fix"]
+        poses = tirgeo_ros.read_bag(tmp_path / OUTPUT / "own_poses.mcap", [topic])[topic]
+        plane = tirgeo_ros.read_bag(tmp_path / OUTPUT / "own.mcap", ["rtk/fix"])["rtk/fix"]
         origin = tirgeo_ros.TangentPlane(
             *(plane[name][0] for name in ("latitude_rad", "longitude_rad", "height_m"))
         )
@@ -131,6 +134,10 @@ def test_the_notebook_is_one_of_format_4_5():
         assert set(cell) == common | {"execution_count", "outputs"}
         assert (cell["execution_count"], cell["outputs"]) == (None, [])
     assert len(cells("code")) + len(cells("markdown")) == len(names)
+
+
+def test_git_ignores_what_the_examples_write():
+    assert f"{OUTPUT}/" in (PROJECT / ".gitignore").read_text().splitlines()
 
 
 def test_the_readme_lists_every_example():

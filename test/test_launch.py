@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -48,6 +49,14 @@ def test_launch_on_a_bag_runs_in_sim_time_and_in_its_namespace(launch_file, monk
     (played,) = nodes["bag_player"].parameters
     assert (played["bag"].positional, played["bag"].value_type) == ((str(tmp_path / "7"),), str)
     assert "use_sim_time" not in played
+
+
+def test_launch_takes_several_parameter_files_and_says_so(launch_file, tmp_path):
+    files = [str(tmp_path / name) for name in ("b.yaml", "a.yaml")]
+    for path in files:
+        Path(path).touch()
+    assert launched(launch_file, params_file=",".join(files))["ekf_node"].parameters == files
+    assert "several files with commas" in launch_file["ARGUMENTS"]["params_file"][1]
 
 
 def ended(node, code, *, shuts_down=False):

@@ -27,9 +27,7 @@ NAME = "tirgeo"
 #: What the modules that the code imports are called in package.xml, where not the same. Neither
 #: lz4 and zstandard, which come with mcap, nor what has no key of rosdep that a system with an
 #: externally managed Python would take.
-BY_PIP_ALONE = {
-    *("av", "mcap", "lz4", "zstandard", "rosbags", "pyogrio", "mgrs", "pytak", "segno"),
-}
+BY_PIP_ALONE = {"av", "mcap", "lz4", "zstandard", "rosbags", "pyogrio", "mgrs", "pytak"}
 KEYS = {name: apt for name, (apt, _) in PACKAGES.items() if name not in BY_PIP_ALONE}
 #: Not in the distribution, and needed with an M300 or M350 alone.
 FROM_SOURCE = {"psdk_interfaces"}
@@ -170,9 +168,10 @@ def test_the_licence_is_told_as_each_setuptools_reads_it(version, key, monkeypat
 @pytest.mark.slow
 def test_a_source_distribution_holds_the_whole_project(tmp_path):
     """Tests and documents too, so that ``make test`` runs where it was unpacked."""
-    made = (".git*", ".venv*", "*.egg-info", "__pycache__", "build", "dist", ".*_cache", "demo")
+    made = (".git*", ".venv*", "*.egg-info", "__pycache__", "build", "dist", ".*_cache")
+    made += (".hypothesis", "demo", "examples_output")
     copy = tmp_path / "project"
-    shutil.copytree(PROJECT, copy, ignore=shutil.ignore_patterns(*made, ".hypothesis"))
+    shutil.copytree(PROJECT, copy, ignore=shutil.ignore_patterns(*made))
     command = [sys.executable, "setup.py", "-q", "sdist", "--dist-dir", tmp_path]
     run = subprocess.run(command, cwd=copy, capture_output=True, text=True, check=False)
     assert (run.returncode, run.stderr) == (0, "")
@@ -201,17 +200,40 @@ def test_every_module_is_installed(arguments):
 def test_share_holds_what_the_tools_look_for(arguments):
     files = dict(arguments["data_files"])
     assert files["share/ament_index/resource_index/packages"] == [f"resource/{NAME}"]
-    assert files[f"share/{NAME}"] == ["package.xml"]
+    assert files[f"share/{NAME}"] == ["package.xml", "LICENSE"]
     assert files[f"share/{NAME}/launch"] == ["launch/tirgeo.launch.py"]
-    aircraft = {"config/m600_xt2.yaml", "config/m300_h20t.yaml"}
+    aircraft = {f"config/{name}.yaml" for name in ("m600_xt2", "m300_h20t", "generic")}
     assert aircraft <= set(files[f"share/{NAME}/config"])
     assert all((PROJECT / path).is_file() for paths in files.values() for path in paths)
 
 
+def test_it_builds_from_links_in_another_folder_as_colcon_has_it_for_a_symlink_install(
+    tmp_path, arguments
+):
+    """What colcon links, and what its ``develop`` and ``symlink_data`` do there.
+
+    ``develop`` itself is pip from setuptools 80 on, and would install into the tests' Python.
+    """
+    data = [name for _, names in arguments["data_files"] for name in names]
+    for name in ("setup.py", "setup.cfg", "tirgeo_ros", *data):
+        link = tmp_path / "build" / name
+        link.parent.mkdir(parents=True, exist_ok=True)
+        link.symlink_to(PROJECT / name)
+    commands = ["egg_info", "install_data", "--install-dir", tmp_path / "install"]
+    run = subprocess.run(
+        [sys.executable, "-W", "ignore:setup.py install", "setup.py", "-q", *commands],
+        cwd=tmp_path / "build",
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (run.returncode, run.stderr) == (0, "")
+    laid = [path for path in (tmp_path / "install").rglob("*") if path.is_file()]
+    assert len(laid) == len(data) > 30
+
+
 def test_only_a_wheel_has_forwarding_scripts(monkeypatch, tmp_path, arguments):
     assert not any(folder.startswith("lib") for folder, _ in arguments["data_files"])
-    for name in ("tirgeo_ros", "resource", "package.xml", "README.md", "config", "launch"):
-        (tmp_path / name).symlink_to(PROJECT / name)
     monkeypatch.chdir(tmp_path)
     files = dict(setup_arguments(monkeypatch, "bdist_wheel")["data_files"])
     assert {Path(path).name for path in files[f"lib/{NAME}"]} == {NAME, *NODES}

@@ -53,6 +53,22 @@ def test_pip_without_a_network_is_one_line(tmp_path):
     assert line.startswith("tirgeo: cannot reach the package index: connect this machine")
 
 
+@pytest.mark.parametrize(("words", "slow"), [([], False), (["-m", "slow and not long"], True)])
+def test_pytest_runs_no_slow_tests_unless_asked(words, slow):
+    """``colcon test`` calls it so, and ``make test-slow``."""
+    line = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "--collect-only",
+        "-q",
+        *words,
+        "test/test_examples.py",
+    ]
+    said = subprocess.run(line, cwd=PROJECT, stdout=subprocess.PIPE, text=True, check=True).stdout
+    assert ("test_rtk_outage" in said, "test_the_readme" in said) == (slow, not slow)
+
+
 @pytest.fixture
 def set_up(tmp_path):
     """Run setup.sh in ``tmp_path``, where pip finds no network: what it says."""

@@ -118,6 +118,7 @@ WRONG = [
     ("ekf_node", "-p publsh_rate_hz:=1.0", "unknown parameter publsh_rate_hz"),
     ("ekf_node", "-p use_sim_time:=1", "use_sim_time"),
     ("ekf_node", "-p qos_overrides./imu/data.subscription.reliability:=so_so", "so_so"),
+    ("ekf_node", "-p qos_overrides./imu/data.subscription.depht:=5", "subscription.depth?"),
     ("ekf_node", "--params-file /nowhere.yaml", "/nowhere.yaml: cannot be read"),
     ("gimbal_node", "-p aircraft.gimbal_pivot_m:=[1,2.0,3]", "with a decimal point"),
     ("overlay_node", "-p map:=a.geojson -p style:=/nowhere.yaml", "/nowhere.yaml"),

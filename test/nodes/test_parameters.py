@@ -12,12 +12,20 @@ rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rosgraph_msgs.msg import Clock
 
 from tirgeo_ros.core.config import NODE_CONFIGS, AircraftConfig, EkfConfig, OverlayConfig
 from tirgeo_ros.core.config.schema import parameters_of
 from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.io.parameters.parameter_file import ParameterFile
-from tirgeo_ros.nodes.parameters import check_arguments, declare, given_names, parameter_files
+from tirgeo_ros.io.parameters.parameter_file import ParameterFile, overridden_topic
+from tirgeo_ros.nodes.parameters import (
+    check_arguments,
+    declare,
+    given_names,
+    idle_overrides,
+    parameter_files,
+)
 from tirgeo_ros.tools.graph.node_graph import parameter_words
 
 
@@ -79,6 +87,18 @@ def test_parameters_of_other_nodes_and_of_ros_are_passed_over(make_node):
         "qos_overrides./imu/data.subscription.depth": 5,
     }
     assert declare(make_node(**overrides), EkfConfig) == EkfConfig()
+
+
+def test_an_override_that_no_topic_has_is_named(make_node):
+    """Those of this node's topics, also remapped, and of another node's set something."""
+    topics = ("/rig/imu", "/uav2/rtk/fix", "/ekf_node/set_heading", "/imu/dta")
+    names = [f"qos_overrides.{topic}.subscription.depth" for topic in topics]
+    node = make_node(**dict.fromkeys(names, 5), method="rtk")
+    options = QoSOverridingOptions.with_default_policies()
+    node.create_subscription(Clock, "/rig/imu", print, 1, qos_overriding_options=options)
+    assert idle_overrides(node) == names[-1:]
+    policies = [name for name in node._parameters if name.startswith("qos_overrides./rig")]
+    assert [overridden_topic(name) for name in policies] == ["/rig/imu"] * 3  # none refused
 
 
 @pytest.mark.parametrize(

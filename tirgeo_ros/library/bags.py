@@ -11,12 +11,11 @@ import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.arrays import Array, IntArray, RawPixels
-from tirgeo_ros.core.types.errors import BagError, TableError, TirgeoError
+from tirgeo_ros.core.types.errors import BagError, TableError, TirgeoError, nearest
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, BagWriter, Cdr
 from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.messages import SENSED_SAMPLES, TOPIC_TYPES, Messages, sensed
-from tirgeo_ros.io.parameters.parameter_file import nearest
 from tirgeo_ros.library.samples import arrived
 from tirgeo_ros.library.sensor_columns import OUTPUTS, SENSORS
 from tirgeo_ros.library.tables import ARRIVAL, ORDER, STAMP, Table

@@ -7,9 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.types.errors import TableError
+from tirgeo_ros.core.types.errors import TableError, nearest
 from tirgeo_ros.io.messages import SensedSample
-from tirgeo_ros.io.parameters.parameter_file import nearest
 from tirgeo_ros.library.sensor_columns import SENSORS, Form
 from tirgeo_ros.library.tables import Numbers, Table, numbers_of
 

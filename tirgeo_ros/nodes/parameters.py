@@ -21,7 +21,8 @@ from rclpy.parameter import Parameter as RosParameter
 from tirgeo_ros.core.config import NODE_CONFIGS
 from tirgeo_ros.core.config.schema import Parameter, config_from, parameters_of, values_of
 from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.io.parameters.parameter_file import ParameterFile
+from tirgeo_ros.io.messages import TOPIC_TYPES
+from tirgeo_ros.io.parameters.parameter_file import ParameterFile, overridden_topic
 
 T = TypeVar("T")
 #: Errors of wrong arguments. rcl's own cannot be imported from the public API.
@@ -127,8 +128,15 @@ def _given(node: Node, kind: type) -> dict[str, object]:
         # rcl reads an empty list as None.
         name: () if given.value is None and name in lists else given.value
         for name, given in overrides.items()
-        if name in own or not (name in others or name.startswith("qos_overrides."))
+        if name in own or not (name in others or overridden_topic(name))
     }
+
+
+def idle_overrides(node: Node) -> list[str]:
+    """Return the QoS overrides of topics that neither this node nor tirgeo's contract has."""
+    given = [name for name in node._parameter_overrides if not node.has_parameter(name)]  # noqa: SLF001
+    known = tuple(f"/{topic.strip('/')}" for topic in TOPIC_TYPES)  # the first stands for no topic
+    return [name for name in given if not (overridden_topic(name) or known[0]).endswith(known)]
 
 
 def _descriptor(parameter: Parameter) -> ParameterDescriptor:

@@ -24,7 +24,8 @@ Made from the code by `make parameters`: do not edit this page, but the descript
 `tirgeo_ros/core/config`.
 
 No file needs them all: a parameter that no file sets has its default. An owner edits the lines of
-[m600_xt2.yaml](../config/m600_xt2.yaml) or [m300_h20t.yaml](../config/m300_h20t.yaml); any other
+[m600_xt2.yaml](../config/m600_xt2.yaml), [m300_h20t.yaml](../config/m300_h20t.yaml) or
+[generic.yaml](../config/generic.yaml), which is for an aircraft that is not DJI's. Any other
 parameter goes into the same file, or into a second one, under the name of its node, and the block
 `aircraft` and the frames' names under `/**`, for all nodes:
 
@@ -34,9 +35,9 @@ parameter goes into the same file, or into a second one, under the name of its n
     rtk.delay_s: 0.08
 ```
 
-Give files to the launch file (`params_file:=`), to a node (`--ros-args --params-file`) and to the
-commands (`--params`, which may be repeated: later files override earlier ones). An unknown name, a
-wrong type or a value out of range is refused at start.
+Give files to the launch file (`params_file:=a.yaml,b.yaml`), to a node (`--ros-args
+--params-file`) and to the commands (`--params`); the last two may be repeated. Later files
+override earlier ones. An unknown name, a wrong type or a value out of range is refused at start.
 
 Where *in flight* says `yes`, a running node takes another value too, within the same range,
 from its next sample on, and logs the change: `ros2 param set /ekf_node

@@ -24,7 +24,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from tirgeo_ros.core.types.errors import TirgeoError
-from tirgeo_ros.nodes.parameters import check_arguments, explained
+from tirgeo_ros.nodes.parameters import check_arguments, explained, idle_overrides
 from tirgeo_ros.nodes.stale_shared_memory import remove_dead
 from tirgeo_ros.nodes.start import STOP_SIGNALS
 
@@ -99,6 +99,8 @@ def _context() -> Iterator[None]:
 def _node(build: Callable[[], Node]) -> Iterator[Node]:
     with explained(sys.argv):
         node = build()
+    for name in idle_overrides(node):
+        node.get_logger().warning(f"{name} sets nothing here, and is of no topic of tirgeo")
     try:
         yield node
     finally:

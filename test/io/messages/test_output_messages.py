@@ -67,6 +67,12 @@ def test_an_origin_that_is_no_place_is_refused(height_m):
         messages.tangent_plane(message)
 
 
+@pytest.mark.parametrize(("space", "aircraft"), [("/", "aircraft"), ("/a/uav1/", "a/uav1")])
+def test_a_diagnostic_names_its_aircraft(space, aircraft):
+    items = [messages.DiagnosticItem(f"{space}ekf_node: a/b: c", 0, "")]
+    assert made.diagnostics(0, items).status[0].hardware_id == aircraft
+
+
 def test_navigation_status_round_trip():
     item = made.navigation_diagnostic("ekf_node: state", given.STATUS)
     (message,) = through_cdr(made.diagnostics(0, [item])).status

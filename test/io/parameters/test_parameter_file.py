@@ -119,6 +119,15 @@ def test_texts_that_look_like_something_else(write):
     [
         (ekf("ekf_node", "publish_rate: 50.0"), "unknown parameter publish_rate of /ekf_node"),
         (ekf("ekf_node", "publish_rate: 50.0"), r"\(did you mean publish_rate_hz\?\)"),
+        (
+            ekf("/**", "qos_overrides: {/imu/data: {subscription: {depht: 3}}}"),
+            r"parameter qos\S+depht \(did you mean qos_overrides./imu/data.subscription.depth\?\)",
+        ),
+        (
+            ekf("ekf_node", "qos_overrides.rtk/fix.publsher.depth: 3"),
+            r"an \S+s./rtk/fix.publisher",
+        ),
+        (ekf("/**/overlay_node", 'map: "a\\0b"'), r"parameter map: 'a\\x00b' has a NUL character"),
         (ekf("/**", "video_latency: 0.1"), r"unknown .* of /\*\* \(did you mean video_latency_s"),
         (ekf("ekf_nod"), "unknown node /ekf_nod; known: dji_node, ekf_node, gimbal_node"),
         (

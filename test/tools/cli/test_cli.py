@@ -43,10 +43,19 @@ def raising(error):
     return run
 
 
-def test_a_result_is_a_line_a_key(run_verb):
-    code, out, err = run_verb(lambda _: {"frames": 3, "rms": {"heading_deg": 0.25}, "no": None})
+def test_a_result_is_a_line_for_each_key_in_words(run_verb):
+    """As ``process`` prints: what reports a problem first. Names of topics and files stay."""
+    result = {"frames_drawn": 3, "rms": {"heading_deg": 0.25, "rtk/fix_m": 1}, "no": None}
+    result |= {"smoothed": False, "notes": [], "latency_ms": [1.5, 2.0], "not_used": {"late": 2}}
+    code, out, err = run_verb(lambda _: result)
     assert (code, err) == (0, "")
-    assert out == "frames           3\nrms.heading_deg  0.25\n"
+    assert out.splitlines() == [
+        "! not used      late: 2",
+        "  frames drawn  3",
+        "  rms           heading: 0.25 deg; rtk/fix_m: 1",
+        "  smoothed      no",
+        "  latency       1.5, 2 ms",
+    ]
 
 
 def test_json_is_one_object_with_null_for_nan(run_verb):
@@ -99,6 +108,21 @@ def test_wrong_use_is_2(monkeypatch, capsys, argv, message):
         command.main(argv)
     assert left.value.code == 2
     assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "nearest"),
+    [
+        ("proces a", "process"),
+        ("calibrate lenz a", "lens"),
+        ("process a -o b --parms=c", "--params"),
+        ("locate a -o b --method ekf_headin", "ekf_heading"),
+    ],
+)
+def test_a_misspelt_name_gets_the_nearest(capsys, words, nearest):
+    with pytest.raises(SystemExit):
+        command.main(words.split())
+    assert capsys.readouterr().err.endswith(f" (did you mean {nearest}?)\n")
 
 
 @pytest.mark.parametrize(

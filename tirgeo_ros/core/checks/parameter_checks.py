@@ -44,7 +44,7 @@ def parameter_findings(
     if pictures and set(given) <= {"camera", "method", *_GROUND}:
         ground = "" if any(name in given for name in _GROUND) else ", no height of the ground"
         evidence = "no place on the aircraft is given: all lever arms and the boresight are 0"
-        mend = "measure them and write them into a copy of config/m600_xt2.yaml or m300_h20t.yaml"
+        mend = "measure them and write them into a copy of your aircraft's file in config"
         tell("no_parameters", evidence + ground, mend)
     return found
 

@@ -7,14 +7,13 @@ A tree of dataclasses is the parameter tree of a node: field ``imu`` of one that
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, TypeVar, cast, get_type_hints
 
-from tirgeo_ros.core.types.errors import ConfigError
+from tirgeo_ros.core.types.errors import ConfigError, nearest
 
 T = TypeVar("T")
 Value = bool | int | float | str | tuple[float, ...]
@@ -78,6 +77,8 @@ class Parameter:
             raise self._error(f"{value!r} is not of type {_KIND_NAMES[kind]}")
         if self.choices and value not in self.choices:
             raise self._error(f"{value!r} is not one of {', '.join(self.choices)}")
+        if kind is str and "\0" in cast("str", value):
+            raise self._error(f"{value!r} has a NUL character, which no name of a file can have")
         fault = self.fault(cast("str", value)) if self.fault else ""
         if fault:
             raise self._error(f"{value!r} {fault}")
@@ -170,9 +171,7 @@ def _known(name: str, known: Mapping[str, Parameter], renamed: Mapping[str, str]
         return known[name]
     if name in renamed:
         raise ConfigError(f"parameter {name} {renamed[name]}")
-    near = difflib.get_close_matches(name, known, n=1)
-    hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(known)}"
-    raise ConfigError(f"unknown parameter {name} ({hint})")
+    raise ConfigError(f"unknown parameter {name}{nearest(name, known)}")
 
 
 def _build(kind: type[T], values: Mapping[str, Value], prefix: str) -> T:

@@ -7,6 +7,10 @@ is always returned as one printable line of limited length.
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterable
+
+_LISTED = 40  # names that a message lists
 MOST = 2000  # characters in one line (a reason, a name or a path)
 
 
@@ -25,6 +29,15 @@ def shown(text: object, most: int = MOST) -> str:
     if short.isprintable():
         return short
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in short)
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Return the end of a message: the nearest of the known names, else all if they are few."""
+    names = sorted(map(str, known))
+    near = difflib.get_close_matches(name, names, n=1)
+    if near:
+        return f" (did you mean {near[0]}?)"
+    return f" (known: {', '.join(names)})" if 0 < len(names) <= _LISTED else ""
 
 
 class TirgeoError(Exception):

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Sequence
 from typing import Any
 
-from tirgeo_ros.core.types.errors import LogError
+from tirgeo_ros.core.types.errors import LogError, nearest
 from tirgeo_ros.io.logs.log_contents import Refused
 
 #: What a unit is multiplied by to give m/s2, rad/s, rad, m, m/s, Pa; for times, ns.
@@ -153,9 +152,7 @@ class Keys:
         """Raise LogError for a key that nobody asked for."""
         for key in self._values:
             if key not in self._asked:
-                near = difflib.get_close_matches(key, self._asked, n=1)
-                hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(self._asked)}"
-                raise LogError(f"{self._path(key)}: unknown key ({hint})")
+                raise LogError(f"{self._path(key)}: unknown key{nearest(key, self._asked)}")
 
     def _path(self, key: str) -> str:
         return f"{self.place}{'.' if ': ' in self.place else ': '}{key}"

@@ -20,13 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
-from tirgeo_ros.core.types.errors import ConfigError, MapError
+from tirgeo_ros.core.types.errors import ConfigError, MapError, nearest
 from tirgeo_ros.io.files.memory_bound import bounded_time
 from tirgeo_ros.io.files.offline_reading import elsewhere
 from tirgeo_ros.io.maps.label_rule import table_names
 from tirgeo_ros.io.maps.style_condition import Wanted
 from tirgeo_ros.io.maps.wkb import wkb_parts
-from tirgeo_ros.io.parameters.parameter_file import nearest
 
 #: Limit for a layer: beyond it, reading takes more than some seconds and more memory than a map
 #: may use.

@@ -16,9 +16,8 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from tirgeo_ros.core.types.errors import ConfigError
+from tirgeo_ros.core.types.errors import ConfigError, nearest
 from tirgeo_ros.io.maps.label_rule import LabelRule, shown_value, table_names
-from tirgeo_ros.io.parameters.parameter_file import nearest
 
 _LONGEST = 1000  # characters of a condition, and of the message that nothing meets it
 _VALUE = r"(?:\"[^\"]*\"|'[^']*'|[^\s\"'\[\],=!<>]+)"

@@ -25,6 +25,11 @@ class DiagnosticItem:
     message: str
     values: dict[str, str] = field(default_factory=dict)
 
+    @property
+    def aircraft(self) -> str:
+        """Return the namespace in ``/uav1/node: subject``, and ``aircraft`` where it has none."""
+        return self.name.partition(":")[0].rpartition("/")[0].strip("/") or "aircraft"
+
 
 def navigation_item(name: str, status: NavigationStatus) -> DiagnosticItem:
     """Convert the estimator's status: OK if it runs without warnings, an error once it is lost."""

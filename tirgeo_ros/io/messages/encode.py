@@ -235,7 +235,7 @@ class Messages(FrameMessages, TargetMessages):
                 level=item.level if self._takes_ndarray else bytes([item.level]),
                 name=item.name,
                 message=item.message,
-                hardware_id="",
+                hardware_id=item.aircraft,
                 values=[
                     self._class("diagnostic_msgs/msg/KeyValue")(key=key, value=value)
                     for key, value in item.values.items()

@@ -7,17 +7,16 @@ ones take precedence.
 
 from __future__ import annotations
 
-import difflib
 import os
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, TypeVar
 
 import yaml
 
 from tirgeo_ros.core.config import NODE_CONFIGS, RENAMED
 from tirgeo_ros.core.config.schema import config_from, parameters_of
-from tirgeo_ros.core.types.errors import ConfigError
+from tirgeo_ros.core.types.errors import ConfigError, nearest
 from tirgeo_ros.io.files.text_file import read_text
 from tirgeo_ros.io.files.whole_files import PathLike
 
@@ -29,7 +28,13 @@ _MARK = "ros__parameters"
 # seven times the longest file of this package; takes a second or two to read
 _MOST_BYTES = 1 << 17
 _EVERY_NODE = ("use_sim_time", "start_type_description_service")
-_EVERY_NODE_PREFIX = "qos_overrides."
+_OVERRIDE = "qos_overrides."
+#: What rclpy lets a parameter override, of each topic.
+_POLICIES = [
+    f"{end}.{policy}"
+    for end in ("subscription", "publisher")
+    for policy in ("depth", "history", "reliability")
+]
 
 _SHOWN = 60  # characters of a refused value that a message shows
 
@@ -88,14 +93,6 @@ class ParameterFile:
         return config_from(kind, _own(self.values(node, namespace)), self._name)
 
 
-def nearest(name: str, known: Collection[str]) -> str:
-    """Return the end of a message: the nearest known name, else all of them, if any."""
-    near = difflib.get_close_matches(name, list(known), n=1)
-    if near:
-        return f" (did you mean {near[0]}?)"
-    return f" (known: {', '.join(sorted(known))})" if known else ""
-
-
 def paths_of(files: Files) -> list[PathLike]:
     """Return the files as a list. Raises ConfigError for what names no file."""
     if files is None:
@@ -121,8 +118,22 @@ def _own(values: Mapping[str, object]) -> dict[str, object]:
     return {name: value for name, value in values.items() if not _of_every_node(name)}
 
 
-def _of_every_node(name: str) -> bool:
-    return name in _EVERY_NODE or name.startswith(_EVERY_NODE_PREFIX)
+def _of_every_node(name: str, where: str = "") -> bool:
+    return name in _EVERY_NODE or overridden_topic(name, where) != ""
+
+
+def overridden_topic(name: str, where: str = "") -> str:
+    """Return the topic whose QoS a parameter overrides; the empty text for any other parameter.
+
+    Raise ConfigError, which begins with ``where``, for an override that rclpy would ignore.
+    """
+    if not name.startswith(_OVERRIDE):
+        return ""
+    topic = "/" + name.removeprefix(_OVERRIDE).partition(".")[0].lstrip("/")
+    known = [f"{_OVERRIDE}{topic}.{policy}" for policy in _POLICIES]
+    if name not in known:
+        raise ConfigError(f"{where}unknown parameter {name}{nearest(name, known)}")
+    return topic
 
 
 def _check(path: PathLike, pattern: str, values: Mapping[str, object]) -> None:
@@ -130,13 +141,13 @@ def _check(path: PathLike, pattern: str, values: Mapping[str, object]) -> None:
     name = pattern.rpartition("/")[2]
     kinds = list(NODE_CONFIGS.values()) if "*" in name else [NODE_CONFIGS[name]]
     names = {parameter.name: kind for kind in kinds for parameter in parameters_of(kind)}
-    for key, value in _own(values).items():
+    for key, value in values.items():
+        if _of_every_node(key, f"{path}: "):
+            continue
         if key in RENAMED and key not in names:
             raise ConfigError(f"{path}: parameter {key} {RENAMED[key]}")
         if key not in names:
-            near = difflib.get_close_matches(key, names, n=1)
-            hint = f" (did you mean {near[0]}?)" if near else ""
-            raise ConfigError(f"{path}: unknown parameter {key} of {pattern}{hint}")
+            raise ConfigError(f"{path}: unknown parameter {key} of {pattern}{nearest(key, names)}")
         config_from(names[key], {key: value}, str(path))
 
 

@@ -1,19 +1,24 @@
-"""Format a result as lines for a person: one per key, or as a table."""
+"""Format a result for a person: a line for each key, or a table."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
-#: Key of a result that is printed elsewhere.
-_TOLD = "findings"
+from tirgeo_ros.tools.presentation.results import summary
+
+#: Keys of a result that are printed elsewhere, and those that report a problem.
+_ELSEWHERE = ("findings", "warning", "error")
+_PROBLEMS = ("refused", "not_used")
+_UNITS = {"m": "m", "s": "s", "ms": "ms", "deg": "deg", "px": "px", "hz": "Hz", "ns": "ns"}
 
 
 def lines(result: Mapping[str, object]) -> str:
-    """Return a line for each key, those of nested results with a dot; without those of None."""
-    pairs = [(name, item) for name, item in _flat(result) if item is not None and name != _TOLD]
-    width = max((len(name) for name, _ in pairs), default=0)
-    return "\n".join(f"{name:<{width}}  {_text(item)}" for name, item in pairs)
+    """Return a line for each key that has a value, in words and with its unit."""
+    kept = {name: item for name, item in result.items() if name not in _ELSEWHERE}
+    return summary(
+        (*_in_words(name, item), name in _PROBLEMS) for name, item in kept.items() if _text(item)
+    )
 
 
 def table(rows: Sequence[Sequence[str]], *, right: bool = False) -> str:
@@ -40,15 +45,19 @@ def each_not_used(refused: Mapping[str, str]) -> str:
     return "\n".join(f"not used: {name}: {why}" for name, why in refused.items())
 
 
-def _flat(result: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:
-    for name, item in result.items():
-        if isinstance(item, Mapping):
-            yield from _flat(item, f"{prefix}{name}.")
-        else:
-            yield prefix + name, item
+def _in_words(key: str, value: object) -> tuple[str, str]:
+    parts = key.split("_") if key.isidentifier() else [key]
+    unit = next((part for part in parts[1:] if part in _UNITS), "")
+    name = " ".join(part for part in parts if part != unit)
+    return name, f"{_text(value)} {_UNITS[unit]}" if unit else _text(value)
 
 
 def _text(value: object) -> str:
-    if isinstance(value, list):
-        return "; ".join(_text(item) for item in value) or "none"
+    if isinstance(value, Mapping):
+        pairs = (_in_words(name, item) for name, item in value.items() if _text(item))
+        return "; ".join(f"{name}: {text}" for name, text in pairs)
+    if isinstance(value, list | tuple):
+        return ", ".join(_text(item) for item in value)
+    if value is None or isinstance(value, bool):
+        return {None: "", True: "yes", False: "no"}[value]
     return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -13,9 +13,10 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeAlias, TypeVar
 
+from tirgeo_ros.core.types.errors import nearest
 from tirgeo_ros.tools.presentation.progress import Progress
 
-Subparsers: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"  # noqa: SLF001  its only name
+Subparsers: TypeAlias = "argparse._SubParsersAction[Parser]"  # noqa: SLF001  its only name
 #: Names (with spaces), metavar (None: a flag), help, and more keywords of ``add_argument``. A
 #: value is a Path unless ``type`` or ``choices`` says otherwise.
 Option: TypeAlias = tuple[Any, ...]
@@ -106,6 +107,21 @@ def utc_time(text: str) -> datetime:
     return time if time.tzinfo else time.replace(tzinfo=timezone.utc)
 
 
+class Parser(argparse.ArgumentParser):
+    """Parse as argparse does, and say which name is nearest to one that is not known."""
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            hint = nearest(str(value), action.choices)
+            raise argparse.ArgumentError(action, f"invalid choice: {value!r}{hint}")
+
+    def refuse(self, words: list[str]) -> None:
+        """End with usage and exit code 2, for words that are left over."""
+        options = [word.partition("=")[0] for word in words if word.startswith("-")]
+        hint = nearest(options[0], self._option_string_actions) if options else ""
+        self.error(f"unrecognized arguments: {' '.join(words)}{hint}")
+
+
 class UsageError(Exception):
     """Report arguments whose error argparse alone cannot see: usage and exit code 2."""
 
@@ -126,7 +142,7 @@ def verbs_of(package: ModuleType) -> list[ModuleType]:
     ]
 
 
-def add_verb(subparsers: Subparsers, module: ModuleType) -> argparse.ArgumentParser:
+def add_verb(subparsers: Subparsers, module: ModuleType) -> Parser:
     """Add and return the parser of a verb's module, with what all verbs share."""
     help_line, _, rest = (module.__doc__ or "").partition("\n\n")
     description, example, examples = rest.partition("example:\n")

@@ -15,10 +15,7 @@ example:
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
-from typing import Any
 
-from tirgeo_ros.tools.cli._lines import lines
 from tirgeo_ros.tools.cli._verb import (
     FLIGHT,
     GROUND,
@@ -89,8 +86,3 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     names = "params namespace method camera dem ground_height only targets smooth"
     more = {"window": window, "rasters": rasters}
     return call(export, args, "exporting, %", "bag output", names, **more)
-
-
-def describe(result: Mapping[str, Any]) -> str:
-    """Return a line for each key with a value."""
-    return lines({name: value for name, value in result.items() if value})

@@ -19,7 +19,7 @@ from tirgeo_ros.io.files.child_python import stop_signals
 from tirgeo_ros.io.files.missing_package import missing_line
 from tirgeo_ros.tools import cli
 from tirgeo_ros.tools.cli._lines import lines
-from tirgeo_ros.tools.cli._verb import UsageError, add_verb, verbs_of
+from tirgeo_ros.tools.cli._verb import Parser, UsageError, add_verb, verbs_of
 from tirgeo_ros.tools.presentation.results import error_line, plain
 
 DONE, FAILED, HUNG_UP, INTERRUPTED, BROKEN_PIPE, TERMINATED = 0, 1, 129, 130, 141, 143
@@ -30,9 +30,9 @@ def verbs() -> list[ModuleType]:
     return verbs_of(cli)
 
 
-def parser_of(modules: Sequence[ModuleType]) -> argparse.ArgumentParser:
+def parser_of(modules: Sequence[ModuleType]) -> Parser:
     """Return the command's parser, with a subparser for each verb's module."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="tirgeo",
         description="Draw a map on a drone's thermal video, from its sensors alone.",
         epilog="tirgeo VERB --help describes a verb, with an example.",
@@ -46,7 +46,9 @@ def parser_of(modules: Sequence[ModuleType]) -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run ``tirgeo argv`` and return its exit code; argparse raises SystemExit(2)."""
-    args = parser_of(verbs()).parse_args(argv)
+    args, unknown = parser_of(verbs()).parse_known_args(argv)
+    if unknown:
+        args.verb_parser.refuse(unknown)
     try:
         code = _run(args)
         sys.stdout.flush()

@@ -1,10 +1,20 @@
-"""Convert results to JSON's types, and errors to the one line that a person gets."""
+"""Convert results to lines and to JSON's types, and errors to the one line that a person gets."""
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+
+
+def summary(lines: Iterable[tuple[str, str, bool]]) -> str:
+    """Return lines of a name and a text; those that report a problem first, with a mark."""
+    ordered = sorted(lines, key=lambda line: not line[2])  # stable
+    width = max((len(name) for name, _, _ in ordered), default=0)
+    return "\n".join(
+        f"{'!' if is_problem else ' '} {name:<{width}}  {text}"
+        for name, text, is_problem in ordered
+    )
 
 
 def plain(value: object) -> object:

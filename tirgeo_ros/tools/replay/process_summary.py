@@ -10,6 +10,7 @@ from typing import Any
 
 from tirgeo_ros.core.types.verdicts import Outcome
 from tirgeo_ros.tools.presentation.progress import three
+from tirgeo_ros.tools.presentation.results import summary
 from tirgeo_ros.tools.replay.flight_topics import PICTURES
 
 #: Outcomes of a measurement that are not reported.
@@ -31,11 +32,8 @@ Line = tuple[str, str, bool]  # name, text, whether it reports a problem
 
 def six_lines(result: Mapping[str, Any]) -> str:
     """Return six lines, those that report a problem first: read, state, poses and so on."""
-    lines = [make(result) for make in (_read, _state, _poses, _frames, refused_line, _output)]
-    lines.sort(key=lambda line: not line[2])  # stable
-    return "\n".join(
-        f"{'!' if is_wrong else ' '} {name:<9}{text}" for name, text, is_wrong in lines
-    )
+    makers = (_read, _state, _poses, _frames, refused_line, _output)
+    return summary(make(result) for make in makers)
 
 
 def _read(result: Mapping[str, Any]) -> Line:
