@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import difflib
 import os
+import secrets
 from pathlib import Path, PurePosixPath
 
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
@@ -30,7 +31,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 
 from tirgeo_ros.core.config import NODE_CONFIGS
 from tirgeo_ros.core.config.schema import parameters_of
-from tirgeo_ros.core.config.viewer import address_of
+from tirgeo_ros.core.config.viewer import TOKEN_SEED, address_of
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.io.files.text_file import named_files
 from tirgeo_ros.tools.graph.localhost import localhost_environment, video_environment
@@ -61,8 +62,7 @@ ARGUMENTS = {
     "log_level": ("info", "least severity that the nodes log"),
     "respawn": (
         "",
-        f"whether a node that ends is started again after {RESPAWN_DELAY_S:g} s; empty = live, and "
-        "with a bag the page alone",
+        f"whether a node that ends is started again after {RESPAWN_DELAY_S:g} s; empty = live",
     ),
     "page": (
         "false",
@@ -96,8 +96,10 @@ def graph(context: LaunchContext) -> list[Action]:
     page = ["viewer_node"] * (page_address(given) is not None)
     names = ["ekf_node", "gimbal_node", "overlay_node", *page, *source]
     nodes = [node(context, name, given) for name in names]
+    # Each new start of the page has the tokens of its first one.
+    seed = [SetEnvironmentVariable(TOKEN_SEED, secrets.token_urlsafe())] if page else []
     viewer = [rviz(given)] if is_true("rviz", given["rviz"]) else []
-    return [*environment(local=local), *nodes, *viewer]
+    return [*environment(local=local), *seed, *nodes, *viewer]
 
 
 def check_names(context: LaunchContext, given: dict[str, str]) -> None:
