@@ -58,22 +58,13 @@ def test_a_second_filter_is_found_and_a_killed_node_is_not(spawn, meet):
     stranger.spin_until(lambda: stranger.node.count_publishers(POSE) == 1)  # the lease is over
     await_words(spawn("ekf_node"), "ready")
 
-    def findings(node):
-        found = stranger.diagnostic(f"/{node}: set-up")
-        return {name: line for name, line in found.items() if name.startswith("publishers_of")}
-
-    stranger.spin_until(lambda: findings("ekf_node"))
-    assert "/tirgeo/odometry has 2 publishers: /ekf_node, /ekf_node: " in next(
-        iter(findings("ekf_node").values())
-    )
-    texts = [
-        item.key
-        for array in stranger.received["/diagnostics"]
-        for status in array.status
-        for item in status.values
-    ]
-    assert "publishers_of_tirgeo_odometry" in texts
-    assert "publishers_of_tirgeo_camera_pose" not in texts
+    check = "publishers_of_tirgeo_odometry"
+    stranger.spin_until(lambda: check in stranger.diagnostic("/ekf_node: set-up"))
+    line = stranger.diagnostic("/ekf_node: set-up")[check]
+    assert line.startswith("STOP: /tirgeo/odometry has 2 publishers: /ekf_node, /ekf_node: ")
+    heard = [one for array in stranger.received["/diagnostics"] for one in array.status]
+    checks = {item.key for one in heard for item in one.values}
+    assert "publishers_of_tirgeo_camera_pose" not in checks
 
 
 def test_each_new_start_of_a_node_counts_once(monkeypatch):

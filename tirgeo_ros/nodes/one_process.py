@@ -59,7 +59,7 @@ def _beside_the_page(arguments: list[str], overlay: OverlayNode, stop: threading
     Return its last exit code, 0 or 1. An error of its own before it was ever heard is one of the
     set-up: then all ends.
     """
-    wait_s, code = _RESTART_S, 0
+    wait_s = _RESTART_S
     while not stop.is_set():
         begin_s = time.monotonic()
         code = _run_page(arguments, stop)
