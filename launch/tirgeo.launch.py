@@ -3,13 +3,15 @@
 ``ros2 launch tirgeo tirgeo.launch.py map:=park.geojson`` on an aircraft, with dji_node unless
 ``dji:=false`` says that other drivers give its topics;
 ``ros2 launch tirgeo tirgeo.launch.py map:=park.geojson bag:=flight.mcap`` plays a flight in sim
-time and ends when it ends, or with exit code 1 when a node of it dies; only this machine reaches
-that graph (docs/security.md). ``--show-args`` lists all arguments.
+time and ends when it ends, or with exit code 1 when a node of it dies, but for the page; only
+this machine reaches that graph (docs/security.md). ``--show-args`` lists all arguments.
 """
 
 from __future__ import annotations
 
+import difflib
 import os
+import secrets
 from pathlib import Path, PurePosixPath
 
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
@@ -27,7 +29,9 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
-from tirgeo_ros.core.config.viewer import address_of
+from tirgeo_ros.core.config import NODE_CONFIGS
+from tirgeo_ros.core.config.schema import parameters_of
+from tirgeo_ros.core.config.viewer import TOKEN_SEED, address_of
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.io.files.text_file import named_files
 from tirgeo_ros.tools.graph.localhost import localhost_environment, video_environment
@@ -37,12 +41,14 @@ SHARE = Path(__file__).resolve().parents[1]  # share/tirgeo when installed, else
 RVIZ = SHARE / "config" / "tirgeo.rviz"
 IMAGE, CAMERA_INFO = "thermal/image_raw", "thermal/camera_info"
 RESPAWN_DELAY_S = 2.0
+RESEMBLES = 0.75  # difflib's ratio: bagg and bag have 0.86, dem and map 0.33
 LEVELS = ("debug", "info", "warn", "error", "fatal")
 ARGUMENTS = {
     "params_file": (
         str(SHARE / "config" / "m600_xt2.yaml"),
         "parameters of all nodes (YAML), or several files with commas: later ones override",
     ),
+    "params": ("", "the same as params_file"),
     "map": ("", "the map to draw, or several with commas; empty = as params_file says"),
     "bag": ("", "recorded flight to play instead of a live aircraft; the graph ends with it"),
     "dji": ("true", "whether dji_node brings the aircraft's topics; never with a bag"),
@@ -58,8 +64,8 @@ ARGUMENTS = {
     "localhost_only": ("", "whether only this machine reaches the graph; empty = with a bag"),
     "log_level": ("info", "least severity that the nodes log"),
     "respawn": (
-        "false",
-        f"whether a node that ends is started again after {RESPAWN_DELAY_S:g} s; not with a bag",
+        "",
+        f"whether a node that ends is started again after {RESPAWN_DELAY_S:g} s; empty = live",
     ),
     "page": (
         "false",
@@ -84,31 +90,53 @@ def generate_launch_description() -> LaunchDescription:
 def graph(context: LaunchContext) -> list[Action]:
     """Return the nodes and their environment; raise for arguments that cannot be."""
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+    check_names(context, given)
     check(given)
+    given["params_file"] = given["params"] or given["params_file"]
     on_bag = bool(given["bag"])
     local = is_true("localhost_only", given["localhost_only"] or str(on_bag))
     source = ["bag_player"] if on_bag else ["dji_node"] * is_true("dji", given["dji"])
     page = ["viewer_node"] * (page_address(given) is not None)
     names = ["ekf_node", "gimbal_node", "overlay_node", *page, *source]
     nodes = [node(context, name, given) for name in names]
+    # Each new start of the page has the tokens of its first one.
+    seed = [SetEnvironmentVariable(TOKEN_SEED, secrets.token_urlsafe())] if page else []
     viewer = [rviz(given)] if is_true("rviz", given["rviz"]) else []
-    return [*environment(local=local), *nodes, *viewer]
+    return [*environment(local=local), *seed, *nodes, *viewer]
+
+
+def check_names(context: LaunchContext, given: dict[str, str]) -> None:
+    """Raise ValueError for an argument that is none of ours and resembles one.
+
+    The arguments of a launch file that includes this one stand beside ours: they pass where they
+    add words to a name (use_rviz), or where the one that they resemble is set as well.
+    """
+    for name in sorted(context.launch_configurations.keys() - ARGUMENTS.keys()):
+        for near in difflib.get_close_matches(name, ARGUMENTS, 1, RESEMBLES):
+            more_words = set(near.split("_")) <= set(name.split("_"))
+            if not more_words and given[near] == ARGUMENTS[near][0]:
+                value = context.launch_configurations[name]
+                raise ValueError(f"argument {name}:={value}: did you mean {near}:=?")
 
 
 def check(given: dict[str, str]) -> None:
     """Raise ValueError for a file that is not there, before any node is started without it."""
-    for name in ("params_file", "map", "bag", "remap"):
+    usual, (one, other) = ARGUMENTS["params_file"][0], (given["params"], given["params_file"])
+    if one and other not in (one, usual, ""):
+        raise ValueError(f"arguments params:={one} params_file:={other}: give one of them")
+    for name in ("params", "params_file", "map", "bag", "remap"):
         for path in map(Path, paths(given[name])):
             # A recorded flight may be a folder, and so may a map (File Geodatabase).
             if not (path.is_file() or (name in {"map", "bag"} and path.is_dir())):
                 raise ValueError(f"argument {name}:={given[name]}: there is no file {path}")
-    if given["bag"] and is_true("respawn", given["respawn"]):
+    if given["bag"] and is_true("respawn", given["respawn"] or "false"):
         raise ValueError("argument respawn:=true: not with bag:=, which ends when a node dies")
 
 
 def node(context: LaunchContext, name: str, given: dict[str, str]) -> Node:
     """Return the action that runs one of the package's executables under its own name."""
-    respawn = is_true("respawn", given["respawn"])
+    ends = end_of(name) if given["bag"] and name != "viewer_node" else None
+    respawn = is_true("respawn", given["respawn"] or str(ends is None))
     level = f"{logger_name(context, given['namespace'], name)}:={given['log_level']}"
     return Node(
         package="tirgeo",
@@ -122,22 +150,22 @@ def node(context: LaunchContext, name: str, given: dict[str, str]) -> Node:
         ros_arguments=["--enclave", f"/tirgeo/{name}", "--log-level", level],
         respawn=respawn,
         respawn_delay=RESPAWN_DELAY_S,
-        on_exit=end_of(name) if given["bag"] else None,
+        on_exit=ends,
     )
 
 
 def parameters(name: str, given: dict[str, str]) -> list[object]:
     """Return the file of parameters, and what the arguments set over it for a node."""
-    values: dict[str, object] = {}
-    if name == "bag_player":
-        values |= text("bag", ",".join(paths(given["bag"])))
-    else:
-        values |= sim_time(given)
-    if name in {"overlay_node", "viewer_node"}:
-        values |= text("map", ",".join(paths(given["map"])))
-    if name == "viewer_node":
-        values |= text("listen", page_address(given) or "")
-    values |= text("frame_prefix", given["frames"])
+    has = {parameter.name for parameter in parameters_of(NODE_CONFIGS[name])}
+    texts = {
+        "bag": ",".join(paths(given["bag"])),
+        "map": ",".join(paths(given["map"])),
+        "listen": page_address(given) or "",
+        "frame_prefix": given["frames"],
+    }
+    values = {} if name == "bag_player" else sim_time(given)
+    for key, value in texts.items():
+        values |= text(key, value) if key in has else {}
     return [*paths(given["params_file"]), *([values] if values else [])]
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from launch_stand_ins import actions_of, environment_of, launched, loaded
+from launch_stand_ins import actions_of, environment_of, launched, loaded, plain
 from project import NODES, PROJECT
 
 PROFILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
@@ -94,6 +94,42 @@ def test_launch_refuses_a_file_that_is_not_there(launch_file, name, flight, tmp_
         launched(launch_file, **{name: str(tmp_path)})  # a recorded folder, a File Geodatabase
 
 
+@pytest.mark.parametrize(
+    ("wrong", "meant"),
+    [
+        ("bagg", "bag"),
+        ("param_file", "params_file"),
+        ("params_fil", "params_file"),
+        ("name_space", "namespace"),
+        ("mapp", "map"),
+        ("loglevel", "log_level"),
+        ("local_only", "localhost_only"),
+        ("sim_time", "use_sim_time"),
+    ],
+)
+def test_launch_refuses_an_argument_that_resembles_one_of_its_own(launch_file, wrong, meant):
+    with pytest.raises(ValueError, match=f"^argument {wrong}:=x: did you mean {meant}:="):
+        launched(launch_file, {wrong: "x"})
+
+
+def test_launch_lets_the_arguments_of_a_file_that_includes_it_pass(launch_file):
+    names = "image_topic use_rviz map_file bag_path camera_info_url use_namespace robot_namespace "
+    names += "use_respawn rviz_config frame_rate serial_port dem robot autostart ros_params slam"
+    assert launched(launch_file, dict.fromkeys(names.split(), "x"))
+    # It may pass its own on, under our name.
+    assert launched(launch_file, {"sim_time": "true"}, use_sim_time="true")
+
+
+def test_launch_takes_params_for_params_file(launch_file, flight, tmp_path):
+    with pytest.raises(ValueError, match=r"^argument params:=/nope.yaml: there is no file"):
+        launched(launch_file, params="/nope.yaml")
+    with pytest.raises(ValueError, match=r"^arguments params:=.* params_file:=.*: give one"):
+        launched(launch_file, params=flight, params_file="other.yaml")
+    for also in ({}, {"params_file": flight}):
+        nodes = launched(launch_file, params=flight, **also)
+        assert {tuple(node.parameters) for node in nodes.values()} == {(flight,)}
+
+
 def test_every_argument_is_described_and_has_a_default(launch_file):
     (*declared, _) = launch_file["generate_launch_description"]().positional[0]
     for one in declared:
@@ -158,19 +194,25 @@ def test_launch_prefixes_the_frames_and_sets_the_level_of_our_loggers(launch_fil
     given = {"params_file": "", "frames": "uav1/", "namespace": "/a/b/", "log_level": "debug"}
     for name, node in launched(launch_file, **given).items():
         (values,) = node.parameters
-        assert values["frame_prefix"].positional == ("uav1/",)
+        assert plain(values["frame_prefix"]) == "uav1/"
         assert node.ros_arguments[-2:] == ["--log-level", f"a.b.{name}:=debug"]
     graph, declared = launch_file["graph"], launch_file["ARGUMENTS"]
     context = {name: default for name, (default, _) in declared.items()}
-    pushed = graph(context | {"ros_namespace": "/fleet", "namespace": "uav1"})
+    context |= {"ros_namespace": "/fleet", "namespace": "uav1"}
+    pushed = graph(SimpleNamespace(launch_configurations=context))
     (ekf_node,) = (each for each in pushed if getattr(each, "name", "") == "ekf_node")
     assert ekf_node.ros_arguments[-1] == "fleet.uav1.ekf_node:=info"
 
 
-def test_launch_starts_nodes_again_but_never_with_a_bag(launch_file, flight):
-    assert {node.respawn for node in launched(launch_file).values()} == {False}
-    for node in launched(launch_file, respawn="true").values():
-        assert (node.respawn, node.respawn_delay) == (True, 2.0)
+def test_launch_starts_live_nodes_again_and_with_a_bag_the_page_alone(launch_file, flight):
+    for given, respawns in (({}, True), ({"respawn": "false"}, False)):
+        nodes = launched(launch_file, page="true", **given)
+        found = {(node.respawn, node.respawn_delay, node.on_exit) for node in nodes.values()}
+        assert found == {(respawns, 2.0, None)}
+        on_bag = launched(launch_file, bag=flight, page="true", **given)
+        assert on_bag["viewer_node"].on_exit is None
+        assert on_bag.pop("viewer_node").respawn is respawns
+        assert {node.respawn for node in on_bag.values()} == {False}
     with pytest.raises(ValueError, match="argument respawn:=true: not with bag:="):
         launched(launch_file, respawn="true", bag=flight)
 

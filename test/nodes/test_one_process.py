@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -117,6 +118,30 @@ def test_a_bag_goes_through_and_others_see_each_message_once(
         "/overlay_node",
     }
     assert all(first_ns < stamp <= last_ns for stamp in newest.values())
+
+
+def test_a_page_that_is_killed_is_started_again_and_takes_nothing_along(start, meet):
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        address = f"0.0.0.0:{free.getsockname()[1]}"
+    stranger = meet(**{"/diagnostics": DiagnosticArray})
+    run = start("--no-dji", "--page", address)
+    run.await_ready()
+
+    def page_is_heard() -> bool:
+        return bool(stranger.diagnostic("/viewer_node: topics"))
+
+    stranger.spin_until(page_is_heard)
+    os.kill(child_of(run.process.pid, "viewer_node"), signal.SIGKILL)
+    run.await_ready(5)
+    first, second = re.findall(r"the page is at (\S+)", run.log.read_text())
+    assert first == second  # with its token
+    assert "viewer_node ended (exit code -9): started again in 2 s" in run.log.read_text()
+    check = "restarts_of_viewer_node"
+    stranger.spin_until(lambda: check in stranger.diagnostic("/overlay_node: set-up"))
+    line = stranger.diagnostic("/overlay_node: set-up")[check]
+    assert line.startswith("CAUTION: viewer_node ended and was started again; restarts so far: 1")
+    run.process.send_signal(signal.SIGINT)
+    assert run.ended() == 0, run.log.read_text()
 
 
 @pytest.mark.slow

@@ -7,6 +7,7 @@ import runpy
 import sys
 from types import ModuleType, SimpleNamespace
 
+import yaml
 from project import PROJECT
 
 
@@ -18,7 +19,7 @@ class Recorded(SimpleNamespace):
 class Argument(Recorded):
     def perform(self, context):
         (name,) = self.positional
-        return context.get(name, getattr(self, "default", None))
+        return context.launch_configurations.get(name, getattr(self, "default", None))
 
 
 class PackageNotFoundError(KeyError):
@@ -58,7 +59,8 @@ def loaded(monkeypatch):
     return runpy.run_path(str(PROJECT / "launch" / "tirgeo.launch.py"))
 
 
-def actions_of(launch_file, **given):
+def actions_of(launch_file, others=(), **given):
+    """``others`` are the launch configurations that the file itself does not declare."""
     actions = launch_file["generate_launch_description"]().positional[0]
     declared = {
         action.positional[0]: action.default_value
@@ -66,11 +68,12 @@ def actions_of(launch_file, **given):
         if type(action).__name__ == "DeclareLaunchArgument"
     }
     assert given.keys() <= declared.keys()
-    return actions[-1].function(declared | given)
+    configurations = declared | given | dict(others)
+    return actions[-1].function(SimpleNamespace(launch_configurations=configurations))
 
 
-def launched(launch_file, **given):
-    actions = actions_of(launch_file, **given)
+def launched(launch_file, others=(), **given):
+    actions = actions_of(launch_file, others, **given)
     return {node.name: node for node in actions if type(node).__name__ == "Node"}
 
 
@@ -81,3 +84,21 @@ def environment_of(launch_file, **given):
         for action in actions_of(launch_file, **given)
         if type(action).__name__.endswith("EnvironmentVariable")
     }
+
+
+def ros_arguments_of(node, folder):
+    """What launch_ros calls the node's executable with, after ``--ros-args``."""
+    full_name = f"/{node.namespace.strip('/')}/{node.name}".replace("//", "/")
+    words = [*node.ros_arguments, "-r", f"__node:={node.name}", "-r", f"__ns:=/{node.namespace}"]
+    for number, given in enumerate(node.parameters):
+        path = given
+        if isinstance(given, dict):
+            values = {key: plain(value) for key, value in given.items()}
+            path = folder / f"{node.name}.{number}.yaml"
+            path.write_text(yaml.safe_dump({full_name: {"ros__parameters": values}}))
+        words += ["--params-file", str(path)]
+    return words + [word for own, other in node.remappings for word in ("-r", f"{own}:={other}")]
+
+
+def plain(value):
+    return value.positional[0] if type(value).__name__ == "ParameterValue" else value

@@ -16,6 +16,7 @@ from tirgeo_ros.core.types.errors import cut
 from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.core.types.verdicts import NavigationStatus
 from tirgeo_ros.io.messages import body_pose, navigation_status
+from tirgeo_ros.nodes.graph_watch import Restarts
 
 #: Diagnostics that are older count as silence: each node reports once a second.
 SILENT_S = 3.5
@@ -31,6 +32,7 @@ class Heard:
     def __init__(self) -> None:
         self._items: dict[str, tuple[float, dict[str, str]]] = {}
         self._navigation: tuple[float, NavigationStatus] | None = None
+        self.restarts = Restarts()  # of overlay_node, which counts those of the others
 
     def take(self, now_s: float, name: str, status: Any) -> None:
         """Take a ``DiagnosticStatus``, named ``NODE: SUBJECT`` without the namespace.
@@ -40,6 +42,8 @@ class Heard:
         self._items[name] = now_s, {item.key: cut(item.value) for item in status.values}
         if name.endswith(": navigation"):
             self._navigation = now_s, navigation_status(status)
+        elif name == "overlay_node: topics":
+            self.restarts.take(status)
 
     def navigation(self, now_s: float) -> tuple[NavigationStatus | None, bool]:
         """Return the estimator's status, None if it is silent, and whether it ever spoke."""

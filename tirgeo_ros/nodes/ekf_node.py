@@ -21,6 +21,7 @@ from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus, Outcome, Verdict
 from tirgeo_ros.io.messages import NAVIGATION_INPUTS, TOPIC_TYPES, DiagnosticItem
 from tirgeo_ros.nodes.graph_node import GraphNode
+from tirgeo_ros.nodes.graph_watch import OtherPublishers
 from tirgeo_ros.nodes.inbox import Inbox
 from tirgeo_ros.nodes.monitor import OK, WARN
 from tirgeo_ros.nodes.parameters import given_names
@@ -84,7 +85,7 @@ class EkfNode(GraphNode):
         sources = METHOD_SOURCES[config.method]
         positions = [NAVIGATION_INPUTS[one][0] for one in sources if one in _POSITIONS]
         inputs = InputChecks(self, (_IMU,), positions)
-        self._setup = SetupChecks(self, inputs, self._checks)
+        self._setup = SetupChecks(self, inputs, OtherPublishers(self), self._checks)
         self._arrivals = Arrivals()
         self._inbox = Inbox(self)
         self._state_log = StateLog(self)

@@ -19,6 +19,7 @@ from tirgeo_ros.io.messages import (
     joint_sample,
 )
 from tirgeo_ros.nodes.graph_node import GraphNode
+from tirgeo_ros.nodes.graph_watch import OtherPublishers
 from tirgeo_ros.nodes.monitor import OK
 from tirgeo_ros.nodes.parameters import given_names
 from tirgeo_ros.nodes.qos import STREAM_DEPTH, output, sensor_input
@@ -38,7 +39,7 @@ class GimbalNode(GraphNode):
         self._checks = GimbalChecks(config, given)
         known = parameter_findings(given, (), "", pictures=True, option="--params-file")
         inputs = InputChecks(self, ("gimbal/joint_states", "gimbal/attitude"))
-        self._setup = SetupChecks(self, inputs, self._checks, known=known)
+        self._setup = SetupChecks(self, inputs, OtherPublishers(self), self._checks, known=known)
         self._arrivals = Arrivals()
         stream = output(STREAM_DEPTH)
         self._camera_pose = self.advertise("tirgeo/camera_pose", stream)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import Counter
+from datetime import datetime, timezone
 
 from tirgeo_ros.io.messages import DiagnosticItem
 
@@ -18,6 +19,7 @@ class Monitor:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
+        self._started = datetime.now(timezone.utc).isoformat()
         self._since_s = time.monotonic()
         self._expected_s: dict[str, float] = {}  # steady time of registration
         self._window: Counter[str] = Counter()
@@ -99,7 +101,8 @@ class Monitor:
     def _values(self, now_s: float) -> dict[str, str]:
         span = max(now_s - self._since_s, 1e-3)
         topics = sorted({*self._expected_s, *self._last_s, *self._window})
-        values = {f"{topic} rate [Hz]": f"{self._window[topic] / span:.1f}" for topic in topics}
+        values = {"started": self._started}
+        values |= {f"{topic} rate [Hz]": f"{self._window[topic] / span:.1f}" for topic in topics}
         for topic, last in sorted(self._last_s.items()):
             values[f"{topic} age [s]"] = f"{now_s - last:.2f}"
         for topic, found in self._latency_s.items():

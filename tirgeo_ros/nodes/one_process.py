@@ -5,24 +5,28 @@ no other process reads is sent nowhere. Other processes see and feed every topic
 each node is a process. Each node has a thread of its own, as it would have there.
 
 viewer_node alone gets a process of its own: its page must not wait for the interpreter that the
-other nodes share.
+other nodes share. If it ends it is started again, unless it refuses its parameters at its start.
 """
 
 from __future__ import annotations
 
 import os
+import secrets
 import signal
 import subprocess
 import sys
 import threading
+import time
 from functools import partial
 from typing import Any
 
+from tirgeo_ros.core.config.viewer import TOKEN_SEED
 from tirgeo_ros.io.files.child_python import node_command
 from tirgeo_ros.nodes.bag_player import BagPlayer
 from tirgeo_ros.nodes.dji_node import DjiNode
 from tirgeo_ros.nodes.ekf_node import EkfNode
 from tirgeo_ros.nodes.gimbal_node import GimbalNode
+from tirgeo_ros.nodes.monitor import ERROR
 from tirgeo_ros.nodes.overlay_node import OverlayNode
 from tirgeo_ros.nodes.runner import Part, Work, run_all
 
@@ -34,6 +38,8 @@ _SETTLE_S = 3.5
 _POLL_S = 0.1
 #: The page may have recordings to complete.
 _PAGE_END_S = 30.0
+#: Before the page is started again; the longer, the sooner it ended.
+_RESTART_S, _LONGEST_RESTART_S, _SOON_S = 2.0, 30.0, 60.0
 
 
 def main() -> int:
@@ -42,20 +48,40 @@ def main() -> int:
     names, arguments = sys.argv[end + 1 :], sys.argv[sys.argv.index("--ros-args") + 1 : end]
     parts = {name: _PARTS[name] for name in names if name in _PARTS}
     if "viewer_node" in names:
+        os.environ.setdefault(TOKEN_SEED, secrets.token_urlsafe())
         parts["overlay_node"] = Part(OverlayNode, partial(_beside_the_page, arguments))
     return run_all(_PROGRAM, parts)
 
 
-def _beside_the_page(arguments: list[str], _: Any, stop: threading.Event) -> int:
-    """Run viewer_node in its own process until either ends; return its exit code, or 1."""
+def _beside_the_page(arguments: list[str], overlay: OverlayNode, stop: threading.Event) -> int:
+    """Run viewer_node in its own process, again and again, until ``stop`` is set.
+
+    Return its last exit code, 0 or 1. An error of its own before it was ever heard is one of the
+    set-up: then all ends.
+    """
+    wait_s = _RESTART_S
+    while not stop.is_set():
+        begin_s = time.monotonic()
+        code = _run_page(arguments, stop)
+        if stop.is_set() or (code > 0 and "viewer_node" not in overlay.restarts.starts):
+            return int(code != 0)
+        soon = time.monotonic() - begin_s < _SOON_S
+        overlay.log(ERROR, f"viewer_node ended (exit code {code}): started again in {wait_s:g} s")
+        stop.wait(wait_s)
+        wait_s = min(2 * wait_s, _LONGEST_RESTART_S) if soon else _RESTART_S
+    return 0
+
+
+def _run_page(arguments: list[str], stop: threading.Event) -> int:
+    """Run viewer_node until it ends, or is ended because ``stop`` is set; return the exit code."""
     command = node_command("viewer_node", arguments, ends_with=os.getpid())
     with subprocess.Popen(command, stdin=subprocess.DEVNULL) as page:  # noqa: S603  this Python
         while not stop.wait(_POLL_S):
             if page.poll() is not None:
-                return page.returncode if page.returncode > 0 else 1
+                return page.returncode
         page.send_signal(signal.SIGINT)
         try:
-            return 1 if page.wait(_PAGE_END_S) else 0
+            return page.wait(_PAGE_END_S)
         except subprocess.TimeoutExpired:
             page.kill()
             return 1

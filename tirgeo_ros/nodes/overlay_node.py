@@ -40,6 +40,7 @@ from tirgeo_ros.io.messages import (
 from tirgeo_ros.io.pictures.camera_file import given_camera
 from tirgeo_ros.nodes.frame_statistics import FrameStatistics
 from tirgeo_ros.nodes.graph_node import GraphNode
+from tirgeo_ros.nodes.graph_watch import OtherPublishers, Restarts
 from tirgeo_ros.nodes.map_watch import MapWatch
 from tirgeo_ros.nodes.monitor import OK, WARN
 from tirgeo_ros.nodes.parameters import given_names
@@ -78,7 +79,9 @@ class OverlayNode(GraphNode):
         )
         info = [] if self._config.camera else [(_INFO,)]
         inputs = InputChecks(self, (_RAW, _COMPRESSED), *info)
-        self._setup = SetupChecks(self, inputs, self._map_checks, self._picture_checks)
+        self.restarts = Restarts()
+        checks = inputs, OtherPublishers(self), self.restarts
+        self._setup = SetupChecks(self, *checks, self._map_checks, self._picture_checks)
         self._notice = ""  # of the newest picture: why it has no map
         self._verdicts: dict[str, DrawingVerdict] = {}  # of the nodes, by the names of their items
         self._camera = given_camera(self._config)
@@ -180,6 +183,8 @@ class OverlayNode(GraphNode):
             subject = self._subject(status.name)
             if subject == "navigation":
                 self._overlay.set_status(navigation_status(status))
+            elif subject == "topics":
+                self.restarts.take(status)
             elif subject == SUBJECT:
                 severity = Severity(min(diagnostic_level(status), Severity.STOP))
                 self._verdicts[status.name] = DrawingVerdict(severity, cut(status.message))

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import base64
 import hashlib
 import hmac
 import ipaddress
+import os
 import re
 import secrets
 import socket
@@ -12,13 +14,19 @@ import time
 
 from aiohttp import web
 
-from tirgeo_ros.core.config.viewer import ViewerConfig, address_of
+from tirgeo_ros.core.config.viewer import TOKEN_SEED, ViewerConfig, address_of
 
 OPERATOR, VIEWER = "operator", "viewer"
 _SESSION_S = 3 * 24 * 3600
 _SAME_SITE = {"", "same-origin", "none"}  # none: typed or scanned by the user
 _LOOPBACK_NAMES = {"localhost", "localhost.localdomain"}
 _HOST = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]+)(?::([0-9]{1,5}))?", re.ASCII)
+
+
+def _made_token(role: str) -> str:
+    seed = os.environ.get(TOKEN_SEED) or secrets.token_urlsafe()
+    digest = hmac.digest(seed.encode(), role.encode(), "sha256")
+    return base64.urlsafe_b64encode(digest[:18]).decode()
 
 
 class Access:
@@ -32,8 +40,8 @@ class Access:
         host, _ = address_of(config.listen)
         self.open = is_loopback(host) and not (config.token or config.viewer_token)
         self.tokens = {
-            OPERATOR: config.token or secrets.token_urlsafe(18),
-            VIEWER: config.viewer_token or secrets.token_urlsafe(18),
+            OPERATOR: config.token or _made_token(OPERATOR),
+            VIEWER: config.viewer_token or _made_token(VIEWER),
         }
         self.scheme = "https" if config.certificate else "http"
         self._names = {*_LOOPBACK_NAMES, host.lower()}

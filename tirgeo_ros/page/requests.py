@@ -98,7 +98,7 @@ _MUST: Mapping[str, Mapping[str, Check]] = {
         "refine": _or_none(_id),
     },
     "edit": {"id": _id, "was": _texts},
-    "leave_out": {"id": _id, "field": _text(4), "text": _text(2000)},
+    "leave_out": {"id": _id, "field": _text(4), "text": _text(MOST_NOTE)},
     "delete": {"id": _id, "was": _texts},
     "undo": {},
     "record": {"aircraft": _aircraft, "on": _flag},

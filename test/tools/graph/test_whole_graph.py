@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import configparser
 import json
 import os
+import shlex
+import shutil
 import signal
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -12,6 +16,7 @@ from project import NODES, PROJECT
 
 from tirgeo_ros.io.files.child_python import stop_signals
 from tirgeo_ros.tools.cli import main as command
+from tirgeo_ros.tools.cli.main import parser_of, verbs
 from tirgeo_ros.tools.graph.localhost import PROFILES
 from tirgeo_ros.tools.graph.whole_graph import WholeGraph
 
@@ -42,6 +47,24 @@ def become(monkeypatch):
 
     yield run
     signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def test_the_unit_of_systemd_calls_the_command_as_it_is():
+    path = PROJECT / "config" / "systemd" / "tirgeo.service"
+    unit = configparser.ConfigParser(interpolation=None)
+    unit.optionxform = str
+    unit.read(path)
+    shell, option, line = shlex.split(unit["Service"]["ExecStart"])
+    assert (shell, option) == ("/bin/bash", "-c")
+    program, *words = shlex.split(line.rpartition("exec ")[2])
+    assert program.endswith("/.venv/bin/tirgeo")
+    parser_of(verbs()).parse_args(words)
+    assert unit["Service"]["KillSignal"] == "SIGINT"
+    if shutil.which("systemd-analyze"):
+        done = subprocess.run(
+            ["systemd-analyze", "verify", path], capture_output=True, text=True, check=False
+        )
+        assert (done.returncode, done.stderr) == (0, "")
 
 
 def given(argv):

@@ -14,6 +14,11 @@ _NAMESPACE = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 _TOKEN = re.compile(r"[A-Za-z0-9._~-]{12,200}", re.ASCII)
 
 
+#: Variable of the environment from which tokens are made that nobody gave: who starts the page
+#: again sets it once, so that the page's users stay in.
+TOKEN_SEED = "TIRGEO_TOKEN_SEED"  # noqa: S105  the variable's name
+
+
 def address_of(listen: str) -> tuple[str, int]:
     """Return host and port of ``HOST:PORT``; an IPv6 address is in brackets, and returned without.
 

@@ -4,7 +4,7 @@ Live, or with --bag in simulated time until the bag ends. The nodes, their topic
 parameters are those of the launch file, and ROS_DOMAIN_ID applies: rviz, Foxglove and recorders
 see and feed every topic. With --bag only this machine reaches the nodes. Ctrl-C ends all. A node
 that fails ends the others, with exit code 1. With --page the operator's page shows video, targets
-and map in any browser. Needs ROS 2 Jazzy or its wheels.
+and map in any browser; if it ends later it is started again. Needs ROS 2 Jazzy or its wheels.
 
 example:
   tirgeo run --map park.geojson --params my_aircraft.yaml

@@ -82,12 +82,14 @@ def demonstrate(setup: GraphSetup, progress: Report = silent) -> dict[str, objec
 def show_page(setup: GraphSetup, listen: str, cot: str, out: TextIO) -> dict[str, object]:
     """Show the flight on the operator's page until Ctrl-C; return where its targets are.
 
-    ``out`` gets what viewer_node says of its address. Raise GraphError for a node that fails.
+    ``out`` gets what viewer_node says of its address, and a line for each node that ended and is
+    started again. Raise GraphError for a node that does not start.
     """
     folder = setup.folder / "page"
     folder.mkdir(parents=True, exist_ok=True)
-    page = {"targets": folder / "targets.gpkg", "record_to": folder / "recordings"}
     given = {"listen": listen, "cot": cot}
+    page: dict[str, object] = {name: one for name, one in given.items() if one}
+    page |= {"targets": folder / "targets.gpkg", "record_to": folder / "recordings"}
 
     def shown(viewer: NodeProcess) -> None:
         said = [line for line in viewer.text().splitlines() if not line.startswith("[")]
@@ -95,7 +97,7 @@ def show_page(setup: GraphSetup, listen: str, cot: str, out: TextIO) -> dict[str
         out.flush()
 
     with suppress(KeyboardInterrupt):
-        show_graph(setup, page | {name: one for name, one in given.items() if one}, shown)
+        show_graph(setup, page, shown, out.write)
     return {"page": str(folder), "bag": str(setup.bag)}
 
 

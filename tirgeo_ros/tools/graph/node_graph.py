@@ -6,6 +6,7 @@ import contextlib
 import json
 import os
 import re
+import secrets
 import signal
 import socket
 import time
@@ -14,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NoReturn
 
+from tirgeo_ros.core.config.viewer import TOKEN_SEED
 from tirgeo_ros.core.types.errors import GraphError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.child_python import stop_signals
@@ -26,6 +28,7 @@ from tirgeo_ros.tools.replay.flight_topics import PICTURES
 
 _READY_TIMEOUT_S = 60.0
 _STOP_TIMEOUT_S = 15.0
+_RESTART_S = 2.0
 #: Wait after the bag: the last diagnostics come within 1 s, and lost parts of the last pictures
 #: are sent again at the writer's heartbeat, every 3 s.
 _SETTLE_S = 3.5
@@ -94,10 +97,8 @@ def run_graph(setup: GraphSetup, duration_s: float, progress: Report = silent) -
         play_s, cores = _watch(processes, player, duration_s / setup.rate, progress)
         time.sleep(_SETTLE_S)
     for process in processes:
-        ended = process.ended
-        if process is not player and (ended is None or ended.exit_code):
-            code = ended.exit_code if ended else "unknown"
-            raise GraphError(f"{process.name} ended (exit code {code}): {process.last_line()}")
+        if process is not player and (process.ended is None or process.ended.exit_code):
+            raise GraphError(process.why_ended())
     cpu_s = {process.name: process.cpu_s() for process in processes}
     # The player's last line tells what of a damaged bag was lost; its log, how it shifted stamps.
     whole = player.ended is not None and player.ended.exit_code == 0
@@ -107,12 +108,16 @@ def run_graph(setup: GraphSetup, duration_s: float, progress: Report = silent) -
 
 
 def show_graph(
-    setup: GraphSetup, page: Mapping[str, object], shown: Callable[[NodeProcess], None]
+    setup: GraphSetup,
+    page: Mapping[str, object],
+    shown: Callable[[NodeProcess], None],
+    say: Callable[[str], object],
 ) -> NoReturn:
     """Start all nodes and the operator's page, and play the bag again and again.
 
     ``page`` are viewer_node's parameters. ``shown`` is called with its process once the page is
-    there. It ends with KeyboardInterrupt, or GraphError for a node that dies; no process is left
+    there. A node that ends from then on is started again, and ``say`` gets a line of it. It ends
+    with KeyboardInterrupt, or GraphError for a node that does not start; no process is left
     running in any case.
     """
     setup.folder.mkdir(parents=True, exist_ok=True)
@@ -131,16 +136,26 @@ def show_graph(
         await_words(processes, "ready")
         start("bag_player", [*_player(setup), "-p", "loop:=true"])
         shown(started["viewer_node"])
-        while True:
-            for process in processes:
-                process.check_running()
-            time.sleep(_POLL_S)
+        _keep_running(processes, say)
+
+
+def _keep_running(processes: Sequence[NodeProcess], say: Callable[[str], object]) -> NoReturn:
+    while True:
+        ended = [process for process in processes if process.poll()]
+        for process in ended:
+            say(f"{process.why_ended()}; started again in {_RESTART_S:g} s\n")
+        if ended:
+            time.sleep(_RESTART_S)
+        for process in ended:
+            process.start()
+        time.sleep(_POLL_S)
 
 
 def graph_environment(setup: GraphSetup) -> dict[str, str]:
     """Return the environment of the nodes: their own DDS domain, on this machine only."""
     given = {**os.environ, **setup.environment}
     environment = localhost_environment(given, find_resource("config"))
+    environment.setdefault(TOKEN_SEED, secrets.token_urlsafe())
     environment.setdefault("ROS_LOG_DIR", str(setup.folder / "ros"))
     if "ROS_DOMAIN_ID" not in setup.environment:
         environment["ROS_DOMAIN_ID"] = str(free_domain())

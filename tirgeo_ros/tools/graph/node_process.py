@@ -36,16 +36,22 @@ class NodeProcess:
     ) -> None:
         self.name = name
         self.log = log
+        self._command = node_command(name, arguments, package)
+        self._environment = dict(environment)
+        log.unlink(missing_ok=True)
+        self.start()
+
+    def start(self) -> None:
+        """Start the process, at first or again after it has ended; the log goes on."""
         self.ended: Ended | None = None
-        command = node_command(name, arguments, package)
-        flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC
+        flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND
         self.pid = os.posix_spawn(
-            command[0],
-            command,
-            dict(environment),
+            self._command[0],
+            self._command,
+            self._environment,
             file_actions=[
                 (os.POSIX_SPAWN_OPEN, 0, os.devnull, os.O_RDONLY, 0),
-                (os.POSIX_SPAWN_OPEN, 1, str(log), flags, 0o600),
+                (os.POSIX_SPAWN_OPEN, 1, str(self.log), flags, 0o600),
                 (os.POSIX_SPAWN_DUP2, 1, 2),
             ],
             setpgroup=0,  # a Ctrl-C on the terminal is for the watching process, not for the nodes
@@ -84,11 +90,13 @@ class NodeProcess:
 
     def check_running(self) -> None:
         """Raise GraphError with the last line of the log if the process has ended."""
-        ended = self.poll()
-        if ended is not None:
-            raise GraphError(
-                f"{self.name} ended (exit code {ended.exit_code}): {self.last_line()}"
-            )
+        if self.poll() is not None:
+            raise GraphError(self.why_ended())
+
+    def why_ended(self) -> str:
+        """Return the exit code and the last line of the log."""
+        code = self.ended.exit_code if self.ended else "unknown"
+        return f"{self.name} ended (exit code {code}): {self.last_line()}"
 
     def signal(self, number: int) -> None:
         """Send a signal, if the process still runs."""

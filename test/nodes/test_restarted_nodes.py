@@ -1,0 +1,81 @@
+"""``tirgeo demo --page`` goes on, whichever of its nodes is killed or halted."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import socket
+import time
+import urllib.request
+
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
+
+from diagnostic_msgs.msg import DiagnosticArray
+from flown_page import FlownPage
+from graph_helpers import Stranger
+from project import child_of
+
+pytestmark = [pytest.mark.graph, pytest.mark.slow]
+
+NODES = ("viewer_node", "gimbal_node", "overlay_node", "ekf_node", "bag_player")
+RECOVERS_S = 90.0  # a node's start, the filter's alignment, the rest of a round of the bag
+HALT_S = 5.0
+
+
+@pytest.fixture
+def demo(tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        address = f"127.0.0.1:{free.getsockname()[1]}"
+    page = FlownPage(tmp_path, "demo", "--page", address, "-o", tmp_path / "demo")
+    yield page
+    page.close()
+
+
+@pytest.fixture
+def stranger(demo):
+    assert demo.url
+    domain = int(re.search(r"ROS_DOMAIN_ID=(\d+)", demo.log)[1])
+    made = Stranger(domain, {"/diagnostics": DiagnosticArray})
+    yield made
+    made.close()
+
+
+def await_map(stranger):
+    """Wait until one overlay_node has drawn the map in more pictures from one item to the next."""
+    heard = stranger.received["/diagnostics"]
+    heard.clear()
+    numbers = []
+
+    def drawn():
+        item = stranger.diagnostic("/overlay_node: overlay")
+        heard.clear()
+        if "drawn" in item:
+            numbers.append(int(item["drawn"]))
+        return len(numbers) > 1 and numbers[-1] > numbers[-2]
+
+    stranger.spin_until(drawn, RECOVERS_S)
+    stranger.spin_until(lambda: stranger.diagnostic("/overlay_node: set-up"))
+
+
+@pytest.mark.parametrize("ends", [True, False])
+def test_the_page_has_its_map_again_after_each_node_was_killed_or_halted(demo, stranger, ends):
+    await_map(stranger)
+    for name in NODES:
+        before = child_of(demo.pid, name)
+        os.kill(before, signal.SIGKILL if ends else signal.SIGSTOP)
+        end_s = time.monotonic() + HALT_S
+        stranger.spin_until(lambda end_s=end_s: time.monotonic() > end_s)
+        if not ends:
+            os.kill(before, signal.SIGCONT)
+        await_map(stranger)
+        assert (child_of(demo.pid, name) != before) is ends
+        assert (f"{name} ended (exit code -9)" in demo.log) is ends
+        with urllib.request.urlopen(demo.url, timeout=30) as answer:
+            assert answer.status == 200
+    # From a new overlay_node on: its own new start is the page's to say.
+    after = {"restarts_of_ekf_node"} if ends else set()
+    checks = stranger.diagnostic("/overlay_node: set-up")
+    assert {name for name in checks if name.startswith(("restarts_", "publishers_"))} == after
