@@ -104,9 +104,8 @@ class ViewerNode(GraphNode):
         self._backend.answered(aircraft, answer)
 
     def _report(self, aircraft: str) -> None:
-        state = self._aircraft[aircraft].state()
+        state = self._aircraft[aircraft].state(self._recordings.findings(aircraft))
         state["recording"], state["sharing"] = self._recordings.is_on(aircraft), self._team.state
-        state["findings"] += self._recordings.findings(aircraft)
         self._server.report(aircraft, state)
 
     def _draw_targets(self) -> None:

@@ -6,7 +6,7 @@ import { VideoFeed } from "./feed.js";
 import { listen } from "./gestures.js";
 import { Marks } from "./marks.js";
 import { PictureView } from "./view.js";
-import { latencyTone, wordsOver } from "./words_over.js";
+import { latencyTone, pictureLimitS, wordsOver } from "./words_over.js";
 
 /** @typedef {import("./feed.js").Frame} Frame */
 
@@ -135,12 +135,19 @@ export class Stage {
     else this.feed.start();
   }
 
+  /** @returns {number | null | undefined} when the newest picture came; null: none is awaited */
+  get watched() {
+    if (this.still || this.root.hidden || document.hidden) return null;
+    return this.feed.arrivedAt || undefined;
+  }
+
   /** Says over the picture what is wrong with it and how old it is; called every 200 ms. */
   tell() {
     const state = store.get("states")[this.aircraft.id] ?? null;
     const stillS = this.still ? this.feed.ageS : null;
-    const { feed } = this;
-    const told = wordsOver({ ageS: feed.ageS, phase: feed.phase, stillS, state });
+    const why = store.get("verdicts")[this.aircraft.id]?.text ?? "";
+    const limitS = pictureLimitS(state);
+    const told = wordsOver({ ageS: this.feed.ageS, limitS, stillS, why });
     this.root.dataset.tone = told?.tone ?? "good";
     this.words.hidden = !told;
     setText(this.title, told?.title ?? "");
