@@ -122,6 +122,8 @@ class Judge:
         odometry, pose, picture, _ = STREAMS
         navigation = navigation_verdict(self._heard.navigation(now_s)[0])
         no_position = navigation if navigation and navigation.word != "CAUTION" else None
+        if no_position or self._came[odometry.topic][1] > _SILENT_S:
+            self._came[pose.topic] = self._came[pose.topic][0], 0.0  # it cannot come yet
         ended = self._silent(pose, now_s, _SILENT_S) or self._silent(picture, now_s, picture_s)
         # What ends together does not end at one instant: the first in the order is the cause.
         limit_s = _SILENT_S / 2 if ended else _SILENT_S

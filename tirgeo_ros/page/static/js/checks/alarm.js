@@ -21,10 +21,11 @@ export function buildAlarm() {
   const hint = element("span", { class: "hint" });
   const more = element("p", {});
   const details = element("details", {}, element("summary", { text: "more" }), more);
-  const silence = button("mute", "Silence", () => {
+  const hush = () => {
     silenced = new Set(alarms().map(({ key }) => key));
     update();
-  });
+  };
+  const silence = button("mute", "Silence", hush, { label: "Silence this alarm" });
   const grow = element("div", { class: "grow" }, words, hint);
   byId("banner").append(icon("warning"), grow, details, silence);
   document.addEventListener("pointerdown", allowSound, { capture: true });
