@@ -14,7 +14,7 @@ from message_samples import BODY, PLANE, SOLUTION, STATUS
 from tirgeo_ros.core.types.errors import MessageError
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.io.bags.cdr import Cdr
-from tirgeo_ros.io.messages import DiagnosticItem, Messages
+from tirgeo_ros.io.messages import DiagnosticItem, Messages, finding_row
 from tirgeo_ros.nodes import aircraft_state as told
 from tirgeo_ros.nodes.aircraft_state import SILENT_S, Heard, TrackNews
 
@@ -57,13 +57,7 @@ def test_findings_reach_the_page_part_by_part():
     assert heard.findings(100.0) is None
     heard.take_findings(100.0, message)
     assert heard.findings(100.0) == [found]
-    assert told.page_finding(found) == {
-        "severity": "STOP",
-        "title": "rtk vel up",
-        "text": "up: -1.0 m/s",
-        "parameter": "rtk/vel",
-        "mend": mend,
-    }
+    assert finding_row(found)["remedy"] == mend
     assert heard.findings(100.1 + SILENT_S) is None  # nobody knows while nobody says
     message.data = message.data.replace("findings/1", "findings/2")
     with pytest.raises(MessageError, match="its schema is not tirgeo/findings/1"):

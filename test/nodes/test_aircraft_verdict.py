@@ -10,7 +10,7 @@ pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
 from message_samples import STATUS
 
-from tirgeo_ros.core.types.finding import Finding, Severity
+from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.core.types.verdicts import FilterState, Outcome
 from tirgeo_ros.io.bags.cdr import Cdr
 from tirgeo_ros.io.messages import DiagnosticItem, Messages
@@ -19,12 +19,14 @@ from tirgeo_ros.nodes.aircraft_verdict import STREAMS, Judge
 
 MESSAGES = Messages(Cdr().types)
 TICK_S = 0.2
-ODOMETRY, POSE, PICTURE, INFO = (stream.topic for stream in STREAMS)
+ODOMETRY, POSE, PICTURE, _ = (stream.topic for stream in STREAMS)
 NODES = {
     "ekf_node": ("imu/data",),
     "gimbal_node": ("gimbal/joint_states", "gimbal/attitude"),
     "overlay_node": ("thermal/image_raw", "thermal/camera_info"),
 }
+NOTE = Severity.NOTE
+WENT_BACK = {"state": FilterState.ALIGNING, "began_again": Outcome.TIME_JUMP}
 RUNNING = replace(STATUS, state=FilterState.RUNNING, reason="", began_again=None)
 
 
@@ -32,7 +34,7 @@ class Graph:
     """What reaches the page of a graph, second by second; ``stopped`` holds what is silent."""
 
     def __init__(self) -> None:
-        self.now_s, self.status, self.findings, self.no_map = 1000.0, RUNNING, [], ""
+        self.now_s, self.status, self.worst, self.no_map = 1000.0, RUNNING, NOTE, ""
         self.stopped: set[str] = set()
         self.last_s: dict[str, float] = {}
         self.heard = Heard()
@@ -53,8 +55,7 @@ class Graph:
                 self.last_s[topic] = self.now_s
         for node in NODES.keys() - self.stopped:
             self.report(node)
-        came_s = {topic: self.last_s.get(topic) for topic in nodes}
-        return self.judge.look(self.now_s, came_s, self.findings, self.no_map)
+        return self.judge.look(self.now_s, self.last_s.get, self.worst, self.no_map)
 
     def report(self, node):
         if int(self.now_s / TICK_S) % 5 != len(node) % 5:  # once a second, each at its own time
@@ -124,8 +125,7 @@ def test_the_first_in_the_order_is_the_cause_of_what_ends_together(flight):
 def test_a_halt_of_this_node_is_no_silence_of_others(flight):
     for _ in range(10):
         flight.now_s += 2.0  # it did not run: the first look is before what waits is taken
-        came_s = {topic: flight.last_s[topic] for topic in (ODOMETRY, POSE, PICTURE, INFO)}
-        assert flight.judge.look(flight.now_s, came_s, []).word == "GO"
+        assert flight.judge.look(flight.now_s, flight.last_s.get, NOTE, "").word == "GO"
         assert {verdict.word for _, verdict in flight.runs(2)} == {"GO"}
 
 
@@ -134,34 +134,25 @@ def test_there_is_no_go_before_the_first_picture():
     graph.stop(PICTURE, "thermal/image_raw")
     verdicts = [verdict for _, verdict in graph.runs(12)]
     assert {verdict.word for verdict in verdicts} == {"NO DATA"}
-    assert verdicts[-1].text == "The camera sends nothing"
+    assert verdicts[-1].text == "No picture"
     assert not any(verdict.alarm for verdict in verdicts)  # it has not begun
 
 
 @pytest.mark.parametrize(
-    ("status", "findings", "no_map", "word", "text"),
+    ("status", "worst", "no_map", "word", "text"),
     [
-        ({"state": FilterState.DEGRADED, "reason": "no rtk/fix"}, [], "", "CAUTION", "Less"),
-        ({"state": FilterState.LOST}, [], "NO MAP: x", "LOST", "No position"),
-        ({"state": FilterState.ALIGNING}, [], "NO MAP: x", "WAIT", "No position yet"),
-        (
-            {"state": FilterState.ALIGNING, "began_again": Outcome.TIME_JUMP},
-            [],
-            "",
-            "LOST",
-            "No position: the IMU's time went back",
-        ),
-        ({}, [Severity.CAUTION], "NO MAP: no pose", "NO GO", "NO MAP: no pose"),
-        ({}, [Severity.CAUTION, Severity.STOP], "NO MAP: x", "NO GO", ""),
-        ({}, [Severity.NOTE, Severity.CAUTION], "", "CAUTION", ""),
-        ({}, [Severity.NOTE], "", "GO", ""),
+        ({"state": FilterState.DEGRADED, "reason": "no rtk/fix"}, NOTE, "", "CAUTION", "Less"),
+        ({"state": FilterState.LOST}, NOTE, "NO MAP: x", "LOST", "No position"),
+        ({"state": FilterState.ALIGNING}, NOTE, "NO MAP: x", "WAIT", "No position yet"),
+        (WENT_BACK, NOTE, "", "LOST", "No position: the IMU's time went back"),
+        ({}, Severity.CAUTION, "NO MAP: no pose", "NO GO", "NO MAP: no pose"),
+        ({}, Severity.STOP, "NO MAP: x", "NO GO", ""),
+        ({}, Severity.CAUTION, "", "CAUTION", ""),
         ({}, None, "", "NO DATA", "No check"),
     ],
 )
-def test_the_gravest_alone_is_shown(flight, status, findings, no_map, word, text):
-    flight.status, flight.no_map = replace(RUNNING, **status), no_map
-    named = [Finding("a", one, "e", "p", "m") for one in findings or ()]
-    flight.findings = None if findings is None else named
+def test_the_gravest_alone_is_shown(flight, status, worst, no_map, word, text):
+    flight.status, flight.worst, flight.no_map = replace(RUNNING, **status), worst, no_map
     verdict = [*flight.runs(3)][-1][1]
     assert (verdict.word, verdict.text[: len(text)]) == (word, text)
     assert verdict.more == flight.status.reason or verdict.kind != "position"

@@ -156,10 +156,10 @@ def state_at(backend, aircraft, stamp_ns, points):
     corners = [(0, 0), (WIDTH, 0), (WIDTH, HEIGHT), (0, HEIGHT)]
     finding = {
         "severity": "STOP" if bad else "NOTE",
-        "title": "RTK is not fixed" if bad else "no boresight was given",
-        "text": "status 1 for 5 s" if bad else "the default is no angle",
+        "subject": "RTK is not fixed" if bad else "no boresight was given",
+        "evidence": "status 1 for 5 s" if bad else "the default is no angle",
         "parameter": "rtk/fix" if bad else "gimbal_node boresight_rpy_deg",
-        "mend": "wait, or look at the base station" if bad else "tirgeo calibrate boresight",
+        "remedy": "wait, or look at the base station" if bad else "tirgeo calibrate boresight",
     }
     return {
         "stamp_ns": str(stamp_ns),

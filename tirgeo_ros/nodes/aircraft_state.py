@@ -96,17 +96,6 @@ def navigation_fields(heard: Heard, now_s: float) -> dict[str, Any]:
     }
 
 
-def page_finding(finding: Finding) -> dict[str, str]:
-    """Return a finding as the page shows it."""
-    return {
-        "severity": finding.severity.name,
-        "title": finding.check.replace("_", " "),
-        "text": finding.evidence,
-        "parameter": finding.parameter,
-        "mend": finding.mend,
-    }
-
-
 def position_fields(odometry: Any, plane: TangentPlane, footprint_n: Array) -> dict[str, Any]:
     """Return where the aircraft is and how it moves, of ``nav_msgs/Odometry``.
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable
 from typing import NamedTuple
 
-from tirgeo_ros.core.types.finding import Finding, Severity
+from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus, Outcome
 from tirgeo_ros.nodes.aircraft_state import Heard, number
 
@@ -65,11 +65,9 @@ _STATES = {
     FilterState.ALIGNING: "No position yet: the filter aligns itself",
     FilterState.WAITING: "No position: sensor data are missing",
 }
-_GO, _UNHEARD = (
-    Verdict("GO", "good"),
-    Verdict("NO DATA", "caution", "checks", "No check has reported"),
-)
-_BY_SEVERITY = {
+_GO = Verdict("GO", "good")
+_CHECKS = {
+    None: Verdict("NO DATA", "caution", "checks", "No check has reported"),
     Severity.CAUTION: Verdict("CAUTION", "caution", "checks"),
     Severity.STOP: Verdict("NO GO", "bad", "checks"),
 }
@@ -80,7 +78,7 @@ class Judge:
 
     def __init__(self, heard: Heard) -> None:
         self._heard = heard
-        self._last_s = math.inf  # of the last look
+        self._now_s = math.inf  # of the last look
         self._came: dict[str, tuple[float | None, float]] = {}  # when it came, silence since, s
         self._no_map_s = self._good_s = 0.0
         self._shown = Verdict("NO DATA", "")
@@ -88,63 +86,62 @@ class Judge:
     def look(
         self,
         now_s: float,
-        came_s: Mapping[str, float | None],
-        findings: Sequence[Finding] | None = None,
-        no_map: str | None = "",
-        picture_s: float = 0.0,
+        came_s: Callable[[str], float | None],
+        worst: Severity | None,
+        no_map: str,
     ) -> Verdict:
-        """Return the verdict; ``came_s``: when the newest of each stream came, None: not yet.
+        """Return the verdict; ``came_s`` says when the newest of a topic came, None: not yet.
 
-        ``findings`` are the checks', None while they are silent; ``no_map`` is the notice in the
-        picture; pictures are silent after ``picture_s``.
+        ``worst`` is that of the checks' findings, None while they are silent; ``no_map`` is the
+        notice in the picture.
         """
-        step_s = min(max(now_s - self._last_s, 0.0), _STEP_S)
-        self._last_s = now_s
-        for topic, at_s in came_s.items():
-            self._count(topic, at_s, now_s, step_s)
-        verdict = self._upstream(now_s, max(_SILENT_S, picture_s))
-        self._no_map_s = self._no_map_s + step_s if no_map and not verdict else 0.0
-        verdict = verdict or self._downstream(now_s, findings_verdict(findings), no_map or "")
+        step_s = min(max(now_s - self._now_s, 0.0), _STEP_S)
+        self._now_s = now_s
+        for stream in STREAMS:
+            self._count(stream.topic, came_s(stream.topic), step_s)
+        navigation = navigation_verdict(self._heard.navigation(now_s)[0])
+        upstream = self._upstream(navigation)
+        self._no_map_s = self._no_map_s + step_s if no_map and not upstream else 0.0
+        verdict = upstream or self._downstream(_CHECKS.get(worst), no_map) or navigation or _GO
         self._good_s = self._good_s + step_s if verdict == _GO else 0.0
         if verdict != _GO or self._good_s >= _GOOD_S:
             self._shown = verdict
         return self._shown
 
-    def _count(self, topic: str, at_s: float | None, now_s: float, step_s: float) -> None:
+    def _count(self, topic: str, at_s: float | None, step_s: float) -> None:
         """Add up the silence of a topic while this node listened; what is forgotten is silent."""
         before_s, silence_s = self._came.get(topic, (None, 0.0))
-        new = at_s is not None and at_s != before_s
-        silence_s = min(now_s - at_s, step_s) if new and at_s else silence_s + step_s
-        self._came[topic] = at_s if new else before_s, silence_s
+        if at_s is None or at_s == before_s:
+            self._came[topic] = before_s, silence_s + step_s
+        else:
+            self._came[topic] = at_s, min(self._now_s - at_s, step_s)
 
-    def _upstream(self, now_s: float, picture_s: float) -> Verdict | None:
+    def _upstream(self, navigation: Verdict | None) -> Verdict | None:
         """Return the first fault on the way from the sensors to the picture."""
         odometry, pose, picture, _ = STREAMS
-        navigation = navigation_verdict(self._heard.navigation(now_s)[0])
         no_position = navigation if navigation and navigation.word != "CAUTION" else None
         if no_position or self._came[odometry.topic][1] > _SILENT_S:
             self._came[pose.topic] = self._came[pose.topic][0], 0.0  # it cannot come yet
-        ended = self._silent(pose, now_s, _SILENT_S) or self._silent(picture, now_s, picture_s)
+        ended = self._silent(pose, _SILENT_S) or self._silent(picture, _SILENT_S)
         # What ends together does not end at one instant: the first in the order is the cause.
         limit_s = _SILENT_S / 2 if ended else _SILENT_S
         return (
-            self._silent(odometry, now_s, limit_s, no_position)
+            self._silent(odometry, limit_s, no_position)
             or no_position
-            or self._silent(pose, now_s, limit_s)
+            or self._silent(pose, limit_s)
             or ended
         )
 
-    def _downstream(self, now_s: float, checks: Verdict | None, no_map: str) -> Verdict:
-        """Return what is wrong though all comes; cautions last."""
-        stops = checks if checks and checks.word != "CAUTION" else None
+    def _downstream(self, checks: Verdict | None, no_map: str) -> Verdict | None:
+        """Return what is wrong though all comes, the checks' caution last."""
+        if checks and checks.word != "CAUTION":
+            return checks
         if self._no_map_s > _SILENT_S:
-            stops = stops or Verdict("NO GO", "bad", "map", no_map, alarm=True)
-        info = None if no_map else self._silent(STREAMS[-1], now_s, math.inf)
-        navigation = navigation_verdict(self._heard.navigation(now_s)[0])
-        return stops or info or navigation or checks or _GO
+            return Verdict("NO GO", "bad", "map", no_map, alarm=True)
+        return (None if no_map else self._silent(STREAMS[-1], math.inf)) or checks
 
     def _silent(
-        self, stream: Stream, now_s: float, limit_s: float, reason: Verdict | None = None
+        self, stream: Stream, limit_s: float, reason: Verdict | None = None
     ) -> Verdict | None:
         """Return the verdict on a stream that is silent, or has not begun; None on any other.
 
@@ -153,34 +150,26 @@ class Judge:
         at_s, silence_s = self._came[stream.topic]
         if at_s is not None and silence_s <= limit_s:
             return None
-        cause = self._cause(stream, now_s, silence_s)
+        cause = self._cause(stream, silence_s)
         if cause is None and reason is not None:
             return reason
         text, name, for_s = cause or (f"No {stream.kind}", stream.topic, silence_s)
-        begun = at_s is not None
+        tone = "caution" if at_s is None else "bad"
         more = f"{name} silent for {for_s:.0f} s"
-        return Verdict(
-            "NO DATA", "bad" if begun else "caution", stream.kind, text, more, alarm=begun
-        )
+        return Verdict("NO DATA", tone, stream.kind, text, more, alarm=at_s is not None)
 
-    def _cause(
-        self, stream: Stream, now_s: float, silence_s: float
-    ) -> tuple[str, str, float] | None:
+    def _cause(self, stream: Stream, silence_s: float) -> tuple[str, str, float] | None:
         """Return what is silent, in words and by its name, and how long; None if none is."""
         then_s, ages = self._heard.newest(f"{stream.node}: topics")
-        since_s = min(now_s - then_s, silence_s)
-        if since_s >= _ANSWER_S:
-            return f"{stream.program} does not answer", stream.node, since_s
-        spoke_s = then_s - (now_s - silence_s)
-        known = [topic for topic in stream.inputs if f"{topic} age [s]" in ages]
-        if not known and spoke_s > _ANSWER_S:
-            names = " and ".join(stream.inputs)
-            return f"{next(iter(stream.inputs.values()))} sends nothing", names, silence_s
-        age_s = number(ages[f"{known[0]} age [s]"]) if known else None
+        ago_s = self._now_s - then_s
+        if min(ago_s, silence_s) >= _ANSWER_S:
+            return f"{stream.program} does not answer", stream.node, min(ago_s, silence_s)
+        topic = next((one for one in stream.inputs if f"{one} age [s]" in ages), "")
+        age_s = number(ages[f"{topic} age [s]"]) if topic else None
+        spoke_s = silence_s - ago_s  # after the silence began
         if age_s is None or spoke_s < _EVIDENCE_S or age_s < spoke_s / 2:
             return None
-        for_s = age_s + now_s - then_s
-        return f"{stream.inputs[known[0]]} is silent for {for_s:.0f} s", known[0], for_s
+        return f"{stream.inputs[topic]} is silent for {age_s + ago_s:.0f} s", topic, age_s + ago_s
 
 
 def navigation_verdict(status: NavigationStatus | None) -> Verdict | None:
@@ -194,10 +183,3 @@ def navigation_verdict(status: NavigationStatus | None) -> Verdict | None:
         return Verdict("LOST", "bad", "position", text, status.reason, alarm=True)
     word = "CAUTION" if status.state.navigating else "WAIT"
     return Verdict(word, "caution", "position", _STATES[status.state], status.reason)
-
-
-def findings_verdict(findings: Sequence[Finding] | None) -> Verdict | None:
-    """Return the verdict on what the nodes' checks have found; None if that is nothing."""
-    if findings is None:
-        return _UNHEARD
-    return _BY_SEVERITY.get(max((one.severity for one in findings), default=Severity.NOTE))

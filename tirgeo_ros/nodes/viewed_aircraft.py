@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from itertools import pairwise
 from statistics import median
 from typing import Any
 
@@ -14,12 +13,12 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.types.finding import Finding
+from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.marked_place import MarkedPlace
-from tirgeo_ros.io.messages import TOPIC_TYPES, ClickAnswer, Messages, click_answer
+from tirgeo_ros.io.messages import TOPIC_TYPES, ClickAnswer, Messages, click_answer, finding_row
 from tirgeo_ros.nodes import aircraft_state
 from tirgeo_ros.nodes.aircraft_state import TrackNews
-from tirgeo_ros.nodes.aircraft_verdict import STREAMS, Judge
+from tirgeo_ros.nodes.aircraft_verdict import Judge
 from tirgeo_ros.nodes.graph_node import GraphNode, message_class
 from tirgeo_ros.nodes.picture_sight import on_ground, pixel_of
 from tirgeo_ros.nodes.qos import latched, output
@@ -28,7 +27,6 @@ from tirgeo_ros.nodes.seen_aircraft import ODOMETRY, POSE, VIDEO, SeenAircraft
 _PATH = "tirgeo/path"
 _RATE_S = 2.0  # over which the video's rate is taken
 _PICTURES = 200
-_PERIODS, _FEW_PICTURES = 2.5, 6
 #: A picture that was drawn with a predicted pose has none on its other side.
 _LAST_POSE_S = 0.2
 
@@ -99,11 +97,11 @@ class ViewedAircraft(SeenAircraft):
     def _judged(self, now_s: float, more: Sequence[Finding]) -> dict[str, Any]:
         heard, no_map = self.heard.findings(now_s), self._no_map(now_s)
         findings = sorted([*(heard or ()), *more], key=lambda one: -one.severity)
-        came_s = {stream.topic: self.came_s(stream.topic) for stream in STREAMS}
-        reported = None if heard is None else findings
-        verdict = self._judge.look(now_s, came_s, reported, no_map, self._picture_silence_s())
-        shown = [aircraft_state.page_finding(one) for one in findings]
-        judged = {"verdict": verdict._asdict(), "no_map": no_map, "findings": shown}
+        worst = max((one.severity for one in findings), default=Severity.NOTE)
+        reported = None if heard is None else worst
+        verdict = self._judge.look(now_s, self.came_s, reported, no_map or "")
+        rows = [finding_row(one) for one in findings]
+        judged = {"verdict": verdict._asdict(), "no_map": no_map, "findings": rows}
         if verdict.kind == "position" and verdict.word == "NO DATA":
             judged |= dict.fromkeys(("rtk", "heading_sigma_deg"))  # the filter's clock stands
         return judged
@@ -112,12 +110,6 @@ class ViewedAircraft(SeenAircraft):
         """Return the picture's notice; None while nothing is heard of overlay_node."""
         items = self.heard.of(now_s, "overlay")
         return items[0].get("notice", "") if items else None
-
-    def _picture_silence_s(self) -> float:
-        """Return after how long without a picture they are silent, where they are rare."""
-        times_s = [then_s for then_s, _ in [*self._pictures][-_FEW_PICTURES:]]
-        between_s = [later - earlier for earlier, later in pairwise(times_s)]
-        return _PERIODS * median(between_s) if between_s else 0.0
 
     def _take_findings(self, message: Any) -> None:
         self.heard.take_findings(time.monotonic(), message)

@@ -21,6 +21,7 @@ from tirgeo_ros.io.messages.decode import (
 from tirgeo_ros.io.messages.diagnostics import (
     DiagnosticItem,
     diagnostic_level,
+    finding_row,
     findings_of,
     navigation_status,
 )
@@ -61,6 +62,7 @@ __all__ = [
     "click_answer",
     "compressed_pixels",
     "diagnostic_level",
+    "finding_row",
     "findings_of",
     "ground_point",
     "heading_sample",

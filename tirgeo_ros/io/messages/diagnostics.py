@@ -17,6 +17,7 @@ OK, WARN, ERROR = 0, 1, 2
 _LEVELS = {FilterState.RUNNING: OK, FilterState.LOST: ERROR}  # all others are warnings
 _COUNT, _RATIO, _RESET, _CLIPPED, _NIS = "count", "test_ratio", "reset", "clipped", "nis"
 _NEXT = "; "  # between warnings, which do not contain it
+_PARTS = {"subject": "check", "evidence": "evidence", "parameter": "parameter", "remedy": "mend"}
 _SCHEMA, _LONGEST = "tirgeo/findings/1", 100_000  # characters of a message of findings
 
 
@@ -78,19 +79,15 @@ def diagnostic_level(msg: Any) -> int:
 
 def findings_text(node: str, stamp_ns: int, findings: Iterable[Finding]) -> str:
     """Return what a node's checks have found, part by part, as JSON for ``tirgeo/findings``."""
-    rows = [
-        {
-            "subject": one.check,
-            "severity": one.severity.name,
-            "evidence": one.evidence,
-            "parameter": one.parameter,
-            "remedy": one.mend,
-        }
-        for one in findings
-    ]
-    return json.dumps(
-        {"schema": _SCHEMA, "node": node, "stamp_ns": str(stamp_ns), "findings": rows}
-    )
+    rows = [finding_row(one) for one in findings]
+    head = {"schema": _SCHEMA, "node": node, "stamp_ns": str(stamp_ns)}
+    return json.dumps(head | {"findings": rows})
+
+
+def finding_row(finding: Finding) -> dict[str, str]:
+    """Return the parts of a finding by the names that programs read."""
+    parts = {key: getattr(finding, name) for key, name in _PARTS.items()}
+    return parts | {"severity": finding.severity.name}
 
 
 def findings_of(msg: Any) -> tuple[str, int, list[Finding]]:
@@ -108,8 +105,8 @@ def findings_of(msg: Any) -> tuple[str, int, list[Finding]]:
 
 
 def _finding(row: dict[str, str]) -> Finding:
-    parts = (cut(str(row[key])) for key in ("evidence", "parameter", "remedy"))
-    return Finding(cut(str(row["subject"])), Severity[row["severity"]], *parts)
+    parts = {name: cut(str(row[key])) for key, name in _PARTS.items()}
+    return Finding(severity=Severity[row["severity"]], **parts)
 
 
 def _status(values: dict[str, str]) -> NavigationStatus:

@@ -75,15 +75,15 @@ function showFindings(list, findings) {
   list.replaceChildren(...(findings.length ? findings.map(finding) : go ? [fine] : []));
 }
 
-/** @param {any} found  {severity, title, text, parameter, mend} */
-function finding({ severity, title, text, parameter, mend }) {
+/** @param {any} found  {severity, subject, evidence, parameter, remedy} */
+function finding({ severity, subject, evidence, parameter, remedy }) {
   const tone = judged.toneOf(severity);
   const words = element(
     "div",
     {},
-    element("strong", { text: title }),
-    element("p", { text }),
-    mend ? element("p", { class: "mend", text: mend }) : null,
+    element("strong", { text: plain(subject) }),
+    element("p", { text: evidence }),
+    remedy ? element("p", { class: "mend", text: remedy }) : null,
     parameter ? element("p", { text: parameter }) : null,
   );
   return element("li", { class: "finding", data: { tone } }, icon(ICONS[tone]), words);

@@ -2,7 +2,7 @@
 
 import { store } from "../store.js";
 import { stageOf } from "../video/stages.js";
-import { pictureLimitS } from "../video/words_over.js";
+import { FROZEN_S } from "../video/words_over.js";
 
 /**
  * @typedef {object} Verdict  kind: what it is about, the same while its text counts seconds
@@ -55,13 +55,13 @@ function verdictOn(id, stepMs) {
   if (stateMs > STATE_MS) return withoutLink(`silent for ${(stateMs / 1000).toFixed(0)} s`);
   const state = states[id];
   const verdict = state?.verdict ?? UNKNOWN;
-  if (verdict.tone === "bad" || !state || pictureS <= pictureLimitS(state)) return verdict;
+  if (verdict.tone === "bad" || !state || pictureS <= FROZEN_S) return verdict;
   const text = `No picture reaches this screen for ${pictureS.toFixed(0)} s`;
   const more = `/video: ${stageOf(id)?.feed.phase}`;
   return { word: "NO VIDEO", tone: "bad", kind: "screen", text, more, alarm: true };
 }
 
-/** Returns how long nothing new came (ms). @param {string} key @param {any} value @param {number} stepMs */
+/** @param {string} key @param {any} value @param {number} stepMs @returns {number} ms without news */
 function silence(key, value, stepMs) {
   const before = newest.get(key);
   const same = before && (value === undefined || value === before.value);

@@ -6,7 +6,7 @@ import { VideoFeed } from "./feed.js";
 import { listen } from "./gestures.js";
 import { Marks } from "./marks.js";
 import { PictureView } from "./view.js";
-import { latencyTone, pictureLimitS, wordsOver } from "./words_over.js";
+import { latencyTone, wordsOver } from "./words_over.js";
 
 /** @typedef {import("./feed.js").Frame} Frame */
 
@@ -146,8 +146,7 @@ export class Stage {
     const state = store.get("states")[this.aircraft.id] ?? null;
     const stillS = this.still ? this.feed.ageS : null;
     const why = store.get("verdicts")[this.aircraft.id]?.text ?? "";
-    const limitS = pictureLimitS(state);
-    const told = wordsOver({ ageS: this.feed.ageS, limitS, stillS, why });
+    const told = wordsOver({ ageS: this.feed.ageS, stillS, why });
     this.root.dataset.tone = told?.tone ?? "good";
     this.words.hidden = !told;
     setText(this.title, told?.title ?? "");

@@ -2,29 +2,23 @@
 
 import { age } from "../shell/words.js";
 
-const FROZEN_S = 1.0;
-const PERIODS = 2.5; // of a video that has few pictures
+export const FROZEN_S = 1.0;
 const SLOW_MS = 250;
 const LATE_MS = 600;
 
 /** @typedef {{tone: "old" | "still", title: string, detail: string}} Told */
 
-/** @param {any} state @returns {number} the age (s) at which a picture is frozen */
-export function pictureLimitS(state) {
-  return state?.video_hz ? Math.max(FROZEN_S, PERIODS / state.video_hz) : FROZEN_S;
-}
-
 /**
  * Returns what to say over the picture, or null. Why there is no map stands in the picture itself.
- * @param {{ageS: number, limitS: number, stillS: number | null, why: string}} seen
+ * @param {{ageS: number, stillS: number | null, why: string}} seen
  * @returns {Told | null}
  */
-export function wordsOver({ ageS, limitS, stillS, why }) {
+export function wordsOver({ ageS, stillS, why }) {
   if (stillS !== null && Number.isFinite(stillS)) {
     const detail = `${stillS.toFixed(0)} s old; press on it as usual`;
     return { tone: "still", title: "STILL PICTURE", detail };
   }
-  if (ageS <= limitS) return null;
+  if (ageS <= FROZEN_S) return null;
   if (Number.isFinite(ageS)) return { tone: "old", title: `FROZEN ${age(ageS)}`, detail: why };
   return { tone: "old", title: "NO VIDEO", detail: why || "waiting for the first picture" };
 }
