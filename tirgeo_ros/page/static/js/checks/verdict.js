@@ -41,7 +41,9 @@ export function currentVerdict() {
 
 /** @param {number} stepMs  since the last look */
 function look(stepMs) {
-  const all = store.get("aircraft").map((/** @type {any} */ { id }) => [id, verdictOn(id, stepMs)]);
+  const all = store
+    .get("aircraft")
+    .map((/** @type {any} */ { id }) => [id, verdictOn(id, stepMs)]);
   const verdicts = Object.fromEntries(all);
   if (JSON.stringify(verdicts) !== JSON.stringify(store.get("verdicts"))) store.set({ verdicts });
 }
@@ -61,7 +63,7 @@ function verdictOn(id, stepMs) {
   return { word: "NO VIDEO", tone: "bad", kind: "screen", text, more, alarm: true };
 }
 
-/** @param {string} key @param {any} value @param {number} stepMs @returns {number} ms without news */
+/** @param {string} key @param {any} value @param {number} stepMs @returns {number} silence, ms */
 function silence(key, value, stepMs) {
   const before = newest.get(key);
   const same = before && (value === undefined || value === before.value);
