@@ -27,7 +27,7 @@ _STATE = {
     "navigation": {"state": "running", "reason": ""},
     "position": [39.85, 116.7, 70.0],
     "footprint": [[39.85, 116.7], [39.851, 116.7], [39.851, 116.701], [39.85, 116.701]],
-    "go": True,
+    "verdict": {"word": "GO", "tone": "good", "kind": "", "text": "", "more": "", "alarm": False},
 }
 
 

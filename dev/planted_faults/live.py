@@ -135,7 +135,7 @@ def _judged(fault: Fault, good: FlightFiles, planted: FlightFiles, run: GraphRun
     begin_ns = first_imu_ns(good.bag)
     reports = read_reports(run.recording, begin_ns)
     named = next((one for one in reports if one.names(fault.names)), None)
-    others = {one.check for one in reports if not one.names(fault.names)}
+    others = {one.finding.check for one in reports if not one.names(fault.names)}
     pictures = [
         seen((stamp_ns - begin_ns) * 1e-9, pixels)
         for stamp_ns, pixels in read_pictures(run.recording)
@@ -224,7 +224,7 @@ def _row(one: Outcome) -> Iterable[str]:
     if one.refused:
         return one.fault.name, "", "yes" if one.in_time else "NO", "", "", "", "", one.refused
     named = one.named
-    words = named.text if named else ""
+    words = named.finding.line if named else ""
     others = f" (also {', '.join(one.others)})" if one.others else ""
     until = f" to {one.wrong_until_s:.1f} s" if one.lies else ""
     return (

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -13,11 +12,10 @@ from tirgeo_ros.core.overlay.status_text import VERDICT_BGR
 from tirgeo_ros.core.overlay.text_boxes import status_box
 from tirgeo_ros.core.overlay.text_rendering import line_px, text_px
 from tirgeo_ros.core.types.arrays import Pixels
-from tirgeo_ros.core.types.finding import Severity
+from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 
-_SET_UP = ": set-up"
 _WORSE = (Severity.CAUTION, Severity.STOP)
 #: Under words the picture is darkened to a seventh. JPEG leaves the colour of a letter's middle
 #: this near, and grey ones greyer than that; a word has hundreds of such pixels.
@@ -26,16 +24,15 @@ _DARK, _NEAR, _COLOURED, _FEWEST_PX = 45, 60, 90, 30
 
 @dataclass(frozen=True)
 class Report:
-    """A finding as a node said it in its item, worse than a note."""
+    """A finding that a node reported, worse than a note."""
 
     at_s: float  # of the recording's clock
     node: str
-    check: str
-    text: str  # evidence: parameter: mend
+    finding: Finding
 
     def names(self, parameters: Iterable[str]) -> bool:
         """Return whether one of these is in the parameter that it names."""
-        return any(name in part for part in self.text.split(": ")[1:-1] for name in parameters)
+        return any(name in self.finding.parameter for name in parameters)
 
 
 @dataclass(frozen=True)
@@ -48,24 +45,15 @@ class Picture:
 
 
 def read_reports(recording: Path, begin_ns: int) -> list[Report]:
-    """Return what the nodes' set-up items had, in order; seconds count from ``begin_ns``."""
+    """Return what the nodes' checks found, in order; seconds count from ``begin_ns``."""
     cdr = Cdr()
-    found: list[Report] = []
-    for item in BagReader(recording).messages(["/diagnostics"]):
-        message = cdr.deserialize(item.data, item.typename)
-        at_s = (convert.stamp_ns(message) - begin_ns) * 1e-9
-        for status in message.status:
-            node, mark, _ = status.name.strip("/").partition(_SET_UP)
-            if mark:
-                found += _bad(at_s, node, status.values)
-    return found
-
-
-def _bad(at_s: float, node: str, pairs: Iterable[Any]) -> Iterator[Report]:
-    for pair in pairs:
-        severity, _, text = pair.value.partition(": ")
-        if severity != Severity.NOTE.name:
-            yield Report(at_s, node, pair.key, text)
+    reports: list[Report] = []
+    for item in BagReader(recording).messages(["/tirgeo/findings"]):
+        node, stamp_ns, findings = convert.findings_of(cdr.deserialize(item.data, item.typename))
+        at_s = (stamp_ns - begin_ns) * 1e-9
+        worse = [one for one in findings if one.severity is not Severity.NOTE]
+        reports += [Report(at_s, node.strip("/"), one) for one in worse]
+    return reports
 
 
 def seen(at_s: float, pixels: Pixels) -> Picture:

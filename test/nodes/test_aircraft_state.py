@@ -11,9 +11,10 @@ pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
 from message_samples import BODY, PLANE, SOLUTION, STATUS
 
+from tirgeo_ros.core.types.errors import MessageError
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.io.bags.cdr import Cdr
-from tirgeo_ros.io.messages import DiagnosticItem, Messages
+from tirgeo_ros.io.messages import DiagnosticItem, Messages, finding_row
 from tirgeo_ros.nodes import aircraft_state as told
 from tirgeo_ros.nodes.aircraft_state import SILENT_S, Heard, TrackNews
 
@@ -31,14 +32,6 @@ def heard():
     found.take(
         100.0, "ekf_node: navigation", status_of(MESSAGES.navigation_diagnostic("", STATUS))
     )
-    stop = Finding(
-        "map_empty", Severity.STOP, "no feature: 0 of 3", "overlay_node map", "give one"
-    )
-    values = {
-        "levers": "NOTE: all are zero: ekf_node aircraft: measure",
-        "map_empty": f"STOP: {stop.line}",
-    }
-    found.take(100.0, "overlay_node: set-up", status_of(DiagnosticItem("", 2, "NO GO", values)))
     ages = {"rtk/fix age [s]": "0.25", "imu/data age [s]": "nan"}
     found.take(100.0, "ekf_node: topics", status_of(DiagnosticItem("", 0, "ok", ages)))
     return found
@@ -55,26 +48,20 @@ def test_the_estimators_state_is_passed_on_until_it_is_silent(heard):
     assert told.navigation_fields(Heard(), 0.0)["navigation"]["state"] == "waiting"
 
 
-def test_findings_come_worst_first_and_decide_go(heard):
-    fields = told.setup_fields(heard.of(101.0, "set-up"))
-    assert fields["go"] is False
-    assert fields["findings"] == [
-        {
-            "severity": "STOP",
-            "title": "map empty",
-            "text": "no feature: 0 of 3: overlay_node map",
-            "mend": "give one",
-        },
-        {
-            "severity": "NOTE",
-            "title": "levers",
-            "text": "all are zero: ekf_node aircraft",
-            "mend": "measure",
-        },
-    ]
-    assert told.setup_fields([{}])["go"] is True
-    # Nobody knows while nobody says.
-    assert told.setup_fields(heard.of(100.1 + SILENT_S, "set-up")) == {"findings": [], "go": None}
+def test_findings_reach_the_page_part_by_part():
+    """A remedy with a colon was cut at it, as the text was taken apart again."""
+    mend = "give the velocity in ENU: z is up; psdk_ros2: its parameter"
+    found = Finding("rtk_vel_up", Severity.STOP, "up: -1.0 m/s", "rtk/vel", mend)
+    message = MESSAGES.findings("/uav1/ekf_node", 5, [found])
+    heard = Heard()
+    assert heard.findings(100.0) is None
+    heard.take_findings(100.0, message)
+    assert heard.findings(100.0) == [found]
+    assert finding_row(found)["remedy"] == mend
+    assert heard.findings(100.1 + SILENT_S) is None  # nobody knows while nobody says
+    message.data = message.data.replace("findings/1", "findings/2")
+    with pytest.raises(MessageError, match="its schema is not tirgeo/findings/1"):
+        heard.take_findings(100.0, message)
 
 
 def test_numbers_that_are_none_are_none(heard):

@@ -78,7 +78,7 @@ def test_a_refusal_says_why():
     silent = backend_with(Aircraft(after=9))
     assert "did not answer" in asyncio.run(silent.click(CLICK))
     absent = backend_with(Aircraft(after=9, listens=False))
-    assert asyncio.run(absent.click(CLICK)) == "overlay_node is absent"
+    assert asyncio.run(absent.click(CLICK)) == "the overlay program does not run"
 
 
 def test_two_who_click_the_same_get_the_same():

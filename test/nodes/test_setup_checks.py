@@ -20,7 +20,7 @@ from overlays import PLANE, SQUARE_N
 from sensor_msgs.msg import Image
 
 from tirgeo_ros.core.types.finding import Finding, Severity
-from tirgeo_ros.io.messages import DiagnosticItem, image_pixels
+from tirgeo_ros.io.messages import DiagnosticItem, findings_of, image_pixels
 from tirgeo_ros.nodes.monitor import ERROR, OK, WARN, Monitor
 from tirgeo_ros.nodes.setup_checks import InputChecks, SetupChecks
 
@@ -49,8 +49,9 @@ def setup_of(*checks: FakeChecks) -> tuple[SetupChecks, KeptLog, Monitor]:
 
 
 def test_the_item_has_the_worst_level_and_every_finding():
-    setup, _, _ = setup_of(FakeChecks(CAUTION, NOTE), FakeChecks(STOP))
+    setup, node, _ = setup_of(FakeChecks(CAUTION, NOTE), FakeChecks(STOP))
     item = setup.item()
+    assert findings_of(node.published[0]) == ("/uav1/ekf_node", 0, [STOP, CAUTION, NOTE])
     assert item.name == "/uav1/ekf_node: set-up"
     assert item.level == ERROR
     assert item.message == "NO GO: 1.00 m/s2 at rest: imu/data (and 1 more)"

@@ -262,7 +262,7 @@ def test_recordings_that_are_killed_can_be_read(fleet, start, tmp_path):
     fleet.until(lambda: video.exists() and video.stat().st_size > 0 and first.stat().st_size > 1e6)
     os.kill(child_of(node.pid, "recorder"), signal.SIGKILL)
     (finding,) = fleet.browse(url, ended)
-    assert "recorder ended (exit code -9)" in finding["text"]
+    assert "recorder ended (exit code -9)" in finding["evidence"]
     assert "the file ends early" in BagReader(first).damage
     assert len(list(BagReader(first).messages(["/uav1/tirgeo/overlay/image/compressed"]))) > 5
     with av.open(str(video)) as film:

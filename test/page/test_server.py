@@ -189,7 +189,7 @@ def test_states_come_with_the_whole_track_and_the_own_latency(served):
     assert hello["role"] == "operator"
     assert hello["aircraft"] == [{"id": "", "name": "aircraft"}]
     assert state["latency_ms"] > 0
-    assert state["go"] in {True, False}
+    assert state["verdict"]["word"] in {"GO", "LOST"}
 
 
 def test_diagnostics_have_counts(served):

@@ -63,6 +63,11 @@ class FlownPage:
             time.sleep(0.1)
         return found[1]
 
+    @property
+    def pid(self) -> int:
+        """The process that has started the nodes."""
+        return self._process.pid
+
     def close(self) -> None:
         self._process.terminate()
         self._process.wait(60)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections import defaultdict
+from types import SimpleNamespace
 from typing import Any
 
 import rclpy
@@ -12,8 +13,8 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from tirgeo_ros.io.messages import diagnostic_level
-from tirgeo_ros.nodes.graph_node import GraphNode
+from tirgeo_ros.io.messages import Messages, diagnostic_level
+from tirgeo_ros.nodes.graph_node import GraphNode, message_class
 from tirgeo_ros.nodes.monitor import Monitor
 from tirgeo_ros.tools.graph.node_process import NodeProcess
 
@@ -124,10 +125,15 @@ class KeptLog:
 
     log, guarded, item = GraphNode.log, GraphNode.guarded, GraphNode.item
     item_name = GraphNode.item_name
+    messages, now_ns = Messages(message_class), 0
 
     def __init__(self) -> None:
         self.lines: list[tuple[str, str]] = []
         self.monitor = Monitor()
+        self.published: list[Any] = []
+
+    def advertise(self, topic: str, qos: Any) -> Any:  # noqa: ARG002 as GraphNode
+        return SimpleNamespace(publish=self.published.append)
 
     def get_logger(self) -> KeptLog:
         return self

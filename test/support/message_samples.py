@@ -11,6 +11,7 @@ from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.frames.rotations import canonical
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.ground_point import Located
+from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.marked_place import MarkedPlace
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
@@ -23,7 +24,7 @@ from tirgeo_ros.core.types.measurements import (
     VelocitySample,
 )
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
-from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
+from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus, Outcome
 from tirgeo_ros.io.messages import Messages, answer_item
 
 STAMP_NS = 1_700_000_000_123_456_789
@@ -66,6 +67,7 @@ TARGET = MarkedPlace("1 fire: barn", 0.55001, -2.10002, 95.5, covariance(3, 4))
 LOCATED = Located(
     STAMP_NS, (12.25, 200.5), np.array([1.0, 2.0, 3.0]), covariance(3, 5), 0.55, -2.1, 99.5
 )
+FINDING = Finding("rtk_vel_up", Severity.STOP, "up: 1 m/s", "rtk/vel", "give ENU: z is up")
 STATUS = NavigationStatus(
     "ekf_heading",
     FilterState.ALIGNING,
@@ -79,6 +81,7 @@ STATUS = NavigationStatus(
     last_reset="position by 3.21 m",
     clipped={"accelerometer x": 12},
     warnings=("imu/data: accelerometer x clipped", "another"),
+    began_again=Outcome.GAP,
 )
 _GREY = np.arange(6 * 5, dtype=np.uint8).reshape(6, 5)
 _COLOUR = np.arange(6 * 5 * 3, dtype=np.uint8).reshape(6, 5, 3)
@@ -133,6 +136,7 @@ EVERY_MESSAGE: dict[str, tuple[str, Callable[[Messages], Any]]] = {
         lambda m: m.diagnostics(STAMP_NS, [answer_item("/overlay_node", LOCATED)]),
     ),
     "clock": ("rosgraph_msgs/msg/Clock", lambda m: m.clock(STAMP_NS)),
+    "findings": ("std_msgs/msg/String", lambda m: m.findings("/ekf_node", STAMP_NS, [FINDING])),
     "diagnostics": (
         "diagnostic_msgs/msg/DiagnosticArray",
         lambda m: m.diagnostics(STAMP_NS, [m.navigation_diagnostic("ekf_node: state", STATUS)]),

@@ -33,6 +33,15 @@ NORTH_M, EAST_M = 111_200.0, 111_320.0 * math.cos(math.radians(LATITUDE))  # in 
 SIGMA_M = (0.5, 0.3, 0.4)
 PLOTS = [(e, n) for e in range(-60, 61, 20) for n in range(-60, 61, 20)]  # centres, m
 PLOT_M = 3.0  # half a side
+GO = {"word": "GO", "tone": "good", "kind": "", "text": "", "more": "", "alarm": False}
+LOST = {
+    "word": "LOST",
+    "tone": "bad",
+    "kind": "position",
+    "text": "No position: the IMU's time went back",
+    "more": "imu/data went back by 29.990 s",
+    "alarm": True,
+}
 
 
 def camera_at(stamp_ns):
@@ -146,10 +155,11 @@ def state_at(backend, aircraft, stamp_ns, points):
     bad = stamp_ns * 1e-9 % 60 > 55
     corners = [(0, 0), (WIDTH, 0), (WIDTH, HEIGHT), (0, HEIGHT)]
     finding = {
-        "severity": "error" if bad else "warning",
-        "title": "RTK is not fixed" if bad else "no boresight was given",
-        "text": "status 1 for 5 s" if bad else "gimbal_node: boresight_rpy_deg is unset",
-        "mend": "wait, or look at the base station" if bad else "tirgeo calibrate boresight",
+        "severity": "STOP" if bad else "NOTE",
+        "subject": "RTK is not fixed" if bad else "no boresight was given",
+        "evidence": "status 1 for 5 s" if bad else "the default is no angle",
+        "parameter": "rtk/fix" if bad else "gimbal_node boresight_rpy_deg",
+        "remedy": "wait, or look at the base station" if bad else "tirgeo calibrate boresight",
     }
     return {
         "stamp_ns": str(stamp_ns),
@@ -162,12 +172,12 @@ def state_at(backend, aircraft, stamp_ns, points):
         "position_sigma_m": 0.03,
         "speed_m_s": 3.1,
         "above_ground_m": 40.0,
-        "ages_s": {"video": 0.05, "pose": 0.02, "rtk": 0.1},
+        "ages_s": {"video": 0.05, "pose": 0.02, "camera": 0.03, "rtk": 0.1},
         "video_hz": HZ,
         "track": points,
         "footprint": [place_at(stamp_ns, u, v) for u, v in corners],
         "findings": [finding],
-        "go": not bad,
+        "verdict": LOST if bad else GO,
         "recording": backend.recording.get(aircraft, False),
         "sharing": {"on": backend.sharing, "queued": 0, "connected": backend.sharing},
     }

@@ -72,7 +72,7 @@ def well(monkeypatch, **changes):
     def report(backend, aircraft, stamp_ns, points):
         state = state_at(backend, aircraft, stamp_ns, points)
         fine = state_at(backend, aircraft, 0, points)
-        keys = ("navigation", "no_map", "rtk", "heading_sigma_deg", "go")
+        keys = ("navigation", "no_map", "rtk", "heading_sigma_deg", "verdict")
         return {**state, **{key: fine[key] for key in keys}, "findings": [], **changes}
 
     monkeypatch.setattr(page_backend, "state_at", report)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -13,9 +13,9 @@ from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import cut
-from tirgeo_ros.core.types.finding import Severity
+from tirgeo_ros.core.types.finding import Finding
 from tirgeo_ros.core.types.verdicts import NavigationStatus
-from tirgeo_ros.io.messages import body_pose, navigation_status
+from tirgeo_ros.io.messages import body_pose, findings_of, navigation_status
 from tirgeo_ros.nodes.graph_watch import Restarts
 
 #: Diagnostics that are older count as silence: each node reports once a second.
@@ -27,12 +27,13 @@ Place = list[float]  # latitude, longitude (deg)
 
 
 class Heard:
-    """Hold the newest diagnostics of one aircraft's nodes, by the names of their items."""
+    """Hold the newest diagnostics and findings of one aircraft's nodes."""
 
     def __init__(self) -> None:
         self._items: dict[str, tuple[float, dict[str, str]]] = {}
         self._navigation: tuple[float, NavigationStatus] | None = None
         self.restarts = Restarts()  # of overlay_node, which counts those of the others
+        self._findings: dict[str, tuple[float, list[Finding]]] = {}  # by node
 
     def take(self, now_s: float, name: str, status: Any) -> None:
         """Take a ``DiagnosticStatus``, named ``NODE: SUBJECT`` without the namespace.
@@ -44,6 +45,21 @@ class Heard:
             self._navigation = now_s, navigation_status(status)
         elif name == "overlay_node: topics":
             self.restarts.take(status)
+
+    def take_findings(self, now_s: float, message: Any) -> None:
+        """Take ``tirgeo/findings`` of a node. Raises MessageError for another text."""
+        node, _, findings = findings_of(message)
+        self._findings[node] = now_s, findings
+
+    def findings(self, now_s: float) -> list[Finding] | None:
+        """Return what the nodes' checks have found; None while all are silent."""
+        newest = [*self._findings.values()]
+        heard = [findings for then_s, findings in newest if now_s - then_s <= SILENT_S]
+        return [one for findings in heard for one in findings] if heard else None
+
+    def newest(self, name: str) -> tuple[float, dict[str, str]]:
+        """Return when an item came, and its values; never, and none, if it did not."""
+        return self._items.get(name, (-math.inf, {}))
 
     def navigation(self, now_s: float) -> tuple[NavigationStatus | None, bool]:
         """Return the estimator's status, None if it is silent, and whether it ever spoke."""
@@ -82,23 +98,6 @@ def navigation_fields(heard: Heard, now_s: float) -> dict[str, Any]:
         "rtk": status.rtk_status.name.lower(),
         "heading_sigma_deg": math.degrees(status.heading_sigma_rad),
     }
-
-
-def setup_fields(items: Sequence[Mapping[str, str]]) -> dict[str, Any]:
-    """Return the findings of the nodes' set-up items, the worst first, and go: None unheard."""
-    found = [finding(check, text) for values in items for check, text in values.items()]
-    worst = max((Severity[one["severity"]] for one in found), default=Severity.NOTE)
-    found.sort(key=lambda one: -Severity[one["severity"]])
-    return {"findings": found, "go": worst < Severity.STOP if items else None}
-
-
-def finding(check: str, text: str) -> dict[str, str]:
-    """Return one finding of a set-up item: ``SEVERITY: evidence: parameter: mend``."""
-    severity, _, line = text.partition(": ")
-    evidence, _, mend = line.rpartition(": ")
-    known = severity if severity in Severity.__members__ else Severity.CAUTION.name
-    title = check.replace("_", " ")
-    return {"severity": known, "title": title, "text": evidence or mend, "mend": mend}
 
 
 def position_fields(odometry: Any, plane: TangentPlane, footprint_n: Array) -> dict[str, Any]:

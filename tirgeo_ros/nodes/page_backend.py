@@ -63,7 +63,8 @@ class PageBackend:
                 self._asked[key].remove(asked)
                 if not self._asked[key]:
                     del self._asked[key]
-        return "overlay_node did not answer within a second" if heard else "overlay_node is absent"
+        lacks = "did not answer within a second: press again" if heard else "does not run"
+        return f"the overlay program {lacks}"
 
     def answered(self, aircraft: str, answer: ClickAnswer) -> None:
         """Pass an answer to whoever clicked there."""

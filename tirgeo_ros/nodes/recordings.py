@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tirgeo_ros.core.config import ViewerConfig
+from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.io.messages import SENSED_TOPICS
 from tirgeo_ros.nodes.child_node import ChildNode, ground_values
 from tirgeo_ros.nodes.graph_node import GraphNode, message_class
@@ -28,7 +29,7 @@ TOPICS = (
     *("thermal/camera_info", "tirgeo/odometry", "tirgeo/fix", "tirgeo/origin", "tirgeo/path"),
     *("tirgeo/camera_pose", "tirgeo/overlay/image/compressed", "tirgeo/overlay/camera_info"),
     *("tirgeo/footprint", "tirgeo/locate/pixel", "tirgeo/locate/fix", "tirgeo/locate/point"),
-    *("tirgeo/locate/answer", "tirgeo/targets", "/diagnostics"),
+    *("tirgeo/locate/answer", "tirgeo/targets", "tirgeo/findings", "/diagnostics"),
 )
 #: Of a type that not every installation has.
 _TF = {"/tf": "tf2_msgs/msg/TFMessage", "/tf_static": "tf2_msgs/msg/TFMessage"}
@@ -65,11 +66,12 @@ class Recordings:
         """Return whether an aircraft is recorded."""
         return aircraft in self._active
 
-    def findings(self, aircraft: str) -> list[dict[str, str]]:
-        """Return what went wrong last, as a finding of the page."""
+    def findings(self, aircraft: str) -> list[Finding]:
+        """Return what went wrong last."""
         trouble = self.troubles.get(aircraft)
-        told = {"severity": "CAUTION", "title": "recording", "text": trouble or "", "mend": ""}
-        return [told] if trouble else []
+        where, mend = "viewer_node record_to", "look at the disk, then record again"
+        found = Finding("recording", Severity.CAUTION, trouble or "", where, mend)
+        return [found] if trouble else []
 
     def begin(self, aircraft: str) -> str:
         """Begin to record; return words for the operator when it has begun, or why it has not."""

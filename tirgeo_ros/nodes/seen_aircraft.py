@@ -86,10 +86,15 @@ class SeenAircraft:
         found = self._newest.get(topic)
         return self._node.decoded(found[1], topic) if found else None
 
+    def came_s(self, topic: str) -> float | None:
+        """Return when the newest message of a topic came, steady clock; None without one."""
+        found = self._newest.get(topic)
+        return found[0] if found else None
+
     def age_s(self, topic: str) -> float | None:
         """Return the time since the newest message of a topic; None without one."""
-        found = self._newest.get(topic)
-        return round(time.monotonic() - found[0], 2) if found else None
+        came_s = self.came_s(topic)
+        return None if came_s is None else round(time.monotonic() - came_s, 2)
 
     def _keep(self, topic: str, data: bytes) -> None:
         self._newest[topic] = time.monotonic(), data

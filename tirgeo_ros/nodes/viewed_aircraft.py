@@ -13,10 +13,12 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 
 from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.marked_place import MarkedPlace
-from tirgeo_ros.io.messages import TOPIC_TYPES, ClickAnswer, Messages, click_answer
+from tirgeo_ros.io.messages import TOPIC_TYPES, ClickAnswer, Messages, click_answer, finding_row
 from tirgeo_ros.nodes import aircraft_state
 from tirgeo_ros.nodes.aircraft_state import TrackNews
+from tirgeo_ros.nodes.aircraft_verdict import Judge
 from tirgeo_ros.nodes.graph_node import GraphNode, message_class
 from tirgeo_ros.nodes.picture_sight import on_ground, pixel_of
 from tirgeo_ros.nodes.qos import latched, output
@@ -45,9 +47,11 @@ class ViewedAircraft(SeenAircraft):
         super().__init__(node, aircraft, terrain, self._count)
         self._track, self._places = TrackNews(), list[aircraft_state.Place]()
         self.listen(_PATH, self._take_path, 1)
+        self.listen("tirgeo/findings", self._take_findings, 10)
         self.listen("tirgeo/locate/answer", lambda m: answered(click_answer(m)), 20)
         self._pixel = self._advertise("tirgeo/locate/pixel", output())
         self._targets = self._advertise("tirgeo/targets", latched())
+        self._judge = Judge(self.heard)
         self._drawn: tuple[object, ...] = ()  # revision of the targets, plane and frame
 
     def _advertise(self, topic: str, qos: QoSProfile) -> Publisher:
@@ -71,7 +75,7 @@ class ViewedAircraft(SeenAircraft):
         self._pixel.publish(self._node.messages.pixel(stamp, u, v))
         return bool(self._pixel.get_subscription_count())
 
-    def state(self) -> dict[str, Any]:
+    def state(self, more_findings: Sequence[Finding]) -> dict[str, Any]:
         """Return the page's state of this aircraft, but for ``recording`` and ``sharing``."""
         now_s, plane = time.monotonic(), self.plane
         footprint_n, odometry = self.footprint_n(), self.newest(ODOMETRY)
@@ -79,21 +83,36 @@ class ViewedAircraft(SeenAircraft):
         if plane and odometry is not None:
             found |= aircraft_state.position_fields(odometry, plane, footprint_n)
         found |= aircraft_state.navigation_fields(self.heard, now_s)
-        found |= aircraft_state.setup_fields(self.heard.of(now_s, "set-up"))
         found |= self._track.fresh(self._places)
         found["footprint"] = aircraft_state.places(footprint_n, plane) if plane else []
-        found["no_map"] = self._no_map(now_s)
-        rtk_s = self.heard.number(now_s, "topics", "rtk/fix age [s]")
+        found |= self._judged(now_s, more_findings)
+        then_s, topics = self.heard.newest("ekf_node: topics")
+        rtk_s = aircraft_state.number(topics.get("rtk/fix age [s]", ""))
         streams = {"video": VIDEO, "pose": ODOMETRY, "camera": POSE}
         ages = {name: self.age_s(topic) for name, topic in streams.items()}
-        found["ages_s"] = ages | {"rtk": rtk_s}
+        found["ages_s"] = ages | {"rtk": None if rtk_s is None else rtk_s + now_s - then_s}
         found["video_hz"], found["latency_ms"] = self._video(now_s)
         return found
+
+    def _judged(self, now_s: float, more: Sequence[Finding]) -> dict[str, Any]:
+        heard, no_map = self.heard.findings(now_s), self._no_map(now_s)
+        findings = sorted([*(heard or ()), *more], key=lambda one: -one.severity)
+        worst = max((one.severity for one in findings), default=Severity.NOTE)
+        reported = None if heard is None else worst
+        verdict = self._judge.look(now_s, self.came_s, reported, no_map or "")
+        rows = [finding_row(one) for one in findings]
+        judged = {"verdict": verdict._asdict(), "no_map": no_map, "findings": rows}
+        if verdict.kind == "position" and verdict.word == "NO DATA":
+            judged |= dict.fromkeys(("rtk", "heading_sigma_deg"))  # the filter's clock stands
+        return judged
 
     def _no_map(self, now_s: float) -> str | None:
         """Return the picture's notice; None while nothing is heard of overlay_node."""
         items = self.heard.of(now_s, "overlay")
         return items[0].get("notice", "") if items else None
+
+    def _take_findings(self, message: Any) -> None:
+        self.heard.take_findings(time.monotonic(), message)
 
     def _video(self, now_s: float) -> tuple[float, float | None]:
         """Return the rate (Hz) of the last seconds, and the median of the latency (ms)."""

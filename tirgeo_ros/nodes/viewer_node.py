@@ -18,7 +18,6 @@ from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.core.types.marked_place import MarkedPlace
 from tirgeo_ros.io.messages import DiagnosticItem
 from tirgeo_ros.io.targets.store import TargetStore
-from tirgeo_ros.nodes.aircraft_state import finding
 from tirgeo_ros.nodes.graph_node import GraphNode
 from tirgeo_ros.nodes.monitor import OK, WARN
 from tirgeo_ros.nodes.page_backend import PageBackend
@@ -117,11 +116,10 @@ class ViewerNode(GraphNode):
         self._backend.answered(aircraft, answer)
 
     def _report(self, aircraft: str) -> None:
-        state = self._aircraft[aircraft].state()
+        one = self._aircraft[aircraft]
+        ours = [*self._recordings.findings(aircraft), *one.heard.restarts.findings()]
+        state = one.state(ours)
         state["recording"], state["sharing"] = self._recordings.is_on(aircraft), self._team.state
-        state["findings"] += self._recordings.findings(aircraft)
-        restarts = self._aircraft[aircraft].heard.restarts.findings()
-        state["findings"] += [finding(x.check, f"{x.severity.name}: {x.line}") for x in restarts]
         self._server.report(aircraft, state)
 
     def _draw_targets(self) -> None:

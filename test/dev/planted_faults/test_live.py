@@ -19,12 +19,16 @@ from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.overlay.status_text import VERDICT_BGR
 from tirgeo_ros.core.overlay.text_boxes import Field, paint_status, place_notice
-from tirgeo_ros.core.types.finding import Severity
+from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.poses import CameraPose
 
 STAMP_NS = 1_700_000_000 * 10**9
 FAULT = Fault("late", ("rtk.delay_s",), lambda good, _: good)
-NAMED = Report(8.0, "ekf_node", "late", "rtk/fix is late: ekf_node rtk.delay_s: set it")
+NAMED = Report(
+    8.0,
+    "ekf_node",
+    Finding("late", Severity.CAUTION, "rtk/fix is late", "ekf_node rtk.delay_s", "set it"),
+)
 
 
 def picture(*, verdict: Severity = Severity.NOTE, state: str = "", light: int = 200) -> Picture:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import pytest
 from browser import DESK, TABLET
+from page_backend import GO
 from served_page import corner_in, well
 
 TOKEN, VIEWER_TOKEN = "operator-token-1", "viewer-token-123"
@@ -134,21 +137,86 @@ def test_a_busy_server_is_asked_again_instead_of_a_token(guarded, tablet):
     assert not screen.page.locator("#enter").is_visible()
 
 
+class Alarming:
+    """A page whose verdict a test sets; ``sounded`` counts the alarms that a tablet gave."""
+
+    def __init__(self, monkeypatch, serve, tablet, **first):
+        self.said = dict(GO, **first)
+        well(monkeypatch, verdict=self.said)
+        self.page = serve()
+        self.screen = tablet(self.page.url)
+        self.screen.await_picture()
+        self.screen.page.evaluate(
+            """() => {
+              window.sounded = [];
+              const value = () => window.sounded.push(performance.now());
+              Object.defineProperty(navigator, "vibrate", { value });
+            }"""
+        )
+        self.screen.tap_on("[data-tab=checks][role=tab]")  # the press that allows sound
+
+    def says(self, **verdict):
+        self.said.update(verdict)
+        self.screen.reads("#verdict", self.said["word"])
+
+    def sounds_for(self, seconds):
+        """Let the words count seconds; return when an alarm sounded, in seconds."""
+        before = self.screen.page.evaluate("() => window.sounded.length")
+        for count in range(seconds):
+            self.said["text"] = f"The gimbal is silent for {count} s"
+            self.screen.page.wait_for_timeout(1000)
+        return [ms / 1000 for ms in self.screen.page.evaluate("() => window.sounded")][before:]
+
+
+@pytest.fixture
+def alarming(serve, tablet, monkeypatch):
+    return Alarming(monkeypatch, serve, tablet)
+
+
+def test_an_alarm_sounds_each_four_seconds_and_silence_is_for_it_alone(alarming):
+    """It began anew each second as its words counted, and Silence was for ever."""
+    alarming.says(word="NO DATA", tone="bad", kind="camera pose", alarm=True, more="gimbal/joint")
+    times = alarming.sounds_for(9)
+    assert 2 <= len(times) <= 3
+    assert min(later - earlier for earlier, later in pairwise(times)) > 3.9
+    alarming.screen.reads("#banner", "The gimbal is silent for 8 s")
+    assert not alarming.screen.page.get_by_text("gimbal/joint").is_visible()  # under: more
+    alarming.screen.tap_on("#banner summary")
+    assert alarming.screen.page.get_by_text("gimbal/joint").is_visible()
+    alarming.screen.tap_on("#banner button")
+    alarming.screen.reads("#banner", "silenced")
+    assert alarming.sounds_for(5) == []
+    alarming.says(word="LOST", kind="position")
+    assert alarming.sounds_for(5)
+    assert alarming.screen.page.evaluate(
+        "async () => (await import('/static/js/store.js')).store.get('sound')"
+    )
+
+
+def test_nothing_is_good_beside_a_verdict_that_is_not(alarming):
+    alarming.screen.reads(".finding[data-tone=good]", "Nothing is wrong")
+    notice = "NO MAP: no pose for 2.0 s"
+    alarming.says(word="NO GO", tone="bad", kind="map", text=notice, alarm=True)
+    alarming.screen.reads("#banner", notice)
+    assert alarming.screen.page.locator(".finding[data-tone=good]").count() == 0
+    # The picture has the words itself: the page says them once.
+    assert alarming.screen.page.locator(":text('NO MAP'):visible").count() == 1
+
+
 @pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"no_map": "no pose for 2.0 s", "go": False}, ("NO MAP", "no pose for 2.0 s")),
-        ({"navigation": {"state": "lost", "reason": "no RTK"}, "go": False}, ("LOST", "no RTK")),
-    ],
-    ids=["no map", "lost"],
+    ("silent", "word"), [(("report", "show"), "NO DATA"), (("show",), "NO VIDEO")]
 )
-def test_what_is_wrong_cannot_be_missed(serve, tablet, monkeypatch, changes, words):
-    well(monkeypatch, **changes)
-    screen = tablet(serve().url)
-    screen.await_picture()
-    for text in words:
-        screen.reads("#banner", text)
-    screen.reads("#verdict", "NO GO")
+def test_what_does_not_reach_this_screen_has_one_reason(alarming, silent, word):
+    """States, and pictures, or pictures alone: banner and video said different things."""
+    for name in silent:
+        setattr(alarming.page.server, name, lambda *_: None)
+    alarming.screen.reads("#verdict", word)
+    alarming.screen.reads(".words-over", "FROZEN")
+    alarming.screen.wait(
+        """() => document.querySelector("#banner strong").textContent.length > 10
+          && document.querySelector("#banner strong").textContent
+          === document.querySelector(".words-over span").textContent"""
+    )
 
 
 @pytest.mark.slow

@@ -80,13 +80,16 @@ class Navigation:
         """Start again from alignment. The origin of ``map`` stays where it is."""
         self._imu_clock = ImuClock(self._config.max_imu_gap_s)
         self._entered: tuple[FilterState, int] = (FilterState.WAITING, 0)
-        self._begin("", None)
+        self._begin("", None, None)
 
-    def _begin(self, why: str, prior: Biases | None, *, lost: bool = False) -> None:
-        """Discard the state, which may be lost, and align; ``prior`` is of the IMU's biases."""
+    def _begin(self, why: str, cause: Outcome | None, prior: Biases | None) -> None:
+        """Discard the state and align; ``cause`` is RESTART of a lost one.
+
+        ``prior`` is of the IMU's biases.
+        """
         self._resets, self._last_reset = self._reset_counts()
         self._ekf = None
-        self._why_again, self._lost = why, lost
+        self._why_again, self._began_again = why, cause if self._filtering else None
         self._start_up = StartUp(self._config, prior)
         self._passthrough = UnfilteredSolution(self._config, self._position_source)
         self._repeats = DuplicateDetector()
@@ -159,6 +162,7 @@ class Navigation:
             self._log.nis(now_ns),
             self._ekf.process_noise if self._ekf else "",
             densities(self._ekf.vibration) if self._ekf else (),
+            self._began_again,
         )
 
     def state_and_resets(self) -> tuple[FilterState, int]:
@@ -195,7 +199,7 @@ class Navigation:
             return state, f"{reason}; {offsets}" if reason and offsets else reason
         lacks = offsets or self._start_up.aligner.reason
         reason = "; ".join(filter(None, (self._why_again, lacks)))
-        if self._lost:
+        if self._began_again is Outcome.RESTART:
             return FilterState.LOST, reason
         begun = clocks.imu_ns is not None and clocks.aid_ns
         return (FilterState.ALIGNING if begun else FilterState.WAITING), reason
@@ -210,7 +214,7 @@ class Navigation:
             return Step(Verdict(Source.IMU, checked_outcome, why))
         begins = begins and (self._filtering or checked_outcome is Outcome.TIME_JUMP)
         if begins:
-            self._begin(why, self._ekf.biases() if self._ekf else None)
+            self._begin(why, checked_outcome, self._ekf.biases() if self._ekf else None)
         self._clocks.hear_imu(sample.stamp_ns)
         for held in use:
             outcome, reason = self._take_imu(held)
@@ -266,7 +270,7 @@ class Navigation:
         verdicts = self._start_up.add(sample)
         self._ekf = self._start_up.ekf
         if self._ekf is not None and self._start_up.first_state is not None:
-            self._why_again, self._lost = "", False
+            self._why_again, self._began_again = "", None
             self._origin.start_at(self._start_up.first_state)
         for verdict in verdicts:
             self._count(verdict)
@@ -282,7 +286,7 @@ class Navigation:
         why = self._health.lost(control, covariance)
         if why:
             spoiled = self._health.spoiled(control, covariance)
-            self._begin(why, None if spoiled else ekf.biases(), lost=True)
+            self._begin(why, Outcome.RESTART, None if spoiled else ekf.biases())
             self._enter(FilterState.LOST)
             self._count(Verdict(Source.IMU, Outcome.RESTART, why))
 

@@ -88,3 +88,4 @@ class NavigationStatus:
     vibration: tuple[
         float, ...
     ] = ()  # noise densities: gyroscopes rad/sqrt(s), accelerometers m/s/sqrt(s)
+    began_again: Outcome | None = None  # GAP, TIME_JUMP or RESTART, until the filter runs again

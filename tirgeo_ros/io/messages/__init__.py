@@ -18,7 +18,13 @@ from tirgeo_ros.io.messages.decode import (
     tangent_plane,
     velocity_sample,
 )
-from tirgeo_ros.io.messages.diagnostics import DiagnosticItem, diagnostic_level, navigation_status
+from tirgeo_ros.io.messages.diagnostics import (
+    DiagnosticItem,
+    diagnostic_level,
+    finding_row,
+    findings_of,
+    navigation_status,
+)
 from tirgeo_ros.io.messages.encode import Messages
 from tirgeo_ros.io.messages.pictures import camera, compressed_pixels, image_pixels, pixels
 from tirgeo_ros.io.messages.sensor_messages import (
@@ -56,6 +62,8 @@ __all__ = [
     "click_answer",
     "compressed_pixels",
     "diagnostic_level",
+    "finding_row",
+    "findings_of",
     "ground_point",
     "heading_sample",
     "image_pixels",

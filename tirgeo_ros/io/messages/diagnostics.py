@@ -1,19 +1,24 @@
-"""Convert the estimator's status to key and value strings, and back."""
+"""Convert the estimator's status and the findings of checks to texts, and back."""
 
 from __future__ import annotations
 
+import json
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
 from tirgeo_ros.core.types.errors import MessageError, cut
+from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.measurements import FixStatus
-from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
+from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus, Outcome
 
 OK, WARN, ERROR = 0, 1, 2
 _LEVELS = {FilterState.RUNNING: OK, FilterState.LOST: ERROR}  # all others are warnings
 _COUNT, _RATIO, _RESET, _CLIPPED, _NIS = "count", "test_ratio", "reset", "clipped", "nis"
 _NEXT = "; "  # between warnings, which do not contain it
+_PARTS = {"subject": "check", "evidence": "evidence", "parameter": "parameter", "remedy": "mend"}
+_SCHEMA, _LONGEST = "tirgeo/findings/1", 100_000  # characters of a message of findings
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +43,7 @@ def navigation_item(name: str, status: NavigationStatus) -> DiagnosticItem:
         "state": status.state.value,
         "state_time_s": repr(float(status.state_s)),
         "reason": status.reason,
+        "began_again": status.began_again.value if status.began_again else "",
         "rtk_status": status.rtk_status.name.lower(),
         "heading_sigma_deg": repr(math.degrees(status.heading_sigma_rad)),
         "last_reset": status.last_reset,
@@ -76,12 +82,46 @@ def diagnostic_level(msg: Any) -> int:
     return msg.level[0] if isinstance(msg.level, bytes) else int(msg.level)
 
 
+def findings_text(node: str, stamp_ns: int, findings: Iterable[Finding]) -> str:
+    """Return what a node's checks have found, part by part, as JSON for ``tirgeo/findings``."""
+    rows = [finding_row(one) for one in findings]
+    head = {"schema": _SCHEMA, "node": node, "stamp_ns": str(stamp_ns)}
+    return json.dumps(head | {"findings": rows})
+
+
+def finding_row(finding: Finding) -> dict[str, str]:
+    """Return the parts of a finding by the names that programs read."""
+    parts = {key: getattr(finding, name) for key, name in _PARTS.items()}
+    return parts | {"severity": finding.severity.name}
+
+
+def findings_of(msg: Any) -> tuple[str, int, list[Finding]]:
+    """Decode ``tirgeo/findings``: node, stamp (ns), findings, texts cut. Raises MessageError."""
+    try:
+        document = json.loads(msg.data if len(msg.data) <= _LONGEST else "")
+        findings = [_finding(row) for row in document["findings"]]
+        schema, node = document["schema"], cut(str(document["node"]))
+        stamp_ns = int(document["stamp_ns"])
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
+        raise MessageError(f"tirgeo/findings is no list of findings: {error}") from None
+    if schema != _SCHEMA:
+        raise MessageError(f"tirgeo/findings: its schema is not {_SCHEMA}")
+    return node, stamp_ns, findings
+
+
+def _finding(row: dict[str, str]) -> Finding:
+    parts = {name: cut(str(row[key])) for key, name in _PARTS.items()}
+    return Finding(severity=Severity[row["severity"]], **parts)
+
+
 def _status(values: dict[str, str]) -> NavigationStatus:
     parts = [(key.split("."), value) for key, value in values.items()]
+    again = values.get("began_again", "")
     return NavigationStatus(
         method=values["method"],
         state=FilterState(values["state"]),
         reason=values["reason"],
+        began_again=Outcome(again) if again else None,
         rtk_status=FixStatus[values["rtk_status"].upper()],
         heading_sigma_rad=math.radians(float(values["heading_sigma_deg"])),
         counts={(k[1], k[2]): int(v) for k, v in parts if k[0] == _COUNT and len(k) == 3},

@@ -15,6 +15,7 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.navigation.strapdown import cross
 from tirgeo_ros.core.types.arrays import Array, Vector
+from tirgeo_ros.core.types.finding import Finding
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
     HeadingSample,
@@ -26,7 +27,7 @@ from tirgeo_ros.core.types.measurements import (
 )
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
 from tirgeo_ros.core.types.verdicts import NavigationStatus
-from tirgeo_ros.io.messages.diagnostics import DiagnosticItem, navigation_item
+from tirgeo_ros.io.messages.diagnostics import DiagnosticItem, findings_text, navigation_item
 from tirgeo_ros.io.messages.frame_messages import FrameMessages
 from tirgeo_ros.io.messages.message_axes import (
     NO_TURN,
@@ -227,6 +228,10 @@ class Messages(FrameMessages, TargetMessages):
     def clock(self, stamp_ns: int) -> Any:
         """Return ``rosgraph_msgs/Clock``."""
         return self._class("rosgraph_msgs/msg/Clock")(clock=self._time(stamp_ns))
+
+    def findings(self, node: str, stamp_ns: int, findings: Sequence[Finding]) -> Any:
+        """Return ``std_msgs/String``: what the checks of a node have found."""
+        return self._class("std_msgs/msg/String")(data=findings_text(node, stamp_ns, findings))
 
     def diagnostics(self, stamp_ns: int, items: Sequence[DiagnosticItem]) -> Any:
         """Return ``diagnostic_msgs/DiagnosticArray``."""

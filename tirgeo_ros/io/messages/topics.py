@@ -21,6 +21,7 @@ OTHER_TYPES: dict[str, str] = {
     "tirgeo/locate/point": "geometry_msgs/msg/PoseWithCovarianceStamped",
     "tirgeo/locate/answer": "diagnostic_msgs/msg/DiagnosticArray",
     "tirgeo/targets": "visualization_msgs/msg/MarkerArray",
+    "tirgeo/findings": "std_msgs/msg/String",
     "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
     "/clock": "rosgraph_msgs/msg/Clock",
     "/tf": "tf2_msgs/msg/TFMessage",

@@ -2,6 +2,7 @@
 
 import { buildAlarm } from "./checks/alarm.js";
 import { buildChecks } from "./checks/panel.js";
+import { watchVerdicts } from "./checks/verdict.js";
 import { enter } from "./link/entrance.js";
 import { startLink } from "./link/state_link.js";
 import { buildMap } from "./map/moving_map.js";
@@ -26,5 +27,6 @@ buildStages();
 buildTools();
 buildMap(where);
 buildAlarm();
+watchVerdicts();
 listenToKeys();
 startLink();

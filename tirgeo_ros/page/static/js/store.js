@@ -78,6 +78,8 @@ export const store = new Store({
   most: { name: 0, note: 0 }, // characters that the server takes
   current: "", // id of the aircraft that is looked at
   states: {}, // newest state message of each aircraft
+  /** @type {Record<string, import("./checks/verdict.js").Verdict>} */
+  verdicts: {}, // of each aircraft, by all that this page knows
   tracks: {}, // whole track of each aircraft: [[latitude, longitude], ...]
   /** @type {Target[]} */
   targets: [],

@@ -1,80 +1,81 @@
-/** The banner, and the sound and vibration on `lost`, `NO MAP` and a lost connection. */
+/** The banner, and the sound and vibration while a verdict is an alarm. */
 
 import { button, byId, element, icon, setText } from "../shell/dom.js";
 import { store } from "../store.js";
-import { alarmOf } from "./verdict.js";
 
-const REPEAT_MS = 4000;
+const REPEAT_MS = 4000; // also between two alarms
 const BEEPS_HZ = [880, 660, 880];
 const BEEP_S = 0.16;
 
+/** @typedef {import("./verdict.js").Verdict & {key: string}} Shown  key: kind and aircraft */
+
 /** @type {AudioContext | undefined} */
 let audio;
-/** The words of the alarm that now sounds; "" while all is well. */
-let sounding = "";
-let soundedAt = 0;
+let soundedAt = -REPEAT_MS;
+/** @type {Set<string>} keys of alarms that last and were silenced */
+let silenced = new Set();
 
 /** Builds the banner and keeps watch. */
 export function buildAlarm() {
   const words = element("strong", {});
   const hint = element("span", { class: "hint" });
-  const silence = button("mute", "Silence", () => store.set({ sound: false }));
-  byId("banner").append(icon("warning"), element("div", { class: "grow" }, words, hint), silence);
+  const more = element("p", {});
+  const details = element("details", {}, element("summary", { text: "more" }), more);
+  const hush = () => {
+    silenced = new Set(alarms().map(({ key }) => key));
+    update();
+  };
+  const silence = button("mute", "Silence", hush, { label: "Silence this alarm" });
+  const grow = element("div", { class: "grow" }, words, hint);
+  byId("banner").append(icon("warning"), grow, details, silence);
   document.addEventListener("pointerdown", allowSound, { capture: true });
   document.addEventListener("keydown", allowSound, { capture: true });
-  const update = () => show(words, hint, silence);
-  store.watch(["states", "link", "sound", "soundAllowed", "aircraft"], update);
-  setInterval(update, 500); // counts down to the next try, repeats the sound
+  const update = () => {
+    const sounding = sound();
+    const worst = alarms()[0] ?? shown()[0];
+    byId("banner").hidden = !worst;
+    byId("banner").dataset.tone = worst?.tone ?? "";
+    setText(words, worst?.text ?? "");
+    setText(more, worst?.more ?? "");
+    details.hidden = !worst?.more;
+    silence.hidden = !sounding;
+    setText(hint, worst?.alarm ? hintOf(sounding) : "");
+  };
+  store.watch(["verdicts", "sound", "soundAllowed"], update);
+  setInterval(update, 500); // repeats the sound
 }
 
-/** @returns {{tone: string, words: string, alarm: boolean} | null} the gravest of all aircraft */
-function gravest() {
-  const { phase, retryAt } = store.get("link");
-  if (phase === "lost") {
-    const seconds = Math.max(0, Math.ceil((retryAt - performance.now()) / 1000));
-    return {
-      tone: "bad",
-      alarm: true,
-      words: `Connection lost, retrying${seconds ? ` in ${seconds} s` : ""}`,
-    };
-  }
-  const { states, aircraft } = store.values;
-  const all = aircraft
-    .map((/** @type {import("../store.js").Aircraft} */ { id, name }) => {
-      const found = alarmOf(states[id]);
-      return found && aircraft.length > 1 ? { ...found, words: `${name}: ${found.words}` } : found;
-    })
-    .filter(Boolean);
-  return all.find((/** @type {any} */ one) => one.alarm) ?? all[0] ?? null;
+/** @returns {Shown[]} what the banner has to say, of all aircraft; the lost connection once */
+function shown() {
+  const { verdicts, aircraft } = store.values;
+  const all = aircraft.map((/** @type {import("../store.js").Aircraft} */ { id, name }) => {
+    const verdict = verdicts[id] ?? { text: "" };
+    if (verdict.kind === "link") return { ...verdict, key: "link" };
+    const text = aircraft.length > 1 && verdict.text ? `${name}: ${verdict.text}` : verdict.text;
+    return { ...verdict, text, key: `${verdict.kind} ${id}` };
+  });
+  return all.filter((/** @type {Shown} */ { text }) => text);
 }
 
-/** @param {HTMLElement} words @param {HTMLElement} hint @param {HTMLElement} silence */
-function show(words, hint, silence) {
-  const found = gravest();
-  const { sound, soundAllowed } = store.values;
-  const banner = byId("banner");
-  banner.hidden = !found;
-  banner.dataset.tone = found?.tone ?? "";
-  setText(words, found?.words ?? "");
-  silence.hidden = !found?.alarm || !sound;
-  setText(hint, found?.alarm ? hintOf(sound, soundAllowed) : "");
-  alarm(found?.alarm ? found.words.replace(/ in \d+ s$/, "") : "");
+const alarms = () => shown().filter(({ alarm }) => alarm);
+
+/** @param {boolean} sounding */
+function hintOf(sounding) {
+  if (!store.get("sound")) return "sound is off";
+  if (!sounding) return "silenced";
+  return store.get("soundAllowed") ? "" : "press anywhere for sound";
 }
 
-/** @param {boolean} sound @param {boolean} allowed */
-function hintOf(sound, allowed) {
-  if (!sound) return "sound is off";
-  return allowed ? "" : "press anywhere for sound";
-}
-
-/** Sounds at the beginning of an alarm and again while it lasts. @param {string} words */
-function alarm(words) {
-  const due = words && (words !== sounding || performance.now() - soundedAt > REPEAT_MS);
-  sounding = words;
-  if (!due || !store.get("sound")) return;
+/** Sounds at the beginning of an alarm and again while it lasts. @returns {boolean} if any does */
+function sound() {
+  const keys = alarms().map(({ key }) => key);
+  silenced = new Set(keys.filter((key) => silenced.has(key))); // one that ended may sound again
+  if (!store.get("sound") || keys.every((key) => silenced.has(key))) return false;
+  if (performance.now() - soundedAt < REPEAT_MS) return true;
   soundedAt = performance.now();
   beep();
   if (store.get("soundAllowed")) navigator.vibrate?.([300, 120, 300]); // not before a press either
+  return true;
 }
 
 /** Takes the first press as the permission that browsers want. */

@@ -1,10 +1,11 @@
-/** The checks: go or no go, the findings with their mends, and the numbers behind them. */
+/** The checks: the findings with their mends, and the numbers behind them. */
 
 import { byId, element, icon, setText } from "../shell/dom.js";
 import { age, capital, plain } from "../shell/words.js";
 import { currentState, store } from "../store.js";
 import { READINGS } from "./readings.js";
-import * as judged from "./verdict.js";
+import * as judged from "./tones.js";
+import { currentVerdict } from "./verdict.js";
 
 const ICONS = { bad: "stop", caution: "warning", good: "good", "": "note" };
 
@@ -12,8 +13,7 @@ const NUMBERS = Object.values(READINGS);
 
 /** Builds the panel and keeps it as the newest state says. */
 export function buildChecks() {
-  const head = element("p", { class: "verdict-words" });
-  const top = element("header", { class: "list-head" }, element("h2", { text: "Checks" }), head);
+  const top = element("header", { class: "list-head" }, element("h2", { text: "Checks" }));
   const findings = element("ol", { class: "findings" });
   const numbers = element("dl", { class: "numbers" });
   const ages = element("dl", { class: "numbers ages" });
@@ -25,11 +25,8 @@ export function buildChecks() {
     ages,
   );
   const cells = NUMBERS.map(({ words }) => cell(numbers, words));
-  store.watch(["states", "current"], () => {
+  store.watch(["states", "verdicts", "current"], () => {
     const state = currentState() ?? {};
-    const { tone, words } = judged.verdict(currentState());
-    setText(head, words);
-    head.dataset.tone = tone;
     NUMBERS.forEach((number, index) =>
       set(cells[index], number.text(state), number.tone?.(state) ?? ""),
     );
@@ -65,28 +62,29 @@ function showAges(list, ages) {
 
 /** @param {HTMLElement} list @param {any[]} findings  built again only when they differ */
 function showFindings(list, findings) {
-  const known = Boolean(currentState());
-  const key = JSON.stringify([known, findings]);
+  const go = currentVerdict().word === "GO";
+  const key = JSON.stringify([go, findings]);
   if (list.dataset.key === key) return;
   list.dataset.key = key;
   const fine = element(
     "li",
     { class: "finding", data: { tone: "good" } },
     icon("good"),
-    element("p", { text: "The checks find nothing wrong." }),
+    element("p", { text: "Nothing is wrong." }),
   );
-  list.replaceChildren(...(findings.length ? findings.map(finding) : known ? [fine] : []));
+  list.replaceChildren(...(findings.length ? findings.map(finding) : go ? [fine] : []));
 }
 
-/** @param {any} found  {severity, title, text, mend} */
-function finding({ severity, title, text, mend }) {
+/** @param {any} found  {severity, subject, evidence, parameter, remedy} */
+function finding({ severity, subject, evidence, parameter, remedy }) {
   const tone = judged.toneOf(severity);
   const words = element(
     "div",
     {},
-    element("strong", { text: title }),
-    element("p", { text }),
-    mend ? element("p", { class: "mend", text: mend }) : null,
+    element("strong", { text: plain(subject) }),
+    element("p", { text: evidence }),
+    remedy ? element("p", { class: "mend", text: remedy }) : null,
+    parameter ? element("p", { text: parameter }) : null,
   );
   return element("li", { class: "finding", data: { tone } }, icon(ICONS[tone]), words);
 }

@@ -1,7 +1,7 @@
 /** The numbers of an aircraft's state, with the tone of each: for the bar and for the checks. */
 
 import { bearing, plain, quantity } from "../shell/words.js";
-import * as judged from "./verdict.js";
+import * as judged from "./tones.js";
 
 /**
  * @typedef {object} Reading

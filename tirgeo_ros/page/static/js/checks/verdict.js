@@ -1,105 +1,85 @@
-/** What an aircraft's state amounts to, in words: plain functions of the newest state. */
+/** One verdict on each aircraft: the server's, and first what only this screen can know. */
 
-import { capital, known, plain } from "../shell/words.js";
-
-/** @typedef {"good" | "caution" | "bad" | ""} Tone */
-
-const POOR_HEADING_DEG = 1.0;
-const BAD_HEADING_DEG = 3.0;
-const POOR_POSITION_M = 0.5;
-const BAD_POSITION_M = 5.0;
-const LATE_S = 1.0;
-const GONE_S = 3.0;
-
-/** Severities as findings have them: by name, or by rank. */
-const TONES = {
-  stop: "bad",
-  error: "bad",
-  caution: "caution",
-  warning: "caution",
-  note: "",
-  2: "bad",
-  1: "caution",
-  0: "",
-};
-
-/** @param {any} severity @returns {Tone} */
-export function toneOf(severity) {
-  const key = typeof severity === "string" ? severity.toLowerCase() : severity;
-  return /** @type {any} */ (TONES)[key] ?? "";
-}
+import { store } from "../store.js";
+import { stageOf } from "../video/stages.js";
+import { FROZEN_S } from "../video/words_over.js";
 
 /**
- * @param {any} state  or null
- * @returns {{tone: Tone, words: string}} GO, CAUTION, NO GO; never GO while nothing can be drawn
+ * @typedef {object} Verdict  kind: what it is about, the same while its text counts seconds
+ * @property {string} word  GO, CAUTION, NO GO, ...
+ * @property {import("./tones.js").Tone} tone
+ * @property {string} kind
+ * @property {string} text  for the operator; empty: the word says it, or the checks do
+ * @property {string} more  for the engineer
+ * @property {boolean} alarm
  */
-export function verdict(state) {
-  if (!state || state.go === null || state.go === undefined) return { tone: "", words: "NO DATA" };
-  if (!state.go) return { tone: "bad", words: "NO GO" };
-  const alarm = alarmOf(state);
-  if (alarm?.alarm)
-    return { tone: "bad", words: alarm.words.startsWith("LOST") ? "LOST" : "NO MAP" };
-  const cautious = (state.findings ?? []).some(
-    (/** @type {any} */ one) => toneOf(one.severity) === "caution",
-  );
-  return cautious ? { tone: "caution", words: "CAUTION" } : { tone: "good", words: "GO" };
+
+const LOOK_MS = 200;
+const LONGEST_STEP_MS = 400; // in a longer one this page did not run: what came meanwhile waits
+const STATE_MS = 1200; // states come at 5 Hz
+
+/** @type {Verdict} */
+const UNKNOWN = { word: "NO DATA", tone: "", kind: "", text: "", more: "", alarm: false };
+/** @type {Map<string, {value: any, ms: number}>} the newest of each thing, and since when */
+const newest = new Map();
+let lookedAt = performance.now();
+
+/** Keeps `verdicts` in the store. */
+export function watchVerdicts() {
+  store.watch(["states", "link", "aircraft"], () => look(0));
+  setInterval(() => {
+    const now = performance.now();
+    look(Math.min(now - lookedAt, LONGEST_STEP_MS));
+    lookedAt = now;
+  }, LOOK_MS);
 }
 
-/** @param {any} state @returns {Tone} of the navigation */
-export function navigationTone(state) {
-  const name = state?.navigation?.state;
-  if (name === "running") return "good";
-  if (name === "lost") return "bad";
-  return name ? "caution" : "";
+/** @returns {Verdict} on the aircraft that is looked at */
+export function currentVerdict() {
+  return store.get("verdicts")[store.get("current")] ?? UNKNOWN;
 }
 
-/** @param {any} state @returns {Tone} */
-export function rtkTone(state) {
-  if (!state?.rtk) return "";
-  return /fix/i.test(state.rtk) && !/no/i.test(state.rtk) ? "good" : "caution";
+/** @param {number} stepMs  since the last look */
+function look(stepMs) {
+  const all = store
+    .get("aircraft")
+    .map((/** @type {any} */ { id }) => [id, verdictOn(id, stepMs)]);
+  const verdicts = Object.fromEntries(all);
+  if (JSON.stringify(verdicts) !== JSON.stringify(store.get("verdicts"))) store.set({ verdicts });
 }
 
-/**
- * @param {number | null | undefined} value
- * @param {number} poor
- * @param {number} bad
- * @returns {Tone}
- */
-function toneBetween(value, poor, bad) {
-  if (!known(value)) return "";
-  if (value < poor) return "good";
-  return value < bad ? "caution" : "bad";
+/** @param {string} id @param {number} stepMs @returns {Verdict} the nearest cause first */
+function verdictOn(id, stepMs) {
+  const { link, states } = store.values;
+  const stateMs = silence(`state ${id}`, states[id], stepMs);
+  const pictureS = silence(`picture ${id}`, stageOf(id)?.watched, stepMs) / 1000;
+  if (link.phase === "lost") return withoutLink(`lost, ${retryWords(link.retryAt)}`);
+  if (stateMs > STATE_MS) return withoutLink(`silent for ${(stateMs / 1000).toFixed(0)} s`);
+  const state = states[id];
+  const verdict = state?.verdict ?? UNKNOWN;
+  if (verdict.tone === "bad" || !state || pictureS <= FROZEN_S) return verdict;
+  const text = `No picture reaches this screen for ${pictureS.toFixed(0)} s`;
+  const more = `/video: ${stageOf(id)?.feed.phase}`;
+  return { word: "NO VIDEO", tone: "bad", kind: "screen", text, more, alarm: true };
 }
 
-/** @param {number | null | undefined} deg */
-export const headingTone = (deg) => toneBetween(deg, POOR_HEADING_DEG, BAD_HEADING_DEG);
-/** @param {number | null | undefined} metres */
-export const positionTone = (metres) => toneBetween(metres, POOR_POSITION_M, BAD_POSITION_M);
-/** @param {number | null | undefined} seconds */
-export const ageTone = (seconds) => toneBetween(seconds, LATE_S, GONE_S);
+/** @param {string} key @param {any} value @param {number} stepMs @returns {number} silence, ms */
+function silence(key, value, stepMs) {
+  const before = newest.get(key);
+  const same = before && (value === undefined || value === before.value);
+  const now = same ? { value: before.value, ms: before.ms + stepMs } : { value, ms: 0 };
+  newest.set(key, now);
+  return value === null ? 0 : now.ms;
+}
 
-/**
- * Returns the banner's words about one aircraft, the gravest alone; null while all is well.
- * @param {any} state
- * @returns {{tone: Tone, words: string, alarm: boolean} | null}
- */
-export function alarmOf(state) {
-  if (!state) return null;
-  const { navigation, no_map: noMap } = state;
-  if (navigation?.state === "lost") {
-    return { tone: "bad", alarm: true, words: `LOST: ${navigation.reason || "no position"}` };
-  }
-  if (noMap) {
-    const words = noMap.startsWith("NO MAP") ? noMap : `NO MAP: ${noMap}`;
-    return { tone: "bad", alarm: true, words };
-  }
-  if (navigation && navigationTone(state) === "caution") {
-    const reason = navigation.reason ? `: ${navigation.reason}` : "";
-    return {
-      tone: "caution",
-      alarm: false,
-      words: `${capital(plain(navigation.state))}${reason}`,
-    };
-  }
-  return null;
+/** @param {string} how @returns {Verdict} */
+function withoutLink(how) {
+  const text = `Connection ${how}`;
+  return { word: "NO DATA", tone: "bad", kind: "link", text, more: "/state", alarm: true };
+}
+
+/** @param {number} retryAt */
+function retryWords(retryAt) {
+  const seconds = Math.max(0, Math.ceil((retryAt - performance.now()) / 1000));
+  return seconds ? `retrying in ${seconds} s` : "retrying";
 }

@@ -7,7 +7,6 @@ import { RetryingSocket } from "./retrying_socket.js";
 
 const SILENCE_MS = 1500; // then the server is asked whether it is there
 const DEAD_MS = 4500;
-const STALE_MS = 3000; // an older state says nothing of now
 
 const socket = new RetryingSocket("/state", { received, lost });
 const requests = new Requests((text) => {
@@ -50,13 +49,9 @@ function welcomed({ role, aircraft, kinds, tiles, most }) {
   requests.reconnected();
 }
 
-/** @type {Map<string, number>} when the newest state of each aircraft came */
-const stateAt = new Map();
-
 /** @param {any} message */
 function stateOf(message) {
   const { aircraft, track = [], track_from: from = 0 } = message;
-  stateAt.set(aircraft, performance.now());
   const before = store.get("tracks")[aircraft] ?? [];
   const changes = { states: { ...store.get("states"), [aircraft]: message } };
   if (track.length) {
@@ -82,17 +77,8 @@ function lost(retryAt) {
 
 /** Finds connections that are dead without a word, as when the network has gone. */
 function watchSilence() {
-  dropStale();
   if (!socket.open) return;
   const silence = performance.now() - heardAt;
   if (silence > DEAD_MS) socket.restart();
   else if (silence > SILENCE_MS) requests.ask("measure", { from: [0, 0], to: [0, 0] });
-}
-
-/** Forgets states that no newer one has followed: a GO of some time ago is none. */
-function dropStale() {
-  const limit = performance.now() - STALE_MS;
-  const all = Object.entries(store.get("states"));
-  const fresh = all.filter(([id]) => (stateAt.get(id) ?? 0) > limit);
-  if (fresh.length < all.length) store.set({ states: Object.fromEntries(fresh) });
 }

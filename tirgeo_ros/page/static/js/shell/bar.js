@@ -1,7 +1,7 @@
 /** The bar at the top: go or no go, the big numbers, record, mark, share, night, menu. */
 
 import { READINGS } from "../checks/readings.js";
-import { verdict } from "../checks/verdict.js";
+import { currentVerdict } from "../checks/verdict.js";
 import { currentState, store } from "../store.js";
 import { mark, record, share, sharingWords } from "./commands.js";
 import { button, byId, element, setIcon, setText } from "./dom.js";
@@ -39,10 +39,10 @@ function verdictButton() {
     id: "verdict",
     title: "Show the checks",
   });
-  store.watch(["states", "current"], () => {
-    const { tone, words } = verdict(currentState());
+  store.watch(["verdicts", "current"], () => {
+    const { tone, word } = currentVerdict();
     made.dataset.tone = tone;
-    setText(made.querySelector(".words"), words);
+    setText(made.querySelector(".words"), word);
   });
   return made;
 }

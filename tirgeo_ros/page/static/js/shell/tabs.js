@@ -1,6 +1,6 @@
 /** The tabs: targets and checks, and the map where it has no place of its own. */
 
-import { verdict } from "../checks/verdict.js";
+import { currentVerdict } from "../checks/verdict.js";
 import { currentState, store } from "../store.js";
 import { button, byId, element, setText } from "./dom.js";
 
@@ -27,9 +27,9 @@ export function buildTabs() {
     made.forEach((one) => one.setAttribute("aria-selected", String(one.dataset.tab === tab)));
   });
   store.watch(["targets"], () => count(made[0], store.get("targets").length, ""));
-  store.watch(["states", "current"], () => {
+  store.watch(["states", "verdicts", "current"], () => {
     const { findings = [] } = currentState() ?? {};
-    count(made[2], findings.length, verdict(currentState()).tone);
+    count(made[2], findings.length, currentVerdict().tone);
   });
 }
 

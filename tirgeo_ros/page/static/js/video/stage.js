@@ -135,12 +135,18 @@ export class Stage {
     else this.feed.start();
   }
 
+  /** @returns {number | null | undefined} when the newest picture came; null: none is awaited */
+  get watched() {
+    if (this.still || this.root.hidden || document.hidden) return null;
+    return this.feed.arrivedAt || undefined;
+  }
+
   /** Says over the picture what is wrong with it and how old it is; called every 200 ms. */
   tell() {
     const state = store.get("states")[this.aircraft.id] ?? null;
     const stillS = this.still ? this.feed.ageS : null;
-    const { feed } = this;
-    const told = wordsOver({ ageS: feed.ageS, phase: feed.phase, stillS, state });
+    const why = store.get("verdicts")[this.aircraft.id]?.text ?? "";
+    const told = wordsOver({ ageS: this.feed.ageS, stillS, why });
     this.root.dataset.tone = told?.tone ?? "good";
     this.words.hidden = !told;
     setText(this.title, told?.title ?? "");
