@@ -46,10 +46,6 @@ class FlownPage:
         return cls(folder, "run", *words, "--page", "127.0.0.1:0")
 
     @property
-    def pid(self) -> int:
-        return self._process.pid
-
-    @property
     def log(self) -> str:
         return self._log.read_text()
 
