@@ -155,16 +155,22 @@ def test_the_picture_tells_what_another_node_of_its_namespace_found(flight):
         publisher.publish(MESSAGES.diagnostics(time.time_ns(), [item]))
         return bool(pictures) and written(pictures[-1], bgr) > 100
 
-    def passed(count: int) -> bool:
-        return len(pictures) > count
+    def has_lines() -> bool:
+        off = np.abs(image_pixels(pictures[-1])[60:].astype(int) - [0, 255, 255])
+        return (off.max(axis=2) < 90).sum() > 100
 
-    aircraft.until(lambda: tells("/uav2/ekf_node: set-up", WARN, AMBER_BGR) or passed(30))
-    assert passed(30)  # of another aircraft
+    aircraft.until(lambda: pictures and has_lines())  # before: NO MAP YET, in amber too
+    enough = len(pictures) + 30
+
+    def passed() -> bool:
+        return len(pictures) > enough
+
+    aircraft.until(lambda: tells("/uav2/ekf_node: set-up", WARN, AMBER_BGR) or passed())
+    assert passed()  # of another aircraft
     aircraft.until(lambda: tells("/ekf_node: set-up", WARN, AMBER_BGR))
-    lines = np.abs(image_pixels(pictures[-1])[60:].astype(int) - [0, 255, 255]).max(axis=2) < 90
-    assert lines.sum() > 100  # the map stays
+    assert has_lines()  # the map stays
     pictures.clear()
-    aircraft.until(lambda: not tells("/ekf_node: set-up", OK, AMBER_BGR) and passed(0))
+    aircraft.until(lambda: not tells("/ekf_node: set-up", OK, AMBER_BGR) and pictures)
 
 
 JOINTS, ATTITUDE = "gimbal/joint_states", "gimbal/attitude"

@@ -18,6 +18,8 @@ _REMEDY = "end the other graph or driver (dji:=false), or give it another ROS_DO
 _GHOST_REPORTS = 25
 #: A new start is a caution for so long, then a note.
 _RECENT_S = 60.0
+#: What rmw says of a publisher whose node has not been discovered yet.
+_NOT_YET = "_NODE_NAME_UNKNOWN_"
 _MOST = 1000  # starts of a node that are counted
 _NODES = ("dji_node", "ekf_node", "gimbal_node", "overlay_node", "viewer_node")
 
@@ -47,6 +49,7 @@ class OtherPublishers:
 
     def _several(self, topic: str, severity: Severity, reports: int) -> Finding | None:
         infos = self._node.get_publishers_info_by_topic(topic) if reports > _GHOST_REPORTS else ()
+        infos = [one for one in infos if one.node_name != _NOT_YET]
         if len(infos) < 2:
             return None
         names = sorted(f"{one.node_namespace.rstrip('/')}/{one.node_name}" for one in infos)

@@ -33,7 +33,7 @@ def shown(text: object, most: int = MOST) -> str:
 
 def nearest(name: str, known: Iterable[str]) -> str:
     """Return the end of a message: the nearest of the known names, else all if they are few."""
-    names = sorted(map(str, known))
+    names = [*map(str, known)]
     near = difflib.get_close_matches(name, names, n=1)
     if near:
         return f" (did you mean {near[0]}?)"
