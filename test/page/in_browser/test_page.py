@@ -19,7 +19,7 @@ from served_page import ELLIPSE, corner_in, corner_on, off_corner, well
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.targets.store import MOST_NAME
 
-FINDING = {"subject": "no fix", "evidence": "status 1 for 5 s", "parameter": "rtk/fix", "remedy": ""}
+FINDING = {"subject": "no fix", "evidence": "1 for 5 s", "parameter": "rtk/fix", "remedy": "wait"}
 
 
 @pytest.fixture(autouse=True)
