@@ -9,7 +9,7 @@ import pytest
 from filter_states import ekf_config
 from flights import GPS, RTK, config_for, errors, flight, navigation_samples, rms, solutions
 
-from tirgeo_ros.core.navigation.delays import Delays, longest_hold_s
+from tirgeo_ros.core.navigation.aiding.aids import Delays, longest_hold_s
 from tirgeo_ros.core.types.measurements import Source
 from tirgeo_ros.tools.simulate.flight import fly, truth_at
 from tirgeo_ros.tools.simulate.imu_errors import imu_bias

@@ -19,8 +19,7 @@ from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground, locate
 from tirgeo_ros.core.ground.camera_place import rpy_of
-from tirgeo_ros.core.ground.ground_point import Located, place
-from tirgeo_ros.core.ground.target_error import circular_error_90, linear_error_90
+from tirgeo_ros.core.ground.ground_point import Located, circular_error_90, linear_error_90, place
 from tirgeo_ros.core.types.arrays import Array, Vector
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose
 

@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.calibration.boresight.fit import BoresightFit
-from tirgeo_ros.core.calibration.boresight.ground_errors import ground_errors, rmse_m
+from tirgeo_ros.core.calibration.boresight.fit import BoresightFit, ground_errors, rmse_m
 from tirgeo_ros.core.calibration.boresight.model import PARAMETERS
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.config.schema import config_from, values_of

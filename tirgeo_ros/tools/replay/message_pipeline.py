@@ -16,7 +16,7 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.navigation.smoothing.smoothed_run import SmoothedRun
 from tirgeo_ros.core.overlay.overlay import Overlay
-from tirgeo_ros.core.streams.arrival_stamps import Arrivals
+from tirgeo_ros.core.streams.arrivals import Arrivals
 from tirgeo_ros.core.types.errors import MessageError, TirgeoError
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, BagWriter, Cdr
