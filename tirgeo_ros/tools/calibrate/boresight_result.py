@@ -14,7 +14,7 @@ from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.config.schema import config_from, values_of
 from tirgeo_ros.core.frames.rotations import rotation_z
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.io.parameters.parameter_output import Value
+from tirgeo_ros.io.parameters.parameter_file import Value
 from tirgeo_ros.tools.calibrate.boresight_flight import ReadFlight
 from tirgeo_ros.tools.calibrate.estimates import estimate, table
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs
