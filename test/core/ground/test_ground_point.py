@@ -14,7 +14,7 @@ from scenes import camera_pose, graticule
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.camera.projection_covariance import CHI2_95, CameraRates, pixel_jacobian
 from tirgeo_ros.core.config.overlay import ConfidenceConfig
-from tirgeo_ros.core.frames.rotations import quat_from_rotvec, quat_multiply, rotation_z
+from tirgeo_ros.core.frames.rotations import quat_from_rotvec, quat_multiply
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Reason, locate
 from tirgeo_ros.core.ground.dem import Terrain
@@ -22,8 +22,6 @@ from tirgeo_ros.core.ground.ground_point import (
     MOST_SHARE,
     Located,
     Refusal,
-    circular_error_90,
-    linear_error_90,
     place,
     point_covariance,
 )
@@ -36,7 +34,6 @@ COVARIANCE[2, 5] = COVARIANCE[5, 2] = -0.4 * 0.05 * 0.006
 CONFIG = ConfidenceConfig(latency_sigma_s=0.02, lens_sigma_px=1.5, ground_sigma_m=0.15)
 RATES = CameraRates(np.array([4.0, 3.0, -0.5]), np.array([0.05, -0.02, 0.2]))
 RUNS = 1200
-DRAWN = 200_000
 
 
 def pose_at(position_n, *angles_deg):
@@ -152,29 +149,3 @@ def test_a_pose_of_unknown_covariance_is_refused(covariance):
     answer = place(XT2, pose, (320.0, 256.0), PLANE, 30.0, CONFIG)
     assert isinstance(answer, Refusal)
     assert answer.reason is Reason.UNCERTAIN_POSE
-
-
-def spread_of(major_m, minor_m, azimuth_rad=0.0, down_m=1.0):
-    turn = rotation_z(azimuth_rad)
-    return turn @ np.diag([major_m**2, minor_m**2, down_m**2]) @ turn.T
-
-
-@pytest.mark.parametrize(("minor", "table"), [(1.0, 2.1460), (0.5, 1.7371), (0.0, 1.6449)])
-def test_tables(minor, table):
-    """The last digit of the tables: a circle, half as wide as long, a line."""
-    assert circular_error_90(spread_of(3.0, 3.0 * minor)) == pytest.approx(3 * table, abs=3e-4)
-    assert linear_error_90(spread_of(1.0, 1.0, down_m=2.0)) == pytest.approx(2 * 1.6449, abs=2e-4)
-
-
-@given(st.floats(0, 1), st.floats(0, math.pi), st.floats(1e-3, 1e3))
-def test_nine_of_ten_are_within(ratio, azimuth, sigma):
-    spread = spread_of(sigma, sigma * ratio, azimuth)
-    drawn = np.random.default_rng(5).standard_normal((DRAWN, 2)) * [sigma, sigma * ratio]
-    share = np.mean(np.hypot(*drawn.T) <= circular_error_90(spread))
-    # Four standard deviations of a share of DRAWN.
-    assert share == pytest.approx(0.9, abs=4 * math.sqrt(0.09 / DRAWN))
-
-
-def test_nothing_known_and_nothing_wrong():
-    assert circular_error_90(np.zeros((3, 3))) == 0.0
-    assert linear_error_90(np.zeros((3, 3))) == 0.0
