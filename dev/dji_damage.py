@@ -5,9 +5,8 @@ from __future__ import annotations
 import random
 from collections.abc import Callable
 
-from tirgeo_ros.dji.link.framing import MAX_DATA_BYTES, encode_frame
+from tirgeo_ros.dji.link.framing import MAX_DATA_BYTES, crc16, encode_frame
 from tirgeo_ros.dji.protocol.broadcast import Layout, broadcast_length
-from tirgeo_ros.dji.protocol.crc import crc16
 from tirgeo_ros.dji.protocol.subscription import USUAL_PACKAGES
 
 #: What a part of the encrypted frames is encrypted with; the others have another key.

@@ -27,8 +27,9 @@ from tirgeo_ros.dji.link.framing import (
     MIN_BYTES,
     FrameReader,
     ProtocolFrame,
+    crc16,
+    crc32,
 )
-from tirgeo_ros.dji.protocol.crc import crc16, crc32
 from tirgeo_ros.dji.protocol.subscription import PackageTable
 from tirgeo_ros.dji.sources.serial import SerialDecoder
 from tirgeo_ros.tools.presentation.progress import Progress, Report

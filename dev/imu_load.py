@@ -30,7 +30,7 @@ from tirgeo_ros.tools.graph.node_graph import (
 )
 from tirgeo_ros.tools.graph.node_process import NodeProcess
 from tirgeo_ros.tools.presentation.progress import Progress
-from tirgeo_ros.tools.simulate.parameters_file import parameters_text
+from tirgeo_ros.tools.simulate.files import parameters_text
 
 #: Until then the nodes find each other and the filter aligns; counted is what comes later.
 _SETTLED_S = 20.0

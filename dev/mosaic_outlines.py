@@ -31,7 +31,7 @@ from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
-from tirgeo_ros.io.coordinates.projected_planes import Plane
+from tirgeo_ros.io.coordinates.crs import Plane
 from tirgeo_ros.io.files.whole_files import made_folder
 from tirgeo_ros.tools.export.export import frames
 from tirgeo_ros.tools.export.flight_pictures import FlightPictures, Window

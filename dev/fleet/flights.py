@@ -12,8 +12,8 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.io.bags.bag import BagWriter, Cdr
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, sensed
 from tirgeo_ros.tools.presentation.progress import Report, silent
+from tirgeo_ros.tools.simulate.files import parameters_text
 from tirgeo_ros.tools.simulate.flight import SimulatedFlight, fly
-from tirgeo_ros.tools.simulate.parameters_file import parameters_text
 from tirgeo_ros.tools.simulate.scenario import Scenario, scenario_from
 
 #: From one aircraft to the next (deg of latitude), 200 m: far more than any error of position.

@@ -20,7 +20,7 @@ from tirgeo_ros.core.types.errors import BagError, TirgeoError
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.elevation.elevation_model import ground_of
-from tirgeo_ros.io.parameters.parameter_output import Value, write_parameters
+from tirgeo_ros.io.parameters.parameter_file import Value, write_parameters
 from tirgeo_ros.tools.graph.node_graph import GraphRun, GraphSetup, free_domain, run_graph
 from tirgeo_ros.tools.presentation.progress import Report as Progress
 from tirgeo_ros.tools.replay.graph_outputs import read_outputs, read_pictures

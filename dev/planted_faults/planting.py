@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
-from tirgeo_ros.io.parameters.parameter_output import Value, write_parameters
+from tirgeo_ros.io.parameters.parameter_file import Value, write_parameters
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 
 from dev.paper_tables import TABLE_6_AVERAGE_M, TABLE_6_M, TABLE_7
 from dev.reproduction.tables import Results, fixed, p_value, table
-from tirgeo_ros.tools.evaluate.t_test import paired_tests
+from tirgeo_ros.tools.evaluate.result import paired_tests
 
 METHODS = {
     "raw": "original GPS and attitude",

@@ -11,7 +11,7 @@ from tirgeo_ros.core.ground.backprojection import locate
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.orthorectification.ground_tiles import GroundTiles
 from tirgeo_ros.core.types.poses import BodyPose
-from tirgeo_ros.io.coordinates.projected_planes import Plane
+from tirgeo_ros.io.coordinates.crs import Plane
 from tirgeo_ros.tools.export.export_frame import ExportFrame
 from tirgeo_ros.tools.export.raster_options import RasterOptions, RasterSetup
 

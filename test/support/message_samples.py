@@ -10,9 +10,8 @@ import numpy as np
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.frames.rotations import canonical
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.ground_point import Located
+from tirgeo_ros.core.ground.ground_point import Located, MarkedPlace
 from tirgeo_ros.core.types.finding import Finding, Severity
-from tirgeo_ros.core.types.marked_place import MarkedPlace
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
     FixStatus,

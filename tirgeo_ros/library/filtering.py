@@ -9,7 +9,7 @@ from typing import Any
 
 from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
 from tirgeo_ros.core.navigation.smoothing.smoothed_run import SmoothedRun
-from tirgeo_ros.core.streams.arrival_stamps import Arrivals
+from tirgeo_ros.core.streams.arrivals import Arrivals
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import Outcome
 from tirgeo_ros.io.messages import TOPIC_TYPES

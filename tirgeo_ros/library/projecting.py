@@ -19,7 +19,7 @@ from tirgeo_ros.core.ground.ground_point import Located, Refusal, place
 from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.core.types.errors import SurveyError, TableError
 from tirgeo_ros.io.files.whole_files import PathLike, write_files
-from tirgeo_ros.io.surveys.ground_point_files import Answered
+from tirgeo_ros.io.surveys.survey import Answered
 from tirgeo_ros.io.targets.exports import exported_answers, form_of
 from tirgeo_ros.library.parameters import Config, load_config
 from tirgeo_ros.library.picture_pose import PicturePose

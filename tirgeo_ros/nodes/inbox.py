@@ -14,7 +14,7 @@ from typing import Any
 
 from rclpy.qos import QoSProfile
 
-from tirgeo_ros.core.streams.arrival_order import ArrivalOrder
+from tirgeo_ros.core.streams.arrivals import ArrivalOrder
 from tirgeo_ros.nodes.graph_node import GraphNode, told
 
 #: Number of messages handled before the executor runs again: timers, services, more messages.

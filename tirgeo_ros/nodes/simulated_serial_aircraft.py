@@ -10,7 +10,7 @@ from functools import partial
 from rclpy.serialization import deserialize_message
 
 from tirgeo_ros.core.config import AircraftConfig, SimulatedAircraftConfig
-from tirgeo_ros.core.streams.arrival_stamps import Arrivals
+from tirgeo_ros.core.streams.arrivals import Arrivals
 from tirgeo_ros.core.types.errors import MessageError
 from tirgeo_ros.dji.simulator import Aircraft, frames_of
 from tirgeo_ros.dji.simulator.pseudo_terminal import PseudoTerminal

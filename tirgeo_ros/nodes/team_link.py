@@ -9,7 +9,7 @@ from typing import Any, final
 
 from tirgeo_ros.core.config import ViewerConfig
 from tirgeo_ros.core.ground.frame_geometry import frame_geometry
-from tirgeo_ros.core.ground.target_error import circular_error_90, linear_error_90
+from tirgeo_ros.core.ground.ground_point import circular_error_90, linear_error_90
 from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.io.cot.aircraft_events import AircraftState
 from tirgeo_ros.io.messages import body_pose

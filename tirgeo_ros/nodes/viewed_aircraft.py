@@ -13,8 +13,8 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 
 from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.ground_point import MarkedPlace
 from tirgeo_ros.core.types.finding import Finding, Severity
-from tirgeo_ros.core.types.marked_place import MarkedPlace
 from tirgeo_ros.io.messages import TOPIC_TYPES, ClickAnswer, Messages, click_answer, finding_row
 from tirgeo_ros.nodes import aircraft_state
 from tirgeo_ros.nodes.aircraft_state import TrackNews

@@ -13,9 +13,9 @@ from typing import Any
 
 from tirgeo_ros.core.config import ViewerConfig
 from tirgeo_ros.core.config.viewer import split_namespaces
+from tirgeo_ros.core.ground.ground_point import MarkedPlace
 from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.core.types.marked_place import MarkedPlace
 from tirgeo_ros.io.messages import DiagnosticItem
 from tirgeo_ros.io.targets.store import TargetStore
 from tirgeo_ros.nodes.graph_node import GraphNode

@@ -11,7 +11,7 @@ from scenes import PLANE, camera_pose, graticule
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.ground.footprint import footprint
+from tirgeo_ros.core.ground.frame_geometry import footprint
 
 GROUND_M = PLANE.height_m
 PLAIN = Camera(640, 512, 800.0, 800.0, 319.5, 255.5)

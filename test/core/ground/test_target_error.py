@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tirgeo_ros.core.frames.rotations import rotation_z
-from tirgeo_ros.core.ground.target_error import circular_error_90, linear_error_90
+from tirgeo_ros.core.ground.ground_point import circular_error_90, linear_error_90
 
 RUNS = 200_000
 

@@ -9,12 +9,11 @@ import pytest
 from filter_states import ekf_config
 from flights import GPS, RTK, config_for, errors, flight, navigation_samples, rms, solutions
 
-from tirgeo_ros.core.navigation.delays import Delays, longest_hold_s
+from tirgeo_ros.core.navigation.aiding.aids import Delays, longest_hold_s
 from tirgeo_ros.core.types.measurements import Source
 from tirgeo_ros.tools.simulate.flight import fly, truth_at
-from tirgeo_ros.tools.simulate.imu_errors import imu_bias
 from tirgeo_ros.tools.simulate.scenario import scenario_from
-from tirgeo_ros.tools.simulate.sensors import Epochs
+from tirgeo_ros.tools.simulate.sensors import Epochs, imu_bias
 
 DURATION_S = 12.0
 

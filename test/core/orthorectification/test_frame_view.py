@@ -21,7 +21,7 @@ from coded_frames import (
 )
 from scenes import PLANE, camera_pose
 
-from tirgeo_ros.core.ground.line_of_sight import hidden
+from tirgeo_ros.core.ground.dem_intersection import hidden
 from tirgeo_ros.core.orthorectification.frame_view import FrameView, level_gsd_m, seeds
 from tirgeo_ros.core.orthorectification.ground_tiles import TILE_PX
 

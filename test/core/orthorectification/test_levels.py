@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.orthorectification.levels import LevelMatch
+from tirgeo_ros.core.orthorectification.mosaic_tile import LevelMatch
 
 GROUND = np.random.default_rng(4).normal(100.0, 20.0, 50_000)
 

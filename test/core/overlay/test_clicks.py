@@ -12,7 +12,7 @@ from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Reason
-from tirgeo_ros.core.ground.ground_point import Located, Refusal
+from tirgeo_ros.core.ground.ground_point import Located, MarkedPlace, Refusal
 from tirgeo_ros.core.overlay.clicks import (
     MARKER_S,
     MARKERS,
@@ -22,7 +22,6 @@ from tirgeo_ros.core.overlay.clicks import (
     PlacedMarkers,
 )
 from tirgeo_ros.core.overlay.line_renderer import LineRenderer
-from tirgeo_ros.core.types.marked_place import MarkedPlace
 
 PLANE = TangentPlane(0.6955, 2.0368, 30.0)
 S = 1_000_000_000

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tirgeo_ros.core.streams.arrival_order import ArrivalOrder
+from tirgeo_ros.core.streams.arrivals import ArrivalOrder
 
 
 def order_of(depth: int, *lanes: str) -> ArrivalOrder[str]:

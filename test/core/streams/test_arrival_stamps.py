@@ -7,7 +7,7 @@ import dataclasses
 import message_samples as given
 import pytest
 
-from tirgeo_ros.core.streams.arrival_stamps import Arrivals
+from tirgeo_ros.core.streams.arrivals import Arrivals
 
 SAMPLES = [
     given.IMU,

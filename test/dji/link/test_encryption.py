@@ -8,8 +8,7 @@ import pytest
 
 from tirgeo_ros.core.types.errors import DjiError
 from tirgeo_ros.dji.link.encryption import parse_key
-from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
-from tirgeo_ros.dji.protocol.crc import crc16, crc32
+from tirgeo_ros.dji.link.framing import FrameReader, crc16, crc32, encode_frame
 
 KEY = bytes(range(32))
 

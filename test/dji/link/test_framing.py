@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tirgeo_ros.dji.link.framing import FrameReader, ProtocolFrame, encode_frame
-from tirgeo_ros.dji.protocol.crc import crc16, crc32
+from tirgeo_ros.dji.link.framing import FrameReader, ProtocolFrame, crc16, crc32, encode_frame
 
 KNOWN = bytes.fromhex("aa140000000000003800164e02000000d8afa076")
 

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from dev.dji_damage import KEY, damaged_stream
 from tirgeo_ros.dji.link import framing
-from tirgeo_ros.dji.link.framing import MAX_BYTES, FrameReader, encode_frame
-from tirgeo_ros.dji.protocol.crc import crc16
+from tirgeo_ros.dji.link.framing import MAX_BYTES, FrameReader, crc16, encode_frame
 
 FRAMES = [encode_frame(bytes([2, 0, *range(size)]), sequence=size) for size in (2, 60, 31, 200)]
 

@@ -18,8 +18,7 @@ from tirgeo_ros.core.types.measurements import (
 )
 from tirgeo_ros.io.logs.forms import UBX, form_of
 from tirgeo_ros.io.logs.log_contents import LogOptions
-from tirgeo_ros.io.logs.ubx import read_ubx
-from tirgeo_ros.io.logs.ubx_frames import is_ubx, ubx_frames
+from tirgeo_ros.io.logs.ubx import is_ubx, read_ubx, ubx_frames
 
 pyubx2 = pytest.importorskip("pyubx2")
 

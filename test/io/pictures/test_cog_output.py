@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tirgeo_ros.core.types.errors import MapError
-from tirgeo_ros.io.coordinates.projected_planes import Plane
+from tirgeo_ros.io.coordinates.crs import Plane
 from tirgeo_ros.io.pictures.cog_output import RasterForm, RasterPart, write_cog
 
 rasterio = pytest.importorskip("rasterio")

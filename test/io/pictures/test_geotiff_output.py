@@ -10,7 +10,7 @@ import pytest
 
 from tirgeo_ros.core.calibration.orthophoto.polynomial_transform import fit_polynomial
 from tirgeo_ros.core.types.errors import MapError
-from tirgeo_ros.io.coordinates.projected_planes import Plane
+from tirgeo_ros.io.coordinates.crs import Plane
 from tirgeo_ros.io.pictures.geotiff_output import write_warped
 
 SIZE_PX = np.array([1500, 1100])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tirgeo_ros.core.types.errors import MapError
-from tirgeo_ros.io.coordinates.projected_planes import Plane
+from tirgeo_ros.io.coordinates.crs import Plane
 from tirgeo_ros.io.pictures import ground_overlay
 from tirgeo_ros.io.pictures.cog_output import RasterForm, RasterPart, write_cog
 from tirgeo_ros.io.pictures.ground_overlay import write_ground_overlay

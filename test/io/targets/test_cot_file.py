@@ -11,7 +11,7 @@ import pytest
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Reason
 from tirgeo_ros.core.ground.ground_point import Located, Refusal
-from tirgeo_ros.io.surveys.ground_point_files import Answered
+from tirgeo_ros.io.surveys.survey import Answered
 from tirgeo_ros.io.targets.cot_file import cot
 
 STAMP_NS = 1_634_731_235_605_555_556  # 2021-10-20, 12:00:35.605 UTC

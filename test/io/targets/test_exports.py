@@ -12,7 +12,7 @@ import pyogrio
 import pytest
 from target_samples import ANSWERS, COVARIANCE, FOUND, HOSTILE, STAMP_NS, TARGETS, click, target
 
-from tirgeo_ros.io.surveys.ground_point_files import Answered
+from tirgeo_ros.io.surveys.survey import Answered
 from tirgeo_ros.io.targets.exports import FORMATS, exported, exported_answers, form_of
 
 KML = "{http://www.opengis.net/kml/2.2}"

@@ -11,7 +11,7 @@ import pytest
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter
-from tirgeo_ros.io.parameters.parameter_output import write_parameters
+from tirgeo_ros.io.parameters.parameter_file import write_parameters
 from tirgeo_ros.io.pictures.camera_file import camera_yaml
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.replay.graph_outputs import read_pictures

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dev.paper_tables import TABLE_6_AVERAGE_M, TABLE_6_M, TABLE_7
-from tirgeo_ros.tools.evaluate.t_test import paired_tests
+from tirgeo_ros.tools.evaluate.result import paired_tests
 
 
 def test_the_columns_of_table_6_give_table_7():

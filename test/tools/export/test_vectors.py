@@ -19,8 +19,7 @@ from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.ground.ground_point import Located, place
-from tirgeo_ros.core.ground.target_error import circular_error_90
+from tirgeo_ros.core.ground.ground_point import Located, circular_error_90, place
 from tirgeo_ros.core.types.errors import TargetError
 from tirgeo_ros.io.targets.exports import exported as targets_as
 from tirgeo_ros.io.targets.properties import of_target

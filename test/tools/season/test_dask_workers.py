@@ -20,7 +20,7 @@ from process_bags import IMAGES, rewritten
 from tirgeo_ros.io.files.child_python import python_command
 from tirgeo_ros.tools.replay.process import process
 from tirgeo_ros.tools.season import dask_workers
-from tirgeo_ros.tools.season.board import Board
+from tirgeo_ros.tools.season.local_workers import Board
 
 LIMIT_S = 240.0
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tirgeo_ros.tools.season.flight_names import flight_names
+from tirgeo_ros.tools.season.season import flight_names
 
 
 def record(bag, stamps=()):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import io
 
 from tirgeo_ros.tools.presentation.progress import Progress
-from tirgeo_ros.tools.season.board import Board
 from tirgeo_ros.tools.season.flight_task import FlightTask
+from tirgeo_ros.tools.season.local_workers import Board
 from tirgeo_ros.tools.season.season_summary import season_lines, season_summary
 
 

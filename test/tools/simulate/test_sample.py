@@ -10,9 +10,9 @@ from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.surveys.survey import load_observations, load_survey
+from tirgeo_ros.tools.simulate.files import parameters_text
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.map_file import map_text
-from tirgeo_ros.tools.simulate.parameters_file import parameters_text
 from tirgeo_ros.tools.simulate.park import lay_out
 from tirgeo_ros.tools.simulate.scenario import scenario_from
 from tirgeo_ros.tools.simulate.survey import sightings, surveyed

@@ -16,7 +16,7 @@ from tirgeo_ros.io.parameters.parameter_file import load_config
 from tirgeo_ros.io.surveys.survey import load_observations
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.simulate import fly, scenario_from, simulate
-from tirgeo_ros.tools.simulate.parameters_file import parameters_text
+from tirgeo_ros.tools.simulate.files import parameters_text
 
 SHORT = """\
 duration_s: 6.0

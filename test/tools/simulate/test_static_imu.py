@@ -8,8 +8,8 @@ import pytest
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.frames.wgs84 import gravity_down
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
-from tirgeo_ros.tools.simulate.imu_errors import imu_bias, imu_white
 from tirgeo_ros.tools.simulate.scenario import scenario_from
+from tirgeo_ros.tools.simulate.sensors import imu_bias, imu_white
 from tirgeo_ros.tools.simulate.static_imu import main, write_static
 
 HOURS, SEED = 0.01, 3

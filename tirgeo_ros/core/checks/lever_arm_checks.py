@@ -17,7 +17,7 @@ from tirgeo_ros.core.checks.lever_arm_fit import (
 )
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.axes import flu_from_frd
-from tirgeo_ros.core.navigation.delays import Delays
+from tirgeo_ros.core.navigation.aiding.aids import Delays
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.measurements import Source

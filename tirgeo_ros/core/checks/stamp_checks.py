@@ -12,8 +12,7 @@ from collections.abc import Mapping
 
 from tirgeo_ros.core.checks.stream_checks import IMU, Stream
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.navigation.aiding.aids import AIDS
-from tirgeo_ros.core.navigation.delays import Delays
+from tirgeo_ros.core.navigation.aiding.aids import AIDS, Delays
 from tirgeo_ros.core.types.finding import Finding, Severity
 
 _DELAYED = {s.topic: (s, aid.delay) for s, aid in AIDS.items() if aid.delay}

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.navigation.aiding.aids import AIDS
-from tirgeo_ros.core.navigation.delays import Delays
+from tirgeo_ros.core.navigation.aiding.aids import AIDS, Delays
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.measurements import (
     FixStatus,

@@ -39,6 +39,12 @@ from tirgeo_ros.core.types.poses import CameraPose
 MOST_SHARE = 0.5
 
 _NO_COVARIANCE = np.full((3, 3), np.nan)
+#: 90 % of a normal distribution lie within this many standard deviations.
+_LINEAR_90 = 1.6448536269514722
+#: 90 % of a circular normal distribution lie within this many standard deviations of an axis.
+_CIRCULAR_90 = math.sqrt(-2 * math.log(0.1))
+_CE_ANGLES = (np.arange(32) + 0.5) * (math.pi / 64)
+_CE_STEPS = 6
 
 
 class Ellipse(NamedTuple):
@@ -191,3 +197,40 @@ def _on_ground(
     raised_n = (ground_sigma_m * float(normal_n @ up_n)) * along_n
     covariance = on_ground @ off_ray @ on_ground.T + raised_n[:, None] * raised_n
     return np.asarray(0.5 * (covariance + covariance.T))
+
+
+def linear_error_90(covariance_n: Array) -> float:
+    """Return LE90, m: a height is within plus or minus this of the true one with 90 %.
+
+    ``covariance_n`` (3, 3) is that of a point, NED, m2.
+    """
+    return _LINEAR_90 * math.sqrt(covariance_n[2, 2])
+
+
+def circular_error_90(covariance_n: Array) -> float:
+    """Return CE90, m: the radius about a point that holds the true place with 90 %.
+
+    ``covariance_n`` (3, 3) is that of the point, NED, m2. For semi-axes 1 and c of the ellipse of
+    one sigma, the radius k solves 1 - mean(exp(-k^2 / 2 s^2)) = 0.9, with the mean over all
+    directions t and s^2 = cos^2 t + c^2 sin^2 t. Newton's method, from c = 1.
+    """
+    minor, major = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance_n[:2, :2]), 0.0)).tolist()
+    if not major > 0:
+        return float(major)
+    squares = np.cos(_CE_ANGLES) ** 2 + (minor / major * np.sin(_CE_ANGLES)) ** 2
+    k = _CIRCULAR_90
+    for _ in range(_CE_STEPS):
+        outside = np.exp(-(k**2) / (2 * squares))
+        k += (float(outside.mean()) - 0.1) / (k * float((outside / squares).mean()))
+    return float(major) * k
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MarkedPlace:
+    """Hold a place and its label, wherever the plane of the map is that they are drawn on."""
+
+    label: str
+    latitude_rad: float
+    longitude_rad: float
+    height_m: float  # ellipsoidal
+    covariance_n: Array  # (3, 3) m2, in NED axes at the place or near it

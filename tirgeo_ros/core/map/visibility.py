@@ -13,8 +13,13 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from tirgeo_ros.core.camera.camera_model import NEAR_M, Camera
-from tirgeo_ros.core.camera.lens_limits import field_of_view, largest_bend, largest_scale
+from tirgeo_ros.core.camera.camera_model import (
+    NEAR_M,
+    Camera,
+    field_of_view,
+    largest_bend,
+    largest_scale,
+)
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.map.clipping import (
     clip_to_disc,

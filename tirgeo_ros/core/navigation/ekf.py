@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.aid_status import PLACE, AidStatus
+from tirgeo_ros.core.navigation.aiding.aids import longest_hold_s
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.aiding.state_estimate import AidSample, StateEstimate
 from tirgeo_ros.core.navigation.alignment.aligner import Alignment, Biases
@@ -24,7 +25,6 @@ from tirgeo_ros.core.navigation.delayed_measurements import (
     between,
     put,
 )
-from tirgeo_ros.core.navigation.delays import longest_hold_s
 from tirgeo_ros.core.navigation.initial_state import first_belief
 from tirgeo_ros.core.navigation.ins_error_model import GYRO_BIAS, NoisePowers
 from tirgeo_ros.core.navigation.propagation import Propagation

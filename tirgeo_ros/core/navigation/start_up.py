@@ -14,10 +14,10 @@ from collections.abc import Sequence
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.aid_status import PLACE
+from tirgeo_ros.core.navigation.aiding.aids import longest_hold_s
 from tirgeo_ros.core.navigation.aiding.set_heading import too_vague
 from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding
 from tirgeo_ros.core.navigation.alignment.aligner import Aligner, Alignment, Biases
-from tirgeo_ros.core.navigation.delays import longest_hold_s
 from tirgeo_ros.core.navigation.ekf import Ekf
 from tirgeo_ros.core.navigation.smoothing.flight_record import FlightRecord
 from tirgeo_ros.core.navigation.strapdown import NavState

@@ -24,7 +24,7 @@ from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground, locate
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.ground.line_of_sight import hidden
+from tirgeo_ros.core.ground.dem_intersection import hidden
 from tirgeo_ros.core.orthorectification.ground_tiles import (
     NODES,
     STEP_PX,

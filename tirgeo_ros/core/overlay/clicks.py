@@ -21,7 +21,7 @@ from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedBuffer
 from tirgeo_ros.core.ground.backprojection import Ground, Reason
-from tirgeo_ros.core.ground.ground_point import Located, Refusal, place
+from tirgeo_ros.core.ground.ground_point import Located, MarkedPlace, Refusal, place
 from tirgeo_ros.core.map.layers import Colour, LayerStyle
 from tirgeo_ros.core.map.polylines import Polylines
 from tirgeo_ros.core.overlay.label_placement import FreeSpace, wish_beside
@@ -29,7 +29,6 @@ from tirgeo_ros.core.overlay.line_renderer import LineRenderer, mark_radius_px, 
 from tirgeo_ros.core.overlay.text_rendering import Box, TextBitmap, stamp, text_px
 from tirgeo_ros.core.overlay.uncertainty_rendering import ELLIPSE_BGR, MARK_TIMES, ellipse_dashes
 from tirgeo_ros.core.types.arrays import Array, Pixels
-from tirgeo_ros.core.types.marked_place import MarkedPlace
 from tirgeo_ros.core.types.poses import CameraPose
 
 #: Time for which pictures are kept: a person looks, thinks and clicks on a paused picture.

@@ -7,16 +7,19 @@ CRC-16 of these ten bytes; then, unless it ends there, the data and a CRC-32 of 
 A header is valid if SOF, version, reserved fields, length and CRC-16 are right. If one of these or
 the CRC-32 is wrong, one byte is dropped and the search starts again behind it. So a frame is found
 whatever precedes it, even within the bytes that a damaged or cut frame claims.
+
+Both check sums are reflected, start from a shift register of 0x3AA3 and end without an XOR.
+Computed over data that is followed by its own check sum (little-endian), each is 0.
 """
 
 from __future__ import annotations
 
 import re
+import zlib
 from struct import Struct
 from typing import NamedTuple
 
 from tirgeo_ros.dji.link.encryption import Aes256
-from tirgeo_ros.dji.protocol.crc import crc16, crc32
 
 HEADER_BYTES = 12
 _CRC32_BYTES = 4
@@ -32,6 +35,10 @@ _SOF = 0xAA
 _COUNTED = ("frames", "bad_headers", "bad_crc32", "truncated", "encrypted")
 _SESSIONS, _ACK, _PADDINGS, _ENCRYPTION_SHIFT = 0x1F, 0x20, 0x1F, 5
 PLAIN, _AES_256 = 0, 1
+#: Initial value of both shift registers.
+START = 0x3AA3
+_POLYNOMIAL_16 = 0xA001  # 0x8005 reflected
+_ALL_ONES = 0xFFFFFFFF
 
 
 class ProtocolFrame(NamedTuple):
@@ -215,3 +222,34 @@ def encode_frame(
     whole = bytes([_SOF]) + _FIELDS.pack(length, session | is_ack * _ACK, encryption, sequence)[1:]
     whole += _CRC16.pack(crc16(whole))
     return whole + data + _CRC32.pack(crc32(whole + data)) if data else whole
+
+
+def _table() -> tuple[int, ...]:
+    """Return the effect of eight shifts on each value of the low byte."""
+    entries = []
+    for value in range(256):
+        register = value
+        for _ in range(8):
+            register = (register >> 1) ^ (_POLYNOMIAL_16 if register & 1 else 0)
+        entries.append(register)
+    return tuple(entries)
+
+
+_TABLE_16 = _table()
+
+
+def crc16(data: bytes) -> int:
+    """Return the CRC-16 of a header's first ten bytes; 0 over all twelve of an intact header."""
+    register = START
+    for byte in data:
+        register = (register >> 8) ^ _TABLE_16[(register ^ byte) & 0xFF]
+    return register
+
+
+def crc32(data: bytes) -> int:
+    """Return the CRC-32 of a frame without its last four bytes; 0 over the whole intact frame.
+
+    zlib's CRC-32 has the same polynomial, but inverts the register before the first byte and after
+    the last.
+    """
+    return zlib.crc32(data, START ^ _ALL_ONES) ^ _ALL_ONES

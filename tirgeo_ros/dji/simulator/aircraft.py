@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
+import numpy as np
+
 from tirgeo_ros.core.config import AircraftConfig, SimulatedAircraftConfig
+from tirgeo_ros.core.frames.rotations import euler_from_quat, quat_multiply, slerp
+from tirgeo_ros.core.gimbal.joint_geometry import camera_turn
+from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedBuffer
 from tirgeo_ros.core.streams.sanity_checks import fault_of, usable_attitude
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
     FixStatus,
@@ -19,9 +26,9 @@ from tirgeo_ros.core.types.measurements import (
 )
 from tirgeo_ros.dji.link.framing import encode_frame
 from tirgeo_ros.dji.protocol.broadcast import Layout, encode_broadcast
+from tirgeo_ros.dji.protocol.broadcast_parts import Gimbal
 from tirgeo_ros.dji.protocol.subscription import USUAL_PACKAGES, Push, encode_push
 from tirgeo_ros.dji.simulator.answers import CommandDesk
-from tirgeo_ros.dji.simulator.gimbal_angles import SimulatedGimbalAngles
 from tirgeo_ros.dji.simulator.pushed_parts import (
     Instant,
     between,
@@ -220,3 +227,48 @@ def _grid(first_ns: int, after_ns: int, until_ns: int, rate_hz: int) -> Iterator
         if stamp_ns > after_ns:
             yield stamp_ns
         number += 1
+
+
+class SimulatedGimbalAngles:
+    """Interpolate the recorded gimbal attitudes.
+
+    ``joints``: combine the aircraft's attitude with the encoders' angles, so that encoder angles
+    survive a protocol that has none. Without them, or if it is false, use the recorded attitude.
+    Nothing is extrapolated.
+    """
+
+    def __init__(self, *, joints: bool, order: str, max_gap_s: float) -> None:
+        self._by_joints, self._order = joints, order
+        self._joints: StampedBuffer[Array] = StampedBuffer(max_gap_s=max_gap_s)  # q_bg
+        self._reported: StampedBuffer[Array] = StampedBuffer(max_gap_s=max_gap_s)  # q_ng
+
+    def take(self, sample: JointSample | CameraAttitudeSample) -> bool:
+        """Take a sample, which may be of the future; return whether it is valid."""
+        if isinstance(sample, CameraAttitudeSample):
+            sound = usable_attitude(sample.q_ng)
+            if sound:
+                self._reported.put(sample.stamp_ns, sample.q_ng)
+            return sound
+        sound = math.isfinite(sample.yaw_rad + sample.roll_rad + sample.pitch_rad)
+        if sound:
+            self._joints.put(sample.stamp_ns, camera_turn(sample, self._order))
+        return sound
+
+    def at(self, stamp_ns: int, q_nb: Array | None) -> Gimbal | None:
+        """Return the camera's angles at an instant, None if they are not known.
+
+        ``q_nb`` (4,) is the aircraft's own attitude, None if it is not known.
+        """
+        q_ng = self._attitude(stamp_ns, q_nb)
+        if q_ng is None:
+            return None
+        roll_deg, pitch_deg, yaw_deg = np.degrees(euler_from_quat(q_ng)).tolist()
+        return Gimbal(roll_deg, pitch_deg, yaw_deg)
+
+    def _attitude(self, stamp_ns: int, q_nb: Array | None) -> Array | None:
+        if self._by_joints and q_nb is not None:
+            joints = self._joints.around(stamp_ns)
+            if not isinstance(joints, Miss):
+                return quat_multiply(q_nb, slerp(*joints))
+        reported = self._reported.around(stamp_ns)
+        return None if isinstance(reported, Miss) else slerp(*reported)

@@ -7,14 +7,15 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any, final
 
+import yaml
 from mcap.writer import CompressionType, Writer
 
 from tirgeo_ros import __version__
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.cdr import Cdr
-from tirgeo_ros.io.bags.recorded_qos import qos_in_words
 from tirgeo_ros.io.bags.storage import TopicForm
 from tirgeo_ros.io.files.whole_files import PathLike, check_place, part_of
+from tirgeo_ros.io.messages.offered_qos import offered_qos
 
 #: What rosbag2 writes when it opens a file. It reads the version, by which it takes the topics'
 #: QoS as words, not numbers; counts and times come from the summary at the end of the file.
@@ -40,6 +41,13 @@ custom_data: ~"""
 #: Bytes of messages that a process that is killed takes with it: a second without pictures.
 _GROWING_CHUNK = 1 << 17
 _CHUNK = 1 << 20
+#: The numbers of rmw/types.h.
+_WORDS = {
+    "history": ("system_default", "keep_last", "keep_all", "unknown"),
+    "reliability": ("system_default", "reliable", "best_effort", "unknown"),
+    "durability": ("system_default", "transient_local", "volatile", "unknown"),
+    "liveliness": ("system_default", "automatic", "manual_by_node", "manual_by_topic", "unknown"),
+}
 
 
 @final
@@ -145,3 +153,42 @@ class BagWriter:
 
     def _error(self, error: OSError) -> BagError:
         return BagError(f"{self.path}: cannot be written: {error.strerror or error}")
+
+
+def qos_in_words(topic: str, metadata: Mapping[str, str]) -> str:
+    """Return the QoS of a recorded topic as Jazzy writes it: ``offered_qos_profiles``.
+
+    It is a YAML list with one entry for each publisher. Its policies are numbers in the bags of
+    Humble and before, and words in those of Jazzy. Without one, or with one that cannot be read,
+    it is what tirgeo would offer.
+    """
+    text = metadata.get("offered_qos_profiles", "")
+    publishers = _publishers(text)
+    if not publishers:
+        return offered_qos(topic).text
+    numbered = [one for one in publishers if any(isinstance(one.get(key), int) for key in _WORDS)]
+    if not numbered:
+        return text
+    for one in numbered:
+        one.update({key: _word(key, one.get(key)) for key in _WORDS})
+    return str(yaml.safe_dump(publishers, sort_keys=False)).strip()
+
+
+def is_latched(topic: str, metadata: Mapping[str, str]) -> bool:
+    """Return whether late subscribers of a recorded topic get its last message."""
+    publishers = _publishers(qos_in_words(topic, metadata))
+    return any(one.get("durability") == "transient_local" for one in publishers)
+
+
+def _publishers(text: str) -> list[dict[str, Any]]:
+    try:
+        found = yaml.safe_load(text)
+    except (yaml.YAMLError, RecursionError):
+        return []
+    entries = found if isinstance(found, list) else []
+    return [one for one in entries if isinstance(one, dict)]
+
+
+def _word(key: str, value: object) -> str:
+    words = _WORDS[key]
+    return words[value] if isinstance(value, int) and 0 <= value < len(words) else str(value)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from xml.etree import ElementTree as ET
 
-from tirgeo_ros.core.ground.target_error import circular_error_90, linear_error_90
+from tirgeo_ros.core.ground.ground_point import circular_error_90, linear_error_90
 from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.errors import cut
 from tirgeo_ros.io.cot.event import add_point, add_text, error_words, new_event, printable, utc

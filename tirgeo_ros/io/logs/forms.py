@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.io.files.text_file import UTF16
-from tirgeo_ros.io.logs import dataflash, dji_srt, px4_ulog, rtklib_pos, ubx_frames
+from tirgeo_ros.io.logs import dataflash, dji_srt, px4_ulog, rtklib_pos, ubx
 from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions
 
 Reader = Callable[[Path, LogOptions], LogContents]
@@ -38,7 +38,7 @@ class Form(NamedTuple):
         return reader(path, options)
 
 
-UBX = Form("u-blox UBX", ubx_frames.is_ubx, "ubx", "read_ubx")
+UBX = Form("u-blox UBX", ubx.is_ubx, "ubx", "read_ubx")
 #: The first that fits is taken.
 FORMS = (
     Form("PX4 ULog", px4_ulog.is_px4_ulog, "px4_ulog", "read_px4_ulog"),

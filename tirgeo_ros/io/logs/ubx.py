@@ -11,6 +11,7 @@ from __future__ import annotations
 import bisect
 import math
 from collections import defaultdict
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,7 +27,6 @@ from tirgeo_ros.core.types.measurements import (
 )
 from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions, Refused, say_receiver
 from tirgeo_ros.io.logs.log_times import SECOND_NS, WEEK_NS, written_time
-from tirgeo_ros.io.logs.ubx_frames import ubx_frames
 from tirgeo_ros.io.messages import SensedSample
 
 PVT, RELPOSNED, HPPOSLLH = "NAV-PVT", "NAV-RELPOSNED", "NAV-HPPOSLLH"
@@ -41,6 +41,8 @@ _WEEK_MS = WEEK_NS // 1_000_000
 #: A heading farther from all solutions with a date than this is none of their recording.
 _MOST_APART_MS = 60_000
 _FIX_TYPES = (3, 4)  # 3D; GNSS and dead reckoning. 2D has no height, 1 is dead reckoning alone
+_SYNC = b"\xb5\x62"
+_HEAD, _SUM = 6, 2  # bytes before and behind the payload
 
 
 def read_ubx(path: Path, options: LogOptions) -> LogContents:
@@ -201,3 +203,32 @@ def _name(frame: bytes) -> str:
     from pyubx2 import UBX_MSGIDS  # noqa: PLC0415  an extra
 
     return str(UBX_MSGIDS.get(frame[2:4], f"class {frame[2]:02x} id {frame[3]:02x}"))
+
+
+def ubx_frames(data: bytes) -> Iterator[bytes | None]:
+    """Yield the frames in order; None for sync characters without a whole frame behind them.
+
+    A frame is two sync characters, class, id, length (little-endian), payload and two bytes of an
+    8-bit Fletcher sum. Whatever stands between frames is passed over: NMEA, RTCM, comments. A
+    frame counts only with its sum right, and the search goes on behind the sync characters of a
+    wrong one, so that a damaged length costs one frame. (pyubx2's reader takes it at its word.)
+    """
+    place = data.find(_SYNC)
+    while place >= 0:
+        end = place + _HEAD + int.from_bytes(data[place + 4 : place + 6], "little") + _SUM
+        whole = end <= len(data) and _sum(data[place + 2 : end - _SUM]) == data[end - _SUM : end]
+        yield data[place:end] if whole else None
+        place = data.find(_SYNC, end if whole else place + len(_SYNC))
+
+
+def is_ubx(head: bytes) -> bool:
+    """Return whether a whole frame is in the first bytes of a file."""
+    return any(ubx_frames(head))
+
+
+def _sum(data: bytes) -> bytes:
+    """Return the two bytes of the 8-bit Fletcher sum (RFC 1145)."""
+    values = np.frombuffer(data, np.uint8).astype(np.int64)
+    first = int(values.sum())
+    second = int(values @ np.arange(len(values), 0, -1))
+    return bytes([first & 255, second & 255])

@@ -12,11 +12,10 @@ from tirgeo_ros.core.camera.projection_covariance import CHI2_95
 from tirgeo_ros.core.frames.axes import ENU_NED
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_matrix
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.ground_point import Located, Refusal
+from tirgeo_ros.core.ground.ground_point import Located, MarkedPlace, Refusal
 from tirgeo_ros.core.streams.sanity_checks import place_fault
 from tirgeo_ros.core.types.arrays import Array, Quaternion
 from tirgeo_ros.core.types.errors import MessageError, cut
-from tirgeo_ros.core.types.marked_place import MarkedPlace
 from tirgeo_ros.io.messages.decode import stamp_ns
 from tirgeo_ros.io.messages.diagnostics import OK, WARN, DiagnosticItem, diagnostic_level
 from tirgeo_ros.io.messages.message_axes import NO_TURN, covariance_turned_world

@@ -1,4 +1,4 @@
-"""Read ROS 2 parameter files (YAML) as rcl does, and check them as the nodes do.
+"""Read and write ROS 2 parameter files (YAML): as rcl does, checked as the nodes do.
 
 A file serves all nodes. Sections are node names, whole or with the wildcards ``*`` (one name) and
 ``**`` (any number), and may be nested by namespace. Of the sections that match a node the later
@@ -18,7 +18,7 @@ from tirgeo_ros.core.config import NODE_CONFIGS, RENAMED
 from tirgeo_ros.core.config.schema import config_from, parameters_of
 from tirgeo_ros.core.types.errors import ConfigError, nearest
 from tirgeo_ros.io.files.text_file import read_text
-from tirgeo_ros.io.files.whole_files import PathLike
+from tirgeo_ros.io.files.whole_files import PathLike, write_files
 
 T = TypeVar("T")
 #: A file; or several, of which the later take precedence; or none.
@@ -39,6 +39,8 @@ _POLICIES = [
 _SHOWN = 60  # characters of a refused value that a message shows
 
 Section = tuple[str, dict[str, object]]  # pattern of a node's full name, dotted values
+#: A parameter's value: a number (written with nine digits), a word, or numbers.
+Value = float | int | bool | str | Sequence[float]
 
 
 def load_yaml(path: PathLike) -> Any:
@@ -273,3 +275,37 @@ for _tag, _pattern, _first in (
         re.compile(f"^({_pattern})$"),
         ["" if first == "\0" else first for first in _first],
     )
+
+
+def parameters_yaml(nodes: Mapping[str, Mapping[str, Value]], head: str) -> str:
+    """Return a ROS 2 parameter file: dotted names by node, under ``head`` as comment lines.
+
+    The empty name stands for all nodes.
+    """
+    comment = "".join(f"# {line}".rstrip() + "\n" for line in head.splitlines())
+    tree = {
+        f"/**/{node}".rstrip("/"): {
+            "ros__parameters": {name: _plain(v) for name, v in values.items()}
+        }
+        for node, values in nodes.items()
+    }
+    body: str = yaml.safe_dump(tree, sort_keys=False, default_flow_style=None, width=95)
+    return comment + body
+
+
+def write_parameters(path: PathLike, nodes: Mapping[str, Mapping[str, Value]], head: str) -> None:
+    """Write ``parameters_yaml``: the whole file or none. Raises ConfigError."""
+    write_files({path: parameters_yaml(nodes, head)}, ConfigError)
+
+
+def _plain(value: Value) -> object:
+    if isinstance(value, str | bool | int):
+        return value
+    if isinstance(value, float):
+        return _rounded(value)
+    return [_rounded(float(number)) for number in value]
+
+
+def _rounded(number: float) -> float:
+    """Round to nine digits: more than any calibration resolves, and no binary fraction's tail."""
+    return float(f"{number:.9g}")

@@ -20,7 +20,7 @@ import numpy as np
 
 from tirgeo_ros.core.calibration.orthophoto.polynomial_transform import PolynomialTransform
 from tirgeo_ros.core.types.errors import MapError
-from tirgeo_ros.io.coordinates.projected_planes import Plane
+from tirgeo_ros.io.coordinates.crs import Plane
 from tirgeo_ros.io.files.offline_reading import imported_rasterio, read_map
 from tirgeo_ros.io.files.whole_files import PathLike, check_place, part_of
 

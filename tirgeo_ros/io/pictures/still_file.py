@@ -1,20 +1,94 @@
-"""Encode a still with its metadata: JPEG of 8 bits, TIFF of 16."""
+"""Encode a still with its metadata, EXIF and XMP: JPEG of 8 bits, TIFF of 16.
+
+EXIF (CIPA DC-008) has time, place, direction and focal length. XMP has the position and the angles
+as DJI's pictures and as Pix4D have them, in two descriptions. A reader that takes values from both
+in turn (OpenDroneMap) ends with the angles of the second, which are the camera's own.
+"""
 
 from __future__ import annotations
 
 import io
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime, timedelta, timezone
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from PIL import Image
-from PIL.ExifTags import Base
+from PIL.ExifTags import GPS, IFD, Base
+from PIL.TiffImagePlugin import IFDRational
 
-from tirgeo_ros.core.types.arrays import RawPixels
-from tirgeo_ros.io.pictures.exif import still_exif
-from tirgeo_ros.io.pictures.still import Still
-from tirgeo_ros.io.pictures.xmp import still_xmp
+from tirgeo_ros import __version__
+from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.ground.camera_place import CameraPlace
+from tirgeo_ros.core.types.arrays import RawPixels, Vector
 
+_DJI, _PIX4D = "http://www.dji.com/drone-dji/1.0/", "http://pix4d.com/camera/1.0/"
+_PACKET = """<?xpacket begin="\ufeff" id="W5M0MpCehiHzreSzNTczkc9d"?>
+<x:xmpmeta xmlns:x="adobe:ns:meta/">
+ <rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">
+{descriptions} </rdf:RDF>
+</x:xmpmeta>
+<?xpacket end="w"?>"""
+_OF_BROWN = 5  # coefficients k1, k2, p1, p2, k3
+_LARGEST_SIGMA_DEG = 180.0
+#: Parts of a second of arc: 0.03 mm on the ground.
+_OF_A_SECOND = 1_000_000
+#: Of the versions, 2.3 has altitudes above sea level; 3.0 has ellipsoidal ones under the same
+#: values 0 and 1 of the reference, and those above sea level under 2 and 3. Readers know 0 and 1
+#: alone: OpenDroneMap takes any other value for a depth.
+_VERSIONS = {True: (b"0231", b"\x02\x03\x00\x00"), False: (b"0300", b"\x02\x04\x00\x00")}
+_CENTIMETRE = 3  # the unit of the focal plane's resolution; of metric units all readers know it
+#: Never "DJI": OpenDroneMap adds 90 deg to the pitch of pictures by that maker, and takes the
+#: aircraft's heading for the camera's.
+MAKE = "tirgeo"
+_EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 _XMP = b"http://ns.adobe.com/xap/1.0/\0"
 _FIRST = (b"\xff\xe0", b"\xff\xe1")  # the segments of JFIF and EXIF
+
+
+@dataclass(frozen=True, slots=True)
+class Still:
+    """Hold what is known of a still; nan and None are what is not known."""
+
+    exposure_ns: int  # since 1970, UTC
+    camera: Camera
+    place: CameraPlace
+    heading_rad: float  # of the view, from true north, clockwise
+    body_rpy: Vector | None  # the aircraft's roll, pitch and heading, rad
+    above_ground_m: float
+    undulation_m: float  # of the geoid
+    model: str  # names the camera
+    pixel_pitch_um: float  # width of a pixel on the sensor
+
+    @property
+    def above_sea(self) -> bool:
+        """Return whether ``altitude_m`` is above sea level, not above the ellipsoid."""
+        return math.isfinite(self.undulation_m)
+
+    @property
+    def altitude_m(self) -> float:
+        """Return the height above sea level if the undulation is known, else the ellipsoidal."""
+        return self.place.altitude_m(self.undulation_m)
+
+    @property
+    def altitude_words(self) -> str:
+        """Return what the altitude is measured from, for a person."""
+        height = f"{self.place.height_m:.3f} m above the WGS84 ellipsoid"
+        if self.above_sea:
+            return f"altitude above sea level: {height}, geoid undulation {self.undulation_m:g} m"
+        return f"altitude is ellipsoidal: {height}"
+
+    @property
+    def time(self) -> datetime:
+        """Return the exposure's time, UTC, to a microsecond, rounded down."""
+        return _EPOCH + timedelta(microseconds=self.exposure_ns // 1000)
+
+    @property
+    def focal_mm(self) -> float:
+        """Return the focal length along the rows, by the pixels' width."""
+        return self.camera.fx * self.pixel_pitch_um * 1e-3
 
 
 def ending_of(pixels: RawPixels) -> str:
@@ -54,3 +128,157 @@ def _with_xmp(jpeg: bytes, packet: bytes) -> bytes:
     content = _XMP + packet
     segment = b"\xff\xe1" + (len(content) + 2).to_bytes(2, "big") + content
     return jpeg[:end] + segment + jpeg[end:]
+
+
+def still_exif(still: Still) -> Image.Exif:
+    """Return the tags; numbers that are not known have none.
+
+    The focal length in mm follows from the pixels' width. In pixels it is, exactly, the product
+    of FocalLength and the focal plane's resolution, whatever that width is.
+    """
+    exif = Image.Exif()
+    exif[Base.ImageDescription] = still.altitude_words
+    exif[Base.Make], exif[Base.Model] = MAKE, still.model.encode("ascii", "replace").decode()
+    exif[Base.Software] = f"tirgeo {__version__}"
+    exif[Base.Orientation] = 1
+    exif[IFD.Exif] = _picture(still)
+    exif[IFD.GPSInfo] = _position(still)
+    return exif
+
+
+def _picture(still: Still) -> dict[int, object]:
+    """Return the tags of time and lens.
+
+    There is no SubSecTime, the fraction of the file's own date: OpenDroneMap adds it to
+    DateTimeOriginal as a number, without its leading zeros.
+    """
+    camera, time = still.camera, still.time
+    focal = _rational(still.focal_mm, 1_000_000)
+    return {
+        Base.ExifVersion: _VERSIONS[still.above_sea][0],
+        Base.DateTimeOriginal: f"{time:%Y:%m:%d %H:%M:%S}",
+        Base.OffsetTimeOriginal: "+00:00",
+        Base.SubsecTimeOriginal: f"{time:%f}",
+        Base.FocalLength: focal,
+        Base.ExifImageWidth: camera.width,
+        Base.ExifImageHeight: camera.height,
+        Base.FocalPlaneXResolution: _rational(10 * camera.fx / float(focal), 100_000),
+        Base.FocalPlaneYResolution: _rational(10 * camera.fy / float(focal), 100_000),
+        Base.FocalPlaneResolutionUnit: _CENTIMETRE,
+    }
+
+
+def _position(still: Still) -> dict[int, object]:
+    place, time = still.place, still.time
+    tags: dict[int, object] = {
+        GPS.GPSVersionID: _VERSIONS[still.above_sea][1],
+        GPS.GPSLatitudeRef: "S" if place.latitude_rad < 0 else "N",
+        GPS.GPSLatitude: _sexagesimal(place.latitude_rad),
+        GPS.GPSLongitudeRef: "W" if place.longitude_rad < 0 else "E",
+        GPS.GPSLongitude: _sexagesimal(place.longitude_rad),
+        GPS.GPSAltitudeRef: b"\x01" if still.altitude_m < 0 else b"\x00",
+        GPS.GPSAltitude: _rational(abs(still.altitude_m), 10_000),
+        GPS.GPSTimeStamp: (
+            IFDRational(time.hour),
+            IFDRational(time.minute),
+            IFDRational(time.second * 1_000_000 + time.microsecond, 1_000_000),
+        ),
+        GPS.GPSDateStamp: f"{time:%Y:%m:%d}",
+        GPS.GPSMapDatum: "WGS-84",
+        GPS.GPSImgDirectionRef: "T",
+        GPS.GPSImgDirection: _rational(math.degrees(still.heading_rad) % 360, 1000),
+    }
+    north_m, east_m, _ = place.position_sigmas_m
+    if math.isfinite(north_m + east_m):
+        tags[GPS.GPSHPositioningError] = _rational(max(north_m, east_m), 10_000)
+    return tags
+
+
+def _sexagesimal(angle_rad: float) -> tuple[IFDRational, IFDRational, IFDRational]:
+    """Return whole degrees, minutes, and seconds; rounded first, so no seconds are 60."""
+    parts = round(math.degrees(abs(angle_rad)) * 3600 * _OF_A_SECOND)
+    minutes, rest = divmod(parts, 60 * _OF_A_SECOND)
+    return IFDRational(minutes // 60), IFDRational(minutes % 60), IFDRational(rest, _OF_A_SECOND)
+
+
+def _rational(value: float, denominator: int) -> IFDRational:
+    return IFDRational(round(value * denominator), denominator)
+
+
+def still_xmp(still: Still) -> bytes:
+    """Return the packet, UTF-8; what is not known has no attribute."""
+    dji = _description("drone-dji", _DJI, _as_dji(still))
+    pix4d = _description("Camera", _PIX4D, _as_pix4d(still))
+    return _PACKET.format(descriptions=dji + pix4d).encode()
+
+
+def _description(prefix: str, namespace: str, texts: Mapping[str, str]) -> str:
+    attributes = "".join(f"\n   {prefix}:{key}={quoteattr(text)}" for key, text in texts.items())
+    return f'  <rdf:Description rdf:about="" xmlns:{prefix}="{namespace}"{attributes}/>\n'
+
+
+def _as_dji(still: Still) -> dict[str, str]:
+    """Return the attributes of DJI's cameras; angles against true north and the horizon.
+
+    There is no RtkFlag: it tells the kind of a receiver's fix, which a pose does not have.
+    """
+    place = still.place
+    north_m, east_m, down_m = place.position_sigmas_m
+    return {
+        "GpsLatitude": f"{math.degrees(place.latitude_rad):+.9f}",
+        "GpsLongitude": f"{math.degrees(place.longitude_rad):+.9f}",
+        "AbsoluteAltitude": f"{still.altitude_m:+.4f}",
+        **_known({"RelativeAltitude": still.above_ground_m}, "+.4f"),
+        **_turned("Gimbal", place.rpy),
+        **(_turned("Flight", still.body_rpy) if still.body_rpy is not None else {}),
+        **_known({"RtkStdLon": east_m, "RtkStdLat": north_m, "RtkStdHgt": down_m}, ".4f"),
+        **_dewarp(still),
+    }
+
+
+def _turned(what: str, rpy: Vector) -> dict[str, str]:
+    """Return the three angles of gimbal or aircraft, yaw from -180 to 180 deg."""
+    roll, pitch, yaw = map(math.degrees, rpy)
+    named = {"Roll": roll, "Pitch": pitch, "Yaw": yaw}
+    return {f"{what}{axis}Degree": f"{angle:+.5f}" for axis, angle in named.items()}
+
+
+def _dewarp(still: Still) -> dict[str, str]:
+    """Return the calibration, of a picture that still has its distortion.
+
+    It is fx, fy, the principal point from the picture's middle (px), k1, k2, p1, p2, k3, as
+    OpenCV has them. The rational model has no place there.
+    """
+    camera = still.camera
+    if len(camera.distortion) > _OF_BROWN:
+        return {}
+    off_middle = camera.cx - (camera.width - 1) / 2, camera.cy - (camera.height - 1) / 2
+    lens = *camera.distortion, *[0.0] * (_OF_BROWN - len(camera.distortion))
+    numbers = ",".join(f"{number:.9g}" for number in (camera.fx, camera.fy, *off_middle, *lens))
+    return {"DewarpFlag": "0", "DewarpData": f"{still.time:%Y-%m-%d};{numbers}"}
+
+
+def _as_pix4d(still: Still) -> dict[str, str]:
+    """Return the attributes that Pix4D defines; lengths in mm by the pixels' width.
+
+    There is no distortion: that model has one focal length, ours has two. Nor is there a
+    ModelType, by which OpenDroneMap would leave its own, better model.
+    """
+    camera, place, mm = still.camera, still.place, still.pixel_pitch_um * 1e-3
+    roll, pitch, yaw = map(math.degrees, place.mapping_rpy)
+    angles = {"Yaw": yaw, "Pitch": pitch, "Roll": roll}
+    roll, pitch, yaw = map(math.degrees, place.mapping_sigmas_rad)
+    sigmas = {"IMUYawAccuracy": yaw, "IMUPitchAccuracy": pitch, "IMURollAccuracy": roll}
+    north_m, east_m, down_m = place.position_sigmas_m
+    return {
+        **{key: f"{angle:.5f}" for key, angle in angles.items()},
+        **_known({k: v for k, v in sigmas.items() if v < _LARGEST_SIGMA_DEG}, ".5f"),
+        **_known({"GPSXYAccuracy": max(north_m, east_m), "GPSZAccuracy": down_m}, ".4f"),
+        "PerspectiveFocalLength": f"{(camera.fx + camera.fy) / 2 * mm:.6f}",
+        "PrincipalPoint": f"{(camera.cx + 0.5) * mm:.6f},{(camera.cy + 0.5) * mm:.6f}",
+    }
+
+
+def _known(numbers: Mapping[str, float], form: str) -> dict[str, str]:
+    """Return the numbers that are finite as texts."""
+    return {key: f"{value:{form}}" for key, value in numbers.items() if math.isfinite(value)}

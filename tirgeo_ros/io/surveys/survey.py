@@ -8,8 +8,9 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
+from tirgeo_ros.core.ground.ground_point import Located, Refusal
 from tirgeo_ros.core.types.errors import SurveyError
 from tirgeo_ros.io.files.text_file import read_text
 from tirgeo_ros.io.files.whole_files import PathLike, csv_text, write_files
@@ -204,3 +205,10 @@ def _refuse_repeated(path: PathLike, points: Sequence[SurveyPoint] | Sequence[Ma
 def _degrees(angle_rad: float) -> str:
     """Return degrees with ten decimals: a hundredth of a millimetre on the ground."""
     return f"{math.degrees(angle_rad):.10f}"
+
+
+class Answered(NamedTuple):
+    """Hold a pixel of a list and its located point or refusal."""
+
+    id: str
+    answer: Located | Refusal

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from xml.etree import ElementTree as ET
 
 from tirgeo_ros.io.cot.target_events import target_event
-from tirgeo_ros.io.surveys.ground_point_files import Answered
+from tirgeo_ros.io.surveys.survey import Answered
 from tirgeo_ros.io.targets.rows import of_answers
 
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.io.files.whole_files import PathLike, csv_text
-from tirgeo_ros.io.surveys.ground_point_files import Answered
+from tirgeo_ros.io.surveys.survey import Answered
 from tirgeo_ros.io.targets.geopackage import make_tables, put_picture, put_target
 from tirgeo_ros.io.targets.properties import COLUMNS
 from tirgeo_ros.io.targets.rows import Row, of_answers, of_targets

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from tirgeo_ros.core.ground.ground_point import Refusal
 from tirgeo_ros.core.targets.target import Fixing, Target, fixing_of
-from tirgeo_ros.io.surveys.ground_point_files import Answered
+from tirgeo_ros.io.surveys.survey import Answered
 from tirgeo_ros.io.targets.properties import OF_PLACE, of_place, of_target
 
 

@@ -12,8 +12,7 @@ from tirgeo_ros.core.aircraft_calibration.parameters import ANTENNA, PARAMETERS
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
-from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
-from tirgeo_ros.io.parameters.parameter_output import parameters_yaml
+from tirgeo_ros.io.parameters.parameter_file import Files, parameters_yaml, paths_of
 from tirgeo_ros.tools.calibrate.aircraft_flight import read_aircraft
 from tirgeo_ros.tools.calibrate.aircraft_result import KEYS, aircraft_lines, summary
 from tirgeo_ros.tools.calibrate.estimates import head

@@ -25,7 +25,7 @@ from tirgeo_ros.core.config import AircraftConfig, EkfConfig
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.frames.rotations import euler_from_matrix, matrix_from_rotvec
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.io.parameters.parameter_output import Value
+from tirgeo_ros.io.parameters.parameter_file import Value
 from tirgeo_ros.tools.calibrate.estimates import estimate, table
 
 _UNITS = ("m", "m", "m", "deg", "ms", "ms", "ms")

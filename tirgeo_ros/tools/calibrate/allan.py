@@ -15,7 +15,7 @@ from tirgeo_ros.core.calibration.allan.stillness import Seconds, drifts, seconds
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
-from tirgeo_ros.io.parameters.parameter_output import Value, parameters_yaml
+from tirgeo_ros.io.parameters.parameter_file import Value, parameters_yaml
 from tirgeo_ros.tools.calibrate.imu_noise_plots import allan_png, curves_csv
 from tirgeo_ros.tools.calibrate.imu_noise_result import rest_axes, rest_table
 from tirgeo_ros.tools.calibrate.imu_noise_warnings import (

@@ -15,8 +15,7 @@ from tirgeo_ros.core.calibration.boresight.observability import (
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
-from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
-from tirgeo_ros.io.parameters.parameter_output import parameters_yaml
+from tirgeo_ros.io.parameters.parameter_file import Files, parameters_yaml, paths_of
 from tirgeo_ros.io.surveys.survey import load_observations, load_survey
 from tirgeo_ros.tools.calibrate.boresight_flight import ReadFlight, read_flight
 from tirgeo_ros.tools.calibrate.boresight_result import boresight_lines, key_of, summary

@@ -8,14 +8,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.calibration.boresight.fit import BoresightFit
-from tirgeo_ros.core.calibration.boresight.ground_errors import ground_errors, rmse_m
+from tirgeo_ros.core.calibration.boresight.fit import BoresightFit, ground_errors, rmse_m
 from tirgeo_ros.core.calibration.boresight.model import PARAMETERS
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.config.schema import config_from, values_of
 from tirgeo_ros.core.frames.rotations import rotation_z
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.io.parameters.parameter_output import Value
+from tirgeo_ros.io.parameters.parameter_file import Value
 from tirgeo_ros.tools.calibrate.boresight_flight import ReadFlight
 from tirgeo_ros.tools.calibrate.estimates import estimate, table
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs

@@ -20,8 +20,13 @@ from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.core.types.measurements import ImuSample
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
-from tirgeo_ros.io.parameters.parameter_file import Files, ParameterFile, paths_of
-from tirgeo_ros.io.parameters.parameter_output import Value, parameters_yaml
+from tirgeo_ros.io.parameters.parameter_file import (
+    Files,
+    ParameterFile,
+    Value,
+    parameters_yaml,
+    paths_of,
+)
 from tirgeo_ros.tools.calibrate.imu_noise_plots import spectra_png
 from tirgeo_ros.tools.calibrate.imu_noise_result import LOW, flight_axes, flight_table
 from tirgeo_ros.tools.calibrate.imu_noise_warnings import check_flight, flight_warnings

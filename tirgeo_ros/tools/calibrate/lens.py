@@ -16,8 +16,13 @@ from tirgeo_ros.core.calibration.checkerboard.board import (
     Refused,
 )
 from tirgeo_ros.core.calibration.checkerboard.detection import find_board
-from tirgeo_ros.core.calibration.checkerboard.lens_fit import LensFit, LensModel, fit_lens
-from tirgeo_ros.core.calibration.checkerboard.view_selection import doubtful_views, most_distinct
+from tirgeo_ros.core.calibration.checkerboard.lens_fit import (
+    LensFit,
+    LensModel,
+    doubtful_views,
+    fit_lens,
+    most_distinct,
+)
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
 from tirgeo_ros.io.pictures.camera_file import camera_yaml

@@ -17,7 +17,7 @@ from tirgeo_ros.core.calibration.orthophoto.polynomial_transform import (
 )
 from tirgeo_ros.core.types.arrays import BoolArray
 from tirgeo_ros.core.types.errors import CalibrationError, MapError
-from tirgeo_ros.io.coordinates.projected_planes import Plane
+from tirgeo_ros.io.coordinates.crs import Plane
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, csv_text, write_files
 from tirgeo_ros.io.pictures.geotiff_output import write_warped
 from tirgeo_ros.io.surveys.control_points import ControlPoints, load_control_points

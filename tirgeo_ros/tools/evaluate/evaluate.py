@@ -24,11 +24,10 @@ from tirgeo_ros.tools.evaluate.ground import (
     locate_observations,
 )
 from tirgeo_ros.tools.evaluate.methods import MethodSetup, method_setups, setup_notes
-from tirgeo_ros.tools.evaluate.result import Evaluation, MethodResult
+from tirgeo_ros.tools.evaluate.result import Evaluation, MethodResult, paired_tests
 from tirgeo_ros.tools.evaluate.series import MethodSeries, SensorSeries
 from tirgeo_ros.tools.evaluate.stills import overlay_stills
 from tirgeo_ros.tools.evaluate.summary import check_folder
-from tirgeo_ros.tools.evaluate.t_test import paired_tests
 from tirgeo_ros.tools.evaluate.verdict import place_note
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks

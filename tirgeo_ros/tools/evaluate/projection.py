@@ -13,7 +13,7 @@ import pyproj
 
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import SurveyError
-from tirgeo_ros.io.coordinates.projected_planes import utm_zone
+from tirgeo_ros.io.coordinates.crs import utm_zone
 
 #: Above this latitude zones are too narrow to be useful.
 _MOST_LATITUDE_DEG = 84.0

@@ -15,7 +15,7 @@ from tirgeo_ros.core.orthorectification.frame_view import FrameView, level_gsd_m
 from tirgeo_ros.core.orthorectification.ground_tiles import GroundTiles
 from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.core.types.poses import CameraPose
-from tirgeo_ros.io.coordinates.projected_planes import Plane
+from tirgeo_ros.io.coordinates.crs import Plane
 from tirgeo_ros.tools.export.export_frame import ExportFrame
 
 #: Ground that is seen flatter than this is left out: there, 1 m of height moves it by 3.7 m.

@@ -9,8 +9,7 @@ from tirgeo_ros.core.ground.camera_place import body_rpy, camera_place, height_a
 from tirgeo_ros.core.overlay.scale_bar_compass import camera_heading_rad
 from tirgeo_ros.core.types.errors import ExportError
 from tirgeo_ros.io.files.whole_files import made_folder, write_files
-from tirgeo_ros.io.pictures.still import Still
-from tirgeo_ros.io.pictures.still_file import ending_of, still_bytes
+from tirgeo_ros.io.pictures.still_file import Still, ending_of, still_bytes
 from tirgeo_ros.tools.export.export_frame import ExportFrame
 
 

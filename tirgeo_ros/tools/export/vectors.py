@@ -14,8 +14,7 @@ from tirgeo_ros.core.frames.heading import azimuth_row
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.camera_place import body_rpy, height_above_m
-from tirgeo_ros.core.ground.footprint import footprint
-from tirgeo_ros.core.ground.frame_geometry import Sight, frame_geometry
+from tirgeo_ros.core.ground.frame_geometry import Sight, footprint, frame_geometry
 from tirgeo_ros.core.map.visibility import farthest_m
 from tirgeo_ros.core.overlay.scale_bar_compass import camera_heading_rad, ground_sample_m
 from tirgeo_ros.core.targets.target import Target

@@ -19,8 +19,8 @@ from typing import NamedTuple
 from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.errors import BagError, MessageError, TargetError
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, BagWriter, Cdr, TopicForm
+from tirgeo_ros.io.bags.bag_writer import is_latched
 from tirgeo_ros.io.bags.cdr import header_stamp_ns
-from tirgeo_ros.io.bags.recorded_qos import is_latched
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, made_folder
 from tirgeo_ros.io.targets.reading import read_targets
 from tirgeo_ros.tools.presentation.progress import Report, silent

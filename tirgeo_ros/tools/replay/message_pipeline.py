@@ -16,7 +16,7 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.navigation.smoothing.smoothed_run import SmoothedRun
 from tirgeo_ros.core.overlay.overlay import Overlay
-from tirgeo_ros.core.streams.arrival_stamps import Arrivals
+from tirgeo_ros.core.streams.arrivals import Arrivals
 from tirgeo_ros.core.types.errors import MessageError, TirgeoError
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, BagWriter, Cdr
@@ -25,8 +25,7 @@ from tirgeo_ros.tools.presentation.progress import Report
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
 from tirgeo_ros.tools.replay.flight_topics import CAMERA_INFO, PICTURES, prefix, resolved
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs
-from tirgeo_ros.tools.replay.overlay_film import OverlayFilm
-from tirgeo_ros.tools.replay.picture_outputs import PictureOutputs
+from tirgeo_ros.tools.replay.picture_outputs import OverlayFilm, PictureOutputs
 from tirgeo_ros.tools.replay.picture_stage import PictureStage
 from tirgeo_ros.tools.replay.pose_outputs import PoseOutputs
 from tirgeo_ros.tools.replay.registration import SAMPLES, Registered, Registration

@@ -10,13 +10,17 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.gimbal.pose_buffer import Miss
+from tirgeo_ros.core.ground.frame_geometry import Sight
 from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.overlay.picture_painter import Unpainted
 from tirgeo_ros.core.streams.rates import RateLimit
+from tirgeo_ros.core.types.arrays import Pixels
 from tirgeo_ros.core.types.poses import BodyPose
 from tirgeo_ros.io.messages import Messages
-from tirgeo_ros.tools.replay.overlay_film import OverlayFilm
+from tirgeo_ros.io.video.frame_metadata import FrameMetadata
+from tirgeo_ros.io.video.video_file import VideoFile
 from tirgeo_ros.tools.replay.picture_stage import PictureStage
 
 #: Messages that may wait for pictures: some 10 s without a picture, a few MB.
@@ -113,3 +117,44 @@ class PictureOutputs:
         if painted.outline_n is not None:
             outline = made.footprint(stamp_ns, painted.outline_n)
             self._write("tirgeo/footprint", outline, log_time_ns)
+
+
+class OverlayFilm:
+    """Append finished pictures to a video file.
+
+    Heights above sea level are in its metadata if ``undulation_m`` is not nan.
+    """
+
+    def __init__(
+        self, video: VideoFile, overlay: Overlay, config: OverlayConfig, undulation_m: float
+    ) -> None:
+        self._video, self._overlay = video, overlay
+        self._latency_ns = round(config.video_latency_s * 1e9)
+        self._metadata = FrameMetadata(config.confidence, undulation_m)
+
+    @property
+    def described(self) -> dict[str, object]:
+        """Return the number of pictures and their mean rate."""
+        return {"frames": self._video.frames, "rate_hz": self._video.rate_hz}
+
+    def packet(self, picture: Unpainted, body_at: Callable[[int], BodyPose | Miss]) -> bytes:
+        """Return a picture's metadata; ``body_at`` gives the aircraft's pose at an instant."""
+        if not self._video.takes_metadata:
+            return b""
+        sight = self._sight(picture, body_at)
+        return self._metadata.packet(picture.stamp_ns - self._latency_ns, sight)
+
+    def add(self, stamp_ns: int, image: Pixels, packet: bytes) -> None:
+        """Append a finished picture (h, w, 3) BGR with its metadata."""
+        self._video.add(stamp_ns, image, packet)
+
+    def _sight(
+        self, picture: Unpainted, body_at: Callable[[int], BodyPose | Miss]
+    ) -> Sight | None:
+        """Return what is known of a picture; None without a trusted pose."""
+        camera, pose, plane = picture.camera, picture.pose, self._overlay.plane
+        if camera is None or pose is None or plane is None:
+            return None
+        body = body_at(pose.stamp_ns)
+        known = None if isinstance(body, Miss) else body
+        return Sight(camera, pose, plane, self._overlay.ground, known, picture.rates)

@@ -12,10 +12,10 @@ import sys
 import traceback
 from collections import deque
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import IO, NamedTuple, final
+from typing import IO, Any, NamedTuple, final
 
 import cv2
 import numpy as np
@@ -25,15 +25,19 @@ from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.map.draping import Ground
 from tirgeo_ros.core.overlay.map_renderer import MapRenderer
 from tirgeo_ros.core.overlay.picture_painter import PicturePainter, Scene, Unpainted
-from tirgeo_ros.core.types.arrays import Array, Pixels
+from tirgeo_ros.core.types.arrays import Array, Pixels, RawPixels
 from tirgeo_ros.core.types.errors import PictureError
+from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.files.child_process import ChildEndedError, ChildProcess, parent_pipes
 from tirgeo_ros.io.files.shared_slots import SharedSlots, shared_slots
-from tirgeo_ros.tools.replay.picture_decoder import SWITCH_S, PictureDecoder
 
 _RUN = "from tirgeo_ros.tools.replay.picture_stage import main; main()"
 _ELSEWHERE = np.empty((0, 0), np.uint8)
+#: Pictures that are decoded ahead: those of a video in one block of messages, and a few megabytes.
+_MOST_AHEAD = 8
+#: A thread that has decoded gets the interpreter back within this, s, not only after 5 ms.
+SWITCH_S = 5e-4
 
 
 class Painted(NamedTuple):
@@ -219,3 +223,32 @@ def _answer(answers: IO[bytes], work: _Work, image: Pixels, outline_n: Array | N
     except BaseException:  # noqa: BLE001  whatever it is, the parent waits for this answer
         traceback.print_exc()
         os._exit(1)
+
+
+class PictureDecoder:
+    """Decode pictures when they are asked for; with several ``cores`` also ahead, in a thread."""
+
+    def __init__(self, cores: int) -> None:
+        self._thread = ThreadPoolExecutor(1) if cores > 1 else None
+        self._ahead: dict[int, tuple[object, Future[RawPixels]]] = {}  # by the message's id
+        self._switch_s = sys.getswitchinterval()
+        if self._thread is not None:
+            sys.setswitchinterval(SWITCH_S)
+
+    def begin(self, topic: str, message: Any) -> None:
+        """Begin to decode a picture that will be asked for."""
+        if self._thread is not None and len(self._ahead) < _MOST_AHEAD:
+            found = self._thread.submit(convert.pixels, topic, message)
+            self._ahead[id(message)] = message, found  # while it is held, nothing else has its id
+
+    def pixels(self, topic: str, message: Any) -> RawPixels:
+        """Return the pixels of a picture. Raises MessageError as ``convert.pixels`` does."""
+        if id(message) not in self._ahead:
+            return convert.pixels(topic, message)
+        return self._ahead.pop(id(message))[1].result()
+
+    def close(self) -> None:
+        """End the thread."""
+        if self._thread is not None:
+            sys.setswitchinterval(self._switch_s)
+            self._thread.shutdown(cancel_futures=True)

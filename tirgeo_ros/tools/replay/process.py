@@ -30,7 +30,7 @@ from tirgeo_ros.tools.replay.flight_poses import smoothed_runs
 from tirgeo_ros.tools.replay.flight_topics import done_without, inputs_of, resolved
 from tirgeo_ros.tools.replay.message_pipeline import Pipeline
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs, node_configs
-from tirgeo_ros.tools.replay.overlay_film import OverlayFilm
+from tirgeo_ros.tools.replay.picture_outputs import OverlayFilm
 from tirgeo_ros.tools.replay.picture_stage import PictureStage, available_cores
 from tirgeo_ros.tools.replay.smoothed_flight import FlightFilter, passes
 

@@ -19,10 +19,10 @@ from typing import Any
 from tirgeo_ros import __version__
 from tirgeo_ros.core.types.errors import SeasonError, shown
 from tirgeo_ros.tools.presentation.progress import silent
-from tirgeo_ros.tools.season.board import Board
 from tirgeo_ros.tools.season.flight_process import run_flight
 from tirgeo_ros.tools.season.flight_record import Record, written_record
 from tirgeo_ros.tools.season.flight_task import FlightTask
+from tirgeo_ros.tools.season.local_workers import Board
 from tirgeo_ros.tools.season.season_folder import running_mark
 
 _SHOW_S = 0.2

@@ -21,8 +21,8 @@ from tirgeo_ros.io.bags.bag import BagWriter, Cdr
 from tirgeo_ros.io.files.whole_files import made_folder
 from tirgeo_ros.io.messages import Messages
 from tirgeo_ros.tools.presentation.progress import Progress, Report, silent
-from tirgeo_ros.tools.simulate.imu_errors import imu_bias, imu_white
 from tirgeo_ros.tools.simulate.scenario import Scenario, load_scenario
+from tirgeo_ros.tools.simulate.sensors import imu_bias, imu_white
 
 _TOPIC, _TYPE = "/imu/data", "sensor_msgs/msg/Imu"
 _BLOCK = 1 << 14  # messages made together

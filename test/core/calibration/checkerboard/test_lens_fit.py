@@ -12,8 +12,12 @@ from tirgeo_ros.core.calibration.checkerboard.board import (
     Checkerboard,
     RefusalReason,
 )
-from tirgeo_ros.core.calibration.checkerboard.lens_fit import LensModel, fit_lens
-from tirgeo_ros.core.calibration.checkerboard.view_selection import doubtful_views, most_distinct
+from tirgeo_ros.core.calibration.checkerboard.lens_fit import (
+    LensModel,
+    doubtful_views,
+    fit_lens,
+    most_distinct,
+)
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.tools.simulate.board import calibration_poses
