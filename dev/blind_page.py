@@ -13,13 +13,11 @@ import json
 import math
 import os
 import signal
-import socketserver
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -28,17 +26,12 @@ from playwright.sync_api import Page
 
 from dev.judging import MarkedTable
 from dev.page_load.in_browser import chromium
-from dev.shown_demo import node_pid, shown_demo
+from dev.shown_demo import listening_team, node_pid, shown_demo
 from dev.soak.flight import make_flight
 
 _NODES = ("ekf_node", "gimbal_node", "overlay_node", "viewer_node", "bag_player")
 #: What happens to each node: the share of its time that it gets, and for how long (s).
-_EVENTS = {
-    "stopped": (0.0, 9.0),
-    "at 10 %": (0.1, 15.0),
-    "at 30 %": (0.3, 15.0),
-    "killed": (0, 20),
-}
+_EVENTS = {"stopped": (0, 9), "at 10 %": (0.1, 15), "at 30 %": (0.3, 15), "killed": (0, 20)}
 _ALARM_S, _CALM_S, _LIMIT_S = 4.0, 10.0, 90.0
 _WELL = [3, True, True]  # targets, records, shares
 #: The most of each figure: of a node that is gone, of one that is slow, and of none.
@@ -72,10 +65,10 @@ _KEPT = """() => [document.querySelectorAll("#target-list .row").length,
 
 
 class Watched:
-    """The demo and its page."""
+    """The demo and its page; ``stack`` ends the demo, also nodes of it that stand still."""
 
-    def __init__(self, page: Page, folder: Path, *words: object) -> None:
-        self.page, self._folder, self._words, self._stack = page, folder, words, ExitStack()
+    def __init__(self, stack: ExitStack, page: Page, folder: Path, *words: object) -> None:
+        self._stack, self.page, self._folder, self._words = stack, page, folder, words
 
     def begin(self) -> None:
         """Start the demo, anew if there was one; return once all is well."""
@@ -104,23 +97,17 @@ class Watched:
         end_s, lives = time.time(), self.demo.poll() is None
         again_s = self._go_again_s(end_s) if lives else math.inf
         said, sounds = self.verdicts(begin_s), self.page.evaluate("() => window.sounds")
-        sounds = [at for at in sounds if at >= begin_s]
+        near = [[0 <= b - a < _ALARM_S for b in sounds] for a in sounds if a >= begin_s]
         spans = [(min(b[0], end_s) - a[0], a[1]) for a, b in pairwise([*said, [end_s]])]
         return {
             "event": f"{node} {event}" + ("" if again else ", not started again"),
             "go_s": max([0.0, *(span_s for span_s, words in spans if words == "GO")]),
             "changes": len(said) - 1,
-            "alarms_in_4_s": max(
-                [0, *(sum(0 <= b - a < _ALARM_S for b in sounds) for a in sounds)]
-            ),
+            "alarms_in_4_s": max(map(sum, near), default=0),
             "go_again_s": again_s,
             "lost": sum(a != b for a, b in zip(before, self.kept(), strict=True)) + (not lives),
             "said": [[round(at - begin_s, 2), *words] for at, *words in self._said(begin_s)],
         }
-
-    def end(self) -> None:
-        """End the demo and its nodes, also those that stand still."""
-        self._stack.close()
 
     def kept(self) -> list[Any]:
         """Return the number of targets, and whether it records and shares."""
@@ -139,23 +126,24 @@ class Watched:
 
     def _go_again_s(self, begin_s: float) -> float:
         """Wait for a GO that stays; return when it came, s from a time on; inf if it did not."""
-        last = self.verdicts()[-1]
 
-        def calm() -> bool:
-            last[:] = self.verdicts()[-1]
-            return bool(last[1] == "GO" and last[0] < time.time() - _CALM_S)
+        def calm_since() -> float:
+            at, verdict, *_ = self.verdicts()[-1]
+            return at if verdict == "GO" and at < time.time() - _CALM_S else 0.0
 
-        return max(0.0, last[0] - begin_s) if self._until(calm) else math.inf
+        at = self._until(calm_since)
+        return max(0.0, at - begin_s) if at else math.inf
 
     def _kill(self, node: str, limit_s: float) -> bool:
         """Kill a node; return whether another takes its place."""
         old = node_pid(self.demo.pid, node)
         os.kill(old, signal.SIGKILL)
-        ended = self.demo.poll
-        self._until(
-            lambda: ended() is not None or node_pid(self.demo.pid, node) not in (0, old), limit_s
-        )
-        return ended() is None and node_pid(self.demo.pid, node) not in (0, old)
+
+        def replaced() -> bool:
+            return node_pid(self.demo.pid, node) not in {0, old}
+
+        self._until(lambda: self.demo.poll() is not None or replaced(), limit_s)
+        return self.demo.poll() is None and replaced()
 
     def _slow(self, pid: int, share: float, lasts_s: float) -> None:
         """Give a process a share of each second, or none at all."""
@@ -169,48 +157,35 @@ class Watched:
         finally:
             os.kill(pid, signal.SIGCONT)
 
-    def _until(self, what: Callable[[], object], limit_s: float = _LIMIT_S) -> bool:
+    def _until(self, what: Callable[[], Any], limit_s: float = _LIMIT_S) -> Any:
+        """Return what is true in the end, or false after so long."""
         end_s = time.monotonic() + limit_s
         while not (true := what()) and time.monotonic() < end_s:
             self.page.wait_for_timeout(100)
-        return bool(true)
-
-
-class _Sink(socketserver.StreamRequestHandler):
-    def handle(self) -> None:
-        while self.rfile.read(1024):
-            pass
-
-
-@contextmanager
-def _team() -> Iterator[str]:
-    """Take what is shared, and drop it; yield the address."""
-    with socketserver.ThreadingTCPServer(("127.0.0.1", 0), _Sink) as server:
-        server.daemon_threads = True
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        yield f"tcp://127.0.0.1:{server.server_address[1]}"
-        server.shutdown()
+        return true
 
 
 def results(minutes: float, only: str) -> Iterator[dict[str, Any]]:
     """Yield what the page said and kept while it was left alone, then at each event."""
     happen = [(node, event) for event in _EVENTS for node in _NODES if only in f"{node} {event}"]
-    with tempfile.TemporaryDirectory() as name, _team() as cot, chromium() as page:
+    with (
+        tempfile.TemporaryDirectory() as name,
+        listening_team() as cot,
+        chromium() as page,
+        ExitStack() as stack,
+    ):
         page.add_init_script(_WATCH)
         flight = make_flight(Path(name) / "flight")
         lasts_s = 60 * minutes + 60 * len(happen) + 2 * _LIMIT_S
         bag = flight.write_rounds(Path(name) / "rounds.mcap", lasts_s)
         beside = "--params", flight.folder / "params.yaml", "--map", flight.folder / "map.geojson"
-        watched = Watched(page, Path(name), "--bag", bag, *beside, "--cot", cot)
-        try:
-            watched.begin()
-            yield watched.happens("", f"left alone for {minutes:g} min", 1.0, 60 * minutes)
-            for node, event in happen:
-                if watched.demo.poll() is not None or watched.kept() != _WELL:
-                    watched.begin()
-                yield watched.happens(node, event, *_EVENTS[event])
-        finally:
-            watched.end()
+        watched = Watched(stack, page, Path(name), "--bag", bag, *beside, "--cot", cot)
+        watched.begin()
+        yield watched.happens("", f"left alone for {minutes:g} min", 1.0, 60 * minutes)
+        for node, event in happen:
+            if watched.demo.poll() is not None or watched.kept() != _WELL:
+                watched.begin()
+            yield watched.happens(node, event, *_EVENTS[event])
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -8,22 +8,19 @@ Chromium, which the tests use too. A busy computer shows NO MAP; then wait and r
 from __future__ import annotations
 
 import argparse
-import contextlib
 import io
-import shutil
-import socket
 import sys
 import tempfile
-import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 from PIL import Image
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Page
 
-from dev.shown_demo import end_demo, shown_demo
+from dev.page_load.in_browser import chromium
+from dev.shown_demo import end_demo, listening_team, shown_demo
 
 _RATE = 0.5
 _LIMIT_S = 120.0
@@ -39,48 +36,22 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="page_pictures", description=__doc__)
     parser.add_argument("folder", type=Path)
     asked = parser.parse_args()
-    browser_path = shutil.which("chromium") or shutil.which("chromium-browser")
     with (
-        _listening() as team,
+        listening_team() as team,
         tempfile.TemporaryDirectory() as name,
-        shown_demo(Path(name), "--cot", f"tcp://127.0.0.1:{team}", "--rate", str(_RATE)) as (
-            url,
-            demo,
-        ),
-        sync_playwright() as driver,
+        shown_demo(Path(name), "--cot", team, "--rate", str(_RATE)) as (url, demo),
+        chromium() as page,
     ):
-        browser = driver.chromium.launch(executable_path=browser_path, args=["--no-sandbox"])
-        Pictures(browser, url, asked.folder).take(partial(end_demo, demo))
-        browser.close()
+        Pictures(page, url, asked.folder).take(partial(end_demo, demo))
     return 0
-
-
-@contextlib.contextmanager
-def _listening() -> Iterator[int]:
-    """Take whatever is sent to a port, as a TAK server would."""
-    with socket.create_server(("127.0.0.1", 0)) as server:
-
-        def serve() -> None:
-            with contextlib.suppress(OSError):
-                while True:
-                    plug, _ = server.accept()
-                    threading.Thread(target=_swallow, args=[plug], daemon=True).start()
-
-        threading.Thread(target=serve, daemon=True).start()
-        yield server.getsockname()[1]
-
-
-def _swallow(plug: socket.socket) -> None:
-    with plug, contextlib.suppress(OSError):
-        while plug.recv(65536):
-            pass
 
 
 class Pictures:
     """Press on the page and take pictures of it."""
 
-    def __init__(self, browser: Browser, url: str, folder: Path) -> None:
-        self._browser, self._url, self._folder = browser, url, folder
+    def __init__(self, page: Page, url: str, folder: Path) -> None:
+        assert page.context.browser is not None
+        self._browser, self._url, self._folder = page.context.browser, url, folder
 
     def take(self, stop: Callable[[], None]) -> None:
         """Take all; ``stop`` ends the demo, for the picture of a lost connection."""

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import re
 import signal
+import socketserver
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -30,6 +32,22 @@ def shown_demo(folder: Path, *words: object) -> Iterator[tuple[str, subprocess.P
         yield _address(log, demo), demo
     finally:
         end_demo(demo)
+
+
+class _Sink(socketserver.StreamRequestHandler):
+    def handle(self) -> None:
+        while self.rfile.read(1024):
+            pass
+
+
+@contextmanager
+def listening_team() -> Iterator[str]:
+    """Take what is shared, as a TAK server would, and drop it; yield the address."""
+    with socketserver.ThreadingTCPServer(("127.0.0.1", 0), _Sink) as server:
+        server.daemon_threads = True
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"tcp://127.0.0.1:{server.server_address[1]}"
+        server.shutdown()
 
 
 def node_pid(demo: int, name: str) -> int:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
+from itertools import count
 
 import numpy as np
 
 from dev.soak.balance import FATES, Balance
 from dev.soak.flight import SoakFlight
 from dev.soak.lives import Life
-from dev.soak.memory import worst_growth
 from dev.soak.records import Ledger, Record
 from dev.soak.run import WITNESS
 from dev.soak.schedule import GUEST
@@ -24,6 +24,10 @@ GROWTH, SIGMAS = 0.02, 4.0
 #: So long may no pose and no picture come, by the clock on the wall: a node is down for 3 s, and
 #: on a machine with much other work takes many more to start and to be found.
 SILENCE_S = 60.0
+SETTLED_S = 60.0
+#: Means over so long are compared: single samples show what a frame borrows.
+_BLOCK_S = 15.0
+Sample = tuple[float, int, int]  # seconds of life, bytes resident, bytes of them shared
 
 
 @dataclass(frozen=True)
@@ -39,6 +43,45 @@ class Figure:
     def missed(self) -> bool:
         """Whether it is not what is asked; what is not a number is not."""
         return self.asked is not None and not self.value <= self.asked
+
+
+@dataclass(frozen=True)
+class Growth:
+    """How much more memory a process has later than after its first minute: parts of that.
+
+    A process's own memory is judged: what is resident, less the pages of shared memory. These are
+    all of Fast DDS's segments, each of which the process that makes it fills whole at its start; a
+    reader counts those pages of a peer's segment as resident that it has ever read from.
+    docs/soak.md tells why they become more where a peer is killed, and the table how many did.
+    """
+
+    own: float
+    resident: float  # with the pages of shared memory that it has touched
+
+
+def growth(samples: Sequence[Sample]) -> Growth | None:
+    """The growth of one life, None where it was too short to have a later block."""
+    means: list[Array] = []  # own and resident bytes of each block
+    for number in count():
+        begin_s = SETTLED_S + number * _BLOCK_S
+        block = [sample for sample in samples if begin_s <= sample[0] < begin_s + _BLOCK_S]
+        if not block or samples[-1][0] < begin_s + _BLOCK_S:
+            break
+        _, resident, shared = np.mean(block, axis=0)
+        means.append(np.array([resident - shared, resident]))
+    return Growth(*(np.max(means[1:], axis=0) / means[0] - 1)) if len(means) > 1 else None
+
+
+def worst_growth(lives: Sequence[Life]) -> dict[str, Growth | None]:
+    """By node the largest growth of its lives; None where each was too short to tell."""
+    by_node: dict[str, list[Growth]] = {life.node: [] for life in lives}
+    for life in lives:
+        if (grown := growth(life.memory)) is not None:
+            by_node[life.node].append(grown)
+    return {
+        node: Growth(max(g.own for g in grown), max(g.resident for g in grown)) if grown else None
+        for node, grown in by_node.items()
+    }
 
 
 def memory_figures(lives: Sequence[Life], *, short: bool = False) -> Iterator[Figure]:

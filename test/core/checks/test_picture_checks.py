@@ -1,14 +1,17 @@
-"""Faults planted on the sample flight's pictures, lens and ground; none where all is right."""
+"""Faults of pictures: what they show of lens and ground, points that move, stamps and rates."""
 
 import math
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from checked_flights import CheckedFlight, checked_flight, picture_findings, recomposed
 from scenes import graticule
 
+from tirgeo_ros.core.checks.frame_stamps import FrameStamps
 from tirgeo_ros.core.checks.picture_checks import PictureChecks
+from tirgeo_ros.core.checks.picture_tracks import PictureTracker
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.types.finding import Severity
@@ -149,3 +152,100 @@ def test_without_a_ground_latency_and_lens_are_told_all_the_same(flight):
     assert finding.check == "video_latency"
     [finding] = picture_findings(flight, overlay=nowhere, lens=longer(1.3))
     assert finding.check == "focal_length"
+
+
+STEP_NS = 111_000_000
+
+
+def scene(width=1600, height=1300):
+    """Blurred noise: something to follow everywhere."""
+    noise = np.random.default_rng(0).normal(0.0, 1.0, (height, width)).astype(np.float32)
+    blurred = cv2.GaussianBlur(noise, (0, 0), 6.0)
+    return np.clip(128 + 60 * blurred / blurred.std(), 0, 255).astype(np.uint8)
+
+
+def cut(right, down, width=640, height=512):
+    return scene()[100 + down : 100 + down + height, 100 + right : 100 + right + width]
+
+
+def taken(*pictures, step_ns=STEP_NS):
+    tracker = PictureTracker()
+    found = [tracker.take(10**9 + k * step_ns, one) for k, one in enumerate(pictures)]
+    return tracker, [one for one in found if one is not None]
+
+
+@pytest.mark.parametrize("size", [(640, 512), (336, 256), (1280, 1024), (500, 400)])
+@pytest.mark.parametrize("shift", [(0, 6), (40, -12), (3, 0)])
+def test_a_shift_is_followed(size, shift):
+    shift = tuple(px * size[0] // 640 for px in shift)
+    _, [tracks] = taken(cut(0, 0, *size), cut(*shift, *size))
+    # A quarter of a pixel of the small picture, which is four times smaller at the most.
+    moved = tracks.second - tracks.first
+    assert np.abs(np.median(moved, axis=0) + shift).max() < 0.5
+    assert len(tracks.first) >= 6
+
+
+def test_a_crosshair_stays_and_is_left_out():
+    first, second = cut(0, 0).copy(), cut(20, 8).copy()
+    for one in (first, second):
+        one[250:262, 300:340] = 255
+        one[236:276, 314:326] = 255
+    _, [tracks] = taken(first, second)
+    assert (np.linalg.norm(tracks.second - tracks.first, axis=1) > 5.0).all()
+
+
+def test_what_cannot_be_followed_gives_nothing():
+    flat = np.full((512, 640), 80, np.uint8)
+    assert taken(flat, flat)[1] == []
+    assert taken(cut(0, 0), cut(0, 0, 320, 256))[1] == []
+    assert taken(cut(0, 0, 24, 20), cut(2, 0, 24, 20))[1] == []
+    assert taken(cut(0, 0), cut(6, 0), step_ns=-STEP_NS)[1] == []
+    assert taken(cut(0, 0), cut(6, 0).astype(np.uint16))[1] == []  # a camera that changes depth
+
+
+PERIOD_NS = 100_000_000
+START_NS = 1_700_000_000 * 10**9
+
+
+def checked(stamp=lambda k: START_NS + k * PERIOD_NS):
+    stamps = FrameStamps()
+    for k in range(100):
+        now_ns = START_NS + k * PERIOD_NS + 50_000_000
+        stamps.pose(now_ns - 20_000_000)
+        stamps.frame(stamp(k), now_ns)
+    return [(finding.check, finding.severity) for finding in stamps.findings()]
+
+
+def test_good_stamps_say_nothing():
+    assert checked() == []
+
+
+@pytest.mark.parametrize(
+    ("stamp", "checks"),
+    [
+        (lambda k: 0 * k, ["picture_stamps_zero"]),
+        (lambda k: START_NS + (k + 5) * PERIOD_NS, ["picture_stamps_ahead"]),
+        (lambda k: START_NS + (k - 15) * PERIOD_NS, ["picture_stamps_late"]),
+        (lambda k: START_NS + (k - 36000) * PERIOD_NS, ["picture_stamps_late", "picture_clock"]),
+        (lambda k: START_NS + (k // 2) * 2 * PERIOD_NS, ["picture_stamps_back"]),
+    ],
+)
+def test_bad_stamps_are_told(stamp, checks):
+    assert [check for check, _ in checked(stamp)] == checks
+
+
+def test_poses_that_end_are_no_matter_of_the_pictures():
+    stamps = FrameStamps()
+    stamps.pose(START_NS)
+    for k in range(100):
+        stamps.frame(START_NS + k * PERIOD_NS, START_NS + k * PERIOD_NS)
+    assert stamps.findings() == []
+
+
+def test_pictures_that_come_before_the_clock_are_not_ahead_of_it():
+    """As where a bag is played and the first /clock is late: 3 of 10 would."""
+    stamps = FrameStamps()
+    for k in range(100):
+        stamp_ns = START_NS + k * PERIOD_NS
+        stamps.frame(stamp_ns, stamp_ns if k >= 30 else 0)
+    assert stamps.findings() == []

@@ -1,8 +1,9 @@
-"""The camera's pose from body and gimbal: Equation 12, the encoder chain, and covariances."""
+"""The camera's pose from body and gimbal: Equation 12, joints in every order, covariances."""
 
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -31,7 +32,8 @@ from tirgeo_ros.core.gimbal.camera_pose import (
     from_joints,
     from_reported,
 )
-from tirgeo_ros.core.gimbal.joint_geometry import joint_angles
+from tirgeo_ros.core.gimbal.joint_geometry import chain, joint_angles
+from tirgeo_ros.core.types.joint_orders import JOINT_ORDERS
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
 from tirgeo_ros.core.types.poses import BodyPose
 
@@ -222,3 +224,41 @@ def test_nose_straight_up_has_no_heading():
     upright = dataclasses.replace(body_at((0.0, 0.0, 0.0)), q_nb=up)
     assert from_reported(PLAIN, upright, level, reported, KNOWN) is None
     assert from_reported(PLAIN, body_at((0.0, 0.0, 0.0)), up, reported, KNOWN) is None
+
+
+ROUNDING = 1e-12
+TURNS = {"yaw": rotation_z, "roll": rotation_x, "pitch": rotation_y}
+
+angles = st.floats(-math.pi, math.pi)
+orders = st.sampled_from(JOINT_ORDERS)
+
+
+def body_from_gimbal(order, **by_name):
+    """R_bg by the matrices of the three turns."""
+    first, middle, last = (TURNS[name](by_name[name]) for name in order.split("-"))
+    return first @ middle @ last
+
+
+def by_name(order, first, middle, last):
+    return dict(zip(order.split("-"), (first, middle, last), strict=True))
+
+
+@given(orders, angles, st.floats(-math.pi / 2, math.pi / 2), angles)
+def test_joint_angles_give_the_matrix_anywhere(order, first, middle, last):
+    matrix = body_from_gimbal(order, **by_name(order, first, middle, last))
+    said = dict(zip(TURNS, joint_angles(matrix, order), strict=True))
+    np.testing.assert_allclose(body_from_gimbal(order, **said), matrix, atol=ROUNDING)
+    assert abs(said[order.split("-")[1]]) <= math.pi / 2
+
+
+@given(orders, angles, angles, angles)
+def test_the_axes_are_what_small_turns_of_the_joints_turn_about(order, yaw, roll, pitch):
+    at = np.array([yaw, roll, pitch])
+    q_bg, axes_b = chain(JointSample(0, *at.tolist()), order)
+    rotation = matrix_from_quat(np.array(q_bg))
+    for joint, axis_b in enumerate(axes_b.T):
+        moved = at + 1e-6 * np.eye(3)[joint]
+        more = chain(JointSample(0, *moved.tolist()), order)[0]
+        expected = matrix_from_rotvec(1e-6 * axis_b) @ rotation
+        # a turn about one axis is exact; 1e-16 of rounding beside 1e-6
+        np.testing.assert_allclose(matrix_from_quat(np.array(more)), expected, atol=ROUNDING)

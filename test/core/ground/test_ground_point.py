@@ -1,4 +1,4 @@
-"""Located points: their covariance against Monte Carlo, their ellipse, and what is refused."""
+"""Pixels to points of the ground: geometry, covariance by Monte Carlo, CE90, what is refused."""
 
 from __future__ import annotations
 
@@ -11,10 +11,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import camera_pose, graticule
 
-from tirgeo_ros.core.camera.camera_model import XT2
+from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.camera.projection_covariance import CHI2_95, CameraRates, pixel_jacobian
 from tirgeo_ros.core.config.overlay import ConfidenceConfig
-from tirgeo_ros.core.frames.rotations import quat_from_rotvec, quat_multiply
+from tirgeo_ros.core.frames.rotations import (
+    matrix_from_quat,
+    quat_from_rotvec,
+    quat_multiply,
+    rotation_z,
+)
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Reason, locate
 from tirgeo_ros.core.ground.dem import Terrain
@@ -22,6 +27,8 @@ from tirgeo_ros.core.ground.ground_point import (
     MOST_SHARE,
     Located,
     Refusal,
+    circular_error_90,
+    linear_error_90,
     place,
     point_covariance,
 )
@@ -149,3 +156,102 @@ def test_a_pose_of_unknown_covariance_is_refused(covariance):
     answer = place(XT2, pose, (320.0, 256.0), PLANE, 30.0, CONFIG)
     assert isinstance(answer, Refusal)
     assert answer.reason is Reason.UNCERTAIN_POSE
+
+
+LEVEL_PLANE = TangentPlane(0.6955, 2.0368, 30.0)
+RATIONAL = Camera(
+    640, 512, 500.0, 510.0, 322.0, 250.0, (0.1, -0.05, 1e-3, -5e-4, 0.01, 0.12, -0.03, 0.005)
+)
+
+
+def pixels_of(camera, pose, points_n):
+    return camera.project((points_n - pose.position_n) @ matrix_from_quat(pose.q_nc))
+
+
+@given(
+    roll=st.floats(-20, 20),
+    pitch=st.floats(-90, -25),
+    yaw=st.floats(-180, 180),
+    height=st.floats(5, 200),
+    ground=st.floats(-80, 80),
+    far=st.floats(0, 3000),
+    camera=st.sampled_from([XT2, RATIONAL]),
+    seed=st.integers(0, 2**31),
+)
+def test_inverts_the_projection(roll, pitch, yaw, height, ground, far, camera, seed):
+    rng = np.random.default_rng(seed)
+    lat, lon, _ = LEVEL_PLANE.geodetic_from_ned(np.array([far, -far, 0.0]))
+    pose = camera_pose(LEVEL_PLANE.ned_from_geodetic(lat, lon, ground + height), roll, pitch, yaw)
+    uv = rng.uniform([0, 0], [639, 511], (3, 2))
+    points, reasons = locate(camera, pose, uv, LEVEL_PLANE, ground)
+    met = np.array([reason is None for reason in reasons])
+    assert np.isfinite(points).all(axis=1).tolist() == met.tolist()
+    points, uv = points[met], uv[met]
+    # earth-fixed coordinates of 6e6 m are rounded by 1e-9 m, some times over
+    np.testing.assert_allclose(LEVEL_PLANE.geodetic_from_ned(points)[2], ground, atol=2e-8)
+    back, seen = pixels_of(camera, pose, points)
+    assert seen.all()
+    np.testing.assert_allclose(back, uv, rtol=0, atol=1e-6)  # the figure required
+
+
+@pytest.mark.parametrize("ground_m", [29.9, -100.0])
+def test_a_ray_at_or_above_the_horizon_meets_nothing(ground_m):
+    level = camera_pose([0.0, 0.0, 0.0], 0, 0, 0)
+    rows = np.array([[XT2.cx, XT2.cy - 100], [XT2.cx, XT2.cy], [XT2.cx, XT2.cy + 100]])
+    points, reasons = locate(XT2, level, rows, LEVEL_PLANE, ground_m)
+    assert reasons == [Reason.ABOVE_HORIZON, Reason.ABOVE_HORIZON, None]
+    assert np.isnan(points[:2]).all()
+
+
+def test_the_horizon_dips_as_on_a_sphere():
+    """From h above a sphere it lies sqrt(2 h / R) under the level: 5.6 mrad from 100 m."""
+    level = camera_pose([0.0, 0.0, -100.0], 0, 0, 0)
+    dip = np.sqrt(2 * 100 / 6.36e6)
+    rows = XT2.cy + XT2.fy * np.tan(dip * np.array([0.95, 1.05]))
+    uv = np.stack([np.full(2, XT2.cx), rows], -1)  # at the centre the lens does not bend
+    assert locate(XT2, level, uv, LEVEL_PLANE, 30.0)[1] == [Reason.ABOVE_HORIZON, None]
+
+
+def test_a_camera_under_the_ground_locates_nothing():
+    pose = camera_pose([0.0, 0.0, 5.0], 0, -40, 0)
+    uv = np.array([[320.0, 10.0], [320.0, 500.0]])
+    points, reasons = locate(XT2, pose, uv, LEVEL_PLANE, 30.0)
+    assert reasons == [Reason.UNDERGROUND] * 2
+    assert np.isnan(points).all()
+
+
+@pytest.mark.parametrize("uv", [[1e6, 1e6], [np.nan, 10.0], [-1e12, 3.0]])
+def test_a_pixel_outside_the_lens_model_meets_nothing(uv):
+    pose = camera_pose([0.0, 0.0, -20.0], 0, -90, 0)
+    points, reasons = locate(XT2, pose, np.array([uv]), LEVEL_PLANE, 30.0)
+    assert reasons == [Reason.OUTSIDE_LENS]
+    assert np.isnan(points).all()
+
+
+DRAWS = 200_000
+
+
+def covariance(major_m, minor_m, azimuth_rad=0.0, down_m=1.0):
+    turn = rotation_z(azimuth_rad)
+    return turn @ np.diag([major_m**2, minor_m**2, down_m**2]) @ turn.T
+
+
+@pytest.mark.parametrize(("minor", "table"), [(1.0, 2.1460), (0.5, 1.7371), (0.0, 1.6449)])
+def test_tables(minor, table):
+    """The last digit of the tables: a circle, half as wide as long, a line."""
+    assert circular_error_90(covariance(3.0, 3.0 * minor)) == pytest.approx(3 * table, abs=3e-4)
+    assert linear_error_90(covariance(1.0, 1.0, down_m=2.0)) == pytest.approx(2 * 1.6449, abs=2e-4)
+
+
+@given(st.floats(0, 1), st.floats(0, math.pi), st.floats(1e-3, 1e3))
+def test_nine_of_ten_are_within(ratio, azimuth, sigma):
+    spread = covariance(sigma, sigma * ratio, azimuth)
+    drawn = np.random.default_rng(5).standard_normal((DRAWS, 2)) * [sigma, sigma * ratio]
+    share = np.mean(np.hypot(*drawn.T) <= circular_error_90(spread))
+    # Four standard deviations of a share of DRAWS.
+    assert share == pytest.approx(0.9, abs=4 * math.sqrt(0.09 / DRAWS))
+
+
+def test_nothing_known_and_nothing_wrong():
+    assert circular_error_90(np.zeros((3, 3))) == 0.0
+    assert linear_error_90(np.zeros((3, 3))) == 0.0

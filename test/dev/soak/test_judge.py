@@ -1,20 +1,22 @@
-"""Each bound of the soak fails on figures that break it, and the table says which."""
+"""The soak's bounds fail on figures that break them: truth of poses, one fate of each frame."""
 
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from dev.soak.balance import Balance
+from dev.soak.balance import FATES, OVERLAY, TOPICS, Balance, balance
 from dev.soak.flight import SoakFlight
-from dev.soak.judge import frame_figures, memory_figures, pose_figures
+from dev.soak.judge import frame_figures, growth, memory_figures, pose_figures
 from dev.soak.lives import Life
-from dev.soak.memory import growth
-from dev.soak.records import Ledger, Record, poses_of, read_ledger, read_record
+from dev.soak.records import Ledger, Picture, Record, Report, poses_of, read_ledger, read_record
 from dev.soak.schedule import GUEST, NODES, Kind, schedule
+from dev.soak.truth import deviations, lines_without_pose, witnessed
+from tirgeo_ros.core.frames.rotations import quat_from_rotvec, quat_multiply
 from tirgeo_ros.core.types.poses import CameraPose
 
 MB = 1 << 20
@@ -131,3 +133,165 @@ def test_a_pose_beyond_four_sigma_and_a_long_silence_are_missed():
     assert figures(0.0, 61.0) == ["longest time without a pose"]
     nothing = Record(poses_of([]), [], [])
     assert len(missed(pose_figures(nothing, Ledger({0: 0}), flight))) == 3
+
+
+START, PERIOD = 1_634_731_206_000_000_000, 1_000_000_000
+STEP = 20_000_000
+LATENCY = 50_000_000
+Q = quat_from_rotvec(np.array([0.4, -0.2, 1.0]))
+CAMERAS = {
+    k * STEP: CameraPose(START + k * STEP, np.array([k, 2.0 * k, -20.0]), Q, np.zeros((6, 6)))
+    for k in range(50)
+}
+SIGMA_M, SIGMA_RAD = 0.02, 0.001
+
+
+def row(k, *, rounds=0, shift=0, error_m=(0, 0, 0), error_rad=(0, 0, 0)):
+    true = CAMERAS[k * STEP]
+    q_nc = quat_multiply(quat_from_rotvec(np.array(error_rad, float)), true.q_nc)
+    numbers = [*(true.position_n + error_m), *q_nc, *[SIGMA_M**2] * 3, *[SIGMA_RAD**2] * 3]
+    return 1.0, START + k * STEP + rounds * PERIOD + shift, numbers
+
+
+def found(*rows, shifts=None):
+    return deviations(poses_of(rows), CAMERAS, shifts or {0: 0}, PERIOD, START)
+
+
+def test_errors_come_out_in_sigmas_axis_by_axis():
+    sigmas = found(row(3, error_m=(0.02, 0, -0.1), error_rad=(0, 0.002, 0))).sigmas
+    # Sums of rotations are not their product: the second order is 1e-6 of them.
+    assert sigmas == pytest.approx(np.array([[1, 0, 5, 0, 2, 0]]), abs=1e-6)
+
+
+def test_rounds_and_epochs_are_taken_out():
+    shift = 300_000_000_000 + 7
+    result = found(
+        row(3), row(4, rounds=5), row(5, rounds=2, shift=shift), shifts={0: 0, 7: shift}
+    )
+    assert result.sigmas == pytest.approx(np.zeros((3, 6)), abs=1e-6)
+    assert result.strangers == 0
+
+
+def test_a_pose_of_no_epoch_or_of_no_instant_is_a_stranger():
+    between = (1.0, START + STEP // 2, row(3)[2])
+    assert found(row(3), row(3, shift=5), between).strangers == 2
+
+
+def picture(exposure_ns, pixels=1000, came_s=2.0):
+    return Picture(came_s, START + exposure_ns + LATENCY, pixels)
+
+
+@pytest.mark.parametrize(
+    ("exposure_ns", "without"),
+    [
+        (3 * STEP, False),
+        (3 * STEP + STEP // 2, False),
+        (9 * STEP + 99_000_000, False),  # predicted from the last one
+        (9 * STEP + 101_000_000, True),
+        (-1, True),  # before the first one
+    ],
+)
+def test_lines_need_a_pose_on_both_sides_or_one_just_before(exposure_ns, without):
+    stamps = [START + k * STEP for k in range(10)]
+    assert bool(lines_without_pose([picture(exposure_ns)], stamps, LATENCY)) is without
+
+
+def test_before_the_witness_has_found_a_new_node_it_cannot_tell():
+    poses = poses_of([(came_s, row(k)[1], row(k)[2]) for came_s, k in ((1.0, 3), (9.0, 30))])
+    before = picture(4 * STEP, came_s=4.9)
+    while_searching = picture(28 * STEP, came_s=8.0)
+    came_later = picture(29 * STEP, came_s=9.1)
+    after = picture(31 * STEP, came_s=9.2)
+    given = [before, while_searching, came_later, after]
+    assert witnessed(given, poses, [0.5, 5.0], LATENCY) == [before, after]
+    assert witnessed([before, after], poses, [math.inf], LATENCY) == [before, after]
+
+
+FIRST_NS = 1_634_731_206_000_000_000
+PERIOD_NS = 50_000_000
+LIVED = [(-3.0, 10.0, False)]
+REFUSED = {"unreadable": 3, "failed": 2, "unreadable because": "12 bytes are no image"}
+
+
+def ledger(player_from=100):
+    """A hundred frames every 50 ms; from a place on they are another player's, of epoch 1000."""
+    stamps = [FIRST_NS + k * PERIOD_NS + 1000 * (k >= player_from) for k in range(100)]
+    return Ledger({0: 0, 1000: 1000}, stamps, [k * 0.05 for k in range(100)])
+
+
+def report(came_s, place, sent, waiting=0, refused=None, player_from=100, **fates):
+    said = dict.fromkeys(FATES, 0) | {"frames_sent": sent, "waiting": waiting} | fates
+    values = {key: str(value) for key, value in said.items()}
+    stamp_ns = ledger(player_from).stamps_ns[place]
+    values["newest_frame"] = "{}.{:09d}".format(*divmod(stamp_ns, 1_000_000_000))
+    topics = {f"thermal/image_raw/compressed {k}": str(v) for k, v in (refused or {}).items()}
+    return Report(came_s, {OVERLAY: values, TOPICS: topics})
+
+
+@pytest.mark.parametrize(
+    ("reports", "lives", "expected"),
+    [
+        (
+            [
+                report(1.0, 19, 20, waiting=1, drawn=15, notices=4),
+                report(5.0, 99, 100, drawn=80, notices=10, replaced=3, frames_missed=7),
+            ],
+            LIVED,
+            {},
+        ),
+        (  # killed at 1.5 s, when 31 were sent; the next life heard first of frame 50
+            [
+                report(1.0, 19, 20, drawn=20),
+                report(4.0, 79, 30, drawn=30),
+                report(5.5, 99, 50, drawn=50),
+            ],
+            [(-3.0, 1.5, True), (2.0, 10.0, False)],
+            {"died": 11, "down": 19},
+        ),
+        ([report(4.0, 79, 80, drawn=80)], LIVED, {"unaccounted": 20}),  # must be told of
+        *(
+            (
+                [
+                    report(1.0, 19, 20, drawn=20),
+                    report(2.0, 39, heard, drawn=heard),
+                    report(5.5, 99, heard + 60, drawn=heard + 60),
+                ],
+                LIVED,
+                {"unaccounted": 1},
+            )
+            for heard in (39, 41)
+        ),
+    ],
+)
+def test_all_frames_have_a_fate_or_are_missing_by_name(reports, lives, expected):
+    found = balance(ledger(), reports, lives)
+    names = ("died", "down", "changed", "unaccounted")
+    assert {n: getattr(found, n) for n in names} == dict.fromkeys(names, 0) | expected
+    assert not found.contradictions
+
+
+def test_a_sender_that_is_killed_takes_frames_with_it():
+    counts = [(2.0, 39, 40), (4.0, 79, 75), (5.5, 99, 95)]  # 5 of 80: the last, or the first
+    reports = [report(*each, player_from=60, drawn=each[-1]) for each in counts]
+    found = balance(ledger(60), reports, LIVED)
+    assert (found.changed, found.unaccounted, found.told) == (5, 0, 100)
+
+
+def test_what_could_not_be_read_or_used_is_refused():
+    given = report(5.0, 99, 100, drawn=90, invalid=4, out_of_order=1, refused=REFUSED)
+    found = balance(ledger(), [given], LIVED)
+    assert found.fates["invalid"] == 9
+    assert not found.contradictions
+
+
+def test_a_frame_without_a_fate_shows():
+    found = balance(ledger(), [report(5.5, 99, 100, drawn=99)], LIVED)
+    assert len(found.contradictions) == 1
+    assert "1 of 100" in found.contradictions[0]
+
+
+@pytest.mark.parametrize(("drawn", "blind"), [(0, 1), (3, 0)])
+def test_a_life_that_never_draws_shows(drawn, blind):
+    each = range(5, 101, 5)
+    reports = [report(n / 20, n - 1, n, drawn=drawn, notices=n - drawn) for n in each]
+    assert balance(ledger(), reports, LIVED).blind == blind

@@ -1,8 +1,10 @@
-"""What the simulated aircraft says, part by part, and how it answers a host."""
+"""What the simulated aircraft says, how it answers a host, and the port that is not there."""
 
 from __future__ import annotations
 
 import math
+import os
+import termios
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +14,7 @@ from aircraft_on_port import hovering
 from tirgeo_ros.core.config import DjiConfig, SimulatedAircraftConfig
 from tirgeo_ros.core.config.dji import DjiHostConfig
 from tirgeo_ros.core.frames.rotations import quat_from_euler
+from tirgeo_ros.core.types.errors import DjiError
 from tirgeo_ros.core.types.measurements import (
     FixStatus,
     ImuSample,
@@ -28,6 +31,7 @@ from tirgeo_ros.dji.protocol.commands import (
 )
 from tirgeo_ros.dji.protocol.subscription import USUAL_PACKAGES, PackageTable, decode_push
 from tirgeo_ros.dji.simulator import Aircraft, frames_of
+from tirgeo_ros.dji.simulator.pseudo_terminal import PseudoTerminal
 from tirgeo_ros.dji.sources.serial import SerialDecoder
 
 MS = 1_000_000
@@ -174,3 +178,43 @@ def test_dji_nodes_own_host_gets_what_it_asks_for():
     assert road.diagnostics["host state"] == "ready"
     assert int(road.diagnostics["telemetry subscription"]) > 400
     assert aircraft.counts["pushes"] > 400
+
+
+@pytest.fixture
+def port(tmp_path):
+    with PseudoTerminal(tmp_path / "tty") as made:
+        yield made
+
+
+def opened(port: PseudoTerminal) -> int:
+    return os.open(port.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+
+
+@pytest.mark.parametrize(("speed", "clean"), [(termios.B921600, True), (termios.B230400, False)])
+def test_another_speed_reads_noise(tmp_path, speed, clean):
+    with PseudoTerminal(tmp_path / "tty", baud=921600) as port:
+        host = opened(port)
+        attributes = termios.tcgetattr(host)
+        attributes[4] = attributes[5] = speed
+        termios.tcsetattr(host, termios.TCSANOW, attributes)
+        port.write(b"\xaa" * 32)
+        assert (os.read(host, 100) == b"\xaa" * 32) is clean
+        os.close(host)
+
+
+def test_a_link_of_a_run_that_was_killed_is_replaced(tmp_path):
+    path = tmp_path / "tty"
+    path.symlink_to("/nowhere")
+    with PseudoTerminal(path) as port:
+        os.close(opened(port))
+    assert not path.is_symlink()
+
+
+def test_a_path_that_is_taken_or_impossible_is_named(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(DjiError, match=r"file: no pseudo-terminal can be made there: File exists"):
+        PseudoTerminal(tmp_path / "file")
+    with pytest.raises(DjiError, match=r"no/such: no pseudo-terminal can be made there: No such"):
+        PseudoTerminal(tmp_path / "no" / "such")
+    with pytest.raises(DjiError, match=r"123 is not a speed of a serial port"):
+        PseudoTerminal(tmp_path / "tty", baud=123)

@@ -1,4 +1,4 @@
-"""Messages of the ROS 1 wrapper to readings: axes, units, orders, stamps; what is refused."""
+"""Messages of the ROS 1 wrapper to readings: axes, units, stamps, refusals, whole epochs."""
 
 from __future__ import annotations
 
@@ -8,12 +8,21 @@ from types import SimpleNamespace as Message
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from tirgeo_ros.core.frames.axes import ENU_NED, FLU_FRD
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler
 from tirgeo_ros.core.types.errors import MessageError
-from tirgeo_ros.dji.sources.readings import AccelerationUnit, GimbalReading, ImuReading, RtkReading
+from tirgeo_ros.dji.sources.readings import (
+    AccelerationUnit,
+    GeodeticPlace,
+    GimbalReading,
+    ImuReading,
+    RtkReading,
+)
 from tirgeo_ros.dji.sources.ros1 import Ros1Decoder, Ros1Setup, survey
+from tirgeo_ros.dji.sources.rtk_epochs import RtkEpochs
 
 MS = 1_000_000
 SECOND = 1_000 * MS
@@ -195,3 +204,77 @@ def test_fused_velocity_is_east_north_up_and_the_fused_height_is_hardly_known():
     assert reading.place == (math.radians(52.0), math.radians(4.0), -137.0)
     assert reading.fix is None
     assert reading.vertical_sigma_m == 100.0
+
+
+PERIOD = 200 * MS
+PARTS = ("place", "velocity_n", "yaw_deg", "position_flag", "yaw_flag")
+
+
+def part(name: str, number: int, stamp_ns: int) -> RtkReading:
+    """A part that tells of which epoch it is."""
+    values = {
+        "place": GeodeticPlace(0.9, 0.1, float(number)),
+        "velocity_n": (float(number), 0.0, 0.0),
+    }
+    return RtkReading(stamp_ns, **{name: values.get(name, number)})
+
+
+def told(events):
+    """Readings of (arrival, part)."""
+    epochs = RtkEpochs()
+    found = []
+    for arrival_ns, given_part in events:
+        found += epochs.take(given_part, arrival_ns)
+    return found + epochs.flush()
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(st.permutations(PARTS), min_size=1, max_size=6),
+    st.lists(st.integers(0, 45), min_size=30, max_size=30),
+)
+def test_any_order_within_an_epoch_and_any_delay_below_half_of_one(orders, delays_ms):
+    """The stamp is the position's; every part is with those of its own epoch.
+
+    Yaw and flags have the time of their record for a stamp, and the velocity one of its own.
+    """
+    events = []
+    for number, order in enumerate(orders):
+        for place, name in enumerate(order):
+            late = sum(delays_ms[5 * number : 5 * number + place]) % 90
+            at_ns = number * PERIOD + late * MS
+            stamps = {"place": number * PERIOD, "velocity_n": number * PERIOD + 1}
+            events.append((at_ns, part(name, number, stamps.get(name, at_ns + 2))))
+    events.sort(key=lambda event: event[0])
+    found = told(events)
+    assert [reading.stamp_ns for _, reading in found] == [k * PERIOD for k in range(len(orders))]
+    for number, (_, reading) in enumerate(found):
+        assert reading == RtkReading(
+            number * PERIOD,
+            GeodeticPlace(0.9, 0.1, float(number)),
+            number,
+            (float(number), 0.0, 0.0),
+            number,
+            number,
+        )
+
+
+@pytest.mark.parametrize("lost", PARTS)
+def test_a_lost_part_costs_itself_alone(lost):
+    events = [
+        (number * PERIOD + k * MS, part(name, number, number * PERIOD))
+        for number in range(3)
+        for k, name in enumerate(PARTS)
+        if (number, name) != (1, lost)
+    ]
+    found = [reading for _, reading in told(events)]
+    assert len(found) == 3
+    for number, reading in enumerate(found):
+        absent = {name for name in PARTS if getattr(reading, name) is None}
+        assert absent == ({lost} if number == 1 else set())
+
+
+def test_a_whole_epoch_does_not_wait():
+    epochs = RtkEpochs()
+    found = [epochs.take(part(name, 1, k), k) for k, name in enumerate(PARTS)]
+    assert [len(each) for each in found] == [0, 0, 0, 0, 1]

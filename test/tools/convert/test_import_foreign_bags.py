@@ -1,4 +1,4 @@
-"""Bags of others through tirgeo import --map-topic, every field against rosbags' own reading."""
+"""Bags of others through tirgeo import --map-topic: every field by rosbags, damage in one line."""
 
 from __future__ import annotations
 
@@ -6,8 +6,12 @@ import math
 
 import numpy as np
 import pytest
+from damaged_files import read_damaged
+from recorded_bags import record
+from ros1_bags import BEGUN_NS, Bag
 from rosbags.highlevel import AnyReader
 
+from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.core.types.measurements import Source
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import NAVIGATION_INPUTS
@@ -135,3 +139,57 @@ def test_every_form_of_a_recording_gives_the_same_bag(bags, tmp_path):
             assert result["written"]["/imu/data"]["messages"] == 600
             found.add((tmp_path / "out.mcap").read_bytes())
     assert len(found) == 1
+
+
+MAPPED = MappedTopics((("/xsens/imu", "imu/data"),))
+
+
+def ros1_bag(path):
+    bag = Bag()
+    for k in range(200):
+        at_ns = BEGUN_NS + k * 10_000_000
+        bag.add(at_ns, "/xsens/imu", bag.imu(at_ns, (1, 0, 0, 0), (0, 0, 0.1), (0, 0, 9.8)))
+    return bag.write(path, chunk_bytes=10_000)
+
+
+@pytest.fixture(scope="module")
+def two_recordings(tmp_path_factory):
+    """The same messages as a bag of ROS 1, as MCAP and as SQLite."""
+    folder = tmp_path_factory.mktemp("whole")
+    ros1 = ros1_bag(folder / "imu.bag")
+    import_flight(ros1, folder / "imu.mcap", mapped=MAPPED)
+    messages = [
+        one._replace(topic="/xsens/imu") for one in BagReader(folder / "imu.mcap").messages()
+    ]
+    mcap, sqlite = (record(folder / form, [messages], form) for form in ("mcap", "sqlite3"))
+    return ros1, next(mcap.glob("*.mcap")), next(sqlite.glob("*.db3"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("form", range(3))
+def test_a_damaged_bag_gives_a_line_or_what_can_be_read(two_recordings, tmp_path, form):
+    """Cut, with flipped bits, zeros and noise."""
+    whole, path = two_recordings[form], tmp_path / two_recordings[form].name
+    out = tmp_path / "out.mcap"
+
+    def read(damaged):
+        out.unlink(missing_ok=True)
+        try:
+            import_flight(damaged, out, mapped=MAPPED)
+        except BagError:
+            assert not out.exists()
+            raise
+        return list(BagReader(out).messages())
+
+    assert read_damaged(read, whole.read_bytes(), path, 60) > 10
+
+
+def test_what_a_cut_recording_lost_is_an_error_beside_the_bag(two_recordings, tmp_path):
+    """As for the other commands: the rest is written, and the command ends with exit code 1."""
+    whole = two_recordings[1].read_bytes()
+    path = tmp_path / "cut.mcap"
+    path.write_bytes(whole[: len(whole) - 100])
+    result = import_flight(path, tmp_path / "out.mcap", mapped=MAPPED)
+    assert result["error"].startswith(f"{path}: ")
+    assert "messages were read" in result["error"]
+    assert len(list(BagReader(tmp_path / "out.mcap").messages())) == 200

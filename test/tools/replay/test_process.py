@@ -1,18 +1,25 @@
-"""tirgeo process: what it writes, and that it is deterministic."""
+"""tirgeo process: what it writes, its six lines, and the same bytes from bags of all recorders."""
 
 from __future__ import annotations
+
+import copy
+import hashlib
+import math
 
 import cv2
 import numpy as np
 import pytest
-from process_bags import CAMERA_POSE, IMAGES, data_of, messages_of, rewritten
+from process_bags import CAMERA_POSE, IMAGES, data_of, messages_of, rewritten, same
+from recorded_bags import record
 
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter
 from tirgeo_ros.io.messages import TOPIC_TYPES
+from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.replay.pose_comparison import differences
 from tirgeo_ros.tools.replay.process import process
+from tirgeo_ros.tools.replay.process_summary import six_lines
 
 POSES = ("odometry", "fix", "origin", "camera_pose", "path")
 GEOMETRY = ("overlay/camera_info", "footprint")
@@ -106,3 +113,178 @@ def test_namespace_moves_every_relative_topic(cut, sample, options, tmp_path, po
     assert found == data_of(poses_only[0], CAMERA_POSE)
     with pytest.raises(BagError, match=r"needed topic absent: /imu/data.*is there a --namespace"):
         process(moved, tmp_path / "none.mcap", images=False, **options)
+
+
+NAMES = ["read", "state", "poses", "frames", "refused", "output"]
+RESULT = {
+    "input": "flight.mcap",
+    "method": "ekf_heading",
+    "smoothed": False,
+    "duration_s": 30.0,
+    "elapsed_s": 0.7317,
+    "speed": 41.0,
+    "read": {"/imu/data": 3000, "/thermal/image_raw": 270},
+    "undecodable": {},
+    "unreadable": {},
+    "unreadable_because": {},
+    "written": {"/tirgeo/odometry": 2851, "/tirgeo/camera_pose": 1426},
+    "state": "running",
+    "reason": "",
+    "states_s": {"aligning": 1, "running": 29},
+    "verdicts": {"imu used": 2850, "rtk_position used": 144, "rtk_position waiting": 8},
+    "heading_sigma_deg": 0.0989,
+    "overlay": {"drawn": 256, "notices": 14, "predicted": 0},
+    "notes": [],
+    "video": None,
+}
+
+
+@pytest.fixture
+def result(tmp_path):
+    output = tmp_path / "out.mcap"
+    output.write_bytes(bytes(26_400_000))
+    return copy.deepcopy(RESULT) | {"output": str(output)}
+
+
+def names(text):
+    return [line[2:].split()[0] for line in text.splitlines()]
+
+
+def wrong(text):
+    return [line[2:].split()[0] for line in text.splitlines() if line.startswith("! ")]
+
+
+def test_a_good_flight(result):
+    assert six_lines(result).splitlines() == [
+        "  read     30.0 s of flight.mcap in 0.73 s, 41.0x real time; 3270 messages",
+        "  state    running at the end, by ekf_heading; in all running 29 s, aligning 1 s",
+        "  poses    2851 of the body, 1426 of the camera, heading to 0.10 deg",
+        "  frames   256 of 270 with a trusted pose, 14 with a notice why not",
+        "  refused  nothing",
+        f"  output   {result['output']}, 26.4 MB",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("change", "name", "words"),
+    [
+        ({"state": "lost", "reason": "no rtk/fix"}, "state", "lost at the end (no rtk/fix)"),
+        ({"state": "dead_reckoning"}, "state", "dead_reckoning at the end"),
+        (
+            {"written": {}, "heading_sigma_deg": math.nan},
+            "poses",
+            "0 of the body, 0 of the camera",
+        ),
+        ({"written": {"/tirgeo/odometry": 9}}, "poses", "9 of the body, 0 of the camera"),
+        ({"overlay": {"drawn": 3, "notices": 267}}, "frames", "3 of 270 with a trusted pose"),
+        ({"overlay": {"drawn": 256, "notices": 10}}, "frames", "10 with a notice why not, 4 lost"),
+        (
+            {"verdicts": {"rtk_heading used": 90, "rtk_heading too_old": 10}},
+            "refused",
+            "rtk_heading 10 of 100 too old",
+        ),
+        ({"undecodable": {"/imu/data": 2}}, "refused", "/imu/data 2 unreadable"),
+        (
+            {"unreadable": {"/imu/data": 2}, "unreadable_because": {"/imu/data": "not finite"}},
+            "refused",
+            "/imu/data 2 unreadable (not finite)",
+        ),
+    ],
+)
+def test_what_is_wrong_stands_first_with_a_mark(result, change, name, words):
+    text = six_lines(result | change)
+    assert wrong(text) == [name]
+    assert words in text.splitlines()[0]
+    assert sorted(names(text)) == sorted(NAMES)
+
+
+def test_the_output_names_the_video_and_the_notes(result):
+    change = {"video": {"frames": 256, "rate_hz": 9.0003}, "notes": ["method ekf: no heading"]}
+    last = six_lines(result | change).splitlines()[-1]
+    assert last.endswith("26.4 MB, and a video of 256 frames at 9 Hz; method ekf: no heading")
+    last = six_lines(result | {"notes": ["one", "two", "three"]}).splitlines()[-1]
+    assert last.endswith("26.4 MB; one (and 2 more, with -v)")
+
+
+FORMS = (
+    "made_db3",
+    "made_db3_split",
+    "made_db3_split_zstd_file",
+    "made_db3_zstd_file",
+    "made_db3_zstd_message",
+    "made_mcap",
+    "made_mcap_split",
+    "made_mcap_zstd_file",
+    "made_mcap_zstd_message",
+    "made_mcap_zstd_storage",
+)
+REAL = {
+    "real_mcap_bag_with_topics_and_service_events": 10,
+    "real_mcap_cdr_test": 7,
+    "real_mcap_split_no_metadata": 3177,
+    "real_mcap_wbag": 6074,
+    "real_sqlite3_bag_with_topics_and_service_events": 10,
+    "real_sqlite3_cdr_test": 7,
+    "real_sqlite3_wbag": 6074,
+}
+
+
+def digest(bag, out, options):
+    summary = process(bag, out, **options)
+    assert summary["error"] is None
+    return hashlib.sha256(out.read_bytes()).hexdigest()
+
+
+@pytest.fixture(scope="session")
+def recorded(shared):
+    """The folder of rosbag2's bags by other writers."""
+    return shared / "foreign_logs" / "rosbag2"
+
+
+@pytest.fixture(scope="module")
+def of_one_file(recorded, options, tmp_path_factory):
+    """The messages of the single MCAP file, and the digest of what process makes of it."""
+    path = recorded / "made_mcap" / "made_mcap.mcap"
+    out = tmp_path_factory.mktemp("one") / "out.mcap"
+    return list(map(same, BagReader(path).messages())), digest(path, out, options)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_the_same_bytes_from_every_form(recorded, of_one_file, options, tmp_path, form):
+    messages, expected = of_one_file
+    assert list(map(same, BagReader(recorded / form).messages())) == messages
+    assert digest(recorded / form, tmp_path / "out.mcap", options) == expected
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_bags_of_other_topics_are_read_and_refused(recorded, options, tmp_path, name):
+    reader = BagReader(recorded / name)
+    assert sum(1 for _ in reader.messages()) == REAL[name]
+    assert reader.damage is None
+    with pytest.raises(BagError, match=rf"{name}: needed topic absent: /imu/data, /rtk/fix or"):
+        process(recorded / name, tmp_path / "out.mcap", **options)
+
+
+def test_the_same_bytes_from_a_recording_in_parts(cut, whole, options, tmp_path):
+    messages = list(BagReader(cut).messages())
+    parts = [messages[:300], messages[300:301], messages[301:]]
+    folder = record(tmp_path / "bag", parts, "sqlite3", "file")
+    process(folder, tmp_path / "out.mcap", raw_images=True, **options)
+    assert (tmp_path / "out.mcap").read_bytes() == (whole[0] / "out.mcap").read_bytes()
+
+
+def test_an_absent_part_is_told(cut, options, tmp_path, capsys):
+    messages = list(BagReader(cut).messages())
+    folder = record(tmp_path / "bag", [messages[:600], messages[600:]])
+    (folder / "bag_1.mcap").unlink()
+    words = ["process", str(folder), "-o", str(tmp_path / "out.mcap"), "--no-images"]
+    assert main([*words, "--params", str(options["params"])]) == 1
+    told = capsys.readouterr().err
+    assert "bag: bag_1.mcap, named in metadata.yaml, is absent; " in told
+    assert told.count("\n") == 1
+
+
+def test_no_part_of_the_input_is_overwritten(cut, tmp_path):
+    folder = record(tmp_path / "bag", [list(BagReader(cut).messages())])
+    with pytest.raises(BagError, match=r"bag_0\.mcap: would overwrite the input .*bag_0\.mcap;"):
+        process(folder, folder / "bag_0.mcap")

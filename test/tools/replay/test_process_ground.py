@@ -1,14 +1,21 @@
-"""tirgeo process on the ground: clicks that a bag holds, and an elevation model under the map."""
+"""tirgeo process: clicks in a bag, an elevation model under the map, a heading that was set."""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
+from flights import flight
+from hover_bags import write_hover
+from process_bags import messages_of
 
 from tirgeo_ros.core.config import EkfConfig, OverlayConfig
+from tirgeo_ros.core.frames.heading import heading_of, wrapped
+from tirgeo_ros.core.types.measurements import SetHeading
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
-from tirgeo_ros.io.messages import TOPIC_TYPES, ground_point
+from tirgeo_ros.io.messages import TOPIC_TYPES, body_pose, ground_point
 from tirgeo_ros.io.parameters.parameter_file import load_config
 from tirgeo_ros.tools.replay.process import process
 
@@ -121,3 +128,23 @@ def test_a_map_that_goes_beyond_the_elevation_model_is_in_the_summary(clicked, s
     options = {"params": sample / "params.yaml", "map": path, "dem": dem}
     notes = process(clicked[0], tmp_path / "out.mcap", **options)["notes"]
     assert any(note.startswith("map: 1 of 2 features lie where the elev") for note in notes)
+
+
+SIGMA = math.radians(2.0)
+
+
+def test_a_set_heading_in_a_bag_begins_the_filter(tmp_path):
+    flown = flight(1, 6.0, "hover")
+    begin_ns, true_rad = flown.truth.stamp_ns[0], heading_of(flown.truth.q_nb[0])
+    told = SetHeading(begin_ns + 3_000_000_000, true_rad + SIGMA, SIGMA**2)
+    poses = []
+    for name, given in (("without", None), ("with", told)):
+        bag = write_hover(tmp_path / f"{name}.mcap", flown, given)
+        out = tmp_path / f"{name}_out.mcap"
+        process(bag, out, method="ekf", images=False)
+        poses.append([body_pose(one) for _, one in messages_of(out, "/tirgeo/odometry")])
+    silent, flying = poses
+    assert not silent
+    assert flying[0].stamp_ns - told.stamp_ns < 1_500_000_000
+    off_rad = wrapped(heading_of(flying[0].q_nb) - true_rad)
+    assert abs(off_rad - SIGMA) < 0.5 * SIGMA  # it is what was said, turned with the aircraft

@@ -1,4 +1,4 @@
-"""Allan variances against their definition and theory, and the noise that is fitted to them."""
+"""Allan variances by definition and theory, the noise fitted to them, white noise in flight."""
 
 from __future__ import annotations
 
@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from imu_noise import flicker, gauss_markov, noise, walk, white
+from imu_noise import FLIGHT_DENSITY as DENSITY
+from imu_noise import FLIGHT_HZ, flicker, flown, gauss_markov, noise, record, walk, white
 
 from tirgeo_ros.core.calibration.allan import noise_fit
 from tirgeo_ros.core.calibration.allan.deviation import allan_curve
+from tirgeo_ros.core.calibration.allan.flight_noise import PIECE_S, pieces_of
 from tirgeo_ros.core.calibration.allan.noise_fit import fit_noise
 
 HOURS_5 = 1_800_000  # samples at 100 Hz
@@ -211,3 +213,69 @@ def test_a_drift_is_taken_out():
     drifting = record + 1e-5 * 0.05 * np.arange(len(record))
     found = allan_curve([drifting[:, None]], 0.05, np.array([1e-5]))
     np.testing.assert_allclose(found.variances, curve_of(record, step_s=0.05).variances, rtol=1e-6)
+
+
+FLIGHT_STEP_S = 1 / FLIGHT_HZ
+DURATION_S = 120
+T_S = np.arange(DURATION_S * FLIGHT_HZ) * FLIGHT_STEP_S
+
+
+def white_noise(seed, density=DENSITY):
+    return white(np.random.default_rng(seed), (len(T_S), 6), density, FLIGHT_STEP_S)
+
+
+def measured(values, lost=None):
+    return pieces_of(record(values, FLIGHT_STEP_S, lost))
+
+
+@pytest.mark.parametrize("frequency_hz", [20.0, 61.3, 88.8])
+def test_lines_are_found_with_frequency_and_amplitude(frequency_hz):
+    values = flown(5, DURATION_S)
+    values[:, 3] += 2.0 * np.sin(2 * np.pi * frequency_hz * T_S)
+    found = measured(values)
+    (line,) = found.lines(3)
+    assert line.frequency_hz == pytest.approx(frequency_hz, abs=0.2)
+    # The noise beneath is within 2 % of the line's power; the median takes it away but for its own
+    # scatter.
+    assert line.amplitude == pytest.approx(2.0, rel=0.02)
+    assert found.lines(4) == []
+
+
+def test_a_wandering_line_is_one():
+    values = white_noise(6)
+    hz = 50 + 4 * np.sin(2 * np.pi * T_S / 17)
+    values[:, 5] += 8.0 * np.sin(2 * np.pi * np.cumsum(hz) * FLIGHT_STEP_S)
+    (line,) = measured(values).lines(5)
+    assert line.frequency_hz == pytest.approx(50, abs=0.5)
+    assert line.amplitude == pytest.approx(8.0, rel=0.03)
+
+
+def test_what_motion_leaves_above_eight_hertz_is_no_line():
+    values = white_noise(7)
+    values[:, 0] += np.cumsum(np.random.default_rng(1).standard_normal(len(T_S))) * 0.02
+    assert measured(values).lines(0) == []
+
+
+def test_idling_rotors_and_slow_turns_are_no_rest():
+    idling = white_noise(10, np.repeat([1.7e-4, 1.3e-2], 3))
+    idling[:, 5] += 9.8 + 1.5 * np.sin(2 * np.pi * 42 * T_S)
+    assert not measured(idling).at_rest.any()
+    turning = white_noise(11, np.repeat([1.7e-4, 1.3e-2], 3))
+    turning[:, 2] += 0.2
+    assert not measured(turning).at_rest.any()
+
+
+def test_a_few_lost_samples_are_bridged_and_gaps_passed_by():
+    values = white_noise(13)
+    lost = np.random.default_rng(2).random(len(values)) < 0.005
+    lost[30 * FLIGHT_HZ : 34 * FLIGHT_HZ] = True
+    found = measured(values, lost)
+    assert len(found.floors) == DURATION_S // PIECE_S - 2
+    # A sample on the line between its neighbours lacks part of the noise: 0.5 % of them do.
+    np.testing.assert_allclose(np.median(found.floors, axis=0), DENSITY, rtol=0.045)
+
+
+@pytest.mark.parametrize("rate_hz", [5, 10, 17, 18])
+def test_a_record_too_slow_for_vibration_has_no_pieces(rate_hz):
+    values = white(np.random.default_rng(0), (60 * rate_hz, 6), DENSITY, 1 / rate_hz)
+    assert not len(pieces_of(record(values, 1 / rate_hz)).floors)

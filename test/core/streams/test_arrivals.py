@@ -1,11 +1,15 @@
-"""What waits in several lanes comes out as it arrived, whatever lane it was found in first."""
+"""Order and stamps of arrival: lanes come out as they arrived, no stamp becomes the arrival."""
 
 from __future__ import annotations
 
+import dataclasses
+
+import message_samples as readings
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tirgeo_ros.core.streams.arrivals import ArrivalOrder
+from tirgeo_ros.core.streams.arrivals import ArrivalOrder, Arrivals
 
 
 def order_of(depth: int, *lanes: str) -> ArrivalOrder[str]:
@@ -50,3 +54,27 @@ def test_nothing_is_lost_or_doubled_and_lanes_that_rise_come_out_sorted(found):
     taken = rest(order)
     assert sorted(number for _, number in taken) == list(range(len(found)))
     assert [arrived_ns for arrived_ns, _ in taken] == sorted(ns for _, ns in found)
+
+
+SAMPLES = [
+    readings.IMU,
+    readings.POSITION,
+    readings.VELOCITY,
+    readings.HEADING,
+    readings.JOINTS,
+    readings.CAMERA_ATTITUDE,
+]
+
+
+@pytest.mark.parametrize("sample", SAMPLES, ids=lambda sample: type(sample).__name__)
+def test_what_has_no_stamp_gets_that_of_its_arrival(sample):
+    arrivals = Arrivals()
+    assert arrivals.stamped("some/topic", sample, 5_000) is sample
+    assert arrivals.counts == {}
+    without = dataclasses.replace(sample, stamp_ns=0)
+    stamped = arrivals.stamped("some/topic", without, 5_000)
+    assert stamped.stamp_ns == 5_000
+    for item in dataclasses.fields(sample):
+        if item.name != "stamp_ns":
+            assert getattr(stamped, item.name) is getattr(sample, item.name)
+    assert arrivals.diagnostics == {"stamped_at_arrival.some/topic": "1"}

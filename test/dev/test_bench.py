@@ -1,0 +1,187 @@
+"""What make bench says of filter, smoother, cores, DJI's bytes and DDS; its rivals fly well."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections import Counter
+
+import numpy as np
+import pytest
+from project import PROJECT
+
+from dev import bench_dji, bench_filter, bench_smoother
+from dev.bench_cores import core_figures
+from dev.bench_dds import times_of
+from dev.bench_pyins import pyins_is_installed, pyins_run
+from dev.bench_pyins_smoother import pyins_smoother_errors, smoothed_pyins
+from tirgeo_ros.core.accuracy.ground_errors import rms
+from tirgeo_ros.core.types.errors import GraphError
+from tirgeo_ros.dji.link.framing import FrameReader
+from tirgeo_ros.tools.replay.cut import cut
+from tirgeo_ros.tools.simulate.flight import fly
+from tirgeo_ros.tools.simulate.scenario import scenario_from
+
+
+def test_without_pyins_the_filter_is_measured_alone(monkeypatch):
+    monkeypatch.setattr(bench_filter, "_RUNS", 1)
+    monkeypatch.setattr(bench_filter, "_FLIGHT_S", 25.0)
+    monkeypatch.setattr(bench_filter, "pyins_is_installed", lambda: False)
+    own, rival = bench_filter.filter_times()
+    assert rival is None
+    assert 1e-6 < own.cost_s < 1e-2  # per sample, not per flight
+    assert 0 < own.tilt_deg < 0.3
+    assert 0 < own.heading_deg < 0.3
+    assert 0 < own.position_m < 0.05
+
+
+@pytest.mark.slow
+@pytest.mark.long
+def test_a_long_flight_is_measured_at_both_ends(monkeypatch):
+    monkeypatch.setattr(bench_filter, "_HOUR_MINUTES", 3)
+    monkeypatch.setattr(bench_filter, "_COMPARED_MINUTES", 1)
+    told = []
+    times = bench_filter.long_times(lambda done, total: told.append((done, total)))
+    assert told == [(0, 3), (1, 3), (2, 3)]
+    assert 1e-6 < times.first_s < 1e-2
+    # Of the same samples; a busy machine makes CPU times differ, though not threefold.
+    assert 1 / 3 < times.last_s / times.first_s < 3
+
+
+@pytest.mark.slow
+@pytest.mark.long
+@pytest.mark.skipif(not pyins_is_installed(), reason="pyins is not installed: make bench does")
+def test_pyins_is_given_what_it_needs_to_be_good():
+    """What a cost is worth depends on the accuracy: 0.12 deg and 2 cm, as the filter's own."""
+    flight = fly(scenario_from({"duration_s": 30.0}), 3)
+    rival = pyins_run(flight)
+    late = rival.errors(rival.run()).after(20.0)
+    assert len(late.t_s) == 1000
+    assert np.degrees(rms(late.rpy)).max() < 0.12
+    assert rms(late.state[:, :3]).max() < 0.02
+
+
+@pytest.mark.slow
+def test_without_pyins_the_smoother_is_measured_alone(monkeypatch):
+    monkeypatch.setattr(bench_smoother, "_RUNS", 1)
+    monkeypatch.setattr(bench_filter, "_FLIGHT_S", 25.0)
+    monkeypatch.setattr(bench_smoother, "pyins_is_installed", lambda: False)
+    own, rival = bench_smoother.smoother_times()
+    assert rival is None
+    assert 1e-6 < own.cost_s < 1e-2  # per sample, not per flight
+    assert 0 < own.tilt_deg < 0.2
+    assert 0 < own.position_m < 0.03
+
+
+@pytest.mark.slow
+@pytest.mark.long
+def test_the_cost_of_an_hour_is_that_of_its_passes():
+    cost = bench_smoother._hour_cost(2)
+    assert 1e6 < cost.peak_bytes < 1e9
+    assert cost.ratio > 1.0  # the second pass alone is the filter and more
+    assert 0 < cost.backward_s < cost.first_s
+
+
+@pytest.mark.slow
+@pytest.mark.long
+@pytest.mark.skipif(not pyins_is_installed(), reason="pyins is not installed: make bench does")
+def test_pyins_is_better_smoothed_than_filtered():
+    flight = bench_filter.bench_flight()
+    run = pyins_run(flight)
+    filtered = run.errors(run.run()).after(20.0)
+    smoothed = pyins_smoother_errors(run, smoothed_pyins(run)).after(20.0)
+    assert len(smoothed.t_s) > 190  # ten a second
+    assert (rms(smoothed.state[:, :3]) < 0.8 * rms(filtered.state[:, :3])).all()
+    assert np.degrees(rms(smoothed.rpy)).max() < 0.06
+
+
+@pytest.mark.slow
+def test_each_kind_is_run_and_the_outputs_are_compared(sample, tmp_path):
+    for name in ("params.yaml", "map.geojson"):
+        shutil.copy(sample / name, tmp_path)
+    cut(sample / "flight.mcap", tmp_path / "flight.mcap", end=3.0)
+    found = {one.what: one.value for one in core_figures(tmp_path, 1, "out.mp4", PROJECT)}
+    times = [value for name, value in found.items() if name.startswith("process with images")]
+    assert len(times) == 6
+    assert min(times) > 0.5  # s: Python and OpenCV alone take as long to load
+    one_core_s = found["process with images, one core"]
+    gain = one_core_s / found["process with images, all cores"]
+    assert found["all cores over one"] == pytest.approx(gain)
+    assert found["different outputs"] == 0
+
+
+@pytest.fixture(scope="module")
+def frames():
+    return list(bench_dji.capture(2))
+
+
+def test_the_capture_is_what_an_aircraft_sends(frames):
+    reader = FrameReader()
+    found = reader.feed(b"".join(frames))
+    assert reader.counts["skipped_bytes"] == reader.held == 0
+    kinds = Counter((f.cmd_id, f.value[0] if f.cmd_id == 5 else None) for f in found)
+    rates_hz = {kind: count / 2 for kind, count in kinds.items()}
+    assert rates_hz == {
+        (0, None): 100,
+        (5, 0): 5,
+        (5, 1): 50,
+        (5, 2): 100,
+        (5, 3): 400,
+        (5, 4): 200,
+    }
+    masks = Counter(f.value[:2].hex() for f in found if f.cmd_id == 0)
+    assert masks == {"ff3f": 20, "ff0e": 80, "1700": 100}
+    # It must fit the line that it stands for: 92160 bytes a second at 921600 baud.
+    assert 0.75 < sum(map(len, frames)) / (2 * 92160) < 0.85
+
+
+@pytest.mark.parametrize("read", [1, bench_dji.PORT_READ, bench_dji.FILE_READ])
+def test_all_of_it_is_decoded(frames, read):
+    assert bench_dji.decode(b"".join(frames), read) == len(frames) == 1710
+
+
+START, FRAME, MS = 1_700_000_000_000_000_000, 33_333_333, 1_000_000
+SENT = [START + k * FRAME for k in range(420)]
+#: Those after the first five seconds, and a stamp is sent later than the fifth second's end.
+COUNTED = [stamp for stamp in SENT if stamp > START + 5_000_000_000]
+
+
+def run(shown, *, lines=True, inside_ms=6.5, node="overlay_node", spent_s=1.8):
+    """As read from the files."""
+    words = {"shown": shown, "lines": lines, "inside_ms": inside_ms}
+    return times_of({"sent": SENT}, json.loads(json.dumps(words)), node, spent_s)
+
+
+def test_median_and_percentile_are_those_of_the_settled_frames():
+    ages = np.random.default_rng(1).integers(5 * MS, 20 * MS, len(SENT))
+    slow_start = np.where(np.isin(SENT, COUNTED), ages, 900 * MS)
+    found = run([[stamp, int(age)] for stamp, age in zip(SENT, slow_start, strict=True)])
+    settled = np.sort(ages[np.isin(SENT, COUNTED)]) * 1e-9
+    assert found.sent == len(COUNTED) == 269
+    assert found.lost == 0
+    # Between the two values next to the place in order, whatever way is taken between them.
+    assert settled[133] <= found.p50_s <= settled[135]
+    assert settled[254] <= found.p95_s <= settled[256]
+    assert found.cpu_s == pytest.approx(1.8 / 420)
+    assert found.inside_s == pytest.approx(6.5e-3)
+
+
+def test_frames_without_a_picture_are_lost_and_strange_pictures_do_not_count():
+    shown = [[stamp, 8 * MS] for stamp in COUNTED[::2]]
+    strange = [[START - FRAME, 5_000 * MS], [COUNTED[-1] + FRAME, 5_000 * MS]]
+    found = run([*strange, *shown])
+    assert found.lost == len(COUNTED) // 2
+    assert found.p95_s == pytest.approx(8e-3)
+
+
+@pytest.mark.parametrize(
+    ("shown", "lines", "message"),
+    [
+        ([[stamp, MS] for stamp in SENT], False, "no picture with lines"),
+        ([], True, "overlay_node gave next to no pictures"),
+        ([[stamp, MS] for stamp in SENT[:30]], True, "next to no pictures"),
+    ],
+)
+def test_a_run_that_measured_nothing_is_an_error(shown, lines, message):
+    with pytest.raises(GraphError, match=message):
+        run(shown, lines=lines)
