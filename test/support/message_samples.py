@@ -25,7 +25,7 @@ from tirgeo_ros.core.types.measurements import (
 )
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus, Outcome
-from tirgeo_ros.io.messages import Messages, answer_item
+from tirgeo_ros.io.messages import Messages, answer_item, navigation_item
 
 STAMP_NS = 1_700_000_000_123_456_789
 Q = canonical(np.array([0.8, -0.3, 0.2, 0.4]))
@@ -139,6 +139,6 @@ EVERY_MESSAGE: dict[str, tuple[str, Callable[[Messages], Any]]] = {
     "findings": ("std_msgs/msg/String", lambda m: m.findings("/ekf_node", STAMP_NS, [FINDING])),
     "diagnostics": (
         "diagnostic_msgs/msg/DiagnosticArray",
-        lambda m: m.diagnostics(STAMP_NS, [m.navigation_diagnostic("ekf_node: state", STATUS)]),
+        lambda m: m.diagnostics(STAMP_NS, [navigation_item("ekf_node: state", STATUS)]),
     ),
 }

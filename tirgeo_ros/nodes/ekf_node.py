@@ -20,7 +20,12 @@ from tirgeo_ros.core.types.errors import MessageError
 from tirgeo_ros.core.types.measurements import NavigationInput, Source
 from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus, Outcome, Verdict
-from tirgeo_ros.io.messages import NAVIGATION_INPUTS, TOPIC_TYPES, DiagnosticItem
+from tirgeo_ros.io.messages import (
+    NAVIGATION_INPUTS,
+    TOPIC_TYPES,
+    DiagnosticItem,
+    navigation_item,
+)
 from tirgeo_ros.nodes.graph_node import GraphNode
 from tirgeo_ros.nodes.graph_watch import OtherPublishers
 from tirgeo_ros.nodes.inbox import Inbox
@@ -181,7 +186,7 @@ class EkfNode(GraphNode):
         return [self._item(status), self._setup.item()]
 
     def _item(self, status: NavigationStatus) -> DiagnosticItem:
-        item = self.messages.navigation_diagnostic(self.item_name("navigation"), status)
+        item = navigation_item(self.item_name("navigation"), status)
         item.values.update(self._arrivals.diagnostics | self._inbox.diagnostics)
         return item
 

@@ -74,7 +74,7 @@ def test_a_diagnostic_names_its_aircraft(space, aircraft):
 
 
 def test_navigation_status_round_trip():
-    item = made.navigation_diagnostic("ekf_node: state", given.STATUS)
+    item = messages.navigation_item("ekf_node: state", given.STATUS)
     (message,) = through_cdr(made.diagnostics(0, [item])).status
     status = messages.navigation_status(message)
     assert status.heading_sigma_rad == pytest.approx(given.STATUS.heading_sigma_rad, rel=1e-15)
@@ -85,13 +85,13 @@ def test_navigation_status_round_trip():
 
 def test_a_warning_while_running_is_the_message():
     status = dataclasses.replace(given.STATUS, state=FilterState.RUNNING, reason="")
-    item = made.navigation_diagnostic("n", status)
+    item = messages.navigation_item("n", status)
     assert item.level == 1
     assert item.message == "running: imu/data: accelerometer x clipped; another"
     assert item.values["clipped.accelerometer x"] == "12"
     lost = dataclasses.replace(status, state=FilterState.LOST, reason="far off")
-    assert made.navigation_diagnostic("n", lost).level == 2
-    assert made.navigation_diagnostic("n", lost).message == "lost: far off"
+    assert messages.navigation_item("n", lost).level == 2
+    assert messages.navigation_item("n", lost).message == "lost: far off"
 
 
 @pytest.mark.parametrize(
@@ -107,14 +107,14 @@ def test_a_warning_while_running_is_the_message():
 )
 def test_every_state_has_its_level_and_comes_back(state, level):
     given_status = dataclasses.replace(given.STATUS, state=state, reason="", warnings=())
-    item = made.navigation_diagnostic("n", given_status)
+    item = messages.navigation_item("n", given_status)
     assert (item.level, item.message) == (level, state.value)
     (message,) = through_cdr(made.diagnostics(0, [item])).status
     assert messages.navigation_status(message).state is state
 
 
 def test_a_recording_without_time_and_resets_is_read():
-    item = made.navigation_diagnostic("n", given.STATUS)
+    item = messages.navigation_item("n", given.STATUS)
     new = {"state_time_s", "last_reset", "reset.rtk_position", "reset.rtk_heading"}
     new |= {"clipped.accelerometer x", "warnings"}
     assert new <= item.values.keys()
@@ -136,7 +136,7 @@ def test_a_recording_without_time_and_resets_is_read():
     ],
 )
 def test_other_diagnostics_are_no_navigation_status(key, value):
-    item = made.navigation_diagnostic("other", given.STATUS)
+    item = messages.navigation_item("other", given.STATUS)
     values = {k: (value if k == key else v) for k, v in item.values.items()}
     values = {k: v for k, v in values.items() if v is not None}
     changed = messages.DiagnosticItem("other", 0, "", values)

@@ -23,6 +23,7 @@ from tirgeo_ros.io.messages.diagnostics import (
     diagnostic_level,
     finding_row,
     findings_of,
+    navigation_item,
     navigation_status,
 )
 from tirgeo_ros.io.messages.encode import Messages
@@ -70,6 +71,7 @@ __all__ = [
     "imu_sample",
     "joint_sample",
     "marked_places",
+    "navigation_item",
     "navigation_status",
     "pixel",
     "pixels",

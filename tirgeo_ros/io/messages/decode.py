@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from tirgeo_ros.core.frames.axes import quat_turned_both
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.streams.sanity_checks import place_fault
 from tirgeo_ros.core.types.arrays import Array
@@ -28,11 +29,11 @@ from tirgeo_ros.core.types.measurements import (
 )
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose
 from tirgeo_ros.io.messages.message_axes import (
+    COMPUTED_FROM,
+    JOINT_SIGNS,
     covariance_turned_world,
-    quat_turned_both,
     quat_turned_world,
 )
-from tirgeo_ros.io.messages.topics import COMPUTED_FROM, JOINT_SIGNS
 
 _ABSENT = -1.0  # first entry of a covariance whose value is absent (sensor_msgs/Imu)
 _COVARIANCE_TYPE_UNKNOWN = 0

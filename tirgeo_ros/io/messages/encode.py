@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.frames.axes import quat_turned_both
 from tirgeo_ros.core.frames.rotations import rotation_of
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.ground_point import Located
@@ -26,19 +27,18 @@ from tirgeo_ros.core.types.measurements import (
     VelocitySample,
 )
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
-from tirgeo_ros.core.types.verdicts import NavigationStatus
-from tirgeo_ros.io.messages.diagnostics import DiagnosticItem, findings_text, navigation_item
+from tirgeo_ros.io.messages.diagnostics import DiagnosticItem, findings_text
 from tirgeo_ros.io.messages.frame_messages import FrameMessages
 from tirgeo_ros.io.messages.message_axes import (
+    COMPUTED_FROM,
+    JOINT_SIGNS,
     NO_TURN,
     covariance_turned_world,
     positive,
-    quat_turned_both,
     quat_turned_world,
 )
 from tirgeo_ros.io.messages.message_parts import COVARIANCE_KNOWN
 from tirgeo_ros.io.messages.target_messages import TargetMessages
-from tirgeo_ros.io.messages.topics import COMPUTED_FROM, JOINT_SIGNS
 
 #: Variance of an unknown value, where a reader takes any number for a variance: so large that it
 #: has no weight. (rad/s)^2 in a twist, rad^2 in a heading message's roll and pitch.
@@ -249,11 +249,6 @@ class Messages(FrameMessages, TargetMessages):
             for item in items
         ]
         return self.stamped("diagnostic_msgs/msg/DiagnosticArray", stamp_ns, "", status=status)
-
-    @staticmethod
-    def navigation_diagnostic(name: str, status: NavigationStatus) -> DiagnosticItem:
-        """Return the estimator's status; ``navigation_status`` is the inverse."""
-        return navigation_item(name, status)
 
     def _body_twist(self, solution: NavSolution) -> Any:
         axes_n = _body_axes_n(solution)
