@@ -13,8 +13,8 @@ from message_samples import STATUS
 from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.core.types.verdicts import FilterState, Outcome
 from tirgeo_ros.io.bags.cdr import Cdr
-from tirgeo_ros.io.messages import DiagnosticItem, Messages
-from tirgeo_ros.nodes.aircraft_state import Heard
+from tirgeo_ros.io.messages import DiagnosticItem, Messages, navigation_item
+from tirgeo_ros.nodes.aircraft_topics import Reports
 from tirgeo_ros.nodes.aircraft_verdict import STREAMS, Judge
 
 MESSAGES = Messages(Cdr().types)
@@ -37,8 +37,8 @@ class Graph:
         self.now_s, self.status, self.worst, self.no_map = 1000.0, RUNNING, NOTE, ""
         self.stopped: set[str] = set()
         self.last_s: dict[str, float] = {}
-        self.heard = Heard()
-        self.judge = Judge(self.heard)
+        self.reports = Reports()
+        self.judge = Judge(self.reports, self.last_s.get)
 
     def runs(self, seconds: float):
         """Every verdict until then, with the time since the start of the call."""
@@ -55,7 +55,7 @@ class Graph:
                 self.last_s[topic] = self.now_s
         for node in NODES.keys() - self.stopped:
             self.report(node)
-        return self.judge.look(self.now_s, self.last_s.get, self.worst, self.no_map)
+        return self.judge.look(self.now_s, self.worst, self.no_map)
 
     def report(self, node):
         if int(self.now_s / TICK_S) % 5 != len(node) % 5:  # once a second, each at its own time
@@ -67,10 +67,10 @@ class Graph:
         }
         items = {"topics": DiagnosticItem("", 0, "ok", ages)}
         if node == "ekf_node":
-            items["navigation"] = MESSAGES.navigation_diagnostic("", self.status)
+            items["navigation"] = navigation_item("", self.status)
         for subject, item in items.items():
             status = MESSAGES.diagnostics(0, [item]).status[0]
-            self.heard.take(self.now_s, f"{node}: {subject}", status)
+            self.reports.take(self.now_s, f"{node}: {subject}", status)
 
     def stop(self, *names):
         """Nothing comes of these from now on, nor what is made of it."""
@@ -125,7 +125,7 @@ def test_the_first_in_the_order_is_the_cause_of_what_ends_together(flight):
 def test_a_halt_of_this_node_is_no_silence_of_others(flight):
     for _ in range(10):
         flight.now_s += 2.0  # it did not run: the first look is before what waits is taken
-        assert flight.judge.look(flight.now_s, flight.last_s.get, NOTE, "").word == "GO"
+        assert flight.judge.look(flight.now_s, NOTE, "").word == "GO"
         assert {verdict.word for _, verdict in flight.runs(2)} == {"GO"}
 
 

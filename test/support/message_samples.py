@@ -67,7 +67,7 @@ TARGET = MarkedPlace("1 fire: barn", 0.55001, -2.10002, 95.5, covariance(3, 4))
 LOCATED = Located(
     STAMP_NS, (12.25, 200.5), np.array([1.0, 2.0, 3.0]), covariance(3, 5), 0.55, -2.1, 99.5
 )
-FINDING = Finding("rtk_vel_up", Severity.STOP, "up: 1 m/s", "rtk/vel", "give ENU: z is up")
+FINDING = Finding("rtk_vel_up", Severity.STOP, "up: 1 m/s", "rtk/vel", "ENU: z up; psdk: its key")
 STATUS = NavigationStatus(
     "ekf_heading",
     FilterState.ALIGNING,

@@ -18,10 +18,10 @@ from tirgeo_ros.io.messages import DiagnosticItem
 from tirgeo_ros.io.video.frame_metadata import FrameMetadata
 from tirgeo_ros.io.video.live_stream import LiveStream
 from tirgeo_ros.io.video.video_file import VideoFile
+from tirgeo_ros.nodes.aircraft_topics import AircraftTopics, listen_to_diagnostics, terrain_of
 from tirgeo_ros.nodes.graph_node import GraphNode
 from tirgeo_ros.nodes.monitor import OK, WARN
 from tirgeo_ros.nodes.runner import run
-from tirgeo_ros.nodes.seen_aircraft import SeenAircraft, listen_to_diagnostics, terrain_of
 
 
 class VideoWriter(GraphNode):
@@ -38,7 +38,7 @@ class VideoWriter(GraphNode):
         self._metadata = FrameMetadata(*known)
         self._film = VideoFile(Path(config.output), growing=True) if config.output else None
         self._stream = LiveStream(config.stream, self._metadata) if config.stream else None
-        self._aircraft = SeenAircraft(self, "", terrain_of(config), self._take)
+        self._aircraft = AircraftTopics(self, "", terrain_of(config), self._take)
         listen_to_diagnostics(self, [self._aircraft])
         self.resources = self._open()
         self.report_each_second(self._items)
