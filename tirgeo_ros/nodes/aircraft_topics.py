@@ -163,7 +163,7 @@ class AircraftTopics:
         for topic, tape in ((POSE, self._camera_poses), (ODOMETRY, self._body_poses)):
             self.listen(topic, partial(self._tape, topic, tape), STREAM_DEPTH, decoded=False)
         for topic in (INFO, FOOTPRINT):
-            self.keep(topic)
+            self.listen(topic, partial(self._keep, topic), 1, decoded=False)
         self.listen(VIDEO, self._take_picture, IMAGE_DEPTH)
         self.listen("tirgeo/origin", self._take_origin)
 
@@ -173,10 +173,6 @@ class AircraftTopics:
         """Have each message of a topic of the contract taken; of depth 0 also the latched one."""
         name, qos = f"{self._prefix}{topic}", output(depth) if depth else latched()
         self._node.listen(name, take, qos, TOPIC_TYPES[topic], raw=True, decoded=decoded)
-
-    def keep(self, topic: str) -> None:
-        """Keep the newest message of a topic."""
-        self.listen(topic, partial(self._keep, topic), 1, decoded=False)
 
     def newest(self, topic: str) -> Any:
         """Return the newest message of a kept topic, or None."""
@@ -203,14 +199,10 @@ class AircraftTopics:
     def _take_picture(self, message: Any) -> None:
         stamp = stamp_ns(message)
         if stamp < self.newest_ns - _BACK_NS:
-            self.forget()
+            self._newest.clear()  # a flight before: the clock was set back
         self.newest_ns = stamp
         self._keep(VIDEO, b"")
         self._show(stamp, bytes(message.data))
-
-    def forget(self) -> None:
-        """Forget a flight before: the clock was set back."""
-        self._newest.clear()
 
     def _take_origin(self, message: Any) -> None:
         self.plane, self.map_frame = tangent_plane(message), message.header.frame_id

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 
@@ -45,15 +45,12 @@ class VideoWriter(GraphNode):
 
     @contextmanager
     def _open(self) -> Iterator[None]:
-        try:
-            if self._film is None:
-                yield
-            else:
-                with self._film:
-                    yield
-        finally:
+        with ExitStack() as ends:
             if self._stream is not None:
-                self._stream.close()
+                ends.callback(self._stream.close)
+            if self._film is not None:
+                ends.enter_context(self._film)
+            yield
 
     def _take(self, stamp_ns: int, jpeg: bytes) -> None:
         exposure_ns = self._aircraft.exposure_ns(stamp_ns)

@@ -15,7 +15,7 @@ from tirgeo_ros.core.frames.rotations import rotation_of
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.navigation.strapdown import cross
-from tirgeo_ros.core.types.arrays import Array, Vector
+from tirgeo_ros.core.types.arrays import Array, Quaternion, Vector
 from tirgeo_ros.core.types.finding import Finding
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
@@ -67,11 +67,10 @@ class Messages(FrameMessages, TargetMessages):
 
     def heading(self, sample: HeadingSample) -> Any:
         """Return ``sensor_msgs/Imu`` with the heading as ENU yaw; all else is marked as absent."""
-        half = 0.5 * (0.5 * math.pi - sample.heading_rad)
         covariance = np.zeros(9)
         covariance[[0, 4, 8]] = UNKNOWN_VARIANCE, UNKNOWN_VARIANCE, sample.variance_rad2
-        turned = (math.cos(half), 0.0, 0.0, math.sin(half))
         nothing = (np.zeros(3), _absent())
+        turned = _yaw(sample.heading_rad)
         return self._imu(sample.stamp_ns, (turned, covariance), nothing, nothing)
 
     def nav_sat_fix(self, sample: PositionSample, frame_id: str) -> Any:
@@ -150,10 +149,9 @@ class Messages(FrameMessages, TargetMessages):
 
     def set_heading(self, sample: SetHeading) -> Any:
         """Return ``geometry_msgs/PoseWithCovarianceStamped``: the yaw and its variance alone."""
-        half = 0.5 * (0.5 * math.pi - sample.heading_rad)
         covariance = np.zeros((6, 6))
         covariance[5, 5] = sample.variance_rad2
-        turned = (math.cos(half), 0.0, 0.0, math.sin(half))
+        turned = _yaw(sample.heading_rad)
         return self._map_pose(sample.stamp_ns, np.zeros(3), turned, covariance)
 
     def pixel(self, stamp_ns: int, u: float, v: float) -> Any:
@@ -261,11 +259,15 @@ class Messages(FrameMessages, TargetMessages):
         return self._twist(linear, (x, -y, -z), flat)
 
 
+def _yaw(heading_rad: float) -> Quaternion:
+    """Return the turn about up, FLU to ENU, of a level body with this heading."""
+    half = 0.5 * (0.5 * math.pi - heading_rad)
+    return math.cos(half), 0.0, 0.0, math.sin(half)
+
+
 def _absent() -> Array:
     """Return the (9,) covariance that marks a value as absent (sensor_msgs/Imu)."""
-    covariance = np.zeros(9)
-    covariance[0] = -1.0
-    return covariance
+    return np.array([-1.0, *[0.0] * 8])
 
 
 def _body_axes_n(solution: NavSolution) -> tuple[Vector, Vector, Vector]:
