@@ -25,6 +25,9 @@ NODES = {
     "gimbal_node": ("gimbal/joint_states", "gimbal/attitude"),
     "overlay_node": ("thermal/image_raw", "thermal/camera_info"),
 }
+#: Each topic's node; the sensors' have none here.
+MADE_BY = {topic: "" for topics in NODES.values() for topic in topics}
+MADE_BY |= {stream.topic: stream.node for stream in STREAMS}
 NOTE = Severity.NOTE
 WENT_BACK = {"state": FilterState.ALIGNING, "began_again": Outcome.TIME_JUMP}
 RUNNING = replace(STATUS, state=FilterState.RUNNING, reason="", began_again=None)
@@ -48,10 +51,8 @@ class Graph:
             yield self.now_s - start_s, self.look()
 
     def look(self):
-        inputs = {topic for topics in NODES.values() for topic in topics}
-        nodes = {stream.topic: stream.node for stream in STREAMS}
-        for topic in ({*inputs} | {*nodes}) - self.stopped:
-            if nodes.get(topic) not in self.stopped:
+        for topic, node in MADE_BY.items():
+            if self.stopped.isdisjoint((topic, node)):
                 self.last_s[topic] = self.now_s
         for node in NODES.keys() - self.stopped:
             self.report(node)
@@ -60,21 +61,14 @@ class Graph:
     def report(self, node):
         if int(self.now_s / TICK_S) % 5 != len(node) % 5:  # once a second, each at its own time
             return
-        ages = {
-            f"{t} age [s]": str(self.now_s - self.last_s[t])
-            for t in NODES[node]
-            if t in self.last_s
-        }
+        heard_s = {topic: self.last_s[topic] for topic in NODES[node] if topic in self.last_s}
+        ages = {f"{topic} age [s]": str(self.now_s - s) for topic, s in heard_s.items()}
         items = {"topics": DiagnosticItem("", 0, "ok", ages)}
         if node == "ekf_node":
             items["navigation"] = navigation_item("", self.status)
         for subject, item in items.items():
             status = MESSAGES.diagnostics(0, [item]).status[0]
             self.reports.take(self.now_s, f"{node}: {subject}", status)
-
-    def stop(self, *names):
-        """Nothing comes of these from now on, nor what is made of it."""
-        self.stopped |= {*names}
 
 
 @pytest.fixture
@@ -101,7 +95,7 @@ def flight():
     ],
 )
 def test_silence_ends_go_within_a_second_and_its_cause_is_named(flight, stopped, text, more):
-    flight.stop(*stopped)
+    flight.stopped |= {*stopped}
     verdicts = [*flight.runs(7)]
     # A look each 0.2 s, of which the last before the limit may still say GO.
     assert all(verdict.word != "GO" for since_s, verdict in verdicts if since_s > 1.2 + 1e-6)
@@ -115,9 +109,9 @@ def test_silence_ends_go_within_a_second_and_its_cause_is_named(flight, stopped,
 
 
 def test_the_first_in_the_order_is_the_cause_of_what_ends_together(flight):
-    flight.stop(PICTURE)  # the last picture came 0.4 s before the last of the others
+    flight.stopped |= {PICTURE}  # the last picture came 0.4 s before the last of the others
     assert {verdict.word for _, verdict in flight.runs(0.4)} == {"GO"}
-    flight.stop("imu/data", ODOMETRY, POSE, "thermal/image_raw")
+    flight.stopped |= {"imu/data", ODOMETRY, POSE, "thermal/image_raw"}
     kinds = [verdict.kind for _, verdict in flight.runs(5) if verdict.word != "GO"]
     assert {*kinds} == {"position"}
 
@@ -131,7 +125,7 @@ def test_a_halt_of_this_node_is_no_silence_of_others(flight):
 
 def test_there_is_no_go_before_the_first_picture():
     graph = Graph()
-    graph.stop(PICTURE, "thermal/image_raw")
+    graph.stopped |= {PICTURE, "thermal/image_raw"}
     verdicts = [verdict for _, verdict in graph.runs(12)]
     assert {verdict.word for verdict in verdicts} == {"NO DATA"}
     assert verdicts[-1].text == "No picture"

@@ -20,13 +20,7 @@ from tirgeo_ros.core.gimbal.pose_buffer import Miss
 from tirgeo_ros.core.ground.frame_geometry import Sight
 from tirgeo_ros.core.types.errors import MessageError
 from tirgeo_ros.io.bags.cdr import Cdr
-from tirgeo_ros.io.messages import (
-    TOPIC_TYPES,
-    Messages,
-    camera_pose,
-    finding_row,
-    navigation_item,
-)
+from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, camera_pose, finding_row, navigation_item
 from tirgeo_ros.nodes import aircraft_view as view
 from tirgeo_ros.nodes.aircraft_topics import SILENT_S, PoseTape, Reports, level_of, number
 

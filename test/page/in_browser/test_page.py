@@ -6,20 +6,23 @@ import asyncio
 import json
 import queue
 import sqlite3
+from dataclasses import replace
 
 import cv2
 import numpy as np
 import pyogrio
 import pytest
 from browser import DESK, LEVEL, PHONE, TABLET
+from message_samples import FINDING
+from overlays import luminance
 from page_backend import M_PER_PIXEL, SimulatedBackend
 from page_clients import tile_file
 from served_page import ELLIPSE, corner_in, corner_on, off_corner, well
 
 from tirgeo_ros.core.types.errors import BagError
+from tirgeo_ros.core.types.finding import Severity
+from tirgeo_ros.io.messages import finding_row
 from tirgeo_ros.io.targets.store import MOST_NAME
-
-FINDING = {"title": "no fix", "text": "status 1 for 5 s", "mend": "wait"}
 
 
 @pytest.fixture(autouse=True)
@@ -219,7 +222,7 @@ def test_everything_fits_a_glove_hits_it_and_axe_finds_no_fault(serve, tablet, m
             screen.tap_on(tap)
         assert screen.faults() == [], tap
     for state in ("degraded", "lost"):
-        findings = [FINDING | {"severity": severity} for severity in ("error", "warning", "note")]
+        findings = [finding_row(replace(FINDING, severity=severity)) for severity in Severity]
         navigation = {"state": state, "reason": "no RTK"}
         well(monkeypatch, navigation=navigation, no_map=state, findings=findings)
         screen.reads("#banner", state)
@@ -297,7 +300,5 @@ def test_red_light_leaves_lines_visible(serve, tablet):
 
 def contrast(*colours):
     """Return the contrast ratio of two colours, BGR of 0 to 255, as WCAG 2.2 defines it."""
-    parts = np.array([[*colour] for colour in colours]) / 255
-    linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
-    light = linear @ (0.0722, 0.7152, 0.2126) + 0.05
+    light = luminance([[*colour] for colour in colours]) + 0.05
     return light.max() / light.min()
