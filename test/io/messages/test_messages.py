@@ -33,6 +33,7 @@ from tirgeo_ros.core.types.measurements import (
 from tirgeo_ros.core.types.verdicts import FilterState
 from tirgeo_ros.io import messages
 from tirgeo_ros.io.messages import SENSED_SAMPLES, sensed
+from tirgeo_ros.io.messages.decode import heading_sample, position_sample, velocity_sample
 from tirgeo_ros.io.messages.encode import UNKNOWN_VARIANCE
 
 unit = st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(
@@ -55,7 +56,7 @@ ROUND_TRIPS = {
         given.POSITION,
         lambda sample: made.nav_sat_fix(sample, "rtk"),
         "rtk",
-        lambda message: messages.position_sample(message, Source.RTK_POSITION),
+        lambda message: position_sample(message, Source.RTK_POSITION),
     ),
     "camera attitude": (
         given.CAMERA_ATTITUDE,
@@ -113,10 +114,10 @@ def test_bad_quaternion_goes_through_for_the_core_to_judge(number):
 def test_unknown_covariance_becomes_zero():
     message = made.nav_sat_fix(given.POSITION, "rtk")
     message.position_covariance_type = 0
-    assert not messages.position_sample(message, Source.RTK_POSITION).covariance_n.any()
+    assert not position_sample(message, Source.RTK_POSITION).covariance_n.any()
     message.position_covariance_type = 3
     message.position_covariance[0] = -1
-    assert not messages.position_sample(message, Source.RTK_POSITION).covariance_n.any()
+    assert not position_sample(message, Source.RTK_POSITION).covariance_n.any()
 
 
 @pytest.mark.parametrize(
@@ -126,21 +127,21 @@ def test_unknown_covariance_becomes_zero():
 def test_fix_status(number, status):
     message = made.nav_sat_fix(given.POSITION, "rtk")
     message.status.status = number
-    assert messages.position_sample(message, Source.GPS_POSITION).status is FixStatus[status]
+    assert position_sample(message, Source.GPS_POSITION).status is FixStatus[status]
 
 
 def test_velocity_round_trip():
     message = through_cdr(made.velocity(given.VELOCITY, "rtk"))
     assert (message.twist.twist.linear.x, message.twist.twist.linear.z) == (2.0, 0.5)
     assert message.twist.covariance[21] == UNKNOWN_VARIANCE
-    sample = messages.velocity_sample(message, Source.RTK_VELOCITY)
+    sample = velocity_sample(message, Source.RTK_VELOCITY)
     assert_array_equal(sample.velocity_n, given.VELOCITY.velocity_n)
     assert_array_equal(sample.covariance_n, given.VELOCITY.covariance_n)
 
 
 @drawn(st.floats(0, 2 * math.pi, exclude_max=True))
 def test_heading_round_trip(heading_rad):
-    sample = messages.heading_sample(made.heading(HeadingSample(5, heading_rad, 0.01)))
+    sample = heading_sample(made.heading(HeadingSample(5, heading_rad, 0.01)))
     turn = sample.heading_rad - heading_rad
     assert 0 <= sample.heading_rad <= 2 * math.pi
     # Near 180 deg of yaw the half angle keeps all digits; a few roundings of numbers up to 2 pi.
@@ -160,7 +161,7 @@ def test_heading_of_a_tilted_or_scaled_quaternion():
     message = made.imu(ImuSample(0, np.zeros(3), np.zeros(3), quat_from_euler(0.1, 0.2, 1.0)))
     for axis in "wxyz":
         setattr(message.orientation, axis, 3 * getattr(message.orientation, axis))
-    assert messages.heading_sample(message).heading_rad == pytest.approx(1.0, abs=EXACT)
+    assert heading_sample(message).heading_rad == pytest.approx(1.0, abs=EXACT)
 
 
 @pytest.mark.parametrize("number", [0.0, math.nan])
@@ -168,7 +169,7 @@ def test_heading_of_no_quaternion_is_nan(number):
     message = made.heading(given.HEADING)
     for axis in "wxyz":
         setattr(message.orientation, axis, number)
-    assert math.isnan(messages.heading_sample(message).heading_rad)
+    assert math.isnan(heading_sample(message).heading_rad)
 
 
 def test_joints_turn_the_camera_as_their_flu_chain_does():
@@ -367,7 +368,7 @@ def test_the_fix_is_the_place_with_its_covariance_in_enu():
     assert fix.position_covariance_type == 3
     assert (covariance[0, 0], covariance[1, 1]) == (sent[1, 1], sent[0, 0])
     assert covariance[0, 2] == -sent[1, 2]
-    back = messages.position_sample(fix, Source.RTK_POSITION)
+    back = position_sample(fix, Source.RTK_POSITION)
     assert_array_equal(back.covariance_n, sent)
 
 

@@ -9,14 +9,11 @@ from tirgeo_ros.io.messages.decode import (
     camera_attitude,
     camera_pose,
     ground_point,
-    heading_sample,
     imu_sample,
     joint_sample,
     pixel,
-    position_sample,
     stamp_ns,
     tangent_plane,
-    velocity_sample,
 )
 from tirgeo_ros.io.messages.diagnostics import (
     DiagnosticItem,
@@ -66,7 +63,6 @@ __all__ = [
     "finding_row",
     "findings_of",
     "ground_point",
-    "heading_sample",
     "image_pixels",
     "imu_sample",
     "joint_sample",
@@ -75,10 +71,8 @@ __all__ = [
     "navigation_status",
     "pixel",
     "pixels",
-    "position_sample",
     "sensed",
     "stamp_ns",
     "tangent_plane",
     "topic_of",
-    "velocity_sample",
 ]

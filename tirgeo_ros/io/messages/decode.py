@@ -110,13 +110,11 @@ def joint_sample(msg: Any) -> JointSample:
     Joints whose frame is the topic ``gimbal/attitude`` are computed. Raises MessageError if one of
     the three joints is missing.
     """
-    names = list(msg.name)
-    angles = []
-    for joint, sign in JOINT_SIGNS.items():
-        if joint not in names or names.index(joint) >= len(msg.position):
+    positions = dict(zip(msg.name, msg.position, strict=False))
+    for joint in JOINT_SIGNS:
+        if joint not in positions:
             raise MessageError(f"gimbal/joint_states: no position of {joint} in the message")
-        angles.append(sign * float(msg.position[names.index(joint)]))
-    yaw, roll, pitch = angles
+    yaw, roll, pitch = (sign * float(positions[joint]) for joint, sign in JOINT_SIGNS.items())
     computed = msg.header.frame_id == COMPUTED_FROM
     return JointSample(stamp_ns(msg), yaw, roll, pitch, computed=computed)
 
