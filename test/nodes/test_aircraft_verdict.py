@@ -13,8 +13,8 @@ from message_samples import STATUS
 from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.core.types.verdicts import FilterState, Outcome
 from tirgeo_ros.io.bags.cdr import Cdr
-from tirgeo_ros.io.messages import DiagnosticItem, Messages
-from tirgeo_ros.nodes.aircraft_state import Heard
+from tirgeo_ros.io.messages import DiagnosticItem, Messages, navigation_item
+from tirgeo_ros.nodes.aircraft_topics import Reports
 from tirgeo_ros.nodes.aircraft_verdict import STREAMS, Judge
 
 MESSAGES = Messages(Cdr().types)
@@ -25,6 +25,9 @@ NODES = {
     "gimbal_node": ("gimbal/joint_states", "gimbal/attitude"),
     "overlay_node": ("thermal/image_raw", "thermal/camera_info"),
 }
+#: Each topic's node; the sensors' have none here.
+MADE_BY = {topic: "" for topics in NODES.values() for topic in topics}
+MADE_BY |= {stream.topic: stream.node for stream in STREAMS}
 NOTE = Severity.NOTE
 WENT_BACK = {"state": FilterState.ALIGNING, "began_again": Outcome.TIME_JUMP}
 RUNNING = replace(STATUS, state=FilterState.RUNNING, reason="", began_again=None)
@@ -37,8 +40,8 @@ class Graph:
         self.now_s, self.status, self.worst, self.no_map = 1000.0, RUNNING, NOTE, ""
         self.stopped: set[str] = set()
         self.last_s: dict[str, float] = {}
-        self.heard = Heard()
-        self.judge = Judge(self.heard)
+        self.reports = Reports()
+        self.judge = Judge(self.reports, self.last_s.get)
 
     def runs(self, seconds: float):
         """Every verdict until then, with the time since the start of the call."""
@@ -48,33 +51,24 @@ class Graph:
             yield self.now_s - start_s, self.look()
 
     def look(self):
-        inputs = {topic for topics in NODES.values() for topic in topics}
-        nodes = {stream.topic: stream.node for stream in STREAMS}
-        for topic in ({*inputs} | {*nodes}) - self.stopped:
-            if nodes.get(topic) not in self.stopped:
+        for topic, node in MADE_BY.items():
+            if self.stopped.isdisjoint((topic, node)):
                 self.last_s[topic] = self.now_s
         for node in NODES.keys() - self.stopped:
             self.report(node)
-        return self.judge.look(self.now_s, self.last_s.get, self.worst, self.no_map)
+        return self.judge.look(self.now_s, self.worst, self.no_map)
 
     def report(self, node):
         if int(self.now_s / TICK_S) % 5 != len(node) % 5:  # once a second, each at its own time
             return
-        ages = {
-            f"{t} age [s]": str(self.now_s - self.last_s[t])
-            for t in NODES[node]
-            if t in self.last_s
-        }
+        heard_s = {topic: self.last_s[topic] for topic in NODES[node] if topic in self.last_s}
+        ages = {f"{topic} age [s]": str(self.now_s - s) for topic, s in heard_s.items()}
         items = {"topics": DiagnosticItem("", 0, "ok", ages)}
         if node == "ekf_node":
-            items["navigation"] = MESSAGES.navigation_diagnostic("", self.status)
+            items["navigation"] = navigation_item("", self.status)
         for subject, item in items.items():
             status = MESSAGES.diagnostics(0, [item]).status[0]
-            self.heard.take(self.now_s, f"{node}: {subject}", status)
-
-    def stop(self, *names):
-        """Nothing comes of these from now on, nor what is made of it."""
-        self.stopped |= {*names}
+            self.reports.take(self.now_s, f"{node}: {subject}", status)
 
 
 @pytest.fixture
@@ -101,7 +95,7 @@ def flight():
     ],
 )
 def test_silence_ends_go_within_a_second_and_its_cause_is_named(flight, stopped, text, more):
-    flight.stop(*stopped)
+    flight.stopped |= {*stopped}
     verdicts = [*flight.runs(7)]
     # A look each 0.2 s, of which the last before the limit may still say GO.
     assert all(verdict.word != "GO" for since_s, verdict in verdicts if since_s > 1.2 + 1e-6)
@@ -115,9 +109,9 @@ def test_silence_ends_go_within_a_second_and_its_cause_is_named(flight, stopped,
 
 
 def test_the_first_in_the_order_is_the_cause_of_what_ends_together(flight):
-    flight.stop(PICTURE)  # the last picture came 0.4 s before the last of the others
+    flight.stopped |= {PICTURE}  # the last picture came 0.4 s before the last of the others
     assert {verdict.word for _, verdict in flight.runs(0.4)} == {"GO"}
-    flight.stop("imu/data", ODOMETRY, POSE, "thermal/image_raw")
+    flight.stopped |= {"imu/data", ODOMETRY, POSE, "thermal/image_raw"}
     kinds = [verdict.kind for _, verdict in flight.runs(5) if verdict.word != "GO"]
     assert {*kinds} == {"position"}
 
@@ -125,13 +119,13 @@ def test_the_first_in_the_order_is_the_cause_of_what_ends_together(flight):
 def test_a_halt_of_this_node_is_no_silence_of_others(flight):
     for _ in range(10):
         flight.now_s += 2.0  # it did not run: the first look is before what waits is taken
-        assert flight.judge.look(flight.now_s, flight.last_s.get, NOTE, "").word == "GO"
+        assert flight.judge.look(flight.now_s, NOTE, "").word == "GO"
         assert {verdict.word for _, verdict in flight.runs(2)} == {"GO"}
 
 
 def test_there_is_no_go_before_the_first_picture():
     graph = Graph()
-    graph.stop(PICTURE, "thermal/image_raw")
+    graph.stopped |= {PICTURE, "thermal/image_raw"}
     verdicts = [verdict for _, verdict in graph.runs(12)]
     assert {verdict.word for verdict in verdicts} == {"NO DATA"}
     assert verdicts[-1].text == "No picture"

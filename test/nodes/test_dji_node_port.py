@@ -16,7 +16,7 @@ from graph_helpers import await_words
 from sensor_msgs.msg import Imu, JointState, NavSatFix
 
 from tirgeo_ros.core.frames.rotations import euler_from_quat
-from tirgeo_ros.io.messages import camera_attitude, heading_sample, imu_sample, joint_sample
+from tirgeo_ros.io.messages import camera_attitude, decode, imu_sample, joint_sample
 from tirgeo_ros.io.messages import stamp_ns as stamp_of
 
 pytestmark = pytest.mark.graph
@@ -47,7 +47,7 @@ def test_an_aircraft_on_a_port_becomes_topics_and_comes_back_after_a_pull(spawn,
         assert fix.altitude == pytest.approx(HEIGHT_M, abs=0.1)
         assert fix.status.status == 2
         # The baseline in whole degrees: half of one.
-        heading = heading_sample(received["rtk/heading"][-1]).heading_rad
+        heading = decode.heading_sample(received["rtk/heading"][-1]).heading_rad
         assert heading == pytest.approx(HEADING_RAD, abs=math.radians(0.5))
         joints = joint_sample(received["gimbal/joint_states"][-1])
         assert joints.pitch_rad == pytest.approx(PITCH_RAD, abs=1e-5)

@@ -1,7 +1,8 @@
-"""``tirgeo demo --page`` goes on, whichever of its nodes is killed or halted."""
+"""``tirgeo demo --page`` goes on, whichever of its nodes is killed or halted; its page says so."""
 
 from __future__ import annotations
 
+import asyncio
 import os
 import re
 import signal
@@ -16,13 +17,22 @@ pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 from diagnostic_msgs.msg import DiagnosticArray
 from flown_page import FlownPage
 from graph_helpers import Stranger
+from page_clients import Page
 from project import child_of
 
-pytestmark = [pytest.mark.graph, pytest.mark.slow]
+pytestmark = pytest.mark.graph
 
 NODES = ("viewer_node", "gimbal_node", "overlay_node", "ekf_node", "bag_player")
 RECOVERS_S = 90.0  # a node's start, the filter's alignment, the rest of a round of the bag
 HALT_S = 5.0
+#: A second of silence, a look each 0.2 s, a state each 0.2 s; and what a busy machine adds.
+LIMIT_S = 1.5 + 1.5
+STOPPED = {
+    "overlay_node": ("picture", "overlay_node"),
+    "gimbal_node": ("camera pose", "gimbal_node"),
+    "ekf_node": ("position", "ekf_node"),
+    "bag_player": ("position", "imu/data"),
+}
 
 
 @pytest.fixture
@@ -60,6 +70,7 @@ def await_map(stranger):
     stranger.spin_until(lambda: stranger.diagnostic("/overlay_node: set-up"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ends", [True, False])
 def test_the_page_has_its_map_again_after_each_node_was_killed_or_halted(demo, stranger, ends):
     await_map(stranger)
@@ -79,3 +90,40 @@ def test_the_page_has_its_map_again_after_each_node_was_killed_or_halted(demo, s
     after = {"restarts_of_ekf_node"} if ends else set()
     checks = stranger.diagnostic("/overlay_node: set-up")
     assert {name for name in checks if name.startswith(("restarts_", "publishers_"))} == after
+
+
+async def said(states, condition):
+    """The next state whose verdict meets a condition, and when it came."""
+    while True:
+        state = await states.until("state")
+        if condition(state["verdict"]):
+            return state, time.monotonic()
+
+
+async def stopped(states, process, kind, cause):
+    """Stop a process until its silence and the cause are said, then let it go on to GO."""
+    await said(states, lambda verdict: verdict["word"] == "GO")
+    begin_s = time.monotonic()
+    os.kill(process, signal.SIGSTOP)
+    try:
+        first, end_s = await said(states, lambda verdict: verdict["word"] != "GO")
+        assert (first["verdict"]["word"], first["verdict"]["kind"]) == ("NO DATA", kind)
+        assert first["verdict"]["alarm"]
+        assert end_s - begin_s < LIMIT_S
+        named, _ = await said(states, lambda verdict: verdict["more"].startswith(cause))
+        assert named["verdict"]["kind"] == kind  # else the alarm would begin anew
+    finally:
+        os.kill(process, signal.SIGCONT)
+
+
+def test_a_stopped_node_ends_go_at_once_and_is_named(demo):
+    """With overlay_node stopped for 9 s the verdict was GO, and nothing was found wrong."""
+    url = demo.url.rstrip("/")
+
+    async def browse():
+        async with Page(url) as page, page.state() as states:
+            for name, (kind, cause) in STOPPED.items():
+                process = child_of(demo.pid, name)
+                await stopped(states, process, kind, cause)
+
+    asyncio.run(browse())

@@ -31,25 +31,14 @@ CAUTION = Finding("late", Severity.CAUTION, "rtk/fix is 0.4 s late", "ekf_node r
 STOP = Finding("g", Severity.STOP, "1.00 m/s2 at rest", "imu/data", "give m/s2")
 
 
-class FakeChecks:
-    """Finds what it is told to."""
-
-    def __init__(self, *found: Finding) -> None:
-        self.found = list(found)
-
-    def findings(self) -> list[Finding]:
-        if RuntimeError in self.found:
-            raise RuntimeError
-        return self.found
-
-
-def setup_of(*checks: FakeChecks) -> tuple[SetupChecks, KeptLog, Monitor]:
+def setup_of(*found: list[Finding]) -> tuple[SetupChecks, KeptLog]:
+    """A node's checks, each of which has what its list holds."""
     node = KeptLog()
-    return SetupChecks(node, *checks), node, node.monitor
+    return SetupChecks(node, *(SimpleNamespace(findings=one.copy) for one in found)), node
 
 
 def test_the_item_has_the_worst_level_and_every_finding():
-    setup, node, _ = setup_of(FakeChecks(CAUTION, NOTE), FakeChecks(STOP))
+    setup, node = setup_of([CAUTION, NOTE], [STOP])
     item = setup.item()
     assert findings_of(node.published[0]) == ("/uav1/ekf_node", 0, [STOP, CAUTION, NOTE])
     assert item.name == "/uav1/ekf_node: set-up"
@@ -61,34 +50,33 @@ def test_the_item_has_the_worst_level_and_every_finding():
         "levers": f"NOTE: {NOTE.line}",
     }
     for found, level in ((NOTE, OK), (CAUTION, WARN)):
-        assert setup_of(FakeChecks(found))[0].item().level == level
+        assert setup_of([found])[0].item().level == level
 
 
 def test_a_finding_stays_until_it_has_been_read_and_its_numbers_are_the_newest():
-    checks = FakeChecks(STOP)
-    setup, _, _ = setup_of(checks)
+    found = [STOP]
+    setup, _ = setup_of(found)
     setup.item()
     newer = Finding("g", Severity.STOP, "1.01 m/s2 at rest", "imu/data", "give m/s2")
-    checks.found = [newer]
+    found[:] = [newer]
     assert setup.item().values == {"g": f"STOP: {newer.line}"}
-    checks.found = []
+    found.clear()
     levels = [setup.item().level for _ in range(12)]
     assert levels[:10] == [ERROR] * 10
     assert levels[-1] == OK
 
 
 def test_go_and_no_go_are_logged_once_each():
-    checks = FakeChecks()
-    setup, logger, monitor = setup_of(checks)
+    found = []
+    setup, logger = setup_of(found)
     for _ in range(20):
         setup.item()
     assert logger.lines == []  # nothing has come yet: nobody knows
-    monitor.received("imu/data")
+    logger.monitor.received("imu/data")
     for _ in range(20):
         setup.item()
     assert logger.lines == [("info", "set-up: GO")]
-    for found in ([CAUTION], [CAUTION, NOTE], [CAUTION, STOP], []):
-        checks.found = found
+    for found[:] in ([CAUTION], [CAUTION, NOTE], [CAUTION, STOP], []):
         for _ in range(20):
             setup.item()
     assert [level for level, _ in logger.lines[1:]] == ["warning", "error", "info"]
@@ -96,13 +84,14 @@ def test_go_and_no_go_are_logged_once_each():
 
 
 def test_a_fault_in_a_check_leaves_the_node_and_what_was_found():
-    checks = FakeChecks(STOP)
-    setup, _, monitor = setup_of(checks)
+    check = SimpleNamespace(findings=lambda: [STOP])
+    node = KeptLog()
+    setup = SetupChecks(node, check)
     setup.item()
-    checks.found.append(RuntimeError)
+    check.findings = lambda: 1 / 0
     assert setup.item().level == ERROR
     assert not setup.take(lambda _: 1 / 0, "a sample")
-    assert monitor.item("topics").values["set-up failed"] == "2"
+    assert node.monitor.item("topics").values["set-up failed"] == "2"
 
 
 def written(image: Image, bgr) -> int:

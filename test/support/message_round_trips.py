@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.testing import assert_allclose
 
-from tirgeo_ros.core.frames.rotations import (
-    canonical,
-)
+from tirgeo_ros.core.frames.rotations import canonical
 from tirgeo_ros.io.bags.cdr import Cdr
 from tirgeo_ros.io.messages import Messages
 

@@ -24,7 +24,7 @@ from tirgeo_ros.core.types.measurements import (
 )
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus, Outcome
-from tirgeo_ros.io.messages import Messages, answer_item
+from tirgeo_ros.io.messages import Messages, answer_item, navigation_item
 
 STAMP_NS = 1_700_000_000_123_456_789
 Q = canonical(np.array([0.8, -0.3, 0.2, 0.4]))
@@ -66,7 +66,7 @@ TARGET = MarkedPlace("1 fire: barn", 0.55001, -2.10002, 95.5, covariance(3, 4))
 LOCATED = Located(
     STAMP_NS, (12.25, 200.5), np.array([1.0, 2.0, 3.0]), covariance(3, 5), 0.55, -2.1, 99.5
 )
-FINDING = Finding("rtk_vel_up", Severity.STOP, "up: 1 m/s", "rtk/vel", "give ENU: z is up")
+FINDING = Finding("rtk_vel_up", Severity.STOP, "up: 1 m/s", "rtk/vel", "ENU: z up; psdk: its key")
 STATUS = NavigationStatus(
     "ekf_heading",
     FilterState.ALIGNING,
@@ -138,6 +138,6 @@ EVERY_MESSAGE: dict[str, tuple[str, Callable[[Messages], Any]]] = {
     "findings": ("std_msgs/msg/String", lambda m: m.findings("/ekf_node", STAMP_NS, [FINDING])),
     "diagnostics": (
         "diagnostic_msgs/msg/DiagnosticArray",
-        lambda m: m.diagnostics(STAMP_NS, [m.navigation_diagnostic("ekf_node: state", STATUS)]),
+        lambda m: m.diagnostics(STAMP_NS, [navigation_item("ekf_node: state", STATUS)]),
     ),
 }

@@ -8,9 +8,10 @@ import json
 import socket
 import sqlite3
 from dataclasses import replace
+from urllib.parse import urlsplit
 
 import aiohttp
-from page_backend import SimulatedBackend, SimulatedFlight
+from page_backend import HZ, SimulatedBackend, SimulatedFlight
 
 from tirgeo_ros.core.config.viewer import ViewerConfig
 from tirgeo_ros.io.targets.store import TargetStore
@@ -22,23 +23,37 @@ TOKENS = {"token": OPERATOR_TOKEN, "viewer_token": VIEWER_TOKEN}
 
 
 class Served:
-    """A server on a free port, a flight to look at, and what both hold."""
+    """A server on a free port, a flight to look at, and what both hold.
 
-    def __init__(self, folder, **config):
-        self.backend = SimulatedBackend(TargetStore(folder / "targets.gpkg"))
-        config = replace(ViewerConfig(), **{"listen": "127.0.0.1:0", **config})
-        self.server = PageServer(self.backend, config, {"": "aircraft"})
+    ``stop`` and ``start`` are a restart of the node.
+    """
 
-    def __enter__(self):
+    hz = HZ
+
+    def __init__(self, folder, aircraft=("",), **config):
+        self.file = folder / "targets.gpkg"
+        self.config = replace(ViewerConfig(), **{"listen": "127.0.0.1:0", **config})
+        self.aircraft = {name: name or "aircraft" for name in aircraft}
+        self.start()
+
+    def start(self):
+        self.backend = SimulatedBackend(TargetStore(self.file))
+        self.server = PageServer(self.backend, self.config, self.aircraft)
         self.server.start()
-        self._flight = SimulatedFlight(self.server, self.backend)
+        self.config = replace(self.config, listen=f"127.0.0.1:{self.port}")  # after a restart too
+        self._flight = SimulatedFlight(self.server, self.backend, tuple(self.aircraft), self.hz)
         self._flight.__enter__()
-        return self
 
-    def __exit__(self, *_):
+    def stop(self):
         self._flight.__exit__()
         self.server.stop()
         self.backend.targets.close()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.stop()
 
     @property
     def url(self):
@@ -46,7 +61,7 @@ class Served:
 
     @property
     def port(self):
-        return int(self.url.rpartition(":")[2])
+        return urlsplit(self.server.operator_url).port
 
 
 class Page:

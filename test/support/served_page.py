@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from pathlib import Path
-from urllib.parse import urlsplit
-
 import cv2
 import numpy as np
 import page_backend
@@ -17,44 +13,21 @@ from page_backend import (
     PLOT_M,
     PLOTS,
     WIDTH,
-    SimulatedBackend,
-    SimulatedFlight,
     pixel_of,
     place_of,
 )
+from page_clients import Served
 
-from tirgeo_ros.core.config.viewer import ViewerConfig
 from tirgeo_ros.core.targets.target import Target
-from tirgeo_ros.io.targets.store import TargetStore
-from tirgeo_ros.page.server import PageServer
 
-HZ = 10.0
 #: Chi-square of two degrees of freedom, 95 %.
 ELLIPSE = 5.991
 
 
-class ServedPage:
-    """Serves the page from a folder; ``stop`` and ``start`` are a restart of the node."""
+class ServedPage(Served):
+    """A page for a browser: its address has the token, and its pictures leave time to draw."""
 
-    def __init__(self, folder: Path, aircraft: tuple[str, ...] = ("",), **config: str) -> None:
-        self.file = folder / "targets.gpkg"
-        self.config = replace(ViewerConfig(), **{"listen": "127.0.0.1:0", **config})
-        self.aircraft = {name: name or "aircraft" for name in aircraft}
-        self.start()
-
-    def start(self) -> None:
-        self.backend = SimulatedBackend(TargetStore(self.file))
-        self.server = PageServer(self.backend, self.config, self.aircraft)
-        self.server.start()
-        address = urlsplit(self.server.operator_url).netloc
-        self.config = replace(self.config, listen=address)  # the same after a restart
-        self.flight = SimulatedFlight(self.server, self.backend, tuple(self.aircraft), HZ)
-        self.flight.__enter__()
-
-    def stop(self) -> None:
-        self.flight.__exit__()
-        self.server.stop()
-        self.backend.targets.close()
+    hz = 10.0
 
     @property
     def url(self) -> str:

@@ -8,15 +8,16 @@ from typing import NamedTuple
 
 from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus, Outcome
-from tirgeo_ros.nodes.aircraft_state import Heard, number
+from tirgeo_ros.nodes.aircraft_topics import Reports, number
 
 #: Silence (s) of what is needed, or time without a map, that ends GO; good time that restores it.
 _SILENT_S, _GOOD_S = 1.0, 2.0
+#: Silence of what may be the cause, an earlier stream or an input, beside a stream that has ended.
+_ALSO_SILENT_S = 0.5
+#: A node whose reports, one a second, end for so long does not answer.
+_ANSWER_S = 1.6
 #: The longest step of time that counts: in a longer one this node did not run and heard nothing.
 _STEP_S = 0.4
-#: What a node reports of its inputs counts so long after its output ended. A node whose reports,
-#: one a second, end for so long does not answer.
-_EVIDENCE_S, _ANSWER_S = 0.3, 1.6
 
 
 class Verdict(NamedTuple):
@@ -74,32 +75,30 @@ _CHECKS = {
 
 
 class Judge:
-    """Make one aircraft's verdict, again and again, by a steady clock."""
+    """Make one aircraft's verdict, again and again, by a steady clock.
 
-    def __init__(self, heard: Heard) -> None:
-        self._heard = heard
+    ``came_s`` says when the newest message of a topic came; None: none has come.
+    """
+
+    def __init__(self, reports: Reports, came_s: Callable[[str], float | None]) -> None:
+        self._reports, self._newest_s = reports, came_s
         self._now_s = math.inf  # of the last look
-        self._came: dict[str, tuple[float | None, float]] = {}  # when it came, silence since, s
+        self._came_s: dict[str, float] = {}  # when the newest of a topic came, if one has
+        self._silence_s = dict.fromkeys((stream.topic for stream in STREAMS), 0.0)
         self._no_map_s = self._good_s = 0.0
         self._shown = Verdict("NO DATA", "")
 
-    def look(
-        self,
-        now_s: float,
-        came_s: Callable[[str], float | None],
-        worst: Severity | None,
-        no_map: str,
-    ) -> Verdict:
-        """Return the verdict; ``came_s`` says when the newest of a topic came, None: not yet.
+    def look(self, now_s: float, worst: Severity | None, no_map: str) -> Verdict:
+        """Return the verdict.
 
         ``worst`` is that of the checks' findings, None while they are silent; ``no_map`` is the
         notice in the picture.
         """
         step_s = min(max(now_s - self._now_s, 0.0), _STEP_S)
         self._now_s = now_s
-        for stream in STREAMS:
-            self._count(stream.topic, came_s(stream.topic), step_s)
-        navigation = navigation_verdict(self._heard.navigation(now_s)[0])
+        for topic in self._silence_s:
+            self._count(topic, self._newest_s(topic), step_s)
+        navigation = navigation_verdict(self._reports.navigation(now_s)[0])
         upstream = self._upstream(navigation)
         self._no_map_s = self._no_map_s + step_s if no_map and not upstream else 0.0
         verdict = upstream or self._downstream(_CHECKS.get(worst), no_map) or navigation or _GO
@@ -110,27 +109,28 @@ class Judge:
 
     def _count(self, topic: str, at_s: float | None, step_s: float) -> None:
         """Add up the silence of a topic while this node listened; what is forgotten is silent."""
-        before_s, silence_s = self._came.get(topic, (None, 0.0))
-        if at_s is None or at_s == before_s:
-            self._came[topic] = before_s, silence_s + step_s
+        if at_s is None or at_s == self._came_s.get(topic):
+            self._silence_s[topic] += step_s
         else:
-            self._came[topic] = at_s, min(self._now_s - at_s, step_s)
+            self._came_s[topic], self._silence_s[topic] = at_s, min(self._now_s - at_s, step_s)
+
+    def _silent(self, stream: Stream, limit_s: float) -> bool:
+        """Return whether a stream is silent for so long, or has not begun."""
+        return stream.topic not in self._came_s or self._silence_s[stream.topic] > limit_s
 
     def _upstream(self, navigation: Verdict | None) -> Verdict | None:
         """Return the first fault on the way from the sensors to the picture."""
         odometry, pose, picture, _ = STREAMS
         no_position = navigation if navigation and navigation.word != "CAUTION" else None
-        if no_position or self._came[odometry.topic][1] > _SILENT_S:
-            self._came[pose.topic] = self._came[pose.topic][0], 0.0  # it cannot come yet
-        ended = self._silent(pose, _SILENT_S) or self._silent(picture, _SILENT_S)
+        if no_position or self._silent(odometry, _SILENT_S):
+            self._silence_s[pose.topic] = 0.0  # it cannot come yet
         # What ends together does not end at one instant: the first in the order is the cause.
-        limit_s = _SILENT_S / 2 if ended else _SILENT_S
-        return (
-            self._silent(odometry, limit_s, no_position)
-            or no_position
-            or self._silent(pose, limit_s)
-            or ended
-        )
+        ended = any(self._silent(stream, _SILENT_S) for stream in (odometry, pose, picture))
+        limit_s = _ALSO_SILENT_S if ended else _SILENT_S
+        if self._silent(odometry, limit_s):
+            return self._no_data(odometry, no_position)
+        silent = [stream for stream in (pose, picture) if self._silent(stream, limit_s)]
+        return no_position or (self._no_data(silent[0]) if silent else None)
 
     def _downstream(self, checks: Verdict | None, no_map: str) -> Verdict | None:
         """Return what is wrong though all comes, the checks' caution last."""
@@ -138,36 +138,30 @@ class Judge:
             return checks
         if self._no_map_s > _SILENT_S:
             return Verdict("NO GO", "bad", "map", no_map, alarm=True)
-        return (None if no_map else self._silent(STREAMS[-1], math.inf)) or checks
+        calibration = STREAMS[-1]  # it need not come again
+        if not no_map and self._silent(calibration, math.inf):
+            return self._no_data(calibration)
+        return checks
 
-    def _silent(
-        self, stream: Stream, limit_s: float, reason: Verdict | None = None
-    ) -> Verdict | None:
-        """Return the verdict on a stream that is silent, or has not begun; None on any other.
-
-        ``reason`` counts where no cause of the silence shows.
-        """
-        at_s, silence_s = self._came[stream.topic]
-        if at_s is not None and silence_s <= limit_s:
-            return None
+    def _no_data(self, stream: Stream, otherwise: Verdict | None = None) -> Verdict:
+        """Return the verdict on a silent stream: its cause; ``otherwise`` where none shows."""
+        silence_s, began = self._silence_s[stream.topic], stream.topic in self._came_s
         cause = self._cause(stream, silence_s)
-        if cause is None and reason is not None:
-            return reason
+        if cause is None and otherwise is not None:
+            return otherwise
         text, name, for_s = cause or (f"No {stream.kind}", stream.topic, silence_s)
-        tone = "caution" if at_s is None else "bad"
         more = f"{name} silent for {for_s:.0f} s"
-        return Verdict("NO DATA", tone, stream.kind, text, more, alarm=at_s is not None)
+        return Verdict("NO DATA", "bad" if began else "caution", stream.kind, text, more, began)
 
     def _cause(self, stream: Stream, silence_s: float) -> tuple[str, str, float] | None:
         """Return what is silent, in words and by its name, and how long; None if none is."""
-        then_s, ages = self._heard.newest(f"{stream.node}: topics")
+        then_s, ages = self._reports.newest(f"{stream.node}: topics")
         ago_s = self._now_s - then_s
         if min(ago_s, silence_s) >= _ANSWER_S:
             return f"{stream.program} does not answer", stream.node, min(ago_s, silence_s)
         topic = next((one for one in stream.inputs if f"{one} age [s]" in ages), "")
-        age_s = number(ages[f"{topic} age [s]"]) if topic else None
-        spoke_s = silence_s - ago_s  # after the silence began
-        if age_s is None or spoke_s < _EVIDENCE_S or age_s < spoke_s / 2:
+        age_s = number(ages.get(f"{topic} age [s]", ""))
+        if age_s is None or age_s <= _ALSO_SILENT_S:
             return None
         return f"{stream.inputs[topic]} is silent for {age_s + ago_s:.0f} s", topic, age_s + ago_s
 

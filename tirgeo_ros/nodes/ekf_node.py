@@ -13,13 +13,14 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.aiding.aids import METHOD_SOURCES
 from tirgeo_ros.core.navigation.estimator import Navigation
+from tirgeo_ros.core.navigation.track import Track
 from tirgeo_ros.core.streams.arrivals import Arrivals
 from tirgeo_ros.core.streams.rates import RateLimit
 from tirgeo_ros.core.types.errors import MessageError
 from tirgeo_ros.core.types.measurements import NavigationInput, Source
 from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus, Outcome, Verdict
-from tirgeo_ros.io.messages import NAVIGATION_INPUTS, TOPIC_TYPES, DiagnosticItem
+from tirgeo_ros.io.messages import NAVIGATION_INPUTS, TOPIC_TYPES, DiagnosticItem, navigation_item
 from tirgeo_ros.nodes.graph_node import GraphNode
 from tirgeo_ros.nodes.graph_watch import OtherPublishers
 from tirgeo_ros.nodes.inbox import Inbox
@@ -28,7 +29,6 @@ from tirgeo_ros.nodes.parameters import given_names
 from tirgeo_ros.nodes.qos import STREAM_DEPTH, latched, output, sensor_input
 from tirgeo_ros.nodes.runner import run
 from tirgeo_ros.nodes.setup_checks import InputChecks, SetupChecks
-from tirgeo_ros.nodes.track_output import TrackOutput
 from tirgeo_ros.nodes.transforms import Transforms
 
 Decode = Callable[[Any], NavigationInput]
@@ -36,6 +36,7 @@ _IMU = NAVIGATION_INPUTS[Source.IMU][0]
 _POSITIONS = (Source.RTK_POSITION, Source.GPS_POSITION)
 _RESTARTS = (Outcome.TIME_JUMP, Outcome.GAP, Outcome.RESTART)
 _SET_HEADING = "~/set_heading"
+_PATH_RATE_HZ = 1.0
 _TAKEN = (Outcome.USED, Outcome.WAITING)
 
 _BEST_FIRST = (
@@ -95,7 +96,9 @@ class EkfNode(GraphNode):
         self._fix_rate = RateLimit(config.fix_rate_hz)
         self._fix = self.advertise("tirgeo/fix", output())
         self._origin = self.advertise("tirgeo/origin", latched())
-        self._track = TrackOutput(self)
+        self._track = Track(self.messages.track_point)
+        self._path_rate = RateLimit(_PATH_RATE_HZ)
+        self._path = self.advertise("tirgeo/path", output())
         self._transforms = Transforms(self, config)
         self._transforms.fixed(config.aircraft)
         self._published_plane: TangentPlane | None = None
@@ -160,7 +163,7 @@ class EkfNode(GraphNode):
         if plane != self._published_plane:
             self._origin.publish(self.messages.origin(plane, solution.stamp_ns))
             self._published_plane = plane
-            self._track.begin()
+            self._track.clear()  # it was in another plane
         body = plane.body_pose(solution)
         odometry = self.cdr_messages.odometry(solution, body)
         self.publish_bytes(self._odometry, "tirgeo/odometry", odometry)
@@ -168,6 +171,8 @@ class EkfNode(GraphNode):
         self._track.add(body)
         if self._fix_rate.due(solution.stamp_ns) and self._fix.get_subscription_count():
             self._fix.publish(self.messages.fix(solution))
+        if self._path_rate.due(body.stamp_ns) and self._path.get_subscription_count():
+            self._path.publish(self.messages.path(body.stamp_ns, self._track.points()))
         self.monitor.published("tirgeo/odometry", 1e-9 * (self.now_ns - solution.stamp_ns))
 
     def _items(self) -> list[DiagnosticItem]:
@@ -176,7 +181,7 @@ class EkfNode(GraphNode):
         return [self._item(status), self._setup.item()]
 
     def _item(self, status: NavigationStatus) -> DiagnosticItem:
-        item = self.messages.navigation_diagnostic(self.item_name("navigation"), status)
+        item = navigation_item(self.item_name("navigation"), status)
         item.values.update(self._arrivals.diagnostics | self._inbox.diagnostics)
         return item
 

@@ -44,7 +44,6 @@ from tirgeo_ros.nodes.graph_watch import OtherPublishers, Restarts
 from tirgeo_ros.nodes.map_watch import MapWatch
 from tirgeo_ros.nodes.monitor import OK, WARN
 from tirgeo_ros.nodes.parameters import given_names
-from tirgeo_ros.nodes.picture_geometry import PictureGeometry
 from tirgeo_ros.nodes.qos import IMAGE_DEPTH, latched, output, sensor_input
 from tirgeo_ros.nodes.runner import run, unless_stopped
 from tirgeo_ros.nodes.setup_checks import SUBJECT, InputChecks, SetupChecks
@@ -94,7 +93,9 @@ class OverlayNode(GraphNode):
         self._image = self.advertise("tirgeo/overlay/image", output(IMAGE_DEPTH))
         self._jpeg = self.advertise("tirgeo/overlay/image/compressed", output(IMAGE_DEPTH))
         self._jpeg_rate = RateLimit(self._config.compressed_rate_hz)
-        self._geometry = PictureGeometry(self, self._overlay, self._config.footprint_rate_hz)
+        self._info = self.advertise("tirgeo/overlay/camera_info", output(IMAGE_DEPTH))
+        self._footprint = self.advertise("tirgeo/footprint", output())
+        self._footprint_rate = RateLimit(self._config.footprint_rate_hz)
         self._fix = self.advertise("tirgeo/locate/fix", output())
         self._point = self.advertise("tirgeo/locate/point", output())
         self._answer = self.advertise("tirgeo/locate/answer", output())
@@ -232,7 +233,19 @@ class OverlayNode(GraphNode):
         if bool(result.notice) != noticed:  # at once: an operator is waiting for it
             self.report([self._overlay_item()])
         self.monitor.published("tirgeo/overlay/image", self._frames.left(result.stamp_ns))
-        self._geometry.publish(result)
+        self._publish_geometry(result)
+
+    def _publish_geometry(self, result: OverlayResult) -> None:
+        """Publish a picture's calibration, and its footprint if that is due.
+
+        The footprint of a picture without a trusted pose is empty, so that no viewer keeps an old
+        one.
+        """
+        if result.camera is not None and self._info.get_subscription_count():
+            self._info.publish(self.messages.camera_info(result.camera, result.stamp_ns))
+        if self._footprint.get_subscription_count() and self._footprint_rate.due(result.stamp_ns):
+            outline_n = self._overlay.footprint(result.pose)
+            self._footprint.publish(self.messages.footprint(result.stamp_ns, outline_n))
 
     def _items(self) -> list[DiagnosticItem]:
         self._renew_map()

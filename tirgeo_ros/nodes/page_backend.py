@@ -12,9 +12,9 @@ from tirgeo_ros.core.targets.target import Fixing
 from tirgeo_ros.core.types.errors import TargetError
 from tirgeo_ros.io.messages import ClickAnswer
 from tirgeo_ros.io.targets.store import TargetStore
+from tirgeo_ros.nodes.aircraft_view import AircraftView
 from tirgeo_ros.nodes.page_map import PageMap
 from tirgeo_ros.nodes.recordings import Recordings
-from tirgeo_ros.nodes.viewed_aircraft import ViewedAircraft
 from tirgeo_ros.page.backend import Click, Pixel
 from tirgeo_ros.page.cot.link import CotLink
 
@@ -30,7 +30,7 @@ class PageBackend:
 
     def __init__(
         self,
-        aircraft: Mapping[str, ViewedAircraft],
+        aircraft: Mapping[str, AircraftView],
         targets: TargetStore,
         page_map: PageMap,
         recordings: Recordings,

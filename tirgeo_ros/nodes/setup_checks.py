@@ -104,9 +104,7 @@ class InputChecks:
         graph = RecordedTopics(types, contract, node.get_namespace(), live=True)
         # The list above also contains the type of the node's own subscription.
         for topic, wanted in contract.items():
-            infos = node.get_publishers_info_by_topic(topic)
-            kinds = {info.topic_type for info in infos}
-            types.pop(graph.name(topic), None)
+            kinds = {info.topic_type for info in node.get_publishers_info_by_topic(topic)}
             if kinds:
                 types[graph.name(topic)] = wanted if wanted in kinds else min(kinds)
         return graph

@@ -13,11 +13,10 @@ from tirgeo_ros.core.ground.ground_point import circular_error_90, linear_error_
 from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.io.cot.aircraft_events import AircraftState
 from tirgeo_ros.io.messages import body_pose
-from tirgeo_ros.nodes.aircraft_state import velocity_n
+from tirgeo_ros.nodes.aircraft_topics import ODOMETRY
+from tirgeo_ros.nodes.aircraft_view import AircraftView, velocity_n
 from tirgeo_ros.nodes.graph_node import GraphNode
 from tirgeo_ros.nodes.monitor import OK
-from tirgeo_ros.nodes.seen_aircraft import ODOMETRY
-from tirgeo_ros.nodes.viewed_aircraft import ViewedAircraft
 from tirgeo_ros.page.cot.address import CotParameters
 from tirgeo_ros.page.cot.link import CotLink
 
@@ -33,7 +32,7 @@ class TeamLink:
     """
 
     def __init__(
-        self, node: GraphNode, config: ViewerConfig, aircraft: Mapping[str, ViewedAircraft]
+        self, node: GraphNode, config: ViewerConfig, aircraft: Mapping[str, AircraftView]
     ) -> None:
         self._aircraft = aircraft
         self.link: CotLink | None = None
@@ -77,7 +76,7 @@ class TeamLink:
                 self.link.aircraft(name, state)
 
 
-def aircraft_state(name: str, aircraft: ViewedAircraft) -> AircraftState | None:
+def aircraft_state(name: str, aircraft: AircraftView) -> AircraftState | None:
     """Return what the team sees of an aircraft; None without a present position."""
     odometry, plane, age_s = aircraft.newest(ODOMETRY), aircraft.plane, aircraft.age_s(ODOMETRY)
     if odometry is None or plane is None or age_s is None or age_s > _NEW_S:

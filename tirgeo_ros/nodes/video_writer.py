@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 
@@ -18,10 +18,10 @@ from tirgeo_ros.io.messages import DiagnosticItem
 from tirgeo_ros.io.video.frame_metadata import FrameMetadata
 from tirgeo_ros.io.video.live_stream import LiveStream
 from tirgeo_ros.io.video.video_file import VideoFile
+from tirgeo_ros.nodes.aircraft_topics import AircraftTopics, listen_to_diagnostics, terrain_of
 from tirgeo_ros.nodes.graph_node import GraphNode
 from tirgeo_ros.nodes.monitor import OK, WARN
 from tirgeo_ros.nodes.runner import run
-from tirgeo_ros.nodes.seen_aircraft import SeenAircraft, listen_to_diagnostics, terrain_of
 
 
 class VideoWriter(GraphNode):
@@ -38,22 +38,19 @@ class VideoWriter(GraphNode):
         self._metadata = FrameMetadata(*known)
         self._film = VideoFile(Path(config.output), growing=True) if config.output else None
         self._stream = LiveStream(config.stream, self._metadata) if config.stream else None
-        self._aircraft = SeenAircraft(self, "", terrain_of(config), self._take)
+        self._aircraft = AircraftTopics(self, "", terrain_of(config), self._take)
         listen_to_diagnostics(self, [self._aircraft])
         self.resources = self._open()
         self.report_each_second(self._items)
 
     @contextmanager
     def _open(self) -> Iterator[None]:
-        try:
-            if self._film is None:
-                yield
-            else:
-                with self._film:
-                    yield
-        finally:
+        with ExitStack() as ends:
             if self._stream is not None:
-                self._stream.close()
+                ends.callback(self._stream.close)
+            if self._film is not None:
+                ends.enter_context(self._film)
+            yield
 
     def _take(self, stamp_ns: int, jpeg: bytes) -> None:
         exposure_ns = self._aircraft.exposure_ns(stamp_ns)

@@ -18,6 +18,8 @@ from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.io.messages import DiagnosticItem
 from tirgeo_ros.io.targets.store import TargetStore
+from tirgeo_ros.nodes.aircraft_topics import listen_to_diagnostics, terrain_of
+from tirgeo_ros.nodes.aircraft_view import AircraftView
 from tirgeo_ros.nodes.graph_node import GraphNode
 from tirgeo_ros.nodes.monitor import OK, WARN
 from tirgeo_ros.nodes.page_backend import PageBackend
@@ -25,9 +27,7 @@ from tirgeo_ros.nodes.page_map import PageMap
 from tirgeo_ros.nodes.page_streams import PageStreams
 from tirgeo_ros.nodes.recordings import Recordings
 from tirgeo_ros.nodes.runner import run
-from tirgeo_ros.nodes.seen_aircraft import listen_to_diagnostics, terrain_of
 from tirgeo_ros.nodes.team_link import TeamLink
-from tirgeo_ros.nodes.viewed_aircraft import ViewedAircraft
 from tirgeo_ros.page.invitation import invitation
 from tirgeo_ros.page.server import PageServer
 
@@ -46,7 +46,7 @@ class ViewerNode(GraphNode):
         names = split_namespaces(config.namespaces) or [""]
         terrain = terrain_of(config)
         self._aircraft = {
-            name: ViewedAircraft(
+            name: AircraftView(
                 self, name, terrain, partial(self._show, name), partial(self._answered, name)
             )
             for name in names
@@ -117,7 +117,7 @@ class ViewerNode(GraphNode):
 
     def _report(self, aircraft: str) -> None:
         one = self._aircraft[aircraft]
-        ours = [*self._recordings.findings(aircraft), *one.heard.restarts.findings()]
+        ours = [*self._recordings.findings(aircraft), *one.reports.restarts.findings()]
         state = one.state(ours)
         state["recording"], state["sharing"] = self._recordings.is_on(aircraft), self._team.state
         self._server.report(aircraft, state)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tirgeo_ros.core.frames.axes import ENU_NED, FLU_FRD
+from tirgeo_ros.core.frames.axes import ENU_NED, FLU_FRD, quat_turned_both
 from tirgeo_ros.core.frames.rotations import (
     canonical,
     matrix_from_quat,
@@ -19,7 +19,6 @@ from tirgeo_ros.core.frames.rotations import (
 from tirgeo_ros.io.messages.message_axes import (
     covariance_turned_world,
     positive,
-    quat_turned_both,
     quat_turned_world,
 )
 

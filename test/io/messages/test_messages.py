@@ -1,4 +1,4 @@
-"""Samples to messages and back: axes, signs, marks of absence; nothing is judged here."""
+"""Samples, poses, located points and diagnostics to messages and back; nothing is judged here."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from tirgeo_ros.core.frames import axes as frames
 from tirgeo_ros.core.frames.rotations import (
     matrix_from_euler,
+    matrix_from_quat,
+    matrix_from_rotvec,
     quat_from_euler,
 )
 from tirgeo_ros.core.streams.sanity_checks import fault_of
@@ -28,8 +30,10 @@ from tirgeo_ros.core.types.measurements import (
     SetHeading,
     Source,
 )
+from tirgeo_ros.core.types.verdicts import FilterState
 from tirgeo_ros.io import messages
 from tirgeo_ros.io.messages import SENSED_SAMPLES, sensed
+from tirgeo_ros.io.messages.decode import heading_sample, position_sample, velocity_sample
 from tirgeo_ros.io.messages.encode import UNKNOWN_VARIANCE
 
 unit = st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(
@@ -52,7 +56,7 @@ ROUND_TRIPS = {
         given.POSITION,
         lambda sample: made.nav_sat_fix(sample, "rtk"),
         "rtk",
-        lambda message: messages.position_sample(message, Source.RTK_POSITION),
+        lambda message: position_sample(message, Source.RTK_POSITION),
     ),
     "camera attitude": (
         given.CAMERA_ATTITUDE,
@@ -110,10 +114,10 @@ def test_bad_quaternion_goes_through_for_the_core_to_judge(number):
 def test_unknown_covariance_becomes_zero():
     message = made.nav_sat_fix(given.POSITION, "rtk")
     message.position_covariance_type = 0
-    assert not messages.position_sample(message, Source.RTK_POSITION).covariance_n.any()
+    assert not position_sample(message, Source.RTK_POSITION).covariance_n.any()
     message.position_covariance_type = 3
     message.position_covariance[0] = -1
-    assert not messages.position_sample(message, Source.RTK_POSITION).covariance_n.any()
+    assert not position_sample(message, Source.RTK_POSITION).covariance_n.any()
 
 
 @pytest.mark.parametrize(
@@ -123,21 +127,21 @@ def test_unknown_covariance_becomes_zero():
 def test_fix_status(number, status):
     message = made.nav_sat_fix(given.POSITION, "rtk")
     message.status.status = number
-    assert messages.position_sample(message, Source.GPS_POSITION).status is FixStatus[status]
+    assert position_sample(message, Source.GPS_POSITION).status is FixStatus[status]
 
 
 def test_velocity_round_trip():
     message = through_cdr(made.velocity(given.VELOCITY, "rtk"))
     assert (message.twist.twist.linear.x, message.twist.twist.linear.z) == (2.0, 0.5)
     assert message.twist.covariance[21] == UNKNOWN_VARIANCE
-    sample = messages.velocity_sample(message, Source.RTK_VELOCITY)
+    sample = velocity_sample(message, Source.RTK_VELOCITY)
     assert_array_equal(sample.velocity_n, given.VELOCITY.velocity_n)
     assert_array_equal(sample.covariance_n, given.VELOCITY.covariance_n)
 
 
 @drawn(st.floats(0, 2 * math.pi, exclude_max=True))
 def test_heading_round_trip(heading_rad):
-    sample = messages.heading_sample(made.heading(HeadingSample(5, heading_rad, 0.01)))
+    sample = heading_sample(made.heading(HeadingSample(5, heading_rad, 0.01)))
     turn = sample.heading_rad - heading_rad
     assert 0 <= sample.heading_rad <= 2 * math.pi
     # Near 180 deg of yaw the half angle keeps all digits; a few roundings of numbers up to 2 pi.
@@ -157,7 +161,7 @@ def test_heading_of_a_tilted_or_scaled_quaternion():
     message = made.imu(ImuSample(0, np.zeros(3), np.zeros(3), quat_from_euler(0.1, 0.2, 1.0)))
     for axis in "wxyz":
         setattr(message.orientation, axis, 3 * getattr(message.orientation, axis))
-    assert messages.heading_sample(message).heading_rad == pytest.approx(1.0, abs=EXACT)
+    assert heading_sample(message).heading_rad == pytest.approx(1.0, abs=EXACT)
 
 
 @pytest.mark.parametrize("number", [0.0, math.nan])
@@ -165,7 +169,7 @@ def test_heading_of_no_quaternion_is_nan(number):
     message = made.heading(given.HEADING)
     for axis in "wxyz":
         setattr(message.orientation, axis, number)
-    assert math.isnan(messages.heading_sample(message).heading_rad)
+    assert math.isnan(heading_sample(message).heading_rad)
 
 
 def test_joints_turn_the_camera_as_their_flu_chain_does():
@@ -228,3 +232,161 @@ def test_a_heading_that_is_set_is_a_yaw_in_map(heading_rad):
     assert back.heading_rad == pytest.approx(heading_rad, abs=1e-12)
     turned.z = turned.w = 0.0
     assert "not finite" in fault_of(SENSED_SAMPLES[topic](message))
+
+
+def test_twist_is_in_the_body():
+    message = made.odometry(given.SOLUTION, given.BODY)
+    forward_right_down = matrix_from_quat(given.SOLUTION.q_nb).T @ given.SOLUTION.velocity_n
+    linear, angular = message.twist.twist.linear, message.twist.twist.angular
+    wanted = forward_right_down * [1, -1, -1]
+    assert_allclose([linear.x, linear.y, linear.z], wanted, rtol=1e-13)
+    assert_array_equal(
+        [angular.x, angular.y, angular.z], given.SOLUTION.angular_rate_b * [1, -1, -1]
+    )
+
+
+def body_velocity_flu(error, solution=given.SOLUTION):
+    """Body velocity of a state that is off by (attitude phi_n, velocity) of (6,)."""
+    rotation = matrix_from_rotvec(error[:3]) @ matrix_from_quat(solution.q_nb)
+    return frames.FLU_FRD @ rotation.T @ (solution.velocity_n + error[3:])
+
+
+def test_twist_covariance_is_that_of_the_solution_in_the_body():
+    step = 1e-6
+    partials = np.column_stack(
+        [
+            (body_velocity_flu(step * axis) - body_velocity_flu(-step * axis)) / (2 * step)
+            for axis in np.eye(6)
+        ]
+    )
+    wanted = partials @ given.SOLUTION.covariance[3:, 3:] @ partials.T
+    message = made.odometry(given.SOLUTION, given.BODY)
+    covariance = message.twist.covariance.reshape(6, 6)
+    # Central differences with steps of 1e-6: rounding 1e-16 / 1e-6 times entries of order 10.
+    assert_allclose(covariance[:3, :3], wanted, rtol=1e-8, atol=1e-8)
+    assert_array_equal(covariance[3:, 3:], np.diag(given.SOLUTION.rate_variance_b))
+    assert not covariance[:3, 3:].any()
+
+
+@pytest.mark.parametrize("height_m", [math.inf, math.nan, 1e200])
+def test_an_origin_that_is_no_place_is_refused(height_m):
+    message = made.origin(dataclasses.replace(given.PLANE, height_m=height_m), 7)
+    with pytest.raises(MessageError, match=r"^tirgeo/origin: .*(not finite|out of range)"):
+        messages.tangent_plane(message)
+
+
+@pytest.mark.parametrize(("space", "aircraft"), [("/", "aircraft"), ("/a/uav1/", "a/uav1")])
+def test_a_diagnostic_names_its_aircraft(space, aircraft):
+    items = [messages.DiagnosticItem(f"{space}ekf_node: a/b: c", 0, "")]
+    assert made.diagnostics(0, items).status[0].hardware_id == aircraft
+
+
+def test_navigation_status_round_trip():
+    item = messages.navigation_item("ekf_node: state", given.STATUS)
+    (message,) = through_cdr(made.diagnostics(0, [item])).status
+    status = messages.navigation_status(message)
+    assert status.heading_sigma_rad == pytest.approx(given.STATUS.heading_sigma_rad, rel=1e-15)
+    given_sigma = dataclasses.replace(status, heading_sigma_rad=given.STATUS.heading_sigma_rad)
+    assert given_sigma == given.STATUS
+    assert (message.level, message.message) == (1, "aligning: too slow")
+
+
+def test_a_warning_while_running_is_the_message():
+    status = dataclasses.replace(given.STATUS, state=FilterState.RUNNING, reason="")
+    item = messages.navigation_item("n", status)
+    assert item.level == 1
+    assert item.message == "running: imu/data: accelerometer x clipped; another"
+    assert item.values["clipped.accelerometer x"] == "12"
+    lost = dataclasses.replace(status, state=FilterState.LOST, reason="far off")
+    assert messages.navigation_item("n", lost).level == 2
+    assert messages.navigation_item("n", lost).message == "lost: far off"
+
+
+@pytest.mark.parametrize(
+    ("state", "level"),
+    [
+        (FilterState.RUNNING, 0),
+        (FilterState.WAITING, 1),
+        (FilterState.ALIGNING, 1),
+        (FilterState.DEGRADED, 1),
+        (FilterState.DEAD_RECKONING, 1),
+        (FilterState.LOST, 2),
+    ],
+)
+def test_every_state_has_its_level_and_comes_back(state, level):
+    given_status = dataclasses.replace(given.STATUS, state=state, reason="", warnings=())
+    item = messages.navigation_item("n", given_status)
+    assert (item.level, item.message) == (level, state.value)
+    (message,) = through_cdr(made.diagnostics(0, [item])).status
+    assert messages.navigation_status(message).state is state
+
+
+def test_a_recording_without_time_and_resets_is_read():
+    item = messages.navigation_item("n", given.STATUS)
+    new = {"state_time_s", "last_reset", "reset.rtk_position", "reset.rtk_heading"}
+    new |= {"clipped.accelerometer x", "warnings"}
+    assert new <= item.values.keys()
+    old = {key: value for key, value in item.values.items() if key not in new}
+    (message,) = made.diagnostics(0, [messages.DiagnosticItem("n", 1, "", old)]).status
+    status = messages.navigation_status(message)
+    assert (status.state_s, status.resets, status.last_reset) == (0.0, {}, "")
+    assert (status.clipped, status.warnings) == ({}, ())
+    assert status.counts == given.STATUS.counts
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("state", "dreaming"),
+        ("heading_sigma_deg", "wide"),
+        ("method", None),
+        ("state_time_s", "long"),
+    ],
+)
+def test_other_diagnostics_are_no_navigation_status(key, value):
+    item = messages.navigation_item("other", given.STATUS)
+    values = {k: (value if k == key else v) for k, v in item.values.items()}
+    values = {k: v for k, v in values.items() if v is not None}
+    changed = messages.DiagnosticItem("other", 0, "", values)
+    (message,) = made.diagnostics(0, [changed]).status
+    with pytest.raises(MessageError, match="'other' is no navigation status"):
+        messages.navigation_status(message)
+
+
+# tirgeo/locate
+
+
+def test_the_fix_is_the_place_with_its_covariance_in_enu():
+    fix, sent = through_cdr(made.located_fix(given.LOCATED)), given.LOCATED.covariance_n
+    assert messages.stamp_ns(fix) == given.STAMP_NS
+    assert fix.header.frame_id == "map"
+    assert_allclose(
+        [fix.latitude, fix.longitude, fix.altitude],
+        [math.degrees(0.55), math.degrees(-2.1), 99.5],
+    )
+    covariance = fix.position_covariance.reshape(3, 3)
+    assert fix.position_covariance_type == 3
+    assert (covariance[0, 0], covariance[1, 1]) == (sent[1, 1], sent[0, 0])
+    assert covariance[0, 2] == -sent[1, 2]
+    back = position_sample(fix, Source.RTK_POSITION)
+    assert_array_equal(back.covariance_n, sent)
+
+
+def test_the_point_is_in_the_map_and_has_no_attitude():
+    point = through_cdr(made.located_point(given.LOCATED))
+    assert point.header.frame_id == "map"
+    position = point.pose.pose.position
+    assert (position.x, position.y, position.z) == (2.0, 1.0, -3.0)
+    q = point.pose.pose.orientation
+    assert (q.w, q.x, q.y, q.z) == (1.0, 0.0, 0.0, 0.0)
+    covariance = point.pose.covariance.reshape(6, 6)
+    assert covariance.diagonal()[3:].tolist() == [UNKNOWN_VARIANCE] * 3
+    stamp_ns, point_n, covariance_n = messages.ground_point(point)
+    assert stamp_ns == given.STAMP_NS
+    assert_array_equal(point_n, given.LOCATED.point_n)
+    assert_array_equal(covariance_n, given.LOCATED.covariance_n)
+
+
+def test_a_clicked_pixel_comes_back():
+    clicked = (given.STAMP_NS, 12.5, 7.25)
+    assert messages.pixel(through_cdr(made.pixel(*clicked))) == clicked

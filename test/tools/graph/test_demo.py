@@ -19,7 +19,7 @@ from tirgeo_ros.core.types.measurements import FixStatus
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 from tirgeo_ros.io.bags.bag import BagWriter, Cdr
-from tirgeo_ros.io.messages import TOPIC_TYPES, DiagnosticItem, Messages
+from tirgeo_ros.io.messages import TOPIC_TYPES, DiagnosticItem, Messages, navigation_item
 from tirgeo_ros.io.surveys.survey import SurveyPoint, save_survey
 from tirgeo_ros.tools.cli import demo
 from tirgeo_ros.tools.cli._verb import UsageError, add_verb
@@ -58,7 +58,7 @@ def status_at(stamp_ns: int, sigma_rad: float) -> tuple[str, object, int]:
     status = NavigationStatus(
         "ekf_heading", FilterState.RUNNING, "", FixStatus.FIXED, sigma_rad, {}, {}
     )
-    item = MESSAGES.navigation_diagnostic("/ekf_node: navigation", status)
+    item = navigation_item("/ekf_node: navigation", status)
     return "/diagnostics", MESSAGES.diagnostics(stamp_ns, [item]), stamp_ns
 
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from tirgeo_ros.core.frames.axes import quat_turned_both
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.streams.sanity_checks import place_fault
 from tirgeo_ros.core.types.arrays import Array
@@ -28,11 +29,11 @@ from tirgeo_ros.core.types.measurements import (
 )
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose
 from tirgeo_ros.io.messages.message_axes import (
+    COMPUTED_FROM,
+    JOINT_SIGNS,
     covariance_turned_world,
-    quat_turned_both,
     quat_turned_world,
 )
-from tirgeo_ros.io.messages.topics import COMPUTED_FROM, JOINT_SIGNS
 
 _ABSENT = -1.0  # first entry of a covariance whose value is absent (sensor_msgs/Imu)
 _COVARIANCE_TYPE_UNKNOWN = 0
@@ -109,13 +110,11 @@ def joint_sample(msg: Any) -> JointSample:
     Joints whose frame is the topic ``gimbal/attitude`` are computed. Raises MessageError if one of
     the three joints is missing.
     """
-    names = list(msg.name)
-    angles = []
-    for joint, sign in JOINT_SIGNS.items():
-        if joint not in names or names.index(joint) >= len(msg.position):
+    positions = dict(zip(msg.name, msg.position, strict=False))
+    for joint in JOINT_SIGNS:
+        if joint not in positions:
             raise MessageError(f"gimbal/joint_states: no position of {joint} in the message")
-        angles.append(sign * float(msg.position[names.index(joint)]))
-    yaw, roll, pitch = angles
+    yaw, roll, pitch = (sign * float(positions[joint]) for joint, sign in JOINT_SIGNS.items())
     computed = msg.header.frame_id == COMPUTED_FROM
     return JointSample(stamp_ns(msg), yaw, roll, pitch, computed=computed)
 

@@ -56,12 +56,10 @@ def navigation_item(name: str, status: NavigationStatus) -> DiagnosticItem:
     values["vibration"] = " ".join(f"{density:.3g}" for density in status.vibration)
     values |= {f"{_CLIPPED}.{name}": str(n) for name, n in sorted(status.clipped.items())}
     warnings = values["warnings"] = _NEXT.join(status.warnings)
-    running = status.state is FilterState.RUNNING
-    told = warnings if running and warnings else status.reason
-    level = _LEVELS.get(status.state, WARN)
-    if running and warnings:
-        level = WARN
-    return DiagnosticItem(name, level, status.state.value + (f": {told}" if told else ""), values)
+    warned = warnings if status.state is FilterState.RUNNING else ""
+    level = WARN if warned else _LEVELS.get(status.state, WARN)
+    text = f"{status.state.value}: {warned or status.reason}".removesuffix(": ")
+    return DiagnosticItem(name, level, text, values)
 
 
 def navigation_status(msg: Any) -> NavigationStatus:

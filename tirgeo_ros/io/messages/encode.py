@@ -10,11 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.frames.axes import quat_turned_both
 from tirgeo_ros.core.frames.rotations import rotation_of
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.navigation.strapdown import cross
-from tirgeo_ros.core.types.arrays import Array, Vector
+from tirgeo_ros.core.types.arrays import Array, Quaternion, Vector
 from tirgeo_ros.core.types.finding import Finding
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
@@ -26,19 +27,18 @@ from tirgeo_ros.core.types.measurements import (
     VelocitySample,
 )
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
-from tirgeo_ros.core.types.verdicts import NavigationStatus
-from tirgeo_ros.io.messages.diagnostics import DiagnosticItem, findings_text, navigation_item
+from tirgeo_ros.io.messages.diagnostics import DiagnosticItem, findings_text
 from tirgeo_ros.io.messages.frame_messages import FrameMessages
 from tirgeo_ros.io.messages.message_axes import (
+    COMPUTED_FROM,
+    JOINT_SIGNS,
     NO_TURN,
     covariance_turned_world,
     positive,
-    quat_turned_both,
     quat_turned_world,
 )
 from tirgeo_ros.io.messages.message_parts import COVARIANCE_KNOWN
 from tirgeo_ros.io.messages.target_messages import TargetMessages
-from tirgeo_ros.io.messages.topics import COMPUTED_FROM, JOINT_SIGNS
 
 #: Variance of an unknown value, where a reader takes any number for a variance: so large that it
 #: has no weight. (rad/s)^2 in a twist, rad^2 in a heading message's roll and pitch.
@@ -67,11 +67,10 @@ class Messages(FrameMessages, TargetMessages):
 
     def heading(self, sample: HeadingSample) -> Any:
         """Return ``sensor_msgs/Imu`` with the heading as ENU yaw; all else is marked as absent."""
-        half = 0.5 * (0.5 * math.pi - sample.heading_rad)
         covariance = np.zeros(9)
         covariance[[0, 4, 8]] = UNKNOWN_VARIANCE, UNKNOWN_VARIANCE, sample.variance_rad2
-        turned = (math.cos(half), 0.0, 0.0, math.sin(half))
         nothing = (np.zeros(3), _absent())
+        turned = _yaw(sample.heading_rad)
         return self._imu(sample.stamp_ns, (turned, covariance), nothing, nothing)
 
     def nav_sat_fix(self, sample: PositionSample, frame_id: str) -> Any:
@@ -150,10 +149,9 @@ class Messages(FrameMessages, TargetMessages):
 
     def set_heading(self, sample: SetHeading) -> Any:
         """Return ``geometry_msgs/PoseWithCovarianceStamped``: the yaw and its variance alone."""
-        half = 0.5 * (0.5 * math.pi - sample.heading_rad)
         covariance = np.zeros((6, 6))
         covariance[5, 5] = sample.variance_rad2
-        turned = (math.cos(half), 0.0, 0.0, math.sin(half))
+        turned = _yaw(sample.heading_rad)
         return self._map_pose(sample.stamp_ns, np.zeros(3), turned, covariance)
 
     def pixel(self, stamp_ns: int, u: float, v: float) -> Any:
@@ -250,11 +248,6 @@ class Messages(FrameMessages, TargetMessages):
         ]
         return self.stamped("diagnostic_msgs/msg/DiagnosticArray", stamp_ns, "", status=status)
 
-    @staticmethod
-    def navigation_diagnostic(name: str, status: NavigationStatus) -> DiagnosticItem:
-        """Return the estimator's status; ``navigation_status`` is the inverse."""
-        return navigation_item(name, status)
-
     def _body_twist(self, solution: NavSolution) -> Any:
         axes_n = _body_axes_n(solution)
         north, east, down = solution.velocity_n.tolist()
@@ -266,11 +259,15 @@ class Messages(FrameMessages, TargetMessages):
         return self._twist(linear, (x, -y, -z), flat)
 
 
+def _yaw(heading_rad: float) -> Quaternion:
+    """Return the turn about up, FLU to ENU, of a level body with this heading."""
+    half = 0.5 * (0.5 * math.pi - heading_rad)
+    return math.cos(half), 0.0, 0.0, math.sin(half)
+
+
 def _absent() -> Array:
     """Return the (9,) covariance that marks a value as absent (sensor_msgs/Imu)."""
-    covariance = np.zeros(9)
-    covariance[0] = -1.0
-    return covariance
+    return np.array([-1.0, *[0.0] * 8])
 
 
 def _body_axes_n(solution: NavSolution) -> tuple[Vector, Vector, Vector]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from tirgeo_ros.core.config import AircraftConfig
-from tirgeo_ros.core.frames.axes import flu_from_frd
+from tirgeo_ros.core.frames.axes import flu_from_frd, quat_turned_both
 from tirgeo_ros.core.frames.rotations import (
     matrix_from_quat,
     quat_conjugate,
@@ -17,7 +17,7 @@ from tirgeo_ros.core.frames.rotations import (
 )
 from tirgeo_ros.core.types.arrays import Array, Quaternion
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose
-from tirgeo_ros.io.messages.message_axes import NO_TURN, positive, quat_turned_both
+from tirgeo_ros.io.messages.message_axes import NO_TURN, positive
 from tirgeo_ros.io.messages.message_parts import MessageParts
 
 

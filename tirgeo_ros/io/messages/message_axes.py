@@ -10,20 +10,17 @@ import math
 
 import numpy as np
 
-from tirgeo_ros.core.frames.axes import ENU_NED, quat_turned_both
+from tirgeo_ros.core.frames.axes import ENU_NED
 from tirgeo_ros.core.types.arrays import Array, Quaternion
-
-__all__ = [
-    "NO_TURN",
-    "covariance_turned_world",
-    "positive",
-    "quat_turned_both",
-    "quat_turned_world",
-]
 
 _HALF = math.sqrt(0.5)
 #: The rotation between equal axes.
 NO_TURN: Quaternion = (1.0, 0.0, 0.0, 0.0)
+#: The gimbal's joints in the order of its chain, and the sign of each from FLU to FRD: the axes y
+#: and z point the other way, x does not.
+JOINT_SIGNS = {"gimbal_yaw_joint": -1.0, "gimbal_roll_joint": 1.0, "gimbal_pitch_joint": -1.0}
+#: Frame of joint messages that were computed without encoders: the topic of their source.
+COMPUTED_FROM = "gimbal/attitude"
 
 
 def quat_turned_world(w: float, x: float, y: float, z: float) -> Quaternion:

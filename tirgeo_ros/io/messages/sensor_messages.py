@@ -24,7 +24,6 @@ from tirgeo_ros.io.messages.decode import (
     velocity_sample,
 )
 from tirgeo_ros.io.messages.encode import Messages
-from tirgeo_ros.io.messages.topics import OTHER_TYPES
 
 SensedSample = NavigationInput | JointSample | CameraAttitudeSample
 
@@ -94,7 +93,30 @@ _BY_TOPIC = {
 }
 
 #: Topic to type. A leading slash marks a topic that no namespace applies to.
-TOPIC_TYPES: dict[str, str] = {t: row.typename for t, row in _BY_TOPIC.items()} | OTHER_TYPES
+TOPIC_TYPES: dict[str, str] = {topic: row.typename for topic, row in _BY_TOPIC.items()} | {
+    "thermal/image_raw": "sensor_msgs/msg/Image",
+    "thermal/image_raw/compressed": "sensor_msgs/msg/CompressedImage",
+    "thermal/camera_info": "sensor_msgs/msg/CameraInfo",
+    "tirgeo/locate/pixel": "geometry_msgs/msg/PointStamped",
+    "tirgeo/odometry": "nav_msgs/msg/Odometry",
+    "tirgeo/fix": "sensor_msgs/msg/NavSatFix",
+    "tirgeo/origin": "sensor_msgs/msg/NavSatFix",
+    "tirgeo/camera_pose": "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "tirgeo/overlay/image": "sensor_msgs/msg/Image",
+    "tirgeo/overlay/image/compressed": "sensor_msgs/msg/CompressedImage",
+    "tirgeo/overlay/camera_info": "sensor_msgs/msg/CameraInfo",
+    "tirgeo/footprint": "geometry_msgs/msg/PolygonStamped",
+    "tirgeo/path": "nav_msgs/msg/Path",
+    "tirgeo/locate/fix": "sensor_msgs/msg/NavSatFix",
+    "tirgeo/locate/point": "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "tirgeo/locate/answer": "diagnostic_msgs/msg/DiagnosticArray",
+    "tirgeo/targets": "visualization_msgs/msg/MarkerArray",
+    "tirgeo/findings": "std_msgs/msg/String",
+    "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+    "/clock": "rosgraph_msgs/msg/Clock",
+    "/tf": "tf2_msgs/msg/TFMessage",
+    "/tf_static": "tf2_msgs/msg/TFMessage",
+}
 
 #: Each source of the filter: its topic, and the decoder of its messages.
 NAVIGATION_INPUTS: Mapping[Source, tuple[str, Callable[[Any], NavigationInput]]] = {

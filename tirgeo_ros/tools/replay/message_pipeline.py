@@ -20,7 +20,7 @@ from tirgeo_ros.core.streams.arrivals import Arrivals
 from tirgeo_ros.core.types.errors import MessageError, TirgeoError
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, BagWriter, Cdr
-from tirgeo_ros.io.messages import TOPIC_TYPES, DiagnosticItem, Messages
+from tirgeo_ros.io.messages import TOPIC_TYPES, DiagnosticItem, Messages, navigation_item
 from tirgeo_ros.tools.presentation.progress import Report
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
 from tirgeo_ros.tools.replay.flight_topics import CAMERA_INFO, PICTURES, prefix, resolved
@@ -243,7 +243,7 @@ class Pipeline:
         status = self.registration.navigation.status()
         self.states_s[status.state.value] += 1
         name = f"{self._prefix}ekf_node: navigation"
-        items = [self._messages.navigation_diagnostic(name, status)]
+        items = [navigation_item(name, status)]
         items[0].values.update(self.arrivals.diagnostics)
         composer, overlay = self.registration.composer, self.overlay
         composition = f"composition: {composer.composition}"

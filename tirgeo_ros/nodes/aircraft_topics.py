@@ -1,43 +1,140 @@
-"""Listen to one aircraft's video, and to what says from where each picture was taken."""
+"""Listen to one aircraft: its video, poses and place, and what its nodes say of themselves."""
 
 from __future__ import annotations
 
+import math
+import threading
 import time
-from collections.abc import Callable, Sequence
+from bisect import bisect_left
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, Generic
 
 import numpy as np
 
 from tirgeo_ros.core.config.overlay import POINT_SIGMAS, ConfidenceConfig
 from tirgeo_ros.core.config.viewer import GroundConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.gimbal.pose_buffer import Miss
+from tirgeo_ros.core.gimbal.pose_buffer import Miss, P, PoseBuffer
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.frame_geometry import Sight
 from tirgeo_ros.core.overlay.camera_motion import RATES_S, rates_up_to
 from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.errors import cut
+from tirgeo_ros.core.types.finding import Finding
+from tirgeo_ros.core.types.verdicts import NavigationStatus
+from tirgeo_ros.io.bags.cdr import header_stamp_ns
 from tirgeo_ros.io.elevation.elevation_model import load_terrain
 from tirgeo_ros.io.messages import (
     TOPIC_TYPES,
     body_pose,
     camera,
     camera_pose,
+    findings_of,
+    navigation_status,
     stamp_ns,
     tangent_plane,
 )
-from tirgeo_ros.nodes.aircraft_state import Heard
 from tirgeo_ros.nodes.graph_node import GraphNode
-from tirgeo_ros.nodes.picture_sight import level_of
-from tirgeo_ros.nodes.pose_tape import PoseTape
+from tirgeo_ros.nodes.graph_watch import Restarts
 from tirgeo_ros.nodes.qos import IMAGE_DEPTH, STREAM_DEPTH, latched, output
 
 VIDEO, INFO = "tirgeo/overlay/image/compressed", "tirgeo/overlay/camera_info"
 ODOMETRY, POSE, FOOTPRINT = "tirgeo/odometry", "tirgeo/camera_pose", "tirgeo/footprint"
+#: Diagnostics that are older count as silence: each node reports once a second.
+SILENT_S = 3.5
 _BACK_NS = 1_000_000_000  # stamps that go back by more are those of a new flight
+_POSES = 400  # a second of the fastest stream
+#: A footprint whose heights differ by more lies on no level ground. The Earth's bend makes 8 cm
+#: in a kilometre.
+_LEVEL_M = 1.0
 
 
-class SeenAircraft:
+class Reports:
+    """Hold the newest diagnostics and findings of one aircraft's nodes."""
+
+    def __init__(self) -> None:
+        self._items: dict[str, tuple[float, dict[str, str]]] = {}
+        self._overlay: tuple[float, dict[str, str]] = -math.inf, {}
+        self._navigation: tuple[float, NavigationStatus] | None = None
+        self.restarts = Restarts()  # of overlay_node, which counts those of the others
+        self._findings: dict[str, tuple[float, list[Finding]]] = {}  # by node
+
+    def take(self, now_s: float, name: str, status: Any) -> None:
+        """Take a ``DiagnosticStatus``, named ``NODE: SUBJECT`` without the namespace.
+
+        Raises MessageError for a status of the estimator that is none.
+        """
+        item = now_s, {pair.key: cut(pair.value) for pair in status.values}
+        self._items[name] = item
+        if name.endswith(": navigation"):
+            self._navigation = now_s, navigation_status(status)
+        elif name.endswith(": overlay"):
+            self._overlay = item
+        elif name == "overlay_node: topics":
+            self.restarts.take(status)
+
+    def take_findings(self, now_s: float, message: Any) -> None:
+        """Take ``tirgeo/findings`` of a node. Raises MessageError for another text."""
+        node, _, findings = findings_of(message)
+        self._findings[node] = now_s, findings
+
+    def findings(self, now_s: float) -> list[Finding] | None:
+        """Return what the nodes' checks have found; None while all are silent."""
+        newest = [*self._findings.values()]
+        heard = [findings for then_s, findings in newest if now_s - then_s <= SILENT_S]
+        return [one for findings in heard for one in findings] if heard else None
+
+    def newest(self, name: str) -> tuple[float, dict[str, str]]:
+        """Return when an item came, and its values; never, and none, if it did not."""
+        return self._items.get(name, (-math.inf, {}))
+
+    def navigation(self, now_s: float) -> tuple[NavigationStatus | None, bool]:
+        """Return the estimator's status, None if it is silent, and whether it ever spoke."""
+        if self._navigation is None:
+            return None, False
+        then_s, status = self._navigation
+        return status if now_s - then_s <= SILENT_S else None, True
+
+    def overlay(self, now_s: float) -> dict[str, str]:
+        """Return what overlay_node says of its pictures; nothing while it is silent."""
+        then_s, values = self._overlay
+        return values if now_s - then_s <= SILENT_S else {}
+
+
+class PoseTape(Generic[P]):
+    """Keep messages of the last second by their stamps as bytes; decode those that are wanted.
+
+    ``decode`` makes a pose of one. Any thread may call it.
+    """
+
+    def __init__(self, decode: Callable[[bytes], P]) -> None:
+        self._decode = decode
+        self._lock = threading.Lock()
+        self._kept: deque[tuple[int, bytes]] = deque(maxlen=_POSES)
+
+    def add(self, data: bytes) -> None:
+        """Add a message; one whose stamp goes back begins anew. Raises MessageError."""
+        stamp_ns = header_stamp_ns(data)
+        with self._lock:
+            if self._kept and stamp_ns < self._kept[-1][0]:
+                self._kept.clear()
+            self._kept.append((stamp_ns, data))
+
+    def around(self, stamp_ns: int, before_s: float = 0.0) -> PoseBuffer[P]:
+        """Return the poses on both sides of an instant, and those of ``before_s`` before it."""
+        with self._lock:
+            kept = list(self._kept)
+        stamps = [stamp for stamp, _ in kept]
+        first = max(bisect_left(stamps, stamp_ns - round(before_s * 1e9)) - 1, 0)
+        poses: PoseBuffer[P] = PoseBuffer()
+        for _, data in kept[first : bisect_left(stamps, stamp_ns) + 1]:
+            poses.add(self._decode(data))
+        return poses
+
+
+class AircraftTopics:
     """Hold what is newest of one aircraft as bytes, and decode it when it is asked for.
 
     ``aircraft`` is its namespace, "" for that of the node. ``show`` takes the stamp (ns) and the
@@ -56,7 +153,7 @@ class SeenAircraft:
         self.plane: TangentPlane | None = None
         self.map_frame = node.messages.frames.map
         self.namespace = f"/{aircraft}" if aircraft else node.get_namespace().rstrip("/")
-        self.heard = Heard()
+        self.reports = Reports()
         self.newest_ns = 0  # stamp of the newest picture
         self._node, self._prefix, self._show = node, f"/{aircraft}/" if aircraft else "", show
         self._newest: dict[str, tuple[float, bytes]] = {}  # topic -> steady time, message
@@ -66,7 +163,7 @@ class SeenAircraft:
         for topic, tape in ((POSE, self._camera_poses), (ODOMETRY, self._body_poses)):
             self.listen(topic, partial(self._tape, topic, tape), STREAM_DEPTH, decoded=False)
         for topic in (INFO, FOOTPRINT):
-            self.keep(topic)
+            self.listen(topic, partial(self._keep, topic), 1, decoded=False)
         self.listen(VIDEO, self._take_picture, IMAGE_DEPTH)
         self.listen("tirgeo/origin", self._take_origin)
 
@@ -76,10 +173,6 @@ class SeenAircraft:
         """Have each message of a topic of the contract taken; of depth 0 also the latched one."""
         name, qos = f"{self._prefix}{topic}", output(depth) if depth else latched()
         self._node.listen(name, take, qos, TOPIC_TYPES[topic], raw=True, decoded=decoded)
-
-    def keep(self, topic: str) -> None:
-        """Keep the newest message of a topic."""
-        self.listen(topic, partial(self._keep, topic), 1, decoded=False)
 
     def newest(self, topic: str) -> Any:
         """Return the newest message of a kept topic, or None."""
@@ -106,14 +199,10 @@ class SeenAircraft:
     def _take_picture(self, message: Any) -> None:
         stamp = stamp_ns(message)
         if stamp < self.newest_ns - _BACK_NS:
-            self.forget()
+            self._newest.clear()  # a flight before: the clock was set back
         self.newest_ns = stamp
         self._keep(VIDEO, b"")
         self._show(stamp, bytes(message.data))
-
-    def forget(self) -> None:
-        """Forget a flight before: the clock was set back."""
-        self._newest.clear()
 
     def _take_origin(self, message: Any) -> None:
         self.plane, self.map_frame = tangent_plane(message), message.header.frame_id
@@ -121,21 +210,21 @@ class SeenAircraft:
     def footprint_n(self) -> Array:
         """Return the newest footprint (N, 3), NED in the plane; empty without one."""
         message = self.newest(FOOTPRINT)
-        points = message.polygon.points if message is not None else []
-        found = np.array([(p.y, p.x, -p.z) for p in points], float).reshape(-1, 3)
-        return found if np.isfinite(found).all() else found[:0]
+        points = places_n(message.polygon.points if message is not None else ())
+        return points if np.isfinite(points).all() else points[:0]
 
     def exposure_ns(self, stamp: int) -> int | None:
         """Return when a picture was exposed; None while overlay_node does not say the delay."""
-        latency_s = self.heard.number(time.monotonic(), "overlay", "video_latency_s")
+        values = self.reports.overlay(time.monotonic())
+        latency_s = number(values.get("video_latency_s", ""))
         return None if latency_s is None else stamp - round(latency_s * 1e9)
 
     @property
     def confidence(self) -> ConfidenceConfig:
         """Return the sigmas of located points, as overlay_node says them; else their defaults."""
-        now_s = time.monotonic()
-        said = {name: self.heard.number(now_s, "overlay", name) for name in POINT_SIGMAS}
-        return ConfidenceConfig(**{name: x for name, x in said.items() if x is not None})
+        values = self.reports.overlay(time.monotonic())
+        sigmas = {name: number(values.get(name, "")) for name in POINT_SIGMAS}
+        return ConfidenceConfig(**{name: x for name, x in sigmas.items() if x is not None})
 
     def sight(self, stamp: int, *, last_pose_s: float = 0.0) -> Sight | None:
         """Return from where a picture was taken; None if that is not known.
@@ -154,8 +243,8 @@ class SeenAircraft:
         if isinstance(pose, Miss):
             return None
         ground = level_of(self.footprint_n(), plane) if self.terrain is None else self.terrain
-        known = None if isinstance(body, Miss) else body
-        return Sight(camera(info, INFO), pose, plane, ground, known, rates_up_to(pose, cameras))
+        carrier = None if isinstance(body, Miss) else body
+        return Sight(camera(info, INFO), pose, plane, ground, carrier, rates_up_to(pose, cameras))
 
 
 def terrain_of(config: GroundConfig) -> Terrain | None:
@@ -163,9 +252,9 @@ def terrain_of(config: GroundConfig) -> Terrain | None:
     return load_terrain(config.dem, config.dem_undulation_m) if config.dem else None
 
 
-def listen_to_diagnostics(node: GraphNode, aircraft: Sequence[SeenAircraft]) -> None:
+def listen_to_diagnostics(node: GraphNode, aircraft: Sequence[AircraftTopics]) -> None:
     """Give each aircraft the diagnostics of the nodes in its namespace."""
-    by_namespace = {one.namespace: one.heard for one in aircraft}
+    by_namespace = {one.namespace: one.reports for one in aircraft}
 
     def take(message: Any) -> None:
         now_s = time.monotonic()
@@ -176,3 +265,25 @@ def listen_to_diagnostics(node: GraphNode, aircraft: Sequence[SeenAircraft]) -> 
                 by_namespace[namespace].take(now_s, f"{short}: {subject}", status)
 
     node.listen("/diagnostics", take, output(), raw=True)
+
+
+def level_of(footprint_n: Array, plane: TangentPlane) -> float:
+    """Return the ellipsoidal height (m) of a footprint (N, 3), NED; nan if it is not level."""
+    if len(footprint_n) < 3:
+        return math.nan
+    _, _, heights_m = plane.geodetic_from_ned(footprint_n)
+    return float(np.median(heights_m)) if np.ptp(heights_m) < _LEVEL_M else math.nan
+
+
+def places_n(points: Iterable[Any]) -> Array:
+    """Return points of a message in ``map`` as (N, 3), NED."""
+    return np.array([(p.y, p.x, -p.z) for p in points], float).reshape(-1, 3)
+
+
+def number(text: str) -> float | None:
+    """Return a finite number of a text; None for any other."""
+    try:
+        found = float(text)
+    except ValueError:
+        return None
+    return found if math.isfinite(found) else None

@@ -1,0 +1,166 @@
+"""What is heard of an aircraft and said to the page: unknown is None, silence is said."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
+
+from message_samples import BODY, CAMERA_POSE, FINDING, PLANE, SOLUTION, STATUS
+from overlays import PLANE as FIELD
+from overlays import SQUARE_N, pose_at
+
+from tirgeo_ros.core.camera.camera_model import XT2
+from tirgeo_ros.core.frames.rotations import matrix_from_quat
+from tirgeo_ros.core.gimbal.pose_buffer import Miss
+from tirgeo_ros.core.ground.frame_geometry import Sight
+from tirgeo_ros.core.types.errors import MessageError
+from tirgeo_ros.io.bags.cdr import Cdr
+from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, camera_pose, finding_row, navigation_item
+from tirgeo_ros.nodes import aircraft_view as view
+from tirgeo_ros.nodes.aircraft_topics import SILENT_S, PoseTape, Reports, level_of, number
+
+CDR = Cdr()
+MESSAGES = Messages(CDR.types)
+POSE = TOPIC_TYPES["tirgeo/camera_pose"]
+MS = 1_000_000
+START_NS = 10**18
+SIGHT = Sight(XT2, pose_at(0), FIELD, 25.0)
+
+
+def test_the_estimators_state_is_passed_on_until_it_is_silent():
+    reports = Reports()
+    assert view.navigation_fields(reports, 0.0)["navigation"]["state"] == "waiting"
+    (status,) = MESSAGES.diagnostics(0, [navigation_item("", STATUS)]).status
+    reports.take(100.0, "ekf_node: navigation", status)
+    fields = view.navigation_fields(reports, 101.0)
+    assert fields["navigation"] == {"state": "aligning", "reason": "too slow"}
+    assert fields["rtk"] == "float"
+    assert fields["heading_sigma_deg"] == pytest.approx(math.degrees(0.0123))
+    silent = view.navigation_fields(reports, 100.1 + SILENT_S)
+    assert silent["navigation"] == {"state": "lost", "reason": "nothing is heard of ekf_node"}
+    assert silent["rtk"] is None
+
+
+def test_findings_reach_the_page_part_by_part():
+    """A remedy with a colon was cut at it, as the text was taken apart again."""
+    message, reports = MESSAGES.findings("/uav1/ekf_node", 5, [FINDING]), Reports()
+    assert reports.findings(100.0) is None
+    reports.take_findings(100.0, message)
+    assert reports.findings(100.0) == [FINDING]
+    assert finding_row(FINDING)["remedy"] == "ENU: z up; psdk: its key"
+    assert reports.findings(100.1 + SILENT_S) is None  # nobody knows while nobody says
+    message.data = message.data.replace("findings/1", "findings/2")
+    with pytest.raises(MessageError, match="its schema is not tirgeo/findings/1"):
+        reports.take_findings(100.0, message)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"), [("0.25", 0.25), ("nan", None), ("", None), ("fast", None)]
+)
+def test_numbers_that_are_none_are_none(text, value):
+    assert number(text) == value
+
+
+def test_the_position_is_that_of_the_odometry():
+    odometry = MESSAGES.odometry(SOLUTION, BODY)
+    level_n = BODY.position_n + np.array([[5, 5, 12.0], [9, 5, 12.0], [5, 9, 12.0]])
+    fields = view.position_fields(odometry, PLANE, level_n)
+    place = np.radians(fields["position"][:2])
+    off_n = PLANE.ned_from_geodetic(*place, fields["position"][2]) - BODY.position_n
+    np.testing.assert_allclose(off_n, 0.0, atol=1e-2)
+    assert fields["above_ground_m"] == pytest.approx(12.0)
+    north, east, _ = SOLUTION.velocity_n
+    assert fields["speed_m_s"] == pytest.approx(math.hypot(north, east))
+    worst = np.linalg.eigvalsh(BODY.covariance[:2, :2])[-1]
+    assert fields["position_sigma_m"] == pytest.approx(math.sqrt(worst))
+    nowhere = view.position_fields(odometry, PLANE, np.empty((0, 3)))
+    assert math.isnan(nowhere["above_ground_m"])  # which the server sends as null
+
+
+A, B, C, D, E = ([48.0 + 0.01 * k, 16.0] for k in range(5))
+
+
+@pytest.mark.parametrize(
+    ("sent", "track", "first"),
+    [
+        ([], [A, B, C], 0),
+        ([A, B, C], [A, B, C], 3),
+        ([A, B, C], [A, B, D, E], 2),  # the last one is where it was just now
+        ([A, B, D, E], [A, D], 1),  # thinned
+        ([A, D], [], 0),
+    ],
+)
+def test_only_new_points_of_the_track_are_sent(sent, track, first):
+    assert view.track_fields(sent, track) == {"track": track[first:], "track_from": first}
+
+
+@pytest.fixture
+def tape():
+    """Poses each 20 ms for a second; how many of them were decoded."""
+    decoded = []
+
+    def decode(data):
+        decoded.append(data)
+        return camera_pose(CDR.deserialize(data, POSE))
+
+    made = PoseTape(decode)
+    for k in range(50):
+        made.add(posed(START_NS + 20 * k * MS))
+    return made, decoded
+
+
+def posed(stamp_ns):
+    pose = dataclasses.replace(CAMERA_POSE, stamp_ns=stamp_ns)
+    return CDR.serialize(MESSAGES.camera_pose(pose), POSE)
+
+
+def test_poses_around_an_instant_alone_are_decoded(tape):
+    made, decoded = tape
+    poses = made.around(START_NS + 410 * MS)
+    assert poses.at(START_NS + 410 * MS).stamp_ns == START_NS + 410 * MS
+    assert len(decoded) == 2
+    poses = made.around(START_NS + 410 * MS, before_s=0.1)
+    assert poses.at(START_NS + 310 * MS).stamp_ns == START_NS + 310 * MS
+    assert made.around(START_NS + 1000 * MS).at(START_NS + 1000 * MS) is Miss.TOO_NEW
+    assert made.around(START_NS - MS).at(START_NS - MS) is Miss.TOO_OLD
+
+
+def test_a_clock_that_goes_back_begins_anew(tape):
+    made, _ = tape
+    made.add(posed(10**17))
+    assert made.around(10**17).at(10**17).stamp_ns == 10**17
+    assert made.around(START_NS).at(START_NS) is Miss.TOO_NEW
+    with pytest.raises(MessageError, match="too few for a header"):
+        made.add(b"\0\1")
+
+
+def test_a_place_is_where_the_camera_sees_it():
+    corner_n = SQUARE_N[0]
+    latitude, longitude, _ = FIELD.geodetic_from_ned(corner_n)
+    point_n = view.on_ground(FIELD, SQUARE_N, float(latitude), float(longitude))
+    np.testing.assert_allclose(point_n, corner_n, atol=1e-3)
+    seen = (corner_n - SIGHT.pose.position_n)[None] @ matrix_from_quat(SIGHT.pose.q_nc)
+    np.testing.assert_allclose(view.pixel_of(SIGHT, point_n), XT2.project(seen)[0][0], atol=0.05)
+    assert view.pixel_of(SIGHT, corner_n * -1) is None  # behind the camera
+    assert view.pixel_of(SIGHT, corner_n * [1, 9, 1]) is None  # beside the picture
+
+
+def test_on_a_slope_the_place_lies_on_the_slope():
+    slope_n = SQUARE_N.copy()
+    slope_n[:, 2] = -0.2 * slope_n[:, 0]
+    place = FIELD.geodetic_from_ned(np.array([36.0, 0.0, 0.0]))
+    point_n = view.on_ground(FIELD, slope_n, float(place[0]), float(place[1]))
+    np.testing.assert_allclose(point_n, [36.0, 0.0, -7.2], atol=1e-3)
+
+
+def test_the_ground_has_a_height_where_it_is_level():
+    assert level_of(SQUARE_N, FIELD) == pytest.approx(25.0, abs=0.01)
+    slope_n = SQUARE_N.copy()
+    slope_n[2:, 2] = 3.0
+    assert math.isnan(level_of(slope_n, FIELD))
+    assert math.isnan(level_of(np.empty((0, 3)), FIELD))
