@@ -310,7 +310,7 @@ def test_a_killed_node_goes_on_as_it_was_and_a_stopped_one_begins_anew(fleet, st
             node, url = start(cot=cot)
             on, targets = state(url, lambda s: s["recording"] and s["sharing"]["connected"])
             assert targets == [target]
-            assert not [one for one in on["findings"] if one["title"] == "recording"]
+            assert not [one for one in on["findings"] if one["subject"] == "recording"]
             links.append(team.accept()[0])
             assert target["id"].encode() in links[-1].recv(10_000)
         fleet.until(lambda: len(bags()) == 3 and bags()[-1].stat().st_size > 1e5)
@@ -318,10 +318,11 @@ def test_a_killed_node_goes_on_as_it_was_and_a_stopped_one_begins_anew(fleet, st
         assert [BagReader(bag).damage for bag in bags()[:2]] == [None, None]
         node.signal(signal.SIGKILL)
         node, url = start(cot=cot, least_free_gb=1e4)
-        off, _ = state(url, lambda s: any(one["title"] == "recording" for one in s["findings"]))
-        (finding,) = (one for one in off["findings"] if one["title"] == "recording")
-        assert "it ended when viewer_node was killed; not recorded: " in finding["text"]
-        assert "GB are free; make room on this disk" in finding["text"]
+        off, _ = state(url, lambda s: any(one["subject"] == "recording" for one in s["findings"]))
+        (finding,) = (one for one in off["findings"] if one["subject"] == "recording")
+        ended = "the recording does not go on: it ended when viewer_node was killed; "
+        assert finding["evidence"].startswith(f"{ended}not recorded: ")
+        assert "GB are free; make room on this disk" in finding["evidence"]
         node.signal(signal.SIGINT)
         assert node.wait(30).exit_code == 0
     store = TargetStore(tmp_path / "targets.gpkg")

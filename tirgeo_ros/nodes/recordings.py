@@ -68,10 +68,11 @@ class Recordings:
 
     def findings(self, aircraft: str) -> list[Finding]:
         """Return what went wrong last."""
-        trouble = self.troubles.get(aircraft)
+        if aircraft not in self.troubles:
+            return []
+        evidence = f"the recording does not go on: {self.troubles[aircraft]}"
         where, mend = "viewer_node record_to", "look at the disk, then record again"
-        found = Finding("recording", Severity.CAUTION, trouble or "", where, mend)
-        return [found] if trouble else []
+        return [Finding("recording", Severity.CAUTION, evidence, where, mend)]
 
     def begin(self, aircraft: str) -> str:
         """Begin to record; return words for the operator when it has begun, or why it has not."""
@@ -94,7 +95,12 @@ class Recordings:
 
     def go_on(self, aircraft: str) -> None:
         """Record again, into new files, what was recorded when the last run was killed."""
-        self._thread.submit(self._begin_again, aircraft)
+        if aircraft in self._namespaces:
+            self._thread.submit(self._begin_again, aircraft)
+            return
+        which = f"{aircraft or 'the only aircraft'} was recorded when viewer_node was killed"
+        trouble = f"{which}, and is not in its namespaces now"
+        self.troubles |= dict.fromkeys(self._namespaces, trouble)
 
     def _begin_again(self, aircraft: str) -> None:
         camera = f"{self._namespaces[aircraft]}/{_COMPRESSED}"
