@@ -29,7 +29,7 @@ from tirgeo_ros.nodes.runner import run
 from tirgeo_ros.nodes.seen_aircraft import listen_to_diagnostics, terrain_of
 from tirgeo_ros.nodes.team_link import TeamLink
 from tirgeo_ros.nodes.viewed_aircraft import ViewedAircraft
-from tirgeo_ros.page.invitation import invitation
+from tirgeo_ros.page.routes import invitation
 from tirgeo_ros.page.server import PageServer
 
 _REPORT_S, _LOOK_S, _WATCH_S = 0.2, 0.1, 1.0
