@@ -181,7 +181,7 @@ class Routes:
         except TargetError:
             raise web.HTTPNotFound from None
         out = io.BytesIO()
-        uri = f"geo:{target.latitude_deg:.7f},{target.longitude_deg:.7f}"
+        uri = f"geo:{target.place.latitude_deg:.7f},{target.place.longitude_deg:.7f}"
         segno.make(uri, micro=False).save(out, kind="svg", scale=4, light="white")
         return web.Response(body=out.getvalue(), content_type="image/svg+xml")
 
