@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import re
 import signal
@@ -9,7 +10,7 @@ import socket
 import subprocess
 import sys
 import time
-from contextlib import suppress
+from contextlib import closing, suppress
 from itertools import takewhile
 from pathlib import Path
 
@@ -20,12 +21,14 @@ pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 from diagnostic_msgs.msg import DiagnosticArray
 from graph_helpers import deep_queues
 from nav_msgs.msg import Odometry
+from page_clients import Page
 from project import child_of, reader_of
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CompressedImage, Imu
 
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter
 from tirgeo_ros.io.messages import stamp_ns
+from tirgeo_ros.io.targets.store import TargetStore
 
 pytestmark = pytest.mark.graph
 
@@ -50,6 +53,18 @@ class Run:
             assert self.process.poll() is None, self.log.read_text()
             assert time.monotonic() < end_s, self.log.read_text()
             time.sleep(0.05)
+
+    def await_line(self, pattern: str) -> str:
+        end_s = time.monotonic() + 60
+        while not (found := re.search(pattern, self.log.read_text())):
+            assert self.process.poll() is None, self.log.read_text()
+            assert time.monotonic() < end_s, self.log.read_text()
+            time.sleep(0.05)
+        return found[1]
+
+    @property
+    def page(self) -> str:
+        return self.await_line(r"the page is at (\S+)/")
 
     def ended(self) -> int:
         return self.process.wait(60)
@@ -142,6 +157,59 @@ def test_a_page_that_is_killed_is_started_again_and_takes_nothing_along(start, m
     assert line.startswith("CAUTION: viewer_node ended and was started again; restarts so far: 1")
     run.process.send_signal(signal.SIGINT)
     assert run.ended() == 0, run.log.read_text()
+
+
+@pytest.mark.slow
+def test_what_the_page_switched_on_goes_on_after_the_graph_is_killed(start, tmp_path):
+    """The page's process then gets SIGTERM of the kernel, and completes its files."""
+    targets, params = tmp_path / "targets.gpkg", tmp_path / "params.yaml"
+    values = f"targets: {targets}, record_to: {tmp_path / 'bags'}"
+    params.write_text(f"viewer_node: {{ros__parameters: {{{values}}}}}\n")
+    words = ("--no-dji", "--page", "127.0.0.1:0", "--params", params)
+
+    async def switch_on(url):
+        async with Page(url) as page, page.state() as states:
+            await states.ask("record", aircraft="", on=True)
+            await states.ask("share", on=True)
+            await states.until("state", lambda state: state["sharing"]["connected"])
+
+    def switched_on(run, number):
+        page = child_of(run.process.pid, "viewer_node")
+        run.process.send_signal(number)
+        run.ended()
+        await_end(page)
+        with closing(TargetStore(targets)) as store:
+            return sorted(store.switched_on())
+
+    with socket.create_server(("127.0.0.1", 0)) as team:
+        team.settimeout(60)
+        shared = (*words, "--cot", f"tcp://127.0.0.1:{team.getsockname()[1]}")
+        run = start(*shared)
+        run.await_ready()
+        asyncio.run(switch_on(run.page))
+        links = [team.accept()[0]]
+        assert switched_on(run, signal.SIGKILL) == ["record ", "share"]
+        run = start(*shared)
+        links.append(team.accept()[0])
+        run.await_line(r"recording to (\S+\.mcap) and")
+        assert switched_on(run, signal.SIGKILL) == ["record ", "share"]
+    assert len(list((tmp_path / "bags").glob("*.mcap"))) == 2
+    run = start(*words)  # without cot
+    evidence, severity = asyncio.run(finding(run.page, "sharing"))
+    assert evidence.startswith("sharing does not go on: it was on when viewer_node was killed")
+    assert severity == "CAUTION"
+    assert switched_on(run, signal.SIGINT) == []
+
+
+async def finding(url, subject):
+    """What the page says of a finding, and how serious that is."""
+
+    def of(state):
+        return [one for one in state.get("findings", ()) if one["subject"] == subject]
+
+    async with Page(url) as page, page.state() as states:
+        (row,) = of(await states.until("state", of))
+        return row["evidence"], row["severity"]
 
 
 @pytest.mark.slow

@@ -12,9 +12,9 @@ from page_backend import HEIGHT, WIDTH, Pictures
 from page_clients import tile_file
 
 from tirgeo_ros.core.types.errors import PageError
-from tirgeo_ros.page.invitation import invitation
 from tirgeo_ros.page.limits import AddressAllowances, Allowance, WrongTokens
 from tirgeo_ros.page.pace import LEVELS
+from tirgeo_ros.page.routes import invitation
 from tirgeo_ros.page.tiles import Tiles
 from tirgeo_ros.page.video_feed import VideoFeed
 

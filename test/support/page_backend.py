@@ -23,7 +23,7 @@ from tirgeo_ros.core.config.viewer import ViewerConfig
 from tirgeo_ros.core.targets.target import Fixing
 from tirgeo_ros.io.targets.store import TargetStore
 from tirgeo_ros.page.backend import Click, Pixel
-from tirgeo_ros.page.invitation import invitation
+from tirgeo_ros.page.routes import invitation
 from tirgeo_ros.page.server import PageServer
 
 WIDTH, HEIGHT, HZ = 640, 512, 30.0

@@ -79,10 +79,11 @@ def off_corner(target: Target) -> tuple[float, float]:
     """Return how far a target is from the nearest true corner: metres, and chi-square."""
     corners = [(e - PLOT_M, n + PLOT_M) for e, n in PLOTS]
     places = [place_of(*corner) for corner in corners]
+    place = target.place
     offsets = [
-        np.array([(target.longitude_deg - lon) * EAST_M, (target.latitude_deg - lat) * NORTH_M])
+        np.array([(place.longitude_deg - lon) * EAST_M, (place.latitude_deg - lat) * NORTH_M])
         for lat, lon in places
     ]
     off = min(offsets, key=np.linalg.norm)
-    covariance = np.reshape(target.covariance_enu, (3, 3))[:2, :2]
+    covariance = np.reshape(place.covariance_enu, (3, 3))[:2, :2]
     return float(np.linalg.norm(off)), float(off @ np.linalg.solve(covariance, off))

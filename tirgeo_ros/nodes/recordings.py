@@ -43,6 +43,11 @@ class Recording:
     video: Path
     children: list[ChildNode]
 
+    @property
+    def fault(self) -> str:
+        """Return why one of its processes has ended by itself; empty while all run."""
+        return next(filter(None, (child.fault for child in self.children)), "")
+
 
 class Recordings:
     """Hold the recordings in progress, by aircraft. Any thread may call it.
@@ -58,9 +63,8 @@ class Recordings:
         self._lock = threading.Lock()
         self._active: dict[str, Recording] = {}
         self.troubles: dict[str, str] = {}
-        self._thread = ThreadPoolExecutor(
-            1, "recordings"
-        )  # a child ends with its thread: this stays
+        #: A child ends with its thread: this stays.
+        self._thread = ThreadPoolExecutor(1, "recordings")
 
     def is_on(self, aircraft: str) -> bool:
         """Return whether an aircraft is recorded."""
@@ -68,10 +72,11 @@ class Recordings:
 
     def findings(self, aircraft: str) -> list[Finding]:
         """Return what went wrong last."""
-        trouble = self.troubles.get(aircraft)
+        if aircraft not in self.troubles:
+            return []
+        evidence = f"the recording does not go on: {self.troubles[aircraft]}"
         where, mend = "viewer_node record_to", "look at the disk, then record again"
-        found = Finding("recording", Severity.CAUTION, trouble or "", where, mend)
-        return [found] if trouble else []
+        return [Finding("recording", Severity.CAUTION, evidence, where, mend)]
 
     def begin(self, aircraft: str) -> str:
         """Begin to record; return words for the operator when it has begun, or why it has not."""
@@ -94,7 +99,12 @@ class Recordings:
 
     def go_on(self, aircraft: str) -> None:
         """Record again, into new files, what was recorded when the last run was killed."""
-        self._thread.submit(self._begin_again, aircraft)
+        if aircraft in self._namespaces:
+            self._thread.submit(self._begin_again, aircraft)
+            return
+        which = f"{aircraft or 'the only aircraft'} was recorded when viewer_node was killed"
+        trouble = f"{which}, and is not in its namespaces now"
+        self.troubles |= dict.fromkeys(self._namespaces, trouble)
 
     def _begin_again(self, aircraft: str) -> None:
         camera = f"{self._namespaces[aircraft]}/{_COMPRESSED}"
@@ -129,7 +139,8 @@ class Recordings:
         if not self._lock.acquire(blocking=False):
             return
         try:
-            troubles = {name: self._trouble(made) for name, made in self._active.items()}
+            full = self._folder_trouble() if self._active else ""
+            troubles = {name: made.fault or full for name, made in self._active.items()}
         finally:
             self._lock.release()
         for aircraft, trouble in troubles.items():
@@ -137,10 +148,6 @@ class Recordings:
                 self.troubles[aircraft] = trouble
                 self._node.log(WARN, f"the recording ends: {trouble}")
                 threading.Thread(target=self.end, args=(aircraft,), name="recording ends").start()
-
-    def _trouble(self, made: Recording) -> str:
-        faults = [child.fault for child in made.children if child.fault]
-        return faults[0] if faults else self._folder_trouble()
 
     def _folder_trouble(self) -> str:
         """Return why the folder takes no recording; empty if it does."""
@@ -187,14 +194,10 @@ def _wait(done: Callable[[], object], timeout_s: float) -> None:
 
 def _not_begun(made: Recording) -> str:
     """Wait until the bag is there; return why it is not, else an empty text."""
-
-    def faults() -> list[str]:
-        return [child.fault for child in made.children if child.fault]
-
-    _wait(lambda: made.bag.exists() or faults(), _BEGIN_S)
-    if made.bag.exists() and not faults():
-        return ""
-    return faults()[0] if faults() else f"{made.bag} is not there after {_BEGIN_S:.0f} s"
+    _wait(lambda: made.bag.exists() or made.fault, _BEGIN_S)
+    if made.bag.exists():
+        return made.fault
+    return made.fault or f"{made.bag} is not there after {_BEGIN_S:.0f} s"
 
 
 def _ended(made: Recording) -> str:

@@ -11,6 +11,7 @@ from tirgeo_ros.core.config import ViewerConfig
 from tirgeo_ros.core.ground.frame_geometry import frame_geometry
 from tirgeo_ros.core.ground.ground_point import circular_error_90, linear_error_90
 from tirgeo_ros.core.targets.target import Target
+from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.io.cot.aircraft_events import AircraftState
 from tirgeo_ros.io.messages import body_pose
 from tirgeo_ros.nodes.aircraft_topics import ODOMETRY
@@ -36,6 +37,7 @@ class TeamLink:
     ) -> None:
         self._aircraft = aircraft
         self.link: CotLink | None = None
+        self.findings: list[Finding] = []
         if config.cot:
             files = config.cot_certificate, config.cot_key, config.cot_ca
             given = CotParameters(config.cot, *files, config.cot_password)
@@ -51,6 +53,15 @@ class TeamLink:
         """End the connection."""
         if self.link is not None:
             self.link.stop()
+
+    def go_on(self) -> None:
+        """Share as when the last run was killed; without a link a finding says that it ended."""
+        if self.link is not None:
+            self.link.share(True)
+            return
+        evidence = "sharing does not go on: it was on when viewer_node was killed; cot is not set"
+        mend = "set it to where it sent to, and start again"
+        self.findings = [Finding("sharing", Severity.CAUTION, evidence, "viewer_node cot", mend)]
 
     @property
     def state(self) -> dict[str, Any] | None:

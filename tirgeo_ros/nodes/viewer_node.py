@@ -16,6 +16,7 @@ from tirgeo_ros.core.config.viewer import split_namespaces
 from tirgeo_ros.core.ground.ground_point import MarkedPlace
 from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.errors import ConfigError
+from tirgeo_ros.io.files.child_python import parent_ended
 from tirgeo_ros.io.messages import DiagnosticItem
 from tirgeo_ros.io.targets.store import TargetStore
 from tirgeo_ros.nodes.aircraft_topics import listen_to_diagnostics, terrain_of
@@ -28,7 +29,7 @@ from tirgeo_ros.nodes.page_streams import PageStreams
 from tirgeo_ros.nodes.recordings import Recordings
 from tirgeo_ros.nodes.runner import run
 from tirgeo_ros.nodes.team_link import TeamLink
-from tirgeo_ros.page.invitation import invitation
+from tirgeo_ros.page.routes import invitation
 from tirgeo_ros.page.server import PageServer
 
 _REPORT_S, _LOOK_S, _WATCH_S = 0.2, 0.1, 1.0
@@ -86,16 +87,17 @@ class ViewerNode(GraphNode):
             self._go_on()
             self._invite()
             yield
-            for what in self._targets.switched_on():  # stopped, not killed: nothing is to go on
-                self._targets.switch(what, on=False)
+            if not parent_ended():  # stopped, not killed: nothing is to go on
+                for what in self._targets.switched_on():
+                    self._targets.switch(what, on=False)
 
     def _go_on(self) -> None:
         """Go on with what was on when the last run was killed."""
         for what in self._targets.switched_on():
             kind, _, aircraft = what.partition(" ")
-            if kind == "share" and self._team.link:
-                self._team.link.share(True)
-            elif aircraft in self._aircraft:
+            if kind == "share":
+                self._team.go_on()
+            else:
                 self._recordings.go_on(aircraft)
 
     def _invite(self) -> None:
@@ -117,8 +119,8 @@ class ViewerNode(GraphNode):
 
     def _report(self, aircraft: str) -> None:
         one = self._aircraft[aircraft]
-        ours = [*self._recordings.findings(aircraft), *one.reports.restarts.findings()]
-        state = one.state(ours)
+        ours = [*self._recordings.findings(aircraft), *self._team.findings]
+        state = one.state([*ours, *one.reports.restarts.findings()])
         state["recording"], state["sharing"] = self._recordings.is_on(aircraft), self._team.state
         self._server.report(aircraft, state)
 

@@ -1,9 +1,10 @@
-"""Do what a page's request asks, and say what came of it."""
+"""Do what a page's request asks, and say what came of it; write targets as pages get them."""
 
 from __future__ import annotations
 
 import asyncio
 import functools
+import math
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
@@ -13,9 +14,10 @@ import pyproj
 
 from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.errors import TirgeoError
+from tirgeo_ros.io.coordinates.written import written
+from tirgeo_ros.io.targets.store import TargetStore
 from tirgeo_ros.page.backend import Backend, Click, Pixel
 from tirgeo_ros.page.requests import RequestError
-from tirgeo_ros.page.target_messages import target_fields
 from tirgeo_ros.page.video_feed import VideoFeed
 
 _T = TypeVar("_T")
@@ -25,6 +27,7 @@ _CLICK_S = 2.0  # the backend has its own limit, of a second
 #: A name so long is nobody else's: a page that lost the connection before the answer sends the
 #: request again, and it must not be done twice.
 _UNIQUE_NAME, _REMEMBERED = 16, 2000
+_CORNERS = 36  # of an ellipse's outline
 
 
 class Actions:
@@ -139,3 +142,53 @@ class Actions:
             found = await asyncio.to_thread(call)
         self._changed()
         return found
+
+
+def targets_message(store: TargetStore, undulation_m: float) -> dict[str, Any]:
+    """Return the message ``targets``: the whole list, without deleted ones."""
+    revision, open_ = store.revision, store.alternatives()
+    return {
+        "type": "targets",
+        "revision": revision,
+        "targets": [
+            target_fields(target, undulation_m) | {"alternatives": open_[target.id]}
+            for target in store.all()
+        ],
+    }
+
+
+@functools.lru_cache(maxsize=4096)  # one target changes, and the others are sent again
+def target_fields(target: Target, undulation_m: float) -> dict[str, Any]:
+    """Return a target as the page gets it; without ``undulation_m`` no height above sea level."""
+    place = target.place
+    ellipse = place.ellipse
+    texts = written(place.latitude_deg, place.longitude_deg)
+    known = math.isfinite(undulation_m)
+    return {
+        "id": target.id,
+        "number": target.number,
+        "name": target.name,
+        "kind": target.kind,
+        "note": target.note,
+        "aircraft": target.aircraft,
+        "created_ns": str(target.created_ns),
+        "changed_ns": str(target.changed_ns),
+        "latitude_deg": place.latitude_deg,
+        "longitude_deg": place.longitude_deg,
+        "height_m": place.height_m,
+        "height_msl_m": place.height_m - undulation_m if known else None,
+        "coordinates": {
+            "decimal": texts.decimal,
+            "dms": texts.dms,
+            "mgrs": texts.mgrs,
+            "utm": texts.utm,
+        },
+        "ellipse": {
+            "major_m": ellipse.major_m,
+            "minor_m": ellipse.minor_m,
+            "azimuth_deg": math.degrees(ellipse.azimuth_rad),
+        },
+        "outline": [[round(x, 8) for x in corner] for corner in place.outline(_CORNERS)],
+        "clicks": len(target.fixings),
+        "clicks_agree": target.clicks_agree,
+    }

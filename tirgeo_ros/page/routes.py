@@ -32,6 +32,7 @@ _MESSAGE_BYTES = 64 * 1024
 _HEARTBEAT_S, _CLOSING_S = 10.0, 2.0
 _ASKED_A_S, _ASKED_AT_ONCE = 100.0, 200.0  # by all pages of an address, on /state
 _DAY = "max-age=86400"
+_QUIET = 2  # modules of light around a code; terminals add their own
 
 
 class Routes:
@@ -180,7 +181,7 @@ class Routes:
         except TargetError:
             raise web.HTTPNotFound from None
         out = io.BytesIO()
-        uri = f"geo:{target.latitude_deg:.7f},{target.longitude_deg:.7f}"
+        uri = f"geo:{target.place.latitude_deg:.7f},{target.place.longitude_deg:.7f}"
         segno.make(uri, micro=False).save(out, kind="svg", scale=4, light="white")
         return web.Response(body=out.getvalue(), content_type="image/svg+xml")
 
@@ -199,3 +200,10 @@ def _who(request: web.Request) -> str:
     """Return what the sockets of one screen have in common."""
     told = (request.headers.get(name, "") for name in ("Cookie", "User-Agent"))
     return " ".join((request.remote or "", *told))
+
+
+def invitation(url: str) -> str:
+    """Return a URL as a QR code of half-block characters, light on dark, and as text below it."""
+    out = io.StringIO()
+    segno.make(url, error="l", micro=False).terminal(out, border=_QUIET, compact=True)
+    return f"{out.getvalue().rstrip()}\n{url}"

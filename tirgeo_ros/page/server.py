@@ -18,14 +18,13 @@ from aiohttp import web
 from tirgeo_ros.core.config.viewer import ViewerConfig, address_of
 from tirgeo_ros.core.types.errors import PageError
 from tirgeo_ros.page.access import OPERATOR, VIEWER, Access
-from tirgeo_ros.page.actions import Actions
+from tirgeo_ros.page.actions import Actions, targets_message
 from tirgeo_ros.page.backend import Backend
 from tirgeo_ros.page.connections import Door, listening_socket
 from tirgeo_ros.page.guard import Guard, mark
 from tirgeo_ros.page.routes import Routes
 from tirgeo_ros.page.state_hub import plain
 from tirgeo_ros.page.static_files import read_static
-from tirgeo_ros.page.target_messages import targets_message
 from tirgeo_ros.page.tiles import Tiles
 from tirgeo_ros.page.video_feed import VideoFeed
 

@@ -8,12 +8,14 @@ import json
 import math
 from xml.etree import ElementTree as ET
 
+import numpy as np
 import pyogrio
 import pytest
 from target_samples import ANSWERS, COVARIANCE, FOUND, HOSTILE, STAMP_NS, TARGETS, click, target
 
 from tirgeo_ros.io.surveys.survey import Answered
 from tirgeo_ros.io.targets.exports import FORMATS, exported, exported_answers, form_of
+from tirgeo_ros.io.targets.xml_formats import cot
 
 KML = "{http://www.opengis.net/kml/2.2}"
 GPX = "{http://www.topografix.com/GPX/1/1}"
@@ -181,3 +183,23 @@ def test_the_ending_names_the_format():
 def at(latitude_deg, longitude_deg):
     one = click()
     return type(one)(one.stamp_ns, latitude_deg, longitude_deg, 0.0, one.covariance_enu)
+
+
+def test_cursor_on_target_events_are_those_of_targets_with_ce90_and_le90():
+    events = list(ET.fromstring(cot(ANSWERS)).iter("event"))
+    assert len(events) == 1
+    event = events[0].attrib
+    assert event["uid"].startswith("tirgeo-")
+    assert (event["version"], event["type"], event["how"]) == ("2.0", "b-m-p-s-m", "m-i")
+    assert event["time"] == event["start"] == "2021-10-20T12:00:35.605Z"
+    assert event["stale"] == "2021-10-21T12:00:35.605Z"
+    assert events[0].find("detail/contact").get("callsign") == "1 sheep <1> & Ü"
+    assert "CE90" in events[0].find("detail/remarks").text
+    point = {key: float(value) for key, value in events[0].find("point").attrib.items()}
+    ce90_m, le90_m = point.pop("ce"), point.pop("le")
+    assert point == {"lat": 39.85, "lon": 116.7, "hae": 11.5}
+    # 90 % of a normal distribution with these sigmas lie in the circle: drawn, to 4 sigma of 4e5
+    drawn = np.random.default_rng(1).normal(size=(400_000, 2)) * [2.0, 0.5]
+    share = np.mean(np.hypot(*drawn.T) <= ce90_m)
+    assert abs(share - 0.9) < 4 * math.sqrt(0.09 / 400_000)
+    assert le90_m == pytest.approx(0.1 * 1.644854, abs=1e-3)

@@ -201,8 +201,8 @@ def test_it_is_a_geopackage_for_gdal(path):
     assert said["name"].tolist() == [one.name for one in found]
     assert str(said["time"][0]) == "2021-10-20T12:00:35.605"
     for shape, one in zip(shapes, found, strict=True):
-        place = np.frombuffer(shape, "<f8", 2, 5)
-        assert place.tolist() == [one.longitude_deg, one.latitude_deg]
+        place = one.place.longitude_deg, one.place.latitude_deg
+        assert tuple(np.frombuffer(shape, "<f8", 2, 5)) == place
     meta, _, shapes, _ = pyogrio.raw.read(path, layer="ellipses")
     assert (meta["crs"], meta["geometry_type"], len(shapes)) == ("EPSG:4326", "Polygon", 3)
 

@@ -15,7 +15,7 @@ from signed_certificates import certificate
 
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.page.cot.address import CotParameters, endpoint, pytak_settings
-from tirgeo_ros.page.cot.trouble import words_of
+from tirgeo_ros.page.cot.link import words_of
 
 
 @pytest.mark.parametrize(

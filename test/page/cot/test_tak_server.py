@@ -157,7 +157,7 @@ def test_a_server_that_dies_in_the_middle_of_many_loses_none(server, monkeypatch
         assert link.status.queued > 100
         server.start()
         member = Member.of(server)
-        missing = {"tirgeo-" + one.id: one.latitude_deg for one in many}
+        missing = {"tirgeo-" + one.id: one.place.latitude_deg for one in many}
         while missing:
             event = member.got(lambda one: one.get("uid") in missing)
             wanted = missing.pop(event.get("uid"))

@@ -56,9 +56,10 @@ def test_presses_on_surveyed_points_are_targets_within_their_ellipses(
     targets = TargetStore(tmp_path / "targets.gpkg").all()
     squares = []
     for target, truth in zip(targets, truths, strict=True):
-        place = np.radians([target.latitude_deg, target.longitude_deg])
-        off = sight.plane.ned_from_geodetic(*place, target.height_m) - truth
-        covariance = np.reshape(target.covariance_enu, (3, 3))[:2, :2]
+        fixing = target.place
+        place = np.radians([fixing.latitude_deg, fixing.longitude_deg])
+        off = sight.plane.ned_from_geodetic(*place, fixing.height_m) - truth
+        covariance = np.reshape(fixing.covariance_enu, (3, 3))[:2, :2]
         east_north = off[[1, 0]]
         assert np.linalg.norm(east_north) < 3.0
         squares.append(east_north @ np.linalg.solve(covariance, east_north))

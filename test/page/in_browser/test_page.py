@@ -69,7 +69,7 @@ def test_a_press_on_an_outline_is_a_target_within_its_ellipse(serve, tablet):
     assert target.kind == "fire"
     screen.tap_on(".row")
     assert screen.one("input[aria-label=Name]").get_attribute("maxlength") == str(MOST_NAME)
-    screen.reads(".value[data-form=decimal]", f"{target.latitude_deg:.6f}")
+    screen.reads(".value[data-form=decimal]", f"{target.place.latitude_deg:.6f}")
     assert screen.one(".picture").evaluate("(image) => image.decode().then(() => true)")
     assert screen.one(".qr").evaluate("(image) => image.decode().then(() => true)")
 
@@ -162,7 +162,7 @@ def test_a_target_is_named_deleted_brought_back_and_handed_over(serve, tablet, t
         )
         for form in ("geojson", "gpkg", "kml", "gpx", "csv")
     }
-    place = (target.longitude_deg, target.latitude_deg)
+    place = (target.place.longitude_deg, target.place.latitude_deg)
     written = json.loads(files["geojson"].read_text())
     points = [f for f in written["features"] if f["geometry"]["type"] == "Point"]
     assert points[0]["geometry"]["coordinates"][:2] == pytest.approx(place, abs=1e-8)

@@ -134,7 +134,8 @@ def test_targets_are_there_with_their_ellipses(path):
     for row, target in zip(rows, TARGETS, strict=True):
         expected = of_target(target)
         assert {key: row[key] for key in expected} == expected
-        assert row["positions"].tolist() == [[target.longitude_deg, target.latitude_deg]]
+        place = target.place
+        assert row["positions"].tolist() == [[place.longitude_deg, place.latitude_deg]]
     for row, target in zip(rows_of(path, "ellipses"), TARGETS, strict=True):
         assert row["target"] == target.id
         assert_allclose(row["positions"][:, ::-1], target.place.outline())

@@ -96,31 +96,6 @@ class Target:
         return averaged(self.fixings)
 
     @property
-    def latitude_deg(self) -> float:
-        """Return the average's latitude."""
-        return self.place.latitude_deg
-
-    @property
-    def longitude_deg(self) -> float:
-        """Return the average's longitude."""
-        return self.place.longitude_deg
-
-    @property
-    def height_m(self) -> float:
-        """Return the average's height above the ellipsoid."""
-        return self.place.height_m
-
-    @property
-    def covariance_enu(self) -> tuple[float, ...]:
-        """Return the average's covariance: 9 numbers, m2, row by row."""
-        return self.place.covariance_enu
-
-    @property
-    def ellipse(self) -> Ellipse:
-        """Return the average's horizontal 95 % ellipse."""
-        return self.place.ellipse
-
-    @property
     def clicks_agree(self) -> bool:
         """Return whether the clicks can be of one place, by their covariances."""
         return disagreement(self.fixings) <= 1

@@ -26,6 +26,7 @@ import signal
 from tirgeo_ros.io.files.child_python import end_with
 end_with({}, signal.SIGTERM)
 """
+_parents: set[int] = set()  # with which this process ends: none or one
 
 
 def python_command(code: str, *arguments: str) -> list[str]:
@@ -50,8 +51,14 @@ def end_with(parent: int, number: signal.Signals) -> None:
     """Have the kernel send this process a signal when its parent ends, however it does (Linux)."""
     with suppress(AttributeError, OSError):
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, number, 0, 0, 0)
-    if os.getppid() != parent:  # it has ended already
+    _parents.add(parent)
+    if parent_ended():
         sys.exit(1)
+
+
+def parent_ended() -> bool:
+    """Return whether this process ends with its parent (``end_with``), and that has ended."""
+    return any(parent != os.getppid() for parent in _parents)
 
 
 def _path() -> list[str]:

@@ -15,8 +15,7 @@ from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.io.files.whole_files import PathLike, csv_text
 from tirgeo_ros.io.surveys.survey import Answered
 from tirgeo_ros.io.targets.geopackage import make_tables, put_picture, put_target
-from tirgeo_ros.io.targets.properties import COLUMNS
-from tirgeo_ros.io.targets.rows import Row, of_answers, of_targets
+from tirgeo_ros.io.targets.properties import COLUMNS, Row, of_answers, of_targets
 from tirgeo_ros.io.targets.target_file import explained, transaction
 from tirgeo_ros.io.targets.xml_formats import gpx, kml
 

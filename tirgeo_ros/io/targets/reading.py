@@ -18,7 +18,7 @@ from tirgeo_ros.io.files.text_file import read_text
 from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.surveys.survey import MOST_ROWS
 from tirgeo_ros.io.targets.geopackage import load_targets
-from tirgeo_ros.io.targets.rows import target_of_pixel
+from tirgeo_ros.io.targets.properties import target_of_pixel
 from tirgeo_ros.io.targets.target_file import DAMAGED, check_tables, explained
 
 _WAIT_S = 2.0

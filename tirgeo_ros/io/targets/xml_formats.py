@@ -1,4 +1,4 @@
-"""Write rows as KML and as GPX, with texts that no reader takes for markup."""
+"""Write rows as KML, GPX and Cursor-on-Target, with texts that no reader takes for markup."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from xml.etree import ElementTree as ET
 
 from tirgeo_ros.core.targets.target import Fixing, Target
-from tirgeo_ros.io.targets.properties import legible, utc
-from tirgeo_ros.io.targets.rows import Row
+from tirgeo_ros.io.cot.target_events import target_event
+from tirgeo_ros.io.surveys.survey import Answered
+from tirgeo_ros.io.targets.properties import Row, legible, of_answers, utc
 
 _KML = "http://www.opengis.net/kml/2.2"
 _GPX = "http://www.topografix.com/GPX/1/1"
@@ -87,6 +88,17 @@ def _add_waypoint(root: ET.Element, target: Target, words: str) -> None:
     for tag in ("cmt", "desc"):  # devices show the one, programs the other
         _child(point, tag, text.translate(_NO_TAGS))
     _child(point, "type", target.kind)
+
+
+def cot(answers: Sequence[Answered]) -> str:
+    """Return Cursor-on-Target 2.0: an ``event`` for each located point, in a root ``events``.
+
+    The events are those of targets, as the operator's page sends them; the time is the picture's.
+    """
+    root = ET.Element("events")
+    targets = [row.target for row in of_answers(answers) if row.target is not None]
+    root.extend([target_event(target, target.changed_ns) for target in targets])
+    return _xml(root)
 
 
 def _child(parent: ET.Element, tag: str, text: str) -> None:
