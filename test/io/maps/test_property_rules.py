@@ -5,8 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.io.maps.label_rule import LabelRule
-from tirgeo_ros.io.maps.style_condition import Condition
+from tirgeo_ros.io.maps.property_rules import Condition, LabelRule
 
 ROW = {
     "kind": "hydrant",
