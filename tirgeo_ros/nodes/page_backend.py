@@ -12,7 +12,7 @@ from tirgeo_ros.core.targets.target import Fixing
 from tirgeo_ros.core.types.errors import TargetError
 from tirgeo_ros.io.messages import ClickAnswer
 from tirgeo_ros.io.targets.store import TargetStore
-from tirgeo_ros.nodes.page_map import PageMap
+from tirgeo_ros.nodes.map_watch import PageMap
 from tirgeo_ros.nodes.recordings import Recordings
 from tirgeo_ros.nodes.viewed_aircraft import ViewedAircraft
 from tirgeo_ros.page.backend import Click, Pixel
