@@ -147,43 +147,27 @@ def test_a_click_needs_no_map(layers, failure, notice, untrusted):
     assert overlay.clicks.locate(at_px).reason is Reason.NO_POSE
 
 
-def gap(overlay):
-    overlay.add_pose(pose_at(START - 300 * MS))
-    overlay.add_pose(pose_at(START + 300 * MS))
-
-
-def before_all(overlay):
-    overlay.add_pose(pose_at(START + 1))
-
-
 @pytest.mark.parametrize(
-    ("prepare", "notice"),
+    ("poses_ns", "state", "notice"),
     [
-        (lambda _: None, "NO MAP: no pose at this frame"),
-        (gap, "NO MAP: camera poses are missing"),
-        (before_all, "NO MAP: no pose at this frame"),
-        (lambda o: o.set_status(status(FilterState.ALIGNING)), "NO MAP: aligning"),
-        (
-            lambda o: o.set_status(status(FilterState.WAITING, "no heading yet")),
-            "NO MAP: waiting: no heading yet",
-        ),
-        (
-            lambda o: o.set_status(status(FilterState.LOST, "position sigma 11 m")),
-            "NO MAP: lost: position sigma 11 m",
-        ),
-        (
-            lambda o: o.set_status(status(FilterState.DEAD_RECKONING, "rtk/fix")),
-            "NO MAP: no pose at this frame",
-        ),
+        ((), (), "no pose at this frame"),
+        ((-300 * MS, 300 * MS), (), "camera poses are missing"),
+        ((1,), (), "no pose at this frame"),
+        ((), (FilterState.ALIGNING,), "aligning"),
+        ((), (FilterState.WAITING, "no heading yet"), "waiting: no heading yet"),
+        ((), (FilterState.LOST, "position sigma 11 m"), "lost: position sigma 11 m"),
+        ((), (FilterState.DEAD_RECKONING, "rtk/fix"), "no pose at this frame"),
     ],
 )
-def test_the_notice_says_why(prepare, notice):
+def test_the_notice_says_why(poses_ns, state, notice):
     overlay = ready()
-    prepare(overlay)
+    overlay.set_status(status(*state))
+    for stamp_ns in poses_ns:
+        overlay.add_pose(pose_at(START + stamp_ns))
     now = START + LATENCY
     overlay.add_frame(now, GREY, now)
     result = overlay.take(now + WAIT)
-    assert result.notice == notice
+    assert result.notice == f"NO MAP: {notice}"
     assert (result.image[:480] != 90).any()
 
 
