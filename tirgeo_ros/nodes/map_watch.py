@@ -1,4 +1,4 @@
-"""Read the map and place it in the plane while a node runs, again when files or plane change."""
+"""Read the map while a node runs, for its pictures or its page, again when its files change."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _UNREAD: Signature = [("", 0, 0)]  # of no file, so that what failed at the star
 
 @final
 class MapWatch:
-    """Hold the map of ``config.map`` and keep it up to date, as a context manager.
+    """Hold ``config.map`` placed in the plane, and keep it up to date, as a context manager.
 
     Entering waits for the first reading, or a stop signal, and raises what it raises. A MapError
     is not raised but found like one of a later reading: the video goes on without a map.
@@ -160,10 +160,48 @@ class MapWatch:
     def _signature(self) -> Signature:
         """Return the state of the files of the map and its style; empty if never checked."""
         files = map_files(self._config.map, self._config.style) if self._config.reload_s else ()
-        return [file_state(path) for path in files]
+        return [_file_state(path) for path in files]
 
 
-def file_state(path: Path) -> tuple[str, int, int] | None:
+class PageMap:
+    """Read ``map_text``'s files as GeoJSON, in a process of its own: the video does not wait."""
+
+    def __init__(self, node: GraphNode, map_text: str) -> None:
+        self.error = ""  # why there is none; empty if there is, or none is given
+        self._node, self._map_text = node, map_text
+        self._child = MapProcess()
+        self._lock = threading.Lock()
+        self._state: object = None  # of the files that were read
+        self._body = b""
+
+    def read(self) -> bytes:
+        """Return the map as it is in its files; empty without one. Any thread may call it."""
+        if not self._map_text:
+            return b""
+        with self._lock:
+            state = [_file_state(path) for path in map_files(self._map_text)]
+            if state != self._state:
+                self._state = state
+                self._body = self._answer()
+            return self._body
+
+    def stop(self) -> None:
+        """End a reading in progress."""
+        self._child.stop()
+
+    def _answer(self) -> bytes:
+        try:
+            found = self._child.answer(self._map_text, "page", self._map_text)
+        except TirgeoError as error:
+            self.error = str(error)
+            self._node.log(WARN, f"the page has no map: {error}")
+            return b""
+        self._child.close()
+        self.error = ""
+        return bytes(found)
+
+
+def _file_state(path: Path) -> tuple[str, int, int] | None:
     """Return name, modification time (ns) and size (bytes) of a file; None if it is absent."""
     try:
         status = path.stat()

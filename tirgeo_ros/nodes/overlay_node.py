@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import gc
+import time
+from collections import deque
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
 import cv2
+import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.checks.map_checks import MapChecks
@@ -38,8 +42,7 @@ from tirgeo_ros.io.messages import (
     tangent_plane,
 )
 from tirgeo_ros.io.pictures.camera_file import given_camera
-from tirgeo_ros.nodes.frame_statistics import FrameStatistics
-from tirgeo_ros.nodes.graph_node import GraphNode
+from tirgeo_ros.nodes.graph_node import GraphNode, told
 from tirgeo_ros.nodes.graph_watch import OtherPublishers, Restarts
 from tirgeo_ros.nodes.map_watch import MapWatch
 from tirgeo_ros.nodes.monitor import OK, WARN
@@ -55,6 +58,7 @@ _RELEASE_PERIOD_S = 0.02
 _FRAME_DEPTH = 1
 _RAW, _COMPRESSED = "thermal/image_raw", "thermal/image_raw/compressed"
 _INFO = "thermal/camera_info"
+_MEASURED = 100  # newest pictures whose latency is measured
 
 
 class OverlayNode(GraphNode):
@@ -118,10 +122,11 @@ class OverlayNode(GraphNode):
             take_frame = partial(self._take_frame, topic, pixels_of)
             counted = partial(self._frames.listening, topic)
             self.listen(topic, take_frame, frames, wrapped=counted)
+        set_targets = self._overlay.clicks.set_targets
         for topic, take, qos in (
             ("tirgeo/camera_pose", self._take_pose, output()),
             ("tirgeo/origin", self._take_origin, latched()),
-            ("tirgeo/targets", self._take_targets, latched()),
+            ("tirgeo/targets", lambda m: set_targets(marked_places(m)), latched()),
             ("/diagnostics", self._take_diagnostics, output()),
             # Best effort, so that any publisher is compatible.
             ("tirgeo/locate/pixel", self._take_click, sensor_input(_CLICKS)),
@@ -175,9 +180,6 @@ class OverlayNode(GraphNode):
         self._click_refused = answer.reason.value
         text = f"tirgeo/locate/pixel: no point at ({u:.0f}, {v:.0f}): {self._click_refused}"
         self.get_logger().warning(text, throttle_duration_sec=1.0)
-
-    def _take_targets(self, message: Any) -> None:
-        self._overlay.clicks.set_targets(marked_places(message))
 
     def _take_diagnostics(self, message: Any) -> None:
         for status in message.status:
@@ -272,6 +274,86 @@ class OverlayNode(GraphNode):
         fine = "ok" if self._config.map else "ok; no map is given"
         level, message = (WARN, watch.error) if watch.error else (OK, waits or fine)
         return self.item("overlay", values, message, level)
+
+
+class PictureGeometry:
+    """Publish ``tirgeo/overlay/camera_info`` and ``tirgeo/footprint``, while someone listens."""
+
+    def __init__(self, node: GraphNode, overlay: Overlay, footprint_rate_hz: float) -> None:
+        self._messages, self._overlay = node.messages, overlay
+        self._rate = RateLimit(footprint_rate_hz)
+        self._info = node.advertise("tirgeo/overlay/camera_info", output(IMAGE_DEPTH))
+        self._footprint = node.advertise("tirgeo/footprint", output())
+
+    def publish(self, result: OverlayResult) -> None:
+        """Publish a picture's calibration, and its footprint if that is due.
+
+        The footprint of a picture without a trusted pose is empty, so that no viewer keeps an old
+        one.
+        """
+        stamp_ns = result.stamp_ns
+        if result.camera is not None and self._info.get_subscription_count():
+            self._info.publish(self._messages.camera_info(result.camera, stamp_ns))
+        if self._footprint.get_subscription_count() and self._rate.due(stamp_ns):
+            outline_n = self._overlay.footprint(result.pose)
+            self._footprint.publish(self._messages.footprint(stamp_ns, outline_n))
+
+
+class FrameStatistics:
+    """Hold the latencies of the newest hundred pictures, and count frames sent and missed.
+
+    ``sent`` counts frames since the first that came, ``missed`` those of them that did not come.
+    It shows only in the publication sequence numbers: a newer one replaced it in a shallow queue,
+    or it was lost in transport. A number that goes back means a new publisher. With two publishers
+    at once on one topic both counts are wrong.
+    """
+
+    def __init__(self) -> None:
+        self.sent = self.missed = 0
+        self._last: dict[str, int] = {}  # number of each topic's newest frame
+        self._arrived_s: deque[tuple[int, float]] = deque(maxlen=_MEASURED)  # stamp (ns), time
+        self._took_s: deque[float] = deque(maxlen=_MEASURED)
+
+    def heard(self, topic: str, number: int) -> None:
+        """Count the frame with this sequence number, and those missed before it."""
+        last = self._last.get(topic, 0)
+        skipped = number - last - 1 if 0 < last < number else 0
+        self.missed += skipped
+        self.sent += skipped + 1
+        self._last[topic] = number
+
+    def listening(self, topic: str, receive: Callable[[Any], None]) -> Callable[..., None]:
+        """Return ``receive`` as the callback of a subscription that also counts the numbers."""
+
+        def take(message: Any, info: Any) -> None:
+            number = info.get("publication_sequence_number") if info else None
+            if number is not None:  # not every middleware numbers messages
+                self.heard(topic, number)
+            receive(message)
+
+        return told(take)
+
+    def arrived(self, stamp_ns: int) -> None:
+        """Record the arrival of a frame."""
+        self._arrived_s.append((stamp_ns, time.monotonic()))
+
+    def left(self, stamp_ns: int) -> float:
+        """Record that its picture was published; return seconds since arrival, 0 if unknown."""
+        now_s = time.monotonic()
+        took_s = now_s - dict(self._arrived_s).get(stamp_ns, now_s)
+        self._took_s.append(took_s)
+        return took_s
+
+    @property
+    def values(self) -> dict[str, str]:
+        """Return the counts, median and 95th percentile (ms), and the newest frame's stamp (s)."""
+        found = {"frames_sent": str(self.sent), "frames_missed": str(self.missed)}
+        if self._arrived_s:
+            seconds = divmod(self._arrived_s[-1][0], 1_000_000_000)
+            found["newest_frame"] = "{}.{:09d}".format(*seconds)
+        for share in (50, 95) if self._took_s else ():
+            found[f"latency p{share} [ms]"] = f"{1e3 * np.percentile(self._took_s, share):.1f}"
+        return found
 
 
 main = partial(run, "overlay_node", OverlayNode)

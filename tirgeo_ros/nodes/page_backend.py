@@ -13,7 +13,7 @@ from tirgeo_ros.core.types.errors import TargetError
 from tirgeo_ros.io.messages import ClickAnswer
 from tirgeo_ros.io.targets.store import TargetStore
 from tirgeo_ros.nodes.aircraft_view import AircraftView
-from tirgeo_ros.nodes.page_map import PageMap
+from tirgeo_ros.nodes.map_watch import PageMap
 from tirgeo_ros.nodes.recordings import Recordings
 from tirgeo_ros.page.backend import Click, Pixel
 from tirgeo_ros.page.cot.link import CotLink

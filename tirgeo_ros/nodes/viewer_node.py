@@ -22,9 +22,9 @@ from tirgeo_ros.io.targets.store import TargetStore
 from tirgeo_ros.nodes.aircraft_topics import listen_to_diagnostics, terrain_of
 from tirgeo_ros.nodes.aircraft_view import AircraftView
 from tirgeo_ros.nodes.graph_node import GraphNode
+from tirgeo_ros.nodes.map_watch import PageMap
 from tirgeo_ros.nodes.monitor import OK, WARN
 from tirgeo_ros.nodes.page_backend import PageBackend
-from tirgeo_ros.nodes.page_map import PageMap
 from tirgeo_ros.nodes.page_streams import PageStreams
 from tirgeo_ros.nodes.recordings import Recordings
 from tirgeo_ros.nodes.runner import run

@@ -1,16 +1,33 @@
-"""Maps as people have them: read, and lying where they were written, or refused by name."""
+"""Maps as people have them, and damaged ones: read as they were written, or refused by name."""
 
 from __future__ import annotations
 
+import json
+import random
 import re
+import tracemalloc
 import warnings
+import zipfile
 
 import numpy as np
 import pytest
-from map_files import RING
+from map_files import HOLE, RING
+from wild_map_files import (
+    LINE,
+    collection,
+    feature,
+    geopackage,
+    kml,
+    kmz,
+    mark,
+    named,
+    shapefile,
+    text,
+)
 from wild_maps import ELSEWHERE, READ, REFUSED
 
 from tirgeo_ros.core.types.errors import MapError
+from tirgeo_ros.io.maps import load_layers
 from tirgeo_ros.io.maps.layers import read_layers
 
 CLOSE_DEG = 1e-8  # a millimetre
@@ -69,3 +86,129 @@ def test_a_map_is_refused_by_name_with_what_to_do(tmp_path, case):
         read_layers(str(path))
     assert str(caught.value).startswith(f"{path}: ")
     assert "\n" not in str(caught.value)
+
+
+ROUNDS = 150
+ROUNDS_OF = {".prj": 20}  # an unknown name of a system is looked for far and wide by PROJ
+#: A reader may hold its file some times over, never what a damaged count tells of.
+MOST_BYTES = 32 << 20
+
+
+MAKERS = {
+    "a.geojson": text(collection(*[feature("MultiPolygon", [[RING, HOLE]])] * 3)),
+    "a.gpkg": geopackage(),
+    "a.kml": text(kml(f"<Folder>{mark('Grün', LINE) * 3}</Folder>")),
+    "a.kmz": kmz,
+    "a.shp": shapefile("EPSG:4326", name="Grün"),
+}
+
+
+def damaged(content, rng):
+    """The bytes cut somewhere, or with some of them changed, or with a run of them so."""
+    content = bytearray(content)
+    way = rng.randrange(4)
+    if way == 0:
+        return content[: rng.randrange(len(content))]
+    at = rng.randrange(len(content))
+    if way == 1:
+        content[at : at + 4] = rng.choice([b"\xff" * 4, b"\0" * 4, b"\x7f\xff\xff\xff"])
+    for _ in range(rng.choice([1, 1, 3, 20]) if way > 1 else 0):
+        content[rng.randrange(len(content))] ^= 1 << rng.randrange(8)
+    return content
+
+
+def check(path):
+    """Load; whatever comes is a map of finite places, or a message of one line."""
+    try:
+        layers = read_layers(str(path))
+    except MapError as error:
+        text = str(error)
+    else:
+        text = ""
+    if text:
+        assert text.startswith(str(path))
+        assert "\n" not in text
+        return False
+    points = np.concatenate([f.points for layer in layers for f in layer.features])
+    assert np.isfinite(points[:, :2]).all()
+    assert not np.isinf(points[:, 2]).any()
+    return True
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "suffix"),
+    [*((name, "") for name in MAKERS), ("a.shp", ".dbf"), ("a.shp", ".prj"), ("a.shp", ".cpg")],
+)
+def test_damaged_files(tmp_path, name, suffix):
+    path = tmp_path / name
+    MAKERS[name](path)
+    spoilt = path.with_suffix(suffix) if suffix else path
+    if not spoilt.exists():
+        spoilt.write_text("UTF-8")
+    content = spoilt.read_bytes()
+    assert check(path)
+    rng = random.Random(5)
+    results = []
+    rounds = ROUNDS_OF.get(suffix, ROUNDS)
+    tracemalloc.start()
+    try:
+        for _ in range(rounds):
+            spoilt.write_bytes(damaged(content, rng))
+            results.append(check(path))
+        most = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert most < MOST_BYTES
+    assert results.count(False) > (rounds // 20 if suffix != ".cpg" else -1)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.kml", kml(mark("a", LINE.replace(",", ",x", 1))), "is not lon,lat"),
+        ("a.kml", kml(mark("a", LINE.replace(".", ",", 2))), "is not lon,lat"),
+        ("a.kml", kml(mark("a", LINE.replace(",", ",,", 1))), "is not lon,lat"),
+        ("a.kml", kml("<coordinates>" + "1" * 1_000_000 + "</coordinates>"), "is not lon,lat"),
+        ("a.kml", kml("<gx:coord>x16 48 0</gx:coord>"), "'x16,48,0' is not lon,lat"),
+        (
+            "a.geojson",
+            collection(feature(), **named("EPSG:99999")),
+            "unknown coordinate reference system 'EPSG:99999'",
+        ),
+    ],
+    ids=["letter", "decimal comma", "empty", "long", "track", "crs"],
+)
+def test_what_gdal_would_draw_in_a_wrong_place_is_refused(tmp_path, name, content, message):
+    path = tmp_path / name
+    path.write_text(content)
+    with pytest.raises(MapError, match=message):
+        load_layers(str(path))
+
+
+def test_a_kmz_of_several_kml_says_that_one_is_read(tmp_path):
+    with zipfile.ZipFile(tmp_path / "a.kmz", "w") as archive:
+        for name in ("doc.kml", "other.kml"):
+            archive.writestr(name, kml(mark(name, LINE)))
+    (layer,) = load_layers(str(tmp_path / "a.kmz"))
+    assert [f.label for f in layer.features] == ["doc.kml"]
+    assert "of 2 .kml in it only doc.kml (else the first) is read" in layer.left_out[0]
+
+
+def test_a_map_gets_nothing_of_its_reader_s_input(tmp_path):
+    """A description that names stdin would wait for the next task for ever."""
+    path = tmp_path / "a.vrt"
+    path.write_text(
+        "<OGRVRTDataSource><OGRVRTLayer name='a'><SrcDataSource>/vsistdin/</SrcDataSource>"
+        "</OGRVRTLayer></OGRVRTDataSource>"
+    )
+    with pytest.raises(MapError, match=r"a\.vrt: not a readable map"):
+        load_layers(str(path))
+
+
+def test_a_line_of_geojson_that_is_damaged_is_counted(tmp_path):
+    lines = [json.dumps(feature("Point", place)) for place in RING[:3]]
+    (tmp_path / "a.geojsonl").write_text("\n".join([lines[0], lines[1][:40], lines[2]]))
+    (layer,) = read_layers(str(tmp_path / "a.geojsonl"))
+    assert len(layer.features) == 2
+    assert layer.left_out[0].endswith("1 damaged lines left out")

@@ -106,10 +106,6 @@ class View:
         # The image's border is not eroded: OpenCV treats pixels outside the image as set.
         return np.asarray(cv2.erode(mask, _RIM), np.uint8)
 
-    def farthest_m(self, height_m: float) -> float:
-        """Return ``farthest_m`` of this camera."""
-        return farthest_m(self.camera, height_m)
-
     def lines(self, vector_map: VectorMap, pose: CameraPose, far_m: float = FAR_M) -> VisibleLines:
         """Return the map's lines as they are drawn, (2, V) pixels, up to ``far_m`` ahead.
 
@@ -131,11 +127,13 @@ class View:
         if self._reaches_past_lens:
             flat = clip_to_disc(flat, self.camera.max_radius)
         if row.any():
-            # Pieces that each lie in one row become merged spans.
+            # Pieces that each lie in one row become merged spans. One may replace another of its
+            # layer, if the features of both have a label or both have none.
             in_row = _flat(eye.sees(details.lines(piece[row], level[row])))
             spans = ends(in_row, in_row.points[0])
             uv = self.camera.pixels(*spans.points[:2])
-            flat = joined(flat, merged(spans, uv, _sheet(vector_map, spans.owner)))
+            sheet = 2 * vector_map.layer[spans.owner] + vector_map.labelled[spans.owner]
+            flat = joined(flat, merged(spans, uv, sheet))
         return self._seen(flat)
 
     def _in_a_row(self, boxes: Boxes, whole: BoolArray, eye: _Eye, row_px: float) -> BoolArray:
@@ -259,14 +257,6 @@ class _Eye:
         points_c = self.rotation_cn @ lines.points
         points_c -= self.offset_c[:, None]
         return Polylines(points_c, lines.starts, lines.owner)
-
-
-def _sheet(vector_map: VectorMap, owner: IntArray) -> IntArray:
-    """Return a number for each line; one of two with equal numbers may replace the other.
-
-    They are of one layer, and all or none of their features have a label.
-    """
-    return 2 * vector_map.layer[owner] + vector_map.labelled[owner]
 
 
 def _flat(lines: Polylines) -> Polylines:

@@ -90,9 +90,7 @@ def cut(lines: Polylines, some: Samples, value: Array) -> tuple[Polylines, IntAr
         return lines, first
     closes[:-1] &= changes | ~links[1:]
     begin, end = some.vertex[first], some.vertex[np.flatnonzero(closes) + 1]
-    count = end - begin + 1
-    starts = np.concatenate([[0], np.cumsum(count)])
-    index = np.arange(starts[-1]) + np.repeat(begin - starts[:-1], count)
+    index, starts = runs(begin, end - begin + 1)
     owner = lines.owner[some.line[first]]
     return Polylines(lines.points[:2].take(index, axis=1), starts, owner), first
 

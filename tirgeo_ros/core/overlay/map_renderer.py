@@ -1,4 +1,4 @@
-"""Draw a map into a picture, given the camera and its pose."""
+"""Draw a map into a picture, given the camera and its pose; say why none of it is in view."""
 
 from __future__ import annotations
 
@@ -13,18 +13,27 @@ from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.config.overlay import ConfidenceConfig
+from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.camera_place import height_above_m
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.frame_geometry import footprint
+from tirgeo_ros.core.map.distance import (
+    ELSEWHERE_M,
+    Nearest,
+    compass_word,
+    distance_words,
+    likely_mistake,
+    nearest_feature,
+    way_words,
+)
 from tirgeo_ros.core.map.draping import Ground, check_heights
 from tirgeo_ros.core.map.layers import MapLayer
 from tirgeo_ros.core.map.vector_map import VectorMap
-from tirgeo_ros.core.map.visibility import View
+from tirgeo_ros.core.map.visibility import HORIZON_ROWS, View, farthest_m
 from tirgeo_ros.core.overlay.clicks import Marker, PlacedMarkers
 from tirgeo_ros.core.overlay.layer_painter import LayerPainter, SeenMap
 from tirgeo_ros.core.overlay.line_renderer import LineRenderer
-from tirgeo_ros.core.overlay.map_absence import MapAbsence
 from tirgeo_ros.core.overlay.scale_bar_compass import (
     camera_heading_rad,
     ground_sample_m,
@@ -38,6 +47,9 @@ from tirgeo_ros.core.types.arrays import Array, Pixels
 from tirgeo_ros.core.types.errors import cut
 from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.core.types.poses import CameraPose
+
+_MOVED_M, _MOVED_PART = 1.0, 0.05  # of the distance to the map: then it is searched again
+_GRID = 5  # pixels along each side of the picture, to look for the horizon
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,7 +178,7 @@ class MapRenderer:
         if pose is None or self.view is None or self.laid is None or not _is_given(level):
             return np.empty((0, 3))
         plane = self.laid.plane
-        far_m = self.view.farthest_m(height_above_m(pose, plane, level))
+        far_m = farthest_m(self.view.camera, height_above_m(pose, plane, level))
         return footprint(self.view.camera, pose, plane, level, far_m)
 
     def _set(self, laid: DrapedMap) -> None:
@@ -195,7 +207,7 @@ class MapRenderer:
         painter = self._map_painting
         scale_m_px = ground_sample_m(*seen) if painter.minds_scale else math.nan
         above_m = height_above_m(*seen[1:])
-        far_m = self.view.farthest_m(above_m)
+        far_m = farthest_m(camera, above_m)
         in_view = painter.see(self.view, pose, scale_m_px, far_m)
         notice = notice or self._absent(in_view, pose, scale_m_px, far_m)
         bar = place_scale_bar(image, *seen) if self._confidence.scale_bar else None
@@ -249,3 +261,49 @@ def _notices(
 
 def _is_given(ground: Ground) -> bool:
     return isinstance(ground, Terrain) or math.isfinite(ground)
+
+
+class MapAbsence:
+    """Explain why one map is not in view; search it again once the camera has moved."""
+
+    def __init__(
+        self, vector_map: VectorMap, plane: TangentPlane, first_n: Array | None = None
+    ) -> None:
+        """Set the map; ``first_n`` (3,) is a point of it, used if nothing lies on the ground."""
+        self._map, self._first_n = vector_map, first_n
+        self._off_ground = not (len(vector_map.lines) or len(vector_map.marks))
+        self._plane = plane
+        self._searched_from_n = np.full(3, np.inf)
+        self._nearest: Nearest | None = None
+
+    def why(self, camera: Camera, pose: CameraPose, far_m: float) -> str:
+        """Return the reason for a pose in the map's plane; ground is drawn up to ``far_m``."""
+        moved_m = math.dist(pose.position_n, self._searched_from_n)
+        near_m = self._nearest.distance_m if self._nearest else 0.0
+        if moved_m > max(_MOVED_M, _MOVED_PART * near_m):
+            self._nearest = nearest_feature(self._map, pose.position_n, self._first_n)
+            self._searched_from_n = pose.position_n
+        if self._nearest is None:
+            return "it has no place"
+        distance_m, azimuth_rad, point_n = self._nearest
+        lead = f"map {way_words(distance_m, azimuth_rad)}"
+        if distance_m > ELSEWHERE_M:
+            question = likely_mistake(self._plane, point_n)
+            return f"{lead}; {question}" if question else lead
+        if self._off_ground:
+            return "none of the map lies on the elevation model"
+        if _looks_above_horizon(camera, pose):
+            return "the camera looks above the horizon"
+        if distance_m > far_m:
+            return f"{lead}; it is drawn up to {distance_words(far_m)}"
+        return f"{lead}; the camera looks {compass_word(camera_heading_rad(pose))}"
+
+
+def _looks_above_horizon(camera: Camera, pose: CameraPose) -> bool:
+    """Return whether no pixel's ray points far enough down that ground is drawn there."""
+    across = np.linspace(0, camera.width - 1, _GRID)
+    down = np.linspace(0, camera.height - 1, _GRID)
+    uv = np.stack(np.meshgrid(across, down), -1).reshape(-1, 2)
+    north, east, below = matrix_from_quat(pose.q_nc) @ camera.rays(uv).T
+    # Rays beyond the lens limit are nan and compare false.
+    return not bool((below > np.hypot(north, east) * (HORIZON_ROWS / camera.fy)).any())

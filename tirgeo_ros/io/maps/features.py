@@ -13,8 +13,7 @@ from tirgeo_ros.core.types.arrays import BoolArray, IntArray
 from tirgeo_ros.core.types.errors import shown
 from tirgeo_ros.io.coordinates.crs import ASSUMED, in_range, once_around, range_fault, to_wgs84
 from tirgeo_ros.io.maps.gdal_tables import NAMES, Shapes, Table
-from tirgeo_ros.io.maps.label_rule import shown_value, table_names
-from tirgeo_ros.io.maps.style_condition import Wanted
+from tirgeo_ros.io.maps.property_rules import Wanted, shown_value, table_names
 
 _LONGEST_NAME = 40  # characters of a bad feature's name in a message
 _MOST_NAMED = 3

@@ -23,9 +23,7 @@ from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 from tirgeo_ros.core.types.errors import ConfigError, MapError, nearest
 from tirgeo_ros.io.files.memory_bound import bounded_time
 from tirgeo_ros.io.files.offline_reading import elsewhere
-from tirgeo_ros.io.maps.label_rule import table_names
-from tirgeo_ros.io.maps.style_condition import Wanted
-from tirgeo_ros.io.maps.wkb import wkb_parts
+from tirgeo_ros.io.maps.property_rules import Wanted, table_names
 
 #: Limit for a layer: beyond it, reading takes more than some seconds and more memory than a map
 #: may use.
@@ -57,6 +55,13 @@ _CRS_MEMBER = re.compile(rb'"crs"\s*:\s*\{[^{}]*"properties"\s*:\s*\{[^{}]*"name
 _JSON_LINE = re.compile(rb"^\x1e?\{", re.MULTILINE)
 #: Maps that are looked for in a zip.
 _ZIPPED = (".shp", ".gpkg", ".geojson", ".json", ".kml", ".gml")
+
+#: A point, a line or a ring of a polygon: its type, and positions (n, 2) or (n, 3).
+_Part = tuple[str, NDArray[np.float64]]
+#: Types of well-known binary (OGC 06-103r4, ISO 13249-3); the collections are multi-point to
+#: collection, polyhedral surface, TIN.
+_POINT, _LINE, _POLYGON, _TRIANGLE = 1, 2, 3, 17
+_COLLECTIONS = {4, 5, 6, 7, 15, 16}
 
 
 @dataclass(slots=True)
@@ -263,7 +268,7 @@ def _shapes(blobs: Iterable[bytes | None]) -> tuple[Shapes, dict[int, str]]:
     faults: dict[int, str] = {}
     for number, blob in enumerate(blobs):
         try:
-            found = wkb_parts(bytes(blob)) if blob is not None else []
+            found = _wkb_parts(bytes(blob)) if blob is not None else []
         except (ValueError, struct.error) as error:
             faults[number] = f"its geometry is damaged: {error}"
             continue
@@ -279,3 +284,48 @@ def _shapes(blobs: Iterable[bytes | None]) -> tuple[Shapes, dict[int, str]]:
         points[a:b, : part.shape[1]] = part
     feature, closed = np.array(owners, int).reshape(-1, 2).T
     return Shapes(points, starts, feature, closed.astype(bool)), faults
+
+
+def _wkb_parts(data: bytes) -> list[_Part]:
+    """Return the points, lines and rings of a geometry in WKB as GDAL writes it; none if empty.
+
+    Raises ValueError for a type that cannot be drawn.
+    """
+    found: list[_Part] = []
+    _append_parts(data, 0, found)
+    return found
+
+
+def _append_parts(data: bytes, at: int, found: list[_Part]) -> int:
+    """Append the parts of the geometry at an offset, and return the offset of its end."""
+    (code,) = struct.unpack_from("<I", data, at + 1)
+    thousands, kind = divmod(code & 0xFFFF, 1000)
+    height = 3 if code >> 31 or thousands in {1, 3} else 2
+    width = height + (thousands in {2, 3})
+    at += 5
+
+    def count() -> int:
+        nonlocal at
+        at += 4
+        return int(struct.unpack_from("<I", data, at - 4)[0])
+
+    def positions(name: str, number: int) -> None:
+        nonlocal at
+        points = np.frombuffer(data, "<f8", number * width, at).reshape(number, width)
+        at += 8 * number * width
+        if name != "Point" or not np.isnan(points[0, :2]).all():  # nan: an empty point
+            found.append((name, points[:, :height]))
+
+    if kind == _POINT:
+        positions("Point", 1)
+    elif kind == _LINE:
+        positions("LineString", count())
+    elif kind in {_POLYGON, _TRIANGLE}:
+        for _ in range(count()):
+            positions("Polygon", count())
+    elif kind in _COLLECTIONS:
+        for _ in range(count()):
+            at = _append_parts(data, at, found)
+    else:
+        raise ValueError(f"a geometry of type {kind} (WKB) cannot be drawn; save it as lines")
+    return at

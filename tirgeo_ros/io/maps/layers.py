@@ -11,8 +11,7 @@ from tirgeo_ros.io.files.offline_reading import read_map
 from tirgeo_ros.io.files.text_file import named_files
 from tirgeo_ros.io.maps.features import laid
 from tirgeo_ros.io.maps.gdal_tables import read_tables
-from tirgeo_ros.io.maps.label_rule import LabelRule
-from tirgeo_ros.io.maps.style_condition import Wanted
+from tirgeo_ros.io.maps.property_rules import LabelRule, Wanted
 from tirgeo_ros.io.maps.style_sheet import SheetLayer, load_style_sheet
 
 #: Files that belong to a shapefile.

@@ -131,12 +131,9 @@ class MapProcess:
         except BaseException:
             self.close()
             raise
-        if isinstance(found, TirgeoError):
+        if isinstance(found, TirgeoError | MemoryError):
             self.close()
-            raise found
-        if isinstance(found, MemoryError):
-            self.close()
-            raise MapError(f"{name}: {_TOO_LARGE}")
+            raise found if isinstance(found, TirgeoError) else MapError(f"{name}: {_TOO_LARGE}")
         return found
 
     def close(self) -> None:

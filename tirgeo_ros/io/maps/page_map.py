@@ -91,16 +91,11 @@ def _shapes(features: Sequence[GeoFeature]) -> Iterable[tuple[GeoFeature, dict[s
         if outlines:
             rings = [_positions(part) for part in outlines]
             yield outlines[0], {"type": "Polygon", "coordinates": rings}
-        for part in parts:
-            if not part.closed:
-                yield part, _line_or_point(part)
-
-
-def _line_or_point(part: GeoFeature) -> dict[str, Any]:
-    positions = _positions(part)
-    if len(positions) == 1:
-        return {"type": "Point", "coordinates": positions[0]}
-    return {"type": "LineString", "coordinates": positions}
+        for part in (part for part in parts if not part.closed):
+            line = _positions(part)
+            several = len(line) > 1
+            kind, coordinates = ("LineString", line) if several else ("Point", line[0])
+            yield part, {"type": kind, "coordinates": coordinates}
 
 
 def _positions(part: GeoFeature) -> list[list[float]]:

@@ -15,8 +15,7 @@ from tirgeo_ros.core.map.layers import Colour, LayerStyle
 from tirgeo_ros.core.types.errors import ConfigError, MapError, nearest
 from tirgeo_ros.io.coordinates.crs import checked_system
 from tirgeo_ros.io.files.text_file import read_text
-from tirgeo_ros.io.maps.label_rule import LabelRule
-from tirgeo_ros.io.maps.style_condition import Condition
+from tirgeo_ros.io.maps.property_rules import Condition, LabelRule
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
 
 _DEFAULT = LayerStyle()
