@@ -1,21 +1,29 @@
-"""The page of the real nodes while each is stopped: never GO, the cause named, one alarm."""
+"""``tirgeo demo --page`` goes on, whichever of its nodes is stopped or killed.
+
+While one is stopped: never GO, the cause named, one alarm.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import os
+import re
 import signal
+import socket
 import time
+import urllib.request
 
 import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
+from diagnostic_msgs.msg import DiagnosticArray
 from flown_page import FlownPage
+from graph_helpers import Stranger
 from page_clients import Page
 from project import child_of
 
-pytestmark = [pytest.mark.graph]
+pytestmark = pytest.mark.graph
 
 #: A second of silence, a look each 0.2 s, a state each 0.2 s; and what a busy machine adds.
 LIMIT_S = 1.5 + 1.5
@@ -25,11 +33,15 @@ STOPPED = {
     "ekf_node": ("position", "ekf_node"),
     "bag_player": ("position", "imu/data"),
 }
+ENDS_S = 5.0  # no picture is drawn any more, and a new process has begun
+RECOVERS_S = 90.0  # a node's start, the filter's alignment, the rest of a round of the bag
 
 
 @pytest.fixture
 def demo(tmp_path):
-    page = FlownPage(tmp_path, "demo", "--page", "127.0.0.1:0", "-o", tmp_path / "demo")
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        address = f"127.0.0.1:{free.getsockname()[1]}"  # the same after a new start
+    page = FlownPage(tmp_path, "demo", "--page", address, "-o", tmp_path / "demo")
     yield page
     page.close()
 
@@ -65,7 +77,52 @@ def test_a_stopped_node_ends_go_at_once_and_is_named(demo):
     async def browse():
         async with Page(url) as page, page.state() as states:
             for name, (kind, cause) in STOPPED.items():
-                process = child_of(demo.pid, name)
+                process = child_of(demo.pid, f"'{name}'")
                 await stopped(states, process, kind, cause)
 
     asyncio.run(browse())
+
+
+@pytest.fixture
+def stranger(demo):
+    assert demo.url
+    domain = int(re.search(r"ROS_DOMAIN_ID=(\d+)", demo.log)[1])
+    made = Stranger(domain, {"/diagnostics": DiagnosticArray})
+    yield made
+    made.close()
+
+
+def await_map(stranger):
+    """Wait until one overlay_node has drawn the map in more pictures from one item to the next."""
+    heard = stranger.received["/diagnostics"]
+    heard.clear()
+    numbers = []
+
+    def drawn():
+        item = stranger.diagnostic("/overlay_node: overlay")
+        heard.clear()
+        if "drawn" in item:
+            numbers.append(int(item["drawn"]))
+        return len(numbers) > 1 and numbers[-1] > numbers[-2]
+
+    stranger.spin_until(drawn, RECOVERS_S)
+    stranger.spin_until(lambda: stranger.diagnostic("/overlay_node: set-up"))
+
+
+@pytest.mark.slow
+def test_the_page_has_its_map_again_after_each_node_was_killed(demo, stranger):
+    await_map(stranger)
+    for name in ("viewer_node", "gimbal_node", "overlay_node", "ekf_node", "bag_player"):
+        before = child_of(demo.pid, f"'{name}'")
+        os.kill(before, signal.SIGKILL)
+        end_s = time.monotonic() + ENDS_S
+        stranger.spin_until(lambda end_s=end_s: time.monotonic() > end_s)
+        assert f"{name} ended (exit code -9)" in demo.log
+        await_map(stranger)
+        assert child_of(demo.pid, f"'{name}'") != before
+        with urllib.request.urlopen(demo.url, timeout=30) as answer:
+            assert answer.status == 200
+    # From a new overlay_node on: its own new start is the page's to say.
+    checks = stranger.diagnostic("/overlay_node: set-up")
+    named = {name for name in checks if name.startswith(("restarts_", "publishers_"))}
+    assert named == {"restarts_of_ekf_node"}
