@@ -23,7 +23,8 @@ from graph_helpers import Stranger
 from page_clients import Page
 from project import child_of
 
-pytestmark = pytest.mark.graph
+#: ``test_aircraft_verdict.py`` holds the same verdicts in seconds, without the graph.
+pytestmark = [pytest.mark.graph, pytest.mark.slow]
 
 #: A second of silence, a look each 0.2 s, a state each 0.2 s; and what a busy machine adds.
 LIMIT_S = 1.5 + 1.5
@@ -109,7 +110,6 @@ def await_map(stranger):
     stranger.spin_until(lambda: stranger.diagnostic("/overlay_node: set-up"))
 
 
-@pytest.mark.slow
 def test_the_page_has_its_map_again_after_each_node_was_killed(demo, stranger):
     await_map(stranger)
     for name in ("viewer_node", "gimbal_node", "overlay_node", "ekf_node", "bag_player"):
