@@ -79,9 +79,8 @@ def test_launch_ends_with_the_bag_and_in_error_with_any_other_node(launch_file, 
 
 @pytest.mark.parametrize("name", ["params_file", "map", "bag", "remap"])
 def test_launch_refuses_a_file_that_is_not_there(launch_file, name, flight, tmp_path):
-    with pytest.raises(
-        ValueError, match=rf"^argument {name}:=nowhere: there is no file /.*/nowhere"
-    ):
+    absent = rf"^argument {name}:=nowhere: there is no file /.*/nowhere"
+    with pytest.raises(ValueError, match=absent):
         launched(launch_file, **{name: "nowhere"})
     with pytest.raises(ValueError, match=rf"^argument {name}:=.*: there is no file /.*/no"):
         launched(launch_file, **{name: f"{flight},no"})
@@ -222,11 +221,8 @@ def test_launch_shows_rviz_in_the_namespace_and_the_frames(launch_file, flight, 
         launched(launch_file, rviz="true")
     monkeypatch.setitem(launch_file["rviz"].__globals__, "get_package_prefix", lambda _: "/opt")
     given = {"rviz": "true", "namespace": "uav1", "frames": "uav1/", "bag": flight}
-    (shown,) = (
-        each
-        for each in actions_of(launch_file, **given)
-        if getattr(each, "executable", "") == "rviz2"
-    )
+    actions = actions_of(launch_file, **given)
+    (shown,) = (each for each in actions if getattr(each, "executable", "") == "rviz2")
     assert shown.arguments == ["-d", str(PROJECT / "config" / "tirgeo.rviz"), "-f", "uav1/map"]
     assert (shown.package, shown.namespace) == ("rviz2", "uav1")
     assert shown.parameters == [{"use_sim_time": True}]
@@ -236,11 +232,8 @@ def test_launch_shows_rviz_in_the_namespace_and_the_frames(launch_file, flight, 
 
 @pytest.mark.parametrize("word", ["false", "False", "0"])
 def test_launch_leaves_dji_node_out_for_other_drivers(launch_file, word):
-    assert set(launched(launch_file, dji=word)) == NODES - {
-        "bag_player",
-        "dji_node",
-        "viewer_node",
-    }
+    left_out = {"bag_player", "dji_node", "viewer_node"}
+    assert set(launched(launch_file, dji=word)) == NODES - left_out
 
 
 @pytest.mark.parametrize("page", ["true", "0.0.0.0:8081"])
@@ -255,15 +248,17 @@ def test_launch_serves_the_page_where_it_is_told_to(launch_file, page, tmp_path)
     assert listens == ([] if page == "true" else [("0.0.0.0:8081",)])
 
 
-@pytest.mark.parametrize(("page", "reason"), [("8080", "say true or false"), ("a:b", "HOST:PORT")])
-def test_launch_refuses_a_page_at_no_address(launch_file, page, reason):
-    with pytest.raises(ValueError, match=f"argument page:={page}: .*{reason}"):
-        launched(launch_file, page=page)
-
-
-def test_launch_asks_for_true_or_false(launch_file):
-    with pytest.raises(ValueError, match="argument dji:=maybe: say true or false"):
-        launched(launch_file, dji="maybe")
+@pytest.mark.parametrize(
+    ("name", "value", "reason"),
+    [
+        ("page", "8080", ".*say true or false"),
+        ("page", "a:b", ".*HOST:PORT"),
+        ("dji", "maybe", "say true or false"),
+    ],
+)
+def test_launch_refuses_a_value_in_words(launch_file, name, value, reason):
+    with pytest.raises(ValueError, match=f"argument {name}:={value}: {reason}"):
+        launched(launch_file, **{name: value})
 
 
 @pytest.mark.parametrize("given", [{"page": "true"}, {"bag": str(PROJECT)}])

@@ -9,15 +9,15 @@ import subprocess
 import sys
 import threading
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
-from graph_helpers import Stranger
+from graph_helpers import Stranger, stamps_of
 from graph_outlines import STATUS_ROWS, Outlines, distances_px, ink_of
+from project import children_of
 from sensor_msgs.msg import Image
 
 from tirgeo_ros.core.camera.camera_model import XT2
@@ -26,7 +26,6 @@ from tirgeo_ros.core.frames.rotations import quat_from_rotvec, quat_multiply
 from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
 from tirgeo_ros.core.types.errors import GraphError
 from tirgeo_ros.core.types.poses import CameraPose
-from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.maps import load_layers
 from tirgeo_ros.io.messages import image_pixels, stamp_ns
 from tirgeo_ros.io.parameters.parameter_file import load_config
@@ -85,9 +84,7 @@ def outputs(flown) -> Outputs:
 
 def test_every_frame_comes_back_once_under_its_stamp(flown, outputs, sample):
     """But for those that gave way to a newer one while they waited: these are counted."""
-    images = BagReader(sample / "flight.mcap").messages(["/thermal/image_raw/compressed"])
-    cdr = Cdr()
-    sent = [stamp_ns(cdr.deserialize(item.data, item.typename)) for item in images]
+    sent = stamps_of(sample / "flight.mcap", "/thermal/image_raw/compressed")
     stamps = flown[1].stamps
     assert sorted(set(stamps)) == stamps
     assert set(stamps) <= set(sent)
@@ -186,18 +183,6 @@ def test_what_only_the_paper_needs_is_given_up_when_joints_drive(outputs):
     assert len(rates_hz) <= 10
 
 
-def processes_of(parent: int) -> list[int]:
-    found = []
-    for path in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            fields = path.read_text().rpartition(")")[2].split()
-        except OSError:
-            continue
-        if int(fields[1]) == parent and fields[0] != "Z":
-            found.append(int(path.parent.name))
-    return found
-
-
 def ignore_interrupts() -> None:
     """As a shell does for what it starts in the background."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -219,7 +204,7 @@ def test_an_interrupted_demo_leaves_no_process(sample, tmp_path, number, code):
         assert demo.poll() is None
         assert time.monotonic() < end_s
         time.sleep(0.1)
-    nodes = processes_of(demo.pid)
+    nodes = children_of(demo.pid)
     assert len(nodes) == 5
     demo.send_signal(number)
     _, said = demo.communicate(timeout=60)

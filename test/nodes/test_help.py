@@ -1,4 +1,4 @@
-"""``NODE --help``: printed without ROS, and true to what the node has."""
+"""``NODE --help``, printed without ROS, and docs/parameters.md: true to what the node has."""
 
 from __future__ import annotations
 
@@ -8,12 +8,14 @@ import subprocess
 import sys
 
 import pytest
+import yaml
 from project import PROJECT
 
 from tirgeo_ros.core.config import NODE_CONFIGS
 from tirgeo_ros.core.config.schema import parameters_of
 from tirgeo_ros.io.messages import DJI_TOPICS, NAVIGATION_INPUTS, TOPIC_TYPES
-from tirgeo_ros.nodes.help import TOPICS, help_text
+from tirgeo_ros.nodes.help import TOPICS, as_yaml, help_text
+from tirgeo_ros.nodes.parameters_page import parameters_page
 
 BLOCKED = """
 import sys
@@ -77,3 +79,22 @@ def test_topics_are_those_that_the_node_has(name):
     constants = {node.value for node in ast.walk(tree) if isinstance(node, ast.Constant)}
     inputs, outputs = TOPICS[name]
     assert {*inputs, *outputs} == constants & {*TOPIC_TYPES} | ELSEWHERE[name] | {"/diagnostics"}
+
+
+def test_the_page_is_current_and_has_every_parameter():
+    page = (PROJECT / "docs" / "parameters.md").read_text()
+    assert parameters_page() == page, (
+        "docs/parameters.md is not what the code says: make parameters"
+    )
+    for kind in NODE_CONFIGS.values():
+        for one in parameters_of(kind):
+            assert f"| `{one.name}` |" in page
+            assert one.description in page
+
+
+def test_defaults_are_read_as_they_are_written():
+    for kind in NODE_CONFIGS.values():
+        for one in parameters_of(kind):
+            if as_yaml(one.default) not in ("unset", "empty"):
+                read = yaml.safe_load(as_yaml(one.default))
+                assert repr(tuple(read) if isinstance(read, list) else read) == repr(one.default)

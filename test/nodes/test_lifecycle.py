@@ -72,6 +72,9 @@ def test_running_nodes_stop_on_a_signal(spawn, tmp_path, flight_bag, hangs_up, n
     processes = [spawn(name, *arguments_of(name, tmp_path, flight_bag)) for name in names]
     for process in processes:
         await_words(process, "ready")
+    if number is signal.SIGTERM:
+        halt(processes)
+    for process in processes:
         process.signal(number)
     for process in processes:
         ended_cleanly(process)
@@ -79,22 +82,15 @@ def test_running_nodes_stop_on_a_signal(spawn, tmp_path, flight_bag, hangs_up, n
         assert process.said(f"stopped by {number.name} from process {os.getpid()}")
 
 
-def test_a_node_that_was_stopped_lives_on(spawn, tmp_path, flight_bag):
-    """As by Ctrl-Z and fg, ``docker pause``, or a computer that slept."""
-    processes = [spawn(name, *arguments_of(name, tmp_path, flight_bag)) for name in NODES]
-    for process in processes:
-        await_words(process, "ready")
-        process.signal(signal.SIGSTOP)
-    time.sleep(0.3)  # longer than a node looks away from its signals
-    for process in processes:
-        process.signal(signal.SIGCONT)
-    time.sleep(0.3)
+def halt(processes) -> None:
+    """Stop nodes for a while, as by Ctrl-Z and fg or a computer that slept; they live on."""
+    for number in (signal.SIGSTOP, signal.SIGCONT):
+        for process in processes:
+            process.signal(number)
+        time.sleep(0.3)  # longer than a node looks away from its signals
     for process in processes:
         process.check_running()
         assert not process.said("stopped by")
-        process.signal(signal.SIGTERM)
-    for process in processes:
-        ended_cleanly(process)
 
 
 def test_signals_at_any_moment_also_twice(spawn, tmp_path, flight_bag):

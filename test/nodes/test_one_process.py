@@ -19,12 +19,11 @@ import pytest
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
 from diagnostic_msgs.msg import DiagnosticArray
-from graph_helpers import deep_queues
+from graph_helpers import deep_queues, stamps_of
 from nav_msgs.msg import Odometry
 from page_clients import Page
 from project import child_of, reader_of
-from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import CompressedImage, Imu
+from sensor_msgs.msg import CompressedImage
 
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter
 from tirgeo_ros.io.messages import stamp_ns
@@ -95,11 +94,6 @@ def short_bag(sample, tmp_path):
     return path
 
 
-def stamps_of(bag: Path, topic: str, kind: type) -> list[int]:
-    found = BagReader(bag).messages([topic])
-    return [stamp_ns(deserialize_message(item.data, kind)) for item in found]
-
-
 def test_a_bag_goes_through_and_others_see_each_message_once(
     start, meet, sample, short_bag, tmp_path
 ):
@@ -116,10 +110,10 @@ def test_a_bag_goes_through_and_others_see_each_message_once(
     # The stranger may have met the nodes late; from then on it misses none.
     poses = [stamp_ns(message) for message in stranger.received["tirgeo/odometry"]]
     assert poses
-    assert poses == stamps_of(short_bag, "/imu/data", Imu)[-len(poses) :]
+    assert poses == stamps_of(short_bag, "/imu/data")[-len(poses) :]
     # A frame may wait for its pose so long that a newer one replaces it, but none is lost.
     pictures = [stamp_ns(one) for one in stranger.received["tirgeo/overlay/image/compressed"]]
-    frames = stamps_of(short_bag, "/thermal/image_raw/compressed", CompressedImage)
+    frames = stamps_of(short_bag, "/thermal/image_raw/compressed")
     assert pictures == [stamp for stamp in frames if stamp in pictures] != []
     overlay = stranger.diagnostic("/overlay_node: overlay")
     assert overlay["frames_sent"] == str(len(frames))
@@ -127,11 +121,8 @@ def test_a_bag_goes_through_and_others_see_each_message_once(
     # All nodes run by the bag's clock, though one alone listens to it.
     first_ns, last_ns = BagReader(short_bag).span_ns
     newest = {a.status[0].name: stamp_ns(a) for a in stranger.received["/diagnostics"]}
-    assert {name.partition(":")[0] for name in newest} == {
-        "/ekf_node",
-        "/gimbal_node",
-        "/overlay_node",
-    }
+    nodes = {name.partition(":")[0] for name in newest}
+    assert nodes == {"/ekf_node", "/gimbal_node", "/overlay_node"}
     assert all(first_ns < stamp <= last_ns for stamp in newest.values())
 
 
@@ -146,7 +137,7 @@ def test_a_page_that_is_killed_is_started_again_and_takes_nothing_along(start, m
         return bool(stranger.diagnostic("/viewer_node: topics"))
 
     stranger.spin_until(page_is_heard)
-    os.kill(child_of(run.process.pid, "viewer_node"), signal.SIGKILL)
+    os.kill(child_of(run.process.pid, "'viewer_node'"), signal.SIGKILL)
     run.await_ready(5)
     first, second = re.findall(r"the page is at (\S+)", run.log.read_text())
     assert first == second  # with its token
@@ -174,7 +165,7 @@ def test_what_the_page_switched_on_goes_on_after_the_graph_is_killed(start, tmp_
             await states.until("state", lambda state: state["sharing"]["connected"])
 
     def switched_on(run, number):
-        page = child_of(run.process.pid, "viewer_node")
+        page = child_of(run.process.pid, "'viewer_node'")
         run.process.send_signal(number)
         run.ended()
         await_end(page)
@@ -220,7 +211,7 @@ def test_a_stop_signal_ends_all(start, sample):
     runs = {number: start(*words, "--namespace", number.name.lower()) for number in codes}
     for number, run in runs.items():
         run.await_ready()
-        processes = reader_of(run.process.pid), child_of(run.process.pid, "viewer_node")
+        processes = reader_of(run.process.pid), child_of(run.process.pid, "'viewer_node'")
         run.process.send_signal(number)
         assert run.ended() == codes[number], run.log.read_text()
         assert "Traceback" not in run.log.read_text()

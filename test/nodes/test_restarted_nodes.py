@@ -75,14 +75,14 @@ def await_map(stranger):
 def test_the_page_has_its_map_again_after_each_node_was_killed_or_halted(demo, stranger, ends):
     await_map(stranger)
     for name in NODES:
-        before = child_of(demo.pid, name)
+        before = child_of(demo.pid, f"'{name}'")
         os.kill(before, signal.SIGKILL if ends else signal.SIGSTOP)
         end_s = time.monotonic() + HALT_S
         stranger.spin_until(lambda end_s=end_s: time.monotonic() > end_s)
         if not ends:
             os.kill(before, signal.SIGCONT)
         await_map(stranger)
-        assert (child_of(demo.pid, name) != before) is ends
+        assert (child_of(demo.pid, f"'{name}'") != before) is ends
         assert (f"{name} ended (exit code -9)" in demo.log) is ends
         with urllib.request.urlopen(demo.url, timeout=30) as answer:
             assert answer.status == 200
@@ -123,7 +123,7 @@ def test_a_stopped_node_ends_go_at_once_and_is_named(demo):
     async def browse():
         async with Page(url) as page, page.state() as states:
             for name, (kind, cause) in STOPPED.items():
-                process = child_of(demo.pid, name)
+                process = child_of(demo.pid, f"'{name}'")
                 await stopped(states, process, kind, cause)
 
     asyncio.run(browse())

@@ -13,12 +13,14 @@ import pytest
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 pytest.importorskip("serial", reason="needs pyserial")
 
+from graph_helpers import stamps_of
+
 from tirgeo_ros.core.accuracy.ground_errors import GroundErrors
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
-from tirgeo_ros.io.messages import body_pose, stamp_ns
+from tirgeo_ros.io.messages import body_pose
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.evaluate.ground import load_experiment, locate_observations
 from tirgeo_ros.tools.evaluate.result import ground_errors
@@ -81,9 +83,7 @@ def ground(outputs: Outputs, sample) -> GroundErrors:
 
 def test_every_picture_keeps_its_place_in_time(flown, sample):
     run, outputs = flown
-    images = BagReader(sample / "flight.mcap").messages(["/thermal/image_raw/compressed"])
-    cdr = Cdr()
-    sent = [stamp_ns(cdr.deserialize(item.data, item.typename)) for item in images]
+    sent = stamps_of(sample / "flight.mcap", "/thermal/image_raw/compressed")
     assert run.error is None
     assert set(outputs.frame_stamps_ns) <= set(sent)  # to the nanosecond
     assert len(outputs.frame_stamps_ns) >= MOST * len(sent)

@@ -260,7 +260,7 @@ def test_recordings_that_are_killed_can_be_read(fleet, start, tmp_path):
     (first,) = (tmp_path / "recordings").glob("uav1-*.mcap")
     video = first.with_suffix(".ts")
     fleet.until(lambda: video.exists() and video.stat().st_size > 0 and first.stat().st_size > 1e6)
-    os.kill(child_of(node.pid, "recorder"), signal.SIGKILL)
+    os.kill(child_of(node.pid, "'recorder'"), signal.SIGKILL)
     (finding,) = fleet.browse(url, ended)
     assert "recorder ended (exit code -9)" in finding["evidence"]
     assert "the file ends early" in BagReader(first).damage

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections import defaultdict
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,7 +14,8 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from tirgeo_ros.io.messages import Messages, diagnostic_level
+from tirgeo_ros.io.bags.bag import BagReader, Cdr
+from tirgeo_ros.io.messages import Messages, diagnostic_level, stamp_ns
 from tirgeo_ros.nodes.graph_node import GraphNode, message_class
 from tirgeo_ros.nodes.monitor import Monitor
 from tirgeo_ros.tools.graph.node_process import NodeProcess
@@ -118,6 +120,13 @@ def await_words(process: NodeProcess, words: str, timeout_s: float = 60.0) -> No
         process.check_running()
         assert time.monotonic() < end_s, f"{process.name} never said {words!r}"
         time.sleep(0.02)
+
+
+def stamps_of(bag: Path, topic: str) -> list[int]:
+    """The stamps of a topic's messages in a bag (ns)."""
+    cdr = Cdr()
+    found = BagReader(bag).messages([topic])
+    return [stamp_ns(cdr.deserialize(item.data, item.typename)) for item in found]
 
 
 class KeptLog:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import socket
+from contextlib import suppress
 from pathlib import Path
 
 PROJECT = Path(__file__).resolve().parents[2]
@@ -46,26 +47,22 @@ def taken_port(domain: int) -> socket.socket:
 
 def reader_of(pid: int) -> int:
     """The only child of a process that reads maps."""
-    return worker_of(pid, "tirgeo_ros.io.maps.map_process")
+    return child_of(pid, "tirgeo_ros.io.maps.map_process")
 
 
-def worker_of(pid: int, module: str) -> int:
-    """The only child of a process that runs a module."""
-    for path in Path("/proc").glob("[0-9]*"):
-        try:
-            parent = int((path / "stat").read_text().rpartition(")")[2].split()[1])
-            words = (path / "cmdline").read_text()
-        except OSError:
-            continue
-        if parent == pid and module in words:
-            return int(path.name)
-    raise AssertionError(f"process {pid} has none that runs {module}")
+def child_of(pid: int, words: str) -> int:
+    """The child of a process that has words in its command: a module, or a node in quotes."""
+    for child in children_of(pid):
+        with suppress(OSError):  # it has ended meanwhile
+            if words in Path(f"/proc/{child}/cmdline").read_text():
+                return child
+    raise AssertionError(f"process {pid} has none that runs {words}")
 
 
-def child_of(pid: int, name: str) -> int:
-    """The process of a node that a process has started."""
+def children_of(pid: int) -> list[int]:
+    """The processes that a process has started, and has not waited for."""
+    found = []
     for task in Path(f"/proc/{pid}/task").iterdir():
-        for child in (task / "children").read_text().split():
-            if f"'{name}'" in Path(f"/proc/{child}/cmdline").read_text():
-                return int(child)
-    raise AssertionError(f"process {pid} has no {name}")
+        with suppress(OSError):  # that thread has ended meanwhile
+            found += map(int, (task / "children").read_text().split())
+    return found

@@ -9,12 +9,11 @@ from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.dji.interpret import Interpreter
 from tirgeo_ros.dji.sources.readings import Reading
 from tirgeo_ros.io.messages import DJI_TOPICS, DiagnosticItem, SensedSample, sensed
+from tirgeo_ros.nodes.dji_sources import PsdkSource, SerialSource
 from tirgeo_ros.nodes.graph_node import GraphNode
 from tirgeo_ros.nodes.monitor import OK, WARN
-from tirgeo_ros.nodes.psdk_source import PsdkSource
 from tirgeo_ros.nodes.qos import STREAM_DEPTH, output
 from tirgeo_ros.nodes.runner import run
-from tirgeo_ros.nodes.serial_source import SerialSource
 
 
 class DjiNode(GraphNode):

@@ -26,8 +26,8 @@ from tirgeo_ros.core.config.frames import FramesConfig
 from tirgeo_ros.core.types.errors import ConfigError, TirgeoError, shown
 from tirgeo_ros.io.bags.cdr import Cdr
 from tirgeo_ros.io.messages import TOPIC_TYPES, DiagnosticItem, Messages
-from tirgeo_ros.nodes.live_parameters import LiveParameters, unchanging
 from tirgeo_ros.nodes.monitor import OK, WARN, Monitor
+from tirgeo_ros.nodes.parameters import LiveParameters, unchanging
 from tirgeo_ros.nodes.qos import output
 
 T = TypeVar("T")

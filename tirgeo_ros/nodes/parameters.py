@@ -1,4 +1,4 @@
-"""Check a node's command line and parameter files; declare the dataclasses as ROS parameters.
+"""Check a node's command line and files; declare the dataclasses as ROS parameters; set them.
 
 rcl's errors are rewritten: they do not name the key and do not say what to do.
 """
@@ -8,23 +8,36 @@ from __future__ import annotations
 import math
 import re
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import pairwise
-from typing import TypeVar
+from typing import Any, Generic, TypeVar
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from tirgeo_ros.core.config import NODE_CONFIGS
-from tirgeo_ros.core.config.schema import Parameter, config_from, parameters_of, values_of
-from tirgeo_ros.core.types.errors import ConfigError
+from tirgeo_ros.core.config.schema import (
+    Parameter,
+    changed_in_flight,
+    changes,
+    config_from,
+    parameters_of,
+    values_of,
+)
+from tirgeo_ros.core.types.errors import ConfigError, TirgeoError
 from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile, overridden_topic
 
 T = TypeVar("T")
+_Set = Callable[[list[RosParameter]], SetParametersResult]
 #: Errors of wrong arguments. rcl's own cannot be imported from the public API.
 _RCL_ERRORS = {"RCLError", "UnknownROSArgsError", "RCLInvalidROSArgsError"}
 _ROS_OWN = {"use_sim_time", "start_type_description_service"}  # rclpy checks these itself
@@ -158,3 +171,48 @@ def _descriptor(parameter: Parameter) -> ParameterDescriptor:
         span = FloatingPointRange(from_value=float(low), to_value=float(high))
         made.floating_point_range = [span]
     return made
+
+
+def unchanging(_config: Any) -> None:
+    """Take new values where none is live: it is never called."""
+
+
+class LiveParameters(Generic[T]):
+    """Hold a node's parameters as ``config``; ``take`` is called with each new one.
+
+    rclpy refuses a whole number for a double, and a list without numbers, whose type it cannot
+    know; nor does it say why a parameter is read-only or which names there are. So a request comes
+    here first.
+
+    ``take`` may refuse it: it then raises a TirgeoError and has changed nothing.
+    The executor serves the request between two messages, so each sample meets either all the old
+    values or all the new ones.
+    """
+
+    def __init__(self, node: Node, kind: type[T], take: Callable[[T], None]) -> None:
+        self.config = declare(node, kind)
+        self._node, self._take = node, take
+        self._names = {parameter.name for parameter in parameters_of(kind)}
+
+    def set(self, given: Sequence[RosParameter], by_ros: _Set) -> SetParametersResult:
+        """Set parameters, all or none; ``by_ros`` sets those that change, as rclpy does."""
+        others = [p for p in given if p.name not in self._names and self._has(p.name)]
+        wanted = {p.name: p.value for p in given if p not in others}
+        try:
+            new = changed_in_flight(self.config, wanted)
+            changed, values = changes(self.config, new), values_of(new)
+            if changed:
+                self._take(new)
+        except TirgeoError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        result = by_ros([*(RosParameter(name, value=values[name]) for name in changed), *others])
+        if not result.successful:
+            self._take(self.config)
+        elif changed:
+            self.config = new
+            told = ", ".join(f"{name}: {old} -> {now}" for name, (old, now) in changed.items())
+            self._node.get_logger().info(f"set in flight: {told}")
+        return result
+
+    def _has(self, name: str) -> bool:
+        return bool(self._node.has_parameter(name))

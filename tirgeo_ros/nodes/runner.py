@@ -194,20 +194,14 @@ def unless_stopped(work: Callable[[], T]) -> T | None:
 
     In that case the thread is left behind: it ends with the process.
     """
-    done = threading.Event()
-    found: list[T] = []
-    raised: list[BaseException] = []
+    done, result = threading.Event(), Future[T]()
 
     def run() -> None:
         try:
-            found.append(work())
+            result.set_result(work())
         except BaseException as error:  # noqa: BLE001  raised again below
-            raised.append(error)
+            result.set_exception(error)
         done.set()
 
     threading.Thread(target=run, name="before the node runs", daemon=True).start()
-    if not done_or_stopped(done):
-        return None
-    if raised:
-        raise raised[0]
-    return found[0]
+    return result.result() if done_or_stopped(done) else None

@@ -14,11 +14,14 @@ from pathlib import Path
 import pytest
 from project import NODES, PROJECT
 
+from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.io.files.child_python import stop_signals
 from tirgeo_ros.tools.cli import main as command
 from tirgeo_ros.tools.cli.main import parser_of, verbs
 from tirgeo_ros.tools.graph.localhost import PROFILES
+from tirgeo_ros.tools.graph.remap_file import read_remaps
 from tirgeo_ros.tools.graph.whole_graph import WholeGraph
+from tirgeo_ros.tools.replay.flight_topics import INPUTS
 
 
 class ReplacedError(Exception):
@@ -93,18 +96,10 @@ def test_a_bag_brings_its_own_time_and_stays_on_this_machine(become, tmp_path, m
     argv, environment = become("--bag", "flight.mcap", *words)
     # A map named 7 is no number.
     assert given(argv) == {"bag": "flight.mcap", "use_sim_time": True, "map": "7"}
-    assert argv == [
-        *("--ros-args", "--params-file", "a.yaml", "--params-file", "b.yaml"),
-        *(
-            "-r",
-            "__ns:=/uav1",
-            "-r",
-            "/clock:=clock",
-            "--",
-            *WholeGraph(Path("flight.mcap")).nodes,
-        ),
-    ]
-    assert set(WholeGraph(Path("flight.mcap")).nodes) == NODES - {"dji_node", "viewer_node"}
+    nodes = WholeGraph(Path("flight.mcap")).nodes
+    files = ["--ros-args", "--params-file", "a.yaml", "--params-file", "b.yaml"]
+    assert argv == [*files, *["-r", "__ns:=/uav1", "-r", "/clock:=clock", "--"], *nodes]
+    assert set(nodes) == NODES - {"dji_node", "viewer_node"}
     assert environment[PROFILES[0]] == str(PROJECT / "config" / "fastdds_localhost.xml")
 
 
@@ -163,3 +158,31 @@ def test_a_wrong_namespace_is_wrong_use(become, capsys):
         become("--namespace", "uav 1")
     assert raised.value.code == 2
     assert "--namespace uav 1: use letters" in capsys.readouterr().err
+
+
+def test_the_file_of_other_names_for_mavros():
+    pairs = read_remaps(PROJECT / "config" / "mavros.yaml")
+    assert ("imu/data", "mavros/imu/data") in pairs
+    assert {own for own, _ in pairs} <= {*INPUTS}
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("", "no lines as imu/data: mavros/imu/data"),
+        ("- imu/data", "no lines as imu/data"),
+        ("/imu/data: a", "/imu/data: no input of tirgeo: use imu/data, rtk/fix"),
+        ("tirgeo/odometry: a", "tirgeo/odometry: no input"),
+        ("imu/data: 7", "imu/data: 7 is no topic's name"),
+        ("imu/data: a b", "imu/data: 'a b' is no topic's name"),
+        ("imu/data: mavros/", "imu/data: 'mavros/' is no topic's name"),
+        ("imu/data: a: b", "line 1"),
+    ],
+)
+def test_what_is_no_remap_is_named(tmp_path, text, told):
+    path = tmp_path / "remap.yaml"
+    path.write_text(text)
+    with pytest.raises(ConfigError) as raised:
+        read_remaps(path)
+    assert str(raised.value).startswith(f"{path}: ")
+    assert told in str(raised.value)

@@ -9,7 +9,7 @@ from collections import deque
 import numpy as np
 import pytest
 from process_bags import IMAGES, rewritten
-from project import worker_of
+from project import child_of
 
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.config import OverlayConfig
@@ -67,7 +67,7 @@ def test_the_same_bytes_on_any_number_of_cores(flown, options, sample, tmp_path)
 def test_a_painter_that_is_killed_is_one_line_and_no_file(flown, options, tmp_path, at_s):
     def kill(done_s, _total_s):
         if done_s > at_s and not killed:
-            killed.append(worker_of(os.getpid(), _STAGE))
+            killed.append(child_of(os.getpid(), _STAGE))
             os.kill(killed[0], signal.SIGKILL)
 
     killed: list[int] = []
@@ -84,7 +84,7 @@ def test_ctrl_c_ends_the_painter_too(flown, options, tmp_path):
 
     def interrupt(done_s, _total_s):
         if done_s > 1.0:
-            painters.append(worker_of(os.getpid(), _STAGE))
+            painters.append(child_of(os.getpid(), _STAGE))
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -97,7 +97,7 @@ def test_ctrl_c_ends_the_painter_too(flown, options, tmp_path):
 def test_no_painter_without_pictures(flown, sample, tmp_path):
     def look(_done_s, _total_s):
         with pytest.raises(AssertionError, match="has none that runs"):
-            worker_of(os.getpid(), _STAGE)
+            child_of(os.getpid(), _STAGE)
 
     given = {"params": sample / "params.yaml", "images": False}
     process(flown, tmp_path / "out.mcap", cores=2, progress=look, **given)

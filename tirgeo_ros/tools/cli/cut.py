@@ -19,8 +19,8 @@ import math
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from tirgeo_ros.tools.cli._lines import table
 from tirgeo_ros.tools.cli._verb import FLIGHT, NEEDED, NUMBER, UsageError, call, utc_time
+from tirgeo_ros.tools.presentation.results import table
 
 if TYPE_CHECKING:
     from tirgeo_ros.tools.replay.cut import Instant

@@ -40,9 +40,9 @@ from collections.abc import Iterator
 from datetime import datetime, timezone
 from typing import Any
 
-from tirgeo_ros.tools.cli._lines import table
 from tirgeo_ros.tools.cli._verb import NUMBER, WORD, Option, UsageError, call, utc_time
 from tirgeo_ros.tools.cli.dump import CAPTURE
+from tirgeo_ros.tools.presentation.results import table
 
 
 def offset_s(text: str) -> int:

@@ -18,9 +18,8 @@ from tirgeo_ros.core.types.errors import TirgeoError, shown
 from tirgeo_ros.io.files.child_python import stop_signals
 from tirgeo_ros.io.files.missing_package import missing_line
 from tirgeo_ros.tools import cli
-from tirgeo_ros.tools.cli._lines import lines
 from tirgeo_ros.tools.cli._verb import Parser, UsageError, add_verb, verbs_of
-from tirgeo_ros.tools.presentation.results import error_line, plain
+from tirgeo_ros.tools.presentation.results import error_line, lines, plain
 
 DONE, FAILED, HUNG_UP, INTERRUPTED, BROKEN_PIPE, TERMINATED = 0, 1, 129, 130, 141, 143
 

@@ -23,7 +23,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from tirgeo_ros.tools.cli._lines import lines
 from tirgeo_ros.tools.cli._verb import (
     ANY_BAG,
     GROUND,
@@ -35,6 +34,7 @@ from tirgeo_ros.tools.cli._verb import (
     UsageError,
     call,
 )
+from tirgeo_ros.tools.presentation.results import lines
 
 _OUTPUT = "the new bag; of several flights, or with an existing folder or DIR/, the folder"
 _VIDEO = (

@@ -142,13 +142,11 @@ def show_graph(
 
 def _keep_running(processes: Sequence[NodeProcess], say: Callable[[str], object]) -> NoReturn:
     while True:
-        ended = [process for process in processes if process.poll()]
-        for process in ended:
-            say(f"{process.why_ended()}; started again in {_RESTART_S:g} s\n")
-        if ended:
-            time.sleep(_RESTART_S)
-        for process in ended:
-            process.start()
+        for process in processes:
+            if process.poll():
+                say(f"{process.why_ended()}; started again in {_RESTART_S:g} s\n")
+                time.sleep(_RESTART_S)
+                process.start()
         time.sleep(_POLL_S)
 
 

@@ -14,8 +14,8 @@ import argparse
 from collections.abc import Mapping
 from typing import Any
 
-from tirgeo_ros.tools.cli._lines import each_not_used, not_used
 from tirgeo_ros.tools.cli._verb import BOARD, NUMBER, UsageError, call
+from tirgeo_ros.tools.presentation.results import each_not_used, not_used
 
 _RATE_HELP = (
     "pictures a second: how many of a bag are used, or the rate of the files (default %(default)g)"

@@ -14,8 +14,8 @@ import argparse
 from collections.abc import Mapping
 from typing import Any
 
-from tirgeo_ros.tools.cli._lines import each_not_used, not_used
 from tirgeo_ros.tools.cli._verb import BOARD, NEEDED, NUMBER, WORD, UsageError, call
+from tirgeo_ros.tools.presentation.results import each_not_used, not_used
 
 _MODELS = {"choices": ("plumb_bob", "rational"), "default": "plumb_bob"}
 _MODEL_HELP = "k1 k2 p1 p2, or with k3 to k6 as a quotient: %(choices)s (default %(default)s)"

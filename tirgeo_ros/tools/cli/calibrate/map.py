@@ -16,8 +16,8 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from tirgeo_ros.tools.cli._lines import table
 from tirgeo_ros.tools.cli._verb import NEEDED, WORD, UsageError
+from tirgeo_ros.tools.presentation.results import table
 
 _POINTS_HELP = "id,column,row with --survey, or a .points file of QGIS's georeferencer"
 _ORDERS = {"type": int, "choices": (1, 2, 3), "default": 3}
