@@ -133,10 +133,11 @@ def test_a_page_that_is_killed_is_started_again_and_takes_nothing_along(start, m
     run = start("--no-dji", "--page", address)
     run.await_ready()
 
-    def page_is_heard() -> bool:
-        return bool(stranger.diagnostic("/viewer_node: topics"))
+    def reports_of_the_page() -> int:
+        items = (one for array in stranger.received["/diagnostics"] for one in array.status)
+        return sum(one.name == "/viewer_node: topics" for one in items)
 
-    stranger.spin_until(page_is_heard)
+    stranger.spin_until(lambda: reports_of_the_page() > 5)  # overlay_node has some of them too
     os.kill(child_of(run.process.pid, "'viewer_node'"), signal.SIGKILL)
     run.await_ready(5)
     first, second = re.findall(r"the page is at (\S+)", run.log.read_text())

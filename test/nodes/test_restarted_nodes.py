@@ -116,6 +116,7 @@ async def stopped(states, process, kind, cause):
         os.kill(process, signal.SIGCONT)
 
 
+@pytest.mark.slow  # test_aircraft_verdict.py holds the same verdicts in seconds, without the graph
 def test_a_stopped_node_ends_go_at_once_and_is_named(demo):
     """With overlay_node stopped for 9 s the verdict was GO, and nothing was found wrong."""
     url = demo.url.rstrip("/")

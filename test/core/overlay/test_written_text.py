@@ -43,14 +43,14 @@ def texts(fields):
 )
 def test_a_state_that_is_not_running_comes_first(state, reason, state_s, words):
     fields = status_line(status(state=state, reason=reason, state_s=state_s), 0.083, 8.0)
-    assert texts(fields)[:2] == [words, "ekf_heading"]
+    assert texts(fields)[:2] == [words, "filter"]
     assert fields[0].colour != TEXT_BGR
 
 
 def test_what_is_known_is_shown():
     assert texts(status_line(None, 0.05, 9.0)) == ["no filter status", "age 50 ms", "video 9.0 Hz"]
     assert texts(status_line(PLAIN, 0.083, math.nan, above_m=46.6, dropped=2)) == [
-        "ekf_heading",
+        "filter",
         "RTK fixed",
         "47 m above ground",
         "heading sigma 0.11 deg",
@@ -73,7 +73,7 @@ def test_state_method_and_fix_are_whole_on_a_thermal_picture(state):
         heading_sigma_rad=0.17,
     )
     kept = texts(fitted(status_line(told, 9.999, 60.0), 640, 15))
-    assert {"ekf_heading", "RTK fixed", "heading sigma 9.74 deg"} <= set(kept)
+    assert {"filter", "RTK fixed", "heading sigma 9.74 deg"} <= set(kept)
 
 
 LINE = [

@@ -173,6 +173,7 @@ def alarming(serve, tablet, monkeypatch):
     return Alarming(monkeypatch, serve, tablet)
 
 
+@pytest.mark.slow
 def test_an_alarm_sounds_each_four_seconds_and_silence_is_for_it_alone(alarming):
     """It began anew each second as its words counted, and Silence was for ever."""
     alarming.says(word="NO DATA", tone="bad", kind="camera pose", alarm=True, more="gimbal/joint")

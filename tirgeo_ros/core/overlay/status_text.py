@@ -20,6 +20,12 @@ _RTK_NAMES = {
     FixStatus.FLOAT: "float",
     FixStatus.FIXED: "fixed",
 }
+_METHODS = {
+    "raw": "autopilot alone",
+    "rtk": "RTK, autopilot's attitude",
+    "ekf": "filter without heading",
+    "ekf_heading": "filter",
+}
 _ORANGE_BGR: Colour = (60, 140, 255)
 _RED_BGR: Colour = (100, 100, 255)
 _COLOURS = {FilterState.DEAD_RECKONING: _ORANGE_BGR, FilterState.LOST: _RED_BGR}
@@ -65,7 +71,7 @@ def _filter_fields(status: NavigationStatus | None, height: list[Field]) -> list
     sigma_deg = math.degrees(status.heading_sigma_rad)
     return [
         *_state_fields(status),  # first, because the first fields stay on a small picture
-        Field(status.method),
+        Field(_METHODS.get(status.method, status.method)),
         Field(f"RTK {_RTK_NAMES[status.rtk_status]}"),
         *height,
         *([] if math.isnan(sigma_deg) else [Field(f"heading sigma {sigma_deg:.2f} deg")]),

@@ -102,7 +102,7 @@ def _layer(entry: Any, where: str, folder: Path) -> SheetLayer:
 def _check_keys(given: Mapping[Any, Any], known: tuple[str, ...], where: str) -> None:
     for key in given:
         if key not in known:
-            raise ConfigError(f"{where}: unknown key {key}{nearest(str(key), known)}")
+            raise ConfigError(f"{where}: unknown key {key}{nearest(str(key), sorted(known))}")
 
 
 def _plain(value: Any, known: Parameter, where: str) -> Any:
