@@ -100,7 +100,8 @@ def graph(context: LaunchContext) -> list[Action]:
     names = ["ekf_node", "gimbal_node", "overlay_node", *page, *source]
     nodes = [node(context, name, given) for name in names]
     # Each new start of the page has the tokens of its first one.
-    seed = [SetEnvironmentVariable(TOKEN_SEED, secrets.token_urlsafe())] if page else []
+    seeded = not page or TOKEN_SEED in os.environ
+    seed = [] if seeded else [SetEnvironmentVariable(TOKEN_SEED, secrets.token_urlsafe())]
     viewer = [rviz(given)] if is_true("rviz", given["rviz"]) else []
     return [*environment(local=local), *seed, *nodes, *viewer]
 

@@ -130,7 +130,7 @@ def test_located_points_as_a_geopackage_are_targets_for_the_page(sample, located
     written = [f for f in points_of(located[0] / "points.geojson") if f["geometry"]]
     assert [one.name for one in found] == [f["properties"]["id"] for f in written]
     for one, feature in zip(found, written, strict=True):
-        place = [one.longitude_deg, one.latitude_deg, one.height_m]
+        place = [one.place.longitude_deg, one.place.latitude_deg, one.place.height_m]
         # nine decimals of a degree, a tenth of a millimetre
         assert feature["geometry"]["coordinates"] == pytest.approx(place, abs=0.51e-4)
         assert one.ellipse.major_m == pytest.approx(
