@@ -133,7 +133,7 @@ def test_located_points_as_a_geopackage_are_targets_for_the_page(sample, located
         place = [one.place.longitude_deg, one.place.latitude_deg, one.place.height_m]
         # nine decimals of a degree, a tenth of a millimetre
         assert feature["geometry"]["coordinates"] == pytest.approx(place, abs=0.51e-4)
-        assert one.ellipse.major_m == pytest.approx(
+        assert one.place.ellipse.major_m == pytest.approx(
             feature["properties"]["ellipse_major_m"], abs=0.51e-4
         )
 
