@@ -3,7 +3,7 @@
 import { button, byId, element, icon, setText } from "../shell/dom.js";
 import { store } from "../store.js";
 
-const REPEAT_MS = 4000; // also between two alarms
+const REPEAT_MS = 4200; // also between two alarms; over 4 s however late a tone begins
 const BEEPS_HZ = [880, 660, 880];
 const BEEP_S = 0.16;
 
