@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import signal
+import socket
 import socketserver
 import subprocess
 import sys
@@ -24,7 +25,9 @@ def shown_demo(folder: Path, *words: object) -> Iterator[tuple[str, subprocess.P
     SystemExit if there is no page.
     """
     log = folder / "log"
-    given = ["demo", "--page", "127.0.0.1:0", "-o", folder, *words]
+    with socket.create_server(("127.0.0.1", 0)) as free:  # a page started again has the same
+        address = f"127.0.0.1:{free.getsockname()[1]}"
+    given = ["demo", "--page", address, "-o", folder, *words]
     with log.open("w") as out:
         command = [sys.executable, "-m", "tirgeo_ros.tools.cli.main", *map(str, given)]
         demo = subprocess.Popen(command, stdout=out, stderr=out)  # noqa: S603 our own
