@@ -22,7 +22,7 @@ from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus, Outcome, Verdict
 from tirgeo_ros.io.messages import NAVIGATION_INPUTS, TOPIC_TYPES, DiagnosticItem, navigation_item
 from tirgeo_ros.nodes.graph_node import GraphNode
-from tirgeo_ros.nodes.graph_watch import OtherPublishers
+from tirgeo_ros.nodes.graph_watch import RECENT_S, OtherPublishers
 from tirgeo_ros.nodes.inbox import Inbox
 from tirgeo_ros.nodes.monitor import OK, WARN
 from tirgeo_ros.nodes.parameters import given_names
@@ -82,7 +82,7 @@ class EkfNode(GraphNode):
         super().__init__("ekf_node")
         config = self.configured(EkfConfig, self._reconfigure)
         self._navigation = Navigation(config, self._heard)
-        self._checks = NavigationChecks(config, given_names(self, EkfConfig))
+        self._checks = NavigationChecks(config, given_names(self, EkfConfig), RECENT_S)
         sources = METHOD_SOURCES[config.method]
         positions = [NAVIGATION_INPUTS[one][0] for one in sources if one in _POSITIONS]
         inputs = InputChecks(self, (_IMU,), positions)

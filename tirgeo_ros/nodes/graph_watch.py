@@ -16,8 +16,8 @@ _SENSORS = (*DJI_TOPICS, "thermal/image_raw", "thermal/image_raw/compressed")
 _REMEDY = "end the other graph or driver (dji:=false), or give it another ROS_DOMAIN_ID"
 #: DDS lists a killed node's publishers until its lease ends, by default 20 s later.
 _GHOST_REPORTS = 25
-#: A new start is a caution for so long, then a note.
-_RECENT_S = 60.0
+#: A new start, or a gap of the IMU, is a caution for so long, then a note.
+RECENT_S = 60.0
 #: What rmw says of a publisher whose node has not been discovered yet.
 _NOT_YET = "_NODE_NAME_UNKNOWN_"
 _MOST = 1000  # starts of a node that are counted
@@ -76,7 +76,7 @@ class Restarts:
         """Return one finding for each node that was started again."""
         found = []
         for node, starts in sorted(self.starts.items()):
-            recent = time.monotonic() - max(starts.values(), default=0.0) < _RECENT_S
+            recent = time.monotonic() - max(starts.values(), default=0.0) < RECENT_S
             severity = Severity.CAUTION if recent else Severity.NOTE
             evidence = f"{node} ended and was started again; restarts so far: {len(starts) - 1}"
             if len(starts) > 1:

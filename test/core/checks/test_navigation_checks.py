@@ -12,12 +12,13 @@ from checked_flights import Arrived, changed, checked, lost, recorded, simulated
 from dev.flight_errors import fitting_config
 from tirgeo_ros.core.checks.heading_checks import HeadingChecks
 from tirgeo_ros.core.checks.imu_blocks import ImuMean
+from tirgeo_ros.core.checks.navigation_checks import NavigationChecks
 from tirgeo_ros.core.checks.velocity_checks import VelocityChecks
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.heading import wrapped
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.types.finding import Severity
-from tirgeo_ros.core.types.measurements import HeadingSample, Source, VelocitySample
+from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, Source, VelocitySample
 from tirgeo_ros.tools.replay.node_configs import node_configs
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from
@@ -297,3 +298,18 @@ def test_simulated_flights_are_clean(name):
     values, seed = CLEAN[name]
     flown = fly(scenario_from(values), seed)
     assert checked(simulated(flown), fitting_config(flown), given=()) == []
+
+
+@pytest.mark.parametrize(("counts_s", "severity"), [(math.inf, CAUTION), (60.0, NOTE)])
+def test_a_gap_of_the_imu_is_over_in_flight_and_counts_in_a_log(counts_s, severity):
+    checks, zero = NavigationChecks(EkfConfig(), None, counts_s), np.zeros(3)
+    for ms in (*range(0, 1000, 20), *range(1500, 62_000, 20)):
+        stamp_ns = ms * 1_000_000 + 1
+        checks.take("imu/data", ImuSample(stamp_ns, np.array([0, 0, -9.8]), zero), stamp_ns)
+        if ms == 30_000:
+            assert severity_of(checks, "imu_gaps") is CAUTION
+    assert severity_of(checks, "imu_gaps") is severity
+
+
+def severity_of(checks, name):
+    return next(one.severity for one in checks.findings() if one.check == name)

@@ -5,6 +5,7 @@ Samples are taken as they arrive, before the filter's own checks reject any.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Collection
 
@@ -50,11 +51,17 @@ class NavigationChecks:
     """Take the filter's inputs in their order of arrival.
 
     ``given`` are the parameters that were set explicitly (``aircraft.rtk_antenna_m``), None if
-    not known.
+    not known. ``gap_counts_s`` after the last gap of the IMU its gaps are a note: in flight they
+    are over, in a log they count for good.
     """
 
-    def __init__(self, config: EkfConfig, given: Collection[str] | None) -> None:
-        self._given = given
+    def __init__(
+        self,
+        config: EkfConfig,
+        given: Collection[str] | None,
+        gap_counts_s: float = math.inf,
+    ) -> None:
+        self._given, self._gap_counts_s = given, gap_counts_s
         self.configure(config)
 
     def configure(self, config: EkfConfig) -> None:
@@ -119,7 +126,12 @@ class NavigationChecks:
             *self._positions.findings(),
             *(one for check in self._velocities.values() for one in check.findings()),
             *self._stamps.findings(),
-            *stream_findings(self._streams, self._config, self._arrived_ns - self._first_ns),
+            *stream_findings(
+                self._streams,
+                self._config,
+                self._arrived_ns - self._first_ns,
+                self._gap_counts_s,
+            ),
             *([] if imu else self._vibration.findings()),  # its unit would be wrong too
         ]
         if not any(one.severity is Severity.STOP for one in found):  # the fit trusts all inputs

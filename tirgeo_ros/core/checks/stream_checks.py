@@ -51,7 +51,7 @@ class Stream:
         self.limit_s = longest_step_s
         # samples; with stamp 0; not later than the one before; without a covariance
         self.count = self.unstamped = self.back = self.unknown = 0
-        self.gaps = self.longest_ns = 0
+        self.gaps = self.longest_ns = self.gap_ended_ns = 0
         self.newest_ns = self.arrived_ns = 0
         self.age_ns = 0  # arrival minus stamp of the newest sample
         self._flowing_ns = self._steps = 0  # over the steps that are not gaps
@@ -66,7 +66,7 @@ class Stream:
             self.back += 1
         elif self.count and step_ns > self.limit_s * 1e9:
             self.gaps += 1
-            self.longest_ns = max(self.longest_ns, step_ns)
+            self.longest_ns, self.gap_ended_ns = max(self.longest_ns, step_ns), stamp_ns
         elif self.count:
             self._flowing_ns += step_ns
             self._steps += 1
@@ -95,10 +95,13 @@ def longest_step_s(topic: str, config: EkfConfig) -> float:
 
 
 def stream_findings(
-    streams: Mapping[str, Stream], config: EkfConfig, waited_ns: int
+    streams: Mapping[str, Stream], config: EkfConfig, waited_ns: int, gap_counts_s: float
 ) -> list[Finding]:
-    """Return what is wrong with the streams ``waited_ns`` after the first sample of any."""
-    found = [*_rates(streams), *_gaps(streams), *_shares(streams, config)]
+    """Return what is wrong with the streams ``waited_ns`` after the first sample of any.
+
+    ``gap_counts_s`` after the last gap of a topic its gaps are a note.
+    """
+    found = [*_rates(streams), *_gaps(streams, gap_counts_s), *_shares(streams, config)]
     if waited_ns > _PATIENCE_NS:
         found += _absent(streams, config.method, waited_ns * 1e-9)
     return found
@@ -151,16 +154,17 @@ def _rates(streams: Mapping[str, Stream]) -> list[Finding]:
     return found
 
 
-def _gaps(streams: Mapping[str, Stream]) -> list[Finding]:
+def _gaps(streams: Mapping[str, Stream], counts_s: float) -> list[Finding]:
     found = []
     for topic, (check, severity, mend) in _GAPS.items():
         stream = streams.get(topic)
         if stream is not None and stream.gaps:
+            past = stream.newest_ns - stream.gap_ended_ns > counts_s * 1e9
             evidence = (
                 f"{topic} has {stream.gaps} gaps of more than {stream.limit_s:g} s, the longest "
                 f"{stream.longest_ns * 1e-9:.1f} s"
             )
-            found.append(Finding(check, severity, evidence, topic, mend))
+            found.append(Finding(check, NOTE if past else severity, evidence, topic, mend))
     return found
 
 
