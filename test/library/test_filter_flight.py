@@ -193,7 +193,10 @@ def test_the_warning_says_what_was_refused(tables, params):
     fix = tables["rtk/fix"] | {"latitude_rad": np.degrees(tables["rtk/fix"]["latitude_rad"])}
     count = len(fix["stamp_ns"])
     refused = rf"no solution: needs rtk/fix.* \(refused: {count} rtk_position invalid\)"
-    with pytest.warns(UserWarning, match=refused):
+    with (
+        pytest.warns(UserWarning, match="name it latitude_deg"),
+        pytest.warns(UserWarning, match=refused),
+    ):
         filtered(tables, rtk_fix=fix, gps_fix=None, config=params)
 
 

@@ -31,6 +31,7 @@ INPUTS = "imu/data,rtk/fix,rtk/vel,rtk/heading,gimbal/joint_states"
 
 
 @pytest.mark.graph
+@pytest.mark.slow
 def test_through_tf_the_camera_is_at_its_pose(spawn, meet, flight_bag, environment):
     words, tf = ("-p", "use_sim_time:=true", *PREFIX), with_tf(environment)
     nodes = [spawn(name, *words, **tf) for name in ("ekf_node", "gimbal_node")]

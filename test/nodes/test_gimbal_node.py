@@ -48,6 +48,7 @@ class Aircraft:
                 self._publishers[topic].publish(message)
 
 
+@pytest.mark.slow
 def test_it_goes_back_to_the_reported_attitude_when_joints_fall_silent(spawn, meet):
     gimbal, observer = spawn("gimbal_node"), meet(**{"/diagnostics": DiagnosticArray})
     await_words(gimbal, "ready")

@@ -93,6 +93,7 @@ def halt(processes) -> None:
         assert not process.said("stopped by")
 
 
+@pytest.mark.slow
 def test_signals_at_any_moment_also_twice(spawn, tmp_path, flight_bag):
     """Start-up takes about a second: the moments lie before, in and after it."""
     moments = random.Random(7)

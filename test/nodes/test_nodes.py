@@ -33,6 +33,7 @@ def imu(stamp_s: int, **fields) -> Imu:
     return message
 
 
+@pytest.mark.slow
 def test_messages_without_use_or_stamp_are_counted_and_told(spawn, meet):
     """Bad samples, unreadable messages, samples without a stamp; a frame that nothing helps."""
     nodes = [spawn(name) for name in ("ekf_node", "gimbal_node", "overlay_node")]

@@ -126,6 +126,7 @@ def test_a_bag_goes_through_and_others_see_each_message_once(
     assert all(first_ns < stamp <= last_ns for stamp in newest.values())
 
 
+@pytest.mark.slow
 def test_a_page_that_is_killed_is_started_again_and_takes_nothing_along(start, meet):
     with socket.create_server(("127.0.0.1", 0)) as free:
         address = f"0.0.0.0:{free.getsockname()[1]}"

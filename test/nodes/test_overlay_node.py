@@ -233,6 +233,7 @@ def frames_without_a_stamp_take_the_time_of_their_arrival(flown, _):
     flown.unstamped = False
 
 
+@pytest.mark.slow
 def test_one_flight_after_the_other(flight):
     flown, node, _ = flight
     a_click_becomes_a_point_on_the_ground(flown, node)

@@ -41,6 +41,7 @@ def every_input(tmp_path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_each_node_may_do_what_it_does_and_no_more(
     spawn, meet, every_input, tmp_path, environment
 ):

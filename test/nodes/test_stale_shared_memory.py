@@ -55,6 +55,7 @@ def test_links_are_not_followed(tmp_path):
 
 
 @pytest.mark.graph
+@pytest.mark.slow
 def test_a_killed_node_leaves_its_memory_to_the_next_one_to_remove(spawn):
     before = set(shared_files())
     killed, stays = spawn("gimbal_node"), spawn("ekf_node")

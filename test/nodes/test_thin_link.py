@@ -96,6 +96,7 @@ def start(tmp_path) -> Iterator[Callable[..., NodeProcess]]:
         node.signal(signal.SIGKILL)
 
 
+@pytest.mark.slow
 def test_nodes_meet_through_a_discovery_server_alone(start, remote, flight_bag, tmp_path):
     ekf = start("ekf_node", remote)
     await_words(ekf, "ready")

@@ -68,6 +68,7 @@ def test_a_view(tmp_path, name):
     check_refused(message, str(path))
 
 
+@pytest.mark.slow
 def test_a_view_in_another_database(tmp_path):
     path = tmp_path / "map.sqlite"
     with closing(sqlite3.connect(path)) as database:
