@@ -138,7 +138,7 @@ def test_there_is_no_go_before_the_first_picture():
         ({"state": FilterState.DEGRADED, "reason": "no rtk/fix"}, NOTE, "", "CAUTION", "Less"),
         ({"state": FilterState.LOST}, NOTE, "NO MAP: x", "LOST", "No position"),
         ({"state": FilterState.ALIGNING}, NOTE, "NO MAP: x", "WAIT", "No position yet"),
-        (WENT_BACK, NOTE, "", "LOST", "No position: the IMU's time went back"),
+        (WENT_BACK, NOTE, "", "LOST", "No position, as the IMU's time went back"),
         ({}, Severity.CAUTION, "NO MAP: no pose", "NO GO", "NO MAP: no pose"),
         ({}, Severity.STOP, "NO MAP: x", "NO GO", ""),
         ({}, Severity.CAUTION, "", "CAUTION", ""),

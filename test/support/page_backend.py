@@ -38,7 +38,7 @@ LOST = {
     "word": "LOST",
     "tone": "bad",
     "kind": "position",
-    "text": "No position: the IMU's time went back",
+    "text": "No position, as the IMU's time went back",
     "more": "imu/data went back by 29.990 s",
     "alarm": True,
 }

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from tirgeo_ros.core.types.finding import Severity
-from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus, Outcome
+from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 from tirgeo_ros.nodes.aircraft_topics import Reports, number
 
 #: Silence (s) of what is needed, or time without a map, that ends GO; good time that restores it.
@@ -55,17 +55,6 @@ STREAMS = (
     Stream("tirgeo/overlay/image/compressed", "picture", *_OVERLAY, _CAMERA),
     Stream("tirgeo/overlay/camera_info", "calibration", *_OVERLAY, _INFO),
 )
-_LOST = "No position: the filter's errors grew too large"
-_AGAIN = {
-    Outcome.TIME_JUMP: "No position: the IMU's time went back",
-    Outcome.GAP: "No position: the IMU was silent for too long",
-}
-_STATES = {
-    FilterState.DEGRADED: "Less accurate: a receiver is not fixed or not heard",
-    FilterState.DEAD_RECKONING: "Nothing measures the position: it drifts",
-    FilterState.ALIGNING: "No position yet: the filter aligns itself",
-    FilterState.WAITING: "No position: sensor data are missing",
-}
 _GO = Verdict("GO", "good")
 _CHECKS = {
     None: Verdict("NO DATA", "caution", "checks", "No check has reported"),
@@ -173,7 +162,6 @@ def navigation_verdict(status: NavigationStatus | None) -> Verdict | None:
     if status.state is FilterState.RUNNING:
         return None
     if status.state is FilterState.LOST or status.began_again:
-        text = _AGAIN.get(status.began_again or Outcome.RESTART, _LOST)
-        return Verdict("LOST", "bad", "position", text, status.reason, alarm=True)
+        return Verdict("LOST", "bad", "position", status.for_operator, status.reason, alarm=True)
     word = "CAUTION" if status.state.navigating else "WAIT"
-    return Verdict(word, "caution", "position", _STATES[status.state], status.reason)
+    return Verdict(word, "caution", "position", status.for_operator, status.reason)

@@ -153,9 +153,9 @@ def test_a_click_needs_no_map(layers, failure, notice, untrusted):
         ((), (), "no pose at this frame"),
         ((-300 * MS, 300 * MS), (), "camera poses are missing"),
         ((1,), (), "no pose at this frame"),
-        ((), (FilterState.ALIGNING,), "aligning"),
-        ((), (FilterState.WAITING, "no heading yet"), "waiting: no heading yet"),
-        ((), (FilterState.LOST, "position sigma 11 m"), "lost: position sigma 11 m"),
+        ((), (FilterState.ALIGNING,), "no position yet, the filter aligns itself"),
+        ((), (FilterState.WAITING,), "no position, as sensor data are missing"),
+        ((), (FilterState.LOST, "sigma"), "no position, as the filter's errors grew too large"),
         ((), (FilterState.DEAD_RECKONING, "rtk/fix"), "no pose at this frame"),
     ],
 )
@@ -286,7 +286,9 @@ def test_nothing_is_predicted_for_an_estimator_that_has_given_up():
     fly(overlay, START - 40 * MS)
     overlay.set_status(status(FilterState.LOST, "position sigma 11 m"))
     overlay.add_frame(START + LATENCY, GREY, START)
-    assert overlay.take(START + WAIT).notice == "NO MAP: lost: position sigma 11 m"
+    assert overlay.take(START + WAIT).notice == (
+        "NO MAP: no position, as the filter's errors grew too large"
+    )
 
 
 def test_poses_that_always_come_late_still_give_every_picture():

@@ -28,7 +28,6 @@ from tirgeo_ros.core.overlay.picture_painter import (
     Scene,
     Unpainted,
 )
-from tirgeo_ros.core.overlay.status_text import words_of
 from tirgeo_ros.core.types.arrays import RawPixels
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import NavigationStatus
@@ -209,11 +208,11 @@ class Overlay:
         return self._not_navigating() or why
 
     def _not_navigating(self) -> str:
-        """Return the estimator's state and reason if it does not navigate, else an empty text."""
+        """Return why the estimator does not navigate, else an empty text."""
         if self._status is None or self._status.state.navigating:
             return ""
-        reason = f": {self._status.reason}" if self._status.reason else ""
-        return f"{words_of(self._status.state)}{reason}"
+        why = self._status.for_operator
+        return why[0].lower() + why[1:]
 
     def _unpainted(
         self, frame: Frame, now_ns: int, found: CameraPose | Miss, obstacle: str

@@ -89,3 +89,22 @@ class NavigationStatus:
         float, ...
     ] = ()  # noise densities: gyroscopes rad/sqrt(s), accelerometers m/s/sqrt(s)
     began_again: Outcome | None = None  # GAP, TIME_JUMP or RESTART, until the filter runs again
+
+    @property
+    def for_operator(self) -> str:
+        """Return the state in an operator's words, empty while running; ``reason`` says more."""
+        return _AGAIN.get(self.began_again) or _STATES.get(self.state, "")
+
+
+_STATES = {
+    FilterState.WAITING: "No position, as sensor data are missing",
+    FilterState.ALIGNING: "No position yet, the filter aligns itself",
+    FilterState.DEGRADED: "Less accurate, as a receiver is not fixed or not heard",
+    FilterState.DEAD_RECKONING: "Nothing measures the position, it drifts",
+    FilterState.LOST: "No position, as the filter's errors grew too large",
+}
+_AGAIN: dict[Outcome | None, str] = {
+    Outcome.TIME_JUMP: "No position, as the IMU's time went back",
+    Outcome.GAP: "No position, as the IMU was silent for too long",
+    Outcome.RESTART: _STATES[FilterState.LOST],
+}
