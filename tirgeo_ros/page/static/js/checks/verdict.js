@@ -2,7 +2,6 @@
 
 import { store } from "../store.js";
 import { stageOf } from "../video/stages.js";
-import { FROZEN_S } from "../video/words_over.js";
 
 /**
  * @typedef {object} Verdict  kind: what it is about, the same while its text counts seconds
@@ -14,7 +13,8 @@ import { FROZEN_S } from "../video/words_over.js";
  * @property {boolean} alarm
  */
 
-const LOOK_MS = 200;
+const LOOK_MS = 100;
+const NO_VIDEO_MS = 1250; // longer than the server waits: what ended there is the nearer cause
 const LONGEST_STEP_MS = 400; // in a longer one this page did not run: what came meanwhile waits
 const STATE_MS = 1200; // states come at 5 Hz
 
@@ -52,13 +52,13 @@ function look(stepMs) {
 function verdictOn(id, stepMs) {
   const { link, states } = store.values;
   const stateMs = silence(`state ${id}`, states[id], stepMs);
-  const pictureS = silence(`picture ${id}`, stageOf(id)?.watched, stepMs) / 1000;
+  const pictureMs = silence(`picture ${id}`, stageOf(id)?.watched, stepMs);
   if (link.phase === "lost") return withoutLink(`lost, ${retryWords(link.retryAt)}`);
   if (stateMs > STATE_MS) return withoutLink(`silent for ${(stateMs / 1000).toFixed(0)} s`);
   const state = states[id];
   const verdict = state?.verdict ?? UNKNOWN;
-  if (verdict.tone === "bad" || !state || pictureS <= FROZEN_S) return verdict;
-  const text = `No picture reaches this screen for ${pictureS.toFixed(0)} s`;
+  if (verdict.tone === "bad" || !state || pictureMs <= NO_VIDEO_MS) return verdict;
+  const text = `No picture reaches this screen for ${(pictureMs / 1000).toFixed(0)} s`;
   const more = `/video: ${stageOf(id)?.feed.phase}`;
   return { word: "NO VIDEO", tone: "bad", kind: "screen", text, more, alarm: true };
 }

@@ -2,7 +2,7 @@
 
 import { age } from "../shell/words.js";
 
-export const FROZEN_S = 1.0;
+const FROZEN_S = 1.0;
 const SLOW_MS = 250;
 const LATE_MS = 600;
 
