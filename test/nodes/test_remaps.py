@@ -18,7 +18,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, Imu, NavSatFix
 
 from tirgeo_ros.io.bags.bag import BagReader
-from tirgeo_ros.tools.graph.remap_file import read_remaps
+from tirgeo_ros.tools.graph.whole_graph import read_remaps
 
 pytestmark = pytest.mark.graph
 CLOCK = ["-r", "__ns:=/uav1", "-r", "/clock:=clock"]

@@ -10,7 +10,7 @@ import numpy as np
 
 from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard
 from tirgeo_ros.core.frames.rotations import rotation_x, rotation_y, rotation_z
-from tirgeo_ros.tools.simulate.board import BoardLook, BoardRenderer
+from tirgeo_ros.tools.simulate.boards import BoardLook, BoardRenderer
 
 SEED = 90
 

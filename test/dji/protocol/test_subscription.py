@@ -25,7 +25,6 @@ from tirgeo_ros.dji.protocol.commands import (
     set_rates,
 )
 from tirgeo_ros.dji.protocol.package_table import package_table
-from tirgeo_ros.dji.protocol.printed_fields import push_fields
 from tirgeo_ros.dji.protocol.subscription import (
     USUAL_PACKAGES,
     Package,
@@ -35,6 +34,7 @@ from tirgeo_ros.dji.protocol.subscription import (
 )
 from tirgeo_ros.dji.protocol.subscription_topics import TOPICS
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
+from tirgeo_ros.tools.convert.dump import push_fields
 
 
 def test_the_usual_packages_have_the_lengths_of_their_pushes():

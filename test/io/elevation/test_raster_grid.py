@@ -20,7 +20,7 @@ from elevation_files import (
 from measured import run_measured
 
 from tirgeo_ros.core.types.errors import ElevationError
-from tirgeo_ros.io.elevation import raster_grid
+from tirgeo_ros.io.elevation import elevation_model
 from tirgeo_ros.io.elevation.elevation_model import load_terrain
 
 
@@ -28,7 +28,7 @@ def test_a_large_model_is_read_by_strips(rasterio, tmp_path, monkeypatch):
     x, y, transform = grid_of_metres(rasterio)
     path = written(rasterio, tmp_path / "large.tif", wave(x, y).astype(np.float32), transform)
     whole = load_terrain(path)
-    monkeypatch.setattr(raster_grid, "_AT_ONCE", 7 * SIZE)
+    monkeypatch.setattr(elevation_model, "_AT_ONCE", 7 * SIZE)
     np.testing.assert_array_equal(load_terrain(path).heights_m, whole.heights_m)
 
 

@@ -16,8 +16,8 @@ from layers_by_gdal import layers_in, rows_of
 from tirgeo_ros.core.types.errors import ExportError
 from tirgeo_ros.io.geopackage import layer_file
 from tirgeo_ros.io.geopackage.layer_file import Layer, LayerFile
-from tirgeo_ros.io.geopackage.qgis_style import area, by_value, line, marker, single
 from tirgeo_ros.io.maps import load_layers
+from tirgeo_ros.tools.export.vectors import area, by_value, line, marker, single
 
 COLUMNS = {"n": "INTEGER", "x": "REAL", "text": "TEXT", "when": "DATETIME", "yes": "BOOLEAN"}
 POINTS = Layer(

@@ -10,9 +10,9 @@ import pytest
 
 from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.io.coordinates.crs import Plane
-from tirgeo_ros.io.pictures import ground_overlay
 from tirgeo_ros.io.pictures.cog_output import RasterForm, RasterPart, write_cog
-from tirgeo_ros.io.pictures.ground_overlay import write_ground_overlay
+from tirgeo_ros.tools.export import orthophotos
+from tirgeo_ros.tools.export.orthophotos import write_ground_overlay
 
 pytest.importorskip("rasterio")
 
@@ -73,7 +73,7 @@ def test_more_than_8_bits_are_stretched_and_the_unknown_is_clear(tmp_path, dtype
 
 
 def test_a_large_raster_is_shrunk(tmp_path, monkeypatch):
-    monkeypatch.setattr(ground_overlay, "MOST_PX", 64)
+    monkeypatch.setattr(orthophotos, "MOST_PX", 64)
     picture, _ = overlay(tmp_path, np.full((SIZE, SIZE, 1), 9, np.uint8))
     assert 60 <= max(picture.shape[:2]) <= 64
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tirgeo_ros.core.types.errors import ExportError
-from tirgeo_ros.io.video.subtitle_file import SubtitleFile
+from tirgeo_ros.tools.export.subtitles import SubtitleFile
 
 S = 1_000_000_000
 

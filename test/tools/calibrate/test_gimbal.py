@@ -19,7 +19,7 @@ from tirgeo_ros.io.pictures.camera_file import camera_yaml
 from tirgeo_ros.tools.calibrate.board_pictures import Taken, thinned
 from tirgeo_ros.tools.calibrate.gimbal import calibrate_gimbal
 from tirgeo_ros.tools.cli.main import main
-from tirgeo_ros.tools.simulate.board import BoardLook, BoardRenderer, gimbal_pose
+from tirgeo_ros.tools.simulate.boards import BoardLook, BoardRenderer, gimbal_pose
 
 pytestmark = pytest.mark.slow
 

@@ -19,8 +19,7 @@ from tirgeo_ros.io.files.child_python import stop_signals
 from tirgeo_ros.tools.cli import main as command
 from tirgeo_ros.tools.cli.main import parser_of, verbs
 from tirgeo_ros.tools.graph.localhost import PROFILES
-from tirgeo_ros.tools.graph.remap_file import read_remaps
-from tirgeo_ros.tools.graph.whole_graph import WholeGraph
+from tirgeo_ros.tools.graph.whole_graph import WholeGraph, read_remaps
 from tirgeo_ros.tools.replay.flight_topics import INPUTS
 
 

@@ -12,8 +12,7 @@ from html_pages import Page, embedded
 from pyproj import Geod
 
 from tirgeo_ros import __version__
-from tirgeo_ros.tools.season.page import season_html, write_page
-from tirgeo_ros.tools.season.track_maps import track_maps
+from tirgeo_ros.tools.season.page import season_html, track_maps, write_page
 
 JPEG = b"\xff\xd8 a picture"
 

@@ -3,25 +3,218 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from tirgeo_ros.core.config import DjiConfig
-from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample, NavigationInput
+from tirgeo_ros.core.config.filter_aiding import GpsConfig
+from tirgeo_ros.core.frames.heading import heading_of, wrapped
+from tirgeo_ros.core.frames.rotations import canonical, quat_conjugate, quat_multiply, rotation_of
+from tirgeo_ros.core.gimbal.joint_geometry import joint_angles
+from tirgeo_ros.core.gimbal.pose_buffer import Miss
+from tirgeo_ros.core.navigation.strapdown import matrix
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import (
+    CameraAttitudeSample,
+    FixStatus,
+    JointSample,
+    NavigationInput,
+)
 from tirgeo_ros.dji.interpret.autopilot_attitude import AutopilotAttitudes
-from tirgeo_ros.dji.interpret.gimbal_samples import GimbalInterpreter
-from tirgeo_ros.dji.interpret.gps_samples import GpsInterpreter
 from tirgeo_ros.dji.interpret.imu_samples import ImuInterpreter
+from tirgeo_ros.dji.interpret.imu_stream_selection import Sequence
+from tirgeo_ros.dji.interpret.receiver import NO_FIX, UNKNOWN_SIGMA_M, Held, Quality, Receiver
 from tirgeo_ros.dji.interpret.rtk_samples import NOT_SET, RtkInterpreter
 from tirgeo_ros.dji.sources.readings import (
     AttitudeReading,
     GimbalReading,
     GpsReading,
     ImuReading,
+    Quaternion,
     Reading,
     RtkReading,
 )
+
+#: Kinds of fix: 2D, 3D, GPS and dead reckoning; others (none, dead reckoning, time only) are none.
+_FIX_2D, _FIX_3D, _FIX_GPS_DR = 2, 3, 4
+#: The height of a 2D fix is assumed by the receiver: its error may be as large as a mountain.
+_SIGMA_2D_DOWN_M = 1000.0
+#: Horizontal sigma of a 2D fix without a stated accuracy; it includes the effect of a wrong
+#: height.
+_SIGMA_2D_M = 10.0
+
+_USUAL_SIGMA_M = GpsConfig().position_sigma_m
+
+_Sigmas = tuple[float | None, float | None, float | None]  # horizontal, down (m), velocity (m/s)
+_NOT_TOLD: _Sigmas = (None, None, None)
+
+
+class GpsInterpreter(Receiver[GpsReading]):
+    """Convert the ordinary GPS's readings to samples.
+
+    3D fixes (with dead reckoning or without) are single. So are 2D fixes, with a sigma that makes
+    their height irrelevant. All others are no fix. If a reading lacks fix type or accuracy, the
+    newest one is used for up to 1.5 s. A source that has never sent the fix type cannot send it:
+    its positions are single. Where no accuracy is stated the covariance is zero, which means
+    unknown; the filter then uses its own. Where only the horizontal or only the vertical one is
+    stated, the other is the filter's default.
+    """
+
+    def __init__(self, config: DjiConfig, undulation_m: float, counts: Counter[str]) -> None:
+        super().__init__("gps", config.delay.gps_s, undulation_m, counts)
+        self._fix: Held[int] = Held()
+        self._sigmas: Held[_Sigmas] = Held()
+
+    def configure(self, config: DjiConfig) -> None:
+        """Take the delay, also another one in flight."""
+        self._delay_ns = round(config.delay.gps_s * 1e9)
+
+    def _hear(self, stamp_ns: int, reading: GpsReading) -> None:
+        self._fix.hear(stamp_ns, reading.fix)
+        sigmas = (
+            _known(reading.horizontal_sigma_m),
+            _known(reading.vertical_sigma_m),
+            _known(reading.velocity_sigma_m_s),
+        )
+        self._sigmas.hear(stamp_ns, None if sigmas == _NOT_TOLD else sigmas)
+
+    def _quality(self, stamp_ns: int) -> Quality:
+        fix = _FIX_3D if self._fix.newest is None else self._fix.at(stamp_ns)
+        if fix not in {_FIX_2D, _FIX_3D, _FIX_GPS_DR}:
+            return NO_FIX
+        horizontal, vertical, speed = self._sigmas.at(stamp_ns) or _NOT_TOLD
+        if fix == _FIX_2D:
+            horizontal = horizontal or _SIGMA_2D_M
+            vertical = max(vertical or 0.0, _SIGMA_2D_DOWN_M)
+        variance = (0.0, 0.0, 0.0)
+        if horizontal is not None or vertical is not None:
+            north, east, down = _USUAL_SIGMA_M
+            sigmas = (horizontal or north, horizontal or east, vertical or down)
+            variance = (sigmas[0] ** 2, sigmas[1] ** 2, sigmas[2] ** 2)
+        return Quality(FixStatus.SINGLE, variance, (speed or 0.0) ** 2)
+
+
+def _known(sigma: float | None) -> float | None:
+    """Return the sigma, limited; None for the values that mean unknown: zero, NaN, infinity."""
+    return min(sigma, UNKNOWN_SIGMA_M) if sigma is not None and 0 < sigma < math.inf else None
+
+
+#: A reading waits this long for the attitude after it: the longest gap between two attitudes.
+_WAIT_NS = 250_000_000
+_FOREVER_NS = 1 << 63
+#: Stamps of two streams of one gimbal mix within this; one that goes back further is another
+#: clock.
+_CLOCK_NS = 1_000_000_000
+#: Limit of an angle's size, however many turns it has counted.
+_LARGEST_RAD = 1e3
+#: Roll beyond 84 deg: an error of 0.001 in an angle becomes 0.01 in yaw.
+_SINGULAR_COSINE = 0.1
+
+GimbalSample = CameraAttitudeSample | JointSample
+
+
+class GimbalInterpreter:
+    """Convert gimbal readings to samples, each with the body's attitude at its own instant.
+
+    A reading waits at most 0.25 s for that attitude, then it is published without joints. If yaw
+    counts from the nose, the reading is dropped instead. Counted: ``gimbal_refused`` (not finite,
+    or too large for an angle), ``gimbal_out_of_order``, ``gimbal_without_joints``,
+    ``gimbal_without_heading`` (dropped) and ``joints_near_singularity``.
+    """
+
+    def __init__(
+        self, config: DjiConfig, attitudes: AutopilotAttitudes, counts: Counter[str]
+    ) -> None:
+        self._from_nose = config.gimbal_reference == "body"
+        self.configure(config)
+        self._attitudes, self._counts = attitudes, counts
+        self.waiting: deque[GimbalReading] = deque()  # for an attitude
+        self._newest_ns: int | None = None
+        self._psi_coder: float | None = None
+        self._cameras, self._joints = Sequence(), Sequence()
+
+    def configure(self, config: DjiConfig) -> None:
+        """Take the delays, also others in flight."""
+        self._delay_ns = round(config.delay.gimbal_s * 1e9)
+        self._attitude_delay_ns = round(config.delay.imu_s * 1e9)
+
+    def take(self, reading: GimbalReading) -> list[GimbalSample]:
+        """Take a reading; return samples of those before it if it comes from another clock."""
+        if not all(abs(angle) < _LARGEST_RAD for angle in reading[1:]):
+            self._counts["gimbal_refused"] += 1
+            return []
+        reading = reading._replace(stamp_ns=reading.stamp_ns - self._delay_ns)
+        newest_ns, before = self._newest_ns, []
+        if newest_ns is not None and reading.stamp_ns <= newest_ns:
+            if newest_ns - reading.stamp_ns < _CLOCK_NS:
+                self._counts["gimbal_out_of_order"] += 1
+                return []
+            before = self.flush()
+        self._newest_ns = reading.stamp_ns
+        self.waiting.append(reading)
+        return before
+
+    def resolve(self, now_ns: int) -> list[GimbalSample]:
+        """Return the samples of readings whose attitude has come or can no longer come.
+
+        ``now_ns``: the newest stamp of any reading, before its delay is subtracted.
+        """
+        now_ns -= self._attitude_delay_ns
+        found: list[GimbalSample] = []
+        while self.waiting:
+            stamp_ns = self.waiting[0].stamp_ns
+            q_nb = self._attitudes.at(stamp_ns)
+            waits = isinstance(q_nb, Miss) and q_nb in {Miss.EMPTY, Miss.TOO_NEW}
+            if waits and now_ns - stamp_ns <= _WAIT_NS:
+                break
+            found += self._samples(self.waiting.popleft(), q_nb)
+        return found
+
+    def flush(self) -> list[GimbalSample]:
+        """Return the samples of all waiting readings, at the end of the data."""
+        return self.resolve(_FOREVER_NS)
+
+    def _samples(self, reading: GimbalReading, q_nb: Array | Miss) -> list[GimbalSample]:
+        stamp_ns, roll, pitch, yaw = reading
+        if isinstance(q_nb, Miss):
+            if self._from_nose:
+                self._counts["gimbal_without_heading"] += 1
+                return []
+            self._counts["gimbal_without_joints"] += 1
+            return [self._camera(stamp_ns, _camera_attitude(roll, pitch, yaw))]
+        nose = heading_of(q_nb)
+        yaw += nose if self._from_nose else 0.0
+        self._psi_coder = wrapped(yaw - nose)
+        q_ng = _camera_attitude(roll, pitch, yaw)
+        q_bg = quat_multiply(tuple(quat_conjugate(q_nb).tolist()), q_ng)
+        joint_yaw, joint_roll, joint_pitch = joint_angles(matrix(rotation_of(q_bg))).tolist()
+        if math.cos(joint_roll) < _SINGULAR_COSINE:
+            self._counts["joints_near_singularity"] += 1
+        angles = joint_yaw, joint_roll, joint_pitch
+        joints = JointSample(self._joints.after(stamp_ns), *angles, computed=True)
+        return [self._camera(stamp_ns, q_ng), joints]
+
+    def _camera(self, stamp_ns: int, q_ng: Quaternion) -> CameraAttitudeSample:
+        return CameraAttitudeSample(self._cameras.after(stamp_ns), canonical(np.array(q_ng)))
+
+    @property
+    def diagnostics(self) -> dict[str, str]:
+        """Return psi_coder (deg): the gimbal's yaw minus the autopilot's at the same instant."""
+        if self._psi_coder is None:
+            return {}
+        return {"psi_coder_deg": f"{math.degrees(self._psi_coder):.2f}"}
+
+
+def _camera_attitude(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Quaternion:
+    """Return ``q_ng`` (wxyz) of yaw, then pitch, then roll (rad), by scalars for speed."""
+    yaw = (math.cos(yaw_rad / 2), 0.0, 0.0, math.sin(yaw_rad / 2))
+    pitch = (math.cos(pitch_rad / 2), 0.0, math.sin(pitch_rad / 2), 0.0)
+    roll = (math.cos(roll_rad / 2), math.sin(roll_rad / 2), 0.0, 0.0)
+    return quat_multiply(quat_multiply(yaw, pitch), roll)
+
 
 Sample = NavigationInput | JointSample | CameraAttitudeSample
 

@@ -2,20 +2,136 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 from tirgeo_ros.core.types.errors import DjiError
 from tirgeo_ros.dji.link.encryption import parse_key
 from tirgeo_ros.dji.link.framing import FrameReader, ProtocolFrame
-from tirgeo_ros.dji.protocol.broadcast import decode_broadcast
+from tirgeo_ros.dji.protocol import broadcast_parts as parts
+from tirgeo_ros.dji.protocol.broadcast import Broadcast, Layout, decode_broadcast
 from tirgeo_ros.dji.protocol.package_table import package_table
-from tirgeo_ros.dji.protocol.printed_fields import broadcast_fields, push_fields
-from tirgeo_ros.dji.protocol.subscription import PackageTable, decode_push
+from tirgeo_ros.dji.protocol.subscription import PackageTable, Push, decode_push
 from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
+
+_STATUS_BITS = ("mounted", "busy", "pitch_limited", "roll_limited", "yaw_limited", "calibrating")
+#: Fields that are 64 bits wide.
+_DOUBLES = {"lat_rad", "lon_rad", "lat_deg", "lon_deg"}
+_Convert = Callable[[Any], Any]
+
+
+def _m_s(cm_s: Any) -> Any:
+    return [x * 0.01 for x in cm_s] if isinstance(cm_s, tuple) else cm_s / 100
+
+
+def _per_thousand(value: float) -> float:
+    return value / 1000
+
+
+#: Conversions by the last words of the names.
+_UNITS: dict[tuple[str, str], _Convert] = {
+    ("ms", "s"): _per_thousand,
+    ("mm", "m"): _per_thousand,
+    ("mv", "v"): _per_thousand,
+    ("ma", "a"): _per_thousand,
+    ("cmps", "mps"): _m_s,
+    ("rad", "deg"): math.degrees,
+    ("deg", "rad"): math.radians,
+    ("1e7", "deg"): lambda raw: raw / 1e7,
+    ("1e7", "rad"): lambda raw: math.radians(raw / 1e7),
+    ("tag", "index"): int,
+    ("raw", "packed"): lambda _: "x=lon,y=lat",
+}
+#: The fields of a type in their order; of a type that is not here, those of its definition.
+#: ``time_s<time_ms``: computed from a field, by their units; ``health<info:0``: bits of a field,
+#: from the lowest, with a width where it is not 1.
+_FIELDS: dict[type, str] = {
+    parts.Time: "time_ms time_ns time_s<time_ms sync_time_2p5ms sync_tag sync_flag",
+    parts.Velocity: "xyz_mps health<info:0",
+    parts.Position: "lat_rad lon_rad lat_deg<lat_rad lon_deg<lon_rad altitude_m height_m health",
+    parts.Gps: """date time lon_1e7 lat_1e7 hfsl_mm lon_deg<lon_1e7 lat_deg<lat_1e7 lon_rad<lon_1e7
+        lat_rad<lat_1e7 hfsl_m<hfsl_mm vel_ned_cmps vel_ned_mps<vel_ned_cmps detail""",
+    parts.GpsDetail: """hdop pdop fix vacc_mm hacc_mm sacc_cmps vacc_m<vacc_mm hacc_m<hacc_mm
+        sacc_mps<sacc_cmps used_gps used_glonass nsv counter""",
+    parts.Rtk: """date time lon_deg lat_deg lon_rad<lon_deg lat_rad<lat_deg hfsl_m vel_cmps
+        vel_mps<vel_cmps yaw_deg yaw_rad<yaw_deg pos_flag yaw_flag""",
+    parts.Gimbal: """roll_deg pitch_deg yaw_deg roll_rad<roll_deg pitch_rad<pitch_deg
+        yaw_rad<yaw_deg pitch_limit<limits:0 roll_limit<limits:1 yaw_limit<limits:2""",
+    parts.GimbalAngles: """pitch_deg roll_deg yaw_deg pitch_rad<pitch_deg roll_rad<roll_deg
+        yaw_rad<yaw_deg""",
+    parts.Battery: """capacity_mah voltage_mv current_ma percentage voltage_v<voltage_mv
+        current_a<current_ma""",
+    parts.Device: "control_mode device_status<bits:0:3 flight_status<bits:3 vrc_status<bits:4",
+    parts.GpsFused: "lon_rad lat_rad lon_deg<lon_rad lat_deg<lat_rad altitude_m satellites",
+    parts.GpsPosition: "x_raw y_raw z_raw order_packed<x_raw",
+    parts.HardSync: """time2p5ms time1ns reset_time2p5ms index<tag flag q_wxyz accel_g
+        gyro_radps""",
+}
+
+
+def _field(spec: str) -> tuple[str, str, _Convert | None]:
+    """Return a field's name, the field that it is computed from, and how; None: as it is."""
+    name, _, source = spec.partition("<")
+    source, *bits = source.split(":")
+    if bits:
+        shift, width = int(bits[0]), int(bits[1]) if bits[1:] else 1
+        return name, source, lambda value: value >> shift & (1 << width) - 1
+    if not source:
+        return name, name, None
+    return name, source, _UNITS[source.rpartition("_")[2], name.rpartition("_")[2]]
+
+
+_PRINTED = {kind: [*map(_field, text.split())] for kind, text in _FIELDS.items()}
+
+#: Topics whose meaning does not follow from their type.
+_TOPICS: dict[str, _Convert] = {
+    "GPS_VELOCITY": lambda v: {"cmps": _printed(v), "mps": _m_s(v)},
+    "RTK_VELOCITY": lambda v: {"cmps": _printed(v), "mps": _m_s(v)},
+    "RTK_YAW": lambda deg: {"deg": deg, "rad": math.radians(deg)},
+    "GIMBAL_STATUS": lambda bits: (
+        {"bits": bits} | {name: bits >> i & 1 for i, name in enumerate(_STATUS_BITS)}
+    ),
+    "HOME_POINT_INFO": list,  # 64 bits wide
+}
+
+
+def broadcast_fields(broadcast: Broadcast) -> dict[str, Any]:
+    """Return the fields of a broadcast, a key for each part that is present."""
+    present = zip(Broadcast._fields[1:], broadcast[1:], strict=True)
+    fields = {name: _printed(part) for name, part in present if part is not None}
+    if broadcast.velocity is not None and broadcast.layout is not Layout.MODERN:
+        fields["velocity"]["sensor_id"] = broadcast.velocity.info >> 1 & 0xF
+    return fields
+
+
+def push_fields(push: Push) -> dict[str, Any]:
+    """Return the fields of a push: the time of its sending, if it has one, and its topics."""
+    fields: dict[str, Any] = {}
+    if push.time_ms is not None:
+        time_s = push.time_ms / 1000
+        fields["timestamp"] = {"time_ms": push.time_ms, "time_ns": push.time_ns, "time_s": time_s}
+    topics = push.values.items()
+    return fields | {name: _TOPICS.get(name, _printed)(value) for name, value in topics}
+
+
+def _printed(value: Any, name: str = "") -> Any:
+    """Return a part as JSON holds it; fields that a layout lacks are left out."""
+    if hasattr(value, "_fields"):
+        found = {}
+        for field, source, convert in _PRINTED.get(type(value)) or map(_field, value._fields):
+            raw = getattr(value, source)
+            if raw is not None:
+                found[field] = convert(raw) if convert else _printed(raw, field)
+        return found
+    if isinstance(value, tuple):
+        return [_printed(number) for number in value]
+    is_single = isinstance(value, float) and name not in _DOUBLES
+    return float(f"{value:.9g}") if is_single else value
+
 
 Record = dict[str, Any]
 

@@ -2,14 +2,184 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from tirgeo_ros.tools.evaluate.plots import Plot, plots
-from tirgeo_ros.tools.evaluate.result import Evaluation
+import numpy as np
+
+from tirgeo_ros.core.camera.projection_covariance import CHI2_95
+from tirgeo_ros.core.types.arrays import Array, IntArray
+from tirgeo_ros.tools.evaluate.result import Evaluation, MethodResult
 from tirgeo_ros.tools.presentation.html_page import embedded, html_page
+from tirgeo_ros.tools.presentation.plots import COLOURS, arrows, figure, logarithmic, svg
+
+#: Width of a figure (inches): narrow enough to be readable on a telephone.
+_WIDTH_IN = 4.4
+#: Length of the longest error vector as a share of the survey's extent.
+_VECTOR_SHARE = 0.12
+_MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
+_CLUTTER = 40  # most points that are labelled with their names
+
+
+class Plot(NamedTuple):
+    """Hold a figure for the report: pictures that are placed side by side if there is room."""
+
+    title: str
+    caption: str
+    svgs: Sequence[bytes]
+
+
+def plots(found: Evaluation) -> Iterator[Plot]:
+    """Yield the plots of the errors, if points were located, and of the flight."""
+    methods = [method for method in found.methods if method.located]
+    best = found.methods[-1]
+    if methods:
+        yield Plot(
+            "Errors of the control points",
+            "Vectors from each surveyed point (cross) to its located observations, "
+            "enlarged as the titles say. Mean over the points of Equation 24 in the titles "
+            "(Figures 23 to 26 of the paper).",
+            [_vectors(found, method) for method in methods],
+        )
+        yield Plot(
+            "Sigma against error",
+            "Each observation's horizontal error beside the root mean square that the method "
+            "predicts for it. The dotted line holds 95 % of them where the error is as likely in "
+            "all directions.",
+            [_sigma_against_error(methods)],
+        )
+    yield Plot(
+        "Track", f"In {found.projection.name} (Figure 15 of the paper).", [_track(found, best)]
+    )
+    start_ns = int(best.series["camera"][0][0])
+    yield Plot(
+        "Attitude before and after",
+        "Of the aircraft by the autopilot and by the filter; of the camera as the flight "
+        "controller reports it and as it is used (Figures 18 to 20).",
+        [_attitudes(found, best, start_ns)],
+    )
+    if best.series.sources:
+        yield Plot(
+            "Innovations and test ratios",
+            f"Under {best.method}: each measurement's difference from the prediction (north, "
+            "east, down in blue, orange, green), and its square over the gate; above 1 it is "
+            "refused.",
+            [_innovations(best, source, start_ns) for source in sorted(best.series.sources)],
+        )
+
+
+def _control(found: Evaluation) -> tuple[Array, Array]:
+    """Return the control points (P, 2) from their mean, and that mean (2,): east, north, m."""
+    middle = np.round(found.places_en.mean(axis=0))
+    return found.places_en - middle, middle
+
+
+def _vectors(found: Evaluation, method: MethodResult) -> bytes:
+    control, middle = _control(found)
+    span = max(*np.ptp(control, axis=0).tolist(), 1.0)
+    most = _VECTOR_SHARE * span / max(float(method.errors.distance_m.max()), 1e-6)
+    times = max((times for times in _MAGNIFICATIONS if times <= most), default=1)
+    made, panel = figure(_WIDTH_IN, 4.2)
+    error = method.errors.error_en
+    begin = np.array([one.place_en for one in method.located]) - middle - error
+    arrows(panel, begin, times * error, COLOURS[1], 0.005)
+    panel.plot(*control.T, "+", color=COLOURS[0], markersize=6)
+    shown = f", vectors x {times}" if times > 1 else ""
+    title = f"{method.method}: {method.errors.mean_point_rmse_m:.3f} m{shown}"
+    panel.set(title=title, xlabel="east, m", ylabel="north, m", aspect="equal")
+    panel.margins(0.12)
+    if len(control) <= _CLUTTER:
+        for name, place in zip(found.control, control, strict=True):
+            panel.annotate(name, place, (3, 3), textcoords="offset points", fontsize=7)
+    return svg(made)
+
+
+def _sigma_against_error(methods: Sequence[MethodResult]) -> bytes:
+    made, axes = figure(_WIDTH_IN, 4.2)
+    sigmas = []
+    for number, method in enumerate(methods):
+        predicted = [math.sqrt(np.trace(one.covariance_en)) for one in method.located]
+        colour = COLOURS[number % len(COLOURS)]
+        axes.plot(predicted, method.errors.distance_m, ".", color=colour, label=method.method)
+        sigmas += predicted
+    line = np.array([min(sigmas), max(sigmas)])
+    axes.plot(line, math.sqrt(CHI2_95 / 2) * line, color="#888888", linestyle=":")
+    axes.set(xlabel="sigma as predicted, m", ylabel="error, m")
+    for which in ("x", "y"):
+        logarithmic(axes, which)
+    axes.legend(fontsize=8)
+    return svg(made)
+
+
+def _track(found: Evaluation, best: MethodResult) -> bytes:
+    control, middle = _control(found)
+    made, axes = figure(_WIDTH_IN, 4.2)
+    for name, (_, places), form, colour in (
+        ("ordinary GPS", found.sensors["gps_position"], ".", COLOURS[4]),
+        ("RTK", found.sensors["rtk_position"], ".", COLOURS[0]),
+        (best.method, best.series["place"], "-", COLOURS[2]),
+    ):
+        if len(places):
+            shown = found.projection.project(*places.T) - middle
+            axes.plot(*shown.T, form, color=colour, label=name, markersize=2.5)
+    axes.plot(*control.T, "+", color=COLOURS[6], label="control points")
+    axes.set(xlabel=f"east - {middle[0]:.0f} m", ylabel=f"north - {middle[1]:.0f} m")
+    axes.set(aspect="equal")
+    axes.legend()
+    return svg(made)
+
+
+def _attitudes(found: Evaluation, best: MethodResult, start_ns: int) -> bytes:
+    """Return an SVG with four panels: the body's angles, and the camera's heading."""
+    made, panels = figure(_WIDTH_IN, 7.0, 4, 1, sharex=True)
+    body, camera = (("autopilot", "body"), ("gimbal", "camera"))
+    for panel, (reported, used), axis, label in (
+        (panels[0], body, 0, "roll, deg"),
+        (panels[1], body, 1, "pitch, deg"),
+        (panels[2], body, 2, "heading, deg"),
+        (panels[3], camera, 2, "camera heading, deg"),
+    ):
+        _angle(panel, found.sensors[reported], axis, start_ns, COLOURS[1], "before")
+        _angle(panel, best.series[used], axis, start_ns, COLOURS[0], best.method)
+        panel.set_ylabel(label)
+    panels[0].legend(ncols=2)
+    panels[3].set_xlabel("time, s")
+    return svg(made)
+
+
+def _angle(
+    panel: Any, series: tuple[IntArray, Array], axis: int, start_ns: int, colour: str, name: str
+) -> None:
+    """Draw one of an attitude's angles; headings are 0 to 360 deg, with gaps at north."""
+    stamps, rpy = series
+    if not len(stamps):
+        return
+    angle = np.degrees(rpy[:, axis])
+    if axis == 2:
+        angle %= 360.0
+        angle[np.abs(np.diff(angle, prepend=angle[:1])) > 180.0] = np.nan
+    panel.plot((stamps - start_ns) * 1e-9, angle, color=colour, label=name)
+
+
+def _innovations(best: MethodResult, source: str, start_ns: int) -> bytes:
+    """Return an SVG: the innovations of one source above their test ratios."""
+    made, (above, below) = figure(_WIDTH_IN, 3.4, 2, 1, sharex=True)
+    stamps, rows = best.series[source]
+    t_s, ratio, innovation = (stamps - start_ns) * 1e-9, rows[:, 0], rows[:, 1:]
+    is_heading = "heading" in source
+    for k, row in enumerate((np.degrees(innovation) if is_heading else innovation).T):
+        above.plot(t_s, row, ".", markersize=2.5, color=COLOURS[k])
+    unit = "deg" if is_heading else "m/s" if "velocity" in source else "m"
+    above.set(title=source.replace("_", " "), ylabel=f"innovation, {unit}")
+    below.plot(t_s, np.maximum(ratio, 1e-6), ".", markersize=2.5, color=COLOURS[0])
+    below.axhline(1.0, color="#888888", linestyle=":")
+    below.set(xlabel="time, s", ylabel="test ratio")
+    logarithmic(below, "y")
+    return svg(made)
+
 
 _STYLE = """
 .verdict { font-size: 1.15rem; font-weight: 600; }

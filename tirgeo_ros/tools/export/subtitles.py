@@ -5,8 +5,9 @@ A cue has the form of DJI's newer cameras, for the programs that read it, then a
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from datetime import datetime, timezone
 from itertools import pairwise
 from pathlib import Path
@@ -14,9 +15,60 @@ from typing import NamedTuple
 
 from tirgeo_ros.core.ground.camera_place import camera_place, height_above_m
 from tirgeo_ros.core.overlay.scale_bar_compass import camera_heading_rad
+from tirgeo_ros.core.types.errors import ExportError
+from tirgeo_ros.io.files.whole_files import check_place, part_of
 from tirgeo_ros.io.video.encoder import FrameTimes
-from tirgeo_ros.io.video.subtitle_file import SubtitleFile
 from tirgeo_ros.tools.export.export_frame import ExportFrame
+
+
+class SubtitleFile:
+    """Append cues to a file, which gets its name in ``finish``; without a cue there is no file.
+
+    Raises ExportError naming the file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.cues = path, 0
+        check_place(path, ExportError)
+        self._part = part_of(path)
+        with self._writing():
+            self._file = self._part.open("w", encoding="utf-8")
+
+    def add(self, begin_ns: int, end_ns: int, text: str) -> None:
+        """Append a cue, shown between two times from the video's begin, ns."""
+        self.cues += 1
+        with self._writing():
+            times = f"{_clock(begin_ns)} --> {_clock(end_ns)}"
+            self._file.write(f"{self.cues}\n{times}\n{text}\n\n")
+
+    def finish(self) -> None:
+        """Complete the file."""
+        with self._writing():
+            self._file.close()
+            if self.cues:
+                self._part.replace(self.path)
+        self.close()
+
+    def close(self) -> None:
+        """Remove what is not finished."""
+        self._file.close()
+        self._part.unlink(missing_ok=True)
+
+    @contextlib.contextmanager
+    def _writing(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            why = error.strerror or error
+            raise ExportError(f"{self.path}: cannot be written: {why}") from None
+
+
+def _clock(time_ns: int) -> str:
+    """Return hours, minutes, seconds and milliseconds."""
+    seconds, milliseconds = divmod(round(time_ns * 1e-6), 1000)
+    minutes, seconds = divmod(seconds, 60)
+    return f"{minutes // 60:02}:{minutes % 60:02}:{seconds:02},{milliseconds:03}"
+
 
 #: A picture that comes later than so many intervals after the one before is not the next one.
 _LATE = 1.5

@@ -3,19 +3,41 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
-from tirgeo_ros.core.types.errors import GraphError
+from tirgeo_ros.core.types.errors import ConfigError, GraphError
 from tirgeo_ros.io.files.child_python import node_command, stop_signals
 from tirgeo_ros.io.files.text_file import named_files
+from tirgeo_ros.io.files.whole_files import PathLike
+from tirgeo_ros.io.parameters.parameter_file import load_yaml
 from tirgeo_ros.tools.graph import find_resource
 from tirgeo_ros.tools.graph.localhost import localhost_environment, video_environment
 from tirgeo_ros.tools.graph.node_graph import parameter_words
-from tirgeo_ros.tools.graph.remap_file import read_remaps
+from tirgeo_ros.tools.replay.flight_topics import INPUTS
+
+_NAME = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
+
+
+def read_remaps(path: PathLike) -> list[tuple[str, str]]:
+    """Return the pairs (topic of the contract, its name in the user's graph) of a file.
+
+    Raise ConfigError naming file and key if it is no mapping, or a name is none.
+    """
+    tree = load_yaml(path)
+    if not isinstance(tree, dict) or not tree:
+        raise ConfigError(f"{path}: no lines as imu/data: mavros/imu/data")
+    for own, other in tree.items():
+        if own not in INPUTS:
+            raise ConfigError(f"{path}: {own}: no input of tirgeo: use {', '.join(INPUTS)}")
+        if not isinstance(other, str) or not _NAME.fullmatch(other):
+            raise ConfigError(f"{path}: {own}: {other!r} is no topic's name")
+    return list(tree.items())
+
 
 _USUAL_PARAMS = "config/m600_xt2.yaml"
 

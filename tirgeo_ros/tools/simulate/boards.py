@@ -10,24 +10,240 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard
-from tirgeo_ros.core.camera.camera_model import XT2
-from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.camera.camera_model import XT2, Camera
+from tirgeo_ros.core.frames.axes import BODY_OPTICAL
+from tirgeo_ros.core.frames.rotations import matrix_from_euler, rotation_z
+from tirgeo_ros.core.types.arrays import Array, RawPixels
 from tirgeo_ros.core.types.errors import CalibrationError, TirgeoError
 from tirgeo_ros.io.bags.bag import BagWriter, Cdr
 from tirgeo_ros.io.files.whole_files import csv_text, made_folder
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages
 from tirgeo_ros.tools.presentation.progress import Progress, Report, silent
-from tirgeo_ros.tools.simulate.board import BoardLook, BoardRenderer, board_views, gimbal_pose
 from tirgeo_ros.tools.simulate.gimbal import ERROR_TIME_S
 from tirgeo_ros.tools.simulate.processes import generator, scaled_noise
 from tirgeo_ros.tools.simulate.scenario import Scenario
+
+Floats = npt.NDArray[np.float32]
+
+_MARGIN_SQUARES = 1.5  # plain board around the outer squares
+_EDGE_PX = 8.0  # distance of corners from the picture's edge
+_TRIES = 2000
+
+
+@dataclass(frozen=True)
+class BoardLook:
+    """Hold how a board appears.
+
+    Levels are 8-bit grey values; for 16 bits they are multiplied by ``gain`` and shifted by
+    ``offset``.
+    """
+
+    board: float = 118.0  # bare squares and margin
+    foil: float = 92.0  # colder: copper mirrors the sky
+    wall: float = 105.0  # background behind the board
+    unevenness: float = 4.0  # standard deviation from square to square
+    gradient: float = 6.0  # from one end of the board to the other
+    blur_px: float = 0.9  # standard deviation of the optics' point spread
+    motion_px: tuple[float, float] = (0.0, 0.0)  # movement of the picture during an exposure
+    noise: float = 1.5  # standard deviation of a pixel
+    vignetting: float = 0.12  # loss in the corners
+    bits: int = 8
+    gain: float = 40.0  # for 16 bits: about 40 mK per grey value
+    offset: float = 20000.0
+
+
+class BoardView(NamedTuple):
+    """Hold a picture and the truth behind it."""
+
+    image: RawPixels  # (h, w) uint8 or uint16
+    rotation_cb: Array  # (3, 3) board to optical frame
+    position_c: Array  # (3,) m, the board's first corner
+    corners_px: Array  # (count, 2) the board's corners; nan outside the lens model
+
+
+class BoardRenderer:
+    """Render boards through a camera, with ``parts`` x ``parts`` rays per pixel."""
+
+    def __init__(self, camera: Camera, board: Checkerboard, parts: int = 2) -> None:
+        """Compute the rays once."""
+        self.camera, self.board, self._parts = camera, board, parts
+        width, height = camera.width * parts, camera.height * parts
+        u = (np.arange(width) + 0.5) / parts - 0.5
+        v = (np.arange(height) + 0.5) / parts - 0.5
+        rays = camera.rays(np.stack(np.meshgrid(u, v), -1).reshape(-1, 2))
+        self._rays: Floats = rays.reshape(height, width, 3).astype(np.float32)
+        coarse = self._rays[parts // 2 :: parts, parts // 2 :: parts, :2]
+        off_axis = np.nan_to_num((coarse**2).sum(-1))
+        self._falloff: Floats = np.asarray(off_axis / off_axis.max(), np.float32)
+
+    def view(
+        self, rotation_cb: Array, position_c: Array, look: BoardLook, rng: np.random.Generator
+    ) -> BoardView:
+        """Render the board from a pose in the optical frame: rotation (3, 3), position (3,) m."""
+        levels = self._levels(look, rng)
+        column, row = self._met(rotation_cb, position_c)
+        drawn = _looked_up(levels, column, row, look)
+        image = self._sensed(drawn, look, rng)
+        points_c = self.board.points_m @ rotation_cb.T + position_c
+        return BoardView(image, rotation_cb, position_c, self.camera.project(points_c)[0])
+
+    def _met(self, rotation_cb: Array, position_c: Array) -> tuple[Floats, Floats]:
+        """Return where every ray meets the board's plane, in squares from the first corner."""
+        plane = np.column_stack([rotation_cb[:, :2] * self.board.square_m, position_c])
+        to_board = np.linalg.inv(plane).astype(np.float32)
+        x, y, w = np.moveaxis(self._rays @ to_board.T, -1, 0)
+        ahead = w > 1e-6  # nan outside the lens model
+        scale = np.where(ahead, w, np.float32(np.nan))
+        return x / scale, y / scale
+
+    def _levels(self, look: BoardLook, rng: np.random.Generator) -> Floats:
+        """Return the level (rows + 1, columns + 1) of every square, as a temperature."""
+        shape = self.board.rows + 1, self.board.columns + 1
+        row, column = np.indices(shape)
+        levels = np.where((row + column) % 2 == 0, look.foil, look.board)
+        levels = levels + look.gradient * (column / shape[1] - 0.5)
+        return np.asarray(levels + rng.normal(0, look.unevenness, shape), np.float32)
+
+    def _sensed(self, drawn: Floats, look: BoardLook, rng: np.random.Generator) -> RawPixels:
+        parts = self._parts
+        blurred = cv2.GaussianBlur(drawn, (0, 0), look.blur_px * parts)
+        if any(look.motion_px):
+            blurred = _smeared(blurred, np.array(look.motion_px) * parts)
+        height, width = self._falloff.shape
+        mean = np.asarray(blurred).reshape(height, parts, width, parts).mean((1, 3))
+        seen = mean * (1 - look.vignetting * self._falloff)
+        seen = seen + rng.normal(0, look.noise, seen.shape)
+        if look.bits == 16:
+            raw = np.clip(np.rint(seen * look.gain + look.offset), 0, 65535)
+            return np.asarray(raw, np.uint16)
+        return np.asarray(np.clip(np.rint(seen), 0, 255), np.uint8)
+
+
+def _looked_up(levels: Floats, column: Floats, row: Floats, look: BoardLook) -> Floats:
+    """Return the level at points of the board's plane; square (0, 0) is before the first corner.
+
+    Each part of a pixel gets the mean over its own footprint, so that edges along the pixel rows
+    do not shift to the next part.
+    """
+    padded = np.pad(levels, 2, constant_values=np.float32(look.board))
+    size = np.array(levels.shape) - 1
+    beside = np.maximum(
+        np.maximum(-row, row - size[0] + 1), np.maximum(-column, column - size[1] + 1)
+    )
+    i, below = _edge(row, len(padded))
+    j, right = _edge(column, padded.shape[1])
+    upper = padded[i, j] * (1 - right) + padded[i, j + 1] * right
+    lower = padded[i + 1, j] * (1 - right) + padded[i + 1, j + 1] * right
+    drawn = upper * (1 - below) + lower * below
+    with np.errstate(invalid="ignore"):
+        on_board = beside < 1 + _MARGIN_SQUARES
+    return np.asarray(np.where(on_board, drawn, look.wall), np.float32)
+
+
+def _edge(place: Floats, count: int) -> tuple[npt.NDArray[np.intp], Floats]:
+    """Return the padded square before the nearest edge, and a footprint's share beyond it."""
+    footprint = sum(np.abs(np.gradient(place, axis=axis)) for axis in (0, 1))
+    nearest = np.nan_to_num(np.rint(place))
+    with np.errstate(invalid="ignore"):
+        share = np.clip((place - nearest) / np.maximum(footprint, 1e-9) + 0.5, 0, 1)
+    before = np.clip(nearest + 2, 0, count - 2).astype(np.intp)
+    return before, np.nan_to_num(share).astype(np.float32)
+
+
+def _smeared(image: Any, motion: Array) -> Any:
+    """Return the mean over a straight motion (columns, rows) of the picture, px."""
+    steps = math.ceil(np.hypot(*motion)) + 1
+    half = math.ceil(np.abs(motion).max() / 2) + 1
+    kernel = np.zeros((2 * half + 1, 2 * half + 1), np.float32)
+    for share in np.linspace(-0.5, 0.5, steps):
+        column, row = np.rint(half + share * motion).astype(int)
+        kernel[row, column] += 1 / steps
+    return cv2.filter2D(image, -1, kernel, borderType=cv2.BORDER_REPLICATE)
+
+
+def board_views(
+    camera: Camera,
+    board: Checkerboard,
+    count: int,
+    seed: int,
+    look: BoardLook | None = None,
+    parts: int = 2,
+) -> list[BoardView]:
+    """Render views as for a calibration: all over the frame, tilted, near and far."""
+    renderer = BoardRenderer(camera, board, parts)
+    rng = np.random.default_rng(seed)
+    poses = calibration_poses(camera, board, count, rng)
+    return [renderer.view(*pose, look or BoardLook(), rng) for pose in poses]
+
+
+def calibration_poses(
+    camera: Camera,
+    board: Checkerboard,
+    count: int,
+    rng: np.random.Generator,
+    most_tilt_deg: float = 45.0,
+) -> Iterator[tuple[Array, Array]]:
+    """Yield poses (rotation_cb, position_c) with all corners visible, one in four upside down.
+
+    Raise ValueError if the board does not fit into the picture.
+    """
+    found, high = 0, np.array([camera.width, camera.height]) - _EDGE_PX
+    for _ in range(_TRIES * count):
+        if found == count:
+            return
+        pose = _pose(camera, board, rng, math.radians(most_tilt_deg), found % 4 == 3)
+        corners, valid = camera.project(board.points_m @ pose[0].T + pose[1])
+        if valid.all() and ((corners > _EDGE_PX) & (corners < high)).all():
+            found += 1
+            yield pose
+    if found < count:
+        raise ValueError("the board does not fit into the picture")
+
+
+def _pose(
+    camera: Camera,
+    board: Checkerboard,
+    rng: np.random.Generator,
+    most_tilt_rad: float,
+    upside_down: bool,
+) -> tuple[Array, Array]:
+    """Return a random pose whose board's middle is somewhere in the picture."""
+    turn = rng.normal(0, 0.25) + math.pi * upside_down
+    about, tilt = rng.uniform(0, 2 * math.pi), rng.uniform(0, most_tilt_rad)
+    rotation = np.asarray(cv2.Rodrigues(tilt * np.array([math.cos(about), math.sin(about), 0]))[0])
+    rotation = rotation @ rotation_z(turn)
+    long_m = max(board.columns, board.rows) * board.square_m
+    depth = long_m * camera.fx / (camera.width * rng.uniform(0.4, 0.85))
+    pixel = rng.uniform([0, 0], [camera.width, camera.height])
+    middle = camera.rays(pixel[None])[0] * depth
+    return rotation, middle - rotation @ board.points_m.mean(0)
+
+
+def gimbal_pose(
+    board: Checkerboard, angles_rad: Array, distance_m: float, followed: float = 0.0
+) -> tuple[Array, Array]:
+    """Return a board's pose (rotation_cb, position_c) on a wall for a camera's angles (3,).
+
+    The angles are roll, pitch, yaw of the camera relative to the board's normal. The camera is
+    straight in front of the board's middle and turns on the spot, or it is also moved around the
+    board by the share ``followed`` of each angle, so that the board stays in the picture.
+    """
+    rotation_gw = matrix_from_euler(*angles_rad).T
+    rotation_cb = BODY_OPTICAL.T @ rotation_gw @ BODY_OPTICAL
+    carried = matrix_from_euler(*(np.asarray(angles_rad) * [0.0, followed, followed]))
+    away = BODY_OPTICAL.T @ carried @ [distance_m, 0.0, 0.0]
+    return rotation_cb, rotation_cb @ (away - board.points_m.mean(0))
+
 
 BOARD = Checkerboard(9, 6, 0.1)
 RATE_HZ = 10.0  # of the video's pictures, as the paper took from its own

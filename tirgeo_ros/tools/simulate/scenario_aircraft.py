@@ -22,7 +22,7 @@ _arm: Any = partial(param, within=("m", -100, 100))  # forward, left, up
 
 @dataclass(frozen=True, slots=True)
 class RouteScenario:
-    """Hold the route; see ``routes.py`` for the shapes."""
+    """Hold the route; see ``trajectory.py`` for the shapes."""
 
     shape: str = param("lawnmower", "lawnmower, hover or figure_eight", choices=SHAPES)
     height_above_ground_m: float = param(20.0, "height of the IMU", ("m", 2, 500))

@@ -23,7 +23,7 @@ from tirgeo_ros.core.calibration.checkerboard.detection import find_board
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.frames.rotations import rotation_z
 from tirgeo_ros.core.types.errors import CalibrationError
-from tirgeo_ros.tools.simulate.board import (
+from tirgeo_ros.tools.simulate.boards import (
     BoardLook,
     BoardRenderer,
     board_views,

@@ -25,7 +25,7 @@ from tirgeo_ros.core.calibration.checkerboard.lens_fit import (
 )
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.types.errors import CalibrationError
-from tirgeo_ros.tools.simulate.board import calibration_poses, gimbal_pose
+from tirgeo_ros.tools.simulate.boards import calibration_poses, gimbal_pose
 
 BOARD = Checkerboard(9, 6, 0.1)
 SIZE = XT2.width, XT2.height

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from tirgeo_ros.core.navigation.kalman import Measurement, update
-from tirgeo_ros.core.navigation.smoothing import backward_pass
-from tirgeo_ros.core.navigation.smoothing.backward_pass import smooth
+from tirgeo_ros.core.navigation.smoothing import smoothed_run
 from tirgeo_ros.core.navigation.smoothing.flight_record import FlightRecord
+from tirgeo_ros.core.navigation.smoothing.smoothed_run import smooth
 from tirgeo_ros.core.navigation.smoothing.trail import Change, cut
 
 STATES = 5
@@ -120,7 +120,7 @@ def square(record, lower):
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("block", [4096, 7])
 def test_it_is_the_mean_and_covariance_given_all_measurements(seed, block, monkeypatch):
-    monkeypatch.setattr(backward_pass, "_BLOCK", block)
+    monkeypatch.setattr(smoothed_run, "_BLOCK", block)
     found = flown(seed)
     mean, covariance = found.conditioned()
     errors = smooth(found.record)

@@ -20,9 +20,157 @@ from tirgeo_ros.core.calibration.checkerboard.board import (
     Refused,
     steps_of,
 )
-from tirgeo_ros.core.calibration.checkerboard.corner_checks import doubt, sigma_px
-from tirgeo_ros.core.calibration.checkerboard.corner_fit import fit_corners
+from tirgeo_ros.core.calibration.checkerboard.corner_fit import CornerFit, fit_corners
 from tirgeo_ros.core.types.arrays import Array, Pixels, RawPixels
+
+_MOST_BLUR = 0.22  # of a square's side
+_MOST_BLUR_PX = 3.0
+_MOST_SMEAR_PX = 2.2  # extra blur in one direction: 8 px of motion
+_LEAST_CONTRAST = 0.3  # of a corner, relative to the median of all
+_MOST_SIGMA_PX = 0.25
+_MOST_STRUCTURE = 0.2  # largest residual that is not noise, relative to the contrast
+_LEAST_COSINE = 0.34  # of the angle between the view and the board's normal: 70 deg
+_UNEVEN = 0.025  # largest deviation of a corner, in squares, and
+_SIGMAS = 4.0  # in addition this many sigmas of a corner
+_RING = 0.4  # contrast of a corner beyond the board, less a lone square's, relative to the median
+
+
+def doubt(
+    sharp: npt.NDArray[np.float32], fit: CornerFit, side_px: float, board: Checkerboard
+) -> Refused | None:
+    """Return why a picture's (h, w) corners are rejected, or None; ``side_px`` is the shortest."""
+    return (
+        _covered(fit, board)
+        or _blurred(fit, side_px)
+        or _faint(sharp, fit)
+        or _oblique(steps_of(fit.uv, board))
+        or _uneven(fit, side_px, board)
+        or _continued(sharp, fit, board)
+    )
+
+
+def sigma_px(fit: CornerFit) -> float:
+    """Return the standard deviation of a coordinate of the median corner, px."""
+    return float(np.sqrt(np.median(np.trace(fit.covariance, axis1=1, axis2=2)) / 2))
+
+
+def _covered(fit: CornerFit, board: Checkerboard) -> Refused | None:
+    """Reject corners without contrast, or with light and dark the wrong way round."""
+    signed = fit.contrast * np.where(board.grid.sum(1) % 2 == 0, 1.0, -1.0)  # in turns
+    median = np.nanmedian(signed) if np.isfinite(signed).any() else 0.0
+    there = signed * np.sign(median) > _LEAST_CONTRAST * abs(median)  # nan compares false
+    missing = int(len(there) - there.sum())
+    if missing == 0:
+        return None
+    return Refused(
+        RefusalReason.COVERED, f"{missing} of {len(there)} corners are not those of squares"
+    )
+
+
+def _blurred(fit: CornerFit, side: float) -> Refused | None:
+    across = np.median(fit.blur_px, 0)
+    smear = float(np.sqrt(abs(across[0] ** 2 - across[1] ** 2)))
+    if smear > _MOST_SMEAR_PX:
+        return Refused(
+            RefusalReason.SMEARED,
+            f"more blurred in one direction than in the other, by {smear:.1f} px",
+        )
+    blur, most = float(across.max()), min(_MOST_BLUR_PX, _MOST_BLUR * side)
+    if blur > most:
+        return Refused(
+            RefusalReason.BLURRED, f"edges blurred by {blur:.1f} px, more than {most:.1f}"
+        )
+    return None
+
+
+def _faint(sharp: npt.NDArray[np.float32], fit: CornerFit) -> Refused | None:
+    sigma = sigma_px(fit)
+    if sigma > _MOST_SIGMA_PX:
+        return Refused(
+            RefusalReason.FAINT, f"corners known to {sigma:.2f} px; more contrast is needed"
+        )
+    noise = _noise(sharp, fit.uv)
+    contrast = float(np.median(np.abs(fit.contrast)))
+    left = float(np.sqrt(max(np.median(fit.left) ** 2 - noise**2, 0.0)))
+    if left > max(_MOST_STRUCTURE * contrast, noise / 2):
+        share = 100 * left / contrast
+        return Refused(
+            RefusalReason.UNCLEAN, f"{share:.0f} % of the contrast is not from the squares"
+        )
+    return None
+
+
+def _noise(sharp: npt.NDArray[np.float32], uv: Array) -> float:
+    """Return the standard deviation of the pixels' noise around the board.
+
+    The filter is zero on planes and on straight edges along either axis (Immerkaer, Fast noise
+    variance estimation, 1996). The median of its output ignores the remaining edges.
+    """
+    low = np.floor(uv.min(0)).astype(int).clip(0)
+    high = np.ceil(uv.max(0)).astype(int) + 1
+    part = sharp[low[1] : high[1], low[0] : high[0]]
+    kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
+    return float(np.median(np.abs(cv2.filter2D(part, -1, kernel))) / 0.6745 / 6)
+
+
+def _oblique(steps: Array) -> Refused | None:
+    """Reject by the ratio of the axes of the ellipse that a circle on the board becomes."""
+    strengths = np.linalg.svd(steps.transpose(0, 2, 1), compute_uv=False)
+    cosine = float(np.median(strengths[:, 1] / strengths[:, 0]))
+    if cosine >= _LEAST_COSINE:
+        return None
+    angle = np.degrees(np.arccos(cosine))
+    return Refused(
+        RefusalReason.OBLIQUE, f"seen at {angle:.0f} deg from its normal; at most 70 can be used"
+    )
+
+
+def _uneven(fit: CornerFit, side: float, board: Checkerboard) -> Refused | None:
+    """Reject corners that a plane behind a lens cannot give: a homography plus a smooth bend."""
+    homography, _ = cv2.findHomography(board.grid, fit.uv)
+    if homography is None:
+        return Refused(RefusalReason.UNEVEN, "the corners are on a line")
+    flat = cv2.perspectiveTransform(board.grid[None], homography)[0]
+    shapes = _bends(board)
+    off = fit.uv - flat
+    off -= shapes @ np.linalg.lstsq(shapes, off, rcond=None)[0]
+    worst = float(np.hypot(*off.T).max())
+    if worst <= _UNEVEN * side + _SIGMAS * sigma_px(fit):
+        return None
+    return Refused(RefusalReason.UNEVEN, f"a corner is off by {worst:.1f} px; is the board flat?")
+
+
+def _bends(board: Checkerboard) -> Array:
+    """Return (count, K) polynomials of third degree, of lower degree if a side has few corners."""
+    x, y = ((board.grid / (np.array(board.size) - 1)) * 2 - 1).T
+    most = min(3, board.columns - 2), min(3, board.rows - 2)
+    powers = [(i, j) for i in range(most[0] + 1) for j in range(most[1] + 1) if i + j <= max(most)]
+    return np.stack([x**i * y**j for i, j in powers], 1)
+
+
+def _continued(
+    sharp: npt.NDArray[np.float32], fit: CornerFit, board: Checkerboard
+) -> Refused | None:
+    """Reject a board that continues beyond its corners, so that it has more squares than given."""
+    grid = fit.uv.reshape(board.rows, board.columns, 2)
+    steps = steps_of(fit.uv, board).reshape(board.rows, board.columns, 2, 2)
+    sides = [
+        (grid[:, end] + way * steps[:, end, 0], steps[:, end]) for end, way in ((0, -1), (-1, 1))
+    ] + [(grid[end] + way * steps[end, :, 1], steps[end]) for end, way in ((0, -1), (-1, 1))]
+    usual = np.median(np.abs(fit.contrast))
+    for corners, step in sides:
+        beyond = fit_corners(sharp, corners, step)
+        # At a plain margin only one quarter differs, and all three contrasts are equal.
+        lone = np.abs(beyond.steps).max(1)
+        sure = np.nan_to_num(np.maximum(np.abs(beyond.contrast) - lone, 0.0))
+        turning = sure * np.sign(np.nan_to_num(beyond.contrast))
+        turning *= np.where(np.arange(len(sure)) % 2, -1, 1)
+        if abs(np.median(turning)) > _RING * usual:
+            return Refused(
+                RefusalReason.OTHER_BOARD, f"it has more corners than {board.columns}x{board.rows}"
+            )
+    return None
+
 
 _LEAST_SIDE_PX = 8.0  # of a square; in a smaller one the blurs of two edges overlap
 _DETECTION = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE
