@@ -14,7 +14,7 @@ from tirgeo_ros.core.checks.recording_checks import (
     unreadable_findings,
 )
 from tirgeo_ros.core.checks.stamp_checks import StampChecks
-from tirgeo_ros.core.checks.stream_checks import Stream, stream_findings
+from tirgeo_ros.core.checks.stream_checks import Stream, lone_findings, stream_findings
 from tirgeo_ros.core.config import EkfConfig, RtkConfig
 from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.core.types.measurements import FixStatus, PressureSample
@@ -173,6 +173,30 @@ def test_two_publishers_are_told_by_their_order():
         stream.add(at(k * S // 100 - 1), k * S // 100)
     found = stream_findings({"imu/data": stream}, EkfConfig(), S, math.inf)
     assert "stamp_order" in [one.check for one in found]
+
+
+@pytest.mark.parametrize("off_s", [-20.0, 20.0])
+def test_a_stamp_that_jumps_alone_is_no_gap(off_s):
+    stream = Stream(0.2)
+    for k in range(200):
+        stream.add(
+            at(k * S // 100 + 90 * S + round(off_s * S) * (k == 100)), k * S // 100 + 90 * S
+        )
+    assert (stream.gaps, stream.alone) == (0, 1)
+    assert stream.rate_hz == pytest.approx(100, rel=0.01)  # one sample of 200 is missing
+    (found,) = lone_findings({"imu/data": stream}, math.inf)
+    assert (found.check, found.severity) == ("stamp_alone", Severity.CAUTION)
+    assert "imu/data (1 of 200)" in found.evidence
+    assert found in stream_findings({"imu/data": stream}, EkfConfig(), S, math.inf)
+
+
+def test_a_gap_and_a_clock_that_is_set_are_no_lone_jumps():
+    stream = Stream(0.2)
+    for jump_s in (0, 20, -900):
+        for k in range(100):
+            stamp_ns = 2000 * S + jump_s * S + k * S // 100
+            stream.add(at(stamp_ns), stamp_ns)
+    assert (stream.gaps, stream.back, stream.alone) == (1, 1, 0)
 
 
 @pytest.mark.parametrize(

@@ -186,3 +186,40 @@ def test_other_subtitles_are_none(tmp_path):
     contents = read(tmp_path, film, start_ns=0)
     assert not contents.samples
     assert contents.refused == {("cue", "no position in it"): 1}
+
+
+@pytest.mark.parametrize("byte", [0xFF, 0x80])
+def test_one_byte_that_is_not_utf_8_costs_its_cue_alone(shared, tmp_path, byte):
+    """At the degree sign of the first cue: the angles of all others are read as before."""
+    whole = shared / "foreign_logs" / "dji" / "srt" / "p4_rtk.srt"
+    content = bytearray(whole.read_bytes())
+    content[content.index("°".encode(), content.index(b"G.PRY"))] = byte
+    path = tmp_path / "damaged.srt"
+    path.write_bytes(content)
+    found, right = read_srt(path, OPTIONS), read_srt(whole, OPTIONS)
+    assert len(of(found, CameraAttitudeSample)) == 54
+    assert found.refused == {("cue", "its gimbal angles cannot be read"): 1}
+    for kind, lost in ((CameraAttitudeSample, 1), (PositionSample, 0)):
+        assert [repr(one) for one in of(found, kind)] == [repr(s) for s in of(right, kind)[lost:]]
+
+
+def test_one_wrong_digit_in_the_first_date_or_begin_moves_no_other_cue(shared, tmp_path):
+    folder = shared / "foreign_logs" / "dji" / "srt"
+    for name, right, wrong in (
+        ("p4rtk_mix_mavic2pro", "2020-10-07 12:00:10,123", "2020-10-07 12:00:40,123"),
+        ("mini_folsom_DJI_0031", "00:00:00,000 -->", "00:00:50,000 -->"),
+    ):
+        text = (folder / f"{name}.srt").read_text(encoding="utf-8-sig")
+        assert right in text
+        path = tmp_path / f"{name}.srt"
+        path.write_text(text.replace(right, wrong, 1))
+        moved = [
+            abs(found.stamp_ns - expected.stamp_ns)
+            > 100_000_000  # dates and video differ by 40 ms
+            for found, expected in zip(
+                of(read_srt(path, OPTIONS), PositionSample),
+                of(read_srt(folder / f"{name}.srt", OPTIONS), PositionSample),
+                strict=True,
+            )
+        ]
+        assert sum(moved) == 1

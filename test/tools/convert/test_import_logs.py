@@ -8,8 +8,9 @@ from dataclasses import replace
 
 import pytest
 from foreign_logs import IMU, IMU_COLUMNS, OPTIONS, POS, SRT, pvt, relposned, samples
+from project import PROJECT
 
-from tirgeo_ros.core.types.errors import LogError
+from tirgeo_ros.core.types.errors import BagError, LogError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.logs.log_contents import LogOptions
 from tirgeo_ros.tools.cli.main import main
@@ -199,3 +200,56 @@ def test_the_template(folder, capsys):
     assert path.read_text() == text
     assert main(["import", "--example", "-o", str(path)]) == 1
     assert "is there already" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("off_s", [-20.0, 20.0])
+def test_a_row_that_jumps_alone_is_left_out_with_a_warning(folder, capsys, off_s):
+    """One IMU row in another time would be between others of another attitude."""
+    rows = [f"{1718091879 + k / 100:.2f},0.0,0.0,1.0,0.001,0.002,0.003" for k in range(40)]
+    (folder / "imu.csv").write_text("\n".join(rows))
+    arguments = ["import", str(folder / "imu.csv"), "--columns", str(folder / "imu.yaml"), "-o"]
+    assert main([*arguments, str(folder / "right.mcap")]) == 0
+    assert "jump" not in capsys.readouterr().err
+    rows[9] = rows[9].replace("1718091879.09", f"{1718091879.09 + off_s:.2f}")
+    (folder / "imu.csv").write_text("\n".join(rows))
+    assert main([*arguments, str(folder / "out.mcap")]) == 0
+    assert "refused 1 imu/data: its time jumps alone" in capsys.readouterr().err
+    expected = samples(folder / "right.mcap")["imu/data"]
+    del expected[9]
+    found = samples(folder / "out.mcap")["imu/data"]
+    assert [s.stamp_ns for s in found] == [s.stamp_ns for s in expected]
+
+
+def test_the_logs_of_others_have_no_lone_jumps(shared, tmp_path):
+    """No clean log loses a row."""
+    logs = shared / "foreign_logs"
+    columns = PROJECT / "config" / "columns"
+    tables = {
+        "rtklib/walk_0827_imu_gpst_60s.csv": "imu_gpst",
+        "rtklib/walk_0827_imu_raw_120s.csv": "imu_since_start",
+        "ins/vn310_imu_16s.csv": "vectornav_imu",
+        "ins/vn310_gnss_16s.csv": "vectornav_gnss",
+        "px4/ecl_replay_iris_gps_20s.csv": "px4_replay",
+        "dji/airdata_2023-12-22_with_DJI_0031.csv": "airdata",
+        "dji/airdata_2024-01-04_120s.csv": "airdata",
+    }
+    others = [
+        path
+        for kind in (
+            "px4/*.ulg",
+            "ublox/*.ubx",
+            "rtklib/**/*.pos",
+            "dji/srt/*.srt",
+            "ardupilot/*.BIN",
+        )
+        for path in sorted(logs.glob(kind))
+    ]
+    assert len(others) > 30
+    named = {logs / name: [columns / f"{kind}.yaml"] for name, kind in tables.items()}
+    for path, tables_of in (dict.fromkeys(others, ()) | named).items():
+        try:
+            result = import_flight(path, tmp_path / "out.mcap", logs=OPTIONS, columns=tables_of)
+        except (BagError, LogError):  # nothing in it that is asked for
+            continue
+        reasons = {one["reason"] for one in result["files"][0]["refused"]}
+        assert not any("jump" in why or "contradict" in why for why in reasons), path

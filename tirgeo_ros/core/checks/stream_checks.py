@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.aids import AIDS, Delays
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.measurements import (
+    CameraAttitudeSample,
     FixStatus,
     HeadingSample,
+    JointSample,
     NavigationInput,
     PositionSample,
     VelocitySample,
@@ -54,17 +57,28 @@ class Stream:
         self.gaps = self.longest_ns = self.gap_ended_ns = 0
         self.newest_ns = self.arrived_ns = 0
         self.age_ns = 0  # arrival minus stamp of the newest sample
+        self.alone = self.alone_ns = 0  # stamps that jumped alone, the newest's successor
+        # newest stamp and gaps before a step that may be one
+        self._before: tuple[int, int, int, int] | None = None
         self._flowing_ns = self._steps = 0  # over the steps that are not gaps
 
-    def add(self, sample: NavigationInput, arrival_ns: int) -> None:
+    def add(
+        self, sample: NavigationInput | JointSample | CameraAttitudeSample, arrival_ns: int
+    ) -> None:
         """Take the next sample to arrive; one with stamp 0 gets its arrival time."""
         self.unstamped += sample.stamp_ns == 0
         self.unknown += _has_no_covariance(sample)
         stamp_ns = sample.stamp_ns or arrival_ns
+        limit_ns = self.limit_s * 1e9
+        if self._before and 0 < stamp_ns - self._before[0] <= limit_ns:
+            self.newest_ns, self.gaps, self.longest_ns, self.gap_ended_ns = self._before
+            self.alone, self.alone_ns = self.alone + 1, stamp_ns
         step_ns = stamp_ns - self.newest_ns
+        before = self.newest_ns, self.gaps, self.longest_ns, self.gap_ended_ns
+        self._before = before if self.count and abs(step_ns) > limit_ns else None
         if self.count and step_ns <= 0:
             self.back += 1
-        elif self.count and step_ns > self.limit_s * 1e9:
+        elif self.count and step_ns > limit_ns:
             self.gaps += 1
             self.longest_ns, self.gap_ended_ns = max(self.longest_ns, step_ns), stamp_ns
         elif self.count:
@@ -79,7 +93,7 @@ class Stream:
         return self._steps / (self._flowing_ns * 1e-9) if self._steps >= _LEAST_STEPS else None
 
 
-def _has_no_covariance(sample: NavigationInput) -> bool:
+def _has_no_covariance(sample: object) -> bool:
     if isinstance(sample, HeadingSample):
         return sample.variance_rad2 <= 0
     if not isinstance(sample, (PositionSample, VelocitySample)):
@@ -102,9 +116,23 @@ def stream_findings(
     ``gap_counts_s`` after the last gap of a topic its gaps are a note.
     """
     found = [*_rates(streams), *_gaps(streams, gap_counts_s), *_shares(streams, config)]
+    found += lone_findings(streams, gap_counts_s)
     if waited_ns > _PATIENCE_NS:
         found += _absent(streams, config.method, waited_ns * 1e-9)
     return found
+
+
+def lone_findings(streams: Mapping[str, Stream], counts_s: float = math.inf) -> list[Finding]:
+    """Return the topics of which single stamps jumped, as a note ``counts_s`` after the last."""
+    alone = {topic: stream for topic, stream in streams.items() if stream.alone}
+    if not alone:
+        return []
+    past = all(one.newest_ns - one.alone_ns > counts_s * 1e9 for one in alone.values())
+    counts = ", ".join(f"{topic} ({one.alone} of {one.count})" for topic, one in alone.items())
+    evidence = f"stamps jump and return with the next sample: {counts}"
+    mend = "the filter leaves such samples out: look at the clock of the driver, and at the file"
+    severity = NOTE if past else CAUTION
+    return [Finding("stamp_alone", severity, evidence, next(iter(alone)), mend)]
 
 
 def _absent(streams: Mapping[str, Stream], method: str, waited_s: float) -> list[Finding]:

@@ -12,9 +12,19 @@ from tirgeo_ros.io.files.whole_files import PathLike
 
 #: Limit for a table or a small document: some hundred thousand lines.
 _MOST_BYTES = 16 << 20
-#: The first bytes tell the encoding: titles and units stand there.
-_HEAD_BYTES = 4096
+_PIECE_BYTES = 1 << 20
 UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+#: How ``open`` decodes bytes that are not UTF-8: each as Windows-1252, in which Excel writes
+#: degrees and squares. A damaged byte costs no other.
+WINDOWS = "tirgeo.windows-1252"
+
+
+def _windows(error: UnicodeError) -> tuple[str, int]:
+    assert isinstance(error, UnicodeDecodeError)
+    return error.object[error.start : error.end].decode("cp1252", "replace"), error.end
+
+
+codecs.register_error(WINDOWS, _windows)
 
 
 def read_text(
@@ -22,20 +32,23 @@ def read_text(
     error: type[TirgeoError],
     most_bytes: int = _MOST_BYTES,
     *,
-    damaged: str = "strict",
+    damaged: bool = False,
 ) -> str:
-    """Return the text of a file in UTF-8; ``damaged`` as ``errors`` of ``open``.
+    """Return the text of a file in UTF-8.
 
-    What may be damaged comes of other programs, and may be in ``encoding_of`` too.
+    What may be ``damaged`` comes of other programs, and may be UTF-16 or Windows-1252 too.
     Raises ``error``, naming the file, if it cannot be read, is larger than ``most_bytes`` or is no
     such text.
     """
     try:
         with Path(path).open("rb") as file:
-            content = file.read(most_bytes + 1)
-        if len(content) <= most_bytes:
-            encoding = "utf-8-sig" if damaged == "strict" else encoding_of(content)
-            return io.TextIOWrapper(io.BytesIO(content), encoding, damaged).read()
+            content = io.BytesIO()
+            while content.tell() <= most_bytes and (piece := file.read(_PIECE_BYTES)):
+                content.write(piece)
+        if content.tell() <= most_bytes:
+            encoding = encoding_of(content.getvalue()) if damaged else "utf-8-sig"
+            content.seek(0)
+            return io.TextIOWrapper(content, encoding, WINDOWS if damaged else "strict").read()
     except OSError as fault:
         raise error(f"{os.fspath(path)}: cannot be read: {fault.strerror or fault}") from None
     except UnicodeDecodeError:
@@ -44,18 +57,8 @@ def read_text(
 
 
 def encoding_of(head: bytes) -> str:
-    """Return the encoding of a text by its first bytes.
-
-    UTF-16 has a mark, as Excel and PowerShell write it. What is no UTF-8 is taken as Windows-1252,
-    in which Excel writes degrees and squares.
-    """
-    if head.startswith(UTF16):
-        return "utf-16"
-    try:
-        codecs.getincrementaldecoder("utf-8")().decode(head[:_HEAD_BYTES])
-    except UnicodeDecodeError:
-        return "cp1252"
-    return "utf-8-sig"
+    """Return UTF-16, which has a mark as Excel and PowerShell write it, or UTF-8."""
+    return "utf-16" if head.startswith(UTF16) else "utf-8-sig"
 
 
 def named_files(text: str) -> list[str]:

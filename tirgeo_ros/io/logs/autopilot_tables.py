@@ -9,6 +9,7 @@ import numpy as np
 
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.frames.rotations import slerp
+from tirgeo_ros.core.streams.lone_stamps import lone_stamps
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 from tirgeo_ros.core.types.measurements import (
@@ -137,10 +138,11 @@ def pressure_samples(
 
 def _at(time_us: IntArray, attitude: AttitudeTable) -> list[Array | None]:
     """Return the attitude (4,) at each time, interpolated; None beyond a gap or the ends."""
-    order = np.argsort(attitude.time_us, kind="stable")
-    known_us, q_nb = attitude.time_us[order], attitude.q_nb[order]
-    usable = np.array([usable_attitude(q) for q in q_nb], bool)
-    known_us, q_nb = known_us[usable], q_nb[usable]
+    usable = np.array([usable_attitude(q) for q in attitude.q_nb], bool)
+    usable &= ~lone_stamps(attitude.time_us * 1000)
+    known_us, q_nb = attitude.time_us[usable], attitude.q_nb[usable]
+    order = np.argsort(known_us, kind="stable")
+    known_us, q_nb = known_us[order], q_nb[order]
     found: list[Array | None] = []
     for at_us, after in zip(time_us.tolist(), np.searchsorted(known_us, time_us), strict=True):
         if after < len(known_us) and known_us[after] == at_us:

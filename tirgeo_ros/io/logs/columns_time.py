@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from decimal import Decimal
 from pathlib import Path
@@ -14,6 +14,8 @@ from tirgeo_ros.io.logs.log_times import (
     GPS_EPOCH_NS,
     LAST_NS,
     SECOND_NS,
+    agreed,
+    first_count,
     utc_ns,
     utc_ns_of_week,
     written_time,
@@ -38,6 +40,7 @@ class TimeColumns:
         has_date = (self._counts == "start" or self._is_written) and "date" in keys
         self._date = keys.cell("date") if has_date else None
         self._begun_ns = 0
+        self._agreed = (0, 0)  # bounds of the begins by the dates of most rows
         keys.finish()
 
     @property
@@ -48,7 +51,7 @@ class TimeColumns:
         """Find when a count since the log's start began. Raise LogError if nothing tells it.
 
         Dates have whole seconds: each bounds the begin to a second, and all of them together to
-        less; the middle of that is taken.
+        less; the middle of that is taken. What contradicts most of the rows does not count.
         """
         self._path, self._options = path, options
         if self._counts != "start":
@@ -59,7 +62,8 @@ class TimeColumns:
         begins = [ns for row in rows if (ns := self._begun_by_date(row)) is not None]
         if not begins:
             raise LogError(f"{path}: no date in column {self._date.column}: {self._date.label}")
-        self._begun_ns = (max(begins) + min(begins) + SECOND_NS) // 2
+        self._agreed = agreed(begins)
+        self._begun_ns = (sum(self._agreed) + SECOND_NS) // 2
 
     def stamp_ns(self, row: Sequence[str]) -> int:
         """Return the time of a row; raise Refused if it has none."""
@@ -72,6 +76,9 @@ class TimeColumns:
                 raise Refused(f"{self._week.label} is below 1024: name the column of full weeks")
             return utc_ns_of_week(week, number)
         if self._counts == "start":
+            begun_ns = self._begun_by_date(row)
+            if begun_ns is not None and not self._agreed[0] <= begun_ns <= self._agreed[1]:
+                raise Refused("its date and count contradict those of most rows")
             return self._begun_ns + number
         epoch_ns = GPS_EPOCH_NS if self._counts == "gps" else 0
         return number if self._counts == "utc" else utc_ns(epoch_ns + number)
@@ -103,14 +110,15 @@ class TimeColumns:
                 f"{self._path}: its times count from its start: give the UTC of the first row as "
                 "--start-time"
             )
+        return self._options.start_ns - first_count(self._numbers(rows))
+
+    def _numbers(self, rows: Iterable[Sequence[str]]) -> Iterator[int]:
         for row in rows:
             with suppress(Refused):  # counted when it is read again
-                return self._options.start_ns - self._number(row)
-        return self._options.start_ns
+                yield self._number(row)
 
     def _begun_by_date(self, row: Sequence[str]) -> int | None:
-        assert self._date is not None
-        written = written_time(self._date.text(row))
+        written = self._date and written_time(self._date.text(row))
         with suppress(Refused):
-            return None if written is None else written.local_ns - self._number(row)
+            return written.local_ns - self._number(row) if written else None
         return None

@@ -10,14 +10,13 @@ from pathlib import Path
 
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.measurements import ImuSample
-from tirgeo_ros.io.files.text_file import encoding_of
+from tirgeo_ros.io.files.text_file import WINDOWS, encoding_of
 from tirgeo_ros.io.logs.columns_file import Columns, Layout, NamedQuantity
 from tirgeo_ros.io.logs.columns_quantities import prepare
 from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions, Refused
 from tirgeo_ros.io.messages import SensedSample
 
 _ROW = "row"
-_HEAD_BYTES = 4096
 _LOOKED_AT = 200  # rows by which the usual number of columns is known
 #: More repeats of an IMU's six values than these are no chance.
 _REPEATS = 0.02
@@ -111,8 +110,8 @@ def _rows(path: Path, layout: Layout) -> Iterator[list[str]]:
     """
     try:
         with path.open("rb") as binary:
-            encoding = encoding_of(binary.read(_HEAD_BYTES))
-        with path.open(encoding=encoding, errors="replace", newline="") as file:
+            encoding = encoding_of(binary.read(2))
+        with path.open(encoding=encoding, errors=WINDOWS, newline="") as file:
             # csv of Python 3.10 stops at a zero byte; it must not join the digits around it either
             lines = (line.replace("\0", "?") for line in islice(file, layout.skip, None))
             lines = (line for line in lines if line.strip())

@@ -24,7 +24,7 @@ from tirgeo_ros.core.types.measurements import (
 )
 from tirgeo_ros.io.files.text_file import read_text
 from tirgeo_ros.io.logs.log_contents import MSL, TAKEOFF, LogContents, LogOptions
-from tirgeo_ros.io.logs.log_times import SECOND_NS, WrittenTime, written_time
+from tirgeo_ros.io.logs.log_times import SECOND_NS, WrittenTime, agreed, first_count, written_time
 
 _MOST_BYTES = 1 << 28
 _N = r"\s*([-+]?\d+(?:\.\d+)?)"  # a number
@@ -43,6 +43,7 @@ _PLAIN = re.compile(rf"\[altitude\s*:{_N}")
 _RELATIVE = re.compile(rf"(?:rel_alt\s*:|BAROMETER\s*:|\bHb\s*:|\bH\s){_N}")
 _GIMBAL_PRY = re.compile(rf"G\.PRY\s*\({_N}°?,{_N}°?,{_N}°?\)")
 _GIMBAL_YPR = re.compile(rf"gb_yaw\s*:{_N}\s+gb_pitch\s*:{_N}\s+gb_roll\s*:{_N}")
+_GIMBAL = re.compile(r"G\.PRY|gb_(?:yaw|pitch|roll)")
 _CUE_NAME = "cue"
 
 
@@ -61,13 +62,16 @@ def is_srt(head: bytes) -> bool:
 
 def read_srt(path: Path, options: LogOptions) -> LogContents:
     """Read DJI's subtitles. Raise LogError if a zone, a date or a datum is missing."""
-    text = read_text(path, LogError, _MOST_BYTES, damaged="replace")
+    text = read_text(path, LogError, _MOST_BYTES, damaged=True)
     cues = [_cue(part) for part in _CUE.split(text) if part.strip()]
     contents = LogContents()
     heights = _Heights(path, options)
     for cue, stamp_ns in zip(cues, _stamps_ns(cues, path, options), strict=True):
         contents.read[_CUE_NAME] += 1
-        contents.samples += _attitude(cue.text, stamp_ns)
+        attitude = _attitude(cue.text, stamp_ns)
+        contents.samples += attitude
+        if not attitude and _GIMBAL.search(cue.text):
+            contents.refused[_CUE_NAME, "its gimbal angles cannot be read"] += 1
         place = _place(cue.text)
         height_m = None if place is None else heights.of(cue.text)
         if place is None or height_m is None:
@@ -127,17 +131,19 @@ def _cue(part: str) -> _Cue:
 
 
 def _stamps_ns(cues: list[_Cue], path: Path, options: LogOptions) -> Iterator[int]:
-    """Yield the time of each cue: as written, else by the video's from the first one that has it.
+    """Yield the time of each cue: as written, else by the video's from the first date on.
 
-    Without any date the first cue is at ``start_ns``; LogError without that.
+    A date that contradicts most others does not count there. Without any date the first cue is at
+    ``start_ns``; LogError without that.
     """
-    dated = next((cue for cue in cues if cue.written), None)
-    if dated is None or dated.written is None:
-        if options.start_ns is None:
-            raise LogError(f"{path}: no date in it: give the UTC of its first cue as --start-time")
-        begun_ns = options.start_ns - (cues[0].begin_ns or 0)
+    begins = [options.utc_ns(c.written, path) - (c.begin_ns or 0) for c in cues if c.written]
+    if begins:
+        first, last = agreed(begins)
+        begun_ns = next(begin for begin in begins if first <= begin <= last)
+    elif options.start_ns is None:
+        raise LogError(f"{path}: no date in it: give the UTC of its first cue as --start-time")
     else:
-        begun_ns = options.utc_ns(dated.written, path) - (dated.begin_ns or 0)
+        begun_ns = options.start_ns - first_count(cue.begin_ns or 0 for cue in cues)
     for cue in cues:
         if cue.written:
             yield options.utc_ns(cue.written, path)

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import bisect
 import re
+from collections.abc import Iterable
 from datetime import datetime, timezone
+from itertools import islice, pairwise
 from typing import NamedTuple
 
 SECOND_NS = 1_000_000_000
@@ -48,6 +50,22 @@ def utc_ns(gpst_ns: int) -> int:
 def utc_ns_of_week(week: int, of_week_ns: int) -> int:
     """Return the Unix time of a full GPS week (2303, not 255) and a time of week."""
     return utc_ns(GPS_EPOCH_NS + week * WEEK_NS + of_week_ns)
+
+
+def agreed(begins_ns: Iterable[int]) -> tuple[int, int]:
+    """Return the bounds of the most begins that lie within a second, the length of a date."""
+    begins = sorted(begins_ns)
+    ends = [bisect.bisect_right(begins, begin + SECOND_NS) - 1 for begin in begins]
+    first = max(range(len(begins)), key=lambda k: ends[k] - k)
+    return begins[first], begins[ends[first]]
+
+
+def first_count(counts: Iterable[int]) -> int:
+    """Return the first count, or where it would be if it does not fit the eight after it."""
+    head = list(islice(counts, 9)) or [0]
+    steps = sorted(abs(later - before) for before, later in pairwise(head))
+    fits = len(steps) < 3 or abs(head[1] - head[0]) <= 2 * steps[-2]
+    return head[0] if fits else head[1] - steps[len(steps) // 2]
 
 
 class WrittenTime(NamedTuple):

@@ -79,7 +79,7 @@ def is_pos(head: bytes) -> bool:
 
 def read_pos(path: Path, options: LogOptions) -> LogContents:
     """Read a solution file. Raise LogError if it cannot be read or leaves too much open."""
-    text = read_text(path, LogError, _MOST_BYTES, damaged="replace")
+    text = read_text(path, LogError, _MOST_BYTES, damaged=True)
     lines = [line for line in text.splitlines() if line.strip()]
     log = _PosLog(path, options, lines)
     for line in lines:

@@ -162,7 +162,7 @@ def _crs(value: Any, where: str, folder: Path) -> tuple[str, Path | None]:
     try:
         if file:
             _check_file(file, str(file))
-            text = read_text(file, ConfigError, damaged="replace")
+            text = read_text(file, ConfigError, damaged=True)
         checked_system(text, f"{where}: crs")
     except ConfigError as error:
         raise ConfigError(f"{where}: crs: {error}") from None

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
+from itertools import compress
 from pathlib import Path
 
 from tirgeo_ros.core.checks.imu_blocks import ImuBlocks
 from tirgeo_ros.core.checks.imu_checks import ImuChecks
 from tirgeo_ros.core.config import AircraftConfig, DjiConfig
+from tirgeo_ros.core.streams.lone_stamps import lone_stamps
 from tirgeo_ros.core.streams.sanity_checks import fault_of, joints_fault, usable_attitude
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.measurements import (
@@ -148,7 +150,7 @@ def _completed(options: LogOptions, config: DjiConfig) -> LogOptions:
 
 
 def _read(path: Path, form: Form, options: LogOptions) -> Log:
-    """Read a log; refuse its impossible samples, and sort the others."""
+    """Read a log; refuse its impossible samples, and those of another time; sort the others."""
     contents = form.read(path, options)
     good: list[SensedSample] = []
     for sample in contents.samples:
@@ -157,6 +159,9 @@ def _read(path: Path, form: Form, options: LogOptions) -> Log:
             contents.refused[topic_of(sample), fault] += 1
         else:
             good.append(sample)
+    alone = _alone(good)
+    contents.refused.update((topic, "its time jumps alone") for topic in alone.values())
+    good = [sample for sample in good if id(sample) not in alone]
     contents.notes += _disorder(good)
     contents.samples = sorted(good, key=lambda sample: sample.stamp_ns)
     return Log(path, form.name, contents, _spans(contents.samples))
@@ -170,6 +175,18 @@ def _fault(sample: SensedSample) -> str:
     if isinstance(sample, CameraAttitudeSample):
         return "" if usable_attitude(sample.q_ng) else "attitude is not a unit quaternion"
     return fault_of(sample)
+
+
+def _alone(samples: Sequence[SensedSample]) -> dict[int, str]:
+    """Return the topics, by id, of samples whose stamps jump alone: sorted, they would mislead."""
+    by_topic: defaultdict[str, list[SensedSample]] = defaultdict(list)
+    for sample in samples:
+        by_topic[topic_of(sample)].append(sample)
+    return {
+        id(sample): topic
+        for topic, same in by_topic.items()
+        for sample in compress(same, lone_stamps([one.stamp_ns for one in same]))
+    }
 
 
 def _disorder(samples: Sequence[SensedSample]) -> Iterator[str]:

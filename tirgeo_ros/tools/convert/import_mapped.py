@@ -12,6 +12,7 @@ from statistics import median
 from typing import Any, NamedTuple
 
 from tirgeo_ros.core.config import AircraftConfig
+from tirgeo_ros.core.streams.lone_stamps import lone_stamps
 from tirgeo_ros.core.types.errors import BagError, MessageError
 from tirgeo_ros.core.types.measurements import ImuSample, Source
 from tirgeo_ros.io.bags.bag import BagMessage, Cdr
@@ -114,6 +115,8 @@ class _Stream:
             yield f"{self.topic}: {self.refused} of {self.messages} refused ({self.reason})"
         if not self.messages:
             yield f"{self.topic}: no message"
+        if jumps := lone_stamps(self.lags_ns).sum():
+            yield f"{self.topic}: {jumps} stamps jump alone: the filter leaves them out"
         best = max((status for status, _ in self.statuses), default=_LEAST_RTK)
         if self.contract == Source.RTK_POSITION.topic and best < _LEAST_RTK:
             yield (

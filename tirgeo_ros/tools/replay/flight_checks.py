@@ -23,6 +23,7 @@ from tirgeo_ros.core.checks.recording_checks import (
     recording_findings,
     unreadable_findings,
 )
+from tirgeo_ros.core.checks.stream_checks import Stream, lone_findings
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.map.draping import Ground
 from tirgeo_ros.core.map.layers import MapLayer
@@ -42,6 +43,8 @@ F = TypeVar("F", bound=Callable[..., None])
 
 #: Calls that are run together: work of one kind in a row uses the processor's caches better.
 _BLOCK = 128
+#: A longer step of the gimbal's stamps, back or on, is a jump.
+_GIMBAL_GAP_S = 1.0
 
 
 def _later(method: F) -> F:
@@ -81,6 +84,7 @@ class FlightChecks:
         self._pictures = PictureChecks(overlay, ground, given)
         self._map = MapChecks(ground)
         self._arrivals = Arrivals()
+        self._streams: dict[str, Stream] = {}  # of the gimbal
         self._plane: TangentPlane | None = None
         self.picture_size: tuple[int, int] | None = None  # of the newest: width, height
         self.arrivals_ns: dict[str, list[int]] = {}  # of messages, by topic
@@ -122,6 +126,8 @@ class FlightChecks:
     def sample(self, topic: str, sample: Sample, arrival_ns: int) -> None:
         """Take a sample of a contract topic, with the original stamp of its message."""
         self._count(topic, arrival_ns)
+        if isinstance(sample, JointSample | CameraAttitudeSample):
+            self._streams.setdefault(topic, Stream(_GIMBAL_GAP_S)).add(sample, arrival_ns)
         if isinstance(sample, JointSample):
             self._gimbal.joints(self._arrivals.stamped(topic, sample, arrival_ns))
         elif isinstance(sample, CameraAttitudeSample):
@@ -186,6 +192,7 @@ class FlightChecks:
         self.catch_up()
         found = list(self.found)
         counts = {topic: len(arrivals) for topic, arrivals in self.arrivals_ns.items()}
+        found += lone_findings(self._streams)
         found += unreadable_findings(counts, self._refused, self._reasons)
         for group in (self._navigation, self._gimbal, self._pictures, self._map):
             self._ask(group.findings, found)
