@@ -30,6 +30,7 @@ class Connection(web.RequestHandler):
     """Be one connection's HTTP, and end it where its peer overdoes it."""
 
     __slots__ = ("_asked", "_bytes", "_lasts", "_timers", "ended")
+    _faults = Allowance(1 / 60, 1)  # of all connections
 
     def __init__(self, server: web.Server, ended: asyncio.Future[None]) -> None:
         super().__init__(
@@ -73,8 +74,9 @@ class Connection(web.RequestHandler):
             self.ended.set_result(None)
 
     def log_exception(self, *args: Any, **kw: Any) -> None:
-        """Log a fault of ours; what a peer sends that is no HTTP must not fill the log."""
-        if not isinstance(kw.get("exc_info"), HttpProcessingError):
+        """Log a fault of ours, one a minute; what a peer sends must not fill the log."""
+        theirs = isinstance(kw.get("exc_info"), HttpProcessingError)
+        if not theirs and self._faults.take(self.ended.get_loop().time()):
             super().log_exception(*args, **kw)
 
     def asked(self, *, websocket: bool) -> None:
