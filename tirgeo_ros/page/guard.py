@@ -14,7 +14,7 @@ from aiohttp import web
 from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.page.access import OPERATOR, Access, is_websocket, plain_host
 from tirgeo_ros.page.connections import Connection
-from tirgeo_ros.page.limits import AddressAllowances, Allowance, WrongTokens
+from tirgeo_ros.page.limits import Allowance, Shares, WrongTokens
 
 if TYPE_CHECKING:
     from aiohttp.typedefs import Middleware
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 #: A page begins with some thirty files, a map with as many tiles.
 _REQUESTS_A_S, _REQUESTS_AT_ONCE = 60.0, 400.0
+_PAUSE_S = 0.5  # before the answer to each that is too much
 _BODY_S = 5.0
 _TOKEN_BYTES = 512  # a token has 200 characters at most; JSON of more could nest too deep
 HEADERS = {
@@ -41,7 +42,7 @@ class Guard:
 
     def __init__(self, access: Access) -> None:
         self._access = access
-        self._requests = AddressAllowances(_REQUESTS_A_S, _REQUESTS_AT_ONCE)
+        self._requests = Shares(_REQUESTS_A_S, _REQUESTS_AT_ONCE)
         self._wrong = WrongTokens()
         self._lines, self._unlogged = Allowance(1 / 60, 1), 0  # lines of the log
 
@@ -51,7 +52,7 @@ class Guard:
         @web.middleware
         async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
             try:
-                refused = self._refused(request)
+                refused = await self._refused(request)
                 # Not "or": an answer counts as false where aiohttp has it as an empty mapping.
                 return await handler(request) if refused is None else refused
             except web.HTTPException as error:
@@ -61,15 +62,18 @@ class Guard:
 
         return guard
 
-    def _refused(self, request: web.Request) -> web.Response | None:
+    async def _refused(self, request: web.Request) -> web.Response | None:
+        role, owner = self._access.user(request)
         if isinstance(request.protocol, Connection):
-            request.protocol.asked(websocket=is_websocket(request))
-        if not self._requests.take(request.remote or "", time.monotonic()):
-            return refusal(429, "too many requests: wait a moment")
+            request.protocol.asked(role, owner, websocket=is_websocket(request))
+        if not self._requests.take(role, owner, time.monotonic()):
+            await asyncio.sleep(_PAUSE_S)
+            if role is not None:  # a stranger may share a flood's address: he only has to wait
+                return refusal(429, "too many requests: wait a moment")
         words = self._access.refusal(request)
         if words:
             return refusal(403, words)
-        if not _is_open(request) and self._access.role(request) is None:
+        if role is None and not _is_open(request):
             return refusal(401, "open the page by the address or the code that the terminal shows")
         return None
 
@@ -85,6 +89,7 @@ class Guard:
         address, now_s = request.remote or "", time.monotonic()
         wait_s = self._wrong.wait_s(address, now_s)
         if wait_s > 0:
+            await asyncio.sleep(_PAUSE_S)
             answer = refusal(429, f"too many wrong tokens: wait {wait_s:.0f} s")
             answer.headers["Retry-After"] = str(round(wait_s) + 1)
             return answer
