@@ -25,6 +25,7 @@ from rclpy.parameter import Parameter as RosParameter
 
 from tirgeo_ros.core.config import NODE_CONFIGS
 from tirgeo_ros.core.config.schema import (
+    HIDDEN,
     Parameter,
     changed_in_flight,
     changes,
@@ -103,7 +104,7 @@ def declare(node: Node, kind: type[T]) -> T:
         if value == ():
             _declare_empty(node, parameter)
         else:
-            given = list(value) if isinstance(value, tuple) else value
+            given = list(value) if isinstance(value, tuple) else parameter.readable(value)
             node.declare_parameter(
                 parameter.name, given, _descriptor(parameter), ignore_override=True
             )
@@ -193,11 +194,15 @@ class LiveParameters(Generic[T]):
         self.config = declare(node, kind)
         self._node, self._take = node, take
         self._names = {parameter.name for parameter in parameters_of(kind)}
+        self._secrets = {parameter.name for parameter in parameters_of(kind) if parameter.secret}
 
     def set(self, given: Sequence[RosParameter], by_ros: _Set) -> SetParametersResult:
         """Set parameters, all or none; ``by_ros`` sets those that change, as rclpy does."""
         others = [p for p in given if p.name not in self._names and self._has(p.name)]
         wanted = {p.name: p.value for p in given if p not in others}
+        for name in self._secrets:
+            if wanted.get(name) == HIDDEN:  # as a dump has it: it stays
+                del wanted[name]
         try:
             new = changed_in_flight(self.config, wanted)
             changed, values = changes(self.config, new), values_of(new)

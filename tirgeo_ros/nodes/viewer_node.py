@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from tirgeo_ros.core.config import ViewerConfig
+from tirgeo_ros.core.config.schema import config_from, parameters_of, values_of
 from tirgeo_ros.core.config.viewer import split_namespaces
 from tirgeo_ros.core.ground.ground_point import MarkedPlace
 from tirgeo_ros.core.targets.target import Target
@@ -42,7 +43,7 @@ class ViewerNode(GraphNode):
 
     def __init__(self) -> None:
         super().__init__("viewer_node")
-        config = self._config = self.configured(ViewerConfig)
+        config = self._config = with_secrets(self.configured(ViewerConfig))
         check(config)
         names = split_namespaces(config.namespaces) or [""]
         terrain = terrain_of(config)
@@ -164,6 +165,30 @@ def marked_place(target: Target) -> MarkedPlace:
         place.height_m,
         place.covariance_n,
     )
+
+
+def with_secrets(config: ViewerConfig) -> ViewerConfig:
+    """Return the configuration with the secrets that are in files; raise ConfigError."""
+    values, given = values_of(config), dict[str, object]()
+    for secret in (one for one in parameters_of(ViewerConfig) if one.secret):
+        key = f"{secret.name}_file"
+        if values[key]:
+            if values[secret.name] != secret.default:
+                raise ConfigError(f"parameter {key}: {secret.name} is given too: leave one out")
+            given[secret.name] = _line_of(key, Path(str(values[key])))
+    return config_from(ViewerConfig, values | given)
+
+
+def _line_of(key: str, path: Path) -> str:
+    """Return the one line of a file; raise ConfigError."""
+    try:
+        text = path.read_text(encoding="utf-8") if path.is_file() else ""
+    except (OSError, ValueError):
+        text = ""
+    lines = text.splitlines()
+    if len(lines) != 1 or not lines[0]:
+        raise ConfigError(f"parameter {key}: {path}: give a file of one line of text")
+    return lines[0]
 
 
 def check(config: ViewerConfig) -> None:

@@ -83,6 +83,10 @@ class Connection(web.RequestHandler):
         if not self.ended.done():
             self.ended.set_result(None)
 
+    def set_parser(self, parser: Any, *args: Any, **kw: Any) -> None:
+        """Become a WebSocket."""
+        super().set_parser(MaskedFrames(parser, self.abort), *args, **kw)  # type: ignore[arg-type]
+
     def log_exception(self, *args: Any, **kw: Any) -> None:
         """Log a fault of ours, one a minute; what a peer does must not fill the log."""
         theirs = isinstance(kw.get("exc_info"), (HttpProcessingError, ConnectionError))
@@ -103,6 +107,43 @@ class Connection(web.RequestHandler):
         """End at once; nothing happens if there is no connection any more."""
         if isinstance(self.transport, asyncio.Transport):
             self.transport.abort()
+
+
+class MaskedFrames:
+    """Give a WebSocket's bytes to aiohttp's parser while each frame is masked (RFC 6455, 5.1).
+
+    aiohttp takes frames without a mask too.
+    """
+
+    def __init__(self, parser: Any, abort: Callable[[], None]) -> None:
+        self._parser, self._abort = parser, abort
+        self.feed_eof = parser.feed_eof
+        self._head, self._rest = b"", 0  # of a frame's header so far; bytes of the frame to come
+
+    def feed_data(self, data: bytes) -> tuple[bool, bytes]:
+        """Take bytes; end the connection at a frame without a mask."""
+        at = 0
+        while at < len(data):
+            if self._rest:
+                passed = min(self._rest, len(data) - at)
+                at, self._rest = at + passed, self._rest - passed
+                continue
+            self._head += data[at : at + 1]
+            at += 1
+            if len(self._head) == 2 and self._head[1] < 128:
+                self._abort()
+                return True, b""
+            self._end_header()
+        eof, tail = self._parser.feed_data(data)
+        return eof, tail
+
+    def _end_header(self) -> None:
+        """Note the length of a frame, if its header is whole."""
+        short = self._head[1] & 127 if len(self._head) > 1 else 127
+        whole = {126: 4, 127: 10}.get(short, 2)
+        if len(self._head) == whole:
+            length = int.from_bytes(self._head[2:], "big") if whole > 2 else short
+            self._head, self._rest = b"", length + 4  # and the mask
 
 
 class Door:
