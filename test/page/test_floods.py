@@ -170,6 +170,20 @@ def test_a_tls_handshake_that_never_comes_is_ended(tmp_path, monkeypatch):
         assert received(own) == b""
 
 
+def test_tls_handshakes_that_never_come_make_room(tmp_path, monkeypatch):
+    monkeypatch.setitem(connections.MOST, None, (4, 4))
+    pem, key = certificate(tmp_path)
+    with (
+        Served(tmp_path, certificate=str(pem), key=str(key)) as one,
+        contextlib.ExitStack() as stack,
+    ):
+        held = [stack.enter_context(opened(one)) for _ in range(7)]
+        assert [received(own) for own in held[:3]] == [b""] * 3
+        held[-1].settimeout(0.2)
+        with pytest.raises(TimeoutError):
+            held[-1].recv(1)
+
+
 def test_a_body_that_never_comes_is_not_waited_for(served, monkeypatch):
     monkeypatch.setattr("tirgeo_ros.page.guard._BODY_S", 0.2)
     head = (f"Host: 127.0.0.1:{served.port}", f"Origin: {served.url}", "Content-Length: 30")

@@ -13,8 +13,9 @@ from page_clients import tile_file
 
 from tirgeo_ros.core.types.errors import PageError
 from tirgeo_ros.page import connections
+from tirgeo_ros.page.access import OPERATOR
 from tirgeo_ros.page.connections import Door
-from tirgeo_ros.page.limits import AddressAllowances, Allowance, WrongTokens
+from tirgeo_ros.page.limits import Allowance, Shares, WrongTokens
 from tirgeo_ros.page.pace import LEVELS
 from tirgeo_ros.page.routes import invitation
 from tirgeo_ros.page.tiles import Tiles
@@ -30,12 +31,12 @@ def test_an_allowance_fills_up_again_and_no_further():
     assert [one.take(200.0) for _ in range(4)] == [True, True, True, False]
 
 
-def test_addresses_have_each_their_own_and_are_forgotten():
-    many = AddressAllowances(1.0, 1.0)
-    assert many.take("a", 0.0)
-    assert not many.take("a", 0.0)
+def test_owners_have_each_their_own_and_are_forgotten():
+    many = Shares(1.0, 1.0)
+    assert many.take(OPERATOR, "a", 0.0)
+    assert not many.take(OPERATOR, "a", 0.0)
     for k in range(5000):
-        assert many.take(str(k), 0.0)
+        assert many.take(OPERATOR, str(k), 0.0)
     assert len(many._known) == 1000
 
 

@@ -125,7 +125,7 @@ def test_viewers_share_a_common_limit_and_operators_do_not():
     shares = Shares(1.0, 10.0)
     seen = [shares.take(VIEWER, f"session {k % 100}", 0.0) for k in range(1000)]
     assert sum(seen) == 40
-    assert all(shares.take(OPERATOR, f"session {k % 100}", 0.0) for k in range(1000))
+    assert all(shares.take(OPERATOR, f"operator {k % 100}", 0.0) for k in range(1000))
 
 
 def test_a_viewers_requests_do_not_make_the_server_forget_an_operators_change(fresh, monkeypatch):

@@ -104,7 +104,9 @@ def declare(node: Node, kind: type[T]) -> T:
         if value == ():
             _declare_empty(node, parameter)
         else:
-            given = list(value) if isinstance(value, tuple) else parameter.readable(value)
+            if parameter.secret and value != parameter.default:
+                value = HIDDEN
+            given = list(value) if isinstance(value, tuple) else value
             node.declare_parameter(
                 parameter.name, given, _descriptor(parameter), ignore_override=True
             )
@@ -199,10 +201,8 @@ class LiveParameters(Generic[T]):
     def set(self, given: Sequence[RosParameter], by_ros: _Set) -> SetParametersResult:
         """Set parameters, all or none; ``by_ros`` sets those that change, as rclpy does."""
         others = [p for p in given if p.name not in self._names and self._has(p.name)]
-        wanted = {p.name: p.value for p in given if p not in others}
-        for name in self._secrets:
-            if wanted.get(name) == HIDDEN:  # as a dump has it: it stays
-                del wanted[name]
+        kept = [p for p in given if p.name in self._secrets and p.value == HIDDEN]  # of a dump
+        wanted = {p.name: p.value for p in given if p not in others and p not in kept}
         try:
             new = changed_in_flight(self.config, wanted)
             changed, values = changes(self.config, new), values_of(new)

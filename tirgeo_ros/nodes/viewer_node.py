@@ -18,6 +18,7 @@ from tirgeo_ros.core.ground.ground_point import MarkedPlace
 from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.io.files.child_python import parent_ended
+from tirgeo_ros.io.files.text_file import read_text
 from tirgeo_ros.io.messages import DiagnosticItem
 from tirgeo_ros.io.targets.store import TargetStore
 from tirgeo_ros.nodes.aircraft_topics import listen_to_diagnostics, terrain_of
@@ -34,6 +35,7 @@ from tirgeo_ros.page.routes import invitation
 from tirgeo_ros.page.server import PageServer
 
 _REPORT_S, _LOOK_S, _WATCH_S = 0.2, 0.1, 1.0
+_SECRET_BYTES = 1000
 #: A stamp that is older, or of the future, is of another clock: a bag's, a camera's own.
 _SAME_CLOCK_NS = 60_000_000_000
 
@@ -169,26 +171,16 @@ def marked_place(target: Target) -> MarkedPlace:
 
 def with_secrets(config: ViewerConfig) -> ViewerConfig:
     """Return the configuration with the secrets that are in files; raise ConfigError."""
-    values, given = values_of(config), dict[str, object]()
-    for secret in (one for one in parameters_of(ViewerConfig) if one.secret):
-        key = f"{secret.name}_file"
-        if values[key]:
-            if values[secret.name] != secret.default:
-                raise ConfigError(f"parameter {key}: {secret.name} is given too: leave one out")
-            given[secret.name] = _line_of(key, Path(str(values[key])))
-    return config_from(ViewerConfig, values | given)
-
-
-def _line_of(key: str, path: Path) -> str:
-    """Return the one line of a file; raise ConfigError."""
-    try:
-        text = path.read_text(encoding="utf-8") if path.is_file() else ""
-    except (OSError, ValueError):
-        text = ""
-    lines = text.splitlines()
-    if len(lines) != 1 or not lines[0]:
-        raise ConfigError(f"parameter {key}: {path}: give a file of one line of text")
-    return lines[0]
+    values: dict[str, Any] = {**values_of(config)}
+    for name, default in ((p.name, p.default) for p in parameters_of(ViewerConfig) if p.secret):
+        path = values[f"{name}_file"]
+        if path and values[name] != default:
+            raise ConfigError(f"parameter {name}_file: {name} is given too: leave one out")
+        if path:
+            values[name] = read_text(path, ConfigError, _SECRET_BYTES).rstrip("\r\n")
+            if not values[name].isprintable() or not values[name]:
+                raise ConfigError(f"parameter {name}_file: {path}: write one line of text into it")
+    return config_from(ViewerConfig, values)
 
 
 def check(config: ViewerConfig) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import re
 import socket
 import ssl
 from collections import Counter
@@ -26,8 +27,11 @@ MOST = {None: (200, MOST_OF_ADDRESS), VIEWER: (100, 30), OPERATOR: (200, 100)}
 _BYTES_A_S, _BYTES_AT_ONCE = 32 * 1024, 256 * 1024
 _FIRST_REQUEST_S, _KEEP_ALIVE_S, _HANDSHAKE_S = 10.0, 15.0, 10.0
 _ANSWERS_S = 300.0  # that a connection has for its answers, if it is no WebSocket
-_BACKLOG = 128
+_BACKLOG = 1024  # whoever is new waits behind a flood, and is not turned away
+#: A frame's header with a mask, up to the mask.
+_MASKED = re.compile(rb".(?:[\x80-\xfd]|\xfe..|\xff.{8})", re.DOTALL)
 _LOG = logging.getLogger("tirgeo.page")
+_Move = Callable[[str | None, str], None]  # takes the role and the owner of a connection
 
 
 class Connection(web.RequestHandler):
@@ -36,12 +40,7 @@ class Connection(web.RequestHandler):
     __slots__ = ("_asked", "_bytes", "_lasts", "_move", "_timers", "ended")
     _faults = Allowance(1 / 60, 1)  # of all connections
 
-    def __init__(
-        self,
-        server: web.Server,
-        ended: asyncio.Future[None],
-        move: Callable[[str | None, str], None],
-    ) -> None:
+    def __init__(self, server: web.Server, ended: asyncio.Future[None], move: _Move) -> None:
         super().__init__(
             server,
             loop=ended.get_loop(),
@@ -110,9 +109,9 @@ class Connection(web.RequestHandler):
 
 
 class MaskedFrames:
-    """Give a WebSocket's bytes to aiohttp's parser while each frame is masked (RFC 6455, 5.1).
+    """Give a WebSocket's bytes to aiohttp's parser, which also takes frames without a mask.
 
-    aiohttp takes frames without a mask too.
+    Such a frame ends the connection: RFC 6455, 5.1.
     """
 
     def __init__(self, parser: Any, abort: Callable[[], None]) -> None:
@@ -121,29 +120,23 @@ class MaskedFrames:
         self._head, self._rest = b"", 0  # of a frame's header so far; bytes of the frame to come
 
     def feed_data(self, data: bytes) -> tuple[bool, bytes]:
-        """Take bytes; end the connection at a frame without a mask."""
-        at = 0
-        while at < len(data):
+        """Take bytes."""
+        left = memoryview(data)
+        while left:
+            passed = min(self._rest, len(left)) or 1
             if self._rest:
-                passed = min(self._rest, len(data) - at)
-                at, self._rest = at + passed, self._rest - passed
-                continue
-            self._head += data[at : at + 1]
-            at += 1
-            if len(self._head) == 2 and self._head[1] < 128:
-                self._abort()
-                return True, b""
-            self._end_header()
+                self._rest -= passed
+            else:
+                self._head += left[:1]
+                if len(self._head) > 1 and self._head[1] < 128:
+                    self._abort()
+                    return True, b""
+            if _MASKED.fullmatch(self._head):
+                length = int.from_bytes(self._head[2:] or bytes([self._head[1] & 127]), "big")
+                self._head, self._rest = b"", length + 4
+            left = left[passed:]
         eof, tail = self._parser.feed_data(data)
         return eof, tail
-
-    def _end_header(self) -> None:
-        """Note the length of a frame, if its header is whole."""
-        short = self._head[1] & 127 if len(self._head) > 1 else 127
-        whole = {126: 4, 127: 10}.get(short, 2)
-        if len(self._head) == whole:
-            length = int.from_bytes(self._head[2:], "big") if whole > 2 else short
-            self._head, self._rest = b"", length + 4  # and the mask
 
 
 class Door:
@@ -181,15 +174,14 @@ class Door:
 
         That is the oldest of who has too many, or in a full house of whoever has most.
         """
-        if self._seated.get(task) == (role, owner):
+        own = role, owner
+        if self._seated.get(task) == own:
             return
         self._leave(task)
-        self._seated[task] = role, owner
+        self._seated[task] = own
         most, most_of_one = MOST[role]
         held = Counter(seat for seat in self._seated.values() if seat[0] == role)
-        crowd = (
-            (role, owner) if held[role, owner] > most_of_one else max(held, key=held.__getitem__)
-        )
+        crowd = own if held[own] > most_of_one else max(held, key=held.__getitem__)
         if held.total() > most or held[crowd] > most_of_one:
             oldest = next(one for one, seat in self._seated.items() if seat == crowd)
             oldest.cancel()

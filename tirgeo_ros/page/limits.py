@@ -32,36 +32,24 @@ class Allowance:
         return True
 
 
-class AddressAllowances:
-    """Hold an allowance for each address; the one unused for longest is forgotten first."""
-
-    def __init__(self, rate: float, burst: float) -> None:
-        self._rate, self._burst = rate, burst
-        self._known: OrderedDict[str, Allowance] = OrderedDict()
-
-    def take(self, address: str, now_s: float) -> bool:
-        """Return whether the address may have one more."""
-        allowance = self._known.setdefault(address, Allowance(self._rate, self._burst))
-        _keep(self._known, address)
-        return allowance.take(now_s)
-
-
 class Shares:
-    """Hold an allowance for each session, and for each address of strangers.
+    """Hold an allowance for each owner, a session or an address; the longest unused is forgotten.
 
     Viewers have a common one too, however many sessions one of them takes; so have strangers.
     """
 
     def __init__(self, rate: float, burst: float) -> None:
-        self._own = AddressAllowances(rate, burst)
-        self._common = {
-            role: Allowance(_TOGETHER * rate, _TOGETHER * burst) for role in (None, VIEWER)
-        }
+        self._rate, self._burst = rate, burst
+        self._known: OrderedDict[str, Allowance] = OrderedDict()
+        together = _TOGETHER * rate, _TOGETHER * burst
+        self._common = {role: Allowance(*together) for role in (None, VIEWER)}
 
     def take(self, role: str | None, owner: str, now_s: float) -> bool:
-        """Return whether somebody may have one more."""
-        own, common = self._own.take(f"{role} {owner}", now_s), self._common.get(role)
-        return own and (common is None or common.take(now_s))
+        """Return whether the owner may have one more."""
+        allowance = self._known.setdefault(owner, Allowance(self._rate, self._burst))
+        _keep(self._known, owner)
+        common = self._common.get(role)
+        return allowance.take(now_s) and (common is None or common.take(now_s))
 
 
 class WrongTokens:

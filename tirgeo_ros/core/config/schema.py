@@ -59,11 +59,7 @@ class Parameter:
     sizes: tuple[int, ...] = ()  # lengths that a list may have
     fault: Callable[[str], str] | None = None  # what is wrong with a text; empty if nothing
     live: bool | None = None  # whether it can be set in flight; None: as its group
-    secret: bool = False
-
-    def readable(self, value: Value) -> Value:
-        """Return a value as everybody may read it; the default of a secret is none."""
-        return HIDDEN if self.secret and value != self.default else value
+    secret: bool = False  # read back as HIDDEN, unless it is the default
 
     def checked(self, value: object) -> Value:
         """Return the value in this parameter's type; raise ConfigError naming the parameter."""

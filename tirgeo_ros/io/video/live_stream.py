@@ -48,17 +48,13 @@ def stream_url(address: str) -> str:
     computer's addresses it is sent.
     """
     try:
-        parts = urllib.parse.urlsplit(address)
+        # It leaves out line breaks without a word.
+        parts = urllib.parse.urlsplit(address if address.isprintable() else "")
         options = dict(urllib.parse.parse_qsl(parts.query, keep_blank_values=True))
         good = parts.scheme == "udp" and parts.hostname and parts.port and _takes(options)
     except ValueError:
         good = False
-    if (
-        not (good and address.isprintable())
-        or parts.path
-        or parts.fragment
-        or parts.username is not None
-    ):
+    if not good or parts.path or parts.fragment or parts.username is not None:
         raise VideoError(
             f"stream {shown(address)}: give udp://HOST:PORT, and after a question mark ttl (1 to "
             "255) or localaddr (an address of this computer): udp://239.1.1.1:5004?ttl=4"

@@ -68,17 +68,12 @@ def pytak_settings(given: CotParameters) -> SectionProxy:
 def _checked(cot: str) -> SplitResult:
     """Return the parts of an address; raise ConfigError if it is none."""
     try:
-        url = urlsplit(cot)  # without line breaks and tabs, wherever they are
+        # It leaves out line breaks without a word.
+        url = urlsplit(cot if cot.isprintable() and " " not in cot else "")
         right = url.scheme in _PORTS and bool(url.hostname) and url.port != 0
     except ValueError:  # a port that is no number, or too large
         right = False
-    if (
-        not (right and cot.isprintable())
-        or " " in cot
-        or url.username
-        or url.fragment
-        or url.path.strip("/")
-    ):
+    if not right or url.username or url.fragment or url.path.strip("/"):
         raise ConfigError(f"cot: {shown(cot, 200)!r} is no address: {_EXAMPLES}")
     if ":" in (url.hostname or ""):
         raise ConfigError(f"cot: {shown(cot, 200)!r}: write the host's name or IPv4 address")
