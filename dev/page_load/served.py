@@ -21,6 +21,7 @@ from tirgeo_ros.page.server import PageServer
 from tirgeo_ros.tools.replay.process import process
 
 HZ = 30.0
+_OPEN = replace(ViewerConfig(), listen="127.0.0.1:0")
 _ANSWER_S = 0.005
 _JPEG_START = b"\xff\xd8\xff"
 _STATE = {
@@ -34,10 +35,10 @@ _STATE = {
 class ServedPage:
     """Be a process that serves the page until the end of the context."""
 
-    def __init__(self, pictures: Path, work: Path) -> None:
+    def __init__(self, pictures: Path, work: Path, config: ViewerConfig = _OPEN) -> None:
         context = multiprocessing.get_context("spawn")
         self._ours, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(pictures, work, theirs))
+        self._process = context.Process(target=_serve, args=(pictures, work, config, theirs))
 
     def __enter__(self) -> ServedPage:  # noqa: PYI034 Self is of Python 3.11
         """Start, and wait until the page can be opened."""
@@ -107,14 +108,13 @@ def pictures_in(folder: Path) -> list[bytes]:
     return [path.read_bytes() for path in sorted(folder.glob("*.jpg"))]
 
 
-def _serve(pictures: Path, work: Path, theirs: Connection) -> None:
-    config = replace(ViewerConfig(), listen="127.0.0.1:0")
+def _serve(pictures: Path, work: Path, config: ViewerConfig, theirs: Connection) -> None:
     server = PageServer(_Level(TargetStore(work / "targets.gpkg")), config, {"": "aircraft"})
     server.start()
     over = threading.Event()
     feeding = threading.Thread(target=_feed, args=(server, pictures_in(pictures), over))
     feeding.start()
-    theirs.send(server.operator_url.rstrip("/"))
+    theirs.send(server.operator_url.partition("?")[0].rstrip("/"))
     while theirs.recv() == "cpu":
         theirs.send(time.process_time())
     over.set()

@@ -158,7 +158,8 @@ def test_wrong_tokens_wait_longer_each_time_and_then_even_right_ones(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "body", [b"", b"{", b"[]", b'"x"', b'{"token": 1}', b'{"token": ""}', b"\xff"]
+    "body",
+    [b"", b"{", b"[" * 512, b"[]", b'"x"', b'{"token": 1}', b'{"token": ""}', b"\xff"],
 )
 def test_what_is_no_token_is_refused(tmp_path, body):
     async def enter():

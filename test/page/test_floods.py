@@ -170,6 +170,20 @@ def test_a_tls_handshake_that_never_comes_is_ended(tmp_path, monkeypatch):
         assert received(own) == b""
 
 
+def test_tls_handshakes_that_never_come_make_room(tmp_path, monkeypatch):
+    monkeypatch.setitem(connections.MOST, None, (4, 4))
+    pem, key = certificate(tmp_path)
+    with (
+        Served(tmp_path, certificate=str(pem), key=str(key)) as one,
+        contextlib.ExitStack() as stack,
+    ):
+        held = [stack.enter_context(opened(one)) for _ in range(7)]
+        assert [received(own) for own in held[:3]] == [b""] * 3
+        held[-1].settimeout(0.2)
+        with pytest.raises(TimeoutError):
+            held[-1].recv(1)
+
+
 def test_a_body_that_never_comes_is_not_waited_for(served, monkeypatch):
     monkeypatch.setattr("tirgeo_ros.page.guard._BODY_S", 0.2)
     head = (f"Host: 127.0.0.1:{served.port}", f"Origin: {served.url}", "Content-Length: 30")
@@ -196,6 +210,34 @@ def test_what_is_no_answer_to_a_picture_ends_the_video(served, text):
             return video.close_code
 
     assert asyncio.run(asyncio.wait_for(send(), 30)) == 1008
+
+
+MASKED = bytes([0x81, 0x82]) + b"mask" + bytes(a ^ b for a, b in zip(b"{}", b"mask", strict=False))
+LONG = bytes([0x81, 0xFE, 0, 200]) + b"\0\0\0\0" + b" " * 200
+
+
+@pytest.mark.parametrize("path", ["/state", "/video/"])
+@pytest.mark.parametrize("before", [b"", MASKED, LONG], ids=["first", "second", "long"])
+def test_a_frame_without_a_mask_ends_its_connection(served, path, before):
+    if path == "/video/" and before:
+        before = bytes([0x81, 0x87]) + b"\0\0\0\0" + b"shown 1"
+    with upgraded(served, path) as own:
+        for byte in before:
+            own.sendall(bytes([byte]))
+        own.sendall(bytes([0x81, 7]) + b"shown 2")
+        deadline = time.monotonic() + 5
+        with contextlib.suppress(ConnectionResetError):
+            while own.recv(65536):
+                assert time.monotonic() < deadline, "the connection goes on"
+
+
+def test_masked_frames_of_all_lengths_are_taken(served):
+    async def ask():
+        async with Page(served.url) as page, page.state() as state:
+            texts = ["", "a" * 90, "b" * 190]
+            return [(await state.ask("mark", text=text))["ok"] for text in texts]
+
+    assert asyncio.run(ask()) == [True] * 3
 
 
 def test_too_many_requests_are_refused_each_with_an_answer(served):

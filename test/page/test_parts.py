@@ -12,7 +12,10 @@ from page_backend import HEIGHT, WIDTH, Pictures
 from page_clients import tile_file
 
 from tirgeo_ros.core.types.errors import PageError
-from tirgeo_ros.page.limits import AddressAllowances, Allowance, WrongTokens
+from tirgeo_ros.page import connections
+from tirgeo_ros.page.access import OPERATOR
+from tirgeo_ros.page.connections import Door
+from tirgeo_ros.page.limits import Allowance, Shares, WrongTokens
 from tirgeo_ros.page.pace import LEVELS
 from tirgeo_ros.page.routes import invitation
 from tirgeo_ros.page.tiles import Tiles
@@ -28,12 +31,12 @@ def test_an_allowance_fills_up_again_and_no_further():
     assert [one.take(200.0) for _ in range(4)] == [True, True, True, False]
 
 
-def test_addresses_have_each_their_own_and_are_forgotten():
-    many = AddressAllowances(1.0, 1.0)
-    assert many.take("a", 0.0)
-    assert not many.take("a", 0.0)
+def test_owners_have_each_their_own_and_are_forgotten():
+    many = Shares(1.0, 1.0)
+    assert many.take(OPERATOR, "a", 0.0)
+    assert not many.take(OPERATOR, "a", 0.0)
     for k in range(5000):
-        assert many.take(str(k), 0.0)
+        assert many.take(OPERATOR, str(k), 0.0)
     assert len(many._known) == 1000
 
 
@@ -49,11 +52,27 @@ def test_each_wrong_token_costs_twice_the_time():
     assert wrong.wait_s("a", now_s - 60) == 0
 
 
-def test_many_addresses_that_guess_together_wait_long():
-    wrong = WrongTokens()
-    for k in range(60):
-        wrong.add(str(k), 0.0)
-    assert wrong.wait_s("59", 0.0) == 60
+def test_in_a_full_house_the_oldest_of_whoever_holds_most_goes(monkeypatch):
+    class Task:
+        ended = False
+
+        def cancel(self):
+            self.ended = True
+
+    monkeypatch.setattr(connections, "MOST", {None: (6, 4), "operator": (2, 2)})
+    door, crowd, few = Door(None, None, None), [], []
+    for k in range(5):
+        crowd.append(Task())
+        door._seat(crowd[k], None, "crowd")
+    for k in range(3):
+        few.append(Task())
+        door._seat(few[k], None, "few")
+    assert [one.ended for one in crowd + few] == [True, True] + [False] * 6
+    for _ in range(2):  # who enters takes no stranger's place any more
+        door._seat(few[0], "operator", "few")
+    door._seat(Task(), None, "other")
+    assert [one.ended for one in crowd + few] == [True, True] + [False] * 6
+    assert (door.refused, door.connections) == (2, 7)
 
 
 def test_the_terminals_code_can_be_scanned():

@@ -25,6 +25,7 @@ from rclpy.parameter import Parameter as RosParameter
 
 from tirgeo_ros.core.config import NODE_CONFIGS
 from tirgeo_ros.core.config.schema import (
+    HIDDEN,
     Parameter,
     changed_in_flight,
     changes,
@@ -103,6 +104,8 @@ def declare(node: Node, kind: type[T]) -> T:
         if value == ():
             _declare_empty(node, parameter)
         else:
+            if parameter.secret and value != parameter.default:
+                value = HIDDEN
             given = list(value) if isinstance(value, tuple) else value
             node.declare_parameter(
                 parameter.name, given, _descriptor(parameter), ignore_override=True
@@ -193,11 +196,13 @@ class LiveParameters(Generic[T]):
         self.config = declare(node, kind)
         self._node, self._take = node, take
         self._names = {parameter.name for parameter in parameters_of(kind)}
+        self._secrets = {parameter.name for parameter in parameters_of(kind) if parameter.secret}
 
     def set(self, given: Sequence[RosParameter], by_ros: _Set) -> SetParametersResult:
         """Set parameters, all or none; ``by_ros`` sets those that change, as rclpy does."""
         others = [p for p in given if p.name not in self._names and self._has(p.name)]
-        wanted = {p.name: p.value for p in given if p not in others}
+        kept = [p for p in given if p.name in self._secrets and p.value == HIDDEN]  # of a dump
+        wanted = {p.name: p.value for p in given if p not in others and p not in kept}
         try:
             new = changed_in_flight(self.config, wanted)
             changed, values = changes(self.config, new), values_of(new)

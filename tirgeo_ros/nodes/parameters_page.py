@@ -44,7 +44,8 @@ from its next sample on, and logs the change: `ros2 param set /ekf_node
 rtk.position_sigma_floor_m 0.05`. The filter keeps its state; an alignment begins again. What
 was set is gone when the node ends: write it into the file. The others are read at start: they
 are measured before flight (`aircraft.*`), are opened once, or decide how the node is built.
-Setting one is refused with the reason. `ros2 param dump NODE` writes a file that loads again.
+Setting one is refused with the reason. `ros2 param dump NODE` writes a file that loads again, once
+the secrets that it has as `***` are written into it.
 
 - Write a double with its point, also with an exponent: `5.0`, `1.0e-3`.
 - *unset* is `.nan`, *empty* is `""` for a string and `[]` for a list.

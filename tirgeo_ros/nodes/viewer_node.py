@@ -12,11 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from tirgeo_ros.core.config import ViewerConfig
+from tirgeo_ros.core.config.schema import config_from, parameters_of, values_of
 from tirgeo_ros.core.config.viewer import split_namespaces
 from tirgeo_ros.core.ground.ground_point import MarkedPlace
 from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.io.files.child_python import parent_ended
+from tirgeo_ros.io.files.text_file import read_text
 from tirgeo_ros.io.messages import DiagnosticItem
 from tirgeo_ros.io.targets.store import TargetStore
 from tirgeo_ros.nodes.aircraft_topics import listen_to_diagnostics, terrain_of
@@ -33,6 +35,7 @@ from tirgeo_ros.page.routes import invitation
 from tirgeo_ros.page.server import PageServer
 
 _REPORT_S, _LOOK_S, _WATCH_S = 0.2, 0.1, 1.0
+_SECRET_BYTES = 1000
 #: A stamp that is older, or of the future, is of another clock: a bag's, a camera's own.
 _SAME_CLOCK_NS = 60_000_000_000
 
@@ -42,7 +45,7 @@ class ViewerNode(GraphNode):
 
     def __init__(self) -> None:
         super().__init__("viewer_node")
-        config = self._config = self.configured(ViewerConfig)
+        config = self._config = with_secrets(self.configured(ViewerConfig))
         check(config)
         names = split_namespaces(config.namespaces) or [""]
         terrain = terrain_of(config)
@@ -164,6 +167,20 @@ def marked_place(target: Target) -> MarkedPlace:
         place.height_m,
         place.covariance_n,
     )
+
+
+def with_secrets(config: ViewerConfig) -> ViewerConfig:
+    """Return the configuration with the secrets that are in files; raise ConfigError."""
+    values: dict[str, Any] = {**values_of(config)}
+    for name, default in ((p.name, p.default) for p in parameters_of(ViewerConfig) if p.secret):
+        path = values[f"{name}_file"]
+        if path and values[name] != default:
+            raise ConfigError(f"parameter {name}_file: {name} is given too: leave one out")
+        if path:
+            values[name] = read_text(path, ConfigError, _SECRET_BYTES).rstrip("\r\n")
+            if not values[name].isprintable() or not values[name]:
+                raise ConfigError(f"parameter {name}_file: {path}: write one line of text into it")
+    return config_from(ViewerConfig, values)
 
 
 def check(config: ViewerConfig) -> None:

@@ -87,6 +87,13 @@ class Access:
         end = signed.split(".")[1]  # signed by us, so of our form
         return role if int(end) > time.time() else None
 
+    def user(self, request: web.Request) -> tuple[str | None, str]:
+        """Return the role of who sends a request, and whose share it takes: session or address."""
+        role = self.role(request)
+        if role is None or self.open:
+            return role, request.remote or ""
+        return role, request.cookies[self.cookie(request)]
+
     def role_of_token(self, token: str) -> str | None:
         """Return the role that a token opens, in the same time for every token."""
         fits = [role for role, own in self.tokens.items() if _same(own, token)]

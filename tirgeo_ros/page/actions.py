@@ -17,7 +17,7 @@ from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.io.coordinates.written import written
 from tirgeo_ros.io.targets.store import TargetStore
 from tirgeo_ros.page.backend import Backend, Click, Pixel
-from tirgeo_ros.page.requests import RequestError
+from tirgeo_ros.page.requests import FOR_VIEWERS, RequestError
 from tirgeo_ros.page.video_feed import VideoFeed
 
 _T = TypeVar("_T")
@@ -51,7 +51,7 @@ class Actions:
 
     async def answer(self, name: str, kind: str, fields: dict[str, Any]) -> dict[str, Any]:
         """Return the answer to a request; to one that was sent again, the same one."""
-        if len(name) < _UNIQUE_NAME:
+        if len(name) < _UNIQUE_NAME or kind in FOR_VIEWERS:  # these change nothing
             return await self._done(kind, fields)
         if name not in self._answers:
             self._answers[name] = asyncio.create_task(self._done(kind, fields))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import logging
 import time
 from collections.abc import Awaitable, Callable
@@ -11,9 +12,9 @@ from typing import TYPE_CHECKING
 from aiohttp import web
 
 from tirgeo_ros.core.types.errors import TirgeoError
-from tirgeo_ros.page.access import Access, is_websocket, plain_host
+from tirgeo_ros.page.access import OPERATOR, Access, is_websocket, plain_host
 from tirgeo_ros.page.connections import Connection
-from tirgeo_ros.page.limits import AddressAllowances, WrongTokens
+from tirgeo_ros.page.limits import Allowance, Shares, WrongTokens
 
 if TYPE_CHECKING:
     from aiohttp.typedefs import Middleware
@@ -21,7 +22,9 @@ if TYPE_CHECKING:
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 #: A page begins with some thirty files, a map with as many tiles.
 _REQUESTS_A_S, _REQUESTS_AT_ONCE = 60.0, 400.0
+_PAUSE_S = 0.5  # before the answer to each that is too much
 _BODY_S = 5.0
+_TOKEN_BYTES = 512  # a token has 200 characters at most; JSON of more could nest too deep
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
     "img-src 'self' blob: data:; font-src 'self'; connect-src 'self'{}; manifest-src 'self'; "
@@ -39,8 +42,9 @@ class Guard:
 
     def __init__(self, access: Access) -> None:
         self._access = access
-        self._requests = AddressAllowances(_REQUESTS_A_S, _REQUESTS_AT_ONCE)
+        self._requests = Shares(_REQUESTS_A_S, _REQUESTS_AT_ONCE)
         self._wrong = WrongTokens()
+        self._lines, self._unlogged = Allowance(1 / 60, 1), 0  # lines of the log
 
     def middleware(self) -> Middleware:
         """Return what aiohttp calls around each handler."""
@@ -48,7 +52,7 @@ class Guard:
         @web.middleware
         async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
             try:
-                refused = self._refused(request)
+                refused = await self._refused(request)
                 # Not "or": an answer counts as false where aiohttp has it as an empty mapping.
                 return await handler(request) if refused is None else refused
             except web.HTTPException as error:
@@ -58,15 +62,18 @@ class Guard:
 
         return guard
 
-    def _refused(self, request: web.Request) -> web.Response | None:
+    async def _refused(self, request: web.Request) -> web.Response | None:
+        role, owner = self._access.user(request)
         if isinstance(request.protocol, Connection):
-            request.protocol.asked(websocket=is_websocket(request))
-        if not self._requests.take(request.remote or "", time.monotonic()):
-            return refusal(429, "too many requests: wait a moment")
+            request.protocol.asked(role, owner, websocket=is_websocket(request))
+        if not self._requests.take(role, owner, time.monotonic()):
+            await asyncio.sleep(_PAUSE_S)
+            if role is not None:  # a stranger may share a flood's address: he only has to wait
+                return refusal(429, "too many requests: wait a moment")
         words = self._access.refusal(request)
         if words:
             return refusal(403, words)
-        if not _is_open(request) and self._access.role(request) is None:
+        if role is None and not _is_open(request):
             return refusal(401, "open the page by the address or the code that the terminal shows")
         return None
 
@@ -77,21 +84,33 @@ class Guard:
 
     async def enter(self, request: web.Request) -> web.Response:
         """Answer ``POST /enter`` with a session for a right token; a wrong one costs time."""
+        token = await _token(request)
+        # Nothing waits from here on: the next token meets the wait that this one has earned.
         address, now_s = request.remote or "", time.monotonic()
         wait_s = self._wrong.wait_s(address, now_s)
         if wait_s > 0:
+            await asyncio.sleep(_PAUSE_S)
             answer = refusal(429, f"too many wrong tokens: wait {wait_s:.0f} s")
             answer.headers["Retry-After"] = str(round(wait_s) + 1)
             return answer
-        role = self._access.role_of_token(await _token(request))
+        role = self._access.role_of_token(token or "")
         if role is None:
-            self._wrong.add(address, now_s)
-            _LOG.warning("wrong token from %s", address)
+            self._count_wrong(address, now_s)
+            if token is None:
+                return refusal(400, "the body is no token")
             return refusal(403, "wrong token: scan the code again")
-        self._wrong.forget(address)
+        if role == OPERATOR:  # a viewer would have no wait while he guesses the other token
+            self._wrong.forget(address)
         response = web.json_response({"role": role})
         self._access.admit(response, request, role)
         return response
+
+    def _count_wrong(self, address: str, now_s: float) -> None:
+        self._wrong.add(address, now_s)
+        self._unlogged += 1
+        if self._lines.take(now_s):
+            _LOG.warning("wrong tokens: %d, the last from %s", self._unlogged, address)
+            self._unlogged = 0
 
 
 def refusal(status: int, words: str) -> web.Response:
@@ -114,11 +133,16 @@ def _is_open(request: web.Request) -> bool:
     return request.path in {"/", "/enter"} or request.path.startswith("/static/")
 
 
-async def _token(request: web.Request) -> str:
+async def _token(request: web.Request) -> str | None:
+    """Return the token that a body gives, empty if it gives none; None for a body too long."""
     try:
-        given = await asyncio.wait_for(request.json(), _BODY_S)
+        body = await asyncio.wait_for(request.read(), _BODY_S)
     except asyncio.TimeoutError:
         raise web.HTTPRequestTimeout from None
+    if len(body) > _TOKEN_BYTES:
+        return None
+    try:
+        given = json.loads(body)
     except ValueError:
         given = None
     token = given.get("token") if isinstance(given, dict) else None

@@ -5,8 +5,12 @@ from __future__ import annotations
 from collections import OrderedDict
 from typing import Any
 
+from tirgeo_ros.page.access import VIEWER
+
 _MOST_ADDRESSES = 1000  # that are remembered
 _FIRST_WAIT_S, _LONGEST_WAIT_S = 0.5, 60.0
+_ERRORS = 2  # of an honest user's typing
+_TOGETHER = 4  # shares that all viewers have in common, or all strangers
 
 
 class Allowance:
@@ -28,22 +32,31 @@ class Allowance:
         return True
 
 
-class AddressAllowances:
-    """Hold an allowance for each address; the one unused for longest is forgotten first."""
+class Shares:
+    """Hold an allowance for each owner, a session or an address; the longest unused is forgotten.
+
+    Viewers have a common one too, however many sessions one of them takes; so have strangers.
+    """
 
     def __init__(self, rate: float, burst: float) -> None:
         self._rate, self._burst = rate, burst
         self._known: OrderedDict[str, Allowance] = OrderedDict()
+        together = _TOGETHER * rate, _TOGETHER * burst
+        self._common = {role: Allowance(*together) for role in (None, VIEWER)}
 
-    def take(self, address: str, now_s: float) -> bool:
-        """Return whether the address may have one more."""
-        allowance = self._known.setdefault(address, Allowance(self._rate, self._burst))
-        _keep(self._known, address)
-        return allowance.take(now_s)
+    def take(self, role: str | None, owner: str, now_s: float) -> bool:
+        """Return whether the owner may have one more."""
+        allowance = self._known.setdefault(owner, Allowance(self._rate, self._burst))
+        _keep(self._known, owner)
+        common = self._common.get(role)
+        return allowance.take(now_s) and (common is None or common.take(now_s))
 
 
 class WrongTokens:
-    """Make an address that gives wrong tokens wait longer each time, to a minute."""
+    """Make an address that gives wrong tokens wait longer each time, to a minute.
+
+    While many guess, that minute comes after a typing error or two.
+    """
 
     def __init__(self) -> None:
         self._known: OrderedDict[str, tuple[int, float]] = OrderedDict()
@@ -57,7 +70,7 @@ class WrongTokens:
         """Note a wrong token."""
         count = self._known.get(address, (0, 0.0))[0]
         wait_s = min(_FIRST_WAIT_S * 2.0 ** min(count, 20), _LONGEST_WAIT_S)
-        if not self._all.take(now_s):
+        if not self._all.take(now_s) and count >= _ERRORS:
             wait_s = _LONGEST_WAIT_S
         self._known[address] = count + 1, now_s + wait_s
         _keep(self._known, address)

@@ -6,6 +6,7 @@ import asyncio
 import io
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import TypeVar
 
 import segno
@@ -15,11 +16,11 @@ from tirgeo_ros.core.targets.target import KINDS
 from tirgeo_ros.core.types.errors import TargetError
 from tirgeo_ros.io.targets.exports import FORMATS, exported
 from tirgeo_ros.io.targets.store import MOST_NAME, MOST_NOTE
-from tirgeo_ros.page.access import VIEWER
+from tirgeo_ros.page.access import OPERATOR, VIEWER
 from tirgeo_ros.page.actions import Actions
 from tirgeo_ros.page.backend import Backend
 from tirgeo_ros.page.guard import Guard
-from tirgeo_ros.page.limits import AddressAllowances
+from tirgeo_ros.page.limits import Shares
 from tirgeo_ros.page.state_hub import StateHub
 from tirgeo_ros.page.state_socket import StatePage
 from tirgeo_ros.page.static_files import Content
@@ -30,7 +31,7 @@ from tirgeo_ros.page.video_socket import VideoViewer, bound_kernel_buffer
 _T = TypeVar("_T")
 _MESSAGE_BYTES = 64 * 1024
 _HEARTBEAT_S, _CLOSING_S = 10.0, 2.0
-_ASKED_A_S, _ASKED_AT_ONCE = 100.0, 200.0  # by all pages of an address, on /state
+_ASKED_A_S, _ASKED_AT_ONCE = 100.0, 200.0  # by all pages of a session, on /state
 _DAY = "max-age=86400"
 _QUIET = 2  # modules of light around a code; terminals add their own
 
@@ -45,15 +46,16 @@ class Routes:
         feeds: Mapping[str, VideoFeed],
         static: Mapping[str, Content],
         tiles: Tiles | None,
-        role: Callable[[web.Request], str | None],
+        user: Callable[[web.Request], tuple[str | None, str]],
     ) -> None:
         self._backend, self._aircraft, self._feeds = backend, aircraft, feeds
-        self._static, self._tiles, self._role = static, tiles, role
+        self._static, self._tiles, self._user = static, tiles, user
         self._viewers: set[tuple[str, VideoViewer]] = set()
         self._sockets: set[web.WebSocketResponse] = set()
         self._maps: dict[str, Content] = {}
-        self._asked = AddressAllowances(_ASKED_A_S, _ASKED_AT_ONCE)
-        self._large = asyncio.Semaphore(2)  # exports and maps must not keep clicks waiting
+        self._asked = Shares(_ASKED_A_S, _ASKED_AT_ONCE)
+        # Exports and maps must not keep clicks waiting, nor a viewer's those of an operator.
+        self._large = {OPERATOR: asyncio.Semaphore(2), VIEWER: asyncio.Semaphore(1)}
         self.hub = StateHub(self._latency_ms)
 
     def table(self, guard: Guard, actions: Actions) -> list[web.RouteDef]:
@@ -88,7 +90,7 @@ class Routes:
         return _found(self._static.get(request.match_info["name"])).response(request)
 
     async def _state(self, request: web.Request, actions: Actions) -> web.StreamResponse:
-        role = self._role(request) or VIEWER
+        role, owner = self._user(request)
         hello = {
             "type": "hello",
             "role": role,
@@ -99,10 +101,8 @@ class Routes:
             "now_ns": str(time.time_ns()),
         }
         socket = await self._opened(request, compress=True)
-        address = request.remote or ""
-        page = StatePage(
-            socket, role, actions, self.hub, lambda: self._asked.take(address, time.monotonic())
-        )
+        may = partial(self._asked.take, role, owner)
+        page = StatePage(socket, role or VIEWER, actions, self.hub, may)
         try:
             await page.run(hello, _who(request))
         finally:
@@ -150,13 +150,13 @@ class Routes:
                 self._maps[aircraft] = Content.of(body, "application/geo+json")
             return self._maps[aircraft]
 
-        found = await self._made(content)
+        found = await self._made(request, content)
         return found.response(request) if found.body else web.Response(status=204)
 
     async def _tile(self, request: web.Request) -> web.Response:
         tiles = _found(self._tiles)
         place = (int(request.match_info[name]) for name in "zxy")
-        body = await asyncio.to_thread(tiles.tile, *place)
+        body = await self._made(request, lambda: tiles.tile(*place))
         if body is None:
             return web.Response(status=204)
         return web.Response(
@@ -167,17 +167,21 @@ class Routes:
         form = request.match_info["format"]
         _found(FORMATS.get(form))
         targets = self._backend.targets
-        body = await self._made(lambda: exported(targets.for_others(), form, targets.picture))
+        body = await self._made(
+            request, lambda: exported(targets.for_others(), form, targets.picture)
+        )
         named = {"Content-Disposition": f'attachment; filename="targets.{form}"'}
         return web.Response(body=body, content_type="application/octet-stream", headers=named)
 
     async def _picture(self, request: web.Request) -> web.Response:
-        body = await self._made(lambda: self._backend.targets.picture(request.match_info["id"]))
+        picture, id_ = self._backend.targets.picture, request.match_info["id"]
+        body = await self._made(request, lambda: picture(id_))
         return web.Response(body=_found(body), content_type="image/jpeg")
 
     async def _code(self, request: web.Request) -> web.Response:
         try:
-            target = await self._made(lambda: self._backend.targets.get(request.match_info["id"]))
+            get, id_ = self._backend.targets.get, request.match_info["id"]
+            target = await self._made(request, lambda: get(id_))
         except TargetError:
             raise web.HTTPNotFound from None
         out = io.BytesIO()
@@ -185,8 +189,8 @@ class Routes:
         segno.make(uri, micro=False).save(out, kind="svg", scale=4, light="white")
         return web.Response(body=out.getvalue(), content_type="image/svg+xml")
 
-    async def _made(self, call: Callable[[], _T]) -> _T:
-        async with self._large:
+    async def _made(self, request: web.Request, call: Callable[[], _T]) -> _T:
+        async with self._large[self._user(request)[0] or VIEWER]:
             return await asyncio.to_thread(call)
 
 

@@ -162,7 +162,7 @@ class PageServer:
         guard = Guard(self._access)
         static = read_static(STATIC)
         self._routes = Routes(
-            self._backend, self._aircraft, self._feeds, static, tiles, self._access.role
+            self._backend, self._aircraft, self._feeds, static, tiles, self._access.user
         )
         undulation_m = self._config.geoid_undulation_m
         actions = Actions(self._backend, self._feeds, undulation_m, self._stale.set)

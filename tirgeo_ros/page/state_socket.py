@@ -16,6 +16,7 @@ from tirgeo_ros.page.requests import FOR_VIEWERS, RequestError, read_request
 from tirgeo_ros.page.state_hub import Outbox, StateHub
 
 _REQUESTS_A_S, _REQUESTS_AT_ONCE = 50.0, 100.0  # a page that was offline sends what it kept
+_PAUSE_S = 0.1  # after a refusal nothing is read: a flood stays in its own network
 _RUNNING = 64  # requests of a page that are being answered
 _UNREAD = 100  # answers that a page has not taken: it does not read
 
@@ -29,9 +30,9 @@ class StatePage:
         role: str,
         actions: Actions,
         hub: StateHub,
-        address_may: Callable[[], bool],
+        may: Callable[[float], bool],
     ) -> None:
-        self._socket, self._role, self._address_may = socket, role, address_may
+        self._socket, self._role, self._may = socket, role, may
         self._actions, self._hub = actions, hub
         self._outbox = Outbox()
         self._running: set[asyncio.Task[None]] = set()
@@ -63,12 +64,14 @@ class StatePage:
             except RequestError as error:
                 refusal = {"type": "answer", "request": error.request, "ok": False}
                 self._outbox.answer({**refusal, "reason": str(error)})
+                await asyncio.sleep(_PAUSE_S)
             await asyncio.sleep(0)  # a flood must not hold up the others, nor its own answers
 
     def _begin(self, text: str) -> None:
         """Begin to answer a request; raises RequestError."""
         name, kind, fields = read_request(text)
-        may = self._allowance.take(time.monotonic()) and self._address_may()
+        now_s = time.monotonic()
+        may = self._allowance.take(now_s) and self._may(now_s)
         if not may or len(self._running) >= _RUNNING:
             raise RequestError("too many requests at once: wait a moment", name)
         if self._role != OPERATOR and kind not in FOR_VIEWERS:

@@ -168,7 +168,7 @@ def test_an_unknown_host_is_said(opened):
         *("", "out.ts", "file:///etc/x", "tcp://h:1", "udp://[::1:5", "udp://h:1?pkt_size=1"),
         *("udp://h", "udp://:5", "udp://h:0", "udp://h:99999", "udp://h:1/x", "udp://u@h:1"),
         *("udp://h:1#x", "udp://h:1?ttl=", "udp://h:1?ttl=0", "udp://h:1?ttl=256"),
-        *("udp://h:1?ttl=many", "udp://h:1?localaddr=eth0"),
+        *("udp://h:1?ttl=many", "udp://h:1?localaddr=eth0", "udp://h\r\nx:1"),
     ],
 )
 def test_other_addresses_are_refused(address):

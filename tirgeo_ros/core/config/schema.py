@@ -18,6 +18,7 @@ from tirgeo_ros.core.types.errors import ConfigError, nearest
 T = TypeVar("T")
 Value = bool | int | float | str | tuple[float, ...]
 
+HIDDEN = "***"  # what a secret is read back as
 _KIND_NAMES = {bool: "bool", int: "int", float: "double", str: "string"}
 _ONCE = ", said once for all nodes under /**"
 _DIRECTION = (
@@ -58,6 +59,7 @@ class Parameter:
     sizes: tuple[int, ...] = ()  # lengths that a list may have
     fault: Callable[[str], str] | None = None  # what is wrong with a text; empty if nothing
     live: bool | None = None  # whether it can be set in flight; None: as its group
+    secret: bool = False  # read back as HIDDEN, unless it is the default
 
     def checked(self, value: object) -> Value:
         """Return the value in this parameter's type; raise ConfigError naming the parameter."""
@@ -79,9 +81,13 @@ class Parameter:
             raise self._error(f"{value!r} is not one of {', '.join(self.choices)}")
         if kind is str and "\0" in cast("str", value):
             raise self._error(f"{value!r} has a NUL character, which no name of a file can have")
+        if self.secret and value == HIDDEN:
+            raise self._error(
+                f"{HIDDEN} stands for a secret: write that, or give {self.name}_file"
+            )
         fault = self.fault(cast("str", value)) if self.fault else ""
         if fault:
-            raise self._error(f"{value!r} {fault}")
+            raise self._error(f"{HIDDEN if self.secret else repr(value)} {fault}")
         if kind in (int, float):
             self._check_range(float(cast("float", value)))
         return cast("bool | int | float | str", kind(value))
@@ -107,16 +113,17 @@ def param(
     sizes: tuple[int, ...] = (),
     fault: Callable[[str], str] | None = None,
     live: bool | None = None,
+    secret: bool = False,
 ) -> Any:
     """Return a dataclass field that is a parameter.
 
     ``within`` is its unit, least and largest value; ``sizes`` are the lengths that a list may
     have, by default that of ``default``; ``fault`` says what is wrong with a text; ``live``
-    whether it can be set in flight, by default as its group.
+    whether it can be set in flight, by default as its group; ``secret`` that nobody may read it.
     """
     if isinstance(default, tuple) and not sizes:
         sizes = (len(default),)
-    made = Parameter("", default, description, *within, choices, sizes, live=live, fault=fault)
+    made = Parameter("", default, description, *within, choices, sizes, fault, live, secret)
     return dataclasses.field(default=default, metadata={"parameter": made})
 
 

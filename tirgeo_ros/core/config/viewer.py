@@ -90,12 +90,16 @@ class ViewerConfig(GroundConfig):
         "",
         "secret of operators, who may change targets; empty = made at each start and shown",
         fault=_token_fault,
+        secret=True,
     )
+    token_file: str = param("", "file that holds token, instead of it")
     viewer_token: str = param(
         "",
         "secret of viewers, who may only look; empty = made at each start and shown",
         fault=_token_fault,
+        secret=True,
     )
+    viewer_token_file: str = param("", "file that holds viewer_token, instead of it")
     certificate: str = param("", "certificate (PEM) of the page for https; empty = http")
     key: str = param("", "private key (PEM) of certificate")
     targets: str = param("targets.gpkg", "file of the targets (GeoPackage), made if absent")
@@ -120,7 +124,10 @@ class ViewerConfig(GroundConfig):
     cot_certificate: str = param("", "certificate of this client for tls (.p12 or PEM)")
     cot_key: str = param("", "private key (PEM); empty = in the file of cot_certificate")
     cot_ca: str = param("", "certificate (PEM) of the authority that signed the server's, for tls")
-    cot_password: str = param("atakatak", "password of the key; by default that of TAK servers")
+    cot_password: str = param(
+        "atakatak", "password of the key; by default that of TAK servers", secret=True
+    )
+    cot_password_file: str = param("", "file that holds cot_password, instead of it")
     stream: str = param(
         "",
         "where the video goes as MPEG-TS with MISB metadata: udp://HOST:PORT, of several aircraft "

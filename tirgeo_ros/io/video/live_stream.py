@@ -48,7 +48,8 @@ def stream_url(address: str) -> str:
     computer's addresses it is sent.
     """
     try:
-        parts = urllib.parse.urlsplit(address)
+        # It leaves out line breaks without a word.
+        parts = urllib.parse.urlsplit(address if address.isprintable() else "")
         options = dict(urllib.parse.parse_qsl(parts.query, keep_blank_values=True))
         good = parts.scheme == "udp" and parts.hostname and parts.port and _takes(options)
     except ValueError:

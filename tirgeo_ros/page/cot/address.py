@@ -68,7 +68,8 @@ def pytak_settings(given: CotParameters) -> SectionProxy:
 def _checked(cot: str) -> SplitResult:
     """Return the parts of an address; raise ConfigError if it is none."""
     try:
-        url = urlsplit(cot)
+        # It leaves out line breaks without a word.
+        url = urlsplit(cot if cot.isprintable() and " " not in cot else "")
         right = url.scheme in _PORTS and bool(url.hostname) and url.port != 0
     except ValueError:  # a port that is no number, or too large
         right = False
