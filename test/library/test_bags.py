@@ -157,6 +157,15 @@ def test_what_cannot_be_read_is_warned_of(short, tmp_path):
         assert len(tirgeo_ros.read_bag(damaged, ["imu/data"])["imu/data"]["stamp_ns"]) == 600
 
 
+@pytest.mark.parametrize("column", ["stamp_ns", "arrival_ns"])
+@pytest.mark.parametrize("wrong_ns", [-1, (1 << 31) * 10**9])
+def test_a_time_that_a_bag_cannot_hold_is_named(tables, tmp_path, column, wrong_ns):
+    imu = {name: one[:3].copy() for name, one in tables["imu/data"].items()}
+    imu[column][1] = wrong_ns
+    with pytest.raises(TableError, match=rf"imu/data: .*{column} {wrong_ns}.* from 1970 to 2038"):
+        tirgeo_ros.write_bag(tmp_path / "bag.mcap", {"imu/data": imu})
+
+
 def test_nothing_is_no_bag(tables, tmp_path):
     empty = {name: one[:0] for name, one in tables["imu/data"].items()}
     for given in ({}, {"imu/data": empty}):

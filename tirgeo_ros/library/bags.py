@@ -15,6 +15,7 @@ from tirgeo_ros.core.types.errors import BagError, TableError, TirgeoError, near
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, BagWriter, Cdr
 from tirgeo_ros.io.files.whole_files import PathLike
+from tirgeo_ros.io.logs.log_times import LAST_NS
 from tirgeo_ros.io.messages import SENSED_SAMPLES, TOPIC_TYPES, Messages, sensed
 from tirgeo_ros.library.samples import arrived
 from tirgeo_ros.library.sensor_columns import OUTPUTS, SENSORS
@@ -93,6 +94,9 @@ def write_bag(path: PathLike, tables: Mapping[str, Table], *, namespace: str = "
     messages, written = Messages(Cdr().types), 0
     with BagWriter(path) as writer:
         for written, (topic, arrival_ns, sample) in enumerate(arrived(tables), 1):  # noqa: B007
+            if not (0 <= sample.stamp_ns < LAST_NS and 0 <= arrival_ns < LAST_NS):
+                times = f"stamp_ns {sample.stamp_ns} and arrival_ns {arrival_ns}"
+                raise TableError(f"{topic}: {times}: a bag holds times from 1970 to 2038")
             name = resolved(topic, namespace)
             writer.write(name, TOPIC_TYPES[topic], sensed(messages, sample)[1], arrival_ns)
         if not written:

@@ -216,6 +216,16 @@ def test_one_clear_line(tmp_path, make, said):
     assert "\n" not in str(told.value)
 
 
+def test_log_times_of_a_database_that_no_stamp_holds(tmp_path):
+    late = [one._replace(log_time_ns=1 << 62) for one in MESSAGES[5:7]]
+    write_sqlite(tmp_path / "a.db3", [*MESSAGES[:5], *late])
+    reader = BagReader(tmp_path / "a.db3")
+    assert list(reader.messages()) == MESSAGES[:5]
+    assert reader.span_ns == (0, 4)
+    said = "2 messages with a log time after 2038 left out; 5 messages were read"
+    assert reader.damage == said
+
+
 def test_a_file_that_unpacks_to_far_more(tmp_path, monkeypatch):
     monkeypatch.setattr(opened_file, "_ANYWAY", 1 << 20)
     path = tmp_path / "a.mcap.zstd"

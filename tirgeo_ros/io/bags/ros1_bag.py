@@ -18,9 +18,11 @@ from rosbags.typesys.store import Typestore
 
 from tirgeo_ros.core.types.errors import BagError, MessageError
 from tirgeo_ros.io.bags.ros1_unindexed import UnindexedReader
+from tirgeo_ros.io.bags.storage import too_late
 from tirgeo_ros.io.files.bounded_unpacking import unpacked
 from tirgeo_ros.io.files.memory_bound import bounded_memory
 from tirgeo_ros.io.files.whole_files import PathLike
+from tirgeo_ros.io.logs.log_times import LAST_NS
 
 MAGIC = b"#ROSBAG V2.0\n"
 
@@ -52,7 +54,7 @@ class Ros1Bag:
 
     def __init__(self, path: PathLike) -> None:
         self.path = Path(path)
-        self.damage: str | None = None
+        self._losses: dict[str, str] = {}
         self._stores: dict[tuple[str, str], Typestore | None] = {}
         with bounded_memory(), self._opened() as reader:
             self._connections = list(reader.connections)
@@ -92,11 +94,16 @@ class Ros1Bag:
             if not reader.message_count:
                 reader.close()
                 raise
-            self.damage = (
+            self._losses["index"] = (
                 f"no usable index: it was not closed, or cut off; {reader.message_count} messages "
                 f"were found, {reader.lost_bytes} bytes at the end are not readable"
             )
         return reader
+
+    @property
+    def damage(self) -> str | None:
+        """Return in one line what could not be read, None if nothing was lost."""
+        return "; ".join(self._losses.values()) or None
 
     def topics(self) -> dict[str, tuple[str, ...]]:
         """Return every topic in the bag with the names of its types (there should be one)."""
@@ -115,7 +122,12 @@ class Ros1Bag:
             chosen = [one for one in reader.connections if wanted(one)]
             if not chosen:  # which would be all of them to the reader
                 return
+            late = 0
             for one, record_ns, data in reader.messages(chosen):
+                if record_ns >= LAST_NS:
+                    late += 1
+                    self._losses["late"] = too_late(late)
+                    continue
                 yield Ros1Message(one.topic, one.msgtype, record_ns, one.msgdef.data, data)
 
     def decoded(self, message: Ros1Message) -> Any:

@@ -59,6 +59,11 @@ class Storage(Protocol):
         ...
 
 
+def too_late(number: int) -> str:
+    """Return in words that messages are left out for their log times."""
+    return f"{number} message{'s' * (number > 1)} with a log time after 2038 left out"
+
+
 def plain(data: bytes) -> bytes:
     """Return a message's CDR, unpacked if it was compressed by itself.
 

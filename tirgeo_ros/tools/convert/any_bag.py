@@ -54,7 +54,11 @@ class _Ros1:
         self._bag = Ros1Bag(path)
         self._cdr = Cdr()
         self.span_ns = self._bag.span_ns
-        self.damage = self._bag.damage
+
+    @property
+    def damage(self) -> str | None:
+        """Return what could not be read, complete after an iteration over all topics."""
+        return self._bag.damage
 
     def topics(self) -> dict[str, str]:
         """Return every topic with the name of its type, or of all its types."""
