@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import random
 import sqlite3
 from collections import Counter
@@ -54,6 +55,13 @@ def test_a_file_that_was_renamed(tmp_path):
     found, damage = read(folder)
     assert found == MESSAGES
     assert damage == "bag_0.mcap, named in metadata.yaml, is absent; 300 messages were read"
+
+
+def test_metadata_that_are_a_pipe(tmp_path):
+    """Nobody writes to it: who reads it waits without end."""
+    folder = record(tmp_path / "bag", THIRDS, metadata=False)
+    os.mkfifo(folder / "metadata.yaml")
+    assert read(folder) == (MESSAGES, None)
 
 
 def test_an_empty_last_file(tmp_path):
