@@ -42,6 +42,7 @@ _ROVER = (
     "positions from the base's log (name it before this one; it must be RTK too), or make the "
     "rover's antenna the first with --rover-first"
 )
+_DAMAGED = "the file is cut off or damaged: what could be read is imported"
 _POSITIONS = ("rtk/fix", "gps/fix")
 
 
@@ -129,6 +130,7 @@ def import_logs(
     return {
         "kind": "logs",
         "files": [log.result() for log in logs],
+        "error": "; ".join(f"{x.path}: {_DAMAGED}" for x in logs if x.contents.damaged) or None,
         "warnings": [
             *_doubts(logs, rover_first=options.rover_first),
             *_of_imu(logs, samples, config.aircraft),
