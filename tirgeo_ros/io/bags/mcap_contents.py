@@ -23,9 +23,9 @@ from mcap.records import Channel, Chunk, ChunkIndex, Footer, Header, Schema, Sta
 from mcap.stream_reader import StreamReader
 
 from tirgeo_ros.core.types.errors import BagError
+from tirgeo_ros.core.types.measurements import LAST_NS
 from tirgeo_ros.io.bags.storage import too_late
 from tirgeo_ros.io.files.bounded_unpacking import unpacked
-from tirgeo_ros.io.logs.log_times import LAST_NS
 
 MAGIC = b"\x89MCAP0\r\n"
 

@@ -17,12 +17,12 @@ from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typest
 from rosbags.typesys.store import Typestore
 
 from tirgeo_ros.core.types.errors import BagError, MessageError
+from tirgeo_ros.core.types.measurements import LAST_NS
 from tirgeo_ros.io.bags.ros1_unindexed import UnindexedReader
 from tirgeo_ros.io.bags.storage import too_late
 from tirgeo_ros.io.files.bounded_unpacking import unpacked
 from tirgeo_ros.io.files.memory_bound import bounded_memory
 from tirgeo_ros.io.files.whole_files import PathLike
-from tirgeo_ros.io.logs.log_times import LAST_NS
 
 MAGIC = b"#ROSBAG V2.0\n"
 

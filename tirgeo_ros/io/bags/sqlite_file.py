@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from tirgeo_ros.core.types.errors import BagError
+from tirgeo_ros.core.types.measurements import LAST_NS
 from tirgeo_ros.io.bags.storage import BagMessage, TopicForm, plain, too_late
-from tirgeo_ros.io.logs.log_times import LAST_NS
 
 MAGIC = b"SQLite format 3\0"
 

@@ -22,7 +22,7 @@ from tirgeo_ros.io.elevation.raster_grid import Tile, read_grid
 from tirgeo_ros.io.files.memory_bound import bounded_memory
 from tirgeo_ros.io.files.offline_reading import elsewhere, imported_rasterio, read_map
 from tirgeo_ros.io.files.text_file import named_files
-from tirgeo_ros.io.files.whole_files import PathLike
+from tirgeo_ros.io.files.whole_files import PathLike, path_of
 
 #: Cache of what GDAL has unpacked: each pixel is read once. By default it is 5 % of all memory.
 _CACHE_MB = 64
@@ -48,6 +48,7 @@ def load_terrain(dem: PathLike, undulation_m: float = 0.0, *, network: bool = Fa
     Raises ElevationError naming the file where rasterio is not installed, or the file cannot be
     read, has no coordinate system of the Earth, or is too large.
     """
+    path_of(dem, ElevationError)
     paths = named_files(os.fspath(dem))
     if not paths:
         raise ElevationError(f"{os.fspath(dem)!r}: does not name an elevation model")

@@ -192,7 +192,7 @@ def _write_example(args: argparse.Namespace) -> int:
 
 def _utc_ns(text: str) -> int:
     """Return an ISO time in ns of Unix time; without a zone it is UTC. Raise UsageError."""
-    from tirgeo_ros.io.logs.log_times import LAST_NS  # noqa: PLC0415 --help stays quick
+    from tirgeo_ros.core.types.measurements import LAST_NS  # noqa: PLC0415 --help stays quick
 
     with suppress(ValueError, OverflowError):
         found_ns = round(utc_time(text).timestamp() * 1e6) * 1000
