@@ -149,7 +149,7 @@ def test_a_log_time_that_no_stamp_holds_costs_that_message(tmp_path, form, whole
     numbers, damage = read(path)
     assert numbers == [number for number in range(COUNT) if number not in late]
     assert BagReader(path).span_ns == (0, COUNT - 2)
-    assert damage.count("1 message with a log time after 2038 left out at byte ") == 2
+    assert damage.count("1 messages with a log time after 2038 left out at byte ") == 2
 
 
 def test_only_the_head_is_left(tmp_path):

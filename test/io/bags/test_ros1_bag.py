@@ -76,7 +76,7 @@ def test_a_record_time_that_no_stamp_of_ros_2_holds(tmp_path):
     path = bag.write(tmp_path / "a.bag")
     found = Ros1Bag(path)
     assert [found.decoded(m).data for m in found.messages()] == [0, 2]
-    assert found.damage == "1 message with a log time after 2038 left out"
+    assert found.damage == "1 messages with a log time after 2038 left out"
 
 
 @pytest.mark.parametrize("packed", PACKED)

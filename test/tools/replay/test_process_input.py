@@ -57,7 +57,7 @@ def test_a_log_time_after_2038_costs_its_message_alone(cut, sample, tmp_path, ca
     params = ["--params", str(sample / "params.yaml"), "--no-images"]
     for output in (["-o", str(tmp_path / "out.mcap")], [str(cut), "-o", str(tmp_path / "season")]):
         assert main(["process", str(bag), *output, *params]) == 1
-    assert "1 message with a log time after 2038 left out" in capsys.readouterr().err
+    assert "1 messages with a log time after 2038 left out" in capsys.readouterr().err
     poses = [len(data_of(path, CAMERA_POSE)) for path in tmp_path.rglob("*.mcap") if path != bag]
     assert len(poses) == 3
     assert min(poses) > 20

@@ -24,7 +24,7 @@ from mcap.stream_reader import StreamReader
 
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.core.types.measurements import LAST_NS
-from tirgeo_ros.io.bags.storage import too_late
+from tirgeo_ros.io.bags.storage import TOO_LATE
 from tirgeo_ros.io.files.bounded_unpacking import unpacked
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -230,7 +230,7 @@ def _messages(records: bytes, offset: int, found: McapContents) -> Iterator[RawM
             channel, _, log_time, _ = _MESSAGE.unpack_from(records, at)
             if log_time >= LAST_NS:
                 late += 1
-                found.losses[offset] = f"{too_late(late)} at byte {offset}"
+                found.losses[offset] = f"{late} {TOO_LATE} at byte {offset}"
             elif channel in found.channels:
                 yield channel, log_time, records[at + _MESSAGE.size : at + length]
             else:

@@ -10,7 +10,7 @@ from typing import Any
 
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.core.types.measurements import LAST_NS
-from tirgeo_ros.io.bags.storage import BagMessage, TopicForm, plain, too_late
+from tirgeo_ros.io.bags.storage import TOO_LATE, BagMessage, TopicForm, plain
 
 MAGIC = b"SQLite format 3\0"
 
@@ -112,7 +112,7 @@ class SqliteFile:
         for key, log_ns, data in self._rows(start_ns, list(types)):
             if isinstance(log_ns, int) and log_ns >= LAST_NS:
                 late += 1
-                self.losses[2] = too_late(late)
+                self.losses[2] = f"{late} {TOO_LATE}"
                 continue
             try:
                 message = _message(*types[key], log_ns, data)

@@ -9,6 +9,8 @@ import zstandard
 
 from tirgeo_ros.io.files.bounded_unpacking import unpacked
 
+#: What becomes of messages whose log time no stamp can hold; their number is put before it.
+TOO_LATE = "messages with a log time after 2038 left out"
 #: Begins a message that rosbag2 compressed by itself, and a compressed file. No CDR begins so.
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 
@@ -30,11 +32,6 @@ class TopicForm(NamedTuple):
     encoding: str  # of the definition: ros2msg or ros2idl, else empty or "unknown"
     message_encoding: str  # cdr
     metadata: Mapping[str, str]  # as MCAP holds it: QoS as offered_qos_profiles, the type's hash
-
-
-def too_late(number: int) -> str:
-    """Return in words that messages are left out for their log times."""
-    return f"{number} message{'s' * (number > 1)} with a log time after 2038 left out"
 
 
 def plain(data: bytes) -> bytes:
