@@ -11,7 +11,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 import tirgeo_ros
-from tirgeo_ros import BagError, TableError
+from tirgeo_ros import BagError, TableError, TirgeoError
 from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.library.sensor_columns import SENSORS
 
@@ -155,6 +155,40 @@ def test_what_cannot_be_read_is_warned_of(short, tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert len(tirgeo_ros.read_bag(damaged, ["imu/data"])["imu/data"]["stamp_ns"]) == 600
+
+
+@pytest.mark.parametrize("column", ["stamp_ns", "arrival_ns"])
+@pytest.mark.parametrize("wrong_ns", [-1, (1 << 31) * 10**9])
+def test_a_time_that_a_bag_cannot_hold_is_named(tables, tmp_path, column, wrong_ns):
+    imu = {name: one[:3].copy() for name, one in tables["imu/data"].items()}
+    imu[column][1] = wrong_ns
+    with pytest.raises(TableError, match=rf"imu/data: .*{column} {wrong_ns}.* from 1970 to 2038"):
+        tirgeo_ros.write_bag(tmp_path / "bag.mcap", {"imu/data": imu})
+
+
+@pytest.mark.parametrize("wrong", [None, 3, b"a", ["a"], "a\0b"])
+def test_what_names_no_file_or_topic_is_one_line(tables, short, tmp_path, wrong):
+    calls = {
+        "read_bag": lambda: tirgeo_ros.read_bag(wrong),
+        "read_camera": lambda: tirgeo_ros.read_camera(wrong),
+        "read_pictures": lambda: next(tirgeo_ros.read_pictures(wrong)),
+        "load_camera": lambda: tirgeo_ros.load_camera(wrong),
+        "load_terrain": lambda: tirgeo_ros.load_terrain(wrong),
+        "load_survey": lambda: tirgeo_ros.load_survey(wrong),
+        "load_observations": lambda: tirgeo_ros.load_observations(wrong),
+        "write_bag": lambda: tirgeo_ros.write_bag(wrong, tables),
+        "process in": lambda: tirgeo_ros.process(wrong, tmp_path / "a.mcap"),
+        "process out": lambda: tirgeo_ros.process(short, [wrong]),
+        "save_located": lambda: tirgeo_ros.save_located(wrong, []),
+        "tables": lambda: tirgeo_ros.write_bag(tmp_path / "a.mcap", wrong),
+        "answers": lambda: tirgeo_ros.save_located(tmp_path / "a.csv", wrong),
+        "topics": lambda: tirgeo_ros.read_bag(short, [wrong]),
+        "one topic": lambda: tirgeo_ros.read_bag(short, wrong or 0.5),
+    }
+    for name, call in calls.items():
+        with pytest.raises(TirgeoError) as told:
+            call()
+        assert "\n" not in str(told.value), name
 
 
 def test_nothing_is_no_bag(tables, tmp_path):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -180,7 +182,8 @@ def test_parameters_may_be_a_mapping(tables, flight):
 
 
 def test_a_flight_without_a_position_warns_and_is_empty(tables, params):
-    with pytest.warns(UserWarning, match="filter_flight: no solution: needs rtk/vel"):
+    why = "filter_flight: no solution: there is no position: give rtk_fix or gps_fix"
+    with pytest.warns(UserWarning, match=why):
         flight = tirgeo_ros.filter_flight(tables["imu/data"], config=params)
     assert len(flight) == 0
     assert flight.covariance.shape == (0, 9, 9)
@@ -203,9 +206,35 @@ def test_the_warning_says_what_was_refused(tables, params):
 def test_samples_that_are_no_numbers_are_refused_and_counted(tables, params):
     fix = {name: one.copy() for name, one in tables["rtk/fix"].items()}
     fix["height_m"][10:13] = np.nan
-    assert (
-        filtered(tables | {"rtk/fix": fix}, config=params).verdicts["rtk_position"]["invalid"] == 3
-    )
+    with pytest.warns(UserWarning, match=r"^rtk_fix: 3 of \d+ rows have a nan, as in height_m"):
+        found = filtered(tables | {"rtk/fix": fix}, config=params)
+    assert found.verdicts["rtk_position"]["invalid"] == 3
+
+
+@pytest.mark.parametrize("column", ["stamp_ns", "force_down_m_s2"])
+def test_masked_values_are_refused(tables, column):
+    """NumPy would take what is below the mask."""
+    imu = dict(tables["imu/data"])
+    imu[column] = np.ma.masked_array(imu[column], np.arange(len(imu[column])) < 7)
+    with pytest.raises(TableError, match=rf"^imu: column {column} has 7 masked values"):
+        tirgeo_ros.filter_flight(imu)
+
+
+@pytest.mark.parametrize("axes", ["down", "down right", "down right forward"])
+def test_an_imu_whose_gravity_has_the_wrong_sign_is_named(tables, params, axes):
+    """z up, flipped about the roll axis, or all signs."""
+    imu = dict(tables["imu/data"])
+    for axis in axes.split():
+        imu[f"force_{axis}_m_s2"] = -imu[f"force_{axis}_m_s2"]
+    why = r"no solution: .*not \(0, 0, \+9\.8\): .*the sign is wrong: at rest z is"
+    with pytest.warns(UserWarning, match=why):
+        filtered(tables | {"imu/data": imu}, config=params)
+
+
+@pytest.mark.parametrize("stamp_ns", ["x", None, math.nan, math.inf, [1]])
+def test_a_stamp_that_is_none(flight, stamp_ns):
+    with pytest.raises(PoseError, match=r"stamp_ns: must be a number of ns, is"):
+        flight.picture_pose(stamp_ns)
 
 
 def test_a_picture_without_a_pose_says_when_the_poses_are(flight):

@@ -12,6 +12,7 @@ import numpy as np
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.arrays import Array, IntArray, RawPixels
 from tirgeo_ros.core.types.errors import BagError, TableError, TirgeoError, nearest
+from tirgeo_ros.core.types.measurements import LAST_NS
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, BagWriter, Cdr
 from tirgeo_ros.io.files.whole_files import PathLike
@@ -47,7 +48,8 @@ def read_bag(
     or unknown, or one of another type.
     """
     reader = BagReader(path)
-    chosen = [topics] if isinstance(topics, str) else topics
+    several = topics if np.iterable(topics) and not isinstance(topics, str) else [topics]
+    chosen = None if topics is None else [str(one) for one in several]
     if not {CAMERA_INFO, *PICTURES}.isdisjoint(chosen or ()):
         raise BagError(f"{path}: pictures are no table: read_pictures and read_camera read them")
     names = _chosen(reader, chosen, namespace)
@@ -90,9 +92,14 @@ def write_bag(path: PathLike, tables: Mapping[str, Table], *, namespace: str = "
     each is its arrival. The bag is whole or absent. Raises TableError for a topic or a column,
     BagError if it cannot be written.
     """
+    if not isinstance(tables, Mapping):
+        raise TableError(f"{path}: tables must be a dict of tables by topic; it is {tables!r}")
     messages, written = Messages(Cdr().types), 0
     with BagWriter(path) as writer:
         for written, (topic, arrival_ns, sample) in enumerate(arrived(tables), 1):  # noqa: B007
+            if not (0 <= sample.stamp_ns < LAST_NS and 0 <= arrival_ns < LAST_NS):
+                times = f"stamp_ns {sample.stamp_ns} and arrival_ns {arrival_ns}"
+                raise TableError(f"{topic}: {times}: a bag holds times from 1970 to 2038")
             name = resolved(topic, namespace)
             writer.write(name, TOPIC_TYPES[topic], sensed(messages, sample)[1], arrival_ns)
         if not written:

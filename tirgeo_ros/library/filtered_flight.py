@@ -104,7 +104,10 @@ class FilteredFlight:
         The exposure is ``video_latency_s`` before the stamp. Raises PoseError where the camera's
         pose is not known then.
         """
-        exposed_ns = int(stamp_ns) - round(self.video_latency_s * 1e9)
+        try:
+            exposed_ns = int(stamp_ns) - round(self.video_latency_s * 1e9)
+        except (TypeError, ValueError, OverflowError):
+            raise PoseError(f"stamp_ns: must be a number of ns, is {stamp_ns!r}") from None
         found = pose_at(self._cameras, exposed_ns)
         if found is None or self.plane is None:
             raise PoseError(f"no camera pose at {exposed_ns} ns: {self._why_none(exposed_ns)}")

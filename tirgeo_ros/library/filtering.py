@@ -7,6 +7,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
+from tirgeo_ros.core.checks.imu_checks import imu_findings
 from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
 from tirgeo_ros.core.navigation.smoothing.smoothed_run import SmoothedRun
 from tirgeo_ros.core.streams.arrivals import Arrivals
@@ -77,7 +78,10 @@ def filter_flight(
     runs = _smoothed(_stream(tables, configs), configs) if smooth else None
     registration = Registration(configs.ekf, configs.gimbal, smoothed=runs)
     made = type(imu) if is_frame(imu) else dict
-    return _filtered(_stream(tables, configs), registration, configs, made)
+    flight = _filtered(_stream(tables, configs), registration, configs, made)
+    if not len(flight):
+        warnings.warn(f"filter_flight: no solution: {_why(flight, tables, configs)}", stacklevel=2)
+    return flight
 
 
 class _Given:
@@ -123,9 +127,6 @@ def _filtered(
         for pose in one.cameras:
             cameras.add(pose)
     status = registration.navigation.status()
-    if not found:
-        why = f"{status.reason or status.state.value}{_refused(status.counts)}"
-        warnings.warn(f"filter_flight: no solution: {why}", stacklevel=3)
     return found.flight(
         made,
         method=status.method,
@@ -139,14 +140,22 @@ def _filtered(
     )
 
 
-def _refused(counts: Mapping[tuple[str, str], int]) -> str:
-    """Return the end of a sentence: which samples were refused, empty if none."""
+def _why(flight: FilteredFlight, tables: Mapping[str, Table], configs: NodeConfigs) -> str:
+    """Return what is not given, else what gravity says of the IMU, else what the filter says."""
+    if not {"rtk/fix", "gps/fix"} & tables.keys():
+        return "there is no position: give rtk_fix or gps_fix"
+    own = {topic: table for topic, table in tables.items() if topic == "imu/data"}
+    rotation_bi = configs.ekf.aircraft.rotation_bi
+    for finding in imu_findings((one.sample for one in arrived(own, _ARGUMENTS)), rotation_bi):
+        return finding.line
     bad = [
         f"{number} {source} {outcome}"
-        for (source, outcome), number in counts.items()
+        for source, counts in flight.verdicts.items()
+        for outcome, number in counts.items()
         if Outcome(outcome) not in QUIET
     ]
-    return f" (refused: {', '.join(bad)})" if bad else ""
+    refused = f" (refused: {', '.join(bad)})" if bad else ""
+    return f"{flight.reason or flight.state}{refused}"
 
 
 def _by_source(counts: Mapping[tuple[str, str], int]) -> dict[str, dict[str, int]]:

@@ -51,16 +51,20 @@ class PicturePose:
         The plane's origin is the camera's place. Raises PoseError for no place, no rotation or no
         covariance.
         """
-        matrix = np.array(covariance, float)
+        try:
+            matrix = np.array(covariance, float)
+            place = float(latitude_rad), float(longitude_rad), float(height_m)
+            q_ng = quat_from_euler(float(roll_rad), float(pitch_rad), float(heading_rad))
+        except (TypeError, ValueError) as error:
+            raise PoseError(f"not the pose of a camera: {error}") from None
         if matrix.shape != (6, 6):
             raise PoseError(f"covariance must be of shape (6, 6), is {matrix.shape}")
-        q_ng = quat_from_euler(roll_rad, pitch_rad, heading_rad)
         q_nc = quat_multiply(q_ng, Q_BODY_OPTICAL)
-        fault = place_fault(latitude_rad, longitude_rad, height_m)
+        fault = place_fault(*place)
         fault = fault or pose_fault(np.zeros(3), q_nc, matrix)
         if not fault and not np.allclose(matrix, matrix.T):
             fault = "covariance is not symmetric"
         if fault:
             raise PoseError(f"not the pose of a camera: {fault}")
-        plane = TangentPlane(latitude_rad, longitude_rad, height_m)
+        plane = TangentPlane(*place)
         return cls(stamp_ns, CameraPose(stamp_ns, np.zeros(3), q_nc, matrix), plane)

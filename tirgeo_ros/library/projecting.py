@@ -18,11 +18,12 @@ from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.ground_point import Located, Refusal, place
 from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.core.types.errors import SurveyError, TableError
-from tirgeo_ros.io.files.whole_files import PathLike, write_files
+from tirgeo_ros.io.files.whole_files import PathLike, path_of, write_files
 from tirgeo_ros.io.surveys.survey import Answered
 from tirgeo_ros.io.targets.exports import exported_answers, form_of
 from tirgeo_ros.library.parameters import Config, load_config
 from tirgeo_ros.library.picture_pose import PicturePose
+from tirgeo_ros.library.tables import check_unmasked
 
 
 class Projected(NamedTuple):
@@ -54,6 +55,7 @@ def project(
     also give those of the time, the lens and the ground's height. Raises ConfigError, and
     TableError for points of another shape.
     """
+    _check_kinds(pose, camera)
     points = _rows("points_n", points_n, 3)
     rays = rays_to(camera, pose.pose, points)
     known = np.isfinite(rays[0])
@@ -89,6 +91,7 @@ def locate(
     TableError for pixels of another shape or for another kind of ground.
     """
     confidence = load_config(config).overlay.confidence
+    _check_kinds(pose, camera)
     level = _checked(ground)
     answers = (
         place(camera, pose.pose, (u, v), pose.plane, level, confidence, pose.rates)
@@ -106,11 +109,21 @@ def save_located(
     ``.csv`` or ``.gpkg``. ``ids`` name the pixels, by default by number. The file is whole or
     absent. Raises SurveyError if it cannot be written, TableError if there are more or fewer ids.
     """
+    if not np.iterable(answers) or not all(isinstance(x, Located | Refusal) for x in answers):
+        raise TableError("answers: must be those that locate returns")
     names = [str(number) for number in range(1, len(answers) + 1)] if ids is None else list(ids)
     if len(names) != len(answers):
         raise TableError(f"ids: {len(names)} for {len(answers)} answers")
     answered = [Answered(str(name), one) for name, one in zip(names, answers, strict=True)]
-    write_files({path: exported_answers(answered, form_of(path))}, SurveyError)
+    file = path_of(path, SurveyError)
+    write_files({file: exported_answers(answered, form_of(file))}, SurveyError)
+
+
+def _check_kinds(pose: PicturePose, camera: Camera) -> None:
+    """Raise TableError for what is no pose of a picture or no camera."""
+    for name, given, kind in (("pose", pose, PicturePose), ("camera", camera, Camera)):
+        if not isinstance(given, kind):
+            raise TableError(f"{name}: must be a {kind.__name__}; it is {given!r}")
 
 
 def _checked(ground: Ground) -> Ground:
@@ -125,7 +138,7 @@ def _checked(ground: Ground) -> Ground:
 
 def _sigmas(sigma_m: npt.ArrayLike | None, count: int) -> Array:
     """Return (count,) standard deviations, nan for the parameters' own. Raises TableError."""
-    sigma = np.asarray(np.nan if sigma_m is None else sigma_m, float)
+    sigma = _numbers("sigma_m", np.nan if sigma_m is None else sigma_m)
     if sigma.shape not in {(), (count,)}:
         raise TableError(f"sigma_m: must be a number or of shape ({count},), is {sigma.shape}")
     if (sigma < 0).any():
@@ -135,10 +148,16 @@ def _sigmas(sigma_m: npt.ArrayLike | None, count: int) -> Array:
 
 def _rows(name: str, values: npt.ArrayLike, width: int) -> Array:
     """Return numbers (N, width); a single row may stand alone. Raises TableError."""
-    try:
-        rows = np.atleast_2d(np.asarray(values, float))
-    except (TypeError, ValueError):
-        raise TableError(f"{name}: must be numbers of shape (N, {width})") from None
+    rows = np.atleast_2d(_numbers(name, values))
     if rows.ndim != 2 or (rows.shape[1] != width and rows.size):
         raise TableError(f"{name}: must be of shape (N, {width}), is {rows.shape}")
     return rows.reshape(-1, width)
+
+
+def _numbers(name: str, values: npt.ArrayLike) -> Array:
+    """Return an array of numbers. Raises TableError for others, and for masked ones."""
+    check_unmasked(name, values)
+    try:
+        return np.asarray(values, float)
+    except (TypeError, ValueError):
+        raise TableError(f"{name}: must be numbers, is {np.asarray(values).dtype}") from None

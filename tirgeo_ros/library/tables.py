@@ -71,7 +71,14 @@ def numbers_of(name: str, table: Table, columns: Collection[Column]) -> Numbers:
     values = [_values(name, table, present, column, count) for column in columns]
     for given, numbers in ((ARRIVAL, arrivals_ns), (ORDER, order)):
         _check_length(name, given, len(numbers), count)
-    return Numbers(stamps_ns, arrivals_ns, order, np.stack(values, axis=1))
+    rows = np.stack(values, axis=1)
+    optional = [one.default is not None and math.isnan(one.default) for one in columns]
+    lacking = np.isnan(rows) & ~np.array(optional)
+    if lacking.any():
+        number, first = int(lacking.any(axis=1).sum()), int(lacking.any(axis=0).argmax())
+        text = f"{name}: {number} of {count} rows have a nan, as in {[*columns][first].name}"
+        warnings.warn(f"{text}: a filter refuses them", stacklevel=2)
+    return Numbers(stamps_ns, arrivals_ns, order, rows)
 
 
 def is_frame(table: Table) -> bool:
@@ -107,6 +114,7 @@ def _check_presence(name: str, present: list[str], columns: Collection[Column]) 
 
 def _whole(name: str, table: Table, column: str) -> IntArray:
     given = table[column]
+    check_unmasked(f"{name}: column {column}", given)
     zoned = getattr(getattr(given, "dtype", None), "tz", None) is not None  # pandas; in UTC then
     values = np.asarray(given, "datetime64[ns]" if zoned else None)
     if values.dtype.kind == "M":
@@ -130,7 +138,15 @@ def _values(name: str, table: Table, present: list[str], column: Column, count: 
     return np.full(count, column.default)
 
 
+def check_unmasked(name: str, values: Any) -> None:
+    """Raise TableError for masked values, which NumPy would take as they are below the mask."""
+    if np.ma.is_masked(values):
+        number = int(np.ma.getmaskarray(values).sum())
+        raise TableError(f"{name} has {number} masked values: leave out their rows")
+
+
 def _floats(name: str, table: Table, column: str, count: int) -> Array:
+    check_unmasked(f"{name}: column {column}", table[column])
     try:
         values = np.asarray(table[column], float)
     except (TypeError, ValueError):

@@ -214,6 +214,44 @@ def test_climbs_with_the_wrong_sign_are_named(sign, found):
     assert [one.check for one in checks.findings()] == found
 
 
+def over_ground(noise_m, change):
+    """The findings of a turning flight at 3 m/s; ``change`` takes its velocities and times."""
+    checks, rng = VelocityChecks("gps/vel", "gps/fix"), np.random.default_rng(7)
+    for stamp_ns in range(0, 60_000_000_000, 200_000_000):
+        turn = 0.2e-9 * stamp_ns
+        sent = change(3.0 * np.array([np.cos(turn), np.sin(turn), 0.0]), turn)
+        checks.velocity(VelocitySample(stamp_ns, Source.GPS_VELOCITY, sent, np.eye(3)))
+        place = 15.0 * np.array([np.sin(turn), -np.cos(turn), 0.0])
+        checks.position(stamp_ns, place + rng.normal(0, noise_m, 3) * (1, 1, 0))
+    return [(one.check, one.mend) for one in checks.findings()]
+
+
+UNITS = {"km/h": 3.6, "knots": 3600 / 1852, "mph": 2.237, "cm/s": 100.0}
+
+
+@pytest.mark.parametrize(("unit", "factor"), UNITS.items())
+def test_a_unit_is_named_by_its_ratio_alone(unit, factor):
+    ((check, mend),) = over_ground(0.3, lambda v, _: v * factor)
+    assert check == "gps_vel_unit"
+    assert mend.endswith(f" is {unit}")
+
+
+@pytest.mark.parametrize("noise_m", [1.0, 1.5, 2.5, 4.0, 8.0])
+@pytest.mark.parametrize("factor", [1.0, 1.5])
+def test_poor_positions_are_no_other_unit(noise_m, factor):
+    """They make speeds of 1.5 times and more, and of other directions."""
+    assert over_ground(noise_m, lambda v, _: v * factor) == []
+
+
+def test_velocities_in_axes_of_the_body_are_of_other_directions():
+    def body(velocity_n, turn):
+        return np.array([np.linalg.norm(velocity_n), 0.0, 0.0])
+
+    ((check, mend),) = over_ground(0.3, body)
+    assert check == "gps_vel_axes"
+    assert mend.endswith("not in axes of the body")
+
+
 def test_a_jump_of_a_clock_is_told_with_its_size(flight, config):
     middle_ns = flight[len(flight) // 2].arrival_ns
 

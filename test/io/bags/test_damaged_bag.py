@@ -29,14 +29,15 @@ def payload(number):
 PAYLOADS = [payload(number) for number in range(COUNT)]
 
 
-def bag(path, repeat=1, **options):
+def bag(path, repeat=1, times=(), **options):
     with path.open("wb") as file:
         writer = Writer(file, chunk_size=options.pop("chunk_size", 4000), **options)
         writer.start("ros2", "test")
         schema = writer.register_schema(TYPE, "ros2msg", cdr.definition(TYPE).encode())
         channel = writer.register_channel("/a", "cdr", schema)
         for number, data in enumerate(PAYLOADS * repeat):
-            writer.add_message(channel, number, data, number)
+            time_ns = dict(times).get(number, number)
+            writer.add_message(channel, time_ns, data, time_ns)
         writer.finish()
     return path
 
@@ -136,6 +137,19 @@ def test_what_is_lost_with_the_descriptions(tmp_path):
     path.write_bytes(data[:-100])  # neither the first chunk nor the summary says what /a is
     with pytest.raises(BagError, match=r"no message can be read; .*to no known topic"):
         BagReader(path)
+
+
+@pytest.mark.parametrize("whole", [True, False])
+@pytest.mark.parametrize("form", FORMS)
+def test_a_log_time_that_no_stamp_holds_costs_that_message(tmp_path, form, whole):
+    """A stamp's seconds are an int32; the reader's span is that of the others."""
+    late = {COUNT // 2: (1 << 31) * 10**9, COUNT - 1: (1 << 64) - 1}
+    path = bag(tmp_path / "a.mcap", times=late, **FORMS[form])
+    path.write_bytes(path.read_bytes()[: None if whole else -8])
+    numbers, damage = read(path)
+    assert numbers == [number for number in range(COUNT) if number not in late]
+    assert BagReader(path).span_ns == (0, COUNT - 2)
+    assert damage.count("1 messages with a log time after 2038 left out at byte ") == 2
 
 
 def test_only_the_head_is_left(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import random
 import sqlite3
 from collections import Counter
@@ -54,6 +55,13 @@ def test_a_file_that_was_renamed(tmp_path):
     found, damage = read(folder)
     assert found == MESSAGES
     assert damage == "bag_0.mcap, named in metadata.yaml, is absent; 300 messages were read"
+
+
+def test_metadata_that_are_a_pipe(tmp_path):
+    """Nobody writes to it: who reads it waits without end."""
+    folder = record(tmp_path / "bag", THIRDS, metadata=False)
+    os.mkfifo(folder / "metadata.yaml")
+    assert read(folder) == (MESSAGES, None)
 
 
 def test_an_empty_last_file(tmp_path):
@@ -214,6 +222,16 @@ def test_one_clear_line(tmp_path, make, said):
         read(path)
     assert str(told.value).startswith(said.format(tmp_path))
     assert "\n" not in str(told.value)
+
+
+def test_log_times_of_a_database_that_no_stamp_holds(tmp_path):
+    late = [one._replace(log_time_ns=1 << 62) for one in MESSAGES[5:7]]
+    write_sqlite(tmp_path / "a.db3", [*MESSAGES[:5], *late])
+    reader = BagReader(tmp_path / "a.db3")
+    assert list(reader.messages()) == MESSAGES[:5]
+    assert reader.span_ns == (0, 4)
+    said = "2 messages with a log time after 2038 left out; 5 messages were read"
+    assert reader.damage == said
 
 
 def test_a_file_that_unpacks_to_far_more(tmp_path, monkeypatch):

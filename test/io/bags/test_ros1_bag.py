@@ -69,6 +69,16 @@ def test_order_is_that_of_the_record_where_chunks_overlap(tmp_path):
     assert [value for *_, value in read(tmp_path / "a.bag")] == sorted(order)
 
 
+def test_a_record_time_that_no_stamp_of_ros_2_holds(tmp_path):
+    bag = Bag()
+    for k, at_ns in enumerate((BEGUN_NS, (1 << 31) * 10**9, BEGUN_NS + 1)):
+        bag.add(at_ns, "/a", bag.new(UINT8, data=k))
+    path = bag.write(tmp_path / "a.bag")
+    found = Ros1Bag(path)
+    assert [found.decoded(m).data for m in found.messages()] == [0, 2]
+    assert found.damage == "1 messages with a log time after 2038 left out"
+
+
 @pytest.mark.parametrize("packed", PACKED)
 def test_a_bag_that_was_cut_is_read_up_to_the_cut(tmp_path, packed):
     path = numbers_bag(tmp_path / "a.bag", packed)

@@ -207,6 +207,25 @@ def test_a_log_without_imu_is_refused(tmp_path):
         read_dataflash(log.write(tmp_path / "a.BIN"), OPTIONS)
 
 
+def test_a_log_of_2014_is_named(tmp_path):
+    log = DataflashFile()
+    log.message("IMU", "Iffffff", "TimeMS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
+    log.add("IMU", 80_000, 0.01, -0.02, 0.03, 0.1, 0.2, -9.8)
+    with pytest.raises(TirgeoError, match=r"a\.BIN: .*TimeMS, of ArduPilot .* not supported"):
+        read_dataflash(log.write(tmp_path / "a.BIN"), OPTIONS)
+
+
+def test_a_damaged_log_is_known_and_one_that_ends_within_a_record(tmp_path):
+    path = small_log().write(tmp_path / "a.BIN")
+    whole, cut = path.read_bytes(), {("record", "cut off at the end of the log"): 1}
+    middle, found = len(whole) // 2, []
+    for data in (whole, whole[:middle] + bytes(60) + whole[middle + 60 :], whole[:-20]):
+        path.write_bytes(data)
+        contents = read_dataflash(path, OPTIONS)
+        found.append((contents.damaged, cut.items() <= contents.refused.items()))
+    assert found == [(False, False), (True, False), (False, True)]
+
+
 def test_it_is_known_by_its_first_bytes(tmp_path):
     assert is_dataflash(small_log().write(tmp_path / "a.BIN").read_bytes()[:64])
     assert not is_dataflash(b"\xa3\x95")

@@ -261,6 +261,24 @@ def test_it_is_known_by_its_first_bytes(tmp_path):
     assert not is_px4_ulog(b"ULog text")
 
 
+def test_a_log_that_is_cut_off_or_damaged_is_known(tmp_path):
+    """Also where a damaged length reaches beyond the end, and nothing of it is skipped."""
+    whole = small_log().write(tmp_path / "a.ulg").read_bytes()
+    middle = len(whole) // 2
+    for place, other, damaged in (
+        (slice(0, 0), b"", False),
+        (slice(-30, None), b"", True),
+        (slice(-1, None), b"", True),
+        (slice(middle, middle + 200), bytes(200), True),
+        (slice(whole.rindex(b"D") - 1, whole.rindex(b"D")), b"\x20", True),
+    ):
+        data = bytearray(whole)
+        data[place] = other
+        (tmp_path / "b.ulg").write_bytes(data)
+        contents = read_px4_ulog(tmp_path / "b.ulg", LogOptions(geoid_undulation_m=40.0))
+        assert contents.damaged is damaged, place
+
+
 def test_damaged_logs_give_a_line_or_what_can_be_read(tmp_path, capfd):
     """Cut, with flipped bits, zeros and noise: nothing is raised but one line."""
     whole = small_log().write(tmp_path / "a.ulg").read_bytes()

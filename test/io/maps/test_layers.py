@@ -120,6 +120,14 @@ def test_what_a_sheet_asks_for_in_vain(styled):
         styled("layers: [{file: absent.kml}]")
 
 
+def test_links_in_a_loop(folder, styled):
+    (folder / "a.kml").symlink_to("a.kml")
+    with pytest.raises(MapError, match=r"a\.kml: "):
+        styled("layers: [{file: ../roads.gpkg}]", "a.kml")
+    with pytest.raises(MapError, match=r"a\.kml: "):
+        styled("layers: [{file: ../a.kml}]", "roads.gpkg")
+
+
 def test_a_line_of_no_length_is_counted(folder):
     path = folder / "a.geojson"
     shapes = [

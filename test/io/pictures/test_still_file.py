@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
+import shutil
+import subprocess
 
 import cv2
 import numpy as np
@@ -13,6 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from PIL import Image
+from PIL.ExifTags import Base
 from scenes import camera_pose
 from still_reader import (
     DJI,
@@ -104,6 +107,25 @@ def test_the_angles_of_known_attitudes(written, attitude, gimbal, mapping):
         assert_allclose(found, gimbal, atol=1e-5)
     if mapping:
         assert_allclose([float(read.xmp[PIX4D + axis]) for axis in named], mapping, atol=1e-5)
+
+
+def test_a_jpeg_has_all_tags_that_exif_asks_for(written):
+    """CIPA DC-008, table 17; of one of grey levels and of one of colours."""
+    for pixels in (GREY, np.dstack([GREY] * 3)):
+        read = written(still_at(), pixels)
+        assert (read.tags[Base.XResolution], read.tags[Base.YResolution]) == (72, 72)
+        assert read.tags[Base.ResolutionUnit] == 2  # inch
+        assert read.tags[Base.YCbCrPositioning] == 1  # centred
+        assert read.picture[Base.ColorSpace] == 1  # sRGB
+
+
+@pytest.mark.skipif(shutil.which("exiftool") is None, reason="exiftool is not installed")
+def test_exiftool_finds_no_fault(tmp_path):
+    for name, pixels in (("a.jpg", GREY), ("b.jpg", np.dstack([GREY] * 3))):
+        (tmp_path / name).write_bytes(still_bytes(pixels, still_at()))
+        words = ["exiftool", "-validate", "-warning", "-error", "-a", str(tmp_path / name)]
+        said = subprocess.run(words, capture_output=True, text=True, check=True).stdout
+        assert said.split(":")[1:] == [" OK\n"], said
 
 
 def test_altitudes_say_what_they_are_above(written):

@@ -160,6 +160,20 @@ def test_texts_from_outside_do_no_harm(form, text, tmp_path):
         assert pyogrio.raw.read(path, layer="targets", columns=["name"])[3][0][0] == text
 
 
+@pytest.mark.parametrize("separator", [",", ";", "\t", "|"])
+@pytest.mark.parametrize(
+    "end", ["=HYPERLINK(1)", "+1", "-1", "@SUM(1)", ' "=1', "'=1", ";=1", "\t=1", '""=1']
+)
+def test_no_cell_is_a_formula_whatever_separates_the_cells(separator, end):
+    """A spreadsheet splits at what its country has, and takes no quotes within a cell then."""
+    texts = [f"x{before}{end}" for before in ";\t|\n"]
+    rows = [target(n, name=text, note=text) for n, text in enumerate(texts, 1)]
+    content = exported(rows, "csv").decode("utf-8-sig")
+    lines = csv.reader(io.StringIO(content, newline=""), delimiter=separator)
+    cells = [cell.lstrip(' "') for line in lines for cell in line]
+    assert not [cell for cell in cells if cell.startswith(("=", "+", "-", "@", "\t"))]
+
+
 def test_a_hostile_pixel_id_does_no_harm_in_a_geopackage():
     for text in HOSTILE:
         assert exported_answers([Answered(text, FOUND)], "gpkg").startswith(b"SQLite format 3\0")

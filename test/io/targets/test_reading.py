@@ -91,6 +91,12 @@ def test_any_text_reads_back(folder, name, note):
         assert (found.name, found.note) == (name, note)
 
 
+@given(st.text(";|\n=-'\" x", max_size=12))
+def test_any_text_like_formulae_reads_back(folder, text):
+    (found,) = read_targets(written(folder, exported([target(1, name="a", note=text)], "csv")))
+    assert found.note == text
+
+
 @pytest.mark.parametrize("text", HOSTILE)
 def test_hostile_texts_read_back(text, tmp_path):
     for form in ("geojson", "csv"):

@@ -139,6 +139,33 @@ def test_a_time_is_read_on_every_python(text, micros):
     assert utc_time(text) == datetime(2021, 10, 20, 12, 0, 36, micros, timezone.utc)
 
 
+@pytest.mark.parametrize("text", ["2100-01-01", "1969-12-31", "noon"])
+def test_a_time_that_no_bag_holds_is_wrong_use(capsys, tmp_path, text):
+    with pytest.raises(SystemExit):
+        command.main(["import", "a.bin", "-o", str(tmp_path / "b.mcap"), "--start-time", text])
+    assert f"--start-time {text}: no time from 1970 to 2038, as" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("cut a.mcap -o b.mcap --to 1e300", "--to: 1e300: neither seconds nor a time"),
+        (
+            "cut a.mcap -o b.mcap --to 2 --before 1e300",
+            "--before must be 0 or more, and less",
+        ),
+        ("export a.mcap -o b --degrees nan 0", "--degrees: invalid number value: 'nan'"),
+        ("export a.mcap -o b --degrees 0 1", "--degrees: SCALE must not be 0"),
+        ("export a.mcap -o b --gsd inf", "--gsd: invalid number value: 'inf'"),
+    ],
+)
+def test_numbers_that_no_option_means(capsys, words, said):
+    with pytest.raises(SystemExit) as left:
+        command.main(words.split())
+    assert left.value.code == 2
+    assert said in capsys.readouterr().err
+
+
 def test_a_verb_may_find_wrong_use_itself(run_verb, capsys):
     with pytest.raises(SystemExit) as left:
         run_verb(raising(UsageError("-o and --video name the same file")))

@@ -172,6 +172,16 @@ def test_a_reader_that_is_not_installed_is_named(tmp_path, capsys, monkeypatch, 
     assert not (tmp_path / "a.mcap").exists()
 
 
+def test_a_cut_log_ends_as_a_cut_bag_does(shared, tmp_path, capsys):
+    """With exit code 1 and a line on stderr, and what could be read."""
+    pytest.importorskip("pyulog")
+    data = (shared / "foreign_logs" / "px4" / "fmu_v6c.ulg").read_bytes()
+    (tmp_path / "a.ulg").write_bytes(data[: len(data) * 9 // 10])
+    assert main(["import", str(tmp_path / "a.ulg"), "-o", str(tmp_path / "a.mcap")]) == 1
+    assert "a.ulg: the file is cut off or damaged: what could be" in capsys.readouterr().err
+    assert len(list(BagReader(tmp_path / "a.mcap").messages(["/imu/data"]))) > 500
+
+
 @pytest.mark.parametrize(
     ("log", "method", "topics"),
     [

@@ -12,7 +12,7 @@ from process_bags import CAMERA_POSE, CDR, IMAGES, data_of, messages_of, rewritt
 
 from tirgeo_ros.core.types.errors import BagError, ConfigError, MapError, VideoError
 from tirgeo_ros.io import messages as convert
-from tirgeo_ros.io.bags.bag import BagReader
+from tirgeo_ros.io.bags.bag import BagReader, BagWriter
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.replay.process import process
 
@@ -45,6 +45,22 @@ def test_absent_topics_are_named_and_nothing_is_written(
     with pytest.raises(BagError, match=rf"in\.mcap: needed topic absent: {named}(;| gives|$)"):
         process(bag, tmp_path / "out.mcap", method=method, **options)
     assert [entry.name for entry in tmp_path.iterdir()] == ["in.mcap"]
+
+
+def test_a_log_time_after_2038_costs_its_message_alone(cut, sample, tmp_path, capsys):
+    items, bag = list(BagReader(cut).messages()), tmp_path / "in.mcap"
+    one = next(m for m in items[100:] if m.topic == "/imu/data")
+    with BagWriter(bag) as writer:
+        for m in items:
+            late_ns = (1 << 31) * 10**9 if m is one else m.log_time_ns
+            writer.write(m.topic, m.typename, m.data, late_ns)
+    params = ["--params", str(sample / "params.yaml"), "--no-images"]
+    for output in (["-o", str(tmp_path / "out.mcap")], [str(cut), "-o", str(tmp_path / "season")]):
+        assert main(["process", str(bag), *output, *params]) == 1
+    assert "1 messages with a log time after 2038 left out" in capsys.readouterr().err
+    poses = [len(data_of(path, CAMERA_POSE)) for path in tmp_path.rglob("*.mcap") if path != bag]
+    assert len(poses) == 3
+    assert min(poses) > 20
 
 
 @pytest.mark.parametrize(

@@ -49,6 +49,27 @@ def test_a_broken_flight_has_its_line_and_stops_nothing(season, broken):
     )
 
 
+def test_links_in_a_loop_and_pipes_fail_alone(flights, run, tmp_path, capsys):
+    """Among flights and in the season's folder; a pipe that nobody writes to has no end."""
+    loops, pipe, folder = [tmp_path / name for name in "ab"], tmp_path / "d.json", tmp_path / "out"
+    for one, other in zip(loops, reversed(loops), strict=True):
+        one.symlink_to(other)
+    folder.mkdir()
+    west = f"{flights[1].parent.name}_{flights[1].stem}"
+    for name in ("stray.json", f"{west}.json", f"{west}.jpg"):
+        os.mkfifo(folder / name)
+    os.mkfifo(pipe)
+    assert run([*flights, *loops, pipe], folder, "--json") == 1
+    result = json.loads(capsys.readouterr().out)
+    errors = {one["input"]: one["error"] for one in result["flights"]}
+    assert errors.pop(str(flights[0])) is None
+    assert "not a file" in errors.pop(str(flights[1]))
+    assert [errors[str(one)].partition(": ")[2] for one in (*loops, pipe)] == [
+        *["cannot be read: Too many levels of symbolic links"] * 2,
+        "is no file: a pipe or a device cannot be read as a bag",
+    ]
+
+
 def test_what_is_done_is_kept(season, flights, run, capsys):
     folder, _, _ = season
     before = {path: path.stat().st_mtime_ns for path in folder.glob("*.mcap")}

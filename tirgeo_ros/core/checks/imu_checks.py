@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Iterable
 
 import numpy as np
 
-from tirgeo_ros.core.checks.imu_blocks import ImuMean
+from tirgeo_ros.core.checks.imu_blocks import ImuBlocks, ImuMean
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.frames.rotations import (
     matrix_from_quat,
@@ -22,6 +23,7 @@ from tirgeo_ros.core.frames.rotations import (
 )
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding, Severity
+from tirgeo_ros.core.types.measurements import ImuSample
 
 _KEPT = 1200  # blocks: a minute
 _SECOND, _QUARTER = 20, 5  # blocks in a second, and in a quarter of one
@@ -67,6 +69,16 @@ class ImuChecks:
         q_nb = np.array([np.full(4, math.nan) if q is None else q for q in attitudes])
         steps_s = np.array([b.step_s if b.joined else math.nan for b in blocks])
         return [*_force_findings(force_b, rate_b, q_nb), *_gyro_findings(rate_b, q_nb, steps_s)]
+
+
+def imu_findings(samples: Iterable[object], rotation_bi: Array | None) -> list[Finding]:
+    """Return the findings on the IMU among samples; ``rotation_bi`` turns its axes to the body."""
+    blocks, checks = ImuBlocks(rotation_bi), ImuChecks()
+    for sample in samples:
+        block = blocks.add(sample) if isinstance(sample, ImuSample) else None
+        if block is not None:
+            checks.block(block)
+    return checks.findings()
 
 
 def _force_findings(force_b: Array, rate_b: Array, q_nb: Array) -> list[Finding]:

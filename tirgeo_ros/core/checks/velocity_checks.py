@@ -23,7 +23,10 @@ _LEAST_M_S, _LEAST_CLIMB_M_S = 1.0, 0.4
 _SURE = 0.92  # correlation of climbs with a wrong sign
 #: Share of the squares that remains under a wrong and under a right explanation.
 _WRONG, _RIGHT = 0.5, 0.15
-_LARGEST_RATIO = 1.5  # of the speeds
+#: What speeds in another unit than m/s are multiplied by; beside it, so much (8 %) as noise that
+#: leaves the share _RIGHT can make of it.
+_UNITS = {"km/h": 3.6, "knots": 1.944, "mph": 2.237, "ft/s": 3.281, "cm/s": 100.0, "mm/s": 1000.0}
+_BESIDE = -0.5 * math.log(1 - _RIGHT)
 #: Matrices from the message's north and east to the true ones; the first one is the identity.
 _EXCHANGES = [
     np.array((first, second)) @ axes
@@ -96,11 +99,23 @@ class VelocityChecks:
             )
             mend = "NED for ENU? Send x east, y north, z up"
             return self._stop("axes", evidence, mend)
-        if left[best] > _WRONG or not 1 / _LARGEST_RATIO < says / moves < _LARGEST_RATIO:
-            evidence = f"{self._topic} says {says:.1f} m/s, {self._positions} moves at {moves:.1f}"
-            mend = "send m/s (3.6 times as much is km/h, 1.94 knots), of this receiver, in ENU"
-            return self._stop("unit", evidence, mend)
-        return None
+        # Noise changes speeds as it changes directions; other axes do not.
+        apart = np.linalg.norm(ways, axis=1) - np.linalg.norm(own, axis=1)
+        if left[best] > _WRONG and float(np.mean(apart**2)) < _RIGHT * moves * says:
+            evidence = f"{self._topic} has the speeds of {self._positions} in other directions"
+            mend = "send the velocity of this receiver, in ENU, not in axes of the body"
+            return self._stop("axes", evidence, mend)
+        return self._of_unit(moves, says) if left[best] < _RIGHT else None
+
+    def _of_unit(self, moves: float, says: float) -> Finding | None:
+        """Check speeds (m/s) of one motion by positions and by velocities."""
+        off = abs(math.log(says / moves))
+        unit, factor = min(_UNITS.items(), key=lambda one: abs(off - math.log(one[1])))
+        if not abs(off - math.log(factor)) < _BESIDE:
+            return None
+        evidence = f"{self._topic} says {says:.1f} m/s, {self._positions} moves at {moves:.1f}"
+        mend = f"send m/s: {factor:.3g} times as much, or as little, is {unit}"
+        return self._stop("unit", evidence, mend)
 
     def _stop(self, what: str, evidence: str, mend: str) -> Finding:
         check = f"{self._topic.replace('/', '_')}_{what}"

@@ -13,6 +13,8 @@ from typing import ClassVar
 
 from tirgeo_ros.core.types.arrays import Array
 
+#: Stamps of ROS messages end here, in 2038: their seconds are an int32.
+LAST_NS = (1 << 31) * 1_000_000_000
 #: Range of air pressures: those of the standard atmosphere from 11 km down to 1 km below the sea.
 PRESSURES_PA = (22_632.0, 113_930.0)
 

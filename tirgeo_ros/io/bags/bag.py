@@ -10,9 +10,9 @@ from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.bag_files import bag_files
 from tirgeo_ros.io.bags.bag_writer import BagWriter
 from tirgeo_ros.io.bags.cdr import Cdr
-from tirgeo_ros.io.bags.opened_file import opened_file
-from tirgeo_ros.io.bags.storage import BagMessage, Storage, TopicForm
-from tirgeo_ros.io.files.whole_files import PathLike
+from tirgeo_ros.io.bags.opened_file import Storage, opened_file
+from tirgeo_ros.io.bags.storage import BagMessage, TopicForm
+from tirgeo_ros.io.files.whole_files import PathLike, path_of
 
 __all__ = ["BagMessage", "BagReader", "BagWriter", "Cdr", "TopicForm"]
 
@@ -27,7 +27,7 @@ class BagReader:
     """
 
     def __init__(self, path: PathLike) -> None:
-        self.path = Path(path)
+        self.path = path_of(path, BagError)
         try:
             files, self._lost = bag_files(self.path)
             self._several = len(files) > 1

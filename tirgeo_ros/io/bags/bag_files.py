@@ -31,7 +31,7 @@ def bag_files(path: Path) -> tuple[list[Path], list[str]]:
     if not folder.is_dir():
         return [path], []
     metadata = folder / METADATA
-    if not metadata.exists():
+    if not metadata.is_file():
         return _in_folder(folder), []
     try:
         told = _told(metadata)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from pathlib import Path
 from typing import IO, Any, final
 
 import yaml
@@ -14,7 +13,7 @@ from tirgeo_ros import __version__
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.cdr import Cdr
 from tirgeo_ros.io.bags.storage import TopicForm
-from tirgeo_ros.io.files.whole_files import PathLike, check_place, part_of
+from tirgeo_ros.io.files.whole_files import PathLike, check_place, part_of, path_of
 from tirgeo_ros.io.messages.offered_qos import offered_qos
 
 #: What rosbag2 writes when it opens a file. It reads the version, by which it takes the topics'
@@ -69,7 +68,7 @@ class BagWriter:
         growing: bool = False,
         forms: Mapping[str, TopicForm] | None = None,
     ) -> None:
-        self.path = Path(path)
+        self.path = path_of(path, BagError)
         self._growing = growing
         self._cdr = Cdr()
         self._channels: dict[str, tuple[int, str]] = {}

@@ -15,7 +15,7 @@ from rosbags.typesys.store import Typestore
 from tirgeo_ros.core.types.errors import BagError, MessageError
 
 # Raised by the decoders for bytes that are no such message.
-_UNREADABLE = (SerdeError, AssertionError, IndexError, OverflowError, struct.error, ValueError)
+UNREADABLE = (SerdeError, AssertionError, IndexError, OverflowError, struct.error, ValueError)
 # Fast CDR computes up to 7 bytes too many for each empty list, and sends them with any content.
 _MOST_SURPLUS = 64
 
@@ -81,7 +81,7 @@ class Cdr:
         definition = self._definition(typename)
         try:
             message, end = _decoder(definition, data)(data[4:], 0, definition.cls, self._store)
-        except _UNREADABLE as error:
+        except UNREADABLE as error:
             raise MessageError(
                 f"{topic or typename}: {len(data)} bytes are no {typename}: {error}"
             ) from None
@@ -100,7 +100,7 @@ class Cdr:
         self.types(typename)
         try:
             return bytes(self._store.ros1_to_cdr(data, typename))
-        except _UNREADABLE as error:
+        except UNREADABLE as error:
             raise MessageError(
                 f"{topic or typename}: {len(data)} bytes are no {typename} of ROS 1: {error}"
             ) from None

@@ -23,6 +23,8 @@ from mcap.records import Channel, Chunk, ChunkIndex, Footer, Header, Schema, Sta
 from mcap.stream_reader import StreamReader
 
 from tirgeo_ros.core.types.errors import BagError
+from tirgeo_ros.core.types.measurements import LAST_NS
+from tirgeo_ros.io.bags.storage import TOO_LATE
 from tirgeo_ros.io.files.bounded_unpacking import unpacked
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -123,6 +125,10 @@ def _summary(data: mmap) -> McapContents | None:
             channels = frozenset(record.message_index_offsets) or None
             place = record.chunk_start_offset, record.chunk_length
             found.segments.append(Segment(start_ns, end_ns, *place, channels))
+    late = [one for one in found.segments if one.end_ns >= LAST_NS]
+    found.segments = [one for one in found.segments if one.end_ns < LAST_NS]
+    for one in late:
+        _add_segment(found, data, one.offset, one.length)
     found.empty = {key for key in found.channels if numbers and not numbers.get(key)}
     return found if found.segments and found.channels else None
 
@@ -213,7 +219,7 @@ def _unpacked(body: bytes, offset: int, found: McapContents, *, cut: bool) -> by
 
 def _messages(records: bytes, offset: int, found: McapContents) -> Iterator[RawMessage]:
     """Yield the messages among records; add schemas and channels on the way."""
-    at, end = 0, len(records)
+    at, end, late = 0, len(records), 0
     while at + _RECORD.size <= end:
         opcode, length = _RECORD.unpack_from(records, at)
         at += _RECORD.size
@@ -222,7 +228,10 @@ def _messages(records: bytes, offset: int, found: McapContents) -> Iterator[RawM
             return
         if opcode == Opcode.MESSAGE and length >= _MESSAGE.size:
             channel, _, log_time, _ = _MESSAGE.unpack_from(records, at)
-            if channel in found.channels:
+            if log_time >= LAST_NS:
+                late += 1
+                found.losses[offset] = f"{late} {TOO_LATE} at byte {offset}"
+            elif channel in found.channels:
                 yield channel, log_time, records[at + _MESSAGE.size : at + length]
             else:
                 found.losses[offset] = f"messages at byte {offset} belong to no known topic"

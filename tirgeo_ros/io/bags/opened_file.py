@@ -8,7 +8,7 @@ import weakref
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import IO
+from typing import IO, TypeAlias
 
 import zstandard
 
@@ -16,7 +16,10 @@ from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.mcap_file import McapFile
 from tirgeo_ros.io.bags.sqlite_file import MAGIC as SQLITE
 from tirgeo_ros.io.bags.sqlite_file import SqliteFile
-from tirgeo_ros.io.bags.storage import ZSTD_MAGIC, Storage
+from tirgeo_ros.io.bags.storage import ZSTD_MAGIC
+
+#: The reader of one file of a bag.
+Storage: TypeAlias = McapFile | SqliteFile
 
 #: What is left free on the disk, and what a file may unpack to: recordings shrink to a third,
 #: pictures without noise to a hundredth.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Collection, Iterator
 from contextlib import closing, contextmanager
 from functools import partial
@@ -12,22 +11,22 @@ from typing import Any, NamedTuple
 from rosbags.interfaces import Connection
 from rosbags.rosbag1 import Reader, ReaderError
 from rosbags.rosbag1.reader import decompressors
-from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from tirgeo_ros.core.types.errors import BagError, MessageError
+from tirgeo_ros.core.types.measurements import LAST_NS
+from tirgeo_ros.io.bags.cdr import UNREADABLE
 from tirgeo_ros.io.bags.ros1_unindexed import UnindexedReader
+from tirgeo_ros.io.bags.storage import TOO_LATE
 from tirgeo_ros.io.files.bounded_unpacking import unpacked
 from tirgeo_ros.io.files.memory_bound import bounded_memory
 from tirgeo_ros.io.files.whole_files import PathLike
 
 MAGIC = b"#ROSBAG V2.0\n"
 
-# Raised by the decoders for bytes that are no such message.
-_UNREADABLE = (SerdeError, AssertionError, IndexError, OverflowError, struct.error, ValueError)
 #: Raised by the reader for a damaged file.
-_DAMAGED = (*_UNREADABLE, ReaderError, OSError, KeyError, MemoryError, RuntimeError, EOFError)
+_DAMAGED = (*UNREADABLE, ReaderError, OSError, KeyError, MemoryError, RuntimeError, EOFError)
 #: Raised by the types' generator for an invalid definition.
 _UNDEFINED = (TypesysError, SyntaxError, KeyError, ValueError, RecursionError)
 
@@ -52,7 +51,7 @@ class Ros1Bag:
 
     def __init__(self, path: PathLike) -> None:
         self.path = Path(path)
-        self.damage: str | None = None
+        self._losses: dict[str, str] = {}
         self._stores: dict[tuple[str, str], Typestore | None] = {}
         with bounded_memory(), self._opened() as reader:
             self._connections = list(reader.connections)
@@ -92,11 +91,16 @@ class Ros1Bag:
             if not reader.message_count:
                 reader.close()
                 raise
-            self.damage = (
+            self._losses["index"] = (
                 f"no usable index: it was not closed, or cut off; {reader.message_count} messages "
                 f"were found, {reader.lost_bytes} bytes at the end are not readable"
             )
         return reader
+
+    @property
+    def damage(self) -> str | None:
+        """Return in one line what could not be read, None if nothing was lost."""
+        return "; ".join(self._losses.values()) or None
 
     def topics(self) -> dict[str, tuple[str, ...]]:
         """Return every topic in the bag with the names of its types (there should be one)."""
@@ -115,7 +119,12 @@ class Ros1Bag:
             chosen = [one for one in reader.connections if wanted(one)]
             if not chosen:  # which would be all of them to the reader
                 return
+            late = 0
             for one, record_ns, data in reader.messages(chosen):
+                if record_ns >= LAST_NS:
+                    late += 1
+                    self._losses["late"] = f"{late} {TOO_LATE}"
+                    continue
                 yield Ros1Message(one.topic, one.msgtype, record_ns, one.msgdef.data, data)
 
     def decoded(self, message: Ros1Message) -> Any:
@@ -132,7 +141,7 @@ class Ros1Bag:
             raise MessageError(f"{message.topic}: the bag does not define {message.typename}")
         try:
             return store.deserialize_ros1(message.data, message.typename)
-        except _UNREADABLE as error:
+        except UNREADABLE as error:
             raise MessageError(
                 f"{message.topic}: {len(message.data)} bytes are no {message.typename}: {error}"
             ) from None

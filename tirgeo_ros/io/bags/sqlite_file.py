@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from tirgeo_ros.core.types.errors import BagError
-from tirgeo_ros.io.bags.storage import BagMessage, TopicForm, plain
+from tirgeo_ros.core.types.measurements import LAST_NS
+from tirgeo_ros.io.bags.storage import TOO_LATE, BagMessage, TopicForm, plain
 
 MAGIC = b"SQLite format 3\0"
 
@@ -19,7 +20,7 @@ SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name IN ('topics', '
 #: Of numbers, before which NULL and behind which text is sorted.
 _SPAN = """
 SELECT (SELECT min(timestamp) FROM messages WHERE timestamp >= 0),
-    (SELECT max(timestamp) FROM messages WHERE timestamp <= 9223372036854775807)
+    (SELECT max(timestamp) FROM messages WHERE timestamp < ?)
 """
 _NAMES = "SELECT name FROM sqlite_master WHERE type = 'table'"
 _DEFINITIONS = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
@@ -61,7 +62,7 @@ class SqliteFile:
         """Return the topics that have messages (name, type, format), and the span of times."""
         if connection.execute(_TABLES).fetchone() != (2,):
             raise BagError(f"{self.name}: a SQLite database, but not of rosbag2")
-        first_ns, last_ns = connection.execute(_SPAN).fetchone()
+        first_ns, last_ns = connection.execute(_SPAN, (LAST_NS,)).fetchone()
         spoken = {key for (key,) in connection.execute(_SPOKEN)}
         rows = connection.execute("SELECT id, name, type, serialization_format FROM topics")
         topics = {key: (str(a), str(b), str(c)) for key, a, b, c in rows if key in spoken}
@@ -107,8 +108,12 @@ class SqliteFile:
         return self._ordered(types, start_ns)
 
     def _ordered(self, types: dict[int, tuple[str, str]], start_ns: int) -> Iterator[BagMessage]:
-        self.read = 0
+        self.read = late = 0
         for key, log_ns, data in self._rows(start_ns, list(types)):
+            if isinstance(log_ns, int) and log_ns >= LAST_NS:
+                late += 1
+                self.losses[2] = f"{late} {TOO_LATE}"
+                continue
             try:
                 message = _message(*types[key], log_ns, data)
             except ValueError as error:

@@ -1,15 +1,16 @@
-"""Define what a bag's files have in common: messages, and what to ask a file for."""
+"""Define what a bag's files have in common: messages, and how topics were recorded."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
-from pathlib import Path
-from typing import NamedTuple, Protocol
+from collections.abc import Mapping
+from typing import NamedTuple
 
 import zstandard
 
 from tirgeo_ros.io.files.bounded_unpacking import unpacked
 
+#: What becomes of messages whose log time no stamp can hold; their number is put before it.
+TOO_LATE = "messages with a log time after 2038 left out"
 #: Begins a message that rosbag2 compressed by itself, and a compressed file. No CDR begins so.
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 
@@ -31,32 +32,6 @@ class TopicForm(NamedTuple):
     encoding: str  # of the definition: ros2msg or ros2idl, else empty or "unknown"
     message_encoding: str  # cdr
     metadata: Mapping[str, str]  # as MCAP holds it: QoS as offered_qos_profiles, the type's hash
-
-
-class Storage(Protocol):
-    """Read one file of a bag."""
-
-    name: Path  # for messages to people: the file itself may be an unpacked copy
-    span_ns: tuple[int, int] | None  # log times of the first and the last message
-    losses: dict[int, str]  # what could not be read, by place
-    read: int  # messages that the last iteration gave
-
-    def topics(self) -> dict[str, str]:
-        """Return every topic of which the file has messages, with the name of its type."""
-        ...
-
-    def forms(self) -> dict[str, TopicForm]:
-        """Return how each of these topics was recorded."""
-        ...
-
-    def messages(
-        self, topics: Collection[str] | None, start_ns: int, *, any_form: bool = False
-    ) -> Iterator[BagMessage]:
-        """Return the messages of these topics (None: all) in order of log time, from one on.
-
-        Raises BagError if one of these topics is not in CDR, unless they may have ``any_form``.
-        """
-        ...
 
 
 def plain(data: bytes) -> bytes:

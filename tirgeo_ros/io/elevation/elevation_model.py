@@ -23,7 +23,7 @@ from tirgeo_ros.io.coordinates.crs import checked_system
 from tirgeo_ros.io.files.memory_bound import bounded_memory
 from tirgeo_ros.io.files.offline_reading import elsewhere, imported_rasterio, read_map
 from tirgeo_ros.io.files.text_file import named_files
-from tirgeo_ros.io.files.whole_files import PathLike
+from tirgeo_ros.io.files.whole_files import PathLike, path_of
 
 #: A larger grid is refused: a quarter of a gigabyte as float32.
 _MOST_NODES = 64_000_000
@@ -160,6 +160,7 @@ def load_terrain(dem: PathLike, undulation_m: float = 0.0, *, network: bool = Fa
     Raises ElevationError naming the file where rasterio is not installed, or the file cannot be
     read, has no coordinate system of the Earth, or is too large.
     """
+    path_of(dem, ElevationError)
     paths = named_files(os.fspath(dem))
     if not paths:
         raise ElevationError(f"{os.fspath(dem)!r}: does not name an elevation model")

@@ -8,7 +8,7 @@ import os
 from pathlib import Path
 
 from tirgeo_ros.core.types.errors import TirgeoError
-from tirgeo_ros.io.files.whole_files import PathLike
+from tirgeo_ros.io.files.whole_files import PathLike, path_of
 
 #: Limit for a table or a small document: some hundred thousand lines.
 _MOST_BYTES = 16 << 20
@@ -40,8 +40,9 @@ def read_text(
     Raises ``error``, naming the file, if it cannot be read, is larger than ``most_bytes`` or is no
     such text.
     """
+    source = path_of(path, error)
     try:
-        with Path(path).open("rb") as file:
+        with source.open("rb") as file:
             content = io.BytesIO()
             while content.tell() <= most_bytes and (piece := file.read(_PIECE_BYTES)):
                 content.write(piece)

@@ -15,6 +15,13 @@ from tirgeo_ros.core.types.errors import TirgeoError
 PathLike = str | os.PathLike[str]
 
 
+def path_of(path: PathLike, error: type[TirgeoError]) -> Path:
+    """Return the path. Raises ``error`` for what names no file."""
+    if not isinstance(path, str | os.PathLike) or "\0" in str(path):
+        raise error(f"{type(path).__name__} is no name of a file: {path!r}")
+    return Path(path)
+
+
 def check_outputs(
     inputs: Iterable[PathLike | None], outputs: Iterable[PathLike | None], error: type[TirgeoError]
 ) -> None:
@@ -26,12 +33,12 @@ def check_outputs(
     """
     taken = _streams()
     for path in inputs:
-        for one in (path, *_inside(path)) if path else ():
+        for one in (path, *_inside(path_of(path, error))) if path else ():
             taken |= dict.fromkeys(_places(one), f"the input {os.fspath(one)}")
     for path in outputs:
         if not path:
             continue
-        check_place(path, error)
+        check_place(path_of(path, error), error)
         places = _places(path)
         for place in places & taken.keys():
             raise error(
@@ -98,7 +105,7 @@ def write_files(contents: Mapping[PathLike, str | bytes], error: type[TirgeoErro
 
     Raises ``error`` naming the file.
     """
-    parts = {path: part_of(path) for path in contents}
+    parts = {path: part_of(path_of(path, error)) for path in contents}
     path: PathLike = ""
     try:
         for path, content in contents.items():

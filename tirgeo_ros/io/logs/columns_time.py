@@ -8,11 +8,11 @@ from decimal import Decimal
 from pathlib import Path
 
 from tirgeo_ros.core.types.errors import LogError
+from tirgeo_ros.core.types.measurements import LAST_NS
 from tirgeo_ros.io.logs.columns_keys import Keys
 from tirgeo_ros.io.logs.log_contents import LogOptions, Refused
 from tirgeo_ros.io.logs.log_times import (
     GPS_EPOCH_NS,
-    LAST_NS,
     SECOND_NS,
     agreed,
     first_count,

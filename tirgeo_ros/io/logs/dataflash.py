@@ -110,11 +110,15 @@ class _Records:
 
 @dataclass
 class _Log:
-    """Hold what is taken of a log: records by message, parameters, whether all could be read."""
+    """Hold what is taken of a log: records by message, parameters, whether all could be read.
+
+    A log that ends within a record is not ``damaged``: so ends every one whose power was cut.
+    """
 
     records: dict[str, _Records]
     parameters: dict[str, float]
-    damaged: bool
+    damaged: bool = False
+    cut: bool = False
 
 
 @np.errstate(invalid="ignore", over="ignore")  # samples are judged afterwards
@@ -126,11 +130,18 @@ def read_dataflash(path: Path, options: LogOptions) -> LogContents:
     given.
     """
     log = _logged(path)
-    contents = LogContents()
+    contents = LogContents(damaged=log.damaged)
     imu, attitude, receiver, accuracy, air, _ = log.records.values()
     receiver.instance = accuracy.instance = _used(receiver)
+    if len(imu.taken) and not imu.taken.any():
+        raise LogError(
+            f"{path}: its IMU has no TimeUS: logs with TimeMS, of ArduPilot before 3.3 (2015), "
+            "are not supported"
+        )
     if not imu.taken.any():
         raise LogError(f"{path}: no IMU in this log: set it in the parameter LOG_BITMASK")
+    if log.cut:
+        contents.refused["record", "cut off at the end of the log"] += 1
     for records in (imu, attitude, receiver, air):
         number, taken = len(records.taken), int(records.taken.sum())
         contents.read[records.name] += number
@@ -156,9 +167,12 @@ def _logged(path: Path) -> _Log:
         def init_arrays_fast(self, progress_callback: Any = None) -> None:
             """Index in Python: the faster way prints past any redirection."""
             self.init_arrays(progress_callback)
+            lasts = ((self.formats.get(k), at[-1]) for k, at in enumerate(self.offsets) if at)
+            ends = (at + form.len for form, at in lasts if form)
+            log.cut = max(ends, default=0) > self.data_len
 
     said = StringIO()  # it prints each place that it cannot read
-    log = _Log({name: _Records(name) for name in _FIELDS}, {}, damaged=False)
+    log = _Log({name: _Records(name) for name in _FIELDS}, {})
     try:
         with (
             bounded_memory(LOG_BYTES),
@@ -287,5 +301,3 @@ def _notes(log: _Log) -> Iterator[str]:
         yield from delay_note(delay, log.parameters.get(delay, 0.0))
     if log.records["MNT"].taken.any():
         yield "MNT (gimbal) is left out: what its angles refer to differs by mount and version"
-    if log.damaged:
-        yield "the file is damaged: what could be read is imported"

@@ -70,13 +70,15 @@ class LogContents:
     """Hold the samples of a log, with stamps in ns of Unix time (UTC), and what was left out.
 
     ``read`` counts the log's records by name, ``refused`` those that gave no sample, by name and
-    reason. ``notes`` say in a sentence each what the log left open and how it was taken.
+    reason. ``notes`` say in a sentence each what the log left open and how it was taken. A
+    ``damaged`` file, or one that was cut off, may have held more than that.
     """
 
     samples: list[SensedSample] = field(default_factory=list)
     read: Counter[str] = field(default_factory=Counter)
     refused: Counter[tuple[str, str]] = field(default_factory=Counter)
     notes: list[str] = field(default_factory=list)
+    damaged: bool = False
 
 
 _ORDINARY = {Source.RTK_POSITION: Source.GPS_POSITION, Source.RTK_VELOCITY: Source.GPS_VELOCITY}

@@ -30,8 +30,6 @@ _WRITTEN = re.compile(
     r"[ \t]*(?:(Z|UTC|GMT)\b)?[ \t]*([+-]\d{1,2}(?::?\d{2})?(?![\d:.]))?"
 )
 _OFFSET = re.compile(r"([+-])(\d{1,2})(?::?(\d{2}))?")
-#: Stamps of ROS messages end in 2038, and a bag's begin in 1970.
-LAST_NS = (1 << 31) * SECOND_NS
 
 
 def _unix_ns(*fields: int) -> int:

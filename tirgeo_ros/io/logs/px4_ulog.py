@@ -12,7 +12,7 @@ import struct
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import redirect_stdout
-from io import StringIO
+from io import BufferedReader, FileIO, StringIO
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +57,18 @@ def is_px4_ulog(head: bytes) -> bool:
     return head.startswith(MAGIC)
 
 
+class _File(BufferedReader):
+    """Read a file; ``cut`` if the last read ended within a record."""
+
+    cut = False
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """Return up to ``size`` bytes: of a record its head of three, then its rest."""
+        found = super().read(size)
+        self.cut = size is not None and len(found) < size and (size != 3 or bool(found))
+        return found
+
+
 class _Table:
     """Hold one topic's records (one instance), by the names of their fields."""
 
@@ -99,8 +111,8 @@ def read_px4_ulog(path: Path, options: LogOptions) -> LogContents:
     LogError if it is no ULog, or has no IMU; if its heights are above mean sea level alone and the
     undulation is not given.
     """
-    log = _opened(path)
-    contents = LogContents()
+    log, cut = _opened(path)
+    contents = LogContents(damaged=cut or log.file_corruption)
     tables = _instances_taken(log)
     imu, receiver = (_first_of(tables, names) for names in (_IMUS, _RECEIVERS))
     attitude, air = tables.get(_ATTITUDE), tables.get(_AIR)
@@ -127,13 +139,14 @@ def _first_of(tables: dict[str, _Table], names: Sequence[str]) -> _Table | None:
     return next((tables[name] for name in names if name in tables), None)
 
 
-def _opened(path: Path) -> Any:
+def _opened(path: Path) -> tuple[Any, bool]:
+    """Return the log, and whether it is cut off."""
     from pyulog import ULog  # noqa: PLC0415  an extra, for these logs alone
     from pyulog.exceptions import ULogException  # noqa: PLC0415
 
     try:
-        with path.open("rb") as file, bounded_memory(LOG_BYTES), redirect_stdout(StringIO()):
-            return ULog(file, _WANTED)
+        with _File(FileIO(path)) as file, bounded_memory(LOG_BYTES), redirect_stdout(StringIO()):
+            return ULog(file, _WANTED), file.cut
     except OSError as error:
         raise LogError(f"{path}: cannot be read: {error.strerror or error}") from None
     except (*_DAMAGED, ULogException) as error:
@@ -244,5 +257,3 @@ def _left_out(log: Any, tables: dict[str, _Table]) -> Iterator[str]:
     if log.dropouts:
         longest_ms = max(dropout.duration for dropout in log.dropouts)
         yield f"the autopilot lost data {len(log.dropouts)} times, {longest_ms} ms at most"
-    if log.file_corruption:
-        yield "the file is damaged: what could be read is imported"

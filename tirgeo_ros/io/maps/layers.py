@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -245,8 +246,8 @@ def _sources(map_text: str, style: str) -> list[_Source]:
     sources: list[_Source] = []
     entries = load_style_sheet(style)
     if all(entry.file for entry in entries):
-        drawn = {entry.file.resolve() for entry in entries if entry.file}
-        sources = [(path, None) for path in paths if path.resolve() not in drawn]
+        drawn = {os.path.realpath(entry.file) for entry in entries if entry.file}
+        sources = [(path, None) for path in paths if os.path.realpath(path) not in drawn]
     for entry in entries:
         if entry.file is None and not paths:
             raise ConfigError(f"{entry.where}: has no file, and the parameter map is empty")

@@ -18,6 +18,7 @@ import numpy as np
 from PIL import Image
 from PIL.ExifTags import GPS, IFD, Base
 from PIL.TiffImagePlugin import IFDRational
+from PIL.TiffTags import TAGS_V2_GROUPS, UNDEFINED, TagInfo
 
 from tirgeo_ros import __version__
 from tirgeo_ros.core.camera.camera_model import Camera
@@ -39,6 +40,9 @@ _OF_A_SECOND = 1_000_000
 #: values 0 and 1 of the reference, and those above sea level under 2 and 3. Readers know 0 and 1
 #: alone: OpenDroneMap takes any other value for a depth.
 _VERSIONS = {True: (b"0231", b"\x02\x03\x00\x00"), False: (b"0300", b"\x02\x04\x00\x00")}
+_COMPONENTS = Base.ComponentsConfiguration  # whose type (undefined) Pillow does not know
+TAGS_V2_GROUPS[IFD.Exif].setdefault(_COMPONENTS, TagInfo(_COMPONENTS, _COMPONENTS.name, UNDEFINED))
+_INCH, _CENTRED, _SRGB = 2, 1, 1
 _CENTIMETRE = 3  # the unit of the focal plane's resolution; of metric units all readers know it
 #: Never "DJI": OpenDroneMap adds 90 deg to the pitch of pictures by that maker, and takes the
 #: aircraft's heading for the camera's.
@@ -114,9 +118,15 @@ def _tiff(pixels: RawPixels, still: Still) -> bytes:
 
 def _jpeg(pixels: RawPixels, still: Still) -> bytes:
     rgb = pixels if pixels.ndim == 2 else pixels[..., ::-1]
-    out = io.BytesIO()
+    out, exif = io.BytesIO(), still_exif(still)
+    exif[Base.YCbCrPositioning] = _CENTRED
+    exif[IFD.Exif] |= {
+        Base.ColorSpace: _SRGB,
+        _COMPONENTS: b"\1\0\0\0" if pixels.ndim == 2 else b"\1\2\3\0",
+        Base.FlashPixVersion: b"0100",
+    }
     picture = Image.fromarray(np.ascontiguousarray(rgb))
-    picture.save(out, "JPEG", quality=100, subsampling=0, exif=still_exif(still))
+    picture.save(out, "JPEG", quality=100, subsampling=0, exif=exif)
     return _with_xmp(out.getvalue(), still_xmp(still))
 
 
@@ -141,6 +151,8 @@ def still_exif(still: Still) -> Image.Exif:
     exif[Base.Make], exif[Base.Model] = MAKE, still.model.encode("ascii", "replace").decode()
     exif[Base.Software] = f"tirgeo {__version__}"
     exif[Base.Orientation] = 1
+    exif[Base.XResolution] = exif[Base.YResolution] = IFDRational(72)  # where there is none
+    exif[Base.ResolutionUnit] = _INCH
     exif[IFD.Exif] = _picture(still)
     exif[IFD.GPSInfo] = _position(still)
     return exif

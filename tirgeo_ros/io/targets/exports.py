@@ -21,8 +21,8 @@ from tirgeo_ros.io.targets.xml_formats import gpx, kml
 
 #: Returns the JPEG of a target's id, or None.
 Pictures = Callable[[str], bytes | None]
-#: What a spreadsheet would compute; an apostrophe before it makes it a text.
-FORMULA = re.compile(r"'*[=+\-@\t\r]")
+#: Where a spreadsheet would compute, in cells by any separator; an apostrophe makes them texts.
+_FORMULA = re.compile(r"""(^|[;|\t\n])(?=['" ]*[=+\-@\t\r])""")
 #: By this Excel knows UTF-8.
 _MARK = "\ufeff"
 
@@ -65,7 +65,7 @@ def _cell(value: object) -> object:
     """Return a value as text; one that a spreadsheet would compute gets an apostrophe."""
     if isinstance(value, str):
         value = value.replace("\r\n", "\n").replace("\r", "\n").replace("\0", "")
-        return f"'{value}" if FORMULA.match(value) else value
+        return _FORMULA.sub(r"\1'", value)
     return str(value).lower() if isinstance(value, bool) else value
 
 

@@ -23,7 +23,7 @@ from tirgeo_ros.io.targets.target_file import DAMAGED, check_tables, explained
 
 _WAIT_S = 2.0
 #: What ``exports`` put an apostrophe before.
-_QUOTED = re.compile(r"'+[=+\-@\t\r]")
+_QUOTED = re.compile(r"""(^|[;|\t\n])'(?=['" ]*[=+\-@\t\r])""")
 _WRITTEN = "which tirgeo did not write; give a GeoPackage, GeoJSON or CSV of targets from tirgeo"
 
 
@@ -85,8 +85,7 @@ def _csv_rows(path: Path, text: str) -> list[dict[str, Any]]:
     reader = csv.DictReader(io.StringIO(text, newline=""))
     try:
         rows = [
-            {key: cell[1:] if cell and _QUOTED.match(cell) else cell for key, cell in row.items()}
-            for row in reader
+            {key: cell and _QUOTED.sub(r"\1", cell) for key, cell in row.items()} for row in reader
         ]
     except (AttributeError, TypeError, csv.Error):
         raise TargetError(f"{path}: line {reader.line_num} is one {_WRITTEN}") from None

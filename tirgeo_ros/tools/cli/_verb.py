@@ -24,7 +24,17 @@ Option: TypeAlias = tuple[Any, ...]
 T = TypeVar("T")
 
 METHODS = ("raw", "rtk", "ekf", "ekf_heading")
-NUMBER, WORD, NEEDED = {"type": float}, {"type": str}, {"required": True}
+
+
+def number(text: str) -> float:
+    """Return a number; nan and infinity are none. A type of option."""
+    found = float(text)
+    if not math.isfinite(found):
+        raise ValueError(text)
+    return found
+
+
+NUMBER, WORD, NEEDED = {"type": number}, {"type": str}, {"required": True}
 
 #: What a bag may be.
 ANY_BAG = "a file (.mcap, .db3), or a folder as ros2 bag record leaves it"

@@ -26,10 +26,13 @@ if TYPE_CHECKING:
     from tirgeo_ros.tools.replay.cut import Instant
 
 
+_MOST_S = 1e9  # 30 years: no flight is longer, and its nanoseconds are whole
+
+
 def instant(text: str) -> Instant:
     """Return seconds, or a time; one without a zone is UTC. A type of option."""
     with suppress(ValueError):
-        if 0 <= float(text) < math.inf:
+        if 0 <= float(text) < _MOST_S:
             return float(text)
     with suppress(ValueError):
         return utc_time(text)
@@ -70,8 +73,8 @@ def _check(args: argparse.Namespace) -> None:
         raise UsageError("--around needs --targets")
     for name in ("around", "before"):
         given = getattr(args, name)
-        if given is not None and not 0 <= given < math.inf:
-            raise UsageError(f"--{name} must be 0 or more")
+        if given is not None and not 0 <= given < _MOST_S:
+            raise UsageError(f"--{name} must be 0 or more, and less than {_MOST_S:.0e} s")
 
 
 def describe(result: dict[str, Any]) -> str:

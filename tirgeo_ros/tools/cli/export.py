@@ -72,6 +72,8 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     from tirgeo_ros.tools.export.flight_pictures import Window  # noqa: PLC0415 heavy
     from tirgeo_ros.tools.export.raster_options import RasterOptions  # noqa: PLC0415 heavy
 
+    if args.degrees and not args.degrees[0]:
+        raise UsageError("--degrees: SCALE must not be 0")
     if args.gsd is not None and not args.gsd > 0:
         raise UsageError("--gsd must be more than 0")
     if not 0 < args.grazing < 90:

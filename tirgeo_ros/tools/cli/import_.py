@@ -37,6 +37,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Iterator
+from contextlib import suppress
 from datetime import datetime, timezone
 from typing import Any
 
@@ -191,10 +192,13 @@ def _write_example(args: argparse.Namespace) -> int:
 
 def _utc_ns(text: str) -> int:
     """Return an ISO time in ns of Unix time; without a zone it is UTC. Raise UsageError."""
-    try:
-        return round(utc_time(text).timestamp() * 1e6) * 1000
-    except (ValueError, OverflowError):
-        raise UsageError(f"--start-time {text}: not a time as 2024-06-11T07:44:39") from None
+    from tirgeo_ros.core.types.measurements import LAST_NS  # noqa: PLC0415 --help stays quick
+
+    with suppress(ValueError, OverflowError):
+        found_ns = round(utc_time(text).timestamp() * 1e6) * 1000
+        if 0 <= found_ns < LAST_NS:
+            return found_ns
+    raise UsageError(f"--start-time {text}: no time from 1970 to 2038, as 2024-06-11T07:44:39")
 
 
 def describe(result: dict[str, Any]) -> str:

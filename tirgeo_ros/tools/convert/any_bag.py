@@ -4,38 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import Protocol
+from typing import TypeAlias
 
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
 from tirgeo_ros.io.bags.ros1_bag import MAGIC, Ros1Bag
-
-
-class AnyBag(Protocol):
-    """Read a bag; messages are of ROS 2 in whatever ROS they were recorded."""
-
-    path: Path
-
-    @property
-    def span_ns(self) -> tuple[int, int]:
-        """Return the log times of the first and of the last message."""
-        ...
-
-    def topics(self) -> dict[str, str]:
-        """Return every topic with the name of its type."""
-        ...
-
-    def messages(self, topics: Collection[str]) -> Iterator[BagMessage]:
-        """Return messages in order of log time, as they are in the bag."""
-        ...
-
-    def cdr(self, message: BagMessage) -> bytes:
-        """Return a message's CDR. Raise MessageError if it is no such message."""
-        ...
-
-    @property
-    def damage(self) -> str | None:
-        """Return what could not be read, complete after an iteration over all topics."""
-        ...
 
 
 class _Ros2(BagReader):
@@ -54,7 +26,11 @@ class _Ros1:
         self._bag = Ros1Bag(path)
         self._cdr = Cdr()
         self.span_ns = self._bag.span_ns
-        self.damage = self._bag.damage
+
+    @property
+    def damage(self) -> str | None:
+        """Return what could not be read, complete after an iteration over all topics."""
+        return self._bag.damage
 
     def topics(self) -> dict[str, str]:
         """Return every topic with the name of its type, or of all its types."""
@@ -68,6 +44,10 @@ class _Ros1:
     def cdr(self, message: BagMessage) -> bytes:
         """Return a message's CDR. Raise MessageError if it is no such message."""
         return self._cdr.from_ros1(message.data, message.typename, message.topic)
+
+
+#: The bag of either ROS; messages are of ROS 2 in whatever ROS they were recorded.
+AnyBag: TypeAlias = _Ros1 | _Ros2
 
 
 def any_bag(path: Path) -> AnyBag:

@@ -10,21 +10,19 @@ from datetime import datetime, timezone
 from itertools import compress
 from pathlib import Path
 
-from tirgeo_ros.core.checks.imu_blocks import ImuBlocks
-from tirgeo_ros.core.checks.imu_checks import ImuChecks
+from tirgeo_ros.core.checks.imu_checks import imu_findings
 from tirgeo_ros.core.config import AircraftConfig, DjiConfig
 from tirgeo_ros.core.streams.lone_stamps import lone_stamps
 from tirgeo_ros.core.streams.sanity_checks import fault_of, joints_fault, usable_attitude
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.measurements import (
+    LAST_NS,
     CameraAttitudeSample,
-    ImuSample,
     JointSample,
     SetHeading,
 )
 from tirgeo_ros.io.logs.forms import CSV, UBX, Form, form_of
 from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions
-from tirgeo_ros.io.logs.log_times import LAST_NS
 from tirgeo_ros.io.messages import SensedSample, topic_of
 from tirgeo_ros.tools.convert.import_sink import ImportSink
 from tirgeo_ros.tools.presentation.progress import Report
@@ -44,6 +42,7 @@ _ROVER = (
     "positions from the base's log (name it before this one; it must be RTK too), or make the "
     "rover's antenna the first with --rover-first"
 )
+_DAMAGED = "the file is cut off or damaged: what could be read is imported"
 _POSITIONS = ("rtk/fix", "gps/fix")
 
 
@@ -131,6 +130,7 @@ def import_logs(
     return {
         "kind": "logs",
         "files": [log.result() for log in logs],
+        "error": "; ".join(f"{x.path}: {_DAMAGED}" for x in logs if x.contents.damaged) or None,
         "warnings": [
             *_doubts(logs, rover_first=options.rover_first),
             *_of_imu(logs, samples, config.aircraft),
@@ -272,12 +272,7 @@ def _of_imu(
     logs: Sequence[Log], samples: Sequence[SensedSample], aircraft: AircraftConfig
 ) -> Iterator[str]:
     """Yield what gravity and the orientation say against units and axes of the IMU."""
-    blocks, checks = ImuBlocks(aircraft.rotation_bi), ImuChecks()
-    for sample in samples:
-        block = blocks.add(sample) if isinstance(sample, ImuSample) else None
-        if block is not None:
-            checks.block(block)
     is_table = any(log.form == CSV.name and "imu/data" in log.spans for log in logs)
-    for finding in checks.findings():
+    for finding in imu_findings(samples, aircraft.rotation_bi):
         keys = _KEYS.get(finding.check, "")
         yield f"{finding.line} (in --columns: {keys})" if is_table and keys else finding.line

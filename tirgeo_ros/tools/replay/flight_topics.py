@@ -39,7 +39,8 @@ class Topics(Protocol):
 
 def prefix(namespace: str) -> str:
     """Return the prefix of a relative name: a slash, or the namespace between two slashes."""
-    return f"/{namespace.strip('/')}/" if namespace.strip("/") else "/"
+    name = str(namespace or "").strip("/")
+    return f"/{name}/" if name else "/"
 
 
 def resolved(topic: str, namespace: str) -> str:

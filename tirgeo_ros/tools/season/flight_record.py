@@ -24,7 +24,7 @@ Record = dict[str, Any]
 def read_records(folder: Path) -> dict[str, Record]:
     """Return a folder's records by the names of their flights; other files are passed over."""
     found: dict[str, Record] = {}
-    for path in sorted(folder.glob("*.json")):
+    for path in filter(Path.is_file, sorted(folder.glob("*.json"))):  # a pipe never ends
         with suppress(SeasonError, ValueError, RecursionError):
             record = json.loads(read_text(path, SeasonError))
             if _is_record(record):

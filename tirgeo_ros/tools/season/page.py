@@ -264,7 +264,7 @@ def _begin(record: Record) -> tuple[str, str]:
 
 def _picture(path: Path) -> bytes:
     try:
-        return path.read_bytes()
+        return path.read_bytes() if path.is_file() else b""
     except OSError:
         return b""
 

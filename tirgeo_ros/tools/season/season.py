@@ -106,8 +106,9 @@ def season_tasks(
     for path, bag in bags.items():
         made = made_from(stamps[path], own, digests)
         tasks.append(FlightTask(names[path], bag, *places, given, video, made))
-    outputs = [folder / PAGE, *(path for task in tasks for path in task.outputs)]
-    check_outputs([*bags.values(), *used], outputs, BagError)
+    outputs = [path for task in tasks for path in task.outputs]
+    others = [path for path in outputs if path.is_file() or not path.exists()]
+    check_outputs([*bags.values(), *used], [folder / PAGE, *others], BagError)
     return tasks
 
 
@@ -123,7 +124,7 @@ def _each_once(flights: Iterable[PathLike]) -> Iterable[PathLike]:
     """Return the flights without those that are given again, also by another name."""
     found: dict[Path, PathLike] = {}
     for bag in flights:
-        found.setdefault(Path(bag).resolve(), bag)
+        found.setdefault(Path(os.path.realpath(bag)), bag)  # resolve() raises at a loop of links
     return found.values()
 
 
