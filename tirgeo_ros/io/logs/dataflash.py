@@ -14,6 +14,7 @@ from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from functools import cached_property
 from io import StringIO
+from mmap import mmap
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +43,7 @@ from tirgeo_ros.io.logs.log_times import utc_ns_of_week
 
 #: The first message of a log: a format (FMT, 0x80) that describes a message, mostly itself.
 _BINARY, _TEXT = b"\xa3\x95\x80", b"FMT,"
+_FORMAT_BYTES = 89
 #: The fields that are taken; a log that lacks one has NaN.
 _FIELDS = {
     "IMU": ("TimeUS", "I", "AccX", "AccY", "AccZ", "GyrX", "GyrY", "GyrZ"),
@@ -155,6 +157,12 @@ def _logged(path: Path) -> _Log:
     class Reader(DFReader_binary):  # type: ignore[misc]  # pymavlink has no types
         def init_arrays_fast(self, progress_callback: Any = None) -> None:
             """Index in Python: the faster way prints past any redirection."""
+            parts = _whole_records(self.data_map)
+            if len(parts) > 1:
+                log.damaged, self.data_len = True, sum(map(len, parts))
+                self.data_map.close()
+                self.data_map = mmap(-1, self.data_len)
+                self.data_map.write(b"".join(parts))
             self.init_arrays(progress_callback)
 
     said = StringIO()  # it prints each place that it cannot read
@@ -175,6 +183,27 @@ def _logged(path: Path) -> _Log:
         raise LogError(f"{path}: damaged, or not a DataFlash log: {why}") from None
     log.damaged = log.damaged or bool(said.getvalue())
     return log
+
+
+def _whole_records(data: mmap) -> list[bytes]:
+    """Return the stretches of records behind each of which another one, or nothing, begins.
+
+    So a damaged byte costs its record, or two of them; pymavlink would stop at an unknown number.
+    """
+    lengths, parts, begun, at = {_BINARY[2]: _FORMAT_BYTES}, list[bytes](), 0, 0
+    while at + 5 <= len(data):
+        end = at + lengths.get(data[at + 2], 0)
+        if data[at : at + 2] == _BINARY[:2] and end > at and data.find(_BINARY[:2], end) in {end, -1}:
+            if data[at + 2] == _BINARY[2]:
+                lengths[data[at + 3]] = data[at + 4]
+            at = end
+            continue
+        after = data.find(_BINARY[:2], at + 1)
+        if after < 0:  # what fills the last block
+            break
+        parts.append(data[begun:at])
+        begun = at = after
+    return [*parts, data[begun:]]
 
 
 def _is_text(path: Path) -> bool:
