@@ -43,8 +43,8 @@ class Kind(NamedTuple):
 
     logs: str  # patterns
     columns: str = ""
-    rows: int = 2  # missing or moved: a line break that is damaged joins two
-    changed: int = 2  # by value
+    rows: int = 1  # missing or moved
+    changed: int = 1  # by value
     step_ns: int = 0  # all rows together may move by this
     is_text: bool = False
 
