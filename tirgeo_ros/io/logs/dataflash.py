@@ -190,15 +190,16 @@ def _whole_records(data: mmap) -> list[bytes]:
 
     So a damaged byte costs its record, or two of them; pymavlink would stop at an unknown number.
     """
-    lengths, parts, begun, at = {_BINARY[2]: _FORMAT_BYTES}, list[bytes](), 0, 0
+    head, number, lengths = _BINARY[:2], _BINARY[2], {_BINARY[2]: _FORMAT_BYTES}
+    parts, begun, at = list[bytes](), 0, 0
     while at + 5 <= len(data):
         end = at + lengths.get(data[at + 2], 0)
-        if data[at : at + 2] == _BINARY[:2] and end > at and data.find(_BINARY[:2], end) in {end, -1}:
-            if data[at + 2] == _BINARY[2]:
+        if end > at and data[at : at + 2] == head and data.find(head, end) in {end, -1}:
+            if data[at + 2] == number:
                 lengths[data[at + 3]] = data[at + 4]
             at = end
             continue
-        after = data.find(_BINARY[:2], at + 1)
+        after = data.find(head, at + 1)
         if after < 0:  # what fills the last block
             break
         parts.append(data[begun:at])

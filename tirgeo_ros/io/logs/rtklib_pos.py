@@ -122,7 +122,7 @@ class _PosLog:
             self._header = replace(self._header, datum=name)
         elif _LIKE_DATUM.match(line):
             raise LogError(
-                f"{self._path}: its header does not say height=WGS84/ellipsoidal or /geodetic, but "
+                f"{self._path}: its header has not height=WGS84/ellipsoidal or /geodetic, but "
                 f"{line[1:40].strip()}: let RTKLIB write one of them, or mend the line"
             )
         if titles:
