@@ -155,6 +155,8 @@ def _logged(path: Path) -> _Log:
     )
 
     class Reader(DFReader_binary):  # type: ignore[misc]  # pymavlink has no types
+        data_map: mmap
+
         def init_arrays_fast(self, progress_callback: Any = None) -> None:
             """Index in Python: the faster way prints past any redirection."""
             parts = _whole_records(self.data_map)
