@@ -119,6 +119,28 @@ def test_damage_over_the_head_of_a_chunk(tmp_path, summary):
     assert f"from byte {segment.offset} are not readable" in damage
 
 
+def test_a_chunk_that_calls_itself_something_else_is_told(tmp_path):
+    path = bag(tmp_path / "a.mcap")
+    data = bytearray(path.read_bytes())
+    segment = segments_of(path)[5]
+    data[segment.offset] = 0x80  # of a record that belongs to an application
+    path.write_bytes(data)
+    numbers, damage = read(path)
+    assert COUNT - 60 < len(numbers) < COUNT
+    assert f"from byte {segment.offset} are not readable" in damage
+
+
+def test_a_damaged_name_of_a_topic_is_told(tmp_path):
+    """In a chunk without a checksum; the index has the topic too."""
+    path = bag(tmp_path / "a.mcap", compression=CompressionType.NONE, enable_crcs=False)
+    data = bytearray(path.read_bytes())
+    data[data.index(b"/a")] = 0xBB
+    path.write_bytes(data)
+    numbers, damage = read(path)
+    assert numbers == list(range(COUNT))
+    assert "a topic's record at byte" in damage
+
+
 def test_a_damaged_summary_costs_nothing(tmp_path):
     path = bag(tmp_path / "a.mcap")
     data = bytearray(path.read_bytes())

@@ -22,6 +22,7 @@ from recorded_bags import (
     write_sqlite,
 )
 
+from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader
 from tirgeo_ros.io.bags.bag_files import by_numbers, is_bag
 
@@ -130,6 +131,35 @@ def test_a_database_without_the_index_of_times(tmp_path):
     with closing(sqlite3.connect(path)) as base:
         base.execute("DROP INDEX timestamp_idx")
     assert list(BagReader(path).messages()) == MESSAGES
+
+
+def test_a_page_of_a_database_with_fewer_rows_is_told(tmp_path):
+    """Each page but the first has lost its last row by its own count."""
+    path, page_bytes = tmp_path / "a.db3", 4096
+    write_sqlite(path, MESSAGES)
+    whole, lost = path.read_bytes(), 0
+    for page in range(page_bytes, len(whole), page_bytes):
+        data = bytearray(whole)
+        data[page + 4] -= bool(data[page + 4])  # the low byte of the count
+        path.write_bytes(data)
+        try:
+            reader = BagReader(path)
+            found = list(reader.messages())
+        except BagError:  # of the page that has the topics
+            continue
+        lost += found != MESSAGES
+        assert found == MESSAGES or reader.damage
+    assert lost > 0
+
+
+def test_a_message_of_no_topic_costs_no_topic(tmp_path):
+    path = tmp_path / "a.db3"
+    write_sqlite(path, MESSAGES)
+    with closing(sqlite3.connect(path)) as base, base:
+        base.execute("UPDATE messages SET topic_id = 77 WHERE id = 1")
+    reader = BagReader(path)
+    assert list(reader.messages()) == MESSAGES[1:]
+    assert "1 messages belong to no known topic" in reader.damage
 
 
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])

@@ -239,3 +239,25 @@ def test_damaged_logs_give_a_line_or_what_can_be_read(tmp_path, capfd):
     found = read_damaged(lambda one: read_dataflash(one, OPTIONS).samples, whole, path, 80)
     assert 15 < found < 80
     assert capfd.readouterr() == ("", "")
+
+
+def test_a_damaged_byte_costs_its_record_or_two(tmp_path):
+    """Each byte of a record among others, by another value: the rest of the flight is there."""
+    log = small_log()
+    fix(log, 80_100_000, 6, 123.0)
+    whole, path = log.write(tmp_path / "a.BIN").read_bytes(), tmp_path / "b.BIN"
+    begun = whole.index(b"\xa3\x95\x01", 2000)  # an IMU's: head, number, fields
+    count = len(read_dataflash(tmp_path / "a.BIN", OPTIONS).samples)
+    for at in range(begun, begun + 36):
+        for value in (0x06, 0xFF):
+            path.write_bytes(whole[:at] + bytes([value]) + whole[at + 1 :])
+            contents = read_dataflash(path, OPTIONS)
+            assert len(contents.samples) >= count - 2
+            told = "the file is damaged" in "".join(contents.notes)
+            assert told == (at < begun + 3)
+
+
+def test_what_fills_the_last_block_is_no_damage(tmp_path):
+    path = small_log().write(tmp_path / "a.BIN")
+    path.write_bytes(path.read_bytes() + b"\xff" * 249)
+    assert not any("damaged" in note for note in read_dataflash(path, OPTIONS).notes)

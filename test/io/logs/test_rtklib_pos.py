@@ -204,3 +204,13 @@ def test_what_it_leaves_open_is_asked_for(tmp_path, change, options, message):
     path = written(tmp_path, POS.replace(*change))
     with pytest.raises(LogError, match=rf"rover\.pos: .*{message}"):
         read_pos(path, LogOptions(**options))
+
+
+@pytest.mark.parametrize(
+    "said", ["height=WGS74/ellipsoidal", "height=WGS84/ellipsoidAl", "height=Tokyo/geodetic"]
+)
+def test_a_datum_that_is_not_known_is_not_taken_from_the_options(tmp_path, said):
+    """Else one damaged byte would move every height by the undulation."""
+    path = written(tmp_path, POS.replace("height=WGS84/ellipsoidal", said))
+    with pytest.raises(LogError, match=r"has not height=WGS84/.* mend the line"):
+        read_pos(path, OPTIONS)

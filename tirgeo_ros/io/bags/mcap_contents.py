@@ -124,7 +124,10 @@ def _summary(data: mmap) -> McapContents | None:
             start_ns, end_ns = record.message_start_time, record.message_end_time
             channels = frozenset(record.message_index_offsets) or None
             place = record.chunk_start_offset, record.chunk_length
-            found.segments.append(Segment(start_ns, end_ns, *place, channels))
+            if _record_at(data, place[0])[0] == Opcode.CHUNK:
+                found.segments.append(Segment(start_ns, end_ns, *place, channels))
+            else:
+                found.losses[place[0]] = "{1} bytes from byte {0} are not readable".format(*place)
     late = [one for one in found.segments if one.end_ns >= LAST_NS]
     found.segments = [one for one in found.segments if one.end_ns < LAST_NS]
     for one in late:
@@ -236,7 +239,10 @@ def _messages(records: bytes, offset: int, found: McapContents) -> Iterator[RawM
             else:
                 found.losses[offset] = f"messages at byte {offset} belong to no known topic"
         elif opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
-            found.add(opcode, records[at : at + length])
+            try:
+                found.add(opcode, records[at : at + length])
+            except _BROKEN:
+                found.losses[offset] = f"a topic's record at byte {offset} is damaged"
         at += length
 
 

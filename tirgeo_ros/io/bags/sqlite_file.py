@@ -25,14 +25,23 @@ SELECT (SELECT min(timestamp) FROM messages WHERE timestamp >= 0),
 _NAMES = "SELECT name FROM sqlite_master WHERE type = 'table'"
 _DEFINITIONS = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
 #: Ends as soon as every topic was met.
-_SPOKEN = "SELECT DISTINCT topic_id FROM messages LIMIT (SELECT count(*) FROM topics)"
+_SPOKEN = """
+SELECT DISTINCT topic_id FROM messages WHERE topic_id IN (SELECT id FROM topics)
+LIMIT (SELECT count(*) FROM topics)
+"""
+#: Messages in the table and by their times, which have an index; and those of no topic.
+_COUNTS = """
+SELECT (SELECT count(*) FROM messages NOT INDEXED),
+    (SELECT count(*) FROM messages WHERE timestamp >= 0),
+    (SELECT count(*) FROM messages WHERE topic_id NOT IN (SELECT id FROM topics))
+"""
 #: The messages' keys are sorted alone (by the index of the times, where there is one), so that
-#: the data never wait in memory; LIMIT and CROSS keep SQLite from joining first.
+#: the data never wait in memory; LIMIT and LEFT keep SQLite from joining first.
 _IN_ORDER = """
 SELECT m.topic_id, m.timestamp, m.data
 FROM (SELECT id FROM messages WHERE timestamp >= ? ORDER BY timestamp, id LIMIT -1) AS sorted
-CROSS JOIN messages AS m ON m.id = sorted.id
-WHERE m.topic_id IN ({})
+LEFT JOIN messages AS m ON m.id = sorted.id
+WHERE m.topic_id IN ({}) OR m.id IS NULL
 """
 
 
@@ -66,6 +75,11 @@ class SqliteFile:
         spoken = {key for (key,) in connection.execute(_SPOKEN)}
         rows = connection.execute("SELECT id, name, type, serialization_format FROM topics")
         topics = {key: (str(a), str(b), str(c)) for key, a, b, c in rows if key in spoken}
+        there, timed, strays = connection.execute(_COUNTS).fetchone()
+        if there != timed:
+            self.losses[2] = f"of {there} messages {timed} are in the order of time"
+        if strays:
+            self.losses[3] = f"{strays} messages belong to no known topic"
         return topics, None if None in (first_ns, last_ns) else (int(first_ns), int(last_ns))
 
     def topics(self) -> dict[str, str]:
@@ -115,7 +129,7 @@ class SqliteFile:
                 self.losses[2] = f"{late} {TOO_LATE}"
                 continue
             try:
-                message = _message(*types[key], log_ns, data)
+                message = _message(*types.get(key, ("", "")), log_ns, data)
             except ValueError as error:
                 self.losses[1] = f"a message {error}"
                 continue

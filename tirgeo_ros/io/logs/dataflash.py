@@ -14,6 +14,7 @@ from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from functools import cached_property
 from io import StringIO
+from mmap import mmap
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +43,7 @@ from tirgeo_ros.io.logs.log_times import utc_ns_of_week
 
 #: The first message of a log: a format (FMT, 0x80) that describes a message, mostly itself.
 _BINARY, _TEXT = b"\xa3\x95\x80", b"FMT,"
+_FORMAT_BYTES = 89
 #: The fields that are taken; a log that lacks one has NaN.
 _FIELDS = {
     "IMU": ("TimeUS", "I", "AccX", "AccY", "AccZ", "GyrX", "GyrY", "GyrZ"),
@@ -164,8 +166,16 @@ def _logged(path: Path) -> _Log:
     )
 
     class Reader(DFReader_binary):  # type: ignore[misc]  # pymavlink has no types
+        data_map: mmap
+
         def init_arrays_fast(self, progress_callback: Any = None) -> None:
             """Index in Python: the faster way prints past any redirection."""
+            parts = _whole_records(self.data_map)
+            if len(parts) > 1:
+                log.damaged, self.data_len = True, sum(map(len, parts))
+                self.data_map.close()
+                self.data_map = mmap(-1, self.data_len)
+                self.data_map.write(b"".join(parts))
             self.init_arrays(progress_callback)
             lasts = ((self.formats.get(k), at[-1]) for k, at in enumerate(self.offsets) if at)
             ends = (at + form.len for form, at in lasts if form)
@@ -189,6 +199,28 @@ def _logged(path: Path) -> _Log:
         raise LogError(f"{path}: damaged, or not a DataFlash log: {why}") from None
     log.damaged = log.damaged or bool(said.getvalue())
     return log
+
+
+def _whole_records(data: mmap) -> list[bytes]:
+    """Return the stretches of records behind each of which another one, or nothing, begins.
+
+    So a damaged byte costs its record, or two of them; pymavlink would stop at an unknown number.
+    """
+    head, number, lengths = _BINARY[:2], _BINARY[2], {_BINARY[2]: _FORMAT_BYTES}
+    parts, begun, at = list[bytes](), 0, 0
+    while at + 5 <= len(data):
+        end = at + lengths.get(data[at + 2], 0)
+        if end > at and data[at : at + 2] == head and data.find(head, end) in {end, -1}:
+            if data[at + 2] == number:
+                lengths[data[at + 3]] = data[at + 4]
+            at = end
+            continue
+        after = data.find(head, at + 1)
+        if after < 0:  # what fills the last block
+            break
+        parts.append(data[begun:at])
+        begun = at = after
+    return [*parts, data[begun:]]
 
 
 def _is_text(path: Path) -> bool:

@@ -36,6 +36,7 @@ _MOST_BYTES = 1 << 30
 _SEPARATOR = re.compile(r"[\s,;]+")
 _TITLES = re.compile(r"%\s+(GPST|UTC|JST)[\s,;]+([^\s,;]+)")
 _DATUM = re.compile(r"height=WGS84/(ellipsoidal|geodetic)")
+_LIKE_DATUM = re.compile(r"%\s*\(.*(height=|WGS84/|ellipsoidal|geodetic)")
 _NUMBER = r"[\s,;]+[-+.\d]+"
 _DATE = r"\s*(\d{4}/\d\d/\d\d\s+\d\d:\d\d:[\d.]+|\d{3,4}[\s,;]+\d+(\.\d+)?)"
 #: A place of three or seven columns, quality, satellites, and at least eight more.
@@ -119,6 +120,11 @@ class _PosLog:
         if datum:
             name = ELLIPSOIDAL if datum[1] == "ellipsoidal" else MSL
             self._header = replace(self._header, datum=name)
+        elif _LIKE_DATUM.match(line):
+            raise LogError(
+                f"{self._path}: its header has not height=WGS84/ellipsoidal or /geodetic, but "
+                f"{line[1:40].strip()}: let RTKLIB write one of them, or mend the line"
+            )
         if titles:
             coordinates = _COORDINATES.get(titles[2])
             if coordinates is None:

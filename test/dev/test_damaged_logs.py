@@ -1,0 +1,46 @@
+"""The search for silent losses: what it calls silent, and a place that is damaged again by seed."""
+
+from __future__ import annotations
+
+import pytest
+from foreign_logs import POS
+
+from dev.damaged_logs import KINDS, Found, Kind, place, verdict
+
+
+def rows(*stamps_ns, value=b"v"):
+    return [("/a", at_ns, bytes(12) + value + bytes([k])) for k, at_ns in enumerate(stamps_ns)]
+
+
+WHOLE = Found(rows(10, 20, 30), "None, None")
+
+
+@pytest.mark.parametrize(
+    ("found", "expected"),
+    [
+        (WHOLE, "same"),
+        (Found(rows(10, 20), WHOLE.said), "as damaged"),
+        (Found(rows(10, 20, 31), WHOLE.said), "as damaged"),
+        (Found(rows(10), WHOLE.said), "SILENT: 2 rows"),
+        (Found(rows(15, 25, 35), WHOLE.said), "SILENT: 3 rows"),
+        (Found(rows(10, 20, 30, value=b"w"), WHOLE.said), "SILENT: 3 rows"),
+        (Found(rows(10), "refused 2, None"), "told"),
+        (Found([], "None, damaged", refused=True), "refused"),
+    ],
+)
+def test_what_is_silent(found, expected):
+    assert verdict(WHOLE, found, Kind("")) == expected
+
+
+def test_the_clock_of_an_autopilot_may_move_all_a_little():
+    assert verdict(WHOLE, Found(rows(15, 25, 35), WHOLE.said), Kind("", step_ns=5)) == "same"
+
+
+def test_a_place_is_damaged_again_by_its_seed(tmp_path):
+    (tmp_path / "rtklib").mkdir()
+    (tmp_path / "rtklib" / "a.pos").write_text(POS)
+    assert "RTKLIB .pos" in KINDS
+    first = [place(tmp_path, "RTKLIB .pos", number, 0) for number in range(20)]
+    assert first == [place(tmp_path, "RTKLIB .pos", number, 0) for number in range(20)]
+    assert len({where for where, _ in first}) == 20
+    assert not any("SILENT" in found for _, found in first)
