@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import functools
+import json
+import logging
 import math
 import time
 from collections import OrderedDict
@@ -28,6 +30,7 @@ _CLICK_S = 2.0  # the backend has its own limit, of a second
 #: request again, and it must not be done twice.
 _UNIQUE_NAME, _REMEMBERED = 16, 2000
 _CORNERS = 36  # of an ellipse's outline
+_LOG = logging.getLogger("tirgeo.page")
 
 
 class Actions:
@@ -65,6 +68,9 @@ class Actions:
             found = await getattr(self, f"_{kind}")(**arguments)
         except (RequestError, TirgeoError) as error:
             return {"ok": False, "reason": str(error)}
+        except Exception:  # whoever asked waits for an answer
+            _LOG.exception("%s: a fault in this program", kind)
+            return {"ok": False, "reason": "a fault in this program: its log says where"}
         return {"ok": True, **found}
 
     async def _click(
@@ -144,20 +150,26 @@ class Actions:
         return found
 
 
-def targets_message(store: TargetStore, undulation_m: float) -> dict[str, Any]:
-    """Return the message ``targets``: the whole list, without deleted ones."""
-    revision, open_ = store.revision, store.alternatives()
-    return {
-        "type": "targets",
-        "revision": revision,
-        "targets": [
-            target_fields(target, undulation_m) | {"alternatives": open_[target.id]}
-            for target in store.all()
-        ],
-    }
+class TargetChanges:
+    """Tell what of the store's targets has changed; one thread at a time."""
+
+    def __init__(self, store: TargetStore, undulation_m: float) -> None:
+        self._store, self._undulation_m = store, undulation_m
+        self._told: dict[str, tuple[Target, list[list[str]]]] = {}
+
+    def next(self) -> dict[str, str]:
+        """Return the JSON, by id, of what has changed since the last call; "" of what is gone."""
+        open_ = self._store.alternatives()
+        now = {one.id: (one, open_.get(one.id, [])) for one in self._store.all()}
+        texts = dict.fromkeys(self._told.keys() - now.keys(), "")
+        for id_, one in now.items():
+            if self._told.get(id_) != one:
+                fields = target_fields(one[0], self._undulation_m)
+                texts[id_] = json.dumps(fields | {"alternatives": one[1]})
+        self._told = now
+        return texts
 
 
-@functools.lru_cache(maxsize=4096)  # one target changes, and the others are sent again
 def target_fields(target: Target, undulation_m: float) -> dict[str, Any]:
     """Return a target as the page gets it; without ``undulation_m`` no height above sea level."""
     place = target.place
