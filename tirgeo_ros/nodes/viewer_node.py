@@ -143,6 +143,7 @@ class ViewerNode(GraphNode):
 
     def _items(self) -> list[DiagnosticItem]:
         values = {"targets": str(len(self._marked)), "listen": self._config.listen}
+        values |= {name: str(count) for name, count in self._server.counts.items()}
         values |= {f"stream {name}": trouble for name, trouble in self._streams.troubles.items()}
         trouble = self._map.error or next(iter(self._streams.troubles.values()), "")
         return [self.item("page", values, trouble or "ok", WARN if trouble else OK)]
