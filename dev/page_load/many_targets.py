@@ -1,6 +1,7 @@
-"""Measure edits with many targets with long notes, and lookers: ``python -m dev.page_load.many_targets``.
+"""Measure edits among many targets: ``python -m dev.page_load.many_targets``.
 
-An edit lasts until its operator has the answer, and until the last looker has the new name.
+Each has the longest note. An edit lasts until its operator has the answer, and until the last
+looker has the new name.
 """
 
 from __future__ import annotations

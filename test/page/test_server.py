@@ -281,6 +281,8 @@ def test_an_edit_sends_the_targets_that_changed_alone(tmp_path):
             one.backend.targets.add(place, now_ns=now_ns)
         one.server.targets_changed()
         last, edited, gone, back = asyncio.run(edit())
-    assert [(target["id"], target["name"]) for target in edited["targets"]] == [(last["id"], "Anna")]
+    assert [(target["id"], target["name"]) for target in edited["targets"]] == [
+        (last["id"], "Anna")
+    ]
     assert (gone["gone"], gone["targets"]) == ([last["id"]], [])
     assert (back["gone"], back["targets"]) == ([], edited["targets"])

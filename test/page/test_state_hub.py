@@ -84,7 +84,11 @@ def test_a_newcomer_gets_the_targets_in_parts_and_then_what_changes():
         return first, rest, seen, len(outbox._newest)
 
     first, (second, state, third), seen, waiting = asyncio.run(run())
-    assert (first["whole"], first["more"], first["targets"]) == (True, True, [[k] for k in range(50)])
+    assert (first["whole"], first["more"], first["targets"]) == (
+        True,
+        True,
+        [[k] for k in range(50)],
+    )
     assert (second["whole"], second["more"], second["gone"]) == (False, False, ["0"])
     assert second["targets"] == [*([k] for k in range(50, 70)), [1.5]]
     assert state["type"] == "state"

@@ -68,7 +68,7 @@ class Actions:
             found = await getattr(self, f"_{kind}")(**arguments)
         except (RequestError, TirgeoError) as error:
             return {"ok": False, "reason": str(error)}
-        except Exception:  # whoever asked waits for an answer
+        except Exception:  # noqa: BLE001 whoever asked waits for an answer
             _LOG.exception("%s: a fault in this program", kind)
             return {"ok": False, "reason": "a fault in this program: its log says where"}
         return {"ok": True, **found}

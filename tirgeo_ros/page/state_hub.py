@@ -57,7 +57,7 @@ class TargetTexts:
             self._texts[id_] = self._number, text
 
     def after(self, number: int) -> tuple[int, dict[str, str], bool]:
-        """Return the next texts after a change, the number of the last, and whether more follow."""
+        """Return the number of the last of the next texts, these, and whether more follow."""
         newest_first = reversed(self._texts.items())
         newer = [*takewhile(lambda one: one[1][0] > number, newest_first)][::-1]
         part = newer[:_TARGETS_AT_ONCE]

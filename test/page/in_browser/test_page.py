@@ -327,6 +327,8 @@ def test_many_targets_come_in_parts_and_a_change_moves_one(serve, tablet):
     store.undo()
     page.server.targets_changed()
     screen.wait("() => document.querySelectorAll('.row').length === 120")
-    numbers = "() => [...document.querySelectorAll('.row .badge b')].map((one) => +one.textContent)"
+    numbers = (
+        "() => [...document.querySelectorAll('.row .badge b')].map((one) => +one.textContent)"
+    )
     assert screen.page.evaluate(numbers) == [*range(120, 0, -1)]
     assert screen.one("#target-card h2").is_visible()
