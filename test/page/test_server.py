@@ -286,3 +286,23 @@ def test_an_edit_sends_the_targets_that_changed_alone(tmp_path):
     ]
     assert (gone["gone"], gone["targets"]) == ([last["id"]], [])
     assert (back["gone"], back["targets"]) == ([], edited["targets"])
+
+
+def test_undo_is_answered_whatever_the_journal_holds(tmp_path):
+    async def ask():
+        async with Page(one.url) as page, page.state() as state:
+            found = [await asyncio.wait_for(state.ask("undo"), 20) for _ in range(2)]
+            one.backend.targets.undo = None  # a fault of this program
+            return *found, await asyncio.wait_for(state.ask("undo"), 20)
+
+    with Served(tmp_path) as one:
+        store = one.backend.targets
+        edited = store.add(Fixing(1, 48.0, 16.0, 190.0, (1.0,) * 9), now_ns=1)
+        store.edit(edited.id, 2, name="Anna")
+        store._db.execute("UPDATE tirgeo_changes SET before = substr(before, 2)")
+        damaged, again, fault = asyncio.run(ask())
+    assert not damaged["ok"]
+    assert damaged["reason"].startswith("the record of the last change is damaged")
+    assert (again["ok"], again["text"]) == (True, "target 1 removed again")
+    assert not fault["ok"]
+    assert fault["reason"] == "a fault in this program: its log says where"

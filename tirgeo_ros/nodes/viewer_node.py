@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
@@ -15,7 +15,8 @@ from tirgeo_ros.core.config import ViewerConfig
 from tirgeo_ros.core.config.viewer import split_namespaces
 from tirgeo_ros.core.ground.ground_point import MarkedPlace
 from tirgeo_ros.core.targets.target import Target
-from tirgeo_ros.core.types.errors import ConfigError
+from tirgeo_ros.core.types.errors import ConfigError, shown
+from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.io.files.child_python import parent_ended
 from tirgeo_ros.io.messages import DiagnosticItem
 from tirgeo_ros.io.targets.store import TargetStore
@@ -59,6 +60,7 @@ class ViewerNode(GraphNode):
         self._team = TeamLink(self, config, self._aircraft)
         self._map = PageMap(self, config.map)
         self._targets = TargetStore(Path(config.targets))  # last: another may not be right
+        self._lost = lost_clicks(self._targets.lost_clicks)
         self._backend = PageBackend(
             self._aircraft, self._targets, self._map, self._recordings, self._team.link
         )
@@ -119,7 +121,7 @@ class ViewerNode(GraphNode):
 
     def _report(self, aircraft: str) -> None:
         one = self._aircraft[aircraft]
-        ours = [*self._recordings.findings(aircraft), *self._team.findings]
+        ours = [*self._recordings.findings(aircraft), *self._team.findings, *self._lost]
         state = one.state([*ours, *one.reports.restarts.findings()])
         state["recording"], state["sharing"] = self._recordings.is_on(aircraft), self._team.state
         self._server.report(aircraft, state)
@@ -165,6 +167,14 @@ def marked_place(target: Target) -> MarkedPlace:
         place.height_m,
         place.covariance_n,
     )
+
+
+def lost_clicks(numbers: Sequence[int]) -> list[Finding]:
+    """Return the finding that targets, by their numbers, lack clicks in their file, if any do."""
+    evidence = f"their file has lost clicks of targets {shown(', '.join(map(str, numbers)), 60)}"
+    mend = "look at their places, which are of what is left, and click them again"
+    found = Finding("targets", Severity.CAUTION, evidence, "viewer_node targets", mend)
+    return [found] if numbers else []
 
 
 def check(config: ViewerConfig) -> None:

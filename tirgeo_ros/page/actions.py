@@ -150,31 +150,31 @@ class Actions:
         return found
 
 
-class TargetChanges:
-    """Tell what of the store's targets has changed; one thread at a time."""
+#: A target and its alternatives, by id.
+Told = dict[str, tuple[Target, list[list[str]]]]
 
-    def __init__(self, store: TargetStore, undulation_m: float) -> None:
-        self._store, self._undulation_m = store, undulation_m
-        self._told: dict[str, tuple[Target, list[list[str]]]] = {}
 
-    def next(self) -> dict[str, str]:
-        """Return the JSON, by id, of what has changed since the last call; "" of what is gone."""
-        open_ = self._store.alternatives()
-        now = {one.id: (one, open_.get(one.id, [])) for one in self._store.all()}
-        texts = dict.fromkeys(self._told.keys() - now.keys(), "")
-        for id_, one in now.items():
-            if self._told.get(id_) != one:
-                fields = target_fields(one[0], self._undulation_m)
-                texts[id_] = json.dumps(fields | {"alternatives": one[1]})
-        self._told = now
-        return texts
+def changed_targets(store: TargetStore, undulation_m: float, told: Told) -> dict[str, str]:
+    """Return the JSON, by id, of each target that is not as ``told``; "" of one that is gone.
+
+    Then ``told`` is what the store holds.
+    """
+    open_ = store.alternatives()
+    now = {one.id: (one, open_.get(one.id, [])) for one in store.all()}
+    changed = [one for id_, one in now.items() if told.get(id_) != one]
+    texts = dict.fromkeys(told.keys() - now.keys(), "")
+    for target, others in changed:
+        fields = target_fields(target, undulation_m) | {"alternatives": others}
+        texts[target.id] = json.dumps(fields)
+    told.clear()
+    told.update(now)
+    return texts
 
 
 def target_fields(target: Target, undulation_m: float) -> dict[str, Any]:
     """Return a target as the page gets it; without ``undulation_m`` no height above sea level."""
     place = target.place
     ellipse = place.ellipse
-    texts = written(place.latitude_deg, place.longitude_deg)
     known = math.isfinite(undulation_m)
     return {
         "id": target.id,
@@ -189,12 +189,7 @@ def target_fields(target: Target, undulation_m: float) -> dict[str, Any]:
         "longitude_deg": place.longitude_deg,
         "height_m": place.height_m,
         "height_msl_m": place.height_m - undulation_m if known else None,
-        "coordinates": {
-            "decimal": texts.decimal,
-            "dms": texts.dms,
-            "mgrs": texts.mgrs,
-            "utm": texts.utm,
-        },
+        "coordinates": written(place.latitude_deg, place.longitude_deg)._asdict(),
         "ellipse": {
             "major_m": ellipse.major_m,
             "minor_m": ellipse.minor_m,

@@ -18,7 +18,7 @@ from aiohttp import web
 from tirgeo_ros.core.config.viewer import ViewerConfig, address_of
 from tirgeo_ros.core.types.errors import PageError, TargetError
 from tirgeo_ros.page.access import OPERATOR, VIEWER, Access
-from tirgeo_ros.page.actions import Actions, TargetChanges
+from tirgeo_ros.page.actions import Actions, Told, changed_targets
 from tirgeo_ros.page.backend import Backend
 from tirgeo_ros.page.connections import Door, listening_socket
 from tirgeo_ros.page.guard import Guard, mark
@@ -177,12 +177,13 @@ class PageServer:
 
     async def _keep_targets(self) -> None:
         """Send the targets that have changed; changes meanwhile go together."""
-        changes = TargetChanges(self._backend.targets, self._config.geoid_undulation_m)
+        given, told = (self._backend.targets, self._config.geoid_undulation_m), Told()
         while True:
             await self._stale.wait()
             self._stale.clear()
             try:
-                self._routes.hub.change_targets(await asyncio.to_thread(changes.next))
+                changed = await asyncio.to_thread(changed_targets, *given, told)
+                self._routes.hub.change_targets(changed)
             except TargetError as error:
                 _LOG.warning("the pages do not get the targets: %s", error)
 

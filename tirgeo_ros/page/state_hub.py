@@ -6,7 +6,6 @@ import asyncio
 import json
 import math
 from collections.abc import Callable, Mapping
-from itertools import takewhile
 from typing import Any
 
 import numpy as np
@@ -40,31 +39,6 @@ class Track:
         return self.first + at, self.points[at : at + _POINTS_AT_ONCE]
 
 
-class TargetTexts:
-    """Hold each target's JSON, by id, in the order of the last changes; "" of one that is gone."""
-
-    def __init__(self) -> None:
-        self._number = 0
-        self._texts: dict[str, tuple[int, str]] = {}  # with the number of the last change
-
-    def change(self, texts: Mapping[str, str], told: float) -> None:
-        """Take what has changed; forget what is gone if that was told, by its number."""
-        for id_, (number, text) in [*self._texts.items()]:
-            if id_ in texts or (not text and number <= told):
-                del self._texts[id_]
-        for id_, text in texts.items():
-            self._number += 1
-            self._texts[id_] = self._number, text
-
-    def after(self, number: int) -> tuple[int, dict[str, str], bool]:
-        """Return the number of the last of the next texts, these, and whether more follow."""
-        newest_first = reversed(self._texts.items())
-        newer = [*takewhile(lambda one: one[1][0] > number, newest_first)][::-1]
-        part = newer[:_TARGETS_AT_ONCE]
-        last = part[-1][1][0] if part else max(number, 0)
-        return last, {id_: text for id_, (_, text) in part}, len(part) < len(newer)
-
-
 class Outbox:
     """Hold what one page gets next: of each thing the newest, and every answer."""
 
@@ -73,7 +47,8 @@ class Outbox:
         self._newest: dict[str, Callable[[], str]] = {}
         self._some = asyncio.Event()
         self.track_ends: dict[str, int] = {}
-        self.last_target = -1  # number of the last change of a target that was sent
+        self.targets: dict[str, str] = {}  # to be sent yet, by id
+        self.has_targets = False
 
     @property
     def answers(self) -> int:
@@ -114,12 +89,13 @@ class StateHub:
         self._tracks: dict[str, Track] = {}
         self._waiting: dict[str, asyncio.TimerHandle] = {}
         self._sent_s: dict[str, float] = {}
-        self._targets: TargetTexts | None = None  # until the file was read
+        self._targets: dict[str, str] | None = None  # until the file was read
 
     def join(self, outbox: Outbox, who: str) -> None:
         """Give a page all there is, and from now on what is new."""
         self._pages[outbox] = who
-        self._put_targets(outbox)
+        if self._targets is not None:
+            self._put_targets(outbox, self._targets)
         for aircraft in self._states:
             self._put(outbox, who, aircraft)
 
@@ -129,14 +105,11 @@ class StateHub:
 
     def change_targets(self, texts: Mapping[str, str]) -> None:
         """Give all pages the targets that have changed, JSON by id; "" for one that is gone."""
-        if self._targets is None:
-            self._targets = TargetTexts()
-        elif not texts:
-            return
-        told = min((one.last_target for one in self._pages), default=math.inf)
-        self._targets.change(texts, told)
-        for outbox in self._pages:
-            self._put_targets(outbox)
+        if texts or self._targets is None:
+            now = (self._targets or {}) | texts
+            self._targets = {id_: text for id_, text in now.items() if text}
+            for outbox in self._pages:
+                self._put_targets(outbox, texts)
 
     def report(self, aircraft: str, state: dict[str, Any]) -> None:
         """Give all pages a state, now or when the last is 0.2 s old; ``track`` has new points."""
@@ -161,19 +134,19 @@ class StateHub:
     def _put(self, outbox: Outbox, who: str, aircraft: str) -> None:
         outbox.put(f"state {aircraft}", lambda: self._state_text(outbox, who, aircraft))
 
-    def _put_targets(self, outbox: Outbox) -> None:
-        if self._targets is not None:
-            texts = self._targets
-            outbox.put("targets", lambda: self._targets_text(outbox, texts))
+    def _put_targets(self, outbox: Outbox, texts: Mapping[str, str]) -> None:
+        outbox.targets.update(texts)
+        outbox.put("targets", lambda: self._targets_text(outbox))
 
-    def _targets_text(self, outbox: Outbox, known: TargetTexts) -> str:
-        whole = outbox.last_target < 0
-        outbox.last_target, texts, more = known.after(outbox.last_target)
-        if more:
-            self._put_targets(outbox)
-        gone = [id_ for id_, text in texts.items() if not text]
-        head = json.dumps({"type": "targets", "whole": whole, "more": more, "gone": gone})
-        return f'{head[:-1]}, "targets": [{", ".join(filter(None, texts.values()))}]}}'
+    def _targets_text(self, outbox: Outbox) -> str:
+        part = {id_: outbox.targets.pop(id_) for id_ in [*outbox.targets][:_TARGETS_AT_ONCE]}
+        if outbox.targets:
+            self._put_targets(outbox, {})
+        gone = [id_ for id_, text in part.items() if not text]
+        own = {"whole": not outbox.has_targets, "more": bool(outbox.targets), "gone": gone}
+        outbox.has_targets = True
+        texts = ", ".join(filter(None, part.values()))
+        return f'{json.dumps({"type": "targets"} | own)[:-1]}, "targets": [{texts}]}}'
 
     def _state_text(self, outbox: Outbox, who: str, aircraft: str) -> str:
         start, points = self._tracks[aircraft].after(outbox.track_ends.get(aircraft, 0))

@@ -28,17 +28,15 @@ class Tiles:
     """Hold an MBTiles file open, for any thread. Raises PageError where it is none."""
 
     def __init__(self, path: Path) -> None:
-        self._path, self._one_at_a_time = path, threading.Lock()
-        self._end_s, self._fault = 0.0, ""
-        try:
-            self._file = _opened(path)
-            self._file.set_progress_handler(self._is_late, _STEPS)
-            told = dict(self._read(_OPENED_S, _TOLD))
-            least, most = (
-                self._read(_OPENED_S, _ZOOM.format(end))[0][0] for end in ("min", "max")
-            )
-        except sqlite3.Error as error:
-            raise PageError(f"tiles: {path}: {self._words(error)}: give an MBTiles file") from None
+        self._path, self._one_at_a_time, self._fault = path, threading.Lock(), ""
+        if not path.is_file():
+            raise PageError(f"tiles: {path}: there is no such file: give an MBTiles file")
+        address = f"{path.absolute().as_uri()}?mode=ro&immutable=1"
+        self._file = sqlite3.connect(address, uri=True, check_same_thread=False)
+        if sys.version_info >= (3, 11):
+            self._file.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _MOST_BYTES)
+        told = dict(self._read(_OPENED_S, _TOLD))
+        least, most = (self._read(_OPENED_S, _ZOOM.format(end))[0][0] for end in ("min", "max"))
         form = str(told.get("format", "png"))[:20]
         if form not in _TYPES:
             raise PageError(f"tiles: {path}: holds {form}: give one of {', '.join(_TYPES)}")
@@ -54,9 +52,8 @@ class Tiles:
         side = 1 << zoom if 0 <= zoom <= _DEEPEST else 0
         if not (0 <= x < side and 0 <= y < side):
             return None
-        row = side - 1 - y  # MBTiles counts from the south
         with self._one_at_a_time:
-            found = self._found(zoom, x, row)
+            found = self._found(zoom, x, side - 1 - y)  # MBTiles counts from the south
         return found if isinstance(found, bytes) and len(found) <= _MOST_BYTES else None
 
     def close(self) -> None:
@@ -65,34 +62,23 @@ class Tiles:
             self._file.close()
 
     def _found(self, *place: int) -> Any:
-        """Return what is at a place. The first fault is said; an endless one is the last."""
-        if self._fault == _ENDLESS:  # it would keep threads from changes of targets
+        """Return what is at a place; a fault is said once, and an endless table not read again."""
+        if _ENDLESS in self._fault:
             return None
         try:
             rows = self._read(_FOUND_S, _TILE, *place)
-        except sqlite3.Error as error:
-            if not self._fault or self._is_late():
-                self._fault = self._words(error)
-                _LOG.warning("tiles: %s: %s: the map lacks tiles", self._path, self._fault)
+        except PageError as error:
+            if not self._fault or _ENDLESS in str(error):
+                self._fault = str(error)
+                _LOG.warning("the map lacks tiles: %s", error)
             return None
         return rows[0][0] if rows else None
 
     def _read(self, within_s: float, query: str, *values: int) -> list[Any]:
-        self._end_s = time.monotonic() + within_s
-        return self._file.execute(query, values).fetchall()
-
-    def _is_late(self) -> bool:
-        return time.monotonic() > self._end_s
-
-    def _words(self, error: sqlite3.Error) -> str:
-        return _ENDLESS if self._is_late() else str(error)
-
-
-def _opened(path: Path) -> sqlite3.Connection:
-    if not path.is_file():
-        raise PageError(f"tiles: {path}: there is no such file: give an MBTiles file")
-    address = f"{path.absolute().as_uri()}?mode=ro&immutable=1"
-    file = sqlite3.connect(address, uri=True, check_same_thread=False)
-    if sys.version_info >= (3, 11):
-        file.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _MOST_BYTES)
-    return file
+        end_s = time.monotonic() + within_s
+        self._file.set_progress_handler(lambda: time.monotonic() > end_s, _STEPS)
+        try:
+            return self._file.execute(query, values).fetchall()
+        except sqlite3.Error as error:
+            words = _ENDLESS if time.monotonic() > end_s else error
+            raise PageError(f"tiles: {self._path}: {words}: give an MBTiles file") from None
