@@ -106,7 +106,7 @@ class StateHub:
     def change_targets(self, texts: Mapping[str, str]) -> None:
         """Give all pages the targets that have changed, JSON by id; "" for one that is gone."""
         if texts or self._targets is None:
-            now = (self._targets or {}) | texts
+            now = {**(self._targets or {}), **texts}
             self._targets = {id_: text for id_, text in now.items() if text}
             for outbox in self._pages:
                 self._put_targets(outbox, texts)

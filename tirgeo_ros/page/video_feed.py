@@ -57,7 +57,7 @@ class VideoFeed:
 
     def show(self, stamp_ns: int, begun_ns: int, jpeg: bytes) -> None:
         """Take the newest picture; one that is no JPEG of a video is counted, the first said."""
-        width, height = size_of(jpeg, ["JPEG"])
+        width, height = size_of(jpeg, ("JPEG",))
         if not 0 < width * height <= MOST_OF_VIDEO:
             if not self.damaged:
                 most = f"{MOST_OF_VIDEO * 1e-6:.1f} million pixels"

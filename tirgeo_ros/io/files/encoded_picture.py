@@ -8,7 +8,6 @@ from __future__ import annotations
 import io
 import math
 import warnings
-from collections.abc import Sequence
 from typing import Any
 
 import cv2
@@ -44,7 +43,7 @@ def unpacked(data: bytes, flags: int, most_pixels: int) -> npt.NDArray[Any] | No
         return None
 
 
-def size_of(data: bytes, formats: Sequence[str] = FORMATS) -> tuple[int, int]:
+def size_of(data: bytes, formats: tuple[str, ...] = FORMATS) -> tuple[int, int]:
     """Return width and height by the header: zeros without one, ``BEYOND`` past Pillow's limit."""
     try:
         with warnings.catch_warnings():

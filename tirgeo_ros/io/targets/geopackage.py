@@ -6,7 +6,6 @@ import sqlite3
 import struct
 from collections import defaultdict
 from collections.abc import Sequence
-from typing import Any
 
 from tirgeo_ros.core.targets.target import KINDS, Fixing, Target
 from tirgeo_ros.io.targets.properties import COLUMNS, of_target
@@ -176,9 +175,10 @@ def load_targets(db: sqlite3.Connection) -> list[Target]:
     return targets
 
 
-def _fixing(stamp_ns: int, *place: Any) -> Fixing:
-    *degrees_and_m, covariance = place
-    return Fixing(stamp_ns, *degrees_and_m, tuple(float(word) for word in covariance.split()))
+def _fixing(
+    stamp_ns: int, latitude: float, longitude: float, height_m: float, numbers: str
+) -> Fixing:
+    return Fixing(stamp_ns, latitude, longitude, height_m, tuple(map(float, numbers.split())))
 
 
 def _target(row: Sequence[object], clicks: Sequence[Fixing]) -> Target:
