@@ -3,7 +3,8 @@
 const ANSWER_MS = 10000; // a recording may take seconds to begin
 
 /**
- * @typedef {{ok: boolean, reason?: string, lost?: boolean, again?: boolean} & Record<string, any>} Answer
+ * @typedef {{ok: boolean, reason?: string, lost?: boolean, again?: boolean}
+ *   & Record<string, any>} Answer  again: the request was sent before, so it may be old
  * @typedef {{message: Record<string, any>, keep: boolean, sent: boolean,
  *   again: boolean, resolve: (answer: Answer) => void, timer?: number}} Pending
  */

@@ -52,7 +52,7 @@ function welcomed({ role, aircraft, kinds, tiles, most }) {
 /** @type {Map<string, import("../store.js").Target> | null} */
 let coming = null;
 
-/** @param {any} message  part of all targets, which begin with `whole`, or of those that changed */
+/** @param {any} message  a part of all targets, begun by `whole`, or of those that changed */
 function targetsOf({ whole, more, targets, gone }) {
   if (whole) coming = new Map();
   coming ??= new Map(store.get("targets").map((/** @type {any} */ one) => [one.id, one]));
