@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import sqlite3
 import sys
 import threading
@@ -29,8 +30,8 @@ class Tiles:
 
     def __init__(self, path: Path) -> None:
         self._path, self._one_at_a_time, self._fault = path, threading.Lock(), ""
-        if not path.is_file():
-            raise PageError(f"tiles: {path}: there is no such file: give an MBTiles file")
+        if not (path.is_file() and os.access(path, os.R_OK)):
+            raise PageError(f"tiles: {path}: no file that can be read: give an MBTiles file")
         address = f"{path.absolute().as_uri()}?mode=ro&immutable=1"
         self._file = sqlite3.connect(address, uri=True, check_same_thread=False)
         if sys.version_info >= (3, 11):

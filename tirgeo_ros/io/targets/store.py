@@ -10,7 +10,7 @@ import os
 import threading
 import uuid
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -220,7 +220,7 @@ class TargetStore:
             for revision, action, target_id, text in self._read(_NEWEST, of):
                 passed.append((revision,))
                 try:
-                    before = self._before(action, target_id, text)
+                    before = _before(self._targets.values(), action, target_id, text)
                 except _DAMAGE:
                     fault = (
                         "the record of the last change is damaged: Undo again for the one before"
@@ -233,19 +233,6 @@ class TargetStore:
             if fault:
                 raise TargetError(fault)
             return ""
-
-    def _before(self, action: str, target_id: str, text: str | None) -> Target | None:
-        """Return what a target was before a change of the journal, None of a new one.
-
-        Raises one of ``_DAMAGE`` for a record that cannot be.
-        """
-        if action not in _UNDONE or (action == "add") != (text is None):
-            raise ValueError(action)
-        before = None if text is None else _decoded(text)
-        same = (one.id for one in self._targets.values() if before and one.number == before.number)
-        if before and {before.id, *same} != {target_id}:
-            raise ValueError(target_id)
-        return before
 
     def _take_back(
         self, changes: list[tuple[int]], action: str, target_id: str, before: Target | None
@@ -358,15 +345,24 @@ def _identity(path: Path) -> tuple[int, int] | None:
     return status.st_dev, status.st_ino
 
 
-def _decoded(text: str) -> Target:
-    """Return a target of the journal."""
+def _before(now: Iterable[Target], action: str, id_: str, text: str | None) -> Target | None:
+    """Return what a target was before a change of the journal, None of a new one.
+
+    Raises one of ``_DAMAGE`` for a record that cannot be.
+    """
+    if action not in _UNDONE or (action == "add") != (text is None):
+        raise ValueError(action)
+    if text is None:
+        return None
     fields = json.loads(text)
     clicks = (one | {"covariance_enu": tuple(one["covariance_enu"])} for one in fields["fixings"])
-    target = Target(**fields | {"fixings": tuple(Fixing(**one) for one in clicks)})
-    largest = max(map(abs, (target.number, target.created_ns, target.changed_ns)))
-    if target.kind not in KINDS or not target.fixings or largest >= 1 << 63:
+    before = Target(**fields | {"fixings": tuple(Fixing(**one) for one in clicks)})
+    sound = before.kind in KINDS and before.fixings
+    largest = max(map(abs, (before.number, before.created_ns, before.changed_ns)))
+    same = {before.id, *(one.id for one in now if one.number == before.number)}
+    if not sound or largest >= 1 << 63 or same != {id_}:
         raise ValueError(text)
-    return target
+    return before
 
 
 def _text(what: str, text: str, most: int) -> str:
