@@ -61,6 +61,11 @@ class ServedPage:
         statm = Path(f"/proc/{self._process.pid}/statm").read_text()
         return int(statm.split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
+    def most_memory_bytes(self) -> int:
+        """Return the most that the process had in memory."""
+        status = Path(f"/proc/{self._process.pid}/status").read_text()
+        return int(status.partition("VmHWM:")[2].split()[0]) * 1024
+
 
 class _Level:
     """Answer clicks at once: what overlay_node takes is measured elsewhere."""

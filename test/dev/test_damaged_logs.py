@@ -1,4 +1,4 @@
-"""The search for silent losses: what it calls silent, and a place that is damaged again by seed."""
+"""The search for silent losses: what it calls silent; a place is damaged again by its seed."""
 
 from __future__ import annotations
 

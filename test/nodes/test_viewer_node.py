@@ -31,7 +31,7 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.messages import image_pixels
 from tirgeo_ros.io.targets.store import TargetStore
-from tirgeo_ros.nodes.viewer_node import taken_ns
+from tirgeo_ros.nodes.viewer_node import lost_clicks, taken_ns
 
 pytestmark = pytest.mark.graph
 
@@ -351,3 +351,9 @@ def test_the_live_stream_says_where_a_click_in_its_middle_would_be(fleet, start)
     # overlay_node's sigma of the ground, to half a step of 4095 m / 65535.
     assert float(values[46]) == pytest.approx(1.645 * 3.0, abs=0.032)
     assert values[10] == "uav1"
+
+
+def test_lost_clicks_are_a_finding_with_the_targets_numbers():
+    assert lost_clicks([]) == []
+    (found,) = lost_clicks([4, 7])
+    assert found.line.startswith("their file has lost clicks of targets 4, 7: viewer_node targets")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import sqlite3
+import time
 from concurrent.futures import ThreadPoolExecutor
 
 import cv2
@@ -13,6 +15,7 @@ from page_clients import tile_file
 
 from tirgeo_ros.core.types.errors import PageError
 from tirgeo_ros.page import connections
+from tirgeo_ros.page import tiles as tiles_module
 from tirgeo_ros.page.access import OPERATOR
 from tirgeo_ros.page.connections import Door
 from tirgeo_ros.page.limits import Allowance, Shares, WrongTokens
@@ -103,6 +106,88 @@ def test_what_holds_no_pictures_is_named(tmp_path):
         with pytest.raises(PageError, match=words):
             Tiles(path)
     assert not absent.exists()
+
+
+ENDLESS = "with recursive n(i) as (select 1 union all select i + 1 from n) select"
+
+
+def with_views(path, **views):
+    """An MBTiles file with views in place of tables."""
+    with sqlite3.connect(tile_file(path)) as db:
+        for name, query in views.items():
+            db.execute(f"drop table {name}")
+            db.execute(f"create view {name} as {query}")
+    db.close()
+    return path
+
+
+@pytest.mark.parametrize(
+    "views",
+    [
+        {"tiles": f"{ENDLESS} i + 30 as zoom_level, i as tile_data from n"},
+        {"metadata": f"{ENDLESS} 'x' || i as name, i as value from n"},
+    ],
+)
+def test_tables_without_an_end_are_refused_in_time(tmp_path, monkeypatch, views):
+    monkeypatch.setattr(tiles_module, "_OPENED_S", 0.2)
+    path = with_views(tmp_path / "a.mbtiles", **views)
+    with pytest.raises(PageError, match=r"a\.mbtiles: its tables take too long to read: give an"):
+        Tiles(path)
+
+
+def test_a_tile_without_an_end_ends_the_tiles_and_is_said_once(tmp_path, caplog):
+    data = f"case zoom_level when 9 then ({ENDLESS} count(*) from n) else x'ff' end as tile_data"
+    grid = "(select 2 as zoom_level, 3 as tile_row union all select 9, 511)"
+    view = f"select zoom_level, 1 as tile_column, tile_row, {data} from {grid}"
+    tiles = Tiles(with_views(tmp_path / "a.mbtiles", tiles=view))
+    assert tiles.tile(2, 1, 0) == b"\xff"
+    begun_s = time.monotonic()
+    assert [tiles.tile(9, 1, 0) for _ in range(20)] == [None] * 20
+    assert time.monotonic() - begun_s < 5  # 20 that each take their time: 10 s
+    assert len(caplog.records) == 1
+    assert caplog.messages[0].startswith("the map lacks tiles: tiles: ")
+    assert "a.mbtiles: its tables take too long to read: give" in caplog.text
+
+
+@pytest.mark.parametrize(
+    "content",
+    [2_000_000_000, "a text", bytes((1 << 22) + 1), None, -1, 1.5],
+    ids=["two_billion", "text", "4_MB", "null", "negative", "real"],
+)
+def test_what_is_no_picture_in_a_table_of_tiles_is_no_tile(tmp_path, content):
+    path = tile_file(tmp_path / "a.mbtiles")
+    with sqlite3.connect(path) as db:
+        db.execute("update tiles set tile_data = ?", (content,))
+    db.close()
+    assert Tiles(path).tile(2, 1, 0) is None
+
+
+def test_a_damaged_file_lacks_tiles_and_says_so_once(tmp_path, caplog):
+    path = tile_file(tmp_path / "a.mbtiles")
+    with sqlite3.connect(path) as db:
+        db.execute("insert into tiles values (9, 1, 511, zeroblob(100000))")
+        db.execute("insert into tiles values (9, 2, 511, zeroblob(100000))")
+    db.close()
+    data = path.read_bytes()
+    path.write_bytes(data[:20_000] + b"\xff" * (len(data) - 20_000))
+    tiles = Tiles(path)
+    assert [tiles.tile(9, 1, 0), tiles.tile(9, 2, 0)] == [None, None]
+    assert tiles.tile(2, 1, 0) == b"north"
+    assert len(caplog.records) == 1
+
+
+def test_a_picture_of_four_billion_pixels_is_counted_and_said_once(caplog):
+    jpeg = bytearray(Pictures().jpeg(0))
+    at = jpeg.index(b"\xff\xc0") + 5
+    with ThreadPoolExecutor(1) as workers:
+        feed = VideoFeed(workers)
+        for size in (b"\xff" * 4, b"\x20\x00\x20\x00"):  # and 67 million, with a warning of 200 MB
+            jpeg[at : at + 4] = size
+            for _ in range(3):
+                feed.show(1, 1, bytes(jpeg))
+        assert (feed.damaged, feed.newest) == (6, None)
+    (said,) = caplog.messages
+    assert said == "a picture that is no JPEG of up to 8.4 million pixels is not shown"
 
 
 def test_pictures_are_made_smaller_once_for_all_who_want_them():

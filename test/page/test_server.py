@@ -14,8 +14,11 @@ from page_backend import Pictures, pixel_of, place_at
 from page_clients import Page, Served, next_picture, tile_file
 
 from tirgeo_ros.core.config.viewer import ViewerConfig
+from tirgeo_ros.core.targets.target import Fixing
 from tirgeo_ros.core.types.errors import PageError
 from tirgeo_ros.page.server import PageServer
+
+WORDS = {"kind": "other", "note": ""}
 
 
 def test_video_comes_untouched_to_a_quick_viewer_with_its_stamp_and_size(served):
@@ -253,3 +256,53 @@ def test_wrong_files_are_named(served, tmp_path):
         server = PageServer(served.backend, ViewerConfig(listen="127.0.0.1:0", **wrong), {})
         with pytest.raises(PageError, match=words):
             server.start()
+
+
+def test_an_edit_sends_the_targets_that_changed_alone(tmp_path):
+    """Of 2000 with long notes the whole list is 30 MB, for each page."""
+
+    async def edit():
+        async with Page(one.url) as page, page.state() as state:
+            listed = []
+            while len(listed) < 60:
+                part = await state.until("targets")
+                listed += part["targets"]
+            last = listed[59]
+            await state.ask("edit", id=last["id"], was={"name": ""}, name="Anna")
+            edited = await state.until("targets")
+            await state.ask("delete", id=last["id"], was={"name": "Anna"} | WORDS)
+            gone = await state.until("targets")
+            await state.ask("undo")
+            return last, edited, gone, await state.until("targets")
+
+    with Served(tmp_path) as one:
+        place = Fixing(1, 48.0, 16.0, 190.0, (1.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0))
+        for now_ns in range(60):
+            one.backend.targets.add(place, now_ns=now_ns)
+        one.server.targets_changed()
+        last, edited, gone, back = asyncio.run(edit())
+    assert [(target["id"], target["name"]) for target in edited["targets"]] == [
+        (last["id"], "Anna")
+    ]
+    assert (gone["gone"], gone["targets"]) == ([last["id"]], [])
+    assert (back["gone"], back["targets"]) == ([], edited["targets"])
+
+
+def test_undo_is_answered_whatever_the_journal_holds(tmp_path):
+    async def ask():
+        async with Page(one.url) as page, page.state() as state:
+            found = [await asyncio.wait_for(state.ask("undo"), 20) for _ in range(2)]
+            one.backend.targets.undo = None  # a fault of this program
+            return *found, await asyncio.wait_for(state.ask("undo"), 20)
+
+    with Served(tmp_path) as one:
+        store = one.backend.targets
+        edited = store.add(Fixing(1, 48.0, 16.0, 190.0, (1.0,) * 9), now_ns=1)
+        store.edit(edited.id, 2, name="Anna")
+        store._db.execute("UPDATE tirgeo_changes SET before = substr(before, 2)")
+        damaged, again, fault = asyncio.run(ask())
+    assert not damaged["ok"]
+    assert damaged["reason"].startswith("the record of the last change is damaged")
+    assert (again["ok"], again["text"]) == (True, "target 1 removed again")
+    assert not fault["ok"]
+    assert fault["reason"] == "a fault in this program: its log says where"

@@ -49,7 +49,7 @@ def test_states_go_out_at_most_at_5_hz():
 def test_a_newcomer_gets_all_there_is():
     async def run():
         hub, outbox = StateHub(lambda *_: None), Outbox()
-        hub.set_targets('{"type": "targets"}')
+        hub.change_targets({})
         hub.report("a", {"track": [[k, 0] for k in range(700)]})
         hub.report("b", {})
         hub.join(outbox, "me")
@@ -58,10 +58,48 @@ def test_a_newcomer_gets_all_there_is():
         return [*before, await take(outbox)]
 
     targets, first, other, rest = asyncio.run(run())
-    assert targets["type"] == "targets"
+    assert targets == {"type": "targets", "whole": True, "more": False, "gone": [], "targets": []}
     assert (first["aircraft"], first["track_from"], len(first["track"])) == ("a", 0, 500)
     assert (other["aircraft"], other["track"]) == ("b", [])
     assert (rest["aircraft"], rest["track_from"], len(rest["track"])) == ("a", 500, 200)
+
+
+def test_a_newcomer_gets_the_targets_in_parts_and_then_what_changes():
+    async def run():
+        hub, outbox = StateHub(lambda *_: None), Outbox()
+        hub.join(outbox, "me")
+        hub.change_targets({f"{k}": f"[{k}]" for k in range(70)})
+        first = await take(outbox)
+        hub.report("a", {})
+        await asyncio.sleep(0.01)  # the state does not wait for all targets
+        hub.change_targets({"0": "", "1": "[1.5]"})
+        rest = [await take(outbox) for _ in range(2)]
+        hub.change_targets({"2": "[2.5]"})
+        hub.change_targets({})
+        hub.change_targets({"2": "[2.6]", "3": "[3.5]"})
+        rest.append(await take(outbox))
+        later = Outbox()
+        hub.join(later, "another")
+        seen = [await take(later), await take(later), await take(later)]
+        return first, rest, seen, len(outbox._newest)
+
+    first, (second, state, third), seen, waiting = asyncio.run(run())
+    assert (first["whole"], first["more"], first["targets"]) == (
+        True,
+        True,
+        [[k] for k in range(50)],
+    )
+    assert (second["whole"], second["more"], second["gone"]) == (False, False, ["0"])
+    assert second["targets"] == [*([k] for k in range(50, 70)), [1.5]]
+    assert state["type"] == "state"
+    assert (third["gone"], third["targets"]) == ([], [[2.6], [3.5]])
+    parts = [one for one in seen if one["type"] == "targets"]
+    assert [one["whole"] for one in parts] == [True, False]
+    assert sorted([*parts[0]["targets"], *parts[1]["targets"]]) == sorted(
+        [*([k] for k in range(4, 70)), [1.5], [2.6], [3.5]]
+    )
+    assert not parts[0]["gone"]  # everybody knows
+    assert waiting == 0
 
 
 def test_answers_come_first_and_all():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
@@ -16,7 +16,8 @@ from tirgeo_ros.core.config.schema import config_from, parameters_of, values_of
 from tirgeo_ros.core.config.viewer import split_namespaces
 from tirgeo_ros.core.ground.ground_point import MarkedPlace
 from tirgeo_ros.core.targets.target import Target
-from tirgeo_ros.core.types.errors import ConfigError
+from tirgeo_ros.core.types.errors import ConfigError, shown
+from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.io.files.child_python import parent_ended
 from tirgeo_ros.io.files.text_file import read_text
 from tirgeo_ros.io.messages import DiagnosticItem
@@ -62,6 +63,7 @@ class ViewerNode(GraphNode):
         self._team = TeamLink(self, config, self._aircraft)
         self._map = PageMap(self, config.map)
         self._targets = TargetStore(Path(config.targets))  # last: another may not be right
+        self._lost = lost_clicks(self._targets.lost_clicks)
         self._backend = PageBackend(
             self._aircraft, self._targets, self._map, self._recordings, self._team.link
         )
@@ -122,7 +124,7 @@ class ViewerNode(GraphNode):
 
     def _report(self, aircraft: str) -> None:
         one = self._aircraft[aircraft]
-        ours = [*self._recordings.findings(aircraft), *self._team.findings]
+        ours = [*self._recordings.findings(aircraft), *self._team.findings, *self._lost]
         state = one.state([*ours, *one.reports.restarts.findings()])
         state["recording"], state["sharing"] = self._recordings.is_on(aircraft), self._team.state
         self._server.report(aircraft, state)
@@ -146,6 +148,7 @@ class ViewerNode(GraphNode):
 
     def _items(self) -> list[DiagnosticItem]:
         values = {"targets": str(len(self._marked)), "listen": self._config.listen}
+        values |= {name: str(count) for name, count in self._server.counts.items()}
         values |= {f"stream {name}": trouble for name, trouble in self._streams.troubles.items()}
         trouble = self._map.error or next(iter(self._streams.troubles.values()), "")
         return [self.item("page", values, trouble or "ok", WARN if trouble else OK)]
@@ -181,6 +184,14 @@ def with_secrets(config: ViewerConfig) -> ViewerConfig:
             if not values[name].isprintable() or not values[name]:
                 raise ConfigError(f"parameter {name}_file: {path}: write one line of text into it")
     return config_from(ViewerConfig, values)
+
+
+def lost_clicks(numbers: Sequence[int]) -> list[Finding]:
+    """Return the finding that targets, by their numbers, lack clicks in their file, if any do."""
+    evidence = f"their file has lost clicks of targets {shown(', '.join(map(str, numbers)), 60)}"
+    mend = "look at their places, which are of what is left, and click them again"
+    found = Finding("targets", Severity.CAUTION, evidence, "viewer_node targets", mend)
+    return [found] if numbers else []
 
 
 def check(config: ViewerConfig) -> None:

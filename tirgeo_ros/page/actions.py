@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import functools
+import json
+import logging
 import math
 import time
 from collections import OrderedDict
@@ -28,6 +30,7 @@ _CLICK_S = 2.0  # the backend has its own limit, of a second
 #: request again, and it must not be done twice.
 _UNIQUE_NAME, _REMEMBERED = 16, 2000
 _CORNERS = 36  # of an ellipse's outline
+_LOG = logging.getLogger("tirgeo.page")
 
 
 class Actions:
@@ -65,6 +68,9 @@ class Actions:
             found = await getattr(self, f"_{kind}")(**arguments)
         except (RequestError, TirgeoError) as error:
             return {"ok": False, "reason": str(error)}
+        except Exception:  # noqa: BLE001 whoever asked waits for an answer
+            _LOG.exception("%s: a fault in this program", kind)
+            return {"ok": False, "reason": "a fault in this program: its log says where"}
         return {"ok": True, **found}
 
     async def _click(
@@ -144,25 +150,31 @@ class Actions:
         return found
 
 
-def targets_message(store: TargetStore, undulation_m: float) -> dict[str, Any]:
-    """Return the message ``targets``: the whole list, without deleted ones."""
-    revision, open_ = store.revision, store.alternatives()
-    return {
-        "type": "targets",
-        "revision": revision,
-        "targets": [
-            target_fields(target, undulation_m) | {"alternatives": open_[target.id]}
-            for target in store.all()
-        ],
-    }
+#: A target and its alternatives, by id.
+Told = dict[str, tuple[Target, list[list[str]]]]
 
 
-@functools.lru_cache(maxsize=4096)  # one target changes, and the others are sent again
+def changed_targets(store: TargetStore, undulation_m: float, told: Told) -> dict[str, str]:
+    """Return the JSON, by id, of each target that is not as ``told``; "" of one that is gone.
+
+    Then ``told`` is what the store holds.
+    """
+    open_ = store.alternatives()
+    now = {one.id: (one, open_.get(one.id, [])) for one in store.all()}
+    changed = [one for id_, one in now.items() if told.get(id_) != one]
+    texts = dict.fromkeys(told.keys() - now.keys(), "")
+    for target, others in changed:
+        fields = target_fields(target, undulation_m) | {"alternatives": others}
+        texts[target.id] = json.dumps(fields)
+    told.clear()
+    told.update(now)
+    return texts
+
+
 def target_fields(target: Target, undulation_m: float) -> dict[str, Any]:
     """Return a target as the page gets it; without ``undulation_m`` no height above sea level."""
     place = target.place
     ellipse = place.ellipse
-    texts = written(place.latitude_deg, place.longitude_deg)
     known = math.isfinite(undulation_m)
     return {
         "id": target.id,
@@ -177,12 +189,7 @@ def target_fields(target: Target, undulation_m: float) -> dict[str, Any]:
         "longitude_deg": place.longitude_deg,
         "height_m": place.height_m,
         "height_msl_m": place.height_m - undulation_m if known else None,
-        "coordinates": {
-            "decimal": texts.decimal,
-            "dms": texts.dms,
-            "mgrs": texts.mgrs,
-            "utm": texts.utm,
-        },
+        "coordinates": written(place.latitude_deg, place.longitude_deg)._asdict(),
         "ellipse": {
             "major_m": ellipse.major_m,
             "minor_m": ellipse.minor_m,

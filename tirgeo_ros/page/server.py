@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
+import logging
 import socket
 import ssl
 import threading
@@ -16,9 +16,9 @@ from typing import Any
 from aiohttp import web
 
 from tirgeo_ros.core.config.viewer import ViewerConfig, address_of
-from tirgeo_ros.core.types.errors import PageError
+from tirgeo_ros.core.types.errors import PageError, TargetError
 from tirgeo_ros.page.access import OPERATOR, VIEWER, Access
-from tirgeo_ros.page.actions import Actions, targets_message
+from tirgeo_ros.page.actions import Actions, Told, changed_targets
 from tirgeo_ros.page.backend import Backend
 from tirgeo_ros.page.connections import Door, listening_socket
 from tirgeo_ros.page.guard import Guard, mark
@@ -31,6 +31,7 @@ from tirgeo_ros.page.video_feed import VideoFeed
 STATIC = Path(__file__).parent / "static"
 _BODY_BYTES = 2048
 _ENDING_S = 5.0
+_LOG = logging.getLogger("tirgeo.page")
 
 
 class PageServer:
@@ -175,15 +176,16 @@ class PageServer:
         return runner
 
     async def _keep_targets(self) -> None:
-        """Send the list of targets after each change; changes meanwhile make one more list."""
-        store, undulation_m = self._backend.targets, self._config.geoid_undulation_m
+        """Send the targets that have changed; changes meanwhile go together."""
+        given, told = (self._backend.targets, self._config.geoid_undulation_m), Told()
         while True:
             await self._stale.wait()
             self._stale.clear()
-            text = await asyncio.to_thread(
-                lambda: json.dumps(targets_message(store, undulation_m))
-            )
-            self._routes.hub.set_targets(text)
+            try:
+                changed = await asyncio.to_thread(changed_targets, *given, told)
+                self._routes.hub.change_targets(changed)
+            except TargetError as error:
+                _LOG.warning("the pages do not get the targets: %s", error)
 
 
 def tls_context(config: ViewerConfig) -> ssl.SSLContext | None:

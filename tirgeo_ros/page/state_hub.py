@@ -12,7 +12,7 @@ import numpy as np
 
 _PERIOD_S = 0.2  # states go out at most at 5 Hz
 _MOST_POINTS = 20_000  # of a track that newcomers get
-_POINTS_AT_ONCE = 500  # so that a slow link's state isn't late for them
+_POINTS_AT_ONCE, _TARGETS_AT_ONCE = 500, 50  # so that a slow link's state isn't late for them
 
 
 class Track:
@@ -47,6 +47,8 @@ class Outbox:
         self._newest: dict[str, Callable[[], str]] = {}
         self._some = asyncio.Event()
         self.track_ends: dict[str, int] = {}
+        self.targets: dict[str, str] = {}  # to be sent yet, by id
+        self.has_targets = False
 
     @property
     def answers(self) -> int:
@@ -87,13 +89,13 @@ class StateHub:
         self._tracks: dict[str, Track] = {}
         self._waiting: dict[str, asyncio.TimerHandle] = {}
         self._sent_s: dict[str, float] = {}
-        self._targets = ""
+        self._targets: dict[str, str] | None = None  # until the file was read
 
     def join(self, outbox: Outbox, who: str) -> None:
         """Give a page all there is, and from now on what is new."""
         self._pages[outbox] = who
-        if self._targets:
-            outbox.put("targets", lambda: self._targets)
+        if self._targets is not None:
+            self._put_targets(outbox, self._targets)
         for aircraft in self._states:
             self._put(outbox, who, aircraft)
 
@@ -101,11 +103,13 @@ class StateHub:
         """Give a page nothing more."""
         self._pages.pop(outbox, None)
 
-    def set_targets(self, text: str) -> None:
-        """Give all pages the list of targets."""
-        self._targets = text
-        for outbox in self._pages:
-            outbox.put("targets", lambda: self._targets)
+    def change_targets(self, texts: Mapping[str, str]) -> None:
+        """Give all pages the targets that have changed, JSON by id; "" for one that is gone."""
+        if texts or self._targets is None:
+            now = {**(self._targets or {}), **texts}
+            self._targets = {id_: text for id_, text in now.items() if text}
+            for outbox in self._pages:
+                self._put_targets(outbox, texts)
 
     def report(self, aircraft: str, state: dict[str, Any]) -> None:
         """Give all pages a state, now or when the last is 0.2 s old; ``track`` has new points."""
@@ -129,6 +133,20 @@ class StateHub:
 
     def _put(self, outbox: Outbox, who: str, aircraft: str) -> None:
         outbox.put(f"state {aircraft}", lambda: self._state_text(outbox, who, aircraft))
+
+    def _put_targets(self, outbox: Outbox, texts: Mapping[str, str]) -> None:
+        outbox.targets.update(texts)
+        outbox.put("targets", lambda: self._targets_text(outbox))
+
+    def _targets_text(self, outbox: Outbox) -> str:
+        part = {id_: outbox.targets.pop(id_) for id_ in [*outbox.targets][:_TARGETS_AT_ONCE]}
+        if outbox.targets:
+            self._put_targets(outbox, {})
+        gone = [id_ for id_, text in part.items() if not text]
+        own = {"whole": not outbox.has_targets, "more": bool(outbox.targets), "gone": gone}
+        outbox.has_targets = True
+        texts = ", ".join(filter(None, part.values()))
+        return f'{json.dumps({"type": "targets"} | own)[:-1]}, "targets": [{texts}]}}'
 
     def _state_text(self, outbox: Outbox, who: str, aircraft: str) -> str:
         start, points = self._tracks[aircraft].after(outbox.track_ends.get(aircraft, 0))

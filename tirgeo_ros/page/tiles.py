@@ -1,9 +1,13 @@
-"""Read background pictures of the map from an MBTiles file."""
+"""Read background pictures of the map from an MBTiles file, whoever made it."""
 
 from __future__ import annotations
 
+import logging
+import os
 import sqlite3
+import sys
 import threading
+import time
 from pathlib import Path
 from typing import Any
 
@@ -11,24 +15,30 @@ from tirgeo_ros.core.types.errors import PageError
 
 _TYPES = {"png": "image/png", "jpg": "image/jpeg", "jpeg": "image/jpeg", "webp": "image/webp"}
 _DEEPEST = 24
+_MOST_BYTES = 1 << 22  # of a tile
+#: A table may be a view without an end: SQLite looks at the clock after so many of its steps.
+_OPENED_S, _FOUND_S, _STEPS = 10.0, 0.5, 10_000
+_TOLD = "select name, value from metadata where name in ('format', 'attribution') limit 9"
+_ZOOM = "select {}(zoom_level) from tiles where zoom_level between 0 and 24"  # each by the index
+_TILE = "select tile_data from tiles where zoom_level=? and tile_column=? and tile_row=? limit 1"
+_ENDLESS = "its tables take too long to read"
+_LOG = logging.getLogger("tirgeo.page")
 
 
 class Tiles:
     """Hold an MBTiles file open, for any thread. Raises PageError where it is none."""
 
     def __init__(self, path: Path) -> None:
-        try:
-            self._file = sqlite3.connect(
-                f"{path.absolute().as_uri()}?mode=ro&immutable=1",
-                uri=True,
-                check_same_thread=False,
-            )
-            told = dict(self._file.execute("select name, value from metadata"))
-            zooms = "select min(zoom_level), max(zoom_level) from tiles"
-            least, most = self._file.execute(zooms).fetchone()
-        except sqlite3.Error as error:
-            raise PageError(f"tiles: {path}: {error}: give an MBTiles file") from None
-        form = str(told.get("format", "png"))
+        self._path, self._one_at_a_time, self._fault = path, threading.Lock(), ""
+        if not (path.is_file() and os.access(path, os.R_OK)):
+            raise PageError(f"tiles: {path}: no file that can be read: give an MBTiles file")
+        address = f"{path.absolute().as_uri()}?mode=ro&immutable=1"
+        self._file = sqlite3.connect(address, uri=True, check_same_thread=False)
+        if sys.version_info >= (3, 11):
+            self._file.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _MOST_BYTES)
+        told = dict(self._read(_OPENED_S, _TOLD))
+        least, most = (self._read(_OPENED_S, _ZOOM.format(end))[0][0] for end in ("min", "max"))
+        form = str(told.get("format", "png"))[:20]
         if form not in _TYPES:
             raise PageError(f"tiles: {path}: holds {form}: give one of {', '.join(_TYPES)}")
         self.content_type = _TYPES[form]
@@ -37,22 +47,39 @@ class Tiles:
             "max": most or 0,
             "attribution": str(told.get("attribution", ""))[:500],
         }
-        self._one_at_a_time = threading.Lock()
 
     def tile(self, zoom: int, x: int, y: int) -> bytes | None:
         """Return the picture at a place of the web's grid (y from the north), or None."""
         side = 1 << zoom if 0 <= zoom <= _DEEPEST else 0
         if not (0 <= x < side and 0 <= y < side):
             return None
-        row = side - 1 - y  # MBTiles counts from the south
         with self._one_at_a_time:
-            found = self._file.execute(
-                "select tile_data from tiles where zoom_level=? and tile_column=? and tile_row=?",
-                (zoom, x, row),
-            ).fetchone()
-        return bytes(found[0]) if found else None
+            found = self._found(zoom, x, side - 1 - y)  # MBTiles counts from the south
+        return found if isinstance(found, bytes) and len(found) <= _MOST_BYTES else None
 
     def close(self) -> None:
         """Close the file."""
         with self._one_at_a_time:
             self._file.close()
+
+    def _found(self, *place: int) -> Any:
+        """Return what is at a place; a fault is said once, and an endless table not read again."""
+        if _ENDLESS in self._fault:
+            return None
+        try:
+            rows = self._read(_FOUND_S, _TILE, *place)
+        except PageError as error:
+            if not self._fault or _ENDLESS in str(error):
+                self._fault = str(error)
+                _LOG.warning("the map lacks tiles: %s", error)
+            return None
+        return rows[0][0] if rows else None
+
+    def _read(self, within_s: float, query: str, *values: int) -> list[Any]:
+        end_s = time.monotonic() + within_s
+        self._file.set_progress_handler(lambda: time.monotonic() > end_s, _STEPS)
+        try:
+            return self._file.execute(query, values).fetchall()
+        except sqlite3.Error as error:
+            words = _ENDLESS if time.monotonic() > end_s else error
+            raise PageError(f"tiles: {self._path}: {words}: give an MBTiles file") from None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import io
+import logging
 from collections import deque
 from collections.abc import Callable, Iterable
 from concurrent.futures import Executor
@@ -11,13 +11,14 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from PIL import Image, UnidentifiedImageError
 
+from tirgeo_ros.io.files.encoded_picture import MOST_OF_VIDEO, size_of
 from tirgeo_ros.page.pace import LEVELS
 
 _KEPT, _KEPT_BYTES = 100, 16 * 2**20  # pictures to cut targets out of: three seconds
 _HELD = 30  # pictures that were the last on somebody's screen: he may press on one for long
 _CUT_HALF = 80  # pixels: half a cut-out's side
+_LOG = logging.getLogger("tirgeo.page")
 _REDUCED = {
     1: cv2.IMREAD_COLOR,
     2: cv2.IMREAD_REDUCED_COLOR_2,
@@ -55,10 +56,12 @@ class VideoFeed:
         self._waking: set[Callable[[], None]] = set()
 
     def show(self, stamp_ns: int, begun_ns: int, jpeg: bytes) -> None:
-        """Take the newest picture; one that is no JPEG is counted."""
-        try:
-            width, height = Image.open(io.BytesIO(jpeg), formats=["JPEG"]).size
-        except (UnidentifiedImageError, OSError, SyntaxError):
+        """Take the newest picture; one that is no JPEG of a video is counted, the first said."""
+        width, height = size_of(jpeg, ("JPEG",))
+        if not 0 < width * height <= MOST_OF_VIDEO:
+            if not self.damaged:
+                most = f"{MOST_OF_VIDEO * 1e-6:.1f} million pixels"
+                _LOG.warning("a picture that is no JPEG of up to %s is not shown", most)
             self.damaged += 1
             return
         number = self.newest.number + 1 if self.newest else 1

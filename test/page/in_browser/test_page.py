@@ -12,10 +12,11 @@ import numpy as np
 import pyogrio
 import pytest
 from browser import DESK, LEVEL, PHONE, TABLET
-from page_backend import GO, M_PER_PIXEL, SimulatedBackend
+from page_backend import GO, GROUND_M, LATITUDE, LONGITUDE, M_PER_PIXEL, SimulatedBackend
 from page_clients import tile_file
 from served_page import ELLIPSE, corner_in, corner_on, off_corner, well
 
+from tirgeo_ros.core.targets.target import Fixing
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.targets.store import MOST_NAME
 
@@ -302,3 +303,32 @@ def contrast(*colours):
     linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
     light = linear @ (0.0722, 0.7152, 0.2126) + 0.05
     return light.max() / light.min()
+
+
+def test_many_targets_come_in_parts_and_a_change_moves_one(serve, tablet):
+    """Also after the link was lost, which closes no card."""
+    page = serve()
+    store, place = page.backend.targets, Fixing(1, LATITUDE, LONGITUDE, GROUND_M, (1.0,) * 9)
+    many = [store.add(place, now_ns=k) for k in range(120)]
+    page.server.targets_changed()
+    screen = tablet(page.url)
+    screen.expected = "WebSocket|ERR_CONNECTION|404"  # they have no pictures
+    screen.wait("() => document.querySelectorAll('.row').length === 120")
+    screen.tap_on(".row")
+    store.edit(many[0].id, 200, name="Anna")
+    store.delete(many[1].id, 201)
+    page.server.targets_changed()
+    screen.wait("() => document.querySelectorAll('.row').length === 119")
+    names = "() => [...document.querySelectorAll('.row strong')].map((one) => one.textContent)"
+    assert screen.page.evaluate(names)[-1] == "Anna"
+    page.stop()
+    page.start()
+    store = page.backend.targets
+    store.undo()
+    page.server.targets_changed()
+    screen.wait("() => document.querySelectorAll('.row').length === 120")
+    numbers = (
+        "() => [...document.querySelectorAll('.row .badge b')].map((one) => +one.textContent)"
+    )
+    assert screen.page.evaluate(numbers) == [*range(120, 0, -1)]
+    assert screen.one("#target-card h2").is_visible()

@@ -16,11 +16,13 @@ import numpy.typing as npt
 from PIL import Image
 
 #: Formats that OpenCV reads too; no other reader of Pillow's is used.
-_FORMATS = ("PNG", "JPEG", "TIFF", "BMP", "PPM", "WEBP")
+FORMATS = ("PNG", "JPEG", "TIFF", "BMP", "PPM", "WEBP")
 #: Most pixels of a picture of a video (4K): the frames of a second may wait for their poses.
 MOST_OF_VIDEO = 1 << 23
 #: Most pixels of a single picture: more than the cameras of aircraft have.
 MOST_OF_FILE = 50_000_000
+#: More than any of them.
+BEYOND = 1 << 16, 1 << 16
 
 
 def unpacked(data: bytes, flags: int, most_pixels: int) -> npt.NDArray[Any] | None:
@@ -28,7 +30,7 @@ def unpacked(data: bytes, flags: int, most_pixels: int) -> npt.NDArray[Any] | No
 
     Raises ValueError for one of more than ``most_pixels``.
     """
-    pixels = _pixels(data)
+    pixels = math.prod(size_of(data))
     if pixels > most_pixels:
         raise ValueError(
             f"more than {most_pixels * 1e-6:.1f} million pixels; send or give a smaller picture"
@@ -41,14 +43,14 @@ def unpacked(data: bytes, flags: int, most_pixels: int) -> npt.NDArray[Any] | No
         return None
 
 
-def _pixels(data: bytes) -> float:
-    """Return the number of pixels by the header; 0 without one, infinity beyond Pillow's limit."""
+def size_of(data: bytes, formats: tuple[str, ...] = FORMATS) -> tuple[int, int]:
+    """Return width and height by the header: zeros without one, ``BEYOND`` past Pillow's limit."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            with Image.open(io.BytesIO(data), formats=_FORMATS) as picture:
-                return picture.width * picture.height
+            with Image.open(io.BytesIO(data), formats=formats) as picture:
+                return picture.size
     except Image.DecompressionBombError:
-        return math.inf
+        return BEYOND
     except (OSError, ValueError, SyntaxError, ArithmeticError, LookupError, TypeError):
-        return 0
+        return 0, 0

@@ -59,10 +59,23 @@ CREATE TABLE tirgeo_changes (revision INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL
     action TEXT NOT NULL, target TEXT NOT NULL, before TEXT, undone INTEGER NOT NULL);
 CREATE INDEX clicks_of_target ON clicks (target);
 """
+#: What is on, and texts that are still to be chosen from (undo of the change that ``settled`` one
+#: opens it again). Older files hold both among the changes.
+_OF_PAGE = """
+CREATE TABLE IF NOT EXISTS tirgeo_alternatives (target TEXT NOT NULL, field TEXT NOT NULL,
+    text TEXT NOT NULL, settled INTEGER);
+CREATE TABLE IF NOT EXISTS tirgeo_switches (what TEXT NOT NULL PRIMARY KEY);
+INSERT OR IGNORE INTO tirgeo_alternatives SELECT target, json_extract(before, '$[0]'),
+    json_extract(before, '$[1]'), nullif(undone, -1) FROM tirgeo_changes
+    WHERE action = 'alternative' AND json_valid(before);
+INSERT OR IGNORE INTO tirgeo_switches SELECT target FROM tirgeo_changes WHERE undone = -2;
+UPDATE tirgeo_changes SET before = NULL, undone = 1 WHERE action IN ('alternative', 'on');
+"""
 _PUT = (
     f"INSERT INTO targets (fid, geom, {', '.join(COLUMNS)}) "  # noqa: S608  names of our own
     f"VALUES (:number, :geom, {', '.join(f':{name}' for name in COLUMNS)})"
 )
+_MADE = "id, number, created_ns, changed_ns"
 _CLICK = "latitude_deg, longitude_deg, height_m, covariance_enu"
 
 
@@ -87,6 +100,12 @@ def is_of_targets(db: sqlite3.Connection) -> bool:
     names = ("clicks", "ellipses", "marks", "pictures", "targets", "tirgeo_changes")
     found = db.execute("SELECT name FROM sqlite_master WHERE type = 'table'")
     return set(names) <= {name for (name,) in found}
+
+
+def renew(db: sqlite3.Connection) -> None:
+    """Add what older files and exported ones lack, within the caller's transaction."""
+    for statement in _OF_PAGE.split(";\n")[:-1]:
+        db.execute(statement)
 
 
 def put_target(db: sqlite3.Connection, target: Target) -> None:
@@ -138,21 +157,33 @@ def next_number(db: sqlite3.Connection) -> int:
 def load_targets(db: sqlite3.Connection) -> list[Target]:
     """Return the targets by number; rows that another program added have no clicks: left out.
 
-    Raises TargetError, TypeError or ValueError for rows that are none of ours.
+    A target whose clicks are gone has one, at its place. Raises TargetError, TypeError or
+    ValueError for rows that are none of ours.
     """
     clicks: defaultdict[str, list[Fixing]] = defaultdict(list)
     rows = db.execute(f"SELECT target, stamp_ns, {_CLICK} FROM clicks ORDER BY fid")  # noqa: S608
-    for target_id, stamp_ns, latitude, longitude, height, covariance in rows:
-        numbers = tuple(float(word) for word in covariance.split())
-        clicks[target_id].append(Fixing(stamp_ns, latitude, longitude, height, numbers))
-    columns = "id, number, name, target_kind, note, aircraft, created_ns, changed_ns"
-    found = db.execute(f"SELECT {columns} FROM targets ORDER BY number")  # noqa: S608
-    return [_target(row, clicks[row[0]]) for row in found if clicks[row[0]]]
+    for target_id, *click in rows:
+        clicks[target_id].append(_fixing(*click))
+    columns = f"name, target_kind, note, aircraft, {_MADE}, stamp_ns, {_CLICK}"
+    targets = []
+    for row in db.execute(f"SELECT {columns} FROM targets ORDER BY number"):  # noqa: S608
+        own = clicks[row[4]]
+        if not own and None not in row[4:]:
+            own = [_fixing(*row[-5:])]
+        if own:
+            targets.append(_target(row, own))
+    return targets
+
+
+def _fixing(
+    stamp_ns: int, latitude: float, longitude: float, height_m: float, numbers: str
+) -> Fixing:
+    return Fixing(stamp_ns, latitude, longitude, height_m, tuple(map(float, numbers.split())))
 
 
 def _target(row: Sequence[object], clicks: Sequence[Fixing]) -> Target:
     """Return a target; names, kinds and notes may be those that a GIS gave it."""
-    target_id, number, name, kind, note, aircraft, created_ns, changed_ns = row
+    name, kind, note, aircraft, target_id, number, created_ns, changed_ns, *_ = row
     known = str(kind) if kind in KINDS else "other"
     words = (str(name or ""), known, str(note or ""), str(aircraft or ""))
     times = (int(str(created_ns)), int(str(changed_ns)))

@@ -10,7 +10,7 @@ import os
 import threading
 import uuid
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -36,17 +36,19 @@ _UNDONE = {
     "delete": "target {} is back",
 }
 _LOG = "INSERT INTO tirgeo_changes (at_ns, action, target, before, undone) VALUES (?, ?, ?, ?, ?)"
-_LAST = (
+_NEWEST = (
     "SELECT revision, action, target, before FROM tirgeo_changes WHERE undone = 0 "
-    "AND (?1 IS NULL OR target = ?1) ORDER BY revision DESC LIMIT 1"
+    "AND (?1 IS NULL OR target = ?1) ORDER BY revision DESC"
 )
-#: In the column ``undone``, of rows that are no changes: an alternative that is open (later the
-#: revision that settled it), and what is on.
-_OPEN, _ON = -1, -2
-_ALTERNATIVES = f"SELECT target, before FROM tirgeo_changes WHERE undone = {_OPEN}"  # noqa: S608
-_SETTLE = (
-    f"UPDATE tirgeo_changes SET undone = ? WHERE undone = {_OPEN} "  # noqa: S608
-    "AND target = ? AND before = ?"
+_TAKEN_BACK = "UPDATE tirgeo_changes SET undone = 1 WHERE revision = ?"
+_OPEN = "SELECT target, field, text FROM tirgeo_alternatives WHERE settled IS NULL ORDER BY rowid"
+_OF = "settled IS NULL AND target = ? AND field = ? AND text = ?"
+_SETTLE = f"UPDATE tirgeo_alternatives SET settled = ? WHERE {_OF}"  # noqa: S608
+#: What reading a damaged record raises.
+_DAMAGE = (TargetError, KeyError, TypeError, ValueError, AttributeError, RecursionError)
+_LACKING = (
+    "SELECT number FROM targets WHERE clicks > "
+    "(SELECT count(*) FROM clicks WHERE target = targets.id) ORDER BY number"
 )
 #: Pictures of targets that are deleted, and that no undo can bring back.
 _LOOSE = (
@@ -70,6 +72,8 @@ class TargetStore:
         self._open = True
         self._file = _identity(self.path)
         self._targets = {target.id: target for target in targets}
+        #: Numbers of targets of which the file had lost clicks when it was opened.
+        self.lost_clicks = [number for (number,) in self._read(_LACKING)]
         last = self._read("SELECT max(revision) FROM tirgeo_changes")
         self.revision = int(last[0][0] or 0)
 
@@ -152,8 +156,8 @@ class TargetStore:
     def alternatives(self) -> dict[str, list[list[str]]]:
         """Return fields and texts that are still to be chosen from, by a target's id."""
         found = defaultdict(list)
-        for target_id, text in self._read(_ALTERNATIVES):
-            found[target_id].append(json.loads(text))
+        for target_id, field, text in self._read(_OPEN):
+            found[target_id].append([field, text])
         return found
 
     def leave_out(self, target_id: str, field: str, text: str, now_ns: int) -> Target:
@@ -162,7 +166,7 @@ class TargetStore:
             target = self.get(target_id)
             with self._transaction():
                 revision = self._log("edit", target_id, target, now_ns)
-                self._settle(target_id, [field, text], revision)
+                self._db.execute(_SETTLE, (revision, target_id, field, text))
             return self._kept(target, revision)
 
     def for_others(self) -> list[Target]:
@@ -180,17 +184,18 @@ class TargetStore:
         """Keep alternatives, each in place of one that it was made on."""
         if not self._read("SELECT 1 FROM tirgeo_changes WHERE target = ? LIMIT 1", target_id):
             self.get(target_id)  # there never was one
+        revision = self.revision
         with self._transaction():
             for field, text in texts.items():
-                row = now_ns, "alternative", target_id, json.dumps([field, text]), _OPEN
                 for known in (text, was.get(field)):
-                    self._settle(target_id, [field, known], 1)
-                self.revision = int(self._db.execute(_LOG, row).lastrowid or 0)
+                    place = (target_id, field, known)
+                    self._db.execute(f"DELETE FROM tirgeo_alternatives WHERE {_OF}", place)  # noqa: S608
+                row = "INSERT INTO tirgeo_alternatives (target, field, text) VALUES (?, ?, ?)"
+                self._db.execute(row, (target_id, field, text))
+                revision = self._log("alternative", target_id, None, now_ns)
             if len(self.alternatives()[target_id]) > MOST_ALTERNATIVES:
                 raise TargetError(f"it has {MOST_ALTERNATIVES} texts to choose from: choose first")
-
-    def _settle(self, target_id: str, alternative: list[str | None], revision: int) -> None:
-        self._db.execute(_SETTLE, (revision, target_id, json.dumps(alternative)))
+        self.revision = revision
 
     def delete(self, target_id: str, now_ns: int, was: Mapping[str, str] | None = None) -> None:
         """Delete a target if its words are what they ``was``; ``undo`` brings all of it back."""
@@ -207,32 +212,45 @@ class TargetStore:
     def undo(self, of: str | None = None) -> str:
         """Undo the last change that is not undone, or the last ``of`` one target alone.
 
-        Return words for the operator, "" if there is none.
+        Return words for the operator, "" if there is none. Raises TargetError if its record is
+        damaged; the next undo passes over it.
         """
         with self._lock:
-            rows = self._read(_LAST, of)
-            if not rows:
-                return ""
-            undone, action, target_id, text = rows[0]
-            before = _decoded(text)
-            target = before or self._targets.get(target_id)
-            with self._transaction():
-                if before is None:
-                    remove_target(self._db, target_id)
-                else:
-                    put_target(self._db, before)
-                done = "UPDATE tirgeo_changes SET undone = 1 WHERE revision = ?"
-                self._db.execute(done, (undone,))
-                again = "UPDATE tirgeo_changes SET undone = ? WHERE undone = ? AND action = ?"
-                self._db.execute(again, (_OPEN, undone, "alternative"))
-                # With what is undone: nothing that was written leaves the file.
-                revision = self._log("undo", target_id, self._targets.get(target_id), None)
-            if target is None:  # another program removed it while we were away
-                return self.undo(of)
-            self._kept(target, revision)
+            passed, fault = [], ""
+            for revision, action, target_id, text in self._read(_NEWEST, of):
+                passed.append((revision,))
+                try:
+                    before = _before(self._targets.values(), action, target_id, text)
+                except _DAMAGE:
+                    fault = (
+                        "the record of the last change is damaged: Undo again for the one before"
+                    )
+                    break
+                if before or target_id in self._targets:
+                    return self._take_back(passed, action, target_id, before)
+            with self._transaction():  # what is left, another program removed meanwhile
+                self._db.executemany(_TAKEN_BACK, passed)
+            if fault:
+                raise TargetError(fault)
+            return ""
+
+    def _take_back(
+        self, changes: list[tuple[int]], action: str, target_id: str, before: Target | None
+    ) -> str:
+        with self._transaction():
+            self._db.executemany(_TAKEN_BACK, changes)
             if before is None:
-                del self._targets[target_id]
-            return _UNDONE[action].format(target.number)
+                remove_target(self._db, target_id)
+            else:
+                put_target(self._db, before)
+            again = "UPDATE tirgeo_alternatives SET settled = NULL WHERE settled = ?"
+            self._db.execute(again, changes[-1])
+            # With what is undone: nothing that was written leaves the file.
+            revision = self._log("undo", target_id, self._targets.get(target_id), None)
+        target = self._kept(before or self._targets[target_id], revision)
+        if before is None:
+            del self._targets[target_id]
+        return _UNDONE[action].format(target.number)
 
     def picture(self, target_id: str) -> bytes | None:
         """Return a target's cut-out of the video, JPEG, or None."""
@@ -256,15 +274,13 @@ class TargetStore:
     def switch(self, what: str, on: bool) -> None:
         """Remember that something that is no target is on, or no longer."""
         with self._lock, self._transaction():
-            off = "DELETE FROM tirgeo_changes WHERE target = ? AND undone = ?"
-            self._db.execute(off, (what, _ON))
+            self._db.execute("DELETE FROM tirgeo_switches WHERE what = ?", (what,))
             if on:
-                self._db.execute(_LOG, (None, "on", what, None, _ON))
+                self._db.execute("INSERT INTO tirgeo_switches VALUES (?)", (what,))
 
     def switched_on(self) -> list[str]:
         """Return what is on, also what was on when an earlier run was killed."""
-        rows = self._read("SELECT target FROM tirgeo_changes WHERE undone = ?", _ON)
-        return [what for (what,) in rows]
+        return [what for (what,) in self._read("SELECT what FROM tirgeo_switches ORDER BY rowid")]
 
     def close(self) -> None:
         """Close the file: another process may then open it. May be called again."""
@@ -279,7 +295,7 @@ class TargetStore:
             revision = self._log(action, before.id, before, now_ns)
             for field, text in self.alternatives()[before.id]:
                 if field in new and f"\n{text}\n" in f"\n{new[field]}\n":
-                    self._settle(before.id, [field, text], revision)
+                    self._db.execute(_SETTLE, (revision, before.id, field, text))
         return self._kept(after, revision)
 
     def _kept(self, target: Target, revision: int) -> Target:
@@ -290,10 +306,12 @@ class TargetStore:
     def _log(self, action: str, target_id: str, before: Target | None, now_ns: int | None) -> int:
         """Note a change in the journal, of which the newest part is kept; return its revision."""
         text = None if before is None else json.dumps(dataclasses.asdict(before))
-        row = (now_ns, action, target_id, text, action == "undo")
+        row = (now_ns, action, target_id, text, action in {"undo", "alternative"})
         revision = int(self._db.execute(_LOG, row).lastrowid or 0)
-        old = "DELETE FROM tirgeo_changes WHERE revision <= ? AND undone >= 0"
-        if self._db.execute(old, (revision - MOST_CHANGES,)).rowcount:
+        oldest = (revision - MOST_CHANGES,)
+        self._db.execute("DELETE FROM tirgeo_alternatives WHERE settled <= ?", oldest)
+        old = "DELETE FROM tirgeo_changes WHERE revision <= ?"
+        if self._db.execute(old, oldest).rowcount:
             self._db.execute(_LOOSE)
         return revision
 
@@ -327,13 +345,24 @@ def _identity(path: Path) -> tuple[int, int] | None:
     return status.st_dev, status.st_ino
 
 
-def _decoded(text: str | None) -> Target | None:
-    """Return a target of the journal."""
+def _before(now: Iterable[Target], action: str, id_: str, text: str | None) -> Target | None:
+    """Return what a target was before a change of the journal, None of a new one.
+
+    Raises one of ``_DAMAGE`` for a record that cannot be.
+    """
+    if action not in _UNDONE or (action == "add") != (text is None):
+        raise ValueError(action)
     if text is None:
         return None
     fields = json.loads(text)
     clicks = (one | {"covariance_enu": tuple(one["covariance_enu"])} for one in fields["fixings"])
-    return Target(**fields | {"fixings": tuple(Fixing(**one) for one in clicks)})
+    before = Target(**fields | {"fixings": tuple(Fixing(**one) for one in clicks)})
+    sound = before.kind in KINDS and before.fixings
+    largest = max(map(abs, (before.number, before.created_ns, before.changed_ns)))
+    same = {before.id, *(one.id for one in now if one.number == before.number)}
+    if not sound or largest >= 1 << 63 or same != {id_}:
+        raise ValueError(text)
+    return before
 
 
 def _text(what: str, text: str, most: int) -> str:

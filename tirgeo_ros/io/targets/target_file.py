@@ -5,11 +5,12 @@ from __future__ import annotations
 import contextlib
 import sqlite3
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.errors import TargetError
-from tirgeo_ros.io.targets.geopackage import is_of_targets, load_targets, make_tables
+from tirgeo_ros.io.targets.geopackage import is_of_targets, load_targets, make_tables, renew
 
 _WAIT_S = 2.0  # for a program that is just ending
 #: A part of SQLite's message -> what to do.
@@ -61,12 +62,14 @@ def opened(path: Path) -> tuple[sqlite3.Connection, list[Target]]:
         with transaction(db):
             if _is_empty(db):
                 make_tables(db)
+            renew(db)
             db.execute("UPDATE gpkg_contents SET srs_id = srs_id")  # can the file be written?
         try:
             targets = load_targets(db)
         except (TargetError, TypeError, ValueError, AttributeError) as error:
             raise TargetError(f"{path}: {DAMAGED} ({error})") from None
-        stack.pop_all()
+        db.text_factory = partial(str, encoding="utf-8", errors="replace")  # else one byte of the
+        stack.pop_all()  # journal would keep all of it from being read
         return db, targets
 
 

@@ -3,9 +3,10 @@
 const ANSWER_MS = 10000; // a recording may take seconds to begin
 
 /**
- * @typedef {{ok: boolean, reason?: string, lost?: boolean} & Record<string, any>} Answer
+ * @typedef {{ok: boolean, reason?: string, lost?: boolean, again?: boolean}
+ *   & Record<string, any>} Answer  again: the request was sent before, so it may be old
  * @typedef {{message: Record<string, any>, keep: boolean, sent: boolean,
- *   resolve: (answer: Answer) => void, timer?: number}} Pending
+ *   again: boolean, resolve: (answer: Answer) => void, timer?: number}} Pending
  */
 
 /** @returns {string} 16 hex digits; randomUUID is there only on https */
@@ -38,7 +39,7 @@ export class Requests {
     this.count += 1;
     const message = { type, request: `${this.session}-${this.count}`, ...fields };
     return new Promise((resolve) => {
-      const pending = { message, keep, sent: false, resolve };
+      const pending = { message, keep, sent: false, again: false, resolve };
       this.pending.set(message.request, pending);
       this.dispatch(pending);
     });
@@ -69,7 +70,7 @@ export class Requests {
   /** @param {any} message  of type "answer" */
   answered(message) {
     const pending = this.pending.get(message.request);
-    if (pending) this.finish(pending, message);
+    if (pending) this.finish(pending, { ...message, again: pending.again });
   }
 
   /** Sends what was kept again, in its order. */
@@ -81,6 +82,7 @@ export class Requests {
   disconnected() {
     const reason = "the connection was lost before the answer: look whether it was done";
     for (const pending of [...this.pending.values()]) {
+      pending.again ||= pending.sent; // then its answer may be of then
       pending.sent = false;
       if (!pending.keep) this.finish(pending, { ok: false, lost: true, reason });
     }

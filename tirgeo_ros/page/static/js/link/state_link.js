@@ -35,7 +35,7 @@ function received(text) {
   heardAt = performance.now();
   const message = JSON.parse(text);
   if (message.type === "hello") welcomed(message);
-  else if (message.type === "targets") store.set({ targets: message.targets });
+  else if (message.type === "targets") targetsOf(message);
   else if (message.type === "state") stateOf(message);
   else if (message.type === "answer") requests.answered(message);
 }
@@ -47,6 +47,20 @@ function welcomed({ role, aircraft, kinds, tiles, most }) {
   const link = { phase: "open", retryAt: 0 };
   store.set({ role, aircraft, kinds, tiles, most, current, link });
   requests.reconnected();
+}
+
+/** @type {Map<string, import("../store.js").Target> | null} */
+let coming = null;
+
+/** @param {any} message  a part of all targets, begun by `whole`, or of those that changed */
+function targetsOf({ whole, more, targets, gone }) {
+  if (whole) coming = new Map();
+  coming ??= new Map(store.get("targets").map((/** @type {any} */ one) => [one.id, one]));
+  for (const id of gone) coming.delete(id);
+  for (const target of targets) coming.set(target.id, target);
+  if (more) return; // a list that shrinks would close the card
+  store.set({ targets: [...coming.values()].sort((one, other) => one.number - other.number) });
+  coming = null;
 }
 
 /** @param {any} message */

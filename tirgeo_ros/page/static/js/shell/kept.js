@@ -12,7 +12,7 @@ export class Kept {
   constructor(make, drop) {
     this.make = make;
     this.drop = drop;
-    /** @type {Map<string, {key: string, made: Made}>} */
+    /** @type {Map<string, {thing: Thing, made: Made}>} */
     this.known = new Map();
   }
 
@@ -29,10 +29,17 @@ export class Kept {
     return [...this.known.values()].map(({ made }) => made);
   }
 
-  /** @param {Thing} thing @param {Map<string, {key: string, made: Made}>} before */
+  /** @param {Thing} thing @param {Map<string, {thing: Thing, made: Made}>} before */
   entry(thing, before) {
-    const key = JSON.stringify(thing);
     const known = before.get(thing.id);
-    return known?.key === key ? known : { key, made: this.make(thing) };
+    if (!known || !same(known.thing, thing)) return { thing, made: this.make(thing) };
+    known.thing = thing;
+    return known;
   }
+}
+
+/** @param {any} one @param {any} other */
+function same(one, other) {
+  const alike = Object.keys({ ...one, ...other }).every((key) => one[key] === other[key]);
+  return alike || JSON.stringify(one) === JSON.stringify(other); // much slower
 }

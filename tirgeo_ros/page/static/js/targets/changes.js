@@ -51,7 +51,7 @@ export async function edit(target, key, value, base = baseOf(target, key)) {
   setDraft(id, { fields, open: before.open + 1, refusal: "" });
   const answer = await ask("edit", { id, was: { [key]: base }, [key]: value }, { keep: true });
   const newest = (/** @type {Target} */ one) => (one.id === id ? answer.target : one);
-  if (answer.ok) store.set({ targets: store.get("targets").map(newest) });
+  if (answer.ok && !answer.again) store.set({ targets: store.get("targets").map(newest) });
   const now = draftOf(id);
   const deleted = !answer.ok && !targetOf(id); // what was written is kept with it
   const refusal = answer.ok || deleted ? "" : (answer.reason ?? "");
