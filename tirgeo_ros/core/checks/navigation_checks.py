@@ -73,7 +73,7 @@ class NavigationChecks:
         self._streams: dict[str, Stream] = {}
         self._first_ns = self._arrived_ns = 0
         self._blocks = ImuBlocks(config.aircraft.rotation_bi)
-        self._imu, self._heading = ImuChecks(), HeadingChecks(config)
+        self._imu, self._heading = ImuChecks(config.aircraft.rotation_bi), HeadingChecks(config)
         self._vibration = VibrationChecks(config.imu)
         self._positions, self._stamps = PositionChecks(config), StampChecks(config)
         self._velocities = {
@@ -119,10 +119,11 @@ class NavigationChecks:
     def findings(self) -> list[Finding]:
         """Return the findings from all samples so far, the most severe first."""
         imu = self._imu.findings()
+        turned = any("gyro" in one.check or "axes" in one.check for one in imu)
         found = [
             *imu,
             # Headings are compared with the gyroscopes.
-            *([] if any("gyro" in one.check for one in imu) else self._heading.findings()),
+            *([] if turned else self._heading.findings()),
             *self._positions.findings(),
             *(one for check in self._velocities.values() for one in check.findings()),
             *self._stamps.findings(),

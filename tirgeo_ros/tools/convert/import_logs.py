@@ -255,7 +255,7 @@ def _of_imu(
     logs: Sequence[Log], samples: Sequence[SensedSample], aircraft: AircraftConfig
 ) -> Iterator[str]:
     """Yield what gravity and the orientation say against units and axes of the IMU."""
-    blocks, checks = ImuBlocks(aircraft.rotation_bi), ImuChecks()
+    blocks, checks = ImuBlocks(aircraft.rotation_bi), ImuChecks(aircraft.rotation_bi)
     for sample in samples:
         block = blocks.add(sample) if isinstance(sample, ImuSample) else None
         if block is not None:
