@@ -1,8 +1,10 @@
-"""An IMU that is turned in its mount: named, with its angles."""
+"""An IMU that is turned in its mount, and headings that are off: named, with the angle."""
 
 from __future__ import annotations
 
+import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,11 +12,14 @@ from checked_flights import changed, checked, simulated
 from flights import flight
 
 from dev.flight_errors import fitting_config
+from tirgeo_ros.core.checks.navigation_checks import nearest_causes
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.frames.rotations import matrix_from_euler
-from tirgeo_ros.core.types.finding import Severity
+from tirgeo_ros.core.types.finding import Finding, Severity
 
 IMU_RPY = "ekf_node aircraft.imu_rpy_deg"
+#: The autopilot's own tilt error, 0.3 deg rms on each axis over a flight, and its noise.
+OFF_DEG = 0.8
 
 
 @pytest.fixture(scope="module")
@@ -35,6 +40,10 @@ def mounted(*rpy_deg):
     )
 
 
+def heading(off_deg):
+    return changed("rtk/heading", heading_rad=lambda rad: (rad + math.radians(off_deg)) % math.tau)
+
+
 def bare(arrived):
     return changed("imu/data", autopilot_q_nb=lambda _: None)(arrived)
 
@@ -45,6 +54,46 @@ def worse(found):
 
 def angles(finding):
     return [float(text) for text in re.search(r"\[(.*)\]", finding.mend)[1].split(",")]
+
+
+@pytest.mark.parametrize("rpy_deg", [(5, 0, 0), (0, -5, 0), (0, 10, 0), (-20, 0, 0), (7, 7, 0)])
+def test_a_tilted_imu_is_named_alone_and_with_its_angles(rpy_deg, flown, arrived):
+    (one,) = worse(checked(arrived, fitting_config(flown), mounted(*rpy_deg)))
+    assert (one.check, one.severity, one.parameter) == ("imu_tilt", Severity.STOP, IMU_RPY)
+    # The two axes' product is a yaw, which nothing shows.
+    assert angles(one)[:2] == pytest.approx(rpy_deg[:2], abs=OFF_DEG)
+
+
+def test_a_tilt_is_on_top_of_what_the_parameter_says(flown, arrived):
+    config = fitting_config(flown)
+    set_to = replace(config, aircraft=replace(config.aircraft, imu_rpy_deg=(0.0, 0.0, 90.0)))
+    assert worse(checked(arrived, set_to, mounted(0, 0, 90))) == []
+    (one,) = worse(checked(arrived, set_to, mounted(6, 0, 90)))
+    assert angles(one) == pytest.approx((6, 0, 90), abs=OFF_DEG)
+
+
+def test_an_autopilot_that_errs_as_much_as_real_ones_is_no_fault(flown, arrived):
+    """2.2 deg of difference were seen in twelve recorded flights."""
+    assert worse(checked(arrived, fitting_config(flown), mounted(1.6, -1.4, 0))) == []
+
+
+def test_without_the_autopilots_attitude_the_tilt_is_not_known(flown, arrived):
+    def change(one):
+        return mounted(0, 10, 0)(bare(one))
+
+    (one,) = checked(arrived, fitting_config(flown), change)
+    assert (one.check, one.severity, one.parameter) == ("imu_tilt", Severity.NOTE, IMU_RPY)
+    assert "not known" in one.evidence
+
+
+@pytest.mark.parametrize("off_deg", [4, -4, 7])
+def test_headings_that_are_off_are_named_with_the_angle(off_deg, flown, arrived):
+    (one,) = worse(checked(arrived, fitting_config(flown), heading(off_deg)))
+    assert (one.check, one.severity) == ("heading_offset", Severity.STOP)
+    assert one.parameter == "ekf_node aircraft.second_antenna_m"
+    off, sigma = map(float, re.search(r"is (.*) deg \(sigma (.*)\)", one.evidence).groups())
+    assert sigma < 1.0  # a quarter of what is told
+    assert off == pytest.approx(off_deg, abs=3 * sigma)
 
 
 TURNED = [(90, 0, 0), (0, 90, 0), (0, 0, 90), (0, 0, -90), (0, 0, 180), (90, 0, 90)]
@@ -64,3 +113,15 @@ def test_gravity_alone_shows_no_yaw(flown, arrived):
 
     (one,) = worse(checked(arrived, fitting_config(flown), change))
     assert "to [90.0, 0.0, 0.0] (gravity does not show the yaw)" in one.mend
+
+
+def finding(check, severity=Severity.STOP):
+    return Finding(check, severity, "", "", "")
+
+
+def test_the_camera_is_not_blamed_for_the_bodys_attitude():
+    camera, motion = finding("boresight_by_motion"), finding("picture_motion")
+    heading, latency = finding("heading_offset"), finding("video_latency")
+    assert nearest_causes([camera, heading, latency, motion]) == [heading, latency]
+    compass = finding("heading_offset", Severity.CAUTION)
+    assert nearest_causes([compass, camera]) == [compass, camera]

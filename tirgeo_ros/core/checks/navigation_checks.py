@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -45,6 +45,17 @@ _LEAST_NUMBER = 3
 _STRONG = 10.0
 #: More clipped samples than one knock gives, and the share of samples that harms the filter.
 _LEAST_CLIPPED, _MOST_CLIPPED = 5, 1e-4
+
+
+#: Checks that blame what makes the body's attitude, and those that then blame the camera for it.
+_ATTITUDE = ("imu_tilt", "force_", "gyro_", "heading_")
+_OF_CAMERA = ("boresight_by_motion", "picture_motion")
+
+
+def nearest_causes(found: Sequence[Finding]) -> list[Finding]:
+    """Leave out faults of the camera's direction while the body's attitude is wrong."""
+    wrong = any(one.severity is Severity.STOP and one.check.startswith(_ATTITUDE) for one in found)
+    return [one for one in found if not (wrong and one.check in _OF_CAMERA)]
 
 
 class NavigationChecks:
@@ -108,6 +119,8 @@ class NavigationChecks:
     def _aid(self, sample: NavigationInput) -> None:
         if isinstance(sample, HeadingSample):
             self._heading.heading(sample)
+            if not fault_of(sample):
+                self._levers.heading(sample.stamp_ns, sample.heading_rad)
         elif isinstance(sample, PositionSample):
             self._position(sample)
         elif isinstance(sample, VelocitySample) and not fault_of(sample):
