@@ -226,7 +226,7 @@ def _mounted(turned: Array, degrees: Array, weights: Array) -> tuple[Array, floa
     """
     kind = int(degrees[:, 1].sum() >= degrees[:, 0].sum())
     sines = turned[degrees[:, kind] > 0, kind, :3]
-    sine_b = np.median(sines, axis=0)
+    sine_b = np.median(sines, axis=0) * (1.0, 1.0, 0.0)  # gravity shows no yaw
     size = float(np.linalg.norm(sine_b))
     tilt_b = sine_b * (math.asin(min(size, 1.0)) / max(size, 1e-9))
     tilt_sigma = float(np.linalg.norm(sines.std(axis=0))) / math.sqrt(_ONCE * len(sines))
