@@ -14,6 +14,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 
 from tirgeo_ros.core.camera.projection_covariance import ellipse_95
+from tirgeo_ros.core.checks.navigation_checks import nearest_causes
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.dem import Terrain
@@ -130,7 +131,7 @@ class AircraftView(AircraftTopics):
     def _judged(self, now_s: float, more: Sequence[Finding]) -> dict[str, Any]:
         heard, overlay = self.reports.findings(now_s), self.reports.overlay(now_s)
         no_map = overlay.get("notice", "") if overlay else None  # the picture's notice
-        findings = sorted([*(heard or ()), *more], key=lambda one: -one.severity)
+        findings = sorted(nearest_causes([*(heard or ()), *more]), key=lambda one: -one.severity)
         worst = max((one.severity for one in findings), default=Severity.NOTE)
         verdict = self._judge.look(now_s, None if heard is None else worst, no_map or "")
         rows = [finding_row(one) for one in findings]

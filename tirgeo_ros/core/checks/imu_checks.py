@@ -10,15 +10,19 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
 from tirgeo_ros.core.checks.imu_blocks import ImuBlocks, ImuMean
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.frames.rotations import (
+    euler_from_matrix,
     matrix_from_quat,
+    matrix_from_rotvec,
     quat_conjugate,
     quat_multiply,
+    rotation_z,
     rotvec_from_quat,
 )
 from tirgeo_ros.core.types.arrays import Array
@@ -43,13 +47,18 @@ _LEAST_RAD_S = math.radians(1.0)
 _SURE, _UNSURE = 0.8, 0.5  # correlations; 24 pairs of noise reach 0.8 with probability 1e-5
 _IN_DEGREES = (40.0, 80.0)
 _AXES = ("forward (roll)", "left (pitch)", "up (yaw)")
-_TURN_AXES = "turn the axes to forward, left, up, or set aircraft.imu_rpy_deg"
+_GYRO_AXES, _TURN_AXES = "gyro_axes", "turn the axes to forward, left, up"
+_REVERSED = "the sign is wrong: at rest z is +9.8 (axes forward, left, up)"
+_LEVEL = np.array([[1.0, 0.0, 0.0, 0.0]])
+IMU_RPY = "ekf_node aircraft.imu_rpy_deg"
+_SQUARE = 0.2  # entries of a rotation this near to those by quarter turns: an IMU has square sides
 
 
 class ImuChecks:
-    """Check the IMU's blocks of the last minute."""
+    """Check the IMU's blocks of the last minute; ``rotation_bi`` (3, 3) is as configured."""
 
-    def __init__(self) -> None:
+    def __init__(self, rotation_bi: Array | None) -> None:
+        self._rotation_bi = rotation_bi
         self._blocks: deque[ImuMean] = deque(maxlen=_KEPT)
 
     def block(self, block: ImuMean) -> None:
@@ -68,12 +77,21 @@ class ImuChecks:
         attitudes = [b.autopilot_q_nb for b in blocks]
         q_nb = np.array([np.full(4, math.nan) if q is None else q for q in attitudes])
         steps_s = np.array([b.step_s if b.joined else math.nan for b in blocks])
-        return [*_force_findings(force_b, rate_b, q_nb), *_gyro_findings(rate_b, q_nb, steps_s)]
+        own, turned = _turns(rate_b, q_nb, steps_s)
+        known = q_nb[np.isfinite(q_nb[:, 0])]
+        up_b = -matrix_from_quat(known if len(known) else _LEVEL)[:, 2].mean(axis=0)
+        turn = _turn(force_b.mean(axis=0), up_b, own, turned)
+        mend = f"{_TURN_AXES}, or set aircraft.imu_rpy_deg to {rpy_text(turn, self._rotation_bi)}"
+        mend += "" if len(known) else " (gravity does not show the yaw)"
+        found = _gyro_findings(own, turned)
+        if found and found[0].check == _GYRO_AXES and not _gyro_findings(own @ turn.T, turned):
+            found = [replace(found[0], parameter=f"{found[0].parameter}, {IMU_RPY}", mend=mend)]
+        return [*_force_findings(force_b, rate_b, up_b, mend), *found]
 
 
 def imu_findings(samples: Iterable[object], rotation_bi: Array | None) -> list[Finding]:
     """Return the findings on the IMU among samples; ``rotation_bi`` turns its axes to the body."""
-    blocks, checks = ImuBlocks(rotation_bi), ImuChecks()
+    blocks, checks = ImuBlocks(rotation_bi), ImuChecks(rotation_bi)
     for sample in samples:
         block = blocks.add(sample) if isinstance(sample, ImuSample) else None
         if block is not None:
@@ -81,8 +99,28 @@ def imu_findings(samples: Iterable[object], rotation_bi: Array | None) -> list[F
     return checks.findings()
 
 
-def _force_findings(force_b: Array, rate_b: Array, q_nb: Array) -> list[Finding]:
-    """Check blocks (N, 3), (N, 3), (N, 4) of whole seconds."""
+def rpy_text(turn: Array, rotation_bi: Array | None) -> str:
+    """Return ``aircraft.imu_rpy_deg`` after a turn (3, 3) of the axes that it gave, FRD."""
+    whole = turn if rotation_bi is None else turn @ rotation_bi
+    angles = np.degrees(flu_from_frd(euler_from_matrix(whole)))
+    return str((angles.round(1) + 0.0).tolist())  # no -0
+
+
+def _turn(force_b: Array, up_b: Array, own: Array, turned: Array) -> Array:
+    """Return the turn (3, 3) from the IMU's axes to the body's; yaw is by the rates (N, 3)."""
+    axis = np.cross(force_b, up_b)
+    size = float(np.linalg.norm(axis))
+    level = matrix_from_rotvec(axis / max(size, 1e-9) * math.atan2(size, float(force_b @ up_b)))
+    own, turned = ((rates[:, 0] + 1j * rates[:, 1]) for rates in (own @ level.T, turned))
+    same = complex(np.vdot(own, turned))
+    sizes = float(np.linalg.norm(own) * np.linalg.norm(turned))
+    turn = rotation_z(np.angle(same)) @ level if abs(same) > _SURE * sizes > 0 else level
+    square = turn.round() + 0.0  # no -0, which euler angles of 180 deg come from
+    return square if np.abs(turn - square).max() < _SQUARE else turn
+
+
+def _force_findings(force_b: Array, rate_b: Array, up_b: Array, turn_axes: str) -> list[Finding]:
+    """Check blocks (N, 3), (N, 3) of whole seconds."""
     forces = force_b.reshape(-1, _SECOND, 3)
     mean_b = force_b.mean(axis=0)
     size = float(np.linalg.norm(forces.mean(axis=1), axis=1).mean())
@@ -94,19 +132,16 @@ def _force_findings(force_b: Array, rate_b: Array, q_nb: Array) -> list[Finding]
             mend = "gravity was removed: send the accelerometers' own readings"
         evidence = f"the specific force is {size:.3g} m/s2 on average, not 9.8"
         return [_force("force_unit", Severity.STOP, evidence, mend)]
-    known = np.isfinite(q_nb[:, 0])
-    up_b = np.array((0.0, 0.0, -1.0))
-    if known.any():
-        up_b = -matrix_from_quat(q_nb[known])[:, 2].mean(axis=0)
     cosine = float(mean_b @ up_b / (np.linalg.norm(mean_b) * np.linalg.norm(up_b)))
     if cosine < math.cos(_LARGEST_ANGLE_RAD):
         numbers = ", ".join(f"{value:+.1f}" for value in flu_from_frd(mean_b))
         evidence = (
             f"the mean specific force is ({numbers}) m/s2 forward, left, up, not (0, 0, +9.8)"
         )
-        reversed_mend = "the sign is wrong: at rest z is +9.8 (axes forward, left, up)"
-        mend = reversed_mend if cosine < -math.cos(_LARGEST_ANGLE_RAD) else _TURN_AXES
-        return [_force("force_axes", Severity.STOP, evidence, mend)]
+        found = _force("force_axes", Severity.STOP, evidence, _REVERSED)
+        if cosine < -math.cos(_LARGEST_ANGLE_RAD):
+            return [found]
+        return [replace(found, parameter=f"{found.parameter}, {IMU_RPY}", mend=turn_axes)]
     turning = np.linalg.norm(rate_b, axis=1).reshape(-1, _SECOND).mean(axis=1)
     quiet = (turning < _QUIET_RAD_S) & (forces.std(axis=1).max(axis=1) < _QUIET_M_S2)
     quiet_sizes = np.linalg.norm(forces[quiet].mean(axis=1), axis=1)
@@ -124,14 +159,21 @@ def _force(check: str, severity: Severity, evidence: str, mend: str) -> Finding:
     return Finding(check, severity, evidence, "imu/data linear_acceleration", mend)
 
 
-def _gyro_findings(rate_b: Array, q_nb: Array, steps_s: Array) -> list[Finding]:
-    """Check rates (N, 3) over steps (N,), nan after a gap, against attitudes (N, 4)."""
+def _turns(rate_b: Array, q_nb: Array, steps_s: Array) -> tuple[Array, Array]:
+    """Return mean rates (M, 3) by gyroscopes (N, 3) and by attitudes (N, 4), where both are.
+
+    ``steps_s`` (N,) are nan after a gap.
+    """
     seconds = steps_s.reshape(-1, _QUARTER).sum(axis=1)[1:, None]
     own = (rate_b * steps_s[:, None]).reshape(-1, _QUARTER, 3).sum(axis=1)[1:] / seconds
     ends = q_nb[_QUARTER - 1 :: _QUARTER]
     turned = rotvec_from_quat(quat_multiply(quat_conjugate(ends[:-1]), ends[1:])) / seconds
     known = np.isfinite(own + turned).all(axis=1)
-    own, turned = own[known], turned[known]
+    return own[known], turned[known]
+
+
+def _gyro_findings(own: Array, turned: Array) -> list[Finding]:
+    """Check rates (M, 3) of the gyroscopes against those of the attitude."""
     if len(own) < _LEAST_PAIRS:
         return []
     sizes, true_sizes = (np.sqrt((rates**2).mean(axis=0)) for rates in (own, turned))
@@ -154,8 +196,8 @@ def _gyro_fault(axis: int, same: Array, ratio: float) -> Finding | None:
     if same[axis] < -_SURE:
         evidence = f"the gyroscope {_AXES[axis]} has the wrong sign {against}"
         mend = "axes are forward, left, up, positive counter-clockwise seen from their tips"
-        return Finding("gyro_axes", Severity.STOP, evidence, topic, mend)
+        return Finding(_GYRO_AXES, Severity.STOP, evidence, topic, mend)
     if abs(same[axis]) < _UNSURE and abs(same[best]) > _SURE:
         evidence = f"turns about {_AXES[axis]} are on the gyroscope {_AXES[best]} {against}"
-        return Finding("gyro_axes", Severity.STOP, evidence, topic, _TURN_AXES)
+        return Finding(_GYRO_AXES, Severity.STOP, evidence, topic, _TURN_AXES)
     return None

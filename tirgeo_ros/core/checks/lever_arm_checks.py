@@ -1,13 +1,15 @@
-"""Check the RTK antenna's lever arm and the delays of its time stamps."""
+"""Check the RTK antenna's lever arm, the delays of its stamps, the IMU's tilt and headings."""
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Collection, Container
 
 import numpy as np
 
 from tirgeo_ros.core.checks.imu_blocks import ImuMean
+from tirgeo_ros.core.checks.imu_checks import IMU_RPY, rpy_text
 from tirgeo_ros.core.checks.lever_arm_fit import (
     ImuPath,
     LeverArmEstimate,
@@ -17,6 +19,7 @@ from tirgeo_ros.core.checks.lever_arm_fit import (
 )
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.axes import flu_from_frd
+from tirgeo_ros.core.frames.rotations import matrix_from_rotvec
 from tirgeo_ros.core.navigation.aiding.aids import Delays
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding, Severity
@@ -37,11 +40,21 @@ _SIGMAS, _LEAST_M = 5.0, 0.15
 _MANY, _SIGMAS_OF_FEW = 15, 8.0
 #: Delays that give a note and a caution; 0.15 s are 45 cm at 3 m/s.
 _LEAST_S, _WRONG_S = 0.05, 0.15
+#: A larger tilt or offset moves the map by more than three ellipses; autopilots err by 1 to 2 deg.
+_TILTED_RAD, _OFF_DEG, _OFF_SIGMAS = math.radians(3.0), 2.5, 4.0
 _LEVER = "aircraft.rtk_antenna_m"
 _SECOND = "aircraft.second_antenna_m"
+_UNKNOWN_TILT = Finding(
+    "imu_tilt",
+    Severity.NOTE,
+    "imu/data has no orientation: whether the IMU is tilted in its mount is not known",
+    IMU_RPY,
+    "level it within 1 deg, or send the autopilot's attitude in imu/data",
+)
 
 
-_Aids = deque[tuple[int, Array]]  # stamps without the configured delays, values (3,)
+_AIDED = (Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING)
+_Aids = deque[tuple[int, Array]]  # stamps without the configured delays, values (3,) or ()
 
 
 class LeverChecks:
@@ -51,14 +64,14 @@ class LeverChecks:
         self._given = given
         aircraft, delays = config.aircraft, Delays.from_config(config)
         self._lever_b, self._sigma_b = aircraft.rtk_lever_b, aircraft.rtk_lever_sigma_b
-        self._late_ns = [
-            delays.aid_ns[source] - delays.imu_ns
-            for source in (Source.RTK_POSITION, Source.RTK_VELOCITY)
-        ]
+        self._rotation_bi = aircraft.rotation_bi
+        self._attitude_sigma_rad = math.radians(max(config.autopilot.attitude_sigma_deg[:2]))
+        self._late_ns = [delays.aid_ns[source] - delays.imu_ns for source in _AIDED]
         self._blocks: list[ImuMean] = []
-        self._aids: tuple[_Aids, _Aids] = deque(maxlen=_AIDS), deque(maxlen=_AIDS)
+        self._aids: list[_Aids] = [deque(maxlen=_AIDS) for _ in _AIDED]
         self._stretches: deque[tuple[int, int, ImuPath]] = deque(maxlen=_PATHS)  # from, to (ns)
         self._windows: deque[Normal] = deque(maxlen=_KEPT)
+        self._blind: bool | None = None  # whether blocks came, all without an attitude
         self._delay_s = 0.0  # the delay for which the windows' equations are made
         self._found: LeverArmEstimate | None = None
         self._fresh = True
@@ -71,8 +84,13 @@ class LeverChecks:
         """Take a velocity (3,), NED, m/s."""
         self._aids[1].append((stamp_ns - self._late_ns[1], velocity_n))
 
+    def heading(self, stamp_ns: int, heading_rad: float) -> None:
+        """Take a heading, rad."""
+        self._aids[2].append((stamp_ns - self._late_ns[2], np.array(heading_rad)))
+
     def block(self, block: ImuMean) -> None:
         """Take the next block of the IMU; windows begin with the autopilot's attitude."""
+        self._blind = self._blind is not False and block.autopilot_q_nb is None
         if not block.joined or (not self._blocks and block.autopilot_q_nb is None):
             self._blocks = []
             return
@@ -94,12 +112,12 @@ class LeverChecks:
     def _window(self, start_ns: int, end_ns: int, path: ImuPath, delay_s: float) -> Normal:
         """Return a window's equations, made for stamps that are late by ``delay_s``."""
         late_ns = round(delay_s * 1e9)
-        both = []
+        inputs = []
         for aids in self._aids:
             inside = [aid for aid in aids if start_ns < aid[0] - late_ns < end_ns]
             times_s = np.array([stamp_ns - late_ns - start_ns for stamp_ns, _ in inside]) * 1e-9
-            both.append((times_s, np.array([value for _, value in inside])))
-        return Normal.of(path, *both)
+            inputs.append((times_s, np.array([value for _, value in inside])))
+        return Normal.of(path, *inputs)
 
     @property
     def found(self) -> LeverArmEstimate | None:
@@ -128,13 +146,30 @@ class LeverChecks:
 
     def findings(self, topics: Container[str]) -> list[Finding]:
         """Return the differences from the parameters; ``topics`` are those that arrive."""
-        unset = self._unset(topics)
-        found = []
-        if self.found is not None:
-            names = (("rtk/fix", "rtk.delay_s"), ("rtk/vel", "rtk.velocity_delay_s"))
-            delays = (_delay(*name, self.found, kind) for kind, name in enumerate(names))
-            found = [one for one in (unset or self._lever(self.found), *delays) if one]
-        return found or ([unset] if unset else [])
+        unset, found = self._unset(topics), self.found
+        if found is None:
+            return [one for one in (unset, _UNKNOWN_TILT if self._blind else None) if one]
+        tilt = self._tilt(found)
+        if tilt is not None:  # it turns the lever arm too
+            return [tilt]
+        names = (("rtk/fix", "rtk.delay_s"), ("rtk/vel", "rtk.velocity_delay_s"))
+        delays = [_delay(*name, found, kind) for kind, name in enumerate(names)]
+        heading = None if any(delays) else _heading(found)
+        return [one for one in (heading, unset or self._lever(found), *delays) if one]
+
+    def _tilt(self, found: LeverArmEstimate) -> Finding | None:
+        """Return a finding if the IMU's axes are tilted against the autopilot's attitude."""
+        size_rad = float(np.linalg.norm(found.tilt_b))
+        sigma_rad = math.hypot(found.tilt_sigma, self._attitude_sigma_rad)
+        if size_rad < max(_TILTED_RAD, _SIGMAS * sigma_rad):
+            return None
+        angles = rpy_text(matrix_from_rotvec(found.tilt_b), self._rotation_bi)
+        evidence = (
+            f"the IMU is tilted by {math.degrees(size_rad):.1f} deg in its mount, against the "
+            "autopilot's attitude in imu/data"
+        )
+        mend = f"set it to {angles}; or if the IMU is level, calibrate its accelerometers"
+        return Finding("imu_tilt", Severity.STOP, evidence, IMU_RPY, mend)
 
     def _unset(self, topics: Container[str]) -> Finding | None:
         """Return a finding if there are two antennas and nobody set their places."""
@@ -167,6 +202,19 @@ class LeverChecks:
         is_set = self._lever_b.any() or (self._given is not None and _LEVER in self._given)
         severity = Severity.CAUTION if is_set else Severity.NOTE
         return Finding("antenna_place", severity, evidence, f"ekf_node {_LEVER}", mend)
+
+
+def _heading(found: LeverArmEstimate) -> Finding | None:
+    """Return a finding if headings are off from north as the motion gives it."""
+    off_deg, sigma_deg = math.degrees(found.heading_off), math.degrees(found.heading_sigma)
+    if abs(off_deg) < max(_OFF_DEG, _OFF_SIGMAS * sigma_deg):
+        return None
+    evidence = (
+        f"rtk/heading is {off_deg:+.1f} deg (sigma {sigma_deg:.1f}) from the heading that the "
+        "motion of IMU and receiver gives"
+    )
+    mend = "measure both antennas; or is the IMU turned about its vertical?"
+    return Finding("heading_offset", Severity.STOP, evidence, f"ekf_node {_SECOND}", mend)
 
 
 def _sigmas(found: LeverArmEstimate) -> float:

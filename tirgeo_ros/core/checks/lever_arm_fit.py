@@ -7,6 +7,10 @@ with powers of time and along the integrals turned by 90 deg; these parts are pr
 show the horizontal lever arm, tilts the vertical one. Velocity is treated in the same way, with
 one power less.
 
+What a window projects out tells of the IMU's mounting: the acceleration that the path lacks is
+gravity times its tilt against the autopilot's attitude, with which each window begins, and the
+turn of the path about the vertical gives north, as a filter without headings finds it.
+
 Each window begins in the middle of the previous one, so each value is in two windows and counts
 half. The sigmas come from the windows' scatter.
 
@@ -16,19 +20,21 @@ velocities (s).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from tirgeo_ros.core.checks.imu_blocks import ImuMean
+from tirgeo_ros.core.frames.heading import azimuths
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, matrix_from_rotvec, skew
 from tirgeo_ros.core.types.arrays import Array
 
 _GRAVITY_N = np.array((0.0, 0.0, 9.81))
 _LEAST_ROWS = 8
 _CUBIC, _QUADRATIC = 3, 2
-Aids = tuple[Array, Array]  # times in s (N,), values (N, 3)
+Aids = tuple[Array, Array]  # times in s (N,), values (N, 3), headings (N,)
 #: With fewer windows their scatter gives no useful sigma.
 _LEAST_WINDOWS = 6
 _ONCE = 0.5  # weight of a value that is in two windows
@@ -91,26 +97,42 @@ class Normal(NamedTuple):
     rights: Array  # (2, 5)
     squares: Array  # (2,)
     degrees: Array  # (2,) of freedom; 0 where there are no equations
+    #: (2, 4, 6) by minus the unknowns and 1: the sine of the IMU's turn, FRD; headings less north
+    turns: Array = np.zeros((2, 4, 6))
+    weights: Array = np.zeros(2)  # of the headings
 
     @classmethod
-    def of(cls, path: ImuPath, positions: Aids, velocities: Aids) -> Normal:
+    def of(
+        cls, path: ImuPath, positions: Aids, velocities: Aids, headings: Aids | None = None
+    ) -> Normal:
         """Return the equations for aids of a window: times of the path (N,) and values (N, 3).
 
         Positions are in any NED plane.
         """
-        both = [_rows(path, *positions, 0), _rows(path, *velocities, 1)]
+        off_rad = math.nan
+        if headings is not None and len(headings[0]):
+            off_rad = _heading_off(path, *headings)
+        both = [_rows(path, *positions, 0, off_rad), _rows(path, *velocities, 1, off_rad)]
         return cls(*map(np.array, zip(*both, strict=True)))
 
 
-def _rows(path: ImuPath, times_s: Array, values_n: Array, kind: int) -> tuple[Any, ...]:
-    """Return matrix, right side, squares and degrees of positions (0) or velocities (1).
+def _heading_off(path: ImuPath, times_s: Array, headings: Array) -> float:
+    """Return the mean of headings (N,) less those of the path, rad."""
+    along = np.interp(times_s, path.middles_s, np.unwrap(azimuths(path.rotation_nb[:, :, 0])))
+    return float(np.angle(np.exp(1j * (headings - along)).mean()))
+
+
+def _rows(
+    path: ImuPath, times_s: Array, values_n: Array, kind: int, off_rad: float
+) -> tuple[Any, ...]:
+    """Return the fields of ``Normal`` by positions (0) or velocities (1).
 
     The unknowns of the window's start are projected out. All are zero with too few values, or
     with times that do not rise.
     """
     number = len(times_s)
     if number < _LEAST_ROWS or not (np.diff(times_s) > 0).all():
-        return np.zeros((5, 5)), np.zeros(5), 0.0, 0
+        return np.zeros((5, 5)), np.zeros(5), 0.0, 0, np.zeros((4, 6)), 0.0
     middles_s = path.middles_s
     lever, antenna = _between(middles_s, path.rotation_nb, times_s), path.antenna_velocity_n
     moved, powers = path.position_n, _CUBIC
@@ -125,11 +147,19 @@ def _rows(path: ImuPath, times_s: Array, values_n: Array, kind: int) -> tuple[An
     columns = [np.kron((scaled**k)[:, None], np.eye(3)) for k in range(powers + 1)]
     # A heading error turns the integral.
     turned = np.stack((-moved[:, 1], moved[:, 0], np.zeros(number)), axis=1)
-    basis = np.linalg.qr(np.hstack([*columns, turned.reshape(-1, 1)]))[0]
+    basis, upper = np.linalg.qr(np.hstack([*columns, turned.reshape(-1, 1)]))
     rows, values = design.reshape(3 * number, 5), (values_n - moved).ravel()
-    rows, values = rows - basis @ (basis.T @ rows), values - basis @ (basis.T @ values)
+    parts = basis.T @ np.column_stack((rows, values))
+    rows, values = rows - basis @ parts[:, :5], values - basis @ parts[:, 5]
+    power, half_s = 2 - kind, 0.5 * (times_s[-1] - times_s[0])  # of the acceleration's columns
+    lacking = np.linalg.solve(upper[:-1, :-1], parts[:-1])[3 * power : 3 * power + 3]
+    force_n = path.velocity_n[-1] / path.times_s[-1] - _GRAVITY_N
+    tilt = path.rotation_nb[0].T @ skew(force_n) * (power / half_s**power / (force_n @ force_n))
+    weight = 0.0 if math.isnan(off_rad) else float(upper[-1, -1] ** 2)
+    turns = np.vstack((tilt @ lacking, -parts[-1] * upper[-1, -1] / max(weight, 1e-9)))
+    turns[3, 5] += off_rad if weight else 0.0
     degrees = 3 * number - basis.shape[1]
-    return rows.T @ rows, rows.T @ values, float(values @ values), degrees
+    return rows.T @ rows, rows.T @ values, float(values @ values), degrees, turns, weight
 
 
 def _between(known_s: Array, values: Array, times_s: Array) -> Array:
@@ -149,6 +179,10 @@ class LeverArmEstimate(NamedTuple):
     delay_sigmas_s: Array  # (2,)
     windows: int
     misfit: float  # product of the residual variances of positions and of velocities
+    tilt_b: Array  # (3,) rotation vector from the IMU's axes to the body's, FRD, without yaw
+    tilt_sigma: float
+    heading_off: float  # headings less those of the motion, rad
+    heading_sigma: float  # large without headings
 
 
 def solved(windows: Sequence[Normal]) -> LeverArmEstimate | None:
@@ -163,7 +197,7 @@ def solved(windows: Sequence[Normal]) -> LeverArmEstimate | None:
     number = len(windows)
     if number < _LEAST_WINDOWS:
         return None
-    matrices, rights, squares, degrees = map(np.array, zip(*windows, strict=True))
+    matrices, rights, squares, degrees, turns, weighed = map(np.array, zip(*windows, strict=True))
     used = (degrees > 0).sum(axis=0) >= _LEAST_WINDOWS
     right = rights.sum(axis=0)
     alone = np.linalg.solve(matrices.sum(axis=0) + _PRIOR, right[..., None])[..., 0]
@@ -180,4 +214,23 @@ def solved(windows: Sequence[Normal]) -> LeverArmEstimate | None:
     scatter = inverse @ spread @ inverse * (number / (number - 4))
     sigma = np.sqrt(np.maximum(inverse.diagonal(), scatter.diagonal()))
     misfit = float(np.prod(variances[used]))
-    return LeverArmEstimate(found[:3], sigma[:3], -found[3:], sigma[3:], number, misfit)
+    turned = turns @ np.append(-found, 1.0)  # (W, 2, 4)
+    mounted = _mounted(turned, degrees, weights * weighed)
+    return LeverArmEstimate(found[:3], sigma[:3], -found[3:], sigma[3:], number, misfit, *mounted)
+
+
+def _mounted(turned: Array, degrees: Array, weights: Array) -> tuple[Array, float, float, float]:
+    """Return tilt and heading with their sigmas from turns (W, 2, 4) of windows.
+
+    The tilt is a median, because an autopilot errs where it accelerates hard.
+    """
+    kind = int(degrees[:, 1].sum() >= degrees[:, 0].sum())
+    sines = turned[degrees[:, kind] > 0, kind, :3]
+    sine_b = np.median(sines, axis=0) * (1.0, 1.0, 0.0)  # gravity shows no yaw
+    size = float(np.linalg.norm(sine_b))
+    tilt_b = sine_b * (math.asin(min(size, 1.0)) / max(size, 1e-9))
+    tilt_sigma = float(np.linalg.norm(sines.std(axis=0))) / math.sqrt(_ONCE * len(sines))
+    total = max(float(weights.sum()), 1e-9)
+    off = float((weights * turned[..., 3]).sum()) / total
+    scatter = math.sqrt(((weights * (turned[..., 3] - off)) ** 2).sum() / _ONCE) / total
+    return tilt_b, tilt_sigma, off, max(scatter, total**-0.5)

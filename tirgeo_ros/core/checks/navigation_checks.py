@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -47,6 +47,17 @@ _STRONG = 10.0
 _LEAST_CLIPPED, _MOST_CLIPPED = 5, 1e-4
 
 
+#: Checks that blame what makes the body's attitude, and those that then blame the camera for it.
+_ATTITUDE = ("imu_tilt", "force_", "gyro_", "heading_")
+_OF_CAMERA = ("boresight_by_motion", "picture_motion")
+
+
+def nearest_causes(found: Sequence[Finding]) -> list[Finding]:
+    """Leave out faults of the camera's direction while the body's attitude is wrong."""
+    wrong = any(one.severity is Severity.STOP and one.check.startswith(_ATTITUDE) for one in found)
+    return [one for one in found if not (wrong and one.check in _OF_CAMERA)]
+
+
 class NavigationChecks:
     """Take the filter's inputs in their order of arrival.
 
@@ -73,7 +84,7 @@ class NavigationChecks:
         self._streams: dict[str, Stream] = {}
         self._first_ns = self._arrived_ns = 0
         self._blocks = ImuBlocks(config.aircraft.rotation_bi)
-        self._imu, self._heading = ImuChecks(), HeadingChecks(config)
+        self._imu, self._heading = ImuChecks(config.aircraft.rotation_bi), HeadingChecks(config)
         self._vibration = VibrationChecks(config.imu)
         self._positions, self._stamps = PositionChecks(config), StampChecks(config)
         self._velocities = {
@@ -108,6 +119,8 @@ class NavigationChecks:
     def _aid(self, sample: NavigationInput) -> None:
         if isinstance(sample, HeadingSample):
             self._heading.heading(sample)
+            if not fault_of(sample):
+                self._levers.heading(sample.stamp_ns, sample.heading_rad)
         elif isinstance(sample, PositionSample):
             self._position(sample)
         elif isinstance(sample, VelocitySample) and not fault_of(sample):
@@ -119,10 +132,11 @@ class NavigationChecks:
     def findings(self) -> list[Finding]:
         """Return the findings from all samples so far, the most severe first."""
         imu = self._imu.findings()
+        turned = any("gyro" in one.check or "axes" in one.check for one in imu)
         found = [
             *imu,
             # Headings are compared with the gyroscopes.
-            *([] if any("gyro" in one.check for one in imu) else self._heading.findings()),
+            *([] if turned else self._heading.findings()),
             *self._positions.findings(),
             *(one for check in self._velocities.values() for one in check.findings()),
             *self._stamps.findings(),

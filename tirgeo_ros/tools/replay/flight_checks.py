@@ -15,7 +15,7 @@ from typing import Any, TypeVar, cast
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.checks.gimbal_checks import GimbalChecks
 from tirgeo_ros.core.checks.map_checks import MapChecks
-from tirgeo_ros.core.checks.navigation_checks import NavigationChecks
+from tirgeo_ros.core.checks.navigation_checks import NavigationChecks, nearest_causes
 from tirgeo_ros.core.checks.parameter_checks import parameter_findings
 from tirgeo_ros.core.checks.picture_checks import PictureChecks
 from tirgeo_ros.core.checks.recording_checks import (
@@ -203,7 +203,7 @@ class FlightChecks:
             mend = "report it with this flight; other findings stand"
             where = "tirgeo itself"
             found.append(Finding("check_failed", Severity.CAUTION, evidence, where, mend))
-        return sorted_findings(found)
+        return sorted_findings(nearest_causes(found))
 
     @_later
     def _ask(self, findings: Callable[[], list[Finding]], found: list[Finding]) -> None:
