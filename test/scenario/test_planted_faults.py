@@ -12,6 +12,8 @@ from dev.planted_faults.faults import FAULTS
 from dev.planted_faults.planting import FlightFiles
 from tirgeo_ros.io.parameters.parameter_file import write_parameters
 from tirgeo_ros.tools.replay.check import check
+from tirgeo_ros.tools.replay.locate import locate_pixels
+from tirgeo_ros.tools.replay.process import process
 from tirgeo_ros.tools.simulate.files import simulate
 
 pytestmark = pytest.mark.slow
@@ -50,6 +52,37 @@ def test_a_planted_fault_is_named(fault, sample, tmp_path):
         pytest.importorskip("rasterio", reason="elevation models need rasterio")
     items = found_in(fault, FlightFiles.in_folder(sample), tmp_path)
     assert naming(fault, items), items
+
+
+#: One of gimbal, lens, pictures and map each, and whether it is a STOP.
+ELSEWHERE = {
+    "joints in degrees": True,
+    "wrong K": True,
+    "latency": False,
+    "UTM zone": True,
+    "no camera_info": False,
+}
+
+
+@pytest.mark.parametrize("name", ELSEWHERE)
+def test_process_says_the_same_although_it_draws_nothing(name, sample, tmp_path):
+    fault = next(one for one in FAULTS if one.name == name)
+    planted = fault.plant(FlightFiles.in_folder(sample), tmp_path)
+    given = {"params": planted.params, "map": planted.map, "images": False}
+    result = process(planted.bag, tmp_path / "out.mcap", **given)
+    assert naming(fault, result["findings"])
+    assert (result["error"] or "").startswith("NO GO: ") == ELSEWHERE[name]
+    assert (tmp_path / "out.mcap").exists()
+
+
+@pytest.mark.parametrize("name", ["joints in degrees", "wrong K", "latency"])
+def test_locate_says_the_same(name, sample, tmp_path):
+    fault = next(one for one in FAULTS if one.name == name)
+    planted = fault.plant(FlightFiles.in_folder(sample), tmp_path)
+    files = (planted.bag, sample / "observations.csv", tmp_path / "points.geojson")
+    result = locate_pixels(*files, params=planted.params)
+    assert naming(fault, result["findings"])
+    assert (result["error"] or "").startswith("NO GO: ") == ELSEWHERE[name]
 
 
 def test_nothing_is_wrong_with_the_sample(sample):

@@ -50,6 +50,12 @@ def sorted_findings(findings: Iterable[Finding]) -> list[Finding]:
     return sorted(kept.values(), key=lambda finding: -finding.severity)
 
 
+def stop_line(findings: Sequence[Finding]) -> str | None:
+    """Return ``NO GO: ...`` if one is a STOP, else None: commands then end with exit code 1."""
+    stopped = any(one.severity is Severity.STOP for one in findings)
+    return verdict_line(findings) if stopped else None
+
+
 def verdict_line(findings: Sequence[Finding]) -> str:
     """Return ``GO``, ``CAUTION: ...`` or ``NO GO: ...`` with the worst finding's evidence.
 

@@ -12,6 +12,7 @@ from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.map.layers import MapLayer
 from tirgeo_ros.core.types.errors import BagError, CalibrationError
+from tirgeo_ros.core.types.finding import stop_line
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.maps import load_layers, map_files
@@ -110,7 +111,8 @@ def evaluate(
     last = setups[-1]  # whose parameters are checked and whose map is drawn
     layers = _layers(last.configs.overlay, map_path)
     reader, lens = BagReader(bag), given_camera(last.configs.overlay)
-    checks = FlightChecks(last.configs, reader, files, namespace, ground=last.ground, camera=lens)
+    of_last = {"ground": last.ground, "layers": layers or None, "camera": lens}
+    checks = FlightChecks(last.configs, reader, files, namespace, **of_last)
     flight = RecordedFlight(reader, namespace, pictures=True, camera=lens, checks=checks)
     paths = (os.fspath(bag), os.fspath(survey), os.fspath(observations))
     job = _Job(paths, reader, namespace, given, setups, layers, flight, checks, smooth)
@@ -142,6 +144,7 @@ def _evaluation(
 ) -> Evaluation:
     """Return the results of the methods that were run."""
     given, camera, best = job.given, job.flight.camera, runs[-1]
+    findings = job.checks.findings()
     methods = [_result(run, camera, given) for run in runs]
     drawn = (camera, best.poses, best.setup, job.layers, given)
     return Evaluation(
@@ -166,8 +169,8 @@ def _evaluation(
             *input_notes(given, job.flight.picture_stamps_ns),
             *filter(None, [place_note(methods)]),
         ],
-        _error(job.reader, methods),
-        job.checks.findings(),
+        _error(job.reader, methods) or stop_line(findings),
+        findings,
         job.smooth,
     )
 
