@@ -6,6 +6,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
+#: A verdict on a flight whose outputs are wrong begins with it.
+NO_GO = "NO GO"
+
 
 class Severity(IntEnum):
     """Rank how serious a finding is."""
@@ -65,6 +68,6 @@ def verdict_line(findings: Sequence[Finding]) -> str:
     worst = [finding for finding in sorted_findings(findings) if finding.severity]
     if not worst:
         return "GO"
-    lead = "NO GO" if worst[0].severity is Severity.STOP else "CAUTION"
+    lead = NO_GO if worst[0].severity is Severity.STOP else "CAUTION"
     more = f" (and {len(worst) - 1} more)" if len(worst) > 1 else ""
     return f"{lead}: {worst[0].evidence}: {worst[0].parameter}{more}"
