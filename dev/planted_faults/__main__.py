@@ -72,7 +72,8 @@ def _judged(fault: Fault, good: FlightFiles, folder: Path) -> tuple[bool, bool, 
     """Return whether a fault is named, whether it is silent and wrong, and its row."""
     planted, poses = fault.plant(good, folder), folder / "poses.mcap"
     items = _found(lambda: check(**planted.arguments))
-    options = {"params": planted.params, "images": False, **planted.options}
+    options = {**planted.arguments, "images": False}
+    del options["bag"]
     right = naming(fault, items)
     processed = naming(fault, _found(lambda: process(planted.bag, poses, **options)))
     times = flight_times(good, planted, poses, fault.flipped) if poses.exists() else []

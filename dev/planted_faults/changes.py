@@ -135,7 +135,8 @@ def pictures(*axes: int) -> MessageChange:
     def change(message: Any) -> None:
         import cv2  # noqa: PLC0415 heavy
 
-        pixels = np.flip(cv2.imdecode(message.data, cv2.IMREAD_UNCHANGED), axes)
+        pixels: Any = cv2.imdecode(message.data, cv2.IMREAD_UNCHANGED)
+        pixels = np.flip(pixels, axes)
         message.data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, 80])[1].ravel()
 
     return change

@@ -10,10 +10,12 @@ import contextlib
 import math
 import os
 import time
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.map.layers import MapLayer
 from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.types.errors import BagError, ConfigError
 from tirgeo_ros.core.types.finding import Finding, stop_line
@@ -116,6 +118,7 @@ def _prepared(
     needed = {"pictures": draws, "camera": known is None, "gimbal": images}
     topics = inputs_of(reader, ekf.method, gimbal.composition, namespace, **needed)
     found: list[Finding] = []
+    layers: Sequence[MapLayer] | None
     if draws:
         style = (overlay.style, overlay.label_field)
         layers = load_layers(map_path, *style, network=overlay.network) if map_path else None
