@@ -4,13 +4,22 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
+import operator
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from dev.planted_faults.planting import FlightFiles, Item, Planter, restamped
+from dev.planted_faults.planting import (
+    FlightFiles,
+    Item,
+    Planter,
+    restamped,
+    rewritten,
+    turned_yaw,
+)
 from tirgeo_ros.io.bags.bag import Cdr
 
 #: Changes a message in place.
@@ -21,7 +30,7 @@ def scaled(field: str, factor: float) -> MessageChange:
     """Return a change of a vector of a message by a factor."""
 
     def change(message: Any) -> None:
-        vector = getattr(message, field)
+        vector = operator.attrgetter(field)(message)
         vector.x, vector.y, vector.z = (factor * v for v in (vector.x, vector.y, vector.z))
 
     return change
@@ -74,10 +83,63 @@ def no_covariance(message: Any) -> None:
     message.position_covariance = np.zeros(9)
 
 
-def late(item: Item) -> Iterator[Item]:
-    """Let it arrive 0.6 s later, and stamp it so."""
-    restamped(item.message.header, 600_000_000)
-    yield dataclasses.replace(item, log_time_ns=item.log_time_ns + 600_000_000)
+def late(seconds: float, *topics: str) -> Planter:
+    """Return a planter that lets messages arrive later, and stamps them so."""
+    shift_ns = round(seconds * 1e9)
+
+    def change(item: Item) -> Iterator[Item]:
+        restamped(item.message.header, shift_ns)
+        yield dataclasses.replace(item, log_time_ns=item.log_time_ns + shift_ns)
+
+    return rewritten(change, *topics)
+
+
+def mounted(roll_deg: float, pitch_deg: float, yaw_deg: float) -> MessageChange:
+    """Return a change of the samples of an IMU to those of one that is turned about its axes."""
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 heavy
+
+    turn = Rotation.from_euler("ZYX", [yaw_deg, pitch_deg, roll_deg], degrees=True).inv()
+
+    def change(message: Any) -> None:
+        for vector in (message.angular_velocity, message.linear_acceleration):
+            vector.x, vector.y, vector.z = turn.apply([vector.x, vector.y, vector.z])
+
+    return change
+
+
+def heading_off(by_deg: float) -> MessageChange:
+    """Return a change of headings by an angle, clockwise."""
+    return lambda m: turned_yaw(m.orientation, lambda yaw: yaw - math.radians(by_deg))
+
+
+def yaw_from_north(good: FlightFiles, folder: Path) -> FlightFiles:
+    """Count the gimbal's yaw from north, not from the nose."""
+    nose_rad = 0.0
+
+    def change(item: Item) -> Iterator[Item]:
+        nonlocal nose_rad
+        if item.topic.endswith("imu/data"):
+            q = item.message.orientation
+            nose_rad = math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y**2 + q.z**2))
+        else:
+            turn_rad = nose_rad - math.pi / 2
+            joints(lambda all_: all_ | {"yaw": all_["yaw"] + turn_rad})(item.message)
+        yield item
+
+    return rewritten(change, "imu/data", "gimbal/joint_states")(good, folder)
+
+
+def pictures(*axes: int) -> MessageChange:
+    """Return a change of JPEG pictures, flipped along axes (0 down, 1 across)."""
+
+    def change(message: Any) -> None:
+        import cv2  # noqa: PLC0415 heavy
+
+        pixels: Any = cv2.imdecode(message.data, cv2.IMREAD_UNCHANGED)
+        pixels = np.flip(pixels, axes)
+        message.data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, 80])[1].ravel()
+
+    return change
 
 
 def points(item: Item) -> Iterator[Item]:
@@ -112,6 +174,11 @@ def changed_map(change: Callable[[list[Any]], list[Any]], crs: str = "") -> Call
         return json.dumps(tree)
 
     return changed
+
+
+def moved(place: list[Any]) -> list[Any]:
+    """Return a place 10 m farther north."""
+    return [place[0], place[1] + 9e-5, *place[2:]]
 
 
 def swapped(place: list[Any]) -> list[Any]:

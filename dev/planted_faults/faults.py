@@ -11,18 +11,23 @@ from pathlib import Path
 from dev.planted_faults.changes import (
     changed_map,
     half_size,
+    heading_off,
     joints,
     late,
     level_dem,
     longer_lens,
     lowered,
+    mounted,
+    moved,
     ned_velocity,
     next_zone,
     no_covariance,
+    pictures,
     points,
     scaled,
     swapped,
     swapped_tilt,
+    yaw_from_north,
 )
 from dev.planted_faults.planting import (
     FlightFiles,
@@ -62,6 +67,8 @@ class Fault:
     names: tuple[str, ...]
     plant: Planter
     shown: ShownFrom = ShownFrom.AT_ONCE  # from when on, at the earliest
+    word: str = ""  # must be in what the finding says
+    flipped: tuple[int, ...] = ()  # of its pictures' axes: 0 down, 1 across
 
 
 def _no_params(good: FlightFiles, _folder: Path) -> FlightFiles:
@@ -148,11 +155,78 @@ FAULTS: tuple[Fault, ...] = (
         ("thermal/image_raw",),
         altered(lambda m: restamped(m.header, None), _PICTURES),
     ),
-    Fault("RTK 0.6 s late", ("rtk", "delay_s"), rewritten(late, *_RTK), ShownFrom.TURNS),
+    Fault("RTK 0.6 s late", ("rtk", "delay_s"), late(0.6, *_RTK), ShownFrom.TURNS),
     Fault("no camera_info", (_CAMERA_INFO,), left_out(_CAMERA_INFO)),
     Fault(
         "gimbal of another type",
         ("gimbal/joint_states",),
         both(rewritten(points, _JOINTS), left_out("gimbal/attitude")),
     ),
+)
+
+_IMU, _AHEAD = ("imu_rpy_deg",), ("rtk/heading", "second_antenna_m")
+_SEEN, _LATE = ("thermal/image_raw",), ("video_latency_s", "thermal/image_raw")
+
+
+def _tilted(name: str, *rpy_deg: float) -> Fault:
+    return Fault(f"IMU {name}", _IMU, altered(mounted(*rpy_deg), "imu/data"))
+
+
+def _pictures_late(by_s: float) -> Fault:
+    plant = late(by_s, _PICTURES)
+    return Fault(f"pictures {by_s} s late", _LATE, plant, ShownFrom.MOVING_PICTURES)
+
+
+def _heading_off(by_deg: float) -> Fault:
+    plant = altered(heading_off(by_deg), "rtk/heading")
+    return Fault(f"headings {by_deg:g} deg off", _AHEAD, plant, ShownFrom.TURNS)
+
+
+def _boresight(by_deg: float) -> Fault:
+    plant = parameters("gimbal_node", boresight_rpy_deg=[0.0, by_deg, 0.0])
+    name = f"boresight {by_deg:g} deg"
+    return Fault(name, ("boresight_rpy_deg",), plant, ShownFrom.MOVING_PICTURES)
+
+
+def _flipped(name: str, *axes: int) -> Fault:
+    plant = altered(pictures(*axes), _PICTURES)
+    return Fault(name, _SEEN, plant, ShownFrom.MOVING_PICTURES, name, axes)
+
+
+#: Smaller ones, and what is seldom wrong. A boresight below 2.5 deg and a map that lies metres
+#: off cannot be told yet.
+FAULTS += (
+    _tilted("tilted by 5 deg", 0.0, 5.0, 0.0),
+    _tilted("tilted by 10 deg", 10.0, 0.0, 0.0),
+    _tilted("tilted by 20 deg", 0.0, 20.0, 0.0),
+    _tilted("turned by 90 deg", 0.0, 0.0, 90.0),
+    *map(_pictures_late, (0.2, 0.3, 0.4, 0.5)),
+    *map(_heading_off, (4.0, 7.0)),
+    *map(_boresight, (2.0, 3.0)),
+    _flipped("mirrored", 1),
+    _flipped("upside down", 0, 1),
+    Fault("yaw from north", _PIVOT, yaw_from_north),
+    Fault("gimbal 0.3 s late", ("gimbal",), late(0.3, _JOINTS, "gimbal/attitude"), word="0.3"),
+    Fault(
+        "latency 0.25 for 0.05",
+        ("video_latency_s",),
+        parameters("overlay_node", video_latency_s=0.25),
+        ShownFrom.MOVING_PICTURES,
+    ),
+    Fault(
+        "RTK antenna 1 m off",
+        ("rtk_antenna_m",),
+        parameters(
+            "",
+            aircraft__rtk_antenna_m=[-1.1, 0.32, 0.38],
+            aircraft__second_antenna_m=[-0.1, 0.32, 0.38],
+        ),
+        ShownFrom.TURNS,
+    ),
+    Fault(
+        "RTK velocities of zero",
+        ("rtk/vel",),
+        altered(scaled("twist.twist.linear", 0.0), "rtk/vel"),
+    ),
+    Fault("map 10 m off", ("map",), with_map(changed_map(moved))),
 )

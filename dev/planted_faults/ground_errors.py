@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from dev.planted_faults.planting import FlightFiles
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CHI2_95, CameraRates
 from tirgeo_ros.core.config import OverlayConfig
@@ -18,7 +20,10 @@ from tirgeo_ros.core.ground.ground_point import Located, place
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
+from tirgeo_ros.io.bags.cdr import header_stamp_ns
+from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.tools.replay.graph_outputs import read_outputs
+from tirgeo_ros.tools.replay.node_configs import node_configs
 
 _WHOLE_FLIGHT_S = 1e9
 _RATES_NS = 100_000_000
@@ -67,11 +72,19 @@ def camera_of(bag: Path) -> Camera | None:
     return None
 
 
-def times_of_ellipse(believed: Eye, true: Eye, stamp_ns: int) -> float:
+def times_of_ellipse(
+    believed: Eye,
+    true: Eye,
+    stamp_ns: int,
+    true_ns: int | None = None,
+    flipped: Sequence[int] = (),
+) -> float:
     """Return the largest error of a picture's pixels over its ellipse; nan: none is located.
 
     1 is on the ellipse of 95 %. A pixel that the truth has nowhere counts as infinitely wrong.
+    ``true_ns``: the picture's stamp in the good flight; ``flipped``: its axes, 0 down, 1 across.
     """
+    true_ns = stamp_ns if true_ns is None else true_ns
     size = true.camera.width - 1, true.camera.height - 1
     worst = math.nan
     for across, down in _PLACES:
@@ -79,10 +92,43 @@ def times_of_ellipse(believed: Eye, true: Eye, stamp_ns: int) -> float:
         told = believed.locate(stamp_ns, uv)
         if told is None:
             continue
-        actual = true.locate(stamp_ns, uv)
+        was = (
+            size[0] - uv[0] if 1 in flipped else uv[0],
+            size[1] - uv[1] if 0 in flipped else uv[1],
+        )
+        actual = true.locate(true_ns, was)
         times = math.inf if actual is None else _times(told, actual, believed.plane)
         worst = times if math.isnan(worst) else max(worst, times)
     return worst
+
+
+def eyes_of(good: FlightFiles, planted: FlightFiles, poses: Path) -> tuple[Eye, Eye] | None:
+    """Return how poses of a planted flight locate pixels, and how they lie in truth; or None."""
+    believed, true = _eye(planted, poses), _eye(good, good.bag.with_name("truth.mcap"))
+    return (believed, true) if believed and true else None
+
+
+def _eye(flight: FlightFiles, poses: Path) -> Eye | None:
+    overlay = node_configs(flight.params, dem=flight.options.get("dem")).overlay
+    camera, ground = camera_of(flight.bag), ground_of(overlay)
+    return None if camera is None or ground is None else eye_of(poses, camera, ground, overlay)
+
+
+def flight_times(
+    good: FlightFiles, planted: FlightFiles, poses: Path, flipped: Sequence[int]
+) -> list[float]:
+    """Return the times of the ellipse of all pictures that are located."""
+    eyes = eyes_of(good, planted, poses)
+    if eyes is None:
+        return []
+    stamps = zip(_picture_stamps_ns(planted.bag), _picture_stamps_ns(good.bag), strict=True)
+    times = [times_of_ellipse(*eyes, told, actual, flipped) for told, actual in stamps]
+    return [one for one in times if not math.isnan(one)]
+
+
+def _picture_stamps_ns(bag: Path) -> list[int]:
+    items = BagReader(bag).messages(["/thermal/image_raw/compressed"])
+    return [header_stamp_ns(item.data) for item in items]
 
 
 def _times(told: Located, actual: Located, plane: TangentPlane) -> float:

@@ -12,19 +12,17 @@ from pathlib import Path
 import numpy as np
 
 from dev.planted_faults.faults import Fault, ShownFrom
-from dev.planted_faults.ground_errors import Eye, camera_of, eye_of, times_of_ellipse
+from dev.planted_faults.ground_errors import eyes_of, times_of_ellipse
 from dev.planted_faults.live_reading import Picture, Report, read_reports, seen
 from dev.planted_faults.planting import FlightFiles
 from tirgeo_ros.core.overlay.scale_bar_compass import camera_heading_rad
 from tirgeo_ros.core.types.errors import BagError, TirgeoError
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
-from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.parameters.parameter_file import Value, write_parameters
 from tirgeo_ros.tools.graph.node_graph import GraphRun, GraphSetup, free_domain, run_graph
 from tirgeo_ros.tools.presentation.progress import Report as Progress
 from tirgeo_ros.tools.replay.graph_outputs import read_outputs, read_pictures
-from tirgeo_ros.tools.replay.node_configs import node_configs
 
 #: A fault is named so soon after the data can show it.
 WITHIN_S = 10.0
@@ -145,7 +143,7 @@ def _judged(fault: Fault, good: FlightFiles, planted: FlightFiles, run: GraphRun
     shown_s = _shown_s(fault.shown, first_pose_s, _truth(good), begin_ns)
     from_s = WITHIN_S + (0.0 if math.isnan(shown_s) else shown_s)
     green_s = [one.at_s for one in pictures if one.green and one.at_s >= from_s]
-    eyes = _eyes(good, planted, run)
+    eyes = eyes_of(good, planted, run.recording)
     times = [
         times_of_ellipse(*eyes, begin_ns + round(at_s * 1e9)) if eyes else math.nan
         for at_s in green_s
@@ -190,19 +188,6 @@ def _shown_s(shown: ShownFrom, first_pose_s: float, truth: Path, begin_ns: int) 
     turned = np.abs(np.diff(np.unwrap([camera_heading_rad(one) for one in cameras]))).cumsum()
     enough = np.flatnonzero(turned > _TURN_RAD)
     return (cameras[enough[0] + 1].stamp_ns - begin_ns) * 1e-9 if enough.size else math.nan
-
-
-def _eyes(good: FlightFiles, planted: FlightFiles, run: GraphRun) -> tuple[Eye, Eye] | None:
-    """Return how the graph located pixels, and how they lie in truth; None without poses."""
-    believed = _eye(planted, run.recording)
-    true = _eye(good, _truth(good))
-    return (believed, true) if believed and true else None
-
-
-def _eye(flight: FlightFiles, poses: Path) -> Eye | None:
-    overlay = node_configs(flight.params, dem=flight.options.get("dem")).overlay
-    camera, ground = camera_of(flight.bag), ground_of(overlay)
-    return None if camera is None or ground is None else eye_of(poses, camera, ground, overlay)
 
 
 def live_table(found: Sequence[Outcome]) -> str:

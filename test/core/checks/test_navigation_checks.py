@@ -203,6 +203,18 @@ def test_turns_of_some_minutes_ago_still_show_the_sign_of_headings(sign, found):
     assert [one.check for one in checks.findings()] == found
 
 
+@pytest.mark.parametrize(("every", "found"), [(16, []), (3, ["heading_turns"])])
+def test_single_outliers_among_headings_are_no_fault(every, found):
+    """Of 34 s, two headings are 140 deg off: an rms of 54 deg by the change, there and back."""
+    checks, forces_b = HeadingChecks(EkfConfig()), np.array([0.0, 0.0, -9.8])
+    for k in range(1, 681):
+        rates_b = np.array([0.0, 0.0, 0.1])
+        checks.block(ImuMean(k * 50_000_000, 0.05, forces_b, rates_b, None, joined=True))
+        off_rad = 2.4 if k // 20 % every == 8 % every else 0.0
+        checks.heading(HeadingSample(k * 50_000_000, wrapped(0.005 * k + off_rad), 1e-4))
+    assert [one.check for one in checks.findings()] == found
+
+
 @pytest.mark.parametrize(("sign", "found"), [(1, []), (-1, ["rtk_vel_up"])])
 def test_climbs_with_the_wrong_sign_are_named(sign, found):
     checks = VelocityChecks("rtk/vel", "rtk/fix")

@@ -59,9 +59,11 @@ OF_UAV1 = {f"/uav1{name}": kind for name, kind in WHOLE.items()}
         (without("thermal/camera_info"), {}, "STOP thermal/camera_info"),
         (without("thermal/camera_info"), {"has_camera": True}, ""),
         (ALONE, {}, "NOTE thermal/image_raw"),  # a flight of the filter alone
-        (without(*PICTURES), {}, "CAUTION thermal/image_raw"),
-        (without(*PICTURES), {"has_map": True}, "STOP thermal/image_raw"),
+        (without(*PICTURES), {}, "NOTE thermal/image_raw"),  # recorded without them
+        (without(*PICTURES) | {"/cam": "CompressedImage"}, {}, "STOP thermal/image_raw"),
         (without(*PICTURES), {"wants_pictures": False}, ""),
+        # poses of the body need no lens
+        (without("thermal/camera_info"), {"wants_pictures": False}, "CAUTION thermal/camera_info"),
         (WHOLE | {"/rtk/fix": "PoseStamped"}, {}, "CAUTION rtk/fix"),  # there is gps/fix
         (without("gps/fix") | {"/rtk/fix": "PoseStamped"}, {}, "STOP rtk/fix"),
     ],

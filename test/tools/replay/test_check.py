@@ -42,8 +42,8 @@ class Group:
 
 @pytest.fixture
 def stand_ins(monkeypatch):
-    """The three groups, by module."""
-    made = {name: Group() for name in ("Navigation", "Gimbal", "Picture")}
+    """The groups, by module."""
+    made = {name: Group() for name in ("Navigation", "Gimbal", "Picture", "Map")}
     for name, group in made.items():
         monkeypatch.setattr(groups, f"{name}Checks", lambda *_, it=group: it)
     return made
@@ -116,7 +116,7 @@ def test_a_caution_alone_may_fly(short, sample, stand_ins, capsys):
 
 def test_the_groups_see_all_of_a_flight(short, sample, stand_ins):
     numbers = check(short, params=sample / "params.yaml")["checked"]["topics"]
-    navigation, gimbal, pictures = stand_ins.values()
+    navigation, gimbal, pictures, _ = stand_ins.values()
     sensed = sum(
         n["messages"] for topic, n in numbers.items() if topic[:3] in ("imu", "rtk", "gps")
     )
@@ -161,27 +161,32 @@ def test_process_tells_of_them_and_writes_the_same(short, sample, stand_ins, tmp
     said = []
     for out, found in zip(outs, ([], [STOP, CAUTION, NOTE]), strict=True):
         stand_ins["Navigation"].found = found
-        assert main(["process", str(short), "-o", str(out), *given(sample), "--no-images"]) == 0
+        arguments = ["process", str(short), "-o", str(out), *given(sample), "--no-images"]
+        assert main(arguments) == (1 if found else 0)
         said.append(capsys.readouterr())
     assert outs[0].read_bytes() == outs[1].read_bytes()
     assert said[0].err == ""
     assert said[1].err == (
         "tirgeo process: STOP: gravity is 1.0: imu/data: give m/s2\n"
         "tirgeo process: CAUTION: 0.6 s late: rtk.delay_s: set it to 0.6\n"
+        "tirgeo process: NO GO: gravity is 1.0: imu/data (and 1 more)\n"
     )
     assert "findings" not in said[1].out
 
 
-def test_process_shows_the_gimbals_checks_some_of_what_the_overlay_does_not_want(
-    short, sample, stand_ins, tmp_path
+@pytest.mark.parametrize("composition", ["auto", "encoders"])
+def test_process_shows_the_checks_what_it_does_not_use(
+    composition, short, sample, stand_ins, tmp_path
 ):
-    """Of 50 reported attitudes a second a few, once the joints are trusted."""
+    """Of 50 reported attitudes a second some; lens, pictures and map although none is drawn."""
     params = tmp_path / "more.yaml"
-    params.write_text("/**/gimbal_node:\n  ros__parameters: {composition: encoders}\n")
-    process(short, tmp_path / "a.mcap", params=[sample / "params.yaml", params], images=False)
-    assert "reported" not in stand_ins["Gimbal"].calls  # encoders alone are read
-    process(short, tmp_path / "b.mcap", params=sample / "params.yaml", images=False)
+    params.write_text(f"/**/gimbal_node:\n  ros__parameters: {{composition: {composition}}}\n")
+    files = {"params": [sample / "params.yaml", params], "map": sample / "map.geojson"}
+    process(short, tmp_path / "a.mcap", **files, images=False)
     assert stand_ins["Gimbal"].calls["reported"] >= 20
+    assert stand_ins["Picture"].calls["camera"] > 0
+    assert stand_ins["Picture"].calls["passed"] == 54
+    assert stand_ins["Map"].calls["map"] == 1
 
 
 def test_a_fault_of_a_check_is_told_and_changes_nothing(
@@ -205,7 +210,7 @@ def test_a_fault_of_a_check_is_told_and_changes_nothing(
 
 @pytest.mark.parametrize("verb", ["locate", pytest.param("evaluate", marks=pytest.mark.slow)])
 def test_locate_and_evaluate_tell_of_them(verb, sample, stand_ins, tmp_path, capsys):
-    stand_ins["Gimbal"].found = [CAUTION, NOTE]
+    stand_ins["Gimbal"].found = [STOP, CAUTION, NOTE]
     seen = sample / "observations.csv"
     more = {
         "locate": ["--pixels", seen, "-o", tmp_path / "points.geojson"],
@@ -215,13 +220,15 @@ def test_locate_and_evaluate_tell_of_them(verb, sample, stand_ins, tmp_path, cap
         ],
     }
     arguments = [verb, str(sample / "flight.mcap"), *given(sample, *more[verb]), "--json"]
-    assert main(arguments) == 0
+    assert main(arguments) == 1
     out, err = capsys.readouterr()
-    assert [one["check"] for one in json.loads(out)["findings"]] == ["late", "vibration"]
+    checks = [one["check"] for one in json.loads(out)["findings"]]
+    assert checks == ["gravity", "late", "vibration"]
+    written = "points.geojson" if verb == "locate" else "evaluation/report.html"
+    assert (tmp_path / written).exists()
     assert f"tirgeo {verb}: CAUTION: 0.6 s late: rtk.delay_s: set it to 0.6\n" in err
     assert "it shakes" not in err
-    navigation, gimbal, pictures = stand_ins.values()
+    navigation, gimbal, pictures, _ = stand_ins.values()
     assert 0 < gimbal.calls["body"] < navigation.calls["take"]
-    # The stand-in follows none.
-    assert pictures.calls["passed"] == (270 if verb == "evaluate" else 0)
+    assert pictures.calls["passed"] == 270  # the stand-in follows none
     assert pictures.calls["frame"] == 0

@@ -31,6 +31,8 @@ _LEAST_TURNED_RAD = math.radians(40)  # sum of the turns that is needed for a fi
 _EXPLAINED = 0.3
 #: Rms difference between changes of heading and of the gyroscopes at which the heading jumps.
 _JUMPING_RAD, _LEAST_JUMPS = math.radians(15), 8
+#: Fewer headings that jump off and back at once are outliers, which the filter refuses.
+_MOST_OUTLIERS = 0.1
 _LEAST_CONSTANT = 0.9  # length of the mean unit vector of an offset: 26 deg rms
 #: A compass errs by 10 deg near steel or without its declination.
 _OFF_RAD, _WRONG_RAD = math.radians(15), math.radians(45)
@@ -96,7 +98,7 @@ class HeadingChecks:
         """Return a fault of the heading's changes, or if they are right, of its mean."""
         if not self._rows:
             return []
-        rows = np.array(self._rows)
+        rows = _without_outliers(np.array(self._rows))
         steps_s, changes, turns = np.diff(rows[:, :3], axis=0).T
         near = (steps_s > 0) & (steps_s < _LONGEST_S)  # false for nan
         # Turns are not wrapped: nothing that flies turns 180 deg/s.
@@ -134,6 +136,16 @@ class HeadingChecks:
         else:
             mend = "the baseline lies across: measure both antennas, or remove a constant of 90"
         return _stop("heading_offset", evidence, mend, _SECOND)
+
+
+def _without_outliers(rows: Array) -> Array:
+    """Leave out single headings that are far from both of their neighbours, if they are few."""
+    left = wrap_pi(rows[:, 1] - rows[:, 2])  # the heading without the gyroscopes' turns
+    jumps = np.abs(wrap_pi(np.diff(left))) > _JUMPING_RAD  # false for nan
+    across = np.abs(wrap_pi(left[2:] - left[:-2])) < _JUMPING_RAD
+    single = np.zeros(len(rows), bool)
+    single[1:-1] = jumps[:-1] & jumps[1:] & across
+    return rows[~single] if single.sum() <= _MOST_OUTLIERS * len(rows) else rows
 
 
 def _changing(changes: Array, turns: Array, pairs: int) -> Finding | None:

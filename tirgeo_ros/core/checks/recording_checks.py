@@ -6,7 +6,7 @@ The topics are those of a recording or of a running graph.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.verdicts import NavigationStatus
@@ -26,8 +26,7 @@ class RecordedTopics:
     contract: Mapping[str, str]  # topic to type, of the inputs, without a namespace
     namespace: str = ""
     has_camera: bool = False  # whether a calibration replaces thermal/camera_info
-    has_map: bool = False
-    wants_pictures: bool = True  # whether something is to be drawn
+    wants_pictures: bool = True  # whether something may be drawn
     live: bool = False  # whether it is a graph, not a bag
 
     def name(self, topic: str) -> str:
@@ -70,15 +69,29 @@ def recording_findings(recording: RecordedTopics) -> list[Finding]:
     if recording.there.intersection(_PICTURES):
         needed += [_GIMBAL] if recording.has_camera else [_GIMBAL, (_CAMERA_INFO,)]
     found = needed_findings(recording, needed)
+    if not recording.wants_pictures:  # poses of the body are made without gimbal and lens
+        found = [_poses_only(one) for one in found]
     seen = {*recording.there, *(finding.parameter for finding in found)}
     if recording.wants_pictures and not seen.intersection(_PICTURES):
-        odd = recording.there.intersection((_CAMERA_INFO, *_GIMBAL))
-        severity = Severity.CAUTION if odd else Severity.NOTE
-        severity = Severity.STOP if recording.has_map else severity
-        evidence = f"no picture: neither {' nor '.join(map(recording.name, _PICTURES))}"
-        mend = "record the camera's topic; only poses need no pictures"
-        found.append(Finding("no_pictures", severity, evidence, "thermal/image_raw", mend))
+        found.append(_no_pictures(recording))
     return found
+
+
+def _no_pictures(recording: RecordedTopics) -> Finding:
+    """Return that a flight was recorded without pictures, or has them under another name."""
+    kinds = {recording.contract[topic] for topic in _PICTURES}
+    near = [name for name, kind in recording.topics.items() if kind in kinds]
+    evidence = f"no picture: neither {' nor '.join(map(recording.name, _PICTURES))}"
+    evidence += f" (there is {', '.join(near)})" if near else ""
+    severity = Severity.STOP if near else Severity.NOTE
+    mend = "give --namespace or a remapping" if near else "to draw, record the camera's topic"
+    return Finding("no_pictures", severity, evidence, "thermal/image_raw", mend)
+
+
+def _poses_only(found: Finding) -> Finding:
+    """Return a finding that is a caution if what it lacks is for pictures alone."""
+    lacks = set(found.parameter.split(" or ")).intersection((*_GIMBAL, _CAMERA_INFO))
+    return replace(found, severity=min(found.severity, Severity.CAUTION)) if lacks else found
 
 
 def needed_findings(recording: RecordedTopics, needed: Sequence[Sequence[str]]) -> list[Finding]:

@@ -6,6 +6,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
+#: A verdict on a flight whose outputs are wrong begins with it.
+NO_GO = "NO GO"
+
 
 class Severity(IntEnum):
     """Rank how serious a finding is."""
@@ -50,6 +53,12 @@ def sorted_findings(findings: Iterable[Finding]) -> list[Finding]:
     return sorted(kept.values(), key=lambda finding: -finding.severity)
 
 
+def stop_line(findings: Sequence[Finding]) -> str | None:
+    """Return ``NO GO: ...`` if one is a STOP, else None: commands then end with exit code 1."""
+    stopped = any(one.severity is Severity.STOP for one in findings)
+    return verdict_line(findings) if stopped else None
+
+
 def verdict_line(findings: Sequence[Finding]) -> str:
     """Return ``GO``, ``CAUTION: ...`` or ``NO GO: ...`` with the worst finding's evidence.
 
@@ -59,6 +68,6 @@ def verdict_line(findings: Sequence[Finding]) -> str:
     worst = [finding for finding in sorted_findings(findings) if finding.severity]
     if not worst:
         return "GO"
-    lead = "NO GO" if worst[0].severity is Severity.STOP else "CAUTION"
+    lead = NO_GO if worst[0].severity is Severity.STOP else "CAUTION"
     more = f" (and {len(worst) - 1} more)" if len(worst) > 1 else ""
     return f"{lead}: {worst[0].evidence}: {worst[0].parameter}{more}"

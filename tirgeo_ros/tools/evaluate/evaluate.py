@@ -21,6 +21,7 @@ from tirgeo_ros.core.overlay.map_renderer import MapRenderer
 from tirgeo_ros.core.overlay.tone_mapping import ToneMapper
 from tirgeo_ros.core.types.arrays import RawPixels
 from tirgeo_ros.core.types.errors import BagError, CalibrationError, TirgeoError
+from tirgeo_ros.core.types.finding import stop_line
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.bags.cdr import header_stamp_ns
@@ -192,7 +193,15 @@ def evaluate(
     last = setups[-1]  # whose parameters are checked and whose map is drawn
     layers = _layers(last.configs.overlay, map_path)
     reader, lens = BagReader(bag), given_camera(last.configs.overlay)
-    checks = FlightChecks(last.configs, reader, files, namespace, ground=last.ground, camera=lens)
+    checks = FlightChecks(
+        last.configs,
+        reader,
+        files,
+        namespace,
+        ground=last.ground,
+        layers=layers or None,
+        camera=lens,
+    )
     flight = RecordedFlight(reader, namespace, pictures=True, camera=lens, checks=checks)
     paths = (os.fspath(bag), os.fspath(survey), os.fspath(observations))
     job = _Job(paths, reader, namespace, given, setups, layers, flight, checks, smooth)
@@ -224,6 +233,7 @@ def _evaluation(
 ) -> Evaluation:
     """Return the results of the methods that were run."""
     given, camera, best = job.given, job.flight.camera, runs[-1]
+    findings = job.checks.findings()
     methods = [_result(run, camera, given) for run in runs]
     drawn = (camera, best.poses, best.setup, job.layers, given)
     return Evaluation(
@@ -248,8 +258,8 @@ def _evaluation(
             *input_notes(given, job.flight.picture_stamps_ns),
             *filter(None, [place_note(methods)]),
         ],
-        _error(job.reader, methods),
-        job.checks.findings(),
+        _error(job.reader, methods) or stop_line(findings),
+        findings,
         job.smooth,
     )
 

@@ -93,7 +93,7 @@ def export(
         **flight.summary,
         **_described(setup),
         **finished,
-        "error": _error(reader, used),
+        "error": _error(reader, used) or flight.no_go,
     }
     write_files({places[-1]: json.dumps(result, indent=1) + "\n"}, MapError)
     return result

@@ -12,6 +12,7 @@ from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseBuffer
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.types.errors import BagError
+from tirgeo_ros.core.types.finding import stop_line
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose
 from tirgeo_ros.core.types.verdicts import Verdict
 from tirgeo_ros.io.bags.bag import BagReader
@@ -52,6 +53,7 @@ class RegisteredFlight(NamedTuple):
     refused: Counter[str]  # pictures without a trusted pose, by reason
     states: Mapping[int, str]  # of the filter, by the exposures (ns)
     summary: Mapping[str, object]
+    no_go: str | None  # the worst STOP of the checks
 
 
 def register(
@@ -88,16 +90,17 @@ def register(
         state = f"; the filter is {navigation.state.value} at the end"
         one = f"{reader.path}: none of {len(chosen)} pictures has a trusted pose: {why}{state}"
         raise BagError(one)
+    findings = checks.findings()
     summary = {
         "method": navigation.method,
         "composition": flight.registration.composer.composition,
         "state": navigation.state.value,
         "smoothed": smooth,
-        "findings": finding_items(checks.findings()),
+        "findings": finding_items(findings),
         "notes": [*notes, *(ground.notes if isinstance(ground, Terrain) else ())],
     }
     known = recorded.camera, flight.plane, ground
-    return RegisteredFlight(*known, posed, refused, bodies.states, summary)
+    return RegisteredFlight(*known, posed, refused, bodies.states, summary, stop_line(findings))
 
 
 def _posed(

@@ -4,33 +4,25 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Sequence
-from functools import partial
-from typing import TypeVar
+from collections.abc import Sequence
 
 import numpy as np
 
 from tirgeo_ros.core.checks.recording_checks import damage_findings, no_pose_findings
-from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.map.draping import Ground
 from tirgeo_ros.core.map.layers import MapLayer
-from tirgeo_ros.core.overlay.map_renderer import lay_layers
-from tirgeo_ros.core.types.errors import ConfigError, TirgeoError
-from tirgeo_ros.core.types.finding import Finding, Severity, sorted_findings, verdict_line
+from tirgeo_ros.core.types.finding import Finding, sorted_findings, stop_line
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.files.whole_files import PathLike
-from tirgeo_ros.io.maps import load_layers
 from tirgeo_ros.io.parameters.parameter_file import Files
 from tirgeo_ros.io.pictures.camera_file import given_camera
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.finding_lines import finding_items, tally_line
-from tirgeo_ros.tools.replay.flight_checks import FlightChecks
+from tirgeo_ros.tools.replay.flight_checks import FlightChecks, tried, tried_map
 from tirgeo_ros.tools.replay.flight_poses import RecordedFlight
 from tirgeo_ros.tools.replay.node_configs import node_configs
 from tirgeo_ros.tools.replay.registration import SAMPLES, Registration, Sample
-
-T = TypeVar("T")
 
 
 def check(
@@ -54,11 +46,10 @@ def check(
     fitted, notes = configs.fitting(reader, namespace)
     overlay = fitted.overlay
     path = os.fspath(overlay.map if map is None else map)
-    load = partial(load_layers, path, overlay.style, overlay.label_field, network=overlay.network)
     found: list[Finding] = []
-    ground = _read(found, "dem", lambda: ground_of(overlay))
-    known = _read(found, "camera", lambda: given_camera(overlay))
-    layers = _read(found, "map", load) if path else None
+    ground = tried(found, "dem", lambda: ground_of(overlay))
+    known = tried(found, "camera", lambda: given_camera(overlay))
+    layers = tried_map(found, overlay, path, used=True)
     of_flight = (fitted, reader, params, namespace)
     checks = FlightChecks(*of_flight, ground=ground, layers=layers, camera=known, pictures=True)
     wanted = {"pictures": True, "needs_camera": False, "all_pixels": True}
@@ -73,18 +64,8 @@ def check(
         "findings": finding_items(found),
         "checked": flight.numbers(reader),
         "notes": notes,
-        "error": verdict_line(found) if found and found[0].severity is Severity.STOP else None,
+        "error": stop_line(found),
     }
-
-
-def _read(found: list[Finding], parameter: str, load: Callable[[], T]) -> T | None:
-    """Read a file that the parameters name; one that cannot be read is added to ``found``."""
-    try:
-        return load()
-    except TirgeoError as error:
-        name, mend = f"overlay_node {parameter}", "correct this file, or give another"
-        found.append(Finding(f"{parameter}_unreadable", Severity.STOP, str(error), name, mend))
-        return None
 
 
 def _flow(arrivals_ns: Sequence[int]) -> dict[str, float | None]:
@@ -99,7 +80,7 @@ def _flow(arrivals_ns: Sequence[int]) -> dict[str, float | None]:
 
 
 class _Flight:
-    """Run the samples through filter and gimbal, and lay the map in each new plane."""
+    """Run the samples through filter and gimbal."""
 
     def __init__(
         self,
@@ -111,27 +92,20 @@ class _Flight:
         self._registration = registration
         self._checks, self._layers = checks, layers
         self._ground = ground
-        self._plane: TangentPlane | None = None
-        self._no_ground: list[Finding] = []  # why the map cannot be placed in the plane
         self._lowest_m, self._highest_m = math.inf, -math.inf  # ellipsoidal, of the body
 
     def take(self, sample: Sample) -> None:
         """Process a sample."""
         found = self._registration.take(sample)
-        plane = self._registration.navigation.plane
-        self._checks.registered(found, plane)
-        if plane is not None and plane is not self._plane:
-            self._plane = plane
-            self._lay(plane)
+        self._checks.registered(found, self._registration.navigation.plane)
         if found.solution is not None:
             self._lowest_m = min(self._lowest_m, found.solution.height_m)
             self._highest_m = max(self._highest_m, found.solution.height_m)
 
     def findings(self, found: list[Finding]) -> list[Finding]:
         """Return the flight's findings and those that were ``found`` before, the worst first."""
-        found = [*found, *self._checks.findings(), *self._no_ground]
-        stopped = any(one.severity is Severity.STOP for one in found)
-        if not math.isfinite(self._lowest_m) and not stopped:
+        found = [*found, *self._checks.findings()]
+        if not math.isfinite(self._lowest_m) and stop_line(found) is None:
             found += no_pose_findings(self._registration.navigation.status())
         return sorted_findings(found)
 
@@ -154,13 +128,3 @@ class _Flight:
         if self._layers:
             checked["map_layers"] = len(self._layers)
         return checked
-
-    def _lay(self, plane: TangentPlane) -> None:
-        if self._layers is None:
-            return
-        ground = math.nan if self._ground is None else self._ground
-        try:
-            self._checks.map(lay_layers(self._layers, plane, ground))
-        except ConfigError as error:
-            name, mend = "overlay_node ground_height_m", "give the ground's height, or a dem"
-            self._no_ground = [Finding("no_ground", Severity.STOP, str(error), name, mend)]

@@ -6,6 +6,7 @@ The checks change nothing of that data: they only return findings.
 from __future__ import annotations
 
 import functools
+import math
 import traceback
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -24,21 +25,27 @@ from tirgeo_ros.core.checks.recording_checks import (
     unreadable_findings,
 )
 from tirgeo_ros.core.checks.stream_checks import Stream, lone_findings
+from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.map.draping import Ground
 from tirgeo_ros.core.map.layers import MapLayer
-from tirgeo_ros.core.overlay.map_renderer import DrapedMap
+from tirgeo_ros.core.overlay.map_renderer import DrapedMap, lay_layers
 from tirgeo_ros.core.streams.arrivals import Arrivals
+from tirgeo_ros.core.types.errors import ConfigError, TirgeoError
 from tirgeo_ros.core.types.finding import Finding, Severity, sorted_findings
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, ImuSample, JointSample
-from tirgeo_ros.io.bags.bag import BagReader
+from tirgeo_ros.io import messages as convert
+from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
+from tirgeo_ros.io.bags.cdr import header_stamp_ns
+from tirgeo_ros.io.maps import load_layers
 from tirgeo_ros.io.messages import SENSED_TOPICS, TOPIC_TYPES
 from tirgeo_ros.io.parameters.parameter_file import Files, ParameterFile
 from tirgeo_ros.tools.replay.flight_topics import CAMERA_INFO, PICTURES
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs
-from tirgeo_ros.tools.replay.registration import Registered, Sample
+from tirgeo_ros.tools.replay.registration import SAMPLES, Registered, Sample
 
 F = TypeVar("F", bound=Callable[..., None])
+T = TypeVar("T")
 
 
 #: Calls that are run together: work of one kind in a row uses the processor's caches better.
@@ -59,10 +66,36 @@ def _later(method: F) -> F:
     return cast("F", call)
 
 
+def tried(
+    found: list[Finding], parameter: str, load: Callable[[], T], *, used: bool = True
+) -> T | None:
+    """Read a file that the parameters name; one that cannot be read is added to ``found``.
+
+    It is a caution if it is not ``used`` but for checks.
+    """
+    try:
+        return load()
+    except TirgeoError as error:
+        name, mend = f"overlay_node {parameter}", "correct this file, or give another"
+        severity = Severity.STOP if used else Severity.CAUTION
+        found.append(Finding(f"{parameter}_unreadable", severity, str(error), name, mend))
+        return None
+
+
+def tried_map(
+    found: list[Finding], overlay: OverlayConfig, path: str, *, used: bool
+) -> Sequence[MapLayer] | None:
+    """Read a map likewise; None without one."""
+    how = (overlay.style, overlay.label_field)
+    load = functools.partial(load_layers, path, *how, network=overlay.network)
+    return tried(found, "map", load, used=used) if path else None
+
+
 class FlightChecks:
     """Feed all groups of checks. For each sample call ``sample``, then ``registered``.
 
-    A given ``camera`` overrides the bag's; ``pictures``: the bag must have some.
+    A given ``camera`` overrides the bag's; ``layers`` are laid in each plane, unless ``map`` is
+    called; ``pictures``: the bag should have some.
     """
 
     def __init__(
@@ -83,6 +116,10 @@ class FlightChecks:
         self._gimbal = GimbalChecks(gimbal, given)
         self._pictures = PictureChecks(overlay, ground, given)
         self._map = MapChecks(ground)
+        self._ground, self._layers = ground, layers
+        self._no_ground: list[Finding] = []  # why the map cannot be placed in the plane
+        self._given_camera = camera
+        self._cdr = Cdr()
         self._arrivals = Arrivals()
         self._streams: dict[str, Stream] = {}  # of the gimbal
         self._plane: TangentPlane | None = None
@@ -98,7 +135,6 @@ class FlightChecks:
             {topic: TOPIC_TYPES[topic] for topic in (*SENSED_TOPICS, *PICTURES, CAMERA_INFO)},
             namespace,
             has_camera=camera is not None,
-            has_map=layers is not None,
             wants_pictures=pictures,
         )
         seen = recording.there.intersection((*PICTURES, "gimbal/joint_states", "gimbal/attitude"))
@@ -145,10 +181,21 @@ class FlightChecks:
             self._plane = plane
             self._pictures.plane(plane)
             self._map.plane(plane)
+            self._lay(plane)
         if found.body is not None:
             self._gimbal.body(found.body)
         for pose in found.cameras:
             self._pictures.pose(pose)
+
+    def _lay(self, plane: TangentPlane) -> None:
+        if self._layers is None:
+            return
+        ground = math.nan if self._ground is None else self._ground
+        try:
+            self._map.map(lay_layers(self._layers, plane, ground))
+        except ConfigError as error:
+            name, mend = "overlay_node ground_height_m", "give the ground's height, or a dem"
+            self._no_ground = [Finding("no_ground", Severity.STOP, str(error), name, mend)]
 
     @_later
     def map(self, laid: DrapedMap) -> None:
@@ -161,13 +208,31 @@ class FlightChecks:
         self._count(CAMERA_INFO, arrival_ns)
         self._pictures.camera(camera)
 
-    def wants_pixels(self, stamp_ns: int, arrival_ns: int) -> bool:
-        """Return whether a picture is to be decoded; give the others to ``passed``."""
-        return self._pictures.wants_pixels(stamp_ns, arrival_ns)
+    def message(self, topic: str, message: BagMessage) -> None:
+        """Take a message that only the checks want; count one that cannot be used."""
+        try:
+            if topic in PICTURES:
+                self.picture(topic, message)
+                return
+            content: Any = self._cdr.deserialize(message.data, message.typename)
+            if topic == CAMERA_INFO:
+                self.camera(self._given_camera or convert.camera(content), message.log_time_ns)
+            else:
+                self.sample(topic, SAMPLES[topic](content), message.log_time_ns)
+        except TirgeoError as error:
+            self.refused(topic, str(error))
+
+    def picture(self, topic: str, message: BagMessage, *, always: bool = False) -> None:
+        """Take a picture; decode it only if its pixels are wanted, or ``always``."""
+        stamp_ns, arrival_ns = header_stamp_ns(message.data), message.log_time_ns
+        if always or self._pictures.wants_pixels(stamp_ns, arrival_ns):
+            content = self._cdr.deserialize(message.data, message.typename)
+            self.frame(topic, stamp_ns, convert.pixels(topic, content), arrival_ns)
+        else:
+            self._passed(topic, stamp_ns, arrival_ns)
 
     @_later
-    def passed(self, topic: str, stamp_ns: int, arrival_ns: int) -> None:
-        """Take the stamp and arrival (ns) of a picture that was not decoded."""
+    def _passed(self, topic: str, stamp_ns: int, arrival_ns: int) -> None:
         self._count(topic, arrival_ns)
         self._pictures.passed(stamp_ns, arrival_ns)
 
@@ -190,7 +255,7 @@ class FlightChecks:
     def findings(self) -> list[Finding]:
         """Return all findings, the worst first."""
         self.catch_up()
-        found = list(self.found)
+        found = [*self.found, *self._no_ground]
         counts = {topic: len(arrivals) for topic, arrivals in self.arrivals_ns.items()}
         found += lone_findings(self._streams)
         found += unreadable_findings(counts, self._refused, self._reasons)

@@ -25,7 +25,13 @@ from tirgeo_ros.io.bags.cdr import header_stamp_ns
 from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.tools.presentation.progress import Report
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks
-from tirgeo_ros.tools.replay.flight_topics import CAMERA_INFO, PICTURES, inputs_of, resolved
+from tirgeo_ros.tools.replay.flight_topics import (
+    CAMERA_INFO,
+    PICTURES,
+    checked_topics,
+    inputs_of,
+    resolved,
+)
 from tirgeo_ros.tools.replay.registration import SAMPLES, Registered, Registration, Sample
 from tirgeo_ros.tools.replay.smoothed_flight import FilterRecording, FlightFilter, passes
 
@@ -52,8 +58,8 @@ class RecordedFlight:
 
     ``read`` counts the messages that were decoded, ``refused`` those that could not be used. With
     ``pictures``, ``picture_stamps_ns`` holds the stamps of the pictures. A given ``camera``
-    overrides the bag's; ``needs_camera``: one of them must be there. ``checks`` also get the
-    samples, the camera and the pictures that they want, or ``all_pixels``.
+    overrides the bag's; ``needs_camera``: one of them must be there. ``checks`` get all inputs,
+    and of the pictures those that they want, or ``all_pixels``.
     """
 
     def __init__(
@@ -166,9 +172,15 @@ class RecordedFlight:
                 poses.smooth(smoothed)
         wanted = [CAMERA_INFO, *self._takers, *(PICTURES if self._pictures else ())]
         topics = {resolved(name, self._namespace): name for name in wanted if self.has(name)}
+        checked = {}
+        if self._checks is not None:
+            checked = checked_topics(self._reader, self._namespace, topics)
         first_ns, last_ns = self._reader.span_ns
-        for message in self._reader.messages(topics):
+        for message in self._reader.messages({*topics, *checked}):
             progress((message.log_time_ns - first_ns) * 1e-9, (last_ns - first_ns) * 1e-9)
+            if self._checks is not None and message.topic in checked:
+                self._checks.message(checked[message.topic], message)
+                continue
             try:
                 self._take(topics[message.topic], message)
             except TirgeoError as error:
@@ -195,16 +207,10 @@ class RecordedFlight:
             take(sample)
 
     def _take_picture(self, topic: str, message: BagMessage) -> None:
-        """Pass a picture to the checks; decode it only if they want its pixels."""
-        stamp_ns, arrival_ns = header_stamp_ns(message.data), message.log_time_ns
-        self.picture_stamps_ns.append(stamp_ns)
-        if self._checks is None:
-            return
-        if self._all_pixels or self._checks.wants_pixels(stamp_ns, arrival_ns):
-            pixels = convert.pixels(topic, self._decoded(message))
-            self._checks.frame(topic, stamp_ns, pixels, arrival_ns)
-        else:
-            self._checks.passed(topic, stamp_ns, arrival_ns)
+        """Note a picture's stamp, and pass it to the checks."""
+        self.picture_stamps_ns.append(header_stamp_ns(message.data))
+        if self._checks is not None:
+            self._checks.picture(topic, message, always=self._all_pixels)
 
 
 class FlightPoses:

@@ -93,6 +93,22 @@ def inputs_of(
     return found
 
 
+def checked_topics(reader: BagReader, namespace: str, used: Mapping[str, str]) -> dict[str, str]:
+    """Return the inputs that a bag has and a run does not use: resolved -> contract topic.
+
+    The checks want them; of two topics with pictures one.
+    """
+    present = reader.topics()
+    there = {
+        resolved(name, namespace): name
+        for name in (*SENSED_TOPICS, CAMERA_INFO, *PICTURES)
+        if present.get(resolved(name, namespace)) == TOPIC_TYPES[name]
+    }
+    pictures = [topic for topic, name in there.items() if name in PICTURES]
+    spare = pictures if set(PICTURES).intersection(used.values()) else pictures[1:]
+    return {topic: name for topic, name in there.items() if topic not in {*used, *spare}}
+
+
 def fitting_method(reader: Topics, namespace: str) -> tuple[str, str]:
     """Return the method for what a bag holds, and why it is not the default ("" if it is).
 

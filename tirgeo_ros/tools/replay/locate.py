@@ -16,6 +16,7 @@ from tirgeo_ros.core.ground.backprojection import Ground, Reason
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.ground_point import Located, Refusal, place
 from tirgeo_ros.core.types.errors import ConfigError, SurveyError
+from tirgeo_ros.core.types.finding import Finding, stop_line
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
@@ -26,7 +27,7 @@ from tirgeo_ros.io.targets.exports import exported_answers, form_of
 from tirgeo_ros.io.targets.xml_formats import cot
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.finding_lines import finding_items
-from tirgeo_ros.tools.replay.flight_checks import FlightChecks
+from tirgeo_ros.tools.replay.flight_checks import FlightChecks, tried_map
 from tirgeo_ros.tools.replay.flight_poses import RecordedFlight
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs, node_configs
 
@@ -67,7 +68,7 @@ def locate_pixels(
         raise ConfigError("height of the ground not known: give --ground-height or --dem")
     reader = BagReader(bag_in)
     how = (seen, ground, progress)
-    answers, flown = _located(reader, configs, params, namespace, *how, smooth=smooth)
+    answers, flown, findings = _located(reader, configs, params, namespace, *how, smooth=smooth)
     forms = {output: form_of(output), kml_out: "kml"}
     files: dict[PathLike, str | bytes]
     files = {path: exported_answers(answers, form) for path, form in forms.items() if path}
@@ -78,7 +79,8 @@ def locate_pixels(
         "input": os.fspath(bag_in),
         "output": [os.fspath(path) for path in outputs],
         **flown,
-        "error": _error(reader, answers),
+        "findings": finding_items(findings),
+        "error": _error(reader, answers) or stop_line(findings),
         **_summary(answers, ground),
     }
 
@@ -93,12 +95,17 @@ def _located(
     progress: Report,
     *,
     smooth: bool,
-) -> tuple[list[Answered], dict[str, object]]:
-    """Read the flight; return the pixels' places, and the summary of the flight."""
+) -> tuple[list[Answered], dict[str, object], list[Finding]]:
+    """Read the flight; return the pixels' places, the flight's summary, and its findings."""
     fitted, notes = configs.fitting(reader, namespace)
     ekf, gimbal, overlay, _ = fitted
     camera = given_camera(overlay)
-    checks = FlightChecks(fitted, reader, params, namespace, ground=ground, camera=camera)
+    found: list[Finding] = []
+    layers = tried_map(found, overlay, overlay.map, used=False)
+    checks = FlightChecks(
+        fitted, reader, params, namespace, ground=ground, layers=layers, camera=camera
+    )
+    checks.found += found
     recorded = RecordedFlight(reader, namespace, camera=camera, checks=checks)
     latency_ns = round(overlay.video_latency_s * 1e9)
     instants_ns = [one.stamp_ns - latency_ns for one in seen]
@@ -118,7 +125,7 @@ def _located(
 
     answers = [Answered(one.id, answer(one)) for one in seen]
     navigation = flight.registration.navigation.status()
-    return answers, {
+    flown: dict[str, object] = {
         "method": navigation.method,
         "smoothed": smooth,
         "composition": flight.registration.composer.composition,
@@ -126,8 +133,8 @@ def _located(
         "state": navigation.state.value,
         "messages": recorded.read,
         "messages_refused": recorded.refused,
-        "findings": finding_items(checks.findings()),
     }
+    return answers, flown, checks.findings()
 
 
 def _summary(answers: Sequence[Answered], ground: Ground) -> dict[str, object]:

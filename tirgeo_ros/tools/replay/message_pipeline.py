@@ -90,19 +90,33 @@ class Pipeline:
         self._diagnosed_ns: int | None = None
         self._unwanted = 0
 
-    def through(self, reader: BagReader, topics: Mapping[str, str], progress: Report) -> None:
-        """Process every message of the topics (resolved name -> contract topic)."""
+    def through(
+        self,
+        reader: BagReader,
+        topics: Mapping[str, str],
+        checked: Mapping[str, str],
+        progress: Report,
+    ) -> None:
+        """Process every message of the topics (resolved name -> contract topic).
+
+        Those of ``checked`` go to the checks alone, and change no output.
+        """
         begin_ns, end_ns = reader.span_ns
         first_ns = last_ns = 0
-        messages = reader.messages(topics)
+        messages = reader.messages({*topics, *checked})
         while block := list(islice(messages, _BLOCK)):
-            last_ns = block[-1].log_time_ns
-            first_ns = first_ns or block[0].log_time_ns
+            progress((block[-1].log_time_ns - begin_ns) * 1e-9, (end_ns - begin_ns) * 1e-9)
+            used = [one for one in block if one.topic in topics]
+            if used:
+                last_ns = used[-1].log_time_ns
+                first_ns = first_ns or used[0].log_time_ns
             self.duration_s = (last_ns - first_ns) * 1e-9
-            progress(self.duration_s, (end_ns - begin_ns) * 1e-9)
-            contents = [self._wanted_content(topics[message.topic], message) for message in block]
-            for message, content in zip(block, contents, strict=True):
-                self._take(topics[message.topic], message, content)
+            contents = iter([self._wanted_content(topics[one.topic], one) for one in used])
+            for message in block:
+                if message.topic in topics:
+                    self._take(topics[message.topic], message, next(contents))
+                else:
+                    self._checks.message(checked[message.topic], message)
         if self.read:
             self._finish(last_ns)
 

@@ -10,12 +10,15 @@ import contextlib
 import math
 import os
 import time
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.map.layers import MapLayer
 from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.types.errors import BagError, ConfigError
+from tirgeo_ros.core.types.finding import Finding, stop_line
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs
@@ -25,9 +28,9 @@ from tirgeo_ros.io.pictures.camera_file import given_camera
 from tirgeo_ros.io.video.video_file import VideoFile
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.finding_lines import finding_items
-from tirgeo_ros.tools.replay.flight_checks import FlightChecks
+from tirgeo_ros.tools.replay.flight_checks import FlightChecks, tried, tried_map
 from tirgeo_ros.tools.replay.flight_poses import smoothed_runs
-from tirgeo_ros.tools.replay.flight_topics import done_without, inputs_of, resolved
+from tirgeo_ros.tools.replay.flight_topics import checked_topics, done_without, inputs_of, resolved
 from tirgeo_ros.tools.replay.message_pipeline import Pipeline
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs, node_configs
 from tirgeo_ros.tools.replay.picture_outputs import OverlayFilm
@@ -42,6 +45,7 @@ class _Job(NamedTuple):
     reader: BagReader
     namespace: str
     topics: dict[str, str]  # resolved name -> contract topic
+    checked: dict[str, str]  # likewise, what only the checks want
     drawn: Overlay | None
     checks: FlightChecks
     notes: list[str]
@@ -68,22 +72,22 @@ def process(
 ) -> dict[str, object]:
     """Process a bag and return a summary; a file gets its name only when it is complete.
 
-    ``error`` in the summary is None, or what of the bag was lost. ``params`` are parameter files;
-    ``map``, ``dem`` or ``ground_height`` (ellipsoidal m) and ``camera``, a calibration file,
-    override them. ``images`` need the gimbal. They are drawn if there is a map, or ``raw_images``
-    or ``video`` are wanted, in another process unless ``cores`` (None: those that this process may
-    use) is 1: the bytes are the same. ``smooth``: each pose
+    ``error`` in the summary is None, or what of the bag was lost, or a STOP of the checks.
+    ``params`` are parameter files; ``map``, ``dem`` or ``ground_height`` (ellipsoidal m) and
+    ``camera``, a calibration file, override them. ``images`` need the gimbal. They are drawn if
+    there is a map, or ``raw_images`` or ``video`` are wanted, in another process unless ``cores``
+    (None: those that this process may use) is 1: the bytes are the same. ``smooth``: each pose
     from all measurements, also later ones. Raise BagError (no bag, a needed topic absent, nothing
     readable), CameraError, ConfigError, MapError, ElevationError, PictureError, VideoError.
     """
     configs = node_configs(
         params, namespace, method=method, dem=dem, ground_height=ground_height, camera=camera
     )
-    map_path = (configs.overlay.map if map is None else os.fspath(map)) if images else ""
+    map_path = configs.overlay.map if map is None else os.fspath(map)
     wanted = raw_images or video is not None
     if wanted and not images:
         raise ConfigError("raw_images and video need images")
-    draws = wanted or bool(map_path)
+    draws = images and (wanted or bool(map_path))
     given = [bag_in, *paths_of(params), *configs.files, *map_files(map_path)]
     check_outputs(given, (bag_out, video), BagError)
     reader, cores = BagReader(bag_in), available_cores() if cores is None else cores
@@ -113,9 +117,15 @@ def _prepared(
     known = given_camera(overlay)
     needed = {"pictures": draws, "camera": known is None, "gimbal": images}
     topics = inputs_of(reader, ekf.method, gimbal.composition, namespace, **needed)
-    style = (overlay.style, overlay.label_field)
-    layers = load_layers(map_path, *style, network=overlay.network) if map_path else None
-    ground = ground_of(overlay) if draws else None
+    found: list[Finding] = []
+    layers: Sequence[MapLayer] | None
+    if draws:
+        style = (overlay.style, overlay.label_field)
+        layers = load_layers(map_path, *style, network=overlay.network) if map_path else None
+        ground = ground_of(overlay)
+    else:
+        layers = tried_map(found, overlay, map_path, used=False)
+        ground = tried(found, "dem", lambda: ground_of(overlay), used=False)
     terrain = ground if isinstance(ground, Terrain) else None
     drawn = Overlay(overlay, layers or (), terrain) if draws else None
     if drawn is not None and known is not None:
@@ -124,11 +134,15 @@ def _prepared(
         *(terrain.notes if terrain else ()),
         *(n for one in layers or () for n in one.left_out),
     ]
+    # Of what is drawn, the checks get the map as it is laid for the pictures.
+    to_lay = None if draws else layers
     checks = FlightChecks(
-        fitted, reader, params, namespace, ground=ground, layers=layers, camera=known
+        fitted, reader, params, namespace, ground=ground, layers=to_lay, camera=known
     )
+    checks.found += found
     dji = ParameterFile(params).config("dji_node", DjiConfig, namespace)
-    return _Job(fitted, reader, namespace, topics, drawn, checks, notes, dji.geoid_undulation_m)
+    both = topics, checked_topics(reader, namespace, topics)
+    return _Job(fitted, reader, namespace, *both, drawn, checks, notes, dji.geoid_undulation_m)
 
 
 def _run(
@@ -156,14 +170,16 @@ def _run(
             (smoothed,) = smoothed_runs(job.reader, job.namespace, [flown], first)
         chain = (job.configs, job.drawn, writer, film, job.namespace, job.checks, stage)
         run = Pipeline(*chain, raw_images=raw_images, smoothed=smoothed)
-        run.through(job.reader, job.topics, progress)
+        run.through(job.reader, job.topics, job.checked, progress)
         if not run.read:
             because = f": {job.reader.damage}" if job.reader.damage else ""
             raise BagError(f"{job.reader.path}: no message could be read{because}")
+    findings = job.checks.findings()  # damage is in the error
     return {
         **_summary(job, run, time.perf_counter() - begun_s),
+        "findings": finding_items(findings),
         "video": None if film is None else film.described,
-        "error": _error(job.reader, run),
+        "error": _error(job.reader, run) or stop_line(findings),
     }
 
 
@@ -183,7 +199,6 @@ def _summary(job: _Job, run: Pipeline, elapsed_s: float) -> dict[str, object]:
     status, composer = run.registration.navigation.status(), run.registration.composer
     return {
         "warning": without if absent else None,
-        "findings": finding_items(job.checks.findings()),  # damage is in the summary's error
         "method": status.method,
         "composition": composer.composition,
         "duration_s": run.duration_s,

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from tirgeo_ros.core.types.finding import NO_GO
 from tirgeo_ros.tools.presentation.progress import three
 from tirgeo_ros.tools.season.flight_record import Record
 from tirgeo_ros.tools.season.flight_task import FlightTask
@@ -50,7 +51,7 @@ def season_lines(result: Mapping[str, Any]) -> str:
 
 
 def _fate(flight: Mapping[str, object]) -> str:
-    if flight["error"]:
+    if flight["error"] and not str(flight["error"]).startswith(NO_GO):
         return "in_part" if flight["output"] else "failed"
     return "kept" if flight["kept"] else "processed"
 

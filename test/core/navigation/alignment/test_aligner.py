@@ -260,3 +260,27 @@ def test_attitude_right_way_up():
     found, aligner = aligned(samples, config)
     assert found is None
     assert "upside down: check its axes" in aligner.reason
+
+
+def test_trials_become_rarer_while_only_motion_is_missing(monkeypatch):
+    """An IMU turned by 90 deg in its mount looks like biases that no motion ever shows."""
+    flown = flight(3, 60.0, "lawnmower")
+    trials_s: list[float] = []
+    tried = Aligner._outcome
+
+    def outcome(aligner, plan):
+        trials_s.append(aligner._samples.imu_s)
+        return tried(aligner, plan)
+
+    monkeypatch.setattr(Aligner, "_outcome", outcome)
+    aligner = Aligner(config_for(flown, **SIMULATED), use_heading=True)
+    turn = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    for sample in samples_from(flown, 10.0, length_s=40.0):
+        if isinstance(sample, ImuSample):
+            turned = {"specific_force_b": turn @ sample.specific_force_b}
+            turned["angular_rate_b"] = turn @ sample.angular_rate_b
+            sample = replace(sample, **turned)  # noqa: PLW2901
+        assert aligner.add(sample) is None
+    assert "needs motion" in aligner.reason
+    late_s = np.array([at_s for at_s in trials_s if at_s > 20.0])
+    assert 5 <= len(late_s) <= 20  # 40 with two a second

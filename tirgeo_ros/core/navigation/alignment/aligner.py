@@ -187,6 +187,8 @@ _LEAST_POSITIONS = 2
 _LEAST_HEADINGS = 3
 _LARGEST_AGE_NS = 2_000_000_000  # of the window's end
 _RETRY_NS = 500_000_000  # between two costly trials
+#: While only motion is missing: this share of the time so far, within the pause before and this.
+_WAIT_SHARE, _LONGEST_RETRY_NS = 0.1, 2_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -276,7 +278,8 @@ class Aligner:
         """Try the best sources; once ``wait_s`` has passed, try all of them, best first."""
         lacks: list[NotAlignedError] = []
         self.lacks_heading = contradicted = False
-        retry_ns = self._samples.newest_ns + _RETRY_NS
+        now_ns = self._samples.newest_ns
+        retry_ns = now_ns + _RETRY_NS
         if self._waited:
             self._next_ns = retry_ns
         for plan in self._plans():
@@ -289,13 +292,15 @@ class Aligner:
                 continue
             self._next_ns = retry_ns
             if outcome.stage == MOTION_STAGE:
+                longer_ns = round(_WAIT_SHARE * self._samples.imu_s * 1e9)
+                self._next_ns = max(retry_ns, now_ns + min(longer_ns, _LONGEST_RETRY_NS))
                 break  # no other sources are better
             contradicted = True
             # In a turn wrong headings contradict the motion too; report the antennas.
             doubt = outcome if outcome.lasting else self._lately_doubted()
             self.reason = str(doubt or outcome)
             if doubt:
-                self._lasting = self._samples.newest_ns, doubt
+                self._lasting = now_ns, doubt
             if doubt or self._still_doubted("samples"):
                 return None
         if lacks:

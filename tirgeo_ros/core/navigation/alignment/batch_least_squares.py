@@ -157,10 +157,11 @@ def fit(
         design = _design(terms, rotation, projection)
         turned = (projection.reshape(-1, len(seen), 3) @ rotation).reshape(projection.shape)
         noise = measured + turned @ terms.imu_noise @ turned.T
-        root = np.linalg.inv(np.linalg.cholesky(noise))
-        white = root @ design
+        root = np.linalg.cholesky(noise)
+        whitened = np.linalg.solve(root, np.column_stack([design, residual]))
+        white = whitened[:, :-1]
         information = white.T @ white + prior
-        gradient = white.T @ (root @ residual)
+        gradient = white.T @ whitened[:, -1]
         gradient[9:] -= prior[9:, 9:] @ (rest[6:] + beside)
         step = np.linalg.solve(information, gradient)
         rotation = matrix_from_rotvec(np.asarray(step[:3], float)) @ rotation
