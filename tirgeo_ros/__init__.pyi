@@ -23,8 +23,7 @@ from tirgeo_ros.io.elevation.elevation_model import load_terrain
 from tirgeo_ros.io.pictures.camera_file import load_camera
 from tirgeo_ros.io.surveys.survey import Observation, SurveyPoint, load_observations, load_survey
 from tirgeo_ros.library.bags import Picture, read_bag, read_camera, read_pictures, write_bag
-from tirgeo_ros.library.filtered_flight import FilteredFlight
-from tirgeo_ros.library.filtering import filter_flight
+from tirgeo_ros.library.filtering import FilteredFlight, filter_flight
 from tirgeo_ros.library.parameters import load_config
 from tirgeo_ros.library.picture_pose import PicturePose
 from tirgeo_ros.library.projecting import Projected, locate, project, save_located

@@ -30,8 +30,7 @@ from tirgeo_ros.io.maps import load_layers
 from tirgeo_ros.io.messages import image_pixels, stamp_ns
 from tirgeo_ros.io.parameters.parameter_file import load_config
 from tirgeo_ros.tools.graph.node_graph import GraphRun, GraphSetup, run_graph
-from tirgeo_ros.tools.replay.graph_outputs import Outputs, read_outputs
-from tirgeo_ros.tools.replay.pose_comparison import differences
+from tirgeo_ros.tools.replay.graph_outputs import Outputs, differences, read_outputs
 from tirgeo_ros.tools.replay.process import process
 
 pytestmark = pytest.mark.graph

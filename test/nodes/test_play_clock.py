@@ -6,8 +6,8 @@ import threading
 
 import pytest
 
-from tirgeo_ros.nodes import play_clock as module
-from tirgeo_ros.nodes.play_clock import PlayClock
+from tirgeo_ros.nodes import bag_player as module
+from tirgeo_ros.nodes.bag_player import PlayClock
 
 MS = 1_000_000
 START = 1_700_000_000_000_000_000

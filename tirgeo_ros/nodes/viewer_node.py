@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, final
+from urllib.parse import urlsplit
 
 from tirgeo_ros.core.config import ViewerConfig
 from tirgeo_ros.core.config.schema import config_from, parameters_of, values_of
@@ -22,18 +23,75 @@ from tirgeo_ros.io.files.child_python import parent_ended
 from tirgeo_ros.io.files.text_file import read_text
 from tirgeo_ros.io.messages import DiagnosticItem
 from tirgeo_ros.io.targets.store import TargetStore
+from tirgeo_ros.io.video.live_stream import stream_url
 from tirgeo_ros.nodes.aircraft_topics import listen_to_diagnostics, terrain_of
 from tirgeo_ros.nodes.aircraft_view import AircraftView
+from tirgeo_ros.nodes.child_node import ChildNode, ground_values
 from tirgeo_ros.nodes.graph_node import GraphNode
 from tirgeo_ros.nodes.map_watch import PageMap
 from tirgeo_ros.nodes.monitor import OK, WARN
 from tirgeo_ros.nodes.page_backend import PageBackend
-from tirgeo_ros.nodes.page_streams import PageStreams
 from tirgeo_ros.nodes.recordings import Recordings
 from tirgeo_ros.nodes.runner import run
 from tirgeo_ros.nodes.team_link import TeamLink
 from tirgeo_ros.page.routes import invitation
 from tirgeo_ros.page.server import PageServer
+
+_RETRY_S = 5.0
+
+
+@final
+class PageStreams:
+    """Run a video_writer for each aircraft, the first at the given port, a context manager.
+
+    ``troubles`` says of each aircraft why its stream ended. Raises VideoError for an address that
+    is none.
+    """
+
+    def __init__(
+        self, node: GraphNode, config: ViewerConfig, namespaces: Mapping[str, str]
+    ) -> None:
+        self.troubles: dict[str, str] = {}
+        self._node, self._config, self._namespaces = node, config, namespaces
+        if config.stream:
+            stream_url(config.stream)
+        self._children: dict[str, ChildNode] = {}
+        self._retry_s = 0.0
+
+    def __enter__(self) -> PageStreams:
+        """Begin."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End all."""
+        for child in self._children.values():
+            child.end()
+
+    def watch(self) -> None:
+        """Start what does not run; call each second, in a thread that lasts."""
+        if not self._config.stream or time.monotonic() < self._retry_s:
+            return
+        for number, (name, namespace) in enumerate(self._namespaces.items()):
+            fault = self._children[name].fault if name in self._children else ""
+            if fault:
+                self.troubles[name] = fault
+                self._node.log(WARN, f"the stream begins again: {fault}")
+                self._retry_s = time.monotonic() + _RETRY_S
+            if fault or name not in self._children:
+                self._children[name] = self._started(number, name, namespace)
+
+    def _started(self, number: int, name: str, namespace: str) -> ChildNode:
+        own = {"stream": _next_port(self._config.stream, number), "platform": name}
+        values = own | ground_values(self._config)
+        return ChildNode(self._node, "video_writer", values, namespace)
+
+
+def _next_port(address: str, number: int) -> str:
+    parts = urlsplit(address)
+    assert parts.port is not None
+    host, _, _ = parts.netloc.rpartition(":")
+    return parts._replace(netloc=f"{host}:{parts.port + number}").geturl()
+
 
 _REPORT_S, _LOOK_S, _WATCH_S = 0.2, 0.1, 1.0
 _SECRET_BYTES = 1000

@@ -33,9 +33,8 @@ from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Reason
 from tirgeo_ros.core.map.layers import MapLayer
-from tirgeo_ros.core.overlay.frame_queue import Frame, FrameQueue
 from tirgeo_ros.core.overlay.map_renderer import lay_layers
-from tirgeo_ros.core.overlay.overlay import Overlay
+from tirgeo_ros.core.overlay.overlay import Frame, FrameQueue, Overlay
 from tirgeo_ros.core.types.verdicts import FilterState
 
 

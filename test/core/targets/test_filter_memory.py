@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from flights import config_for, errors, flight, solutions
 
-from tirgeo_ros.core.targets.averaging import COMMON, MEMORY_S
+from tirgeo_ros.core.targets.target import COMMON, MEMORY_S
 
 STEP_S = 1.0
 RAYS_N = np.array([[60.0, 0, 60.0], [0, 60.0, 60.0]])  # 45 deg down, from 60 m up

@@ -14,8 +14,7 @@ from target_samples import COVARIANCE, PLACE, STAMP_NS, click, east_north_up, ta
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.ground_point import Located
-from tirgeo_ros.core.targets.averaging import COMMON, MEMORY_S
-from tirgeo_ros.core.targets.target import averaged, disagreement, fixing_of
+from tirgeo_ros.core.targets.target import COMMON, MEMORY_S, averaged, disagreement, fixing_of
 from tirgeo_ros.core.types.errors import TargetError
 
 CHI2_95 = 5.991464547  # two degrees of freedom

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from tirgeo_ros.io.files.child_process import ChildProcess
-from tirgeo_ros.io.files.shared_slots import SharedSlots
+from tirgeo_ros.tools.replay.picture_stage import SharedSlots
 
 _SUMS = """
 import pickle
 from tirgeo_ros.io.files.child_process import parent_pipes
-from tirgeo_ros.io.files.shared_slots import SharedSlots
+from tirgeo_ros.tools.replay.picture_stage import SharedSlots
 with parent_pipes() as (tasks, answers):
     slots = SharedSlots(*pickle.load(tasks))
     while True:

@@ -16,7 +16,7 @@ from tirgeo_ros.core.frames.rotations import (
     quat_from_euler,
     quat_from_rotvec,
 )
-from tirgeo_ros.io.messages.message_axes import (
+from tirgeo_ros.io.messages.message_parts import (
     covariance_turned_world,
     positive,
     quat_turned_world,

@@ -11,12 +11,11 @@ from cot_objects import flying, sharing, target
 from tak_server import Member, free_port, wait_until
 
 from tirgeo_ros.io.cot.event import utc
+from tirgeo_ros.page.cot import link
 from tirgeo_ros.page.cot import outbox as outbox_module
-from tirgeo_ros.page.cot import team_picture
 from tirgeo_ros.page.cot.address import CotParameters
-from tirgeo_ros.page.cot.link import CotLink
+from tirgeo_ros.page.cot.link import CotLink, TeamPicture, aircraft_uid
 from tirgeo_ros.page.cot.outbox import Outbox
-from tirgeo_ros.page.cot.team_picture import TeamPicture, aircraft_uid
 
 GROUP = "239.2.3.1"
 
@@ -83,7 +82,7 @@ def test_targets_of_an_earlier_run_are_deleted_too():
 
 
 def test_old_deletions_are_not_said_for_ever(monkeypatch):
-    monkeypatch.setattr(team_picture, "_DELETIONS_KEPT", 2)
+    monkeypatch.setattr(link, "_DELETIONS_KEPT", 2)
     outbox = Outbox()
     picture = TeamPicture(outbox)
     picture.targets([target(number) for number in range(4)])

@@ -9,7 +9,7 @@ from cot_objects import flying, sharing, target
 from tak_server import Member, TakServer, wait_until
 
 from tirgeo_ros.page.cot import transmission
-from tirgeo_ros.page.cot.team_picture import aircraft_uid
+from tirgeo_ros.page.cot.link import aircraft_uid
 
 
 @pytest.fixture

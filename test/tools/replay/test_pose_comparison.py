@@ -11,7 +11,7 @@ import pytest
 from tirgeo_ros.core.frames.rotations import canonical, quat_from_rotvec, quat_multiply
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.types.poses import CameraPose
-from tirgeo_ros.tools.replay.pose_comparison import differences, in_plane
+from tirgeo_ros.tools.replay.graph_outputs import differences, in_plane
 
 MS = 1_000_000
 HERE = TangentPlane(math.radians(39.85), math.radians(116.7), 11.5)

@@ -18,8 +18,8 @@ from tirgeo_ros.tools.presentation.progress import Progress
 from tirgeo_ros.tools.replay.process import process
 from tirgeo_ros.tools.season.flight_task import FlightTask
 from tirgeo_ros.tools.season.local_workers import Board
+from tirgeo_ros.tools.season.season import season_lines, season_summary
 from tirgeo_ros.tools.season.season_folder import only_run
-from tirgeo_ros.tools.season.season_summary import season_lines, season_summary
 
 NAMES = ["east_flight", "west_flight"]
 #: A limit, not a wait.

@@ -10,7 +10,7 @@ from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.replay.check import check
-from tirgeo_ros.tools.replay.pose_comparison import differences
+from tirgeo_ros.tools.replay.graph_outputs import differences
 from tirgeo_ros.tools.replay.process import process
 
 pytestmark = pytest.mark.slow

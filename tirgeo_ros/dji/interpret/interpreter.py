@@ -24,8 +24,7 @@ from tirgeo_ros.core.types.measurements import (
     NavigationInput,
 )
 from tirgeo_ros.dji.interpret.autopilot_attitude import AutopilotAttitudes
-from tirgeo_ros.dji.interpret.imu_samples import ImuInterpreter
-from tirgeo_ros.dji.interpret.imu_stream_selection import Sequence
+from tirgeo_ros.dji.interpret.imu_samples import ImuInterpreter, Sequence
 from tirgeo_ros.dji.interpret.receiver import NO_FIX, UNKNOWN_SIGMA_M, Held, Quality, Receiver
 from tirgeo_ros.dji.interpret.rtk_samples import NOT_SET, RtkInterpreter
 from tirgeo_ros.dji.sources.readings import (

@@ -10,7 +10,7 @@ import numpy as np
 
 from tirgeo_ros.core.streams.sanity_checks import LARGEST_HEIGHT_M
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source, VelocitySample
-from tirgeo_ros.dji.interpret.imu_stream_selection import Sequence
+from tirgeo_ros.dji.interpret.imu_samples import Sequence
 from tirgeo_ros.dji.interpret.receiver_epochs import ReceiverEpochs, Value
 from tirgeo_ros.dji.sources.readings import GeodeticPlace, GpsReading, RtkReading, Vector
 

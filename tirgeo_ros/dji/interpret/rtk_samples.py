@@ -14,7 +14,7 @@ from typing import Any
 from tirgeo_ros.core.config import AircraftConfig, DjiConfig
 from tirgeo_ros.core.config.dji import DjiRtkConfig
 from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample
-from tirgeo_ros.dji.interpret.imu_stream_selection import Sequence
+from tirgeo_ros.dji.interpret.imu_samples import Sequence
 from tirgeo_ros.dji.interpret.receiver import NO_FIX, Held, Quality, Receiver
 from tirgeo_ros.dji.interpret.receiver_epochs import Value
 from tirgeo_ros.dji.sources.readings import RtkReading

@@ -28,7 +28,7 @@ from tirgeo_ros.core.types.measurements import (
     VelocitySample,
 )
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose
-from tirgeo_ros.io.messages.message_axes import (
+from tirgeo_ros.io.messages.message_parts import (
     COMPUTED_FROM,
     JOINT_SIGNS,
     covariance_turned_world,

@@ -35,15 +35,16 @@ from tirgeo_ros.core.types.measurements import (
 )
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
 from tirgeo_ros.io.messages.diagnostics import DiagnosticItem, findings_text
-from tirgeo_ros.io.messages.message_axes import (
+from tirgeo_ros.io.messages.message_parts import (
     COMPUTED_FROM,
+    COVARIANCE_KNOWN,
     JOINT_SIGNS,
     NO_TURN,
+    MessageParts,
     covariance_turned_world,
     positive,
     quat_turned_world,
 )
-from tirgeo_ros.io.messages.message_parts import COVARIANCE_KNOWN, MessageParts
 from tirgeo_ros.io.messages.target_messages import TargetMessages
 
 

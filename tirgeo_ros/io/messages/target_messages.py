@@ -18,8 +18,7 @@ from tirgeo_ros.core.types.arrays import Array, Quaternion
 from tirgeo_ros.core.types.errors import MessageError, cut
 from tirgeo_ros.io.messages.decode import stamp_ns
 from tirgeo_ros.io.messages.diagnostics import OK, WARN, DiagnosticItem, diagnostic_level
-from tirgeo_ros.io.messages.message_axes import NO_TURN, covariance_turned_world
-from tirgeo_ros.io.messages.message_parts import MessageParts
+from tirgeo_ros.io.messages.message_parts import NO_TURN, MessageParts, covariance_turned_world
 
 #: As many as a store of targets has; a longer list is refused, for it would hold up the video.
 MOST_TARGETS = 2000

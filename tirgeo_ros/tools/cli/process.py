@@ -107,7 +107,7 @@ def _ending(video: Path | None) -> str:
 def describe(result: Mapping[str, Any]) -> str:
     """Return some lines for a person."""
     if "flights" in result:
-        from tirgeo_ros.tools.season.season_summary import season_lines  # noqa: PLC0415 heavy
+        from tirgeo_ros.tools.season.season import season_lines  # noqa: PLC0415 heavy
 
         return season_lines(result)
     from tirgeo_ros.tools.replay.process_summary import six_lines  # noqa: PLC0415 heavy

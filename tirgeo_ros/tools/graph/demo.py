@@ -34,12 +34,13 @@ from tirgeo_ros.tools.replay.flight_topics import PICTURES
 from tirgeo_ros.tools.replay.graph_outputs import (
     OVERLAY,
     Outputs,
+    differences,
     found_targets,
+    in_plane,
     read_outputs,
     read_pictures,
 )
 from tirgeo_ros.tools.replay.node_configs import node_configs
-from tirgeo_ros.tools.replay.pose_comparison import differences, in_plane
 
 SAMPLE = "bags/sample"
 #: File beside the bag with the true positions of the points that an operator clicks on.

@@ -16,11 +16,12 @@ from pathlib import Path
 from typing import Any
 
 from tirgeo_ros.core.types.errors import BagError, SeasonError
+from tirgeo_ros.core.types.finding import NO_GO
 from tirgeo_ros.io.bags.bag_files import METADATA
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, made_folder
 from tirgeo_ros.io.maps import map_files
 from tirgeo_ros.io.parameters.parameter_file import paths_of
-from tirgeo_ros.tools.presentation.progress import Report, silent
+from tirgeo_ros.tools.presentation.progress import Report, silent, three
 from tirgeo_ros.tools.replay.node_configs import node_configs
 from tirgeo_ros.tools.season.flight_process import remove_parts
 from tirgeo_ros.tools.season.flight_record import (
@@ -41,7 +42,62 @@ from tirgeo_ros.tools.season.flight_task import (
 from tirgeo_ros.tools.season.local_workers import Board, run_here
 from tirgeo_ros.tools.season.page import PAGE, write_page
 from tirgeo_ros.tools.season.season_folder import only_run
-from tirgeo_ros.tools.season.season_summary import season_summary
+
+_NAMED = 3  # errors in the line of the whole; all are in the result and on the page
+#: What becomes of a flight, and in words for a person.
+_WORDS = {
+    "processed": "processed",
+    "kept": "already done",
+    "in_part": "in part",
+    "failed": "failed",
+}
+_OF_RECORD = ("output", "duration_s", "elapsed_s", "error")
+
+
+def season_summary(
+    tasks: Sequence[FlightTask], kept: Sequence[str], records: Mapping[str, Record]
+) -> dict[str, object]:
+    """Return what became of each flight; ``kept`` are the names of those done by earlier runs.
+
+    ``error`` is None, or how many flights have an error, and the names of the first ones.
+    """
+    flights = [_flight(task, records[task.name], task.name in kept) for task in tasks]
+    errors = [str(one["name"]) for one in flights if one["error"]]
+    more = f" and {len(errors) - _NAMED} more" if len(errors) > _NAMED else ""
+    told = f"{len(errors)} of {len(flights)} flights have an error: {', '.join(errors[:_NAMED])}"
+    fates = Counter(map(_fate, flights))
+    return {
+        "flights": flights,
+        **{fate: fates[fate] for fate in _WORDS},
+        "error": told + more if errors else None,
+    }
+
+
+def season_lines(result: Mapping[str, Any]) -> str:
+    """Return what was done, then a line for each flight with an error, then the page."""
+    told = ", ".join(f"{result[fate]} {word}" for fate, word in _WORDS.items() if result[fate])
+    times = f"{three(_flown_s(result))} s of flight in {three(result['elapsed_s'])} s"
+    lines = [f"  flights  {len(result['flights'])}: {told}; {times}"]
+    lines += [f"! {one['name']:<8} {one['error']}" for one in result["flights"] if one["error"]]
+    return "\n".join([*lines, f"  page     {result['page']}"])
+
+
+def _fate(flight: Mapping[str, object]) -> str:
+    if flight["error"] and not str(flight["error"]).startswith(NO_GO):
+        return "in_part" if flight["output"] else "failed"
+    return "kept" if flight["kept"] else "processed"
+
+
+def _flown_s(result: Mapping[str, Any]) -> float:
+    """Return the length of the flights that were processed now."""
+    return float(sum(one["duration_s"] or 0 for one in result["flights"] if not one["kept"]))
+
+
+def _flight(task: FlightTask, record: Record, kept: bool) -> dict[str, object]:
+    found = {name: record.get(name) for name in _OF_RECORD}
+    attempts = record["season"].get("attempts", 1)
+    return {"name": task.name, "input": task.bag, "kept": kept, "attempts": attempts, **found}
+
 
 _ENDINGS = re.compile(r"\.(mcap|db3)(\.zstd)?$", re.IGNORECASE)
 
