@@ -8,6 +8,8 @@ lower before or after. A flight that neither begins nor ends on the ground gives
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -31,12 +33,26 @@ _RESTS_ON_TERRAIN_M = (-6.0, 8.0)  # for elevation models from satellites
 _BELOW_M = 2.0
 _LASTS = 8  # consecutive samples: two seconds
 _LARGEST_UNDULATION_M = 110.0
+_OF_GROUND = ("below_ground", "height_at_rest", "ground_by_motion")
 
 
 def ground_parameter(ground: Ground | None) -> str:
     """Return the parameter that sets the ground's height."""
     terrain = isinstance(ground, Terrain)
     return "overlay_node dem, dem_undulation_m" if terrain else "overlay_node ground_height_m"
+
+
+def datum_first(found: Iterable[Finding]) -> list[Finding]:
+    """Return findings, that of the receivers' datum as severe as those of the ground after it.
+
+    With heights above sea level in rtk/fix the whole flight seems to be too low.
+    """
+    found = list(found)
+    worst = max((one.severity for one in found if one.check in _OF_GROUND), default=Severity.NOTE)
+    return [
+        replace(one, severity=max(one.severity, worst)) if one.check == "height_datum" else one
+        for one in found
+    ]
 
 
 class HeightChecks:
@@ -118,5 +134,5 @@ class HeightChecks:
         )
         if 5.0 < abs(off_m) < _LARGEST_UNDULATION_M:
             geoid = "one above sea level is off by the geoid's height"
-            mend = f"{name}: heights are ellipsoidal; {geoid}"
+            mend = f"{name}: heights are ellipsoidal, as in rtk/fix; {geoid}"
         return Finding(check, severity, evidence, ground_parameter(self._ground), mend)

@@ -140,7 +140,7 @@ def _of_poses(fit: MotionFit, ground: str) -> Sequence[tuple[str, str, str, str]
             "ground_by_motion",
             ground,
             f"the ground moves as if seen from {height} above it",
-            f"{move}: heights are ellipsoidal, not above sea level",
+            f"{move}: heights are ellipsoidal, not above sea level, as in rtk/fix",
         ),
         (
             "boresight_by_motion",

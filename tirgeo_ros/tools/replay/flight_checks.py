@@ -14,6 +14,7 @@ from typing import Any, TypeVar, cast
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.checks.gimbal_checks import GimbalChecks
+from tirgeo_ros.core.checks.height_checks import datum_first
 from tirgeo_ros.core.checks.map_checks import MapChecks
 from tirgeo_ros.core.checks.navigation_checks import NavigationChecks
 from tirgeo_ros.core.checks.parameter_checks import parameter_findings
@@ -196,7 +197,7 @@ class FlightChecks:
             mend = "report it with this flight; other findings stand"
             where = "tirgeo itself"
             found.append(Finding("check_failed", Severity.CAUTION, evidence, where, mend))
-        return sorted_findings(found)
+        return sorted_findings(datum_first(found))
 
     @_later
     def _ask(self, findings: Callable[[], list[Finding]], found: list[Finding]) -> None:
