@@ -145,6 +145,8 @@ def test_a_flight_that_does_not_tell_the_latency_says_so():
     [finding] = motion_findings(untold, 0.05, 800.0, "", "")
     assert finding.severity is Severity.NOTE
     assert "does not tell the latency" in finding.evidence
+    vague = replace(untold, assumed=(False,) * 6, values=np.array([0.2, *[0.0] * 5]))
+    assert motion_findings(vague, 0.05, 800.0, "", "") == [finding]
     told = replace(untold, assumed=(False,) * 6)
     assert motion_findings(told, 0.05, 800.0, "", "") == []
 

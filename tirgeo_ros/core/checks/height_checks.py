@@ -8,7 +8,7 @@ lower before or after. A flight that neither begins nor ends on the ground gives
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -42,12 +42,11 @@ def ground_parameter(ground: Ground | None) -> str:
     return "overlay_node dem, dem_undulation_m" if terrain else "overlay_node ground_height_m"
 
 
-def datum_first(found: Iterable[Finding]) -> list[Finding]:
+def datum_first(found: Sequence[Finding]) -> list[Finding]:
     """Return findings, that of the receivers' datum as severe as those of the ground after it.
 
     With heights above sea level in rtk/fix the whole flight seems to be too low.
     """
-    found = list(found)
     worst = max((one.severity for one in found if one.check in _OF_GROUND), default=Severity.NOTE)
     return [
         replace(one, severity=max(one.severity, worst)) if one.check == "height_datum" else one

@@ -25,7 +25,7 @@ from tirgeo_ros.core.types.poses import CameraPose
 #: Number of pairs kept with turns, which show lens and latency, and without.
 _KEPT = 48
 _TURNS_PX = 8.0
-_FEWEST, _NEW = 16, 20  # pairs for the first fit, and new pairs for the next one
+_FEWEST, _NEW = 14, 20  # pairs for the first fit, and new pairs for the next one
 _LONGEST_GAP_S = 0.1  # between poses
 #: Poses are averaged over this time, so that their noise is the same at all instants. An instant
 #: with less noise would look like the right exposure.
