@@ -38,7 +38,7 @@ __version__ = "0.1.0"
 #: The public interface: each name and the module that it comes from, at its first use.
 _HOMES = {
     "filter_flight": "library.filtering",
-    "FilteredFlight": "library.filtered_flight",
+    "FilteredFlight": "library.filtering",
     "PicturePose": "library.picture_pose",
     "project": "library.projecting",
     "Projected": "library.projecting",

@@ -3,11 +3,13 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from checked_flights import checked_flight
 
 from tirgeo_ros.core.checks.gimbal_checks import GimbalChecks
 from tirgeo_ros.core.config import GimbalConfig
+from tirgeo_ros.core.frames.heading import heading_of, wrapped
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.gimbal.joint_geometry import camera_turn, joint_angles
 from tirgeo_ros.core.types.finding import Severity
@@ -109,6 +111,44 @@ def test_a_joint_with_a_wrong_zero_is_told_with_its_size(sample):
     mean_deg = float(finding.evidence.split(")")[0].split(",")[2])
     assert mean_deg == pytest.approx(6.0, abs=0.7)
     assert finding.severity is Severity.CAUTION
+
+
+def test_a_yaw_joint_far_off_stops(sample):
+    def yaw_off(joints):
+        return replace(joints, yaw_rad=joints.yaw_rad + math.radians(25.0))
+
+    [finding] = found(sample, yaw_off)
+    assert (finding.check, finding.severity) == ("joints_unlike", Severity.STOP)
+
+
+def test_yaw_counted_from_north_is_named(sample):
+    bodies = [what for kind, what, _ in checked_flight(sample).events if kind == "body"]
+    stamps_ns = np.array([body.stamp_ns for body in bodies])
+    headings_rad = [heading_of(body.q_nb) for body in bodies]
+
+    def from_north(joints):
+        body = min(np.searchsorted(stamps_ns, joints.stamp_ns), len(bodies) - 1)
+        return replace(joints, yaw_rad=wrapped(joints.yaw_rad + headings_rad[body]))
+
+    [finding] = found(sample, from_north)
+    assert (finding.check, finding.severity) == ("joint_angles", Severity.STOP)
+    assert "are gimbal_yaw_joint, gimbal_roll_joint, gimbal_pitch_joint, yaw" in finding.evidence
+    assert "yaw counted from north:" in finding.evidence
+
+
+@pytest.mark.parametrize("late_s", [0.12, 0.3, 0.7, -0.15])
+@pytest.mark.parametrize("reported", [True, False])
+def test_joints_of_another_time_are_told_with_their_delay(sample, late_s, reported):
+    def restamped(joints):
+        return replace(joints, stamp_ns=joints.stamp_ns + round(late_s * 1e9))
+
+    [finding] = found(sample, restamped, reported=reported)
+    assert (finding.check, finding.severity) == ("joints_late", Severity.STOP)
+    told_s = float(finding.evidence.split("stamped ")[1].split()[0])
+    # Half a step between joints, 10 ms, and as much between attitudes of the autopilot.
+    assert told_s == pytest.approx(abs(late_s), abs=0.02)
+    assert ("later" if late_s > 0 else "earlier") in finding.evidence
+    assert finding.parameter == "gimbal/joint_states header.stamp"
 
 
 def test_computed_joints_are_no_witness(sample):

@@ -164,6 +164,13 @@ PLANTED = {
     "rtk/vel NED": (velocity("rtk/vel", ned), STOP, "rtk_vel_axes", "rtk/vel", "NED for ENU"),
     "gps/vel NED": (velocity("gps/vel", ned), STOP, "gps_vel_axes", "gps/vel", "NED for ENU"),
     "rtk/vel in km/h": (velocity("rtk/vel", in_km_h), STOP, "rtk_vel_unit", "rtk/vel", "km/h"),
+    "rtk/vel always 0": (
+        velocity("rtk/vel", np.zeros_like),
+        STOP,
+        "rtk_vel_zero",
+        "rtk/vel",
+        "0,",
+    ),
     "covariances 0": (no_covariance, CAUTION, "covariance_zero", "rtk/fix", "rtk/vel (150 of"),
     "heading's variance 0": (no_variance, CAUTION, "covariance_zero", HEADING, "sigma_floor_deg"),
     "stamps zero": (unstamped(RTK), CAUTION, "stamp_zero", RTK_DELAY, "rtk/fix (150 of 150)"),

@@ -10,6 +10,8 @@ from checked_flights import CheckedFlight, checked_flight, picture_findings, rec
 from scenes import graticule
 
 from tirgeo_ros.core.checks.frame_stamps import FrameStamps
+from tirgeo_ros.core.checks.motion_findings import motion_findings
+from tirgeo_ros.core.checks.motion_fit import MotionFit
 from tirgeo_ros.core.checks.picture_checks import PictureChecks
 from tirgeo_ros.core.checks.picture_tracks import PictureTracker
 from tirgeo_ros.core.config import OverlayConfig
@@ -49,13 +51,119 @@ def test_the_sample_flight_is_right(flight):
     assert picture_findings(flight, each_second=True) == []
 
 
-@pytest.mark.parametrize("latency_s", [0.0, 0.1, 0.15, 0.25])
+def later(flight, by_s, kind="frame"):
+    """The flight with pictures, or poses, that are stamped later."""
+
+    def restamped(what):
+        if kind == "pose":
+            return replace(what, stamp_ns=what.stamp_ns + round(by_s * 1e9))
+        return what[0] + round(by_s * 1e9), what[1]
+
+    return CheckedFlight(
+        flight.configs,
+        tuple(
+            one._replace(sample=restamped(one.sample)) if one.topic == kind else one
+            for one in flight.events
+        ),
+    )
+
+
+def told_latency(findings):
+    """The latency and its sigma, s, in the finding of a wrong one."""
+    [finding] = (one for one in findings if one.check == "video_latency")
+    assert finding.parameter == "overlay_node video_latency_s"
+    told_s, _, _, sigma_s = finding.evidence.split(" by ")[1].split()[:4]
+    return float(told_s), float(sigma_s.rstrip("),"))
+
+
+@pytest.mark.parametrize("latency_s", [0.0, 0.1, 0.15, 0.25, 0.45, 0.55])
 def test_a_wrong_latency_is_told_with_the_right_one(flight, latency_s):
     overlay = replace(flight.configs.overlay, video_latency_s=latency_s)
-    [finding] = picture_findings(flight, overlay=overlay)
-    assert finding.parameter == "overlay_node video_latency_s"
-    told_s = float(finding.evidence.split(" by ")[1].split()[0])
-    assert abs(told_s - 0.05) < 0.012  # four of the 3 ms that it states for itself
+    findings = picture_findings(flight, overlay=overlay)
+    assert len(findings) == 1
+    told_s, _ = told_latency(findings)
+    assert abs(told_s - 0.05) < 0.012  # four of the 3 ms that the fit has at random
+
+
+@pytest.mark.parametrize("late_s", [0.4, 0.5, 0.95])
+def test_pictures_that_are_late_by_up_to_a_second_are_told(flight, late_s):
+    """In turns such a map is wrong by tens of its ellipses."""
+    findings = picture_findings(later(flight, late_s))
+    told_s, _ = told_latency(findings)
+    assert abs(told_s - 0.05 - late_s) < 0.012
+    assert max(findings, key=lambda one: one.severity).severity is Severity.STOP
+
+
+@pytest.mark.parametrize("late_s", [1.3, 2.0, -0.8])
+def test_pictures_that_are_later_still_contradict_the_poses(flight, late_s):
+    assert ("picture_motion", Severity.STOP) in [
+        (one.check, one.severity) for one in picture_findings(later(flight, late_s))
+    ]
+
+
+@pytest.mark.parametrize("shift_s", [0.005, -0.005])
+def test_the_sigma_of_a_latency_holds_what_all_pictures_share(flight, shift_s):
+    """Poses are stamped to half a sample of the IMU; no picture tells that from a latency."""
+    overlay = replace(flight.configs.overlay, video_latency_s=0.25)
+    findings = picture_findings(later(flight, shift_s, "pose"), overlay=overlay)
+    told_s, sigma_s = told_latency(findings)
+    assert abs(told_s - 0.05) < 2 * sigma_s
+
+
+def test_a_straight_flight_tells_a_latency_with_the_sigma_that_it_has(flight):
+    """The noise of the poses was taken for turns: 0.2 s off, with a sigma of 0.007."""
+    begin_ns = flight.events[0].arrival_ns + 14 * 10**9
+    straight = CheckedFlight(
+        flight.configs,
+        tuple(
+            one
+            for one in flight.events
+            if one.topic == "camera" or 0 <= one.arrival_ns - begin_ns < 12.5e9
+        ),
+    )
+    overlay = replace(flight.configs.overlay, video_latency_s=0.25)
+    told_s, sigma_s = told_latency(picture_findings(straight, overlay=overlay))
+    assert abs(told_s - 0.05) < 2 * sigma_s
+    assert 0.01 < sigma_s < 0.03
+
+
+def test_a_flight_that_does_not_tell_the_latency_says_so():
+    untold = MotionFit(
+        values=np.zeros(6),
+        sigmas=np.array([0.05, 0.001, 0.001, 0.001, 0.001, 0.001]),
+        assumed=(True, *[False] * 5),
+        pairs=48,
+        before=0.3,
+        after=0.3,
+        moved=5.0,
+        without=(0.3,) * 4,
+        above_m=20.0,
+        height_sigma_m=0.02,
+        angle_sigma_rad=0.005,
+        step_s=0.1,
+    )
+    [finding] = motion_findings(untold, 0.05, 800.0, "", "")
+    assert finding.severity is Severity.NOTE
+    assert "does not tell the latency" in finding.evidence
+    vague = replace(untold, assumed=(False,) * 6, values=np.array([0.2, *[0.0] * 5]))
+    assert motion_findings(vague, 0.05, 800.0, "", "") == [finding]
+    told = replace(untold, assumed=(False,) * 6)
+    assert motion_findings(told, 0.05, 800.0, "", "") == []
+
+
+@pytest.mark.parametrize(
+    ("turned", "words"),
+    [
+        (lambda pixels: pixels[:, ::-1], "are mirrored:"),
+        (lambda pixels: pixels[::-1, ::-1], "are upside down:"),
+        (lambda pixels: pixels[::-1], "are upside down and mirrored:"),
+    ],
+)
+def test_pictures_that_are_turned_are_named(flight, turned, words):
+    [finding] = picture_findings(reshot(flight, lambda pixels: turned(pixels).copy()))
+    assert (finding.check, finding.severity) == ("picture_turned", Severity.STOP)
+    assert words in finding.evidence
+    assert finding.parameter == "thermal/image_raw"
 
 
 @pytest.mark.parametrize(("factor", "severity"), [(1.3, 2), (0.8, 2), (1.1, 1)])
@@ -104,7 +212,7 @@ def yaw_turned(joints):
 @pytest.mark.parametrize("fault", [exchanged, yaw_turned])
 def test_pictures_contradict_joints_that_are_wrong(flight, fault):
     [finding] = picture_findings(recomposed(flight, fault))
-    assert finding.check == "picture_motion"
+    assert (finding.check, finding.severity) == ("picture_motion", Severity.STOP)
     assert "gimbal/joint_states" in finding.parameter
 
 

@@ -97,6 +97,18 @@ def test_findings_are_three_lines_each_and_the_worst_is_first(short, sample, sta
     assert err == "tirgeo check: NO GO: gravity is 1.0: imu/data (and 1 more)\n"
 
 
+def test_the_datum_comes_before_the_ground_that_is_wrong_by_it(short, sample, stand_ins):
+    datum = Finding("height_datum", Severity.CAUTION, "47 m apart", "rtk/fix, gps/fix", "shift it")
+    ground = Finding("below_ground", Severity.STOP, "7 m below", "ground_height_m", "lower it")
+    stand_ins["Navigation"].found, stand_ins["Picture"].found = [CAUTION, datum], [ground]
+    found = check(short, params=sample / "params.yaml")["findings"]
+    assert [(one["check"], one["severity"]) for one in found] == [
+        ("height_datum", "stop"),
+        ("below_ground", "stop"),
+        ("late", "caution"),
+    ]
+
+
 def test_a_caution_alone_may_fly(short, sample, stand_ins, capsys):
     stand_ins["Gimbal"].found = [CAUTION]
     assert main(["check", str(short), *given(sample), "--json"]) == 0

@@ -3,6 +3,9 @@
 Both are yaw, roll, pitch of the same chain, so a mistake in axes, signs, unit or order of the
 joints is one of few readings of the numbers. All of them are tried. The mean difference of yaw is
 ignored there, because the gimbal's north may be biased.
+
+The joints hold the camera level while the body tilts. With joints of another time it seems to
+tilt too; it is stillest at their delay.
 """
 
 from __future__ import annotations
@@ -16,14 +19,14 @@ from typing import NamedTuple
 import numpy as np
 
 from tirgeo_ros.core.config import GimbalConfig
-from tirgeo_ros.core.frames.heading import wrap_pi
+from tirgeo_ros.core.frames.heading import heading_of, wrap_pi
 from tirgeo_ros.core.frames.rotations import (
     matrix_from_quat,
     quat_conjugate,
     quat_multiply,
     slerp,
 )
-from tirgeo_ros.core.gimbal.joint_geometry import joint_angles
+from tirgeo_ros.core.gimbal.joint_geometry import camera_turn, joint_angles
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedBuffer
 from tirgeo_ros.core.streams.sanity_checks import joints_fault, usable_attitude
 from tirgeo_ros.core.types.arrays import Array
@@ -33,7 +36,11 @@ from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
 from tirgeo_ros.core.types.poses import BodyPose
 
 _EVERY_NS = 200_000_000  # interval between the compared instants
-_HISTORY_S = 1.0
+_HISTORY_S = 2.0
+_STEP_S = 0.05  # between the tried delays of joints, from 0.3 s early to 1 s late
+_DELAYS_NS = [round(_STEP_S * 1e9) * step for step in range(-6, 21)]
+_NO_DELAY = _DELAYS_NS.index(0)
+_STILLER, _LEAST_DELAY_S = 0.35, 0.09  # share of the squares that the right delay leaves
 _STEP_NS = 18_000_000  # least interval between attitudes that are kept: about the joints' rate
 _KEPT, _FEWEST = 300, 25  # instants: one minute, five seconds
 _NAMES = ("gimbal_yaw_joint", "gimbal_roll_joint", "gimbal_pitch_joint")
@@ -50,6 +57,8 @@ _ALIKE = 1.5  # readings within this factor of the least are equal: the simplest
 #: Largest constant difference without a finding; yaw includes the gimbal's north bias (3 deg).
 _OFF_RAD = np.radians((12.0, 3.0, 3.0))
 _UNLIKE_RAD = math.radians(5.0)  # rms; above it the two do not agree at all
+#: The same, of a map that is wrong by more than three ellipses.
+_FAR_OFF_RAD, _FAR_UNLIKE_RAD = np.radians((18.0, 9.0, 9.0)), math.radians(15.0)
 _TOPIC = "gimbal/joint_states"
 _NEVER_CALIBRATED = Finding(
     "boresight_default",
@@ -75,15 +84,19 @@ class GimbalChecks:
         self._autopilot: StampedBuffer[Array] = StampedBuffer(_HISTORY_S)
         self._bodies: StampedBuffer[Array] = StampedBuffer(_HISTORY_S)
         self._waiting: CameraAttitudeSample | None = None  # until later data have come
-        self._pairs: deque[tuple[Array, Array]] = deque(maxlen=_KEPT)  # joints, reported q_bg
+        # joints, reported q_bg, heading of the body
+        self._pairs: deque[tuple[Array, Array, float]] = deque(maxlen=_KEPT)
+        # (L, 3) down in the camera's axes, by the body and the joints of each delay
+        self._downs: deque[Array] = deque(maxlen=_KEPT)
+        self._down_ns = 0
 
     def configure(self, config: GimbalConfig) -> None:
         """Take other parameters; forget what was compared with another yaw zero."""
         self._askew = self._askew and not np.any(config.boresight_rpy_deg)
         if config.yaw_zero_rad != self._yaw_zero_rad:
             self._yaw_zero_rad = config.yaw_zero_rad
-            self._joints.clear()
-            self._pairs.clear()
+            for one in (self._joints, self._pairs, self._downs):
+                one.clear()
 
     def joints(self, sample: JointSample) -> None:
         """Take joint angles; computed ones, which no encoder measured, are ignored."""
@@ -91,6 +104,26 @@ class GimbalChecks:
         if not (sample.computed or joints_fault(angles)):
             zero = (self._yaw_zero_rad, 0.0, 0.0)
             self._joints.put(sample.stamp_ns, np.subtract(angles, zero))
+            if not 0 <= sample.stamp_ns - self._down_ns < _EVERY_NS:
+                self._down_ns = sample.stamp_ns
+                self._add_downs(sample.stamp_ns - _DELAYS_NS[-1])
+
+    def _add_downs(self, stamp_ns: int) -> None:
+        """Keep the camera's tilt at an instant, with the joints of each delay."""
+        body = self._body_at(stamp_ns)
+        found = [self._joints.around(stamp_ns + delay_ns) for delay_ns in _DELAYS_NS]
+        joints = [one[0] for one in found if not isinstance(one, Miss)]
+        if body is None or len(joints) < len(found):
+            return
+        turns = [camera_turn(JointSample(0, *one.tolist()), self._order) for one in joints]
+        self._downs.append(matrix_from_quat(body)[2] @ matrix_from_quat(np.array(turns)))
+
+    def _body_at(self, stamp_ns: int) -> Array | None:
+        """Return the body's attitude, by the autopilot where it has one."""
+        body = self._autopilot.around(stamp_ns)
+        if isinstance(body, Miss):
+            body = self._bodies.around(stamp_ns)
+        return None if isinstance(body, Miss) else slerp(*body)
 
     def autopilot(self, stamp_ns: int, q_nb: Array) -> None:
         """Take the autopilot's attitude (4,), whose errors the reported attitudes share."""
@@ -109,24 +142,41 @@ class GimbalChecks:
         if before is None:
             return
         joints = self._joints.around(before.stamp_ns)
-        body = self._autopilot.around(before.stamp_ns)
-        if isinstance(body, Miss):
-            body = self._bodies.around(before.stamp_ns)
-        if not isinstance(joints, Miss) and not isinstance(body, Miss):
+        q_nb = self._body_at(before.stamp_ns)
+        if not isinstance(joints, Miss) and q_nb is not None:
             start, end, share = joints
-            q_bg = quat_multiply(quat_conjugate(slerp(*body)), before.q_ng)
-            self._pairs.append((start if share < 0.5 else end, q_bg))
+            q_bg = quat_multiply(quat_conjugate(q_nb), before.q_ng)
+            self._pairs.append((start if share < 0.5 else end, q_bg, heading_of(q_nb)))
 
     def findings(self) -> list[Finding]:
         """Return the findings so far."""
         found = []
         if len(self._pairs) >= _FEWEST:
-            joints, reported = map(np.array, zip(*self._pairs, strict=True))
-            found = self._compared(joints, matrix_from_quat(reported))
+            joints, reported, headings = map(np.array, zip(*self._pairs, strict=True))
+            found = self._compared(joints, matrix_from_quat(reported), headings)
+        if all(one.check == "joints_unlike" for one in found):
+            found = self._late() or found
         has_gimbal = self._waiting is not None or self._joints.newest_ns is not None
         return [*found, _NEVER_CALIBRATED] if self._askew and has_gimbal else found
 
-    def _compared(self, joints: Array, rotations_bg: Array) -> list[Finding]:
+    def _late(self) -> list[Finding]:
+        """Return the delay of the joints with which the camera is stillest."""
+        if len(self._downs) < _FEWEST:
+            return []
+        squares = (np.diff(self._downs, axis=0) ** 2).sum(axis=2).mean(axis=0)
+        best = int(np.clip(squares.argmin(), 1, len(squares) - 2))
+        before, least, after = squares[best - 1 : best + 2]
+        bend = max(before - 2 * least + after, 1e-12)
+        delay_s = _STEP_S * (best - _NO_DELAY + 0.5 * (before - after) / bend)
+        if least > _STILLER * squares[_NO_DELAY] or abs(delay_s) < _LEAST_DELAY_S:
+            return []
+        way = f"{abs(delay_s):.2f} s {'later' if delay_s > 0 else 'earlier'}"
+        evidence = f"the joints are stamped {way} than the attitude that they level"
+        mend = "stamp them when they are measured, with the clock of imu/data"
+        where = f"{_TOPIC} header.stamp"
+        return [Finding("joints_late", self._severity, evidence, where, mend)]
+
+    def _compared(self, joints: Array, rotations_bg: Array, headings_rad: Array) -> list[Finding]:
         """Compare angles (N, 3) yaw, roll, pitch, rad, with reported ``R_bg`` (N, 3, 3)."""
         reported = joint_angles(rotations_bg, self._order)
         other = _other_order(joints, reported, rotations_bg)
@@ -140,14 +190,15 @@ class GimbalChecks:
             return [Finding("joint_order", self._severity, evidence, where, mend)]
         limit = _SHARE * _cost(joints, reported)
         possible = _READINGS if limit > 3 * _FLOOR_RAD2 else ()  # no reading costs less
-        costs = [(_cost(one.angles(joints), reported), one) for one in possible]
+        costs = [(_cost(one.angles(joints, headings_rad), reported), one) for one in possible]
         least = min((cost for cost, _ in costs), default=math.inf)
         if least < limit:
             best = next(one for cost, one in costs if cost <= _ALIKE * least)
-            evidence = _evidence(best.words, joints, reported, best.angles(joints), reported)
+            mended = best.angles(joints, headings_rad)
+            evidence = _evidence(best.words, joints, reported, mended, reported)
             mend = (
-                "send radians by these names: yaw about up, roll about forward, then pitch about "
-                "left"
+                "send radians by these names: yaw about up and from the nose, roll about forward, "
+                "then pitch about left"
             )
             return [Finding("joint_angles", self._severity, evidence, _TOPIC, mend)]
         mean, spread = _differences(joints, reported)
@@ -163,7 +214,9 @@ class GimbalChecks:
         )
         where = f"{_TOPIC}, gimbal_node yaw_zero_deg, north.bias_deg"
         mend = "correct the joints' zeros, or their stamps; the boresight is not the cause"
-        return [Finding("joints_unlike", Severity.CAUTION, evidence, where, mend)]
+        far = (np.abs(mean) > _FAR_OFF_RAD) | (spread > _FAR_UNLIKE_RAD)
+        severity = max(self._severity, Severity.CAUTION) if far.any() else Severity.CAUTION
+        return [Finding("joints_unlike", severity, evidence, where, mend)]
 
 
 def _put(attitudes: StampedBuffer[Array], stamp_ns: int, q_nb: Array) -> None:
@@ -175,29 +228,33 @@ def _put(attitudes: StampedBuffer[Array], stamp_ns: int, q_nb: Array) -> None:
 
 
 class _Reading(NamedTuple):
-    """Hold one reading of the three numbers: which is which angle, signs, and the unit."""
+    """Hold one reading of the three numbers: which is which angle, signs, unit, yaw's zero."""
 
     axes: tuple[int, ...]
     signs: tuple[float, ...]
     degrees: bool
+    north: bool  # whether yaw counts from north
 
     @property
     def mistakes(self) -> int:
-        """Return how many of axes, signs and unit are wrong."""
+        """Return how many of axes, signs, unit and yaw's zero are wrong."""
         moved = sum(one != axis for axis, one in enumerate(self.axes))
-        return moved + self.signs.count(-1.0) + self.degrees
+        return moved + self.signs.count(-1.0) + self.degrees + self.north
 
-    def angles(self, joints: Array) -> Array:
+    def angles(self, joints: Array, headings_rad: Array) -> Array:
         """Return (N, 3) yaw, roll, pitch, rad, of the numbers (N, 3) as received."""
         unit = math.pi / 180 if self.degrees else 1.0
-        return np.asarray(joints[:, self.axes] * np.array(self.signs) * unit)
+        angles = joints[:, self.axes] * np.array(self.signs) * unit
+        angles[:, 0] -= self.north * headings_rad
+        return np.asarray(angles)
 
     @property
     def words(self) -> str:
         """Return a description for the operator."""
         signs = ("-" if sign < 0 else "" for sign in self.signs)
         read = ", ".join(sign + _NAMES[one] for sign, one in zip(signs, self.axes, strict=True))
-        return f"yaw, roll, pitch are {read}{', in degrees' if self.degrees else ''}"
+        north = ", yaw counted from north" if self.north else ""
+        return f"yaw, roll, pitch are {read}{', in degrees' if self.degrees else ''}{north}"
 
 
 _READINGS = sorted(
@@ -206,6 +263,7 @@ _READINGS = sorted(
         itertools.product(
             itertools.permutations(range(3)),
             itertools.product((1.0, -1.0), repeat=3),
+            (False, True),
             (False, True),
         ),
     ),

@@ -118,5 +118,5 @@ class HeightChecks:
         )
         if 5.0 < abs(off_m) < _LARGEST_UNDULATION_M:
             geoid = "one above sea level is off by the geoid's height"
-            mend = f"{name}: heights are ellipsoidal; {geoid}"
+            mend = f"{name}: heights are ellipsoidal, as in rtk/fix; {geoid}"
         return Finding(check, severity, evidence, ground_parameter(self._ground), mend)

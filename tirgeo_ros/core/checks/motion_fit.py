@@ -8,12 +8,14 @@ angles. Turns show latency and focal length, flight over the ground shows the he
 The noise of a pair's two poses moves all its points together. So the mean of a pair, and the
 deviations of its points from that mean, are weighted separately, each by its own spread. The
 covariance is computed over pairs (the sandwich estimator; White, Econometrica 48, 1980).
+
+Pictures that are mirrored or upside down are fitted turned back.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -22,11 +24,13 @@ from tirgeo_ros.core.frames.axes import BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, matrix_from_rotvec
 from tirgeo_ros.core.types.arrays import Array
 
-#: Range of latency errors on both sides, and interval of the kept poses.
-REACH_S, STEP_S = 0.3, 0.025
+#: Range of latency errors (few set more than half a second), and interval of the kept poses.
+FROM_S, TO_S, STEP_S = -0.6, 1.1, 0.025
 _BEYOND = 2  # additional intervals on both sides, for the slopes
 #: Times, relative to the exposure, at which the poses of a pair are kept.
-OFFSETS_S = STEP_S * np.arange(-round(REACH_S / STEP_S) - _BEYOND, round(REACH_S / STEP_S) + 3)
+OFFSETS_S = STEP_S * np.arange(
+    -round(TO_S / STEP_S) - _BEYOND, 1 - round(FROM_S / STEP_S) + _BEYOND
+)
 
 LATENCY, FOCAL, HEIGHT = 0, 1, 2
 BORESIGHT = slice(3, 6)
@@ -34,13 +38,15 @@ BORESIGHT = slice(3, 6)
 _LOOSE = np.array([0.3, 0.3, 1.5, 0.15, 0.15, 0.15])
 #: Prior sigmas of errors that a first fit does not observe, so that the others take the motion.
 _TIGHT = np.array([0.02, 0.05, 1.5, 0.03, 0.03, 0.03])
-_OBSERVED = 0.6  # times _TIGHT: an error with a larger sigma is not observed
+#: An error is not observed if its sigma is larger than this many times _TIGHT, unless it is more
+#: than so many sigmas itself.
+_OBSERVED, _CLEAR = 0.6, 6.0
 _STEPS = np.array([0.005, 0.005, 0.01, 0.002, 0.002, 0.002])
 _LARGEST_STEP = np.array([0.05, 0.3, 0.5, 0.1, 0.1, 0.1])
 _MOST_STEPS = 10
 #: Search grids of each error.
 _GRIDS = (
-    np.arange(-REACH_S, REACH_S + 0.01, 2 * STEP_S),
+    np.arange(FROM_S, TO_S + 0.01, 2 * STEP_S),
     np.arange(-0.5, 0.51, 0.1),
     np.arange(-1.5, 1.51, 0.25),
     *[np.arange(-0.15, 0.16, 0.05)] * 3,
@@ -48,6 +54,10 @@ _GRIDS = (
 _SHARES = (1.0, 0.5, 0.25)
 _FITS_PX = 1.5  # cost below which no search is needed before Gauss-Newton
 _LEAST_PX = 0.25  # least sigma of a residual: no tracking is better
+_STAMPS_S = 0.004  # sigma that all pairs share: poses are stamped to half a sample, 5 ms
+_RISE_S = 0.1
+#: How pictures may be turned, with the signs that turn their columns and rows back.
+_TURNED = {"mirrored": (-1, 1), "upside down": (-1, -1), "upside down and mirrored": (1, -1)}
 _HUBER = 2.0
 
 
@@ -59,6 +69,8 @@ class PicturePair(NamedTuple):
     above_m: Array  # (N,) height of the camera above the ground at each point
     poses: Array  # (2, K, 7) position and quaternion at OFFSETS_S from each exposure
     height_sigma_m: float  # of the poses
+    angle_sigma_rad: float  # of a ground point's direction, by the poses
+    step_s: float  # between the pictures
 
 
 @dataclass(frozen=True)
@@ -75,6 +87,9 @@ class MotionFit:
     without: tuple[float, ...]  # (4,) ``after`` with latency, focal, height or boresight at zero
     above_m: float  # median height above ground, as assumed
     height_sigma_m: float  # median over the pairs' poses
+    angle_sigma_rad: float  # median over the pairs
+    step_s: float  # median over the pairs
+    turned: str = ""  # how the pictures are turned, in words; the fit is then of the right ones
 
 
 class _Scene:
@@ -88,6 +103,7 @@ class _Scene:
         self.second = np.concatenate([one.second for one in pairs])
         self.above_m = np.concatenate([one.above_m for one in pairs])
         self.poses = np.stack([one.poses for one in pairs])  # (P, 2, K, 7)
+        self.known = np.median([one[4:] for one in pairs], axis=0).tolist()  # sigmas, step
 
     def residuals(self, x: Array) -> Array:
         """Return (N, 2) px: measured minus predicted, with the errors ``x`` (6,) corrected."""
@@ -121,13 +137,24 @@ class _Scene:
 
 
 def fit_motion(pairs: Sequence[PicturePair], focal_px: float) -> MotionFit:
-    """Fit the errors to ten or more pairs."""
+    """Fit the errors to ten or more pairs, of pictures that are turned back if need be."""
     scene = _Scene(pairs, focal_px)
-    start = np.zeros(6)
+    start = _nearest(scene, np.zeros(6), LATENCY)  # a straight flight fits many latencies a little
     if _cost(scene, start, _LOOSE) > _FITS_PX:
         start = _searched(scene)
+    found = best = _fit_of(scene, start)
+    for turned, signs in _TURNED.items() if found.after > _FITS_PX else ():
+        back = [one._replace(first=one.first * signs, second=one.second * signs) for one in pairs]
+        other = _fit_of(_Scene(back, focal_px), np.zeros(6))
+        if other.after < min(best.after, 0.3 * found.after):
+            best = replace(other, turned=turned)
+    return best
+
+
+def _fit_of(scene: _Scene, start: Array) -> MotionFit:
+    """Fit the errors, started at ``start`` (6,)."""
     values, sigmas = _fitted(scene, start, _LOOSE)
-    assumed = sigmas > _OBSERVED * _TIGHT
+    assumed = (sigmas > _OBSERVED * _TIGHT) & (np.abs(values) < _CLEAR * sigmas)
     assumed[HEIGHT] = False
     if assumed.any():
         start = np.where(assumed, 0.0, values)
@@ -142,24 +169,28 @@ def fit_motion(pairs: Sequence[PicturePair], focal_px: float) -> MotionFit:
         values,
         sigmas,
         tuple(assumed.tolist()),
-        len(pairs),
+        len(scene.counts),
         without(slice(None)),
         scene.pair_rms(scene.residuals(values)),
-        scene.pair_rms((scene.second - scene.first) * focal_px),
+        scene.pair_rms((scene.second - scene.first) * scene.focal_px),
         tuple(without(one) for one in (LATENCY, FOCAL, HEIGHT, BORESIGHT)),
         float(np.median(scene.above_m)),
-        float(np.median([one.height_sigma_m for one in pairs])),
+        *scene.known,
     )
 
 
 def _searched(scene: _Scene) -> Array:
     """Return (6,) errors near the best ones: search each on its grid in turn, twice."""
     x = np.zeros(6)
-    for _ in range(2):
-        for one, grid in enumerate(_GRIDS):
-            places = [np.where(np.arange(6) == one, value, x) for value in grid]
-            x = min([x, *places], key=lambda place: _cost(scene, place, _LOOSE))
+    for one in (*range(6), *range(6)):
+        x = _nearest(scene, x, one)
     return x
+
+
+def _nearest(scene: _Scene, x: Array, one: int) -> Array:
+    """Return the best of ``x`` (6,) and of the places where one error is on its grid."""
+    places = [np.where(np.arange(6) == one, value, x) for value in _GRIDS[one]]
+    return min([x, *places], key=lambda place: _cost(scene, place, _LOOSE))
 
 
 def _fitted(scene: _Scene, x: Array, prior: Array) -> tuple[Array, Array]:
@@ -171,7 +202,7 @@ def _fitted(scene: _Scene, x: Array, prior: Array) -> tuple[Array, Array]:
         step *= min(1.0, float((_LARGEST_STEP / np.maximum(np.abs(step), 1e-12)).min()))
         places = [x + share * step for share in _SHARES]
         for place in places:
-            place[LATENCY] = np.clip(place[LATENCY], -REACH_S, REACH_S)
+            place[LATENCY] = np.clip(place[LATENCY], FROM_S, TO_S)
         best = _cost(scene, x, prior)
         better = next((one for one in places if _cost(scene, one, prior) < best), None)
         if better is None or (np.abs(step) < 0.1 * _STEPS).all():
@@ -179,7 +210,22 @@ def _fitted(scene: _Scene, x: Array, prior: Array) -> tuple[Array, Array]:
         x = better
     spread = blocks.T @ blocks + np.diag(prior**-2)
     covariance = inverse @ spread @ inverse
-    return x, np.sqrt(np.maximum(covariance.diagonal(), inverse.diagonal()))
+    variances = np.maximum(covariance.diagonal(), inverse.diagonal())
+    variances[LATENCY] = max(variances[LATENCY], _latency_variance(scene, x)) + _STAMPS_S**2
+    return x, np.sqrt(variances)
+
+
+def _latency_variance(scene: _Scene, x: Array) -> float:
+    """Return the latency's variance by the rise of the rest over a tenth of a second.
+
+    The slope at one instant is larger: the noise of the poses has slopes too.
+    """
+    before, rest, after = (
+        scene.pair_rms(scene.residuals(x + one * np.eye(6)[LATENCY])) ** 2
+        for one in (-_RISE_S, 0.0, _RISE_S)
+    )
+    rise = max((before + after) / 2 - rest, 1e-9)
+    return _RISE_S**2 * max(rest / 2, _LEAST_PX**2) / (len(scene.counts) * rise)
 
 
 def _cost(scene: _Scene, x: Array, prior: Array) -> float:

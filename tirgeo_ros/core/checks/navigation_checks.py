@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -50,12 +51,22 @@ _LEAST_CLIPPED, _MOST_CLIPPED = 5, 1e-4
 #: Checks that blame what makes the body's attitude, and those that then blame the camera for it.
 _ATTITUDE = ("imu_tilt", "force_", "gyro_", "heading_")
 _OF_CAMERA = ("boresight_by_motion", "picture_motion")
+_OF_GROUND = ("below_ground", "height_at_rest", "ground_by_motion")
 
 
 def nearest_causes(found: Sequence[Finding]) -> list[Finding]:
-    """Leave out faults of the camera's direction while the body's attitude is wrong."""
+    """Return findings, those that follow from others left out or after these.
+
+    While the body's attitude is wrong, the camera's direction is not blamed. Heights above sea
+    level in rtk/fix make the ground seem wrong: the datum is as severe as that.
+    """
     wrong = any(one.severity is Severity.STOP and one.check.startswith(_ATTITUDE) for one in found)
-    return [one for one in found if not (wrong and one.check in _OF_CAMERA)]
+    ground = max((one.severity for one in found if one.check in _OF_GROUND), default=Severity.NOTE)
+    return [
+        replace(one, severity=max(one.severity, ground)) if one.check == "height_datum" else one
+        for one in found
+        if not (wrong and one.check in _OF_CAMERA)
+    ]
 
 
 class NavigationChecks:

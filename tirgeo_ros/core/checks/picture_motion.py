@@ -25,13 +25,13 @@ from tirgeo_ros.core.types.poses import CameraPose
 #: Number of pairs kept with turns, which show lens and latency, and without.
 _KEPT = 48
 _TURNS_PX = 8.0
-_FEWEST, _NEW = 16, 20  # pairs for the first fit, and new pairs for the next one
+_FEWEST, _NEW = 14, 20  # pairs for the first fit, and new pairs for the next one
 _LONGEST_GAP_S = 0.1  # between poses
 #: Poses are averaged over this time, so that their noise is the same at all instants. An instant
 #: with less noise would look like the right exposure.
 _MEAN_S = 0.08
 _WAIT_NS = round((OFFSETS_S[-1] + _MEAN_S / 2 + 0.01) * 1e9)
-_POSES_S = 2.0  # time for which poses are kept
+_POSES_S = 3.0  # time for which poses are kept, beyond the latency
 #: Largest attitude variance of a usable pose: the heading of a filter that has had no headings or
 #: accelerations yet may be far off, and may turn when they come.
 _LARGEST_RAD2 = math.radians(3.0) ** 2
@@ -39,6 +39,7 @@ _WAITING = 8  # pairs, at most
 _LEAST_ABOVE_M = 1.0
 _FLATTEST = 0.2  # least downward component of a ray: terrain is not looked up further away
 _STEPS = 4  # iterations of a ray's intersection with terrain
+_HERE = int(np.argmin(np.abs(OFFSETS_S)))  # the offset of the exposure itself
 _UNKNOWN_M = 50.0  # assumed height above ground if nothing gives it; the fit then finds it
 
 
@@ -53,7 +54,7 @@ class PictureMotion:
         self._ground = None if unknown else ground
         self._poses: deque[tuple[float, ...]] = deque()
         self._newest_ns: int | None = None
-        self._height_sigma_m = 0.0
+        self._variances = np.zeros(6)  # of the newest pose
         self._waiting: deque[Tracks] = deque(maxlen=_WAITING)
         self._turning: deque[PicturePair] = deque(maxlen=_KEPT)
         self._straight: deque[PicturePair] = deque(maxlen=_KEPT)
@@ -83,12 +84,12 @@ class PictureMotion:
                 return
             self._poses.clear()
         self._newest_ns = pose.stamp_ns
-        if float(pose.covariance.diagonal()[3:].max()) > _LARGEST_RAD2:
+        self._variances = np.maximum(pose.covariance.diagonal(), 0.0)
+        if self._variances[3:].max() > _LARGEST_RAD2:
             self._poses.clear()
             return
-        self._height_sigma_m = math.sqrt(max(float(pose.covariance[2, 2]), 0.0))
         self._poses.append((pose.stamp_ns, *pose.position_n.tolist(), *pose.q_nc.tolist()))
-        while pose.stamp_ns - self._poses[0][0] > _POSES_S * 1e9:
+        while pose.stamp_ns - self._poses[0][0] > _POSES_S * 1e9 + max(self._latency_ns, 0):
             self._poses.popleft()
         waiting = self._waiting
         while waiting and waiting[0].second_ns - self._latency_ns + _WAIT_NS <= pose.stamp_ns:
@@ -108,10 +109,13 @@ class PictureMotion:
         if poses is None or not good.any():
             return
         first, second = first[good], second[good]
-        above_m = self._above_m(plane, poses[0, len(OFFSETS_S) // 2], first)
+        above_m = self._above_m(plane, poses[0, _HERE], first)
         if not (above_m > _LEAST_ABOVE_M).all():
             return
-        pair = PicturePair(first, second, above_m, poses, self._height_sigma_m)
+        variances, step_s = self._variances, (tracks.second_ns - tracks.first_ns) * 1e-9
+        angle_rad2 = variances[3:].max() + variances[:3].max() / np.median(above_m) ** 2
+        sigmas = math.sqrt(variances[2]), math.sqrt(angle_rad2)
+        pair = PicturePair(first, second, above_m, poses, *sigmas, step_s)
         turns = np.linalg.norm(np.median(second - first, axis=0)) * camera.fx > _TURNS_PX
         (self._turning if turns else self._straight).append(pair)
         self._new += 1

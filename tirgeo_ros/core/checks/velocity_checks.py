@@ -82,8 +82,12 @@ class VelocityChecks:
     def _horizontal(self, ways: Array, own: Array) -> Finding | None:
         """Check mean velocities (N, 2), m/s, north and east, by positions and by velocities."""
         moves, says = (math.sqrt((one**2).sum(axis=1).mean()) for one in (ways, own))
-        if max(moves, says) < _LEAST_M_S or min(moves, says) <= 0:
+        if max(moves, says) < _LEAST_M_S or moves <= 0:
             return None
+        if says <= 0:
+            evidence = f"{self._topic} is always 0, {self._positions} moves at {moves:.1f} m/s"
+            mend = "send this receiver's velocity, or no such topic"
+            return self._stop("zero", evidence, mend)
         across = ways.T @ own / (len(ways) * moves * says)
         likeness = np.array([np.sum(across * matrix) for matrix in _EXCHANGES])
         left = 1 - np.maximum(likeness, 0) ** 2  # share of the squares, with the best scale
