@@ -109,7 +109,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             args.keep,
         )
     sys.stdout.write(_ROW.format(*_HEAD))
-    named, lying = 0, []
+    named = 0
+    lying: list[str] = []
     for fault in faults:
         with tempfile.TemporaryDirectory() as folder:
             right, lies, row = _judged(fault, good, Path(folder))
