@@ -193,15 +193,8 @@ def evaluate(
     last = setups[-1]  # whose parameters are checked and whose map is drawn
     layers = _layers(last.configs.overlay, map_path)
     reader, lens = BagReader(bag), given_camera(last.configs.overlay)
-    checks = FlightChecks(
-        last.configs,
-        reader,
-        files,
-        namespace,
-        ground=last.ground,
-        layers=layers or None,
-        camera=lens,
-    )
+    of_last = (last.configs, reader, files, namespace)
+    checks = FlightChecks(*of_last, ground=last.ground, layers=layers or None, camera=lens)
     flight = RecordedFlight(reader, namespace, pictures=True, camera=lens, checks=checks)
     paths = (os.fspath(bag), os.fspath(survey), os.fspath(observations))
     job = _Job(paths, reader, namespace, given, setups, layers, flight, checks, smooth)

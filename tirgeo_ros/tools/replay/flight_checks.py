@@ -117,7 +117,6 @@ class FlightChecks:
         self._pictures = PictureChecks(overlay, ground, given)
         self._map = MapChecks(ground)
         self._ground, self._layers = ground, layers
-        self._no_ground: list[Finding] = []  # why the map cannot be placed in the plane
         self._given_camera = camera
         self._cdr = Cdr()
         self._arrivals = Arrivals()
@@ -195,7 +194,7 @@ class FlightChecks:
             self._map.map(lay_layers(self._layers, plane, ground))
         except ConfigError as error:
             name, mend = "overlay_node ground_height_m", "give the ground's height, or a dem"
-            self._no_ground = [Finding("no_ground", Severity.STOP, str(error), name, mend)]
+            self.found.append(Finding("no_ground", Severity.STOP, str(error), name, mend))
 
     @_later
     def map(self, laid: DrapedMap) -> None:
@@ -255,7 +254,7 @@ class FlightChecks:
     def findings(self) -> list[Finding]:
         """Return all findings, the worst first."""
         self.catch_up()
-        found = [*self.found, *self._no_ground]
+        found = list(self.found)
         counts = {topic: len(arrivals) for topic, arrivals in self.arrivals_ns.items()}
         found += lone_findings(self._streams)
         found += unreadable_findings(counts, self._refused, self._reasons)
