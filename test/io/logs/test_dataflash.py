@@ -260,4 +260,4 @@ def test_a_damaged_byte_costs_its_record_or_two(tmp_path):
 def test_what_fills_the_last_block_is_no_damage(tmp_path):
     path = small_log().write(tmp_path / "a.BIN")
     path.write_bytes(path.read_bytes() + b"\xff" * 249)
-    assert not any("damaged" in note for note in read_dataflash(path, OPTIONS).notes)
+    assert not read_dataflash(path, OPTIONS).damaged

@@ -11,7 +11,7 @@ from collections import deque
 
 import numpy as np
 
-from tirgeo_ros.core.checks.imu_blocks import ImuMean
+from tirgeo_ros.core.checks.imu_checks import ImuMean
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.heading import azimuth, heading_of, wrap_pi
 from tirgeo_ros.core.frames.rotations import matrix_from_quat

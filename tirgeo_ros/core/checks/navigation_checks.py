@@ -13,8 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from tirgeo_ros.core.checks.heading_checks import HeadingChecks
-from tirgeo_ros.core.checks.imu_blocks import ImuBlocks
-from tirgeo_ros.core.checks.imu_checks import ImuChecks
+from tirgeo_ros.core.checks.imu_checks import ImuBlocks, ImuChecks
 from tirgeo_ros.core.checks.lever_arm_checks import LeverChecks
 from tirgeo_ros.core.checks.position_checks import PositionChecks
 from tirgeo_ros.core.checks.stamp_checks import StampChecks
