@@ -61,7 +61,7 @@ def motion_findings(
         return [_turned(fit)]
     rest_px = max(_LEAST_UNEXPLAINED_PX, _UNEXPLAINED * max(fit.moved, fit.before))
     doubtful = fit.after > _DOUBTFUL_PX or not FROM_S + _END_S < fit.values[0] < TO_S - _END_S
-    if fit.after > rest_px or (doubtful and _is_significant(fit, LATENCY)):
+    if fit.after > rest_px or (doubtful and _is_significant(fit, LATENCY, math.inf)):
         return [_unexplained(fit)]
     errors = (*_of_camera(fit, latency_s, focal_px, lens), *_of_poses(fit, ground))
     off_rad = _MOST_ELLIPSES * math.sqrt(CHI2_95) * fit.angle_sigma_rad
@@ -155,10 +155,10 @@ def _of_poses(fit: MotionFit, ground: str) -> Sequence[tuple[str, str, str, str]
     )
 
 
-def _is_significant(fit: MotionFit, one: int) -> bool:
+def _is_significant(fit: MotionFit, one: int, good_px: float = _GOOD_PX) -> bool:
     """Return whether the latency, focal length, height or boresight (0 to 3) is wrong."""
     part = _PARTS[one]
     least = np.maximum(_LEAST[part], _SIGNIFICANT * fit.sigmas[part])
     sure = (np.abs(fit.values[part]) > least) & ~np.array(fit.assumed[part])
-    enough = _IMPROVEMENT[one] * fit.after + max(fit.after - _GOOD_PX, 0.0)
+    enough = _IMPROVEMENT[one] * fit.after + max(fit.after - good_px, 0.0)
     return bool(sure.any() and fit.without[one] > enough)
