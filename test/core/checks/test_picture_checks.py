@@ -9,9 +9,8 @@ import pytest
 from checked_flights import CheckedFlight, checked_flight, picture_findings, recomposed
 from scenes import graticule
 
-from tirgeo_ros.core.checks.motion_findings import motion_findings
 from tirgeo_ros.core.checks.motion_fit import MotionFit
-from tirgeo_ros.core.checks.picture_checks import FrameStamps, PictureChecks
+from tirgeo_ros.core.checks.picture_checks import FrameStamps, PictureChecks, motion_findings
 from tirgeo_ros.core.checks.picture_tracks import PictureTracker
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.ground.dem import Terrain
