@@ -164,12 +164,12 @@ FAULTS: tuple[Fault, ...] = (
     ),
 )
 
-_IMU, _AHEAD = ("imu_rpy_deg",), ("rtk/heading", "second_antenna_m")
+_IMU, _AHEAD = ("imu_rpy_deg", "imu/data"), ("rtk/heading", "second_antenna_m")
 _SEEN, _LATE = ("thermal/image_raw",), ("video_latency_s", "thermal/image_raw")
 
 
-def _tilted(name: str, *rpy_deg: float) -> Fault:
-    return Fault(f"IMU {name}", _IMU, altered(mounted(*rpy_deg), "imu/data"))
+def _tilted(name: str, *rpy_deg: float, word: str = "") -> Fault:
+    return Fault(f"IMU {name}", _IMU, altered(mounted(*rpy_deg), "imu/data"), word=word)
 
 
 def _pictures_late(by_s: float) -> Fault:
@@ -199,7 +199,7 @@ FAULTS += (
     _tilted("tilted by 5 deg", 0.0, 5.0, 0.0),
     _tilted("tilted by 10 deg", 10.0, 0.0, 0.0),
     _tilted("tilted by 20 deg", 0.0, 20.0, 0.0),
-    _tilted("turned by 90 deg", 0.0, 0.0, 90.0),
+    _tilted("turned by 90 deg", 0.0, 0.0, 90.0, word="90"),
     *map(_pictures_late, (0.2, 0.3, 0.4, 0.5)),
     *map(_heading_off, (4.0, 7.0)),
     *map(_boresight, (2.0, 3.0)),
