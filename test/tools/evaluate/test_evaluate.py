@@ -29,7 +29,9 @@ def test_the_methods_come_in_the_order_of_table_6(found):
     assert rmse == sorted(rmse, reverse=True)
     # what the filter reaches on this flight, to the project's figure for the paper's
     assert found.method("ekf_heading").errors.rmse_m <= 0.8
-    assert (found.missing, found.error, len(found.tests)) == ({}, None, 10)
+    assert (found.missing, len(found.tests)) == ({}, 10)
+    # of the last method, whose boresight is 5 deg off
+    assert found.error.startswith("NO GO: the camera looks 5.0 deg away from its poses")
     heading = {one.method: one.against_truth.heading_rad for one in found.methods}
     assert heading["raw"] > 3 * heading["ekf_heading"]
     assert found.method("ekf_heading").against_truth.position_m < 0.05
