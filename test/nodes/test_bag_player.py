@@ -63,6 +63,7 @@ def test_every_message_arrives_with_the_clock(spawn, meet, form, request):
     assert last_ns * 1e-9 - 1.0 < ticks[-1] <= last_ns * 1e-9 + 1e-6
 
 
+@pytest.mark.slow
 def test_a_loop_goes_on_until_it_is_stopped(spawn, meet, flight_bag):
     stranger = meet(rtk__fix=NavSatFix)
     player = spawn(
@@ -152,6 +153,7 @@ def test_what_the_bag_lacks_is_named(spawn, flight_bag):
         assert message in player.last_line()
 
 
+@pytest.mark.slow
 def test_an_unknown_type_is_passed_over(spawn, meet, tmp_path, flight_bag):
     """A bag may hold topics of packages that are not installed here."""
     path = tmp_path / "more.mcap"

@@ -72,6 +72,7 @@ def is_whole(chains: Chains, stamp: int) -> bool:
 
 
 @pytest.mark.graph
+@pytest.mark.slow
 def test_a_rectified_picture_has_its_calibration_and_its_footprint(spawn, meet, tmp_path):
     write_map(tmp_path / "map.geojson", SQUARE_N)
     given = (f"map:={tmp_path}/map.geojson", "ground_height_m:=25.0", "rectify:=true")

@@ -109,6 +109,7 @@ def test_the_origin_reaches_who_comes_late_and_reset_starts_again(spawn, meet, f
     late.spin_until(lambda: state_of(late) in {"waiting", "aligning"})
 
 
+@pytest.mark.slow
 def test_each_state_is_told_once_in_the_log_and_at_once_in_diagnostics(spawn, meet, flight_bag):
     stranger = meet(**{"/diagnostics": DiagnosticArray})
     ekf = spawn("ekf_node", "-p", "use_sim_time:=true")

@@ -42,6 +42,7 @@ def heading(heading_rad: float, sigma_deg: float = SIGMA_DEG, frame: str = "map"
     return message
 
 
+@pytest.mark.slow
 def test_the_filter_begins_with_a_heading_that_is_set(spawn, meet, hover):
     flown, bag = hover
     true_rad = heading_of(flown.truth.q_nb[0])  # it keeps still

@@ -116,6 +116,7 @@ def flight(spawn, tmp_path, meet):
 
 
 @pytest.mark.graph
+@pytest.mark.slow
 def test_a_ground_47_m_too_high_is_told_in_diagnostics_log_and_picture(flight):
     aircraft, node = flight(PLANE.height_m + 47.0)
     pictures = aircraft.stranger.received["tirgeo/overlay/image"]

@@ -34,6 +34,7 @@ signal.sigwait({signal.SIGTERM, signal.SIGINT})
 """
 
 
+@pytest.mark.slow
 def test_compressed_pictures_come_at_their_own_rate(spawn, meet, tmp_path):
     write_map(tmp_path / "map.geojson", SQUARE_N)
     given = {"map": tmp_path / "map.geojson", "ground_height_m": 25.0, "compressed_rate_hz": 5.0}

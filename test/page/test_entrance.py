@@ -57,6 +57,7 @@ def test_tokens_whose_headers_came_before_the_first_was_wrong_wait_too(fresh):
     assert sorted(found) == [403] + [429] * 39
 
 
+@pytest.mark.slow
 def test_a_viewers_own_token_does_not_end_the_wait_of_who_guesses_the_operators(fresh):
     async def ask():
         said = []

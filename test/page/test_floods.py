@@ -240,6 +240,7 @@ def test_masked_frames_of_all_lengths_are_taken(served):
     assert asyncio.run(ask()) == [True] * 3
 
 
+@pytest.mark.slow
 def test_too_many_requests_are_refused_each_with_an_answer(served):
     async def ask():
         async with Page(served.url) as page, page.state() as state:

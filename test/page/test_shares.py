@@ -105,6 +105,7 @@ async def measure_without_end(page, sockets):
     await asyncio.gather(*(one() for _ in range(sockets)))
 
 
+@pytest.mark.slow
 def test_a_viewers_flood_refuses_no_change_of_an_operator_at_his_address(fresh):
     async def ask():
         async with Page(fresh.url) as page, Page(fresh.url) as other:

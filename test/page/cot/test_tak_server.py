@@ -94,6 +94,7 @@ def check_aircraft(aircraft, looks_at, state):
     assert looks_at.find(".//link").get("uid") == aircraft.get("uid")
 
 
+@pytest.mark.slow
 def test_tls_with_a_clients_certificate_and_none_without(secure, tmp_path):
     mine = secure.client("aircraft")
     member = Member.of(secure, secure.client("member"))

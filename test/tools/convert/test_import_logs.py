@@ -220,6 +220,7 @@ def test_a_row_that_jumps_alone_is_left_out_with_a_warning(folder, capsys, off_s
     assert [s.stamp_ns for s in found] == [s.stamp_ns for s in expected]
 
 
+@pytest.mark.slow
 def test_the_logs_of_others_have_no_lone_jumps(shared, tmp_path):
     """No clean log loses a row."""
     for reader in ("pyulog", "pymavlink", "pyubx2"):
