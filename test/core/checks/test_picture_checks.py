@@ -125,21 +125,36 @@ def test_a_straight_flight_tells_a_latency_with_the_sigma_that_it_has(flight):
     assert 0.01 < sigma_s < 0.03
 
 
+UNTOLD = MotionFit(
+    values=np.zeros(6),
+    sigmas=np.array([0.05, 0.001, 0.001, 0.001, 0.001, 0.001]),
+    assumed=(True, *[False] * 5),
+    pairs=48,
+    before=0.3,
+    after=0.3,
+    moved=5.0,
+    without=(0.3,) * 4,
+    above_m=20.0,
+    height_sigma_m=0.02,
+    angle_sigma_rad=0.005,
+    step_s=0.1,
+)
+
+
+@pytest.mark.parametrize(
+    ("pairs", "off_s", "checks"),
+    [(34, 0.05, []), (34, 0.15, ["video_latency"]), (50, 0.05, ["video_latency"])],
+)
+def test_a_young_filter_that_turns_is_no_latency(pairs, off_s, checks):
+    """The soak's good flight: 0.05 s off by 34 pairs, at 7 sigma, 0.013 by 50."""
+    values, sigmas = np.array([off_s, *[0.0] * 5]), np.array([0.007, *[0.001] * 5])
+    young = replace(UNTOLD, pairs=pairs, values=values, sigmas=sigmas, assumed=(False,) * 6)
+    found = motion_findings(replace(young, without=(0.6,) * 4), 0.05, 800.0, "", "")
+    assert [one.check for one in found] == checks
+
+
 def test_a_flight_that_does_not_tell_the_latency_says_so():
-    untold = MotionFit(
-        values=np.zeros(6),
-        sigmas=np.array([0.05, 0.001, 0.001, 0.001, 0.001, 0.001]),
-        assumed=(True, *[False] * 5),
-        pairs=48,
-        before=0.3,
-        after=0.3,
-        moved=5.0,
-        without=(0.3,) * 4,
-        above_m=20.0,
-        height_sigma_m=0.02,
-        angle_sigma_rad=0.005,
-        step_s=0.1,
-    )
+    untold = UNTOLD
     [finding] = motion_findings(untold, 0.05, 800.0, "", "")
     assert finding.severity is Severity.NOTE
     assert "does not tell the latency" in finding.evidence
