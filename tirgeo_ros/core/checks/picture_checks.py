@@ -53,8 +53,8 @@ _UNEXPLAINED, _LEAST_UNEXPLAINED_PX = 0.3, 3.0
 #: With a larger rest, or so near to the end of its range, a latency stands for another fault.
 _DOUBTFUL_PX, _END_S = 1.5, 0.06
 _TELLING = 40  # pairs in which a flight that tells the latency has told it
-#: The least latency error of fewer pairs, s: a young filter's heading turns, and 0.051 s at 7 sigma
-#: were seen without an error.
+#: The least latency error by fewer pairs, s: a young filter's heading turns; 0.051 s at 7 sigma
+#: was seen without an error.
 _LEAST_YOUNG_S = 0.1
 _UNTOLD = Finding(
     "video_latency_untold",
