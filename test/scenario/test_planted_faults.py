@@ -54,13 +54,14 @@ def test_a_planted_fault_is_named(fault, sample, tmp_path):
     assert naming(fault, items), items
 
 
-#: One of gimbal, lens, pictures and map each, and whether it is a STOP.
+#: One of gimbal, lens, pictures, map and receiver each, and whether it is a STOP.
 ELSEWHERE = {
     "joints in degrees": True,
     "wrong K": True,
     "latency": True,
     "UTM zone": True,
     "no camera_info": False,
+    "RTK 0.6 s late": True,
 }
 
 

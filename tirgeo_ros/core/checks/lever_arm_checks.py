@@ -237,8 +237,9 @@ _LINEAR_S, _LONGEST_S, _STEPS = 0.1, 1.0, 4
 _SIGMAS, _LEAST_M = 5.0, 0.15
 #: With few windows the sigmas vary: in 14 to 30 s of recorded flights, errors reach 7.4 sigmas.
 _MANY, _SIGMAS_OF_FEW = 15, 8.0
-#: Delays that give a note and a caution; 0.15 s are 45 cm at 3 m/s.
-_LEAST_S, _WRONG_S = 0.05, 0.15
+#: Delays that give a note, a caution and, of positions, a stop; at 3 m/s 0.15 s are 45 cm, and
+#: 0.4 s are beyond three ellipses.
+_LEAST_S, _WRONG_S, _FAR_S = 0.05, 0.15, 0.4
 #: A larger tilt or offset moves the map by more than three ellipses; autopilots err by 1 to 2 deg.
 _TILTED_RAD, _OFF_DEG, _OFF_SIGMAS = math.radians(3.0), 2.5, 4.0
 _LEVER = "aircraft.rtk_antenna_m"
@@ -432,6 +433,7 @@ def _delay(topic: str, name: str, found: LeverArmEstimate, kind: int) -> Finding
         f"parameters have it (sigma {sigma_s:.2f} s)"
     )
     severity = Severity.CAUTION if abs(delay_s) > _WRONG_S else Severity.NOTE
+    severity = Severity.STOP if kind == 0 and abs(delay_s) > _FAR_S else severity
     mend = "correct the stamps, or find the delay with tirgeo calibrate aircraft"
     check = f"{topic.replace('/', '_')}_delay"
     return Finding(check, severity, evidence, f"ekf_node {name}", mend)
