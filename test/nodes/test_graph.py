@@ -189,6 +189,7 @@ def ignore_interrupts() -> None:
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGHUP, 129)])
+@pytest.mark.slow
 def test_an_interrupted_demo_leaves_no_process(sample, tmp_path, number, code):
     command = [sys.executable, "-m", "tirgeo_ros.tools.cli.main", "demo", "-o", str(tmp_path)]
     demo = subprocess.Popen(

@@ -131,6 +131,7 @@ WRONG = [
 ]
 
 
+@pytest.mark.slow
 def test_wrong_arguments_end_in_one_line(spawn):
     started = [(spawn(name, *words.split()), message) for name, words, message in WRONG]
     for process, message in started:

@@ -99,6 +99,7 @@ def a_click_becomes_a_point_on_the_ground(flown, _):
     assert int(flown.diagnostics()["clicks_refused_outside_picture"]) > 0
 
 
+@pytest.mark.slow
 def test_a_map_that_changes_is_read_again_and_a_wrong_one_is_not(flight):
     flown, node, path = flight
     assert off_px(flown.shown(), SQUARE_N) < 1.5
@@ -242,6 +243,7 @@ def test_one_flight_after_the_other(flight):
     the_map_is_laid_again_in_another_plane(flown, node)
 
 
+@pytest.mark.slow
 def test_frames_that_the_transport_loses_are_counted(overlay, meet):
     """Pictures of 24 MB, which do not fit into the 16 MB that the profile gives."""
     stranger = meet(**{"/diagnostics": DiagnosticArray})

@@ -236,6 +236,7 @@ def test_everything_fits_a_glove_hits_it_and_axe_finds_no_fault(serve, tablet, m
     assert screen.faults() == []
 
 
+@pytest.mark.slow
 def test_an_old_edit_takes_nothing_from_a_newer_one(serve, tablet):
     """Tablet A writes without a connection, B writes later; A comes back."""
     page = serve()

@@ -74,6 +74,7 @@ def test_ekf_node_takes_what_it_writes(found):
     assert "B: flicker floor / 0.664" in head
 
 
+@pytest.mark.slow
 def test_the_plot_and_the_numbers_stand_beside_it(found):
     folder, result = found
     assert result["output"] == [str(folder / f"imu.{end}") for end in ("yaml", "png", "csv")]

@@ -119,6 +119,7 @@ def test_a_16_bit_video_is_calibrated_from_its_sharpest_pictures(tmp_path):
         calibrate_lens([bag], BOARD, tmp_path / "camera.yaml")
 
 
+@pytest.mark.slow
 def test_nothing_is_written_where_no_lens_is_found(folder, tmp_path):
     output = tmp_path / "camera.yaml"
     with pytest.raises(CalibrationError, match="no picture of 1 can be used: 1 x no board"):
