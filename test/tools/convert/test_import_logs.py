@@ -8,9 +8,8 @@ from dataclasses import replace
 
 import pytest
 from foreign_logs import IMU, IMU_COLUMNS, OPTIONS, POS, SRT, pvt, relposned, samples
-from project import PROJECT
 
-from tirgeo_ros.core.types.errors import BagError, LogError
+from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.logs.log_contents import LogOptions
 from tirgeo_ros.tools.cli.main import main
@@ -218,41 +217,3 @@ def test_a_row_that_jumps_alone_is_left_out_with_a_warning(folder, capsys, off_s
     del expected[9]
     found = samples(folder / "out.mcap")["imu/data"]
     assert [s.stamp_ns for s in found] == [s.stamp_ns for s in expected]
-
-
-@pytest.mark.slow
-def test_the_logs_of_others_have_no_lone_jumps(shared, tmp_path):
-    """No clean log loses a row."""
-    for reader in ("pyulog", "pymavlink", "pyubx2"):
-        pytest.importorskip(reader)
-    logs = shared / "foreign_logs"
-    columns = PROJECT / "config" / "columns"
-    tables = {
-        "rtklib/walk_0827_imu_gpst_60s.csv": "imu_gpst",
-        "rtklib/walk_0827_imu_raw_120s.csv": "imu_since_start",
-        "ins/vn310_imu_16s.csv": "vectornav_imu",
-        "ins/vn310_gnss_16s.csv": "vectornav_gnss",
-        "px4/ecl_replay_iris_gps_20s.csv": "px4_replay",
-        "dji/airdata_2023-12-22_with_DJI_0031.csv": "airdata",
-        "dji/airdata_2024-01-04_120s.csv": "airdata",
-    }
-    others = [
-        path
-        for kind in (
-            "px4/*.ulg",
-            "ublox/*.ubx",
-            "rtklib/**/*.pos",
-            "dji/srt/*.srt",
-            "ardupilot/*.BIN",
-        )
-        for path in sorted(logs.glob(kind))
-    ]
-    assert len(others) > 30
-    named = {logs / name: [columns / f"{kind}.yaml"] for name, kind in tables.items()}
-    for path, tables_of in (dict.fromkeys(others, ()) | named).items():
-        try:
-            result = import_flight(path, tmp_path / "out.mcap", logs=OPTIONS, columns=tables_of)
-        except (BagError, LogError):  # nothing in it that is asked for
-            continue
-        reasons = {one["reason"] for one in result["files"][0]["refused"]}
-        assert not any("jump" in why or "contradict" in why for why in reasons), path

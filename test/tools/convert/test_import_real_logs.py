@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from project import PROJECT
 
-from tirgeo_ros.core.types.errors import TirgeoError
+from tirgeo_ros.core.types.errors import BagError, LogError, TirgeoError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.messages import stamp_ns
 from tirgeo_ros.tools.cli.main import main
@@ -158,3 +158,31 @@ def test_damaged_files_give_one_line_or_a_bag(place, name, data):
     with suppress(TirgeoError):  # anything else fails
         import_flight(path, place / "out.mcap", logs=OPTIONS, columns=tables)
         assert samples(place / "out.mcap")
+
+
+@pytest.mark.slow
+def test_the_logs_of_others_have_no_lone_jumps(shared, tmp_path):
+    """No clean log loses a row."""
+    for reader in ("pyulog", "pymavlink", "pyubx2"):
+        pytest.importorskip(reader)
+    logs = shared / "foreign_logs"
+    others = [
+        path
+        for kind in (
+            "px4/*.ulg",
+            "ublox/*.ubx",
+            "rtklib/**/*.pos",
+            "dji/srt/*.srt",
+            "ardupilot/*.BIN",
+        )
+        for path in sorted(logs.glob(kind))
+    ]
+    assert len(others) > 30
+    named = {logs / name: [COLUMNS / f"{kind}.yaml"] for name, kind in REAL.items()}
+    for path, tables_of in (dict.fromkeys(others, ()) | named).items():
+        try:
+            result = import_flight(path, tmp_path / "out.mcap", logs=OPTIONS, columns=tables_of)
+        except (BagError, LogError):  # nothing in it that is asked for
+            continue
+        reasons = {one["reason"] for one in result["files"][0]["refused"]}
+        assert not any("jump" in why or "contradict" in why for why in reasons), path
