@@ -55,13 +55,29 @@ def test_each_wrong_token_costs_twice_the_time():
     assert wrong.wait_s("a", now_s - 60) == 0
 
 
+class Task:
+    ended = False
+
+    def cancel(self):
+        self.ended = True
+
+
+def test_of_a_crowd_the_oldest_that_has_asked_nothing_goes_first(monkeypatch):
+    monkeypatch.setattr(connections, "MOST", {None: (9, 3)})
+    door, crowd = Door(None, None, None), [Task() for _ in range(5)]
+    for task in crowd[:3]:
+        door._come(task, "crowd")
+    door._hear(crowd[0], None, "crowd")  # an honest user's, of the same address
+    for task in crowd[3:]:
+        door._come(task, "crowd")
+    assert [one.ended for one in crowd] == [False, True, True, False, False]
+    for task in (crowd[3], crowd[4]):
+        door._hear(task, None, "crowd")
+    door._come(Task(), "crowd")  # the newest has had no time to ask
+    assert [one.ended for one in crowd] == [True, True, True, False, False]
+
+
 def test_in_a_full_house_the_oldest_of_whoever_holds_most_goes(monkeypatch):
-    class Task:
-        ended = False
-
-        def cancel(self):
-            self.ended = True
-
     monkeypatch.setattr(connections, "MOST", {None: (6, 4), "operator": (2, 2)})
     door, crowd, few = Door(None, None, None), [], []
     for k in range(5):

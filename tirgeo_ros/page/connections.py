@@ -148,6 +148,7 @@ class Door:
         self._listening, self._server, self._tls = listening, server, tls
         #: Role and owner of each, the oldest first.
         self._seated: dict[asyncio.Task[None], tuple[str | None, str]] = {}
+        self._idle: set[asyncio.Task[None]] = set()  # those without a whole request
         self.refused = 0
 
     @property
@@ -166,37 +167,50 @@ class Door:
                 continue
             task = loop.create_task(self._serve(accepted))
             task.add_done_callback(self._leave)
-            self._seat(task, None, str(peer[0]))
+            self._come(task, str(peer[0]))
             await asyncio.sleep(0)  # many that come at once must not hold up the video
 
     def _seat(self, task: asyncio.Task[None], role: str | None, owner: str) -> None:
         """Count a connection as its owner's; where there are too many, end one.
 
-        That is the oldest of who has too many, or in a full house of whoever has most.
+        That is one of who has too many, or in a full house of whoever has most: the oldest that
+        has asked nothing, else the oldest.
         """
         own = role, owner
         if self._seated.get(task) == own:
             return
-        self._leave(task)
+        self._seated.pop(task, None)
         self._seated[task] = own
         most, most_of_one = MOST[role]
         held = Counter(seat for seat in self._seated.values() if seat[0] == role)
         crowd = own if held[own] > most_of_one else max(held, key=held.__getitem__)
         if held.total() > most or held[crowd] > most_of_one:
-            oldest = next(one for one, seat in self._seated.items() if seat == crowd)
-            oldest.cancel()
-            self._leave(oldest)
+            theirs = [one for one, seat in self._seated.items() if seat == crowd]
+            ended = next((one for one in theirs[:-1] if one in self._idle), theirs[0])
+            ended.cancel()
+            self._leave(ended)
             self.refused += 1
 
     def _leave(self, task: asyncio.Task[None]) -> None:
         self._seated.pop(task, None)
+        self._idle.discard(task)
+
+    def _come(self, task: asyncio.Task[None], address: str) -> None:
+        """Count a connection that has just come."""
+        self._idle.add(task)
+        self._seat(task, None, address)
+
+    def _hear(self, task: asyncio.Task[None], role: str | None, owner: str) -> None:
+        """Note that a connection's whole request has come, and whose it is."""
+        self._idle.discard(task)
+        self._seat(task, role, owner)
 
     async def _serve(self, accepted: socket.socket) -> None:
         """Hold a connection until it ends, or is cancelled."""
         loop = asyncio.get_running_loop()
         task = asyncio.current_task()
         assert task is not None
-        connection = Connection(self._server, loop.create_future(), partial(self._seat, task))
+        connection = Connection(self._server, loop.create_future(), partial(self._hear, task))
         handshake: dict[str, Any] = {"ssl_handshake_timeout": _HANDSHAKE_S} if self._tls else {}
         try:
             accepted.setblocking(False)
