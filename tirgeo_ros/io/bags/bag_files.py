@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 from tirgeo_ros.core.types.errors import BagError
-from tirgeo_ros.io.files.text_file import read_text
+from tirgeo_ros.io.files.whole_files import read_text
 
 METADATA = "metadata.yaml"
 _ZSTD = ".zstd"

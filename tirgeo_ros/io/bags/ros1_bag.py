@@ -28,8 +28,8 @@ from tirgeo_ros.core.types.errors import BagError, MessageError
 from tirgeo_ros.core.types.measurements import LAST_NS
 from tirgeo_ros.io.bags.cdr import UNREADABLE
 from tirgeo_ros.io.bags.storage import TOO_LATE
+from tirgeo_ros.io.files.bounded_reading import bounded_memory
 from tirgeo_ros.io.files.bounded_unpacking import MOST_BYTES, unpacked
-from tirgeo_ros.io.files.memory_bound import bounded_memory
 from tirgeo_ros.io.files.whole_files import PathLike
 
 #: Records between chunks, which say nothing that the chunks do not.
