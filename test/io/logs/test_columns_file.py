@@ -13,7 +13,7 @@ from tirgeo_ros.core.frames.rotations import euler_from_quat
 from tirgeo_ros.core.streams.sanity_checks import fault_of
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
-from tirgeo_ros.io.logs.columns_example import EXAMPLE
+from tirgeo_ros.io.logs.csv_log import EXAMPLE
 from tirgeo_ros.io.logs.log_contents import LogOptions
 
 #: 07:44:39.125 UTC.
