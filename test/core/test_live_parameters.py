@@ -25,8 +25,8 @@ from tirgeo_ros.core.config.schema import (
     values_of,
 )
 from tirgeo_ros.core.gimbal.composer import GimbalComposer
-from tirgeo_ros.core.navigation.ekf import Ekf
-from tirgeo_ros.core.navigation.estimator import Navigation
+from tirgeo_ros.core.navigation.estimator.estimator import Navigation
+from tirgeo_ros.core.navigation.timeline.ekf import Ekf
 from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.types.errors import CameraError, ConfigError
 from tirgeo_ros.core.types.measurements import Source

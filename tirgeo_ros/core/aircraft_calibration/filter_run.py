@@ -27,9 +27,9 @@ from tirgeo_ros.core.aircraft_calibration.whitened_innovations import (
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding, StateEstimate, source_of
 from tirgeo_ros.core.navigation.alignment.aligner import Aligner, Alignment
-from tirgeo_ros.core.navigation.ekf import Ekf
-from tirgeo_ros.core.navigation.imu_checks import in_body_axes
-from tirgeo_ros.core.navigation.ins_error_model import ATTITUDE, POSITION, STATES, VELOCITY
+from tirgeo_ros.core.navigation.ins.ins_error_model import ATTITUDE, POSITION, STATES, VELOCITY
+from tirgeo_ros.core.navigation.timeline.ekf import Ekf
+from tirgeo_ros.core.navigation.timeline.imu_checks import in_body_axes
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError

@@ -30,11 +30,10 @@ from tirgeo_ros.core.frames.wgs84 import gravity_down
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.aiding.state_estimate import AidMeasurement, Fused, StateEstimate
-from tirgeo_ros.core.navigation.delayed_measurements import Carried
-from tirgeo_ros.core.navigation.ins_error_model import feedback, states_of
-from tirgeo_ros.core.navigation.kalman import update
-from tirgeo_ros.core.navigation.propagation import Propagation
-from tirgeo_ros.core.navigation.strapdown import NavState
+from tirgeo_ros.core.navigation.ins.ins_error_model import feedback, states_of
+from tirgeo_ros.core.navigation.ins.kalman import update
+from tirgeo_ros.core.navigation.ins.propagation import Propagated, Propagation
+from tirgeo_ros.core.navigation.ins.strapdown import NavState
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
@@ -70,10 +69,10 @@ class FollowedMechanisation(Propagation):
         super().__init__(config)
         self._motion = np.eye(states_of(config))
 
-    def followed(self, carried: Carried) -> Carried:
-        """Return ``carried`` with its covariance propagated, as the base class does."""
-        found = super().followed(carried)
-        if found is not carried:
+    def followed(self, now: Propagated) -> Propagated:
+        """Return ``now`` with its covariance propagated, as the base class does."""
+        found = super().followed(now)
+        if found is not now:
             self._motion = self._propagation.transition @ self._motion
         return found
 

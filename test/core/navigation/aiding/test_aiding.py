@@ -28,7 +28,7 @@ from tirgeo_ros.core.navigation.aiding.aid_status import EASE_STEPS, AidStatus, 
 from tirgeo_ros.core.navigation.aiding.aids import AIDS
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline, HeadingAid
 from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate
-from tirgeo_ros.core.navigation.ins_error_model import (
+from tirgeo_ros.core.navigation.ins.ins_error_model import (
     ANTENNA,
     GPS_ERROR,
     feedback,
@@ -36,7 +36,7 @@ from tirgeo_ros.core.navigation.ins_error_model import (
     heading_error,
     states_of,
 )
-from tirgeo_ros.core.navigation.strapdown import matrix
+from tirgeo_ros.core.navigation.ins.strapdown import matrix
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample, Source, VelocitySample
 from tirgeo_ros.core.types.verdicts import Outcome

@@ -33,9 +33,9 @@ from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.aiding.gnss_position import GpsPositionAid, innovation_n
 from tirgeo_ros.core.navigation.aiding.gnss_velocity import GpsVelocityAid
 from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate, floored
-from tirgeo_ros.core.navigation.estimator import Navigation
-from tirgeo_ros.core.navigation.ins_error_model import GPS_ERROR, POSITION, states_of
-from tirgeo_ros.core.navigation.strapdown import rotate
+from tirgeo_ros.core.navigation.estimator.estimator import Navigation
+from tirgeo_ros.core.navigation.ins.ins_error_model import GPS_ERROR, POSITION, states_of
+from tirgeo_ros.core.navigation.ins.strapdown import rotate
 from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample, PositionSample, Source
 from tirgeo_ros.core.types.verdicts import Outcome
 

@@ -22,9 +22,9 @@ from tirgeo_ros.core.navigation.aiding.state_estimate import (
     Modelled,
     StateEstimate,
 )
-from tirgeo_ros.core.navigation.ins_error_model import POSITION
-from tirgeo_ros.core.navigation.kalman import Measurement, chi_square_limit
-from tirgeo_ros.core.navigation.strapdown import Vector
+from tirgeo_ros.core.navigation.ins.ins_error_model import POSITION
+from tirgeo_ros.core.navigation.ins.kalman import Measurement, chi_square_limit
+from tirgeo_ros.core.navigation.ins.strapdown import Vector
 from tirgeo_ros.core.types.measurements import PressureSample, Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 

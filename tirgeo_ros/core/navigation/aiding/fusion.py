@@ -21,7 +21,7 @@ from tirgeo_ros.core.navigation.aiding.state_estimate import (
     added,
 )
 from tirgeo_ros.core.navigation.aiding.state_reset import Resets
-from tirgeo_ros.core.navigation.ins_error_model import (
+from tirgeo_ros.core.navigation.ins.ins_error_model import (
     ANTENNA,
     GPS_ERROR,
     POSITION,
@@ -29,9 +29,9 @@ from tirgeo_ros.core.navigation.ins_error_model import (
     has_antenna,
     heading_error,
 )
-from tirgeo_ros.core.navigation.kalman import Measurement, chi_square_limit, update
-from tirgeo_ros.core.navigation.smoothing.trail import Change, cut
-from tirgeo_ros.core.navigation.strapdown import Vector
+from tirgeo_ros.core.navigation.ins.kalman import Measurement, chi_square_limit, update
+from tirgeo_ros.core.navigation.ins.strapdown import Vector
+from tirgeo_ros.core.navigation.ins.trail import Change, cut
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import PositionSample, Source, VelocitySample
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict

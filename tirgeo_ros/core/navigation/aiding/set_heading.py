@@ -17,7 +17,7 @@ from tirgeo_ros.core.navigation.aiding.state_estimate import (
     Modelled,
     StateEstimate,
 )
-from tirgeo_ros.core.navigation.strapdown import Vector
+from tirgeo_ros.core.navigation.ins.strapdown import Vector
 from tirgeo_ros.core.types.measurements import SetHeading, Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus
-from tirgeo_ros.core.navigation.kalman import Measurement
-from tirgeo_ros.core.navigation.smoothing.trail import Change
-from tirgeo_ros.core.navigation.strapdown import NavState, Vector
+from tirgeo_ros.core.navigation.ins.kalman import Measurement
+from tirgeo_ros.core.navigation.ins.strapdown import NavState, Vector
+from tirgeo_ros.core.navigation.ins.trail import Change
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import (
     AutopilotHeading,

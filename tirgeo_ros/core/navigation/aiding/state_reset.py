@@ -15,7 +15,7 @@ from tirgeo_ros.core.frames.rotations import euler_from_quat
 from tirgeo_ros.core.navigation.aiding.aid_status import EASE_STEPS, STEPPED_S, AidStatus, AidTrack
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import LARGE_TURN_RAD
 from tirgeo_ros.core.navigation.aiding.state_estimate import AidMeasurement, StateEstimate
-from tirgeo_ros.core.navigation.ins_error_model import (
+from tirgeo_ros.core.navigation.ins.ins_error_model import (
     ACCEL_BIAS,
     ATTITUDE,
     GPS_ERROR,
@@ -24,8 +24,8 @@ from tirgeo_ros.core.navigation.ins_error_model import (
     feedback,
     heading_error,
 )
-from tirgeo_ros.core.navigation.smoothing.trail import Change, cut
-from tirgeo_ros.core.navigation.strapdown import NavState
+from tirgeo_ros.core.navigation.ins.strapdown import NavState
+from tirgeo_ros.core.navigation.ins.trail import Change, cut
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import Source

@@ -23,8 +23,8 @@ from flights import (
 )
 
 from tirgeo_ros.core.navigation.aiding.aids import Delays, longest_hold_s
-from tirgeo_ros.core.navigation.ekf import Ekf
-from tirgeo_ros.core.navigation.estimator import Navigation
+from tirgeo_ros.core.navigation.estimator.estimator import Navigation
+from tirgeo_ros.core.navigation.timeline.ekf import Ekf
 from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample, ImuSample, Source
 from tirgeo_ros.core.types.verdicts import FilterState, Outcome
 from tirgeo_ros.tools.simulate.flight import fly, truth_at

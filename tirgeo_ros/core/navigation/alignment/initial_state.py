@@ -11,7 +11,7 @@ from tirgeo_ros.core.frames.rotations import rotation_of
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack, Receivers
 from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate
 from tirgeo_ros.core.navigation.alignment.aligner import Alignment
-from tirgeo_ros.core.navigation.ins_error_model import (
+from tirgeo_ros.core.navigation.ins.ins_error_model import (
     ANTENNA,
     GPS_ERROR,
     POSITION,
@@ -20,7 +20,7 @@ from tirgeo_ros.core.navigation.ins_error_model import (
     heading_error,
     states_of,
 )
-from tirgeo_ros.core.navigation.strapdown import matrix, rotate
+from tirgeo_ros.core.navigation.ins.strapdown import matrix, rotate
 from tirgeo_ros.core.types.arrays import Array, Vector
 from tirgeo_ros.core.types.measurements import Source
 

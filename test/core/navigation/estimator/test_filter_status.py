@@ -11,9 +11,9 @@ import pytest
 from filter_states import RTK, SECOND_NS, TIMEOUT_NS, ekf_config, used_at
 from flights import config_for, filtered, flight, navigation_samples
 
-from tirgeo_ros.core.navigation.estimator import Navigation
-from tirgeo_ros.core.navigation.filter_status import FilterHealth, VerdictLog
-from tirgeo_ros.core.navigation.start_up import StampOrder
+from tirgeo_ros.core.navigation.estimator.estimator import Navigation
+from tirgeo_ros.core.navigation.estimator.filter_status import FilterHealth, VerdictLog
+from tirgeo_ros.core.navigation.estimator.start_up import StampOrder
 from tirgeo_ros.core.types.measurements import (
     FixStatus,
     ImuSample,

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import HeadingAid, interval_measurement
-from tirgeo_ros.core.navigation.kalman import update
+from tirgeo_ros.core.navigation.ins.kalman import update
 from tirgeo_ros.core.types.measurements import HeadingSample
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from flights import config_for, errors, flight, navigation_samples, rms, solutions
 
-from tirgeo_ros.core.navigation.estimator import Navigation
+from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample, ImuSample, PositionSample
 from tirgeo_ros.core.types.verdicts import FilterState
 from tirgeo_ros.tools.simulate.flight import fly

@@ -13,21 +13,21 @@ from typing import NamedTuple
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.navigation.aid_clocks import AidClocks
 from tirgeo_ros.core.navigation.aiding.aid_status import AID_SOURCES
 from tirgeo_ros.core.navigation.aiding.aids import METHOD_SOURCES, Delays
 from tirgeo_ros.core.navigation.aiding.autopilot_heading import AutopilotHeadingAid
 from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding
 from tirgeo_ros.core.navigation.alignment.aligner import Biases
-from tirgeo_ros.core.navigation.duplicates import DuplicateDetector, Same
-from tirgeo_ros.core.navigation.ekf import Ekf
-from tirgeo_ros.core.navigation.filter_status import FilterHealth, VerdictLog
-from tirgeo_ros.core.navigation.imu_checks import ImuClock, in_body_axes
-from tirgeo_ros.core.navigation.imu_clipping import Clipping
-from tirgeo_ros.core.navigation.start_up import StartUp
-from tirgeo_ros.core.navigation.strapdown import NavState
-from tirgeo_ros.core.navigation.unfiltered_solution import UnfilteredSolution
-from tirgeo_ros.core.navigation.vibration_noise import densities
+from tirgeo_ros.core.navigation.estimator.filter_status import FilterHealth, VerdictLog
+from tirgeo_ros.core.navigation.estimator.start_up import StartUp
+from tirgeo_ros.core.navigation.estimator.unfiltered_solution import UnfilteredSolution
+from tirgeo_ros.core.navigation.ins.strapdown import NavState
+from tirgeo_ros.core.navigation.ins.vibration_noise import densities
+from tirgeo_ros.core.navigation.timeline.aid_clocks import AidClocks
+from tirgeo_ros.core.navigation.timeline.duplicates import DuplicateDetector, Same
+from tirgeo_ros.core.navigation.timeline.ekf import Ekf
+from tirgeo_ros.core.navigation.timeline.imu_checks import ImuClock, in_body_axes
+from tirgeo_ros.core.navigation.timeline.imu_clipping import Clipping
 from tirgeo_ros.core.streams.rates import RateLimit
 from tirgeo_ros.core.streams.sanity_checks import LARGEST_HEIGHT_M, fault_of
 from tirgeo_ros.core.types.errors import ConfigError
