@@ -103,18 +103,18 @@ class WhiteningFusion(Fusion):
     def _judged(
         self,
         aid: AidMeasurement,
-        belief: StateEstimate,
+        estimate: StateEstimate,
         autopilot_q_nb: Array | None,  # noqa: ARG002
     ) -> Fused:
-        """Return the belief with a measurement in it, whatever its innovation."""
-        state, covariance, control = belief[:3]
+        """Return the estimate with a measurement in it, whatever its innovation."""
+        state, covariance, aids = estimate[:3]
         reading = self._readings[aid.source, aid.stamp_ns]
         plain = aid.measurement
         measurement = plain._replace(noise=plain.noise / reading.weight, gate_sigma=_NO_GATE)
         ratio, error, updated, predicted, _ = update(covariance, measurement)
         if error is None or updated is None:
             verdict = Verdict(aid.source, Outcome.INVALID, "impossible covariance")
-            return Fused(verdict, belief)
+            return Fused(verdict, estimate)
         spread = predicted + measurement.noise
         design, innovation = measurement.design, measurement.innovation
         moved = self._mechanisation.taken() @ self._state_slope
@@ -133,10 +133,10 @@ class WhiteningFusion(Fusion):
                 whitened[:, 1:],
             )
         )
-        track = control.track(aid.source).used(aid.stamp_ns, self._timeout_ns)
-        control = control.with_track(aid.source, track)
+        track = aids.track(aid.source).used(aid.stamp_ns, self._timeout_ns)
+        aids = aids.with_track(aid.source, track)
         verdict = Verdict(aid.source, Outcome.USED, "", ratio, tuple(innovation.tolist()))
-        return Fused(verdict, StateEstimate(feedback(state, error), updated, control))
+        return Fused(verdict, StateEstimate(feedback(state, error), updated, aids))
 
     def _direct_partials(
         self, source: Source, state: NavState, reading: WhiteningReading

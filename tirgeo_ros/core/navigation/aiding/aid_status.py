@@ -1,6 +1,6 @@
 """Record what each aid has done lately: whether it is used or refused, and since when.
 
-The records are part of the filter's belief and are kept at each epoch of the time line. A
+The records are part of the filter's estimate and are kept at each epoch of the time line. A
 measurement that arrives late thus meets the same decisions as one that arrived in time.
 """
 

@@ -1,4 +1,4 @@
-"""Define the filter's belief, and a measurement as it is applied to it."""
+"""Define the filter's estimate, and a measurement as it is applied to it."""
 
 from __future__ import annotations
 
@@ -36,15 +36,15 @@ class StateEstimate(NamedTuple):
 
     state: NavState
     covariance: Array
-    control: AidStatus
+    aids: AidStatus
     changes: tuple[Change, ...] = ()
 
 
 class Fused(NamedTuple):
-    """Hold the verdict on a sample and the belief after it."""
+    """Hold the verdict on a sample and the estimate after it."""
 
     verdict: Verdict
-    belief: StateEstimate
+    estimate: StateEstimate
 
 
 class AidMeasurement(NamedTuple):
@@ -59,7 +59,7 @@ class AidMeasurement(NamedTuple):
     stale: bool = False  # the sample repeats the value of the one before
 
 
-#: A measurement, or the verdict on a sample that is not used; and the belief.
+#: A measurement, or the verdict on a sample that is not used; and the estimate.
 Modelled = tuple[AidMeasurement | Verdict, StateEstimate]
 
 

@@ -49,7 +49,7 @@ class FilterEpoch(Epoch):
     def of_start(cls, stamp_ns: int, sample: ImuSample, start: StateEstimate) -> FilterEpoch:
         """Return the filter's first epoch; ``sample`` is the newest one up to its stamp."""
         epoch = cls.first(stamp_ns, sample, Propagated(start.state, start.covariance))
-        epoch.aids = start.control
+        epoch.aids = start.aids
         return epoch
 
     @classmethod

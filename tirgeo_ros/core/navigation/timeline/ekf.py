@@ -18,7 +18,7 @@ from tirgeo_ros.core.navigation.aiding.aids import longest_hold_s
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.aiding.state_estimate import AidSample, StateEstimate
 from tirgeo_ros.core.navigation.alignment.aligner import Alignment, Biases
-from tirgeo_ros.core.navigation.alignment.initial_state import first_belief
+from tirgeo_ros.core.navigation.alignment.initial_state import initial_estimate
 from tirgeo_ros.core.navigation.ins.ins_error_model import GYRO_BIAS, NoisePowers
 from tirgeo_ros.core.navigation.ins.propagation import Propagated, Propagation, between
 from tirgeo_ros.core.navigation.ins.trail import Change, Mark
@@ -73,10 +73,10 @@ class Ekf:
         self.configure(config, mechanisation, fusion)
         self._meter = VibrationMeter(alignment.vibration, alignment.vibration_s)
         self._form = SolutionMaker(config)
-        belief = first_belief(config, alignment)
-        first = FilterEpoch.of_start(alignment.stamp_ns, alignment.imu[0], belief)
+        estimate = initial_estimate(config, alignment)
+        first = FilterEpoch.of_start(alignment.stamp_ns, alignment.imu[0], estimate)
         if record is not None:
-            first.propagated = first.propagated._replace(trail=Mark(Change(belief.covariance)))
+            first.propagated = first.propagated._replace(trail=Mark(Change(estimate.covariance)))
         self._epochs, self._record = [first], record
         self._held: list[HistoryRecord] = []
         self._resolved: list[Verdict] = []
@@ -154,8 +154,8 @@ class Ekf:
         if self._progress is not None and self._progress.order > record.order:
             self._progress = None
         self._catch_up(index - 1)
-        control = self._control_before(index, record)
-        if control is not None and self._fusion.spare(record.sample, control):
+        aids = self._control_before(index, record)
+        if aids is not None and self._fusion.spare(record.sample, aids):
             record.verdict = _STANDBY[record.source]
             return record.verdict  # nothing changes, so the later epochs remain valid
         self._done = min(self._done, index - 1)
@@ -189,15 +189,15 @@ class Ekf:
         rate_hz = count / ((last.stamp_ns - first.stamp_ns) * 1e-9) if count else 0.0
         return x * rate_hz, y * rate_hz, z * rate_hz
 
-    def belief(self) -> StateEstimate:
-        """Return the belief at the newest IMU sample; its covariance may be 50 ms older."""
+    def estimate(self) -> StateEstimate:
+        """Return the estimate at the newest IMU sample; its covariance may be 50 ms older."""
         self._catch_up(len(self._epochs) - 1)
         return self._epochs[-1].estimate
 
     @property
-    def control(self) -> AidStatus:
+    def aids(self) -> AidStatus:
         """Return the records of the aids at the newest IMU sample."""
-        return self.belief().control
+        return self.estimate().aids
 
     @property
     def vibration(self) -> Powers:
@@ -211,7 +211,7 @@ class Ekf:
 
     def biases(self) -> Biases:
         """Return the estimated IMU biases and their covariance (6, 6), to start again from."""
-        state, covariance = self.belief()[:2]
+        state, covariance = self.estimate()[:2]
         rows = slice(GYRO_BIAS.start, GYRO_BIAS.start + 6)
         return Biases(state.gyro_bias_b, state.accel_bias_b, covariance[rows, rows].copy())
 
@@ -266,7 +266,7 @@ class Ekf:
         )
         self._set_verdict(record, verdict)
         trail = now.trail and now.trail.followed_by(after.changes)
-        return Propagated(after.state, after.covariance, trail=trail), after.control
+        return Propagated(after.state, after.covariance, trail=trail), after.aids
 
     def _set_verdict(self, record: HistoryRecord, verdict: Verdict) -> None:
         """Store a verdict; the first on a measurement that was held also goes to the caller."""
