@@ -18,9 +18,9 @@ from tirgeo_ros.core.navigation.aiding.aids import longest_hold_s
 from tirgeo_ros.core.navigation.aiding.set_heading import too_vague
 from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding
 from tirgeo_ros.core.navigation.alignment.aligner import Aligner, Alignment, Biases
-from tirgeo_ros.core.navigation.ekf import Ekf
-from tirgeo_ros.core.navigation.smoothing.flight_record import FlightRecord
-from tirgeo_ros.core.navigation.strapdown import NavState
+from tirgeo_ros.core.navigation.ins.strapdown import NavState
+from tirgeo_ros.core.navigation.timeline.ekf import Ekf
+from tirgeo_ros.core.navigation.timeline.flight_record import FlightRecord
 from tirgeo_ros.core.types.measurements import ImuSample, NavigationInput, SetHeading, Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 

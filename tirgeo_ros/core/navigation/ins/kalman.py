@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.navigation.smoothing.trail import Correction
+from tirgeo_ros.core.navigation.ins.trail import Correction
 from tirgeo_ros.core.types.arrays import Array
 
 #: Up to here a float holds the probability of an exceedance to all its digits.

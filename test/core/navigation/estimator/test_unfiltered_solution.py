@@ -13,7 +13,7 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.frames.rotations import canonical, matrix_from_quat, quat_from_euler
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.navigation.unfiltered_solution import UnfilteredSolution
+from tirgeo_ros.core.navigation.estimator.unfiltered_solution import UnfilteredSolution
 from tirgeo_ros.core.types.measurements import (
     FixStatus,
     HeadingSample,

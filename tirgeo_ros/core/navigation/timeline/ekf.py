@@ -18,20 +18,18 @@ from tirgeo_ros.core.navigation.aiding.aids import longest_hold_s
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.aiding.state_estimate import AidSample, StateEstimate
 from tirgeo_ros.core.navigation.alignment.aligner import Alignment, Biases
-from tirgeo_ros.core.navigation.delayed_measurements import (
-    Carried,
-    Epoch,
+from tirgeo_ros.core.navigation.alignment.initial_state import initial_estimate
+from tirgeo_ros.core.navigation.ins.ins_error_model import GYRO_BIAS, NoisePowers
+from tirgeo_ros.core.navigation.ins.propagation import Propagated, Propagation, between
+from tirgeo_ros.core.navigation.ins.trail import Change, Mark
+from tirgeo_ros.core.navigation.ins.vibration_noise import Powers, VibrationMeter, clipped_powers
+from tirgeo_ros.core.navigation.timeline.delayed_measurements import (
+    FilterEpoch,
     HistoryRecord,
-    between,
     put,
 )
-from tirgeo_ros.core.navigation.initial_state import first_belief
-from tirgeo_ros.core.navigation.ins_error_model import GYRO_BIAS, NoisePowers
-from tirgeo_ros.core.navigation.propagation import Propagation
-from tirgeo_ros.core.navigation.published_solution import SolutionMaker, unsure_by
-from tirgeo_ros.core.navigation.smoothing.flight_record import FlightRecord
-from tirgeo_ros.core.navigation.smoothing.trail import Change, Mark
-from tirgeo_ros.core.navigation.vibration_noise import Powers, VibrationMeter, clipped_powers
+from tirgeo_ros.core.navigation.timeline.flight_record import FlightRecord
+from tirgeo_ros.core.navigation.timeline.published_solution import SolutionMaker, unsure_by
 from tirgeo_ros.core.types.arrays import Array, Vector
 from tirgeo_ros.core.types.measurements import ImuSample, Source
 from tirgeo_ros.core.types.poses import NavSolution
@@ -51,9 +49,10 @@ class _Progress(NamedTuple):
     """
 
     end_ns: int  # stamp of the epoch that ends the interval
-    order: tuple[int, int]  # sort key of the newest measurement in ``carried``
+    order: tuple[int, int]  # sort key of the newest measurement in ``propagated``
     applied: int  # number of the interval's records up to that measurement
-    carried: Carried
+    propagated: Propagated
+    aids: AidStatus
 
 
 class Ekf:
@@ -74,10 +73,10 @@ class Ekf:
         self.configure(config, mechanisation, fusion)
         self._meter = VibrationMeter(alignment.vibration, alignment.vibration_s)
         self._form = SolutionMaker(config)
-        belief = first_belief(config, alignment)
-        first = Epoch.first(alignment.stamp_ns, alignment.imu[0], belief)
+        estimate = initial_estimate(config, alignment)
+        first = FilterEpoch.of_start(alignment.stamp_ns, alignment.imu[0], estimate)
         if record is not None:
-            first.carried = first.carried._replace(trail=Mark(Change(belief.covariance)))
+            first.propagated = first.propagated._replace(trail=Mark(Change(estimate.covariance)))
         self._epochs, self._record = [first], record
         self._held: list[HistoryRecord] = []
         self._resolved: list[Verdict] = []
@@ -109,7 +108,7 @@ class Ekf:
         ``clipped``: the IMU was at full scale within the last second, so the process noise is
         enlarged. Returns the verdicts on measurements that were held until this sample.
         """
-        epoch = Epoch.after(self._epochs[-1], sample, self._meter)
+        epoch = FilterEpoch.of_sample(self._epochs[-1], sample, self._meter)
         if clipped:
             epoch.vibration = clipped_powers(epoch.vibration)
         while self._held and self._held[0].stamp_ns <= epoch.stamp_ns:
@@ -155,8 +154,8 @@ class Ekf:
         if self._progress is not None and self._progress.order > record.order:
             self._progress = None
         self._catch_up(index - 1)
-        control = self._control_before(index, record)
-        if control is not None and self._fusion.spare(record.sample, control):
+        aids = self._control_before(index, record)
+        if aids is not None and self._fusion.spare(record.sample, aids):
             record.verdict = _STANDBY[record.source]
             return record.verdict  # nothing changes, so the later epochs remain valid
         self._done = min(self._done, index - 1)
@@ -169,20 +168,20 @@ class Ekf:
         records, progress = self._epochs[index].records, self._progress
         before = [r.order for r in records if r.order < record.order and r.applied]
         if not before:
-            return self._epochs[index - 1].carried.control
-        return progress.carried.control if progress and progress.order == before[-1] else None
+            return self._epochs[index - 1].aids
+        return progress.aids if progress and progress.order == before[-1] else None
 
     def solution(self) -> NavSolution:
         """Return the solution at the newest IMU sample; its covariance may be 50 ms older."""
         self._catch_up(len(self._epochs) - 1)
         epoch = self._epochs[-1]
-        state, covariance, control = epoch.carried[:3]
-        form, antenna_b = self._form, control.receivers.antenna_b
+        state, covariance = epoch.propagated.state, epoch.propagated.covariance
+        form, antenna_b = self._form, epoch.aids.receivers.antenna_b
         white_b = self._white_b(epoch)
         made = form.made(epoch.stamp_ns, state, covariance, epoch.rate_b, white_b, antenna_b)
-        return unsure_by(made, control.tracks[_RTK_POSITION].step)
+        return unsure_by(made, epoch.aids.tracks[_RTK_POSITION].step)
 
-    def _white_b(self, epoch: Epoch) -> Vector:
+    def _white_b(self, epoch: FilterEpoch) -> Vector:
         """Return the variances of the white noise of one angular rate in ``b``, (rad/s)^2."""
         first, last, count = self._epochs[0], self._epochs[-1], len(self._epochs) - 1
         x, y, z, *_ = self._noise_powers.under(epoch.vibration)
@@ -190,15 +189,15 @@ class Ekf:
         rate_hz = count / ((last.stamp_ns - first.stamp_ns) * 1e-9) if count else 0.0
         return x * rate_hz, y * rate_hz, z * rate_hz
 
-    def belief(self) -> StateEstimate:
-        """Return the belief at the newest IMU sample; its covariance may be 50 ms older."""
+    def estimate(self) -> StateEstimate:
+        """Return the estimate at the newest IMU sample; its covariance may be 50 ms older."""
         self._catch_up(len(self._epochs) - 1)
-        return self._epochs[-1].carried.belief
+        return self._epochs[-1].estimate
 
     @property
-    def control(self) -> AidStatus:
+    def aids(self) -> AidStatus:
         """Return the records of the aids at the newest IMU sample."""
-        return self.belief().control
+        return self.estimate().aids
 
     @property
     def vibration(self) -> Powers:
@@ -212,7 +211,7 @@ class Ekf:
 
     def biases(self) -> Biases:
         """Return the estimated IMU biases and their covariance (6, 6), to start again from."""
-        state, covariance = self.belief()[:2]
+        state, covariance = self.estimate()[:2]
         rows = slice(GYRO_BIAS.start, GYRO_BIAS.start + 6)
         return Biases(state.gyro_bias_b, state.accel_bias_b, covariance[rows, rows].copy())
 
@@ -221,45 +220,53 @@ class Ekf:
             self._advance(self._epochs[self._done], self._epochs[self._done + 1])
             self._done += 1
 
-    def _advance(self, start: Epoch, end: Epoch) -> None:
-        """Compute ``end.carried`` from ``start`` and the measurements in between."""
+    def _advance(self, start: FilterEpoch, end: FilterEpoch) -> None:
+        """Compute the state and aid records of ``end`` from ``start`` and its measurements."""
         if not end.records:
-            end.carried = self._mechanisation.whole(start.carried, start, end)
+            end.propagated = self._mechanisation.whole(start.propagated, start, end)
+            end.aids = start.aids
             return
         progress = self._progress
         if progress is None or progress.end_ns != end.stamp_ns:
-            progress = _Progress(end.stamp_ns, (start.stamp_ns, 0), 0, start.carried)
-        carried, now_ns = progress.carried, progress.order[0]
+            order = start.stamp_ns, 0
+            progress = _Progress(end.stamp_ns, order, 0, start.propagated, start.aids)
+        now, aids, now_ns = progress.propagated, progress.aids, progress.order[0]
         for number, record in enumerate(end.records[progress.applied :], progress.applied + 1):
-            if self._fusion.spare(record.sample, carried.control):
+            if self._fusion.spare(record.sample, aids):
                 self._set_verdict(record, _STANDBY[record.source])
                 continue
-            carried = self._mechanisation.part(carried, start, end, now_ns, record.stamp_ns)
+            now = self._mechanisation.part(now, start, end, now_ns, record.stamp_ns)
             now_ns = record.stamp_ns
             rate_b = between(start, end, now_ns)[1]
-            carried = self._applied(record, carried, rate_b, end.autopilot_q_nb)
-            progress = _Progress(end.stamp_ns, record.order, number, carried)
+            now, aids = self._applied(record, now, aids, rate_b, end.autopilot_q_nb)
+            progress = _Progress(end.stamp_ns, record.order, number, now, aids)
         self._progress = progress
+        end.aids = aids
         if now_ns == start.stamp_ns:
-            end.carried = self._mechanisation.whole(carried, start, end)
+            end.propagated = self._mechanisation.whole(now, start, end)
         else:
-            end.carried = self._mechanisation.part(carried, start, end, now_ns, end.stamp_ns)
+            end.propagated = self._mechanisation.part(now, start, end, now_ns, end.stamp_ns)
 
     def _applied(
-        self, record: HistoryRecord, carried: Carried, rate_b: Vector, autopilot_q_nb: Array | None
-    ) -> Carried:
-        carried = self._mechanisation.followed(carried)
-        x, y, z = carried.state.gyro_bias_b
-        verdict, belief = self._fusion.fuse(
+        self,
+        record: HistoryRecord,
+        now: Propagated,
+        aids: AidStatus,
+        rate_b: Vector,
+        autopilot_q_nb: Array | None,
+    ) -> tuple[Propagated, AidStatus]:
+        now = self._mechanisation.followed(now)
+        x, y, z = now.state.gyro_bias_b
+        verdict, after = self._fusion.fuse(
             record.sample,
-            carried.belief,
+            StateEstimate(now.state, now.covariance, aids),
             (rate_b[0] - x, rate_b[1] - y, rate_b[2] - z),
             stale=record.stale,
             autopilot_q_nb=autopilot_q_nb,
         )
         self._set_verdict(record, verdict)
-        trail = carried.trail and carried.trail.followed_by(belief.changes)
-        return Carried(belief.state, belief.covariance, belief.control, trail=trail)
+        trail = now.trail and now.trail.followed_by(after.changes)
+        return Propagated(after.state, after.covariance, trail=trail), after.aids
 
     def _set_verdict(self, record: HistoryRecord, verdict: Verdict) -> None:
         """Store a verdict; the first on a measurement that was held also goes to the caller."""

@@ -11,9 +11,9 @@ import pytest
 from filter_states import RTK, SECOND_NS, TIMEOUT_NS, ekf_config, used_at
 from flights import config_for, filtered, flight, navigation_samples
 
-from tirgeo_ros.core.navigation.estimator import Navigation
-from tirgeo_ros.core.navigation.filter_status import FilterHealth, VerdictLog
-from tirgeo_ros.core.navigation.start_up import StampOrder
+from tirgeo_ros.core.navigation.estimator.estimator import Navigation
+from tirgeo_ros.core.navigation.estimator.filter_status import FilterHealth, VerdictLog
+from tirgeo_ros.core.navigation.estimator.start_up import StampOrder
 from tirgeo_ros.core.types.measurements import (
     FixStatus,
     ImuSample,
@@ -32,8 +32,8 @@ def health(**values):
 
 def control_of(*sources, status=FixStatus.FIXED, age_ns=0):
     """These were used just now, or ``age_ns`` ago."""
-    control = used_at(dict.fromkeys(sources, NOW_NS - age_ns))
-    return control.heard(status, NOW_NS - age_ns, TIMEOUT_NS)
+    aids = used_at(dict.fromkeys(sources, NOW_NS - age_ns))
+    return aids.heard(status, NOW_NS - age_ns, TIMEOUT_NS)
 
 
 @pytest.mark.parametrize(
@@ -117,13 +117,13 @@ def test_lost_beyond_the_sigmas(place, sigma, why):
 
 
 def test_lost_after_resets_that_do_not_help():
-    control = control_of(*RTK)
+    aids = control_of(*RTK)
     for second in range(3):
-        assert health().lost(control, covariance_of()) == ""
-        control = control.with_reset(Source.RTK_POSITION, NOW_NS + second * SECOND_NS, 2.5)
+        assert health().lost(aids, covariance_of()) == ""
+        aids = aids.with_reset(Source.RTK_POSITION, NOW_NS + second * SECOND_NS, 2.5)
     expected = "reset repeatedly: position moved by 2.50 m"
-    assert health().lost(control, covariance_of()) == expected
-    assert health().spoiled(control, covariance_of())
+    assert health().lost(aids, covariance_of()) == expected
+    assert health().spoiled(aids, covariance_of())
 
 
 # What a receiver admits
@@ -236,11 +236,11 @@ def held_up(rng, samples, longest_s):
 
 
 def started(flown, samples, method):
-    """The first solution, and the belief once all samples are there."""
+    """The first solution, and the estimate once all samples are there."""
     navigation = Navigation(config_for(flown, method=method))
     solutions = [navigation.process(sample).solution for sample in samples]
     first = next(solution for solution in solutions if solution is not None)
-    return first, navigation._ekf.belief()
+    return first, navigation._ekf.estimate()
 
 
 @pytest.mark.parametrize("method", ["ekf", "ekf_heading"])
@@ -249,15 +249,15 @@ def test_the_start_does_not_depend_on_arrival(method):
     samples = navigation_samples(flown)
     last_ns = samples[-1].stamp_ns - S  # of measurements: later ones may not have come
     samples = [s for s in samples if isinstance(s, ImuSample) or s.stamp_ns < last_ns]
-    first, belief = started(flown, samples, method)
+    first, estimate = started(flown, samples, method)
     for seed in range(5):
         disturbed = held_up(np.random.default_rng(seed), samples, 0.45)  # max_delay_s is 0.5
         assert disturbed != samples
         other, other_belief = started(flown, disturbed, method)
         assert abs(other.stamp_ns - first.stamp_ns) <= 0.5 * S  # when the IMU is heard again
-        np.testing.assert_allclose(other_belief.state.q_nb, belief.state.q_nb, atol=1e-12)
+        np.testing.assert_allclose(other_belief.state.q_nb, estimate.state.q_nb, atol=1e-12)
         np.testing.assert_allclose(
-            other_belief.covariance, belief.covariance, rtol=1e-6, atol=1e-15
+            other_belief.covariance, estimate.covariance, rtol=1e-6, atol=1e-15
         )
 
 

@@ -13,21 +13,21 @@ from typing import NamedTuple
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.navigation.aid_clocks import AidClocks
 from tirgeo_ros.core.navigation.aiding.aid_status import AID_SOURCES
 from tirgeo_ros.core.navigation.aiding.aids import METHOD_SOURCES, Delays
 from tirgeo_ros.core.navigation.aiding.autopilot_heading import AutopilotHeadingAid
 from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding
 from tirgeo_ros.core.navigation.alignment.aligner import Biases
-from tirgeo_ros.core.navigation.duplicates import DuplicateDetector, Same
-from tirgeo_ros.core.navigation.ekf import Ekf
-from tirgeo_ros.core.navigation.filter_status import FilterHealth, VerdictLog
-from tirgeo_ros.core.navigation.imu_checks import ImuClock, in_body_axes
-from tirgeo_ros.core.navigation.imu_clipping import Clipping
-from tirgeo_ros.core.navigation.start_up import StartUp
-from tirgeo_ros.core.navigation.strapdown import NavState
-from tirgeo_ros.core.navigation.unfiltered_solution import UnfilteredSolution
-from tirgeo_ros.core.navigation.vibration_noise import densities
+from tirgeo_ros.core.navigation.estimator.filter_status import FilterHealth, VerdictLog
+from tirgeo_ros.core.navigation.estimator.start_up import StartUp
+from tirgeo_ros.core.navigation.estimator.unfiltered_solution import UnfilteredSolution
+from tirgeo_ros.core.navigation.ins.strapdown import NavState
+from tirgeo_ros.core.navigation.ins.vibration_noise import densities
+from tirgeo_ros.core.navigation.timeline.aid_clocks import AidClocks
+from tirgeo_ros.core.navigation.timeline.duplicates import DuplicateDetector, Same
+from tirgeo_ros.core.navigation.timeline.ekf import Ekf
+from tirgeo_ros.core.navigation.timeline.imu_checks import ImuClock, in_body_axes
+from tirgeo_ros.core.navigation.timeline.imu_clipping import Clipping
 from tirgeo_ros.core.streams.rates import RateLimit
 from tirgeo_ros.core.streams.sanity_checks import LARGEST_HEIGHT_M, fault_of
 from tirgeo_ros.core.types.errors import ConfigError
@@ -170,16 +170,16 @@ class Navigation:
         """Return the state and the number of resets, at a tenth of what ``status`` costs."""
         state, _ = self._state()
         self._enter(state)
-        of_this = sum(self._ekf.control.resets) if self._ekf else 0
+        of_this = sum(self._ekf.aids.resets) if self._ekf else 0
         return state, self._resets.total() + of_this
 
     def _reset_counts(self) -> tuple[Counter[Source], str]:
         """Return the number of resets by source, over all filters so far, and the newest reset."""
         if self._ekf is None:
             return self._resets, self._last_reset
-        control = self._ekf.control
-        counts = Counter(dict(zip(AID_SOURCES, control.resets, strict=True)))
-        last = str(control.last_reset) if control.last_reset else self._last_reset
+        aids = self._ekf.aids
+        counts = Counter(dict(zip(AID_SOURCES, aids.resets, strict=True)))
+        last = str(aids.last_reset) if aids.last_reset else self._last_reset
         return self._resets + counts, last  # the sum is of those above zero
 
     def _enter(self, state: FilterState) -> None:
@@ -195,8 +195,8 @@ class Navigation:
             reason = self._passthrough.reason
             return (FilterState.WAITING if reason else FilterState.RUNNING), reason
         if self._ekf is not None:
-            control, newest_ns = self._ekf.control, self._ekf.newest_ns
-            state, reason = self._health.state(control, newest_ns, self._log.unused)
+            aids, newest_ns = self._ekf.aids, self._ekf.newest_ns
+            state, reason = self._health.state(aids, newest_ns, self._log.unused)
             return state, f"{reason}; {offsets}" if reason and offsets else reason
         lacks = offsets or self._start_up.aligner.reason
         reason = "; ".join(filter(None, (self._why_again, lacks)))
@@ -279,14 +279,14 @@ class Navigation:
     def _watch(self, ekf: Ekf, sample: ImuSample) -> None:
         """Check the filter's health, with the autopilot's heading if need be; restart if lost."""
         self._watched_ns = ekf.newest_ns
-        heading = self._autopilot.sample(sample, ekf.belief().covariance)
+        heading = self._autopilot.sample(sample, ekf.estimate().covariance)
         if heading is not None:
             self._count(ekf.add_aiding(heading))
-        _, covariance, control, _ = ekf.belief()
-        self._enter(self._health.state(control, ekf.newest_ns, self._log.unused)[0])
-        why = self._health.lost(control, covariance)
+        _, covariance, aids, _ = ekf.estimate()
+        self._enter(self._health.state(aids, ekf.newest_ns, self._log.unused)[0])
+        why = self._health.lost(aids, covariance)
         if why:
-            spoiled = self._health.spoiled(control, covariance)
+            spoiled = self._health.spoiled(aids, covariance)
             self._begin(why, Outcome.RESTART, None if spoiled else ekf.biases())
             self._enter(FilterState.LOST)
             self._count(Verdict(Source.IMU, Outcome.RESTART, why))

@@ -11,7 +11,7 @@ from tirgeo_ros.core.frames.rotations import rotation_of
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack, Receivers
 from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate
 from tirgeo_ros.core.navigation.alignment.aligner import Alignment
-from tirgeo_ros.core.navigation.ins_error_model import (
+from tirgeo_ros.core.navigation.ins.ins_error_model import (
     ANTENNA,
     GPS_ERROR,
     POSITION,
@@ -20,13 +20,13 @@ from tirgeo_ros.core.navigation.ins_error_model import (
     heading_error,
     states_of,
 )
-from tirgeo_ros.core.navigation.strapdown import matrix, rotate
+from tirgeo_ros.core.navigation.ins.strapdown import matrix, rotate
 from tirgeo_ros.core.types.arrays import Array, Vector
 from tirgeo_ros.core.types.measurements import Source
 
 
-def first_belief(config: EkfConfig, alignment: Alignment) -> StateEstimate:
-    """Return the filter's first belief, in which the aids of the alignment count as used.
+def initial_estimate(config: EkfConfig, alignment: Alignment) -> StateEstimate:
+    """Return the filter's first estimate, in which the aids of the alignment count as used.
 
     The receivers' slow errors begin at zero with their configured standard deviations. Where the
     alignment used a receiver, its slow error is correlated with the state.
@@ -39,11 +39,11 @@ def first_belief(config: EkfConfig, alignment: Alignment) -> StateEstimate:
         _add_antenna(config, alignment, covariance)
     if heading_error(states) is not None:
         _add_heading_error(config, alignment, covariance)
-    control = AidStatus(Receivers(alignment.stamp_ns))
+    aids = AidStatus(Receivers(alignment.stamp_ns))
     for source in alignment.sources:
-        control = control.with_track(source, AidTrack(alignment.stamp_ns))
+        aids = aids.with_track(source, AidTrack(alignment.stamp_ns))
     if alignment.rtk_status is not None:
-        control = control.heard(alignment.rtk_status, alignment.stamp_ns, 0)
+        aids = aids.heard(alignment.rtk_status, alignment.stamp_ns, 0)
     if Source.GPS_POSITION in alignment.sources:
         # The position came from the GPS: its error (truth - estimate) is the GPS's error, negated.
         known = covariance[GPS_ERROR, GPS_ERROR]
@@ -52,7 +52,7 @@ def first_belief(config: EkfConfig, alignment: Alignment) -> StateEstimate:
         least = np.diag(known) + noise_m2
         position = covariance[POSITION, POSITION]
         np.fill_diagonal(position, np.maximum(np.diag(position), least))
-    return StateEstimate(alignment.state, covariance, control)
+    return StateEstimate(alignment.state, covariance, aids)
 
 
 def _add_antenna(config: EkfConfig, alignment: Alignment, covariance: Array) -> None:

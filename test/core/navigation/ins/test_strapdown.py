@@ -14,8 +14,8 @@ from tirgeo_ros.core.frames import rotations as att
 from tirgeo_ros.core.frames.rotations import rotation_of
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.frames.wgs84 import EARTH_RATE_RAD_S, gravity_down, radii_of_curvature
-from tirgeo_ros.core.navigation import strapdown
-from tirgeo_ros.core.navigation.strapdown import propagate
+from tirgeo_ros.core.navigation.ins import strapdown
+from tirgeo_ros.core.navigation.ins.strapdown import propagate
 
 STEP_S = 0.01
 

@@ -8,8 +8,8 @@ from alignments import aligned, duration_s, error, samples_from, spoilt
 from flights import config_for, errors, flight
 
 from tirgeo_ros.core.navigation.alignment.imu_preintegration import Biases
-from tirgeo_ros.core.navigation.estimator import Navigation
-from tirgeo_ros.core.navigation.turn_on_bias import surprise
+from tirgeo_ros.core.navigation.alignment.turn_on_bias import surprise
+from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.types.measurements import ImuSample, Source
 from tirgeo_ros.core.types.verdicts import FilterState
 from tirgeo_ros.tools.simulate.flight import fly

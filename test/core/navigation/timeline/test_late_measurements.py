@@ -23,8 +23,8 @@ from flights import (
 )
 
 from tirgeo_ros.core.navigation.aiding.aids import Delays, longest_hold_s
-from tirgeo_ros.core.navigation.ekf import Ekf
-from tirgeo_ros.core.navigation.estimator import Navigation
+from tirgeo_ros.core.navigation.estimator.estimator import Navigation
+from tirgeo_ros.core.navigation.timeline.ekf import Ekf
 from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample, ImuSample, Source
 from tirgeo_ros.core.types.verdicts import FilterState, Outcome
 from tirgeo_ros.tools.simulate.flight import fly, truth_at
@@ -147,13 +147,13 @@ def test_late_measurements_give_the_timely_result(change):
     timely, rest = started(flown, samples, **VALUES)
     by_stamp = sorted(rest, key=lambda s: (s.stamp_ns, not isinstance(s, ImuSample)))
     run(timely, by_stamp)
-    expected = timely.belief()
+    expected = timely.estimate()
     for seed in range(3):
         late, _ = started(flown, samples, **VALUES)
         run(late, shuffled_by(np.random.default_rng(seed), by_stamp))
-        found = late.belief()
+        found = late.estimate()
         # The same operations in the same order: equal to the last bit.
-        assert found.control == expected.control
+        assert found.aids == expected.aids
         assert found.state == expected.state
         assert np.array_equal(found.covariance, expected.covariance)
 
@@ -205,12 +205,12 @@ def test_refusals():
     assert filter_.add_aiding(old).outcome is Outcome.TOO_OLD
     new = replace(fix, stamp_ns=newest + 500_000_001)
     assert filter_.add_aiding(new).outcome is Outcome.TOO_NEW
-    before = filter_.belief().state
+    before = filter_.estimate().state
     jump = replace(fix, stamp_ns=newest - 10_000_000, height_m=fix.height_m + 5)
     assert filter_.add_aiding(jump).outcome is Outcome.GATED
     # A measurement at the newest stamp is applied again with a covariance that took its steps at
     # other instants: second order in 20 ms.
-    for a, b in zip(filter_.belief().state[0], before[0], strict=True):
+    for a, b in zip(filter_.estimate().state[0], before[0], strict=True):
         assert a == pytest.approx(b, abs=1e-6)
 
 

@@ -12,14 +12,14 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from filter_states import NOW_NS, ZERO, belief_of, ekf_config, state_of
+from filter_states import NOW_NS, ZERO, ekf_config, estimate_of, state_of
 from flights import filtered, rms
 from hypothesis import given
 from hypothesis import strategies as st
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import HeadingAid, interval_measurement
-from tirgeo_ros.core.navigation.kalman import update
+from tirgeo_ros.core.navigation.ins.kalman import update
 from tirgeo_ros.core.types.measurements import HeadingSample
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from
@@ -111,8 +111,8 @@ def _aided(heading_deg: float, **values: float):
     config = ekf_config(**{f"heading__{key}": value for key, value in values.items()})
     covariance = np.eye(18) * math.radians(0.03) ** 2
     sample = HeadingSample(NOW_NS, math.radians(heading_deg), math.radians(0.05) ** 2)
-    belief = belief_of(state_of(0.0, 0.0, 0.0), 18, covariance)
-    aid = HeadingAid(config).measured(sample, belief, ZERO)[0]
+    estimate = estimate_of(state_of(0.0, 0.0, 0.0), 18, covariance)
+    aid = HeadingAid(config).measured(sample, estimate, ZERO)[0]
     return covariance, aid.measurement
 
 

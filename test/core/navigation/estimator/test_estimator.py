@@ -12,8 +12,8 @@ from flights import config_for, errors, filtered, flight, navigation_samples, rm
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.schema import config_from
-from tirgeo_ros.core.navigation.estimator import Navigation
-from tirgeo_ros.core.navigation.track import MOST_POINTS, Track
+from tirgeo_ros.core.navigation.estimator.estimator import Navigation
+from tirgeo_ros.core.navigation.estimator.track import MOST_POINTS, Track
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.core.types.measurements import FixStatus, ImuSample, Source
 from tirgeo_ros.core.types.poses import BodyPose

@@ -30,8 +30,8 @@ import numpy as np
 from tirgeo_ros.core.config import EkfConfig, ImuConfig
 from tirgeo_ros.core.frames.rotations import quat_multiply
 from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
-from tirgeo_ros.core.navigation.strapdown import NavState, Rates, normalised, quaternion_of
-from tirgeo_ros.core.navigation.vibration_noise import STILL, Powers
+from tirgeo_ros.core.navigation.ins.strapdown import NavState, Rates, normalised, quaternion_of
+from tirgeo_ros.core.navigation.ins.vibration_noise import STILL, Powers
 from tirgeo_ros.core.types.arrays import Array, Rotation, Vector
 
 STATES = 15  # states of the INS itself, without the receivers'

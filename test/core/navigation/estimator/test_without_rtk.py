@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from filter_states import SECOND_NS, ZERO, belief_of, state_of
+from filter_states import SECOND_NS, ZERO, estimate_of, state_of
 from flights import GPS, RTK, filtered, flight, without
 
 from tirgeo_ros.core.config import EkfConfig
@@ -102,7 +102,7 @@ def test_no_flight_with_antennas_takes_it():
 def uncertain(heading_sigma_deg):
     sigmas = np.full(18, 1e-3)
     sigmas[2] = math.radians(heading_sigma_deg)
-    return belief_of(state_of(0.0, 0.0, math.radians(30.0)), covariance=np.diag(sigmas**2))
+    return estimate_of(state_of(0.0, 0.0, math.radians(30.0)), covariance=np.diag(sigmas**2))
 
 
 @pytest.mark.parametrize(

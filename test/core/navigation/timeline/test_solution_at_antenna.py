@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from filter_states import belief_of, state_of
+from filter_states import estimate_of, state_of
 from flights import config_for, errors, navigation_samples, rms
 
 from tirgeo_ros.core.config import EkfConfig
@@ -19,9 +19,9 @@ from tirgeo_ros.core.frames.rotations import (
 )
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
-from tirgeo_ros.core.navigation.estimator import Navigation
-from tirgeo_ros.core.navigation.ins_error_model import ANTENNA, GYRO_BIAS, feedback, states_of
-from tirgeo_ros.core.navigation.published_solution import at_antenna
+from tirgeo_ros.core.navigation.estimator.estimator import Navigation
+from tirgeo_ros.core.navigation.ins.ins_error_model import ANTENNA, GYRO_BIAS, feedback, states_of
+from tirgeo_ros.core.navigation.timeline.published_solution import at_antenna
 from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from
@@ -38,12 +38,12 @@ MOUNTED = {
 
 
 def antennas_solution(error, covariance=None):
-    """What is published where the belief is off by ``error`` (21,), with this covariance."""
+    """What is published where the estimate is off by ``error`` (21,), with this covariance."""
     state = feedback(STATE, error)
-    belief = belief_of(state, STATES, covariance)
-    receivers = belief.control.receivers.changed([0.0] * 3, 0.0, PLACE_B)
+    estimate = estimate_of(state, STATES, covariance)
+    receivers = estimate.aids.receivers.changed([0.0] * 3, 0.0, PLACE_B)
     receivers = receivers.changed([0.0] * 3, 0.0, error[ANTENNA].tolist())
-    belief = belief._replace(control=belief.control._replace(receivers=receivers))
+    estimate = estimate._replace(aids=estimate.aids._replace(receivers=receivers))
     imu = NavSolution(
         0,
         state.latitude_rad,
@@ -55,7 +55,7 @@ def antennas_solution(error, covariance=None):
         (0.0, 0.0, 0.0),
         np.zeros((9, 9)),
     )
-    return at_antenna(imu, belief.covariance, belief.control.receivers.antenna_b)
+    return at_antenna(imu, estimate.covariance, estimate.aids.receivers.antenna_b)
 
 
 def apart(a, b):
@@ -82,7 +82,7 @@ def test_position_and_velocity_are_those_of_the_antenna():
 
 @pytest.mark.parametrize("seed", range(5))
 def test_the_covariance_is_that_of_the_differences(seed):
-    """A belief off along one direction alone: the covariance is the outer product of what that
+    """A estimate off along one direction alone: the covariance is the outer product of what that
     direction changes, by central differences."""
     rng = np.random.default_rng(seed)
     direction = rng.normal(size=STATES)
@@ -95,13 +95,13 @@ def test_the_covariance_is_that_of_the_differences(seed):
 
 
 def flown_with(shape, seed, config, up_m=UP_M):
-    """A flight of 60 s with the antenna above the IMU; what is published, and the belief."""
+    """A flight of 60 s with the antenna above the IMU; what is published, and the estimate."""
     places = {"rtk.lever_arm_m": (0.0, 0.0, up_m), "rtk.second_antenna_m": (1.0, 0.0, up_m)}
     flight = fly(scenario_from({"duration_s": 60.0, "route.shape": shape, **places}), seed)
     navigation = Navigation(config or config_for(flight))
     steps = [navigation.process(sample) for sample in navigation_samples(flight)]
     published = [step.solution for step in steps if step.solution is not None]
-    return flight, published, navigation._ekf.belief()
+    return flight, published, navigation._ekf.estimate()
 
 
 def seen_from_antenna(flight):
@@ -126,7 +126,7 @@ def seen_from_antenna(flight):
 @pytest.mark.parametrize("shape", ["lawnmower", "hover", "figure_eight"])
 def test_an_antenna_that_nobody_measured_is_where_base_link_begins(shape):
     """Default parameters, the antenna 0.3 m above the IMU."""
-    flight, published, belief = flown_with(shape, 2, EkfConfig())
+    flight, published, estimate = flown_with(shape, 2, EkfConfig())
     late = errors(seen_from_antenna(flight), published).after(20.0)
     # RTK's own noise is 1, 1, 2 cm: the published place is better than one fix.
     assert (rms(late.state[:, :3]) < [0.01, 0.01, 0.02]).all()
@@ -138,8 +138,8 @@ def test_an_antenna_that_nobody_measured_is_where_base_link_begins(shape):
     # Of the IMU it is off by the height: what is tested is the antenna's.
     of_imu = errors(flight, published).after(20.0)
     assert np.mean(of_imu.state[:, 2]) == pytest.approx(UP_M, abs=0.05)
-    place_b = np.array(belief.control.receivers.antenna_b)
-    sigma_m = np.sqrt(belief.covariance.diagonal()[ANTENNA])
+    place_b = np.array(estimate.aids.receivers.antenna_b)
+    sigma_m = np.sqrt(estimate.covariance.diagonal()[ANTENNA])
     assert abs(place_b[2] + UP_M) < 3 * sigma_m[2]
     assert 0 < sigma_m[2] < 0.03  # of 0.3 at the start: a tilt of 5 deg moves it by 2.6 cm
     assert not place_b[:2].any()  # forward and left are taken as they are
@@ -160,10 +160,10 @@ def test_the_parameters_say_whether_the_place_is_estimated(values, states):
 
 
 def test_a_place_that_is_estimated_from_a_measured_one_leaves_base_link_at_the_imu():
-    flight, published, belief = flown_with("figure_eight", 2, config_from(EkfConfig, MOUNTED))
+    flight, published, estimate = flown_with("figure_eight", 2, config_from(EkfConfig, MOUNTED))
     late = errors(flight, published).after(20.0)
-    sigma_m = float(np.sqrt(belief.covariance[20, 20]))
+    sigma_m = float(np.sqrt(estimate.covariance[20, 20]))
     # Five centimetres to find; down and the height found are one error.
     assert rms(late.state[:, :2]).max() < 0.01
-    assert abs(belief.control.receivers.antenna_b[2] + 0.05) < 3 * sigma_m
+    assert abs(estimate.aids.receivers.antenna_b[2] + 0.05) < 3 * sigma_m
     assert abs(np.mean(late.state[:, 2])) < 3 * sigma_m + 0.01

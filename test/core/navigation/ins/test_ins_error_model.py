@@ -14,7 +14,7 @@ from motions import difference, state_at
 from tirgeo_ros.core.config import EkfConfig, ImuConfig
 from tirgeo_ros.core.config.schema import config_from
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
-from tirgeo_ros.core.navigation.ins_error_model import (
+from tirgeo_ros.core.navigation.ins.ins_error_model import (
     ANTENNA,
     GPS_ERROR,
     STATES,
@@ -24,7 +24,7 @@ from tirgeo_ros.core.navigation.ins_error_model import (
     heading_error,
     states_of,
 )
-from tirgeo_ros.core.navigation.strapdown import propagate
+from tirgeo_ros.core.navigation.ins.strapdown import propagate
 
 IMU, CONFIG = ImuConfig(), ekf_config()
 WITH_HEADING_ERROR = ekf_config(heading__bias_sigma_deg=2.0)

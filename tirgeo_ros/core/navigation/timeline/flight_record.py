@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tirgeo_ros.core.navigation.aiding.aid_status import PLACE
-from tirgeo_ros.core.navigation.delayed_measurements import Epoch
-from tirgeo_ros.core.navigation.smoothing.trail import Change, Correction, Mark
+from tirgeo_ros.core.navigation.ins.trail import Change, Correction, Mark
+from tirgeo_ros.core.navigation.timeline.delayed_measurements import FilterEpoch
 from tirgeo_ros.core.types.arrays import Array, Vector
 from tirgeo_ros.core.types.measurements import Source
 
@@ -39,12 +39,12 @@ class FlightRecord:
         self._corrections, self._epochs = array("d"), array("d")
         self._last: Mark | None = None
 
-    def keep(self, epoch: Epoch, white_b: Vector) -> None:
+    def keep(self, epoch: FilterEpoch, white_b: Vector) -> None:
         """Take an epoch that is final, in their order, and the changes that led to it.
 
         ``white_b`` are the variances of the white noise of one angular rate, (rad/s)^2.
         """
-        newest = epoch.carried.trail
+        newest = epoch.propagated.trail
         assert newest is not None
         self._take(newest)
         self.stamps_ns.append(epoch.stamp_ns)
@@ -120,12 +120,11 @@ def _whitened(correction: Correction) -> Array:
     return found
 
 
-def _noted(epoch: Epoch, white_b: Vector) -> tuple[float, ...]:
+def _noted(epoch: FilterEpoch, white_b: Vector) -> tuple[float, ...]:
     """Return lag, state, angular rate and the rest of what a solution takes of an epoch."""
-    carried = epoch.carried
-    state, control = carried.state, carried.control
+    state, aids = epoch.propagated.state, epoch.aids
     return (
-        carried.lag_s,
+        epoch.propagated.lag_s,
         *state.q_nb,
         *state.velocity_n,
         state.latitude_rad,
@@ -135,6 +134,6 @@ def _noted(epoch: Epoch, white_b: Vector) -> tuple[float, ...]:
         *state.accel_bias_b,
         *epoch.rate_b,
         *white_b,
-        *control.receivers.antenna_b,
-        *(control.tracks[_RTK_POSITION].step or _NO_STEP),
+        *aids.receivers.antenna_b,
+        *(aids.tracks[_RTK_POSITION].step or _NO_STEP),
     )

@@ -10,7 +10,7 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.aid_status import NEVER_NS, AidStatus
 from tirgeo_ros.core.navigation.aiding.aids import AIDS
 from tirgeo_ros.core.navigation.aiding.autopilot_heading import lost_heading_rad
-from tirgeo_ros.core.navigation.ins_error_model import POSITION
+from tirgeo_ros.core.navigation.ins.ins_error_model import POSITION
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
 from tirgeo_ros.core.types.verdicts import FilterState, Outcome, Verdict
@@ -73,22 +73,20 @@ class FilterHealth:
         self._rtk = FixStatus.NONE, 0
 
     def state(
-        self, control: AidStatus, now_ns: int, unused: Mapping[Source, Unused] | None = None
+        self, aids: AidStatus, now_ns: int, unused: Mapping[Source, Unused] | None = None
     ) -> tuple[FilterState, str]:
         """Return RUNNING, DEGRADED or DEAD_RECKONING, and which aids are refused or do not come.
 
         ``unused`` holds for each source when a sample was last not used, and why.
         """
-        missing = [
-            s for s in self._wanted if not control.track(s).recent(now_ns, self._timeout_ns)
-        ]
-        floating = control.status_at(now_ns, self._timeout_ns) is FixStatus.FLOAT
+        missing = [s for s in self._wanted if not aids.track(s).recent(now_ns, self._timeout_ns)]
+        floating = aids.status_at(now_ns, self._timeout_ns) is FixStatus.FLOAT
         if not missing and not floating:
             return FilterState.RUNNING, ""
         poor, told, absent = "", [], []
         if Source.RTK_POSITION in missing:
             poor = self.poor_gps()
-            if not control.track(Source.GPS_POSITION).recent(now_ns, self._timeout_ns):
+            if not aids.track(Source.GPS_POSITION).recent(now_ns, self._timeout_ns):
                 missing.append(Source.GPS_POSITION)
         elif floating:
             told.append("rtk/fix is float")
@@ -98,10 +96,10 @@ class FilterHealth:
                 told.append(f"{source.topic} {why}")
             else:
                 absent.append(source.topic)
-        aids = ", ".join([*told, *(["no " + ", ".join(absent)] if absent else [])])
+        text = ", ".join([*told, *(["no " + ", ".join(absent)] if absent else [])])
         if Source.GPS_POSITION in missing:
-            return FilterState.DEAD_RECKONING, aids
-        return FilterState.DEGRADED, "; ".join(filter(None, (aids, poor)))
+            return FilterState.DEAD_RECKONING, text
+        return FilterState.DEGRADED, "; ".join(filter(None, (text, poor)))
 
     def bounds_m2(self) -> list[float]:
         """Return the variances (3,) NED, m2, beyond which a state is lost."""
@@ -116,7 +114,7 @@ class FilterHealth:
         told += [f"{down:.0f} m in height"] if down > self._bound_m else []
         return f"gps/fix has a sigma of {', '.join(told)}" if told else ""
 
-    def lost(self, control: AidStatus, covariance: Array) -> str:
+    def lost(self, aids: AidStatus, covariance: Array) -> str:
         """Return why a state with this error covariance (n, n) is not to be trusted, or ""."""
         variances = covariance.diagonal().tolist()
         if not math.isfinite(sum(variances)):
@@ -127,11 +125,11 @@ class FilterHealth:
             return f"position sigma {math.sqrt(max(beyond)):.1f} m"
         if variances[2] > self._heading_rad2:
             return f"heading sigma {math.degrees(math.sqrt(variances[2])):.1f} deg"
-        return control.hopeless(self._patience_s)
+        return aids.hopeless(self._patience_s)
 
-    def spoiled(self, control: AidStatus, covariance: Array) -> bool:
+    def spoiled(self, aids: AidStatus, covariance: Array) -> bool:
         """Return whether the bias estimates of a lost state are not to be trusted either."""
-        return not math.isfinite(covariance.trace()) or bool(control.hopeless(self._patience_s))
+        return not math.isfinite(covariance.trace()) or bool(aids.hopeless(self._patience_s))
 
 
 class VerdictLog:

@@ -7,7 +7,7 @@ import numpy as np
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, skew
 from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
-from tirgeo_ros.core.navigation.ins_error_model import (
+from tirgeo_ros.core.navigation.ins.ins_error_model import (
     ANTENNA,
     ATTITUDE,
     GYRO_BIAS,
@@ -16,7 +16,7 @@ from tirgeo_ros.core.navigation.ins_error_model import (
     has_antenna,
     states_of,
 )
-from tirgeo_ros.core.navigation.strapdown import NavState
+from tirgeo_ros.core.navigation.ins.strapdown import NavState
 from tirgeo_ros.core.types.arrays import Array, Vector
 from tirgeo_ros.core.types.poses import NavSolution
 
