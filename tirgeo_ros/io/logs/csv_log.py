@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.measurements import LAST_NS, ImuSample
-from tirgeo_ros.io.files.whole_files import WINDOWS, encoding_of
+from tirgeo_ros.io.files.whole_files import WINDOWS, encoding_of, first_bytes, reading
 from tirgeo_ros.io.logs.columns_keys import Cell, Keys
 from tirgeo_ros.io.logs.columns_quantities import QUANTITIES, Log, Quantity, Row, matching
 from tirgeo_ros.io.logs.log_contents import (
@@ -131,26 +131,23 @@ def _rows(path: Path, layout: Layout) -> Iterator[list[str]]:
     A title in quotes may have several lines. A row has one: a quote that a damaged line does not
     close costs no other.
     """
-    try:
-        with path.open("rb") as binary:
-            encoding = encoding_of(binary.read(2))
-        with path.open(encoding=encoding, errors=WINDOWS, newline="") as file:
-            # csv of Python 3.10 stops at a zero byte; it must not join the digits around it either
-            lines = (line.replace("\0", "?") for line in islice(file, layout.skip, None))
-            lines = (line for line in lines if line.strip())
-            if layout.comment:
-                lines = (line for line in lines if not line.startswith(layout.comment))
-            if layout.separator == " ":
-                yield from (line.split() for line in lines)
-                return
+    encoding = encoding_of(first_bytes(path, 2, LogError))
+    with reading(path, LogError), path.open(encoding=encoding, errors=WINDOWS, newline="") as file:
+        # csv of Python 3.10 stops at a zero byte; it must not join the digits around it either
+        lines = (line.replace("\0", "?") for line in islice(file, layout.skip, None))
+        lines = (line for line in lines if line.strip())
+        if layout.comment:
+            lines = (line for line in lines if not line.startswith(layout.comment))
+        if layout.separator == " ":
+            yield from (line.split() for line in lines)
+            return
+        try:
             if layout.header:
                 yield next(csv.reader(lines, delimiter=layout.separator), [])
             for line in lines:
                 yield next(csv.reader([line], delimiter=layout.separator))
-    except OSError as error:
-        raise LogError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except csv.Error as error:
-        raise LogError(f"{path}: not a table: {error}") from None
+        except csv.Error as error:
+            raise LogError(f"{path}: not a table: {error}") from None
 
 
 def _values(path: Path, layout: Layout) -> Iterator[list[str]]:

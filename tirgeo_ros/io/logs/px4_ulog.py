@@ -21,6 +21,7 @@ import numpy as np
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.io.files.bounded_reading import bounded_memory
+from tirgeo_ros.io.files.whole_files import reading
 from tirgeo_ros.io.logs.autopilot_tables import (
     LEAST_FIX,
     LOG_BYTES,
@@ -105,10 +106,13 @@ def _opened(path: Path) -> tuple[Any, bool]:
     from pyulog.exceptions import ULogException  # noqa: PLC0415
 
     try:
-        with _File(FileIO(path)) as file, bounded_memory(LOG_BYTES), redirect_stdout(StringIO()):
+        with (
+            reading(path, LogError),
+            _File(FileIO(path)) as file,
+            bounded_memory(LOG_BYTES),
+            redirect_stdout(StringIO()),
+        ):
             return ULog(file, _WANTED), file.cut
-    except OSError as error:
-        raise LogError(f"{path}: cannot be read: {error.strerror or error}") from None
     except (*_DAMAGED, ULogException) as error:
         why = str(error) or type(error).__name__
         raise LogError(f"{path}: damaged, or not a ULog: {why}") from None

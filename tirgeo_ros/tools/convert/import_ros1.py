@@ -14,8 +14,8 @@ from tirgeo_ros.dji.sources.ros1 import WRAPPERS, Ros1Decoder, survey
 from tirgeo_ros.dji.sources.ros1_messages import NEEDED, TOPICS
 from tirgeo_ros.io.bags.ros1_bag import Ros1Bag, Ros1Message
 from tirgeo_ros.io.messages import TOPIC_TYPES
+from tirgeo_ros.tools.convert.import_mapped import suggested
 from tirgeo_ros.tools.convert.import_sink import ImportSink
-from tirgeo_ros.tools.convert.topic_types import suggested
 from tirgeo_ros.tools.presentation.progress import Report
 
 #: Number of messages that are inspected before the import begins.
