@@ -28,8 +28,8 @@ LAYERS = {
 }
 #: Within a layer each package imports only from those before it.
 ORDER = {
-    "core": "types frames config streams camera ground orthorectification map targets calibration "
-    "accuracy navigation aircraft_calibration gimbal overlay checks",
+    "core": "types frames config streams camera ground orthorectification map targets accuracy "
+    "navigation calibration gimbal overlay checks",
     "dji": "clocks protocol link host sources interpret simulator",
     "io": "files coordinates parameters elevation messages logs pictures bags maps surveys cot "
     "targets video geopackage",

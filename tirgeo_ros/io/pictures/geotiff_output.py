@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from tirgeo_ros.core.calibration.orthophoto.polynomial_transform import PolynomialTransform
+from tirgeo_ros.core.calibration.polynomial_transform import PolynomialTransform
 from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.io.coordinates.crs import Plane
 from tirgeo_ros.io.files.offline_reading import imported_rasterio, read_map
