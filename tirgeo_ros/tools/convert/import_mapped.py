@@ -32,7 +32,7 @@ from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
 from tirgeo_ros.io.bags.cdr import header_stamp_ns
 from tirgeo_ros.io.bags.ros1_bag import Ros1Bag, Ros1Message, any_bag
 from tirgeo_ros.io.messages import SENSED_SAMPLES, TOPIC_TYPES, SensedSample, stamp_ns
-from tirgeo_ros.tools.convert.import_sink import ImportSink
+from tirgeo_ros.tools.convert.import_sink import ImportSink, TopicCount
 from tirgeo_ros.tools.presentation.progress import Report
 from tirgeo_ros.tools.replay.flight_topics import CAMERA_INFO, PICTURES, resolved
 
@@ -244,15 +244,9 @@ class MappedTopics(NamedTuple):
 
 
 @dataclass
-class _Stream:
+class _Stream(TopicCount):
     """Count the messages of a topic that become those of one of the contract."""
 
-    topic: str
-    typename: str
-    contract: str
-    messages: int = 0
-    refused: int = 0
-    reason: str = ""  # of the first refused message
     without_stamp: int = 0
     lags_ns: array[int] = field(default_factory=partial(array, "q"))  # stamp to log time
     statuses: Counter[tuple[int, int]] = field(default_factory=Counter)  # status, covariance type
@@ -269,22 +263,14 @@ class _Stream:
         else:
             self.without_stamp += 1
 
-    def refuse(self, reason: str) -> None:
-        """Count a message that cannot be used."""
-        self.refused += 1
-        self.reason = self.reason or reason
+    @property
+    def contract(self) -> str:
+        """Return the topic of the contract."""
+        return self.feeds[0]
 
     def result(self) -> dict[str, object]:
         """Return the row of the summary."""
-        return {
-            "topic": self.topic,
-            "type": self.typename,
-            "messages": self.messages,
-            "refused": self.refused,
-            "because": self.reason or None,
-            "to": [self.contract],
-            "lag_s": self.lag_s,
-        }
+        return super().result() | {"because": self.reason or None, "lag_s": self.lag_s}
 
     def notes(self, undulation_m: float | None) -> Iterator[str]:
         """Yield what the messages leave open, and how they are taken."""
@@ -308,8 +294,8 @@ class _Stream:
 
     def warnings(self) -> Iterator[str]:
         """Yield what is wrong."""
-        if self.refused:
-            yield f"{self.topic}: {self.refused} of {self.messages} refused ({self.reason})"
+        if self.complaint:
+            yield self.complaint
         if not self.messages:
             yield f"{self.topic}: no message"
         if jumps := lone_stamps(self.lags_ns).sum():
@@ -335,7 +321,7 @@ class _Import:
         types = bag.topics()
         names = asked_topics(mapped.pairs, types, str(bag.path))
         self.streams = {
-            topic: [_Stream(topic, types[topic], contract) for contract in contracts]
+            topic: [_Stream(topic, types[topic], (contract,)) for contract in contracts]
             for topic, contracts in names.items()
         }
         self.mounting = ImuMounting(mapped.imu_rpy_deg, aircraft)
@@ -352,7 +338,7 @@ class _Import:
                 try:
                     self._pass(message, stream)
                 except MessageError as error:
-                    stream.refuse(str(error).removeprefix(f"{message.topic}: "))
+                    stream.refuse(error)
 
     def _pass(self, message: BagMessage | Ros1Message, stream: _Stream) -> None:
         """Write a message to its topic of the contract. Raise MessageError."""
