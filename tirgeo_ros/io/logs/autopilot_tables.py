@@ -185,19 +185,19 @@ def _at(time_us: IntArray, attitude: AttitudeTable) -> list[Array | None]:
     known_us, q_nb = attitude.time_us[usable], attitude.q_nb[usable]
     order = np.argsort(known_us, kind="stable")
     known_us, q_nb = known_us[order], q_nb[order]
-    found: list[Array | None] = []
+    attitudes: list[Array | None] = []
     for at_us, after in zip(time_us.tolist(), np.searchsorted(known_us, time_us), strict=True):
         if after < len(known_us) and known_us[after] == at_us:
-            found.append(q_nb[after])
+            attitudes.append(q_nb[after])
             continue
         if not 0 < after < len(known_us):
-            found.append(None)
+            attitudes.append(None)
             continue
         step_us = int(known_us[after] - known_us[after - 1])
         fraction = (at_us - int(known_us[after - 1])) / step_us
         near = step_us * 1000 <= _LONGEST_GAP_NS
-        found.append(slerp(q_nb[after - 1], q_nb[after], fraction) if near else None)
-    return found
+        attitudes.append(slerp(q_nb[after - 1], q_nb[after], fraction) if near else None)
+    return attitudes
 
 
 def _add_gnss(contents: LogContents, shift_us: int, gnss: GnssTable) -> None:

@@ -108,7 +108,7 @@ class _UbxLog:
                 precise[message.iTOW].append((number, message))
         for number, message in self._found[PVT]:
             near = precise.get(message.iTOW, [(number, message)])
-            _, place = min(near, key=lambda one: abs(one[0] - number))
+            _, place = min(near, key=lambda record: abs(record[0] - number))
             self._count(PVT, self._solution, number, message, place)
         for number, message in self._found[RELPOSNED]:
             self._count(RELPOSNED, self._heading, number, message)
