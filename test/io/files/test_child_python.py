@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from dev.real_flights_judged import judge_all
+from dev.real_flights import judge_all
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.io.maps.map_process import MapProcess
