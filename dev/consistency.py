@@ -40,8 +40,8 @@ from dev.flight_errors import (
 )
 from dev.judging import MarkedTable, exit_code, in_processes, print_report
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.navigation.estimator import Navigation
-from tirgeo_ros.core.navigation.kalman import chi_square_limit
+from tirgeo_ros.core.navigation.estimator.estimator import Navigation
+from tirgeo_ros.core.navigation.ins.kalman import chi_square_limit
 from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.core.types.measurements import HeadingSample, NavigationInput, Source
 from tirgeo_ros.core.types.poses import NavSolution

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tirgeo_ros.core.types.errors import TirgeoError
-from tirgeo_ros.io.files.child_python import safe_workers
+from tirgeo_ros.io.files.child_process import safe_workers
 from tirgeo_ros.tools.cli.main import INTERRUPTED
 from tirgeo_ros.tools.presentation.progress import Report, silent
 

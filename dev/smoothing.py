@@ -42,7 +42,7 @@ from dev.judging import MarkedTable, exit_code, in_processes, print_report
 from dev.real_flights import CUT_S, Miss, config_of, hidden_fixes, median, samples_of
 from dev.real_flights_table import bags_in
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.navigation.estimator import Navigation
+from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.navigation.smoothing.smoothed_navigation import smoothed
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import NavigationInput, Source

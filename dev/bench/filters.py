@@ -27,7 +27,7 @@ from dev.flight_errors import Errors, errors, fitting_config, navigation_samples
 from dev.flights import LoopedFlight
 from dev.judging import Figure, MarkedTable, in_processes, print_report
 from tirgeo_ros.core.accuracy.ground_errors import rms
-from tirgeo_ros.core.navigation.estimator import Navigation
+from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.navigation.smoothing.smoothed_navigation import (
     RecordingNavigation,
     SmoothedNavigation,

@@ -20,7 +20,7 @@ from dev.judging import Figure, percentile
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import GraphError
 from tirgeo_ros.io.bags.bag import BagReader
-from tirgeo_ros.io.files.child_python import python_command
+from tirgeo_ros.io.files.child_process import python_command
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
 from tirgeo_ros.tools.graph.node_graph import GraphSetup, parameter_words, run_graph
 from tirgeo_ros.tools.graph.whole_graph import WholeGraph
