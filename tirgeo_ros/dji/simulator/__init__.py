@@ -5,7 +5,6 @@ This is the reverse of the way from bytes to samples (``dji.link.framing``,
 without hardware.
 """
 
-from tirgeo_ros.dji.simulator.aircraft import Aircraft, Outgoing, frames_of
-from tirgeo_ros.dji.simulator.answers import CommandDesk
+from tirgeo_ros.dji.simulator.aircraft import Aircraft, CommandDesk, Outgoing, frames_of
 
 __all__ = ["Aircraft", "CommandDesk", "Outgoing", "frames_of"]
