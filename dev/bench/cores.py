@@ -1,6 +1,6 @@
 """Measure what several cores gain: ``tirgeo process`` with images, on one core and on all.
 
-    python -m dev.bench_cores DIR [--runs 5] [--video out.mp4] [--against CHECKOUT]
+    python -m dev.bench.cores DIR [--runs 5] [--video out.mp4] [--against CHECKOUT]
 
 DIR holds a simulated flight; two minutes or more, since starting takes a second on any number of
 cores. The runs take turns; the fastest of each kind counts. ``--against`` adds another checkout
@@ -21,9 +21,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from dev.judging import Figure, line
+from dev.judging import Figure, print_figures
 
-_PROJECT = Path(__file__).resolve().parents[1]
+_PROJECT = Path(__file__).resolve().parents[2]
 _CODE = """\
 import os, sys
 cores, folder, out, video = sys.argv[1:]
@@ -68,7 +68,7 @@ def core_figures(
     if against is not None:
         yield Figure(f"all cores over {against}", _least(done[str(against)]) / best_s, "ratio")
     digests = {one.digest for found in done.values() for one in found}
-    yield Figure("different outputs", len(digests) - 1, "", "0")
+    yield Figure("different outputs", len(digests) - 1, "", "= 0")
 
 
 def _least(runs: Sequence[Run]) -> float:
@@ -99,15 +99,14 @@ def _children_s() -> float:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Print the figures."""
-    parser = argparse.ArgumentParser(prog="python -m dev.bench_cores")
+    parser = argparse.ArgumentParser(prog="python -m dev.bench.cores")
     parser.add_argument("folder", type=Path, metavar="DIR", help="a simulated flight")
     parser.add_argument("--runs", type=int, default=5, metavar="N", help="of each kind")
     parser.add_argument("--video", default="", metavar="NAME", help="write a video too: out.mp4")
     parser.add_argument("--against", type=Path, metavar="CHECKOUT", help="of the project")
     args = parser.parse_args(argv)
     sys.stdout.write(f"{args.folder}, {len(os.sched_getaffinity(0))} cores\n")
-    for figure in core_figures(args.folder, args.runs, args.video, args.against):
-        sys.stdout.write(line(figure) + "\n")
+    print_figures(core_figures(args.folder, args.runs, args.video, args.against))
     return 0
 
 

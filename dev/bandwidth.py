@@ -3,7 +3,7 @@
 The sample flight goes through the graph; then each topic is played again over UDP, without shared
 memory, to one reader, and the bytes on the loopback are counted. Nobody else may use it meanwhile:
 
-    unshare -rn sh -c 'ip link set lo up && python -m dev.fleet.bandwidth'
+    unshare -rn sh -c 'ip link set lo up && python -m dev.bandwidth'
 """
 
 from __future__ import annotations
@@ -16,18 +16,13 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from tirgeo_ros.core.types.errors import BagError, TirgeoError
+from dev.graphs import started_graph
+from dev.judging import exit_code, print_report
+from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.tools.graph import find_resource
 from tirgeo_ros.tools.graph.localhost import PROFILES
-from tirgeo_ros.tools.graph.node_graph import (
-    GraphSetup,
-    await_words,
-    graph_environment,
-    node_processes,
-    run_graph,
-)
-from tirgeo_ros.tools.graph.node_process import NodeProcess
+from tirgeo_ros.tools.graph.node_graph import GraphSetup, await_words, run_graph
 from tirgeo_ros.tools.presentation.progress import Progress, Report, silent
 
 RECORDED = (
@@ -62,19 +57,13 @@ def rows(
 
 def _bytes_on_loopback(bag: Path, topic: str, folder: Path) -> int:
     """Play one topic to one reader over UDP; return the bytes that the loopback carried."""
-    environment = graph_environment(GraphSetup(bag, folder))
-    environment[PROFILES[0]] = str(_udp_profile(folder))
     output = folder / f"{topic.strip('/').replace('/', '_')}.mcap"
-    names: dict[str, dict[str, object]] = {
-        "recorder": {"output": output, "topics": topic},
-        "bag_player": {"bag": bag, "topics": topic, "rate": _FASTER},
-    }
-    with node_processes() as processes:
-        for name, values in names.items():
-            words = [word for key, value in values.items() for word in ("-p", f"{key}:={value}")]
-            log = folder / f"{output.stem}_{name}.log"
-            processes.append(NodeProcess(name, words, environment, log))
-        player = processes[-1]
+    with started_graph(folder) as graph:
+        graph.environment[PROFILES[0]] = str(_udp_profile(folder))
+        values = {"output": output, "topics": topic}
+        graph.start("recorder", values, log=f"{output.stem}_recorder")
+        values = {"bag": bag, "topics": topic, "rate": _FASTER}
+        player = graph.start("bag_player", values, log=f"{output.stem}_player")
         await_words([player], "playing")
         before = _carried()
         player.wait(_PLAYER_S)
@@ -104,37 +93,31 @@ def _carried() -> int:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Print the table; return the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m dev.fleet.bandwidth", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m dev.bandwidth", description=__doc__)
     parser.add_argument("--jpeg-quality", type=int, default=80)
     parser.add_argument("--topics", nargs="*", default=(), help="these alone, as tirgeo/odometry")
     parser.add_argument("--rate", type=float, default=100.0, help="compressed_rate_hz")
     args = parser.parse_args(argv)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    return exit_code("bandwidth", lambda: _run(args.jpeg_quality, args.rate, args.topics))
+
+
+def _run(jpeg_quality: int, rate_hz: float, topics: Sequence[str]) -> int:
     sample = find_resource("bags/sample")
     assert sample is not None
-    try:
-        with tempfile.TemporaryDirectory() as made, Progress("measuring") as bar:
-            folder = Path(made)
-            given = {"jpeg_quality": args.jpeg_quality, "compressed_rate_hz": args.rate}
-            more = folder / "more.yaml"
-            more.write_text(f"/**/overlay_node: {{ros__parameters: {given}}}\n")
-            setup = GraphSetup(
-                sample / "flight.mcap",
-                folder,
-                sample / "params.yaml",
-                sample / "map.geojson",
-                topics=RECORDED,
-                more_params=[more],
-            )
-            run = run_graph(setup, 30.0)
-            found = rows(run.recording, folder, args.topics, bar)
-            found += rows(setup.bag, folder, args.topics, bar)
-    except (TirgeoError, OSError) as error:
-        sys.stderr.write(f"bandwidth: {error}\n")
-        return 1
-    head = "| topic | Hz | bytes of a message | bytes on the network | kbit/s |\n"
-    sys.stdout.write("\n".join([head + "| --- | --- | --- | --- | --- |", *found, ""]))
-    return 0
+    with tempfile.TemporaryDirectory() as made, Progress("measuring") as bar:
+        folder = Path(made)
+        values = {"jpeg_quality": jpeg_quality, "compressed_rate_hz": rate_hz}
+        more = folder / "more.yaml"
+        more.write_text(f"/**/overlay_node: {{ros__parameters: {values}}}\n")
+        bag, params, map_file = (
+            sample / name for name in ("flight.mcap", "params.yaml", "map.geojson")
+        )
+        setup = GraphSetup(bag, folder, params, map_file, topics=RECORDED, more_params=[more])
+        run = run_graph(setup, 30.0)
+        lines = rows(run.recording, folder, topics, bar) + rows(bag, folder, topics, bar)
+    head = "| topic | Hz | bytes of a message | bytes on the network | kbit/s |"
+    return print_report([head, "| --- | --- | --- | --- | --- |", *lines], 0)
 
 
 if __name__ == "__main__":
