@@ -24,8 +24,9 @@ import numpy as np
 
 from dev.judging import Figure, line
 from dev.page_load.served import ServedPage
-from tirgeo_ros.core.targets.target import Fixing
-from tirgeo_ros.io.targets.store import MOST_NOTE, MOST_TARGETS, TargetStore
+from tirgeo_ros.core.ground.ground_point import Located
+from tirgeo_ros.core.targets.target import MOST_TARGETS
+from tirgeo_ros.io.targets.store import MOST_NOTE, TargetStore
 
 _EDITS, _EVERY_S, _LIMIT_S = 30, 0.5, 60.0
 _GREY = cv2.imencode(".jpg", np.full((512, 640), 99, np.uint8))[1].tobytes()
@@ -54,8 +55,8 @@ def _fill(path: Path, count: int) -> str:
     store = TargetStore(path)
     store._db.execute("PRAGMA synchronous = OFF")  # noqa: SLF001  this file is not to last
     for k in range(count):
-        fixing = Fixing(k, 39.85 + k * 1e-6, 116.7, 30.0, _COVARIANCE)
-        added = store.add(fixing, name=f"target {k}", now_ns=time.time_ns())
+        click = Located(k, 39.85 + k * 1e-6, 116.7, 30.0, _COVARIANCE)
+        added = store.add(click, name=f"target {k}", now_ns=time.time_ns())
         store.edit(added.id, time.time_ns(), note="\u00e4" * MOST_NOTE)
     middle = store.all()[count // 2].id
     store.close()

@@ -98,7 +98,7 @@ def test_a_target_whose_clicks_are_gone_stays_and_is_named(path, share):
     changed(path, f"DELETE FROM clicks WHERE {share} AND target != '{other.id}'")
     store = TargetStore(path)
     left, same = store.all()
-    assert (left.id, left.number, len(left.fixings), same) == (one.id, 1, 1, other)
+    assert (left.id, left.number, len(left.clicks), same) == (one.id, 1, 1, other)
     # Rows are written to 1e-9 deg, 0.1 mm; the two clicks are 1 m apart.
     far_deg = 1e-9 if "IN" in share else 2e-5
     assert left.place.longitude_deg == pytest.approx(one.place.longitude_deg, abs=far_deg)

@@ -132,8 +132,8 @@ def test_nothing_goes_out_while_it_is_off():
 def test_what_cannot_be_said_is_counted_and_holds_nothing_up():
     member = Member.of_group(GROUP)
     with sharing(f"udp://{GROUP}:{member.port}?interface=127.0.0.1") as link:
-        apart = (target(1).fixings[0], target(1, latitude_deg=-48.0).fixings[0])
-        link.targets([dataclasses.replace(target(1), fixings=apart), target(2)])
+        apart = (target(1).clicks[0], target(1, latitude_deg=-48.0).clicks[0])
+        link.targets([dataclasses.replace(target(1), clicks=apart), target(2)])
         member.got(lambda event: event.get("uid") == uid(2))
         assert link.status.error == "1 events could not be sent"
 

@@ -21,13 +21,14 @@ from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedBuffer
 from tirgeo_ros.core.ground.backprojection import Ground, Reason
-from tirgeo_ros.core.ground.ground_point import Located, MarkedPlace, Refusal, place
+from tirgeo_ros.core.ground.ground_point import Answer, Located, Refusal, place
 from tirgeo_ros.core.map.layers import Colour, LayerStyle
 from tirgeo_ros.core.map.polylines import Polylines
 from tirgeo_ros.core.overlay.label_placement import FreeSpace, wish_beside
 from tirgeo_ros.core.overlay.line_renderer import LineRenderer, mark_radius_px, marks_as_lines
 from tirgeo_ros.core.overlay.text_rendering import Box, TextBitmap, stamp, text_px
 from tirgeo_ros.core.overlay.uncertainty_rendering import ELLIPSE_BGR, MARK_TIMES, ellipse_dashes
+from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.arrays import Array, Pixels
 from tirgeo_ros.core.types.poses import CameraPose
 
@@ -71,7 +72,7 @@ class Clicks:
         self._ground: Ground | None = None
         self._shown: StampedBuffer[ShownFrame] = StampedBuffer(REMEMBERED_S)
         self._located: deque[Located] = deque(maxlen=MARKERS)
-        self._targets: Sequence[MarkedPlace] | None = None
+        self._targets: Sequence[Target] | None = None
         self._target_markers: list[Marker] = []
 
     def set_plane(self, plane: TangentPlane) -> None:
@@ -81,12 +82,11 @@ class Clicks:
         self._shown.clear()
         self._plane = plane
         for number, one in enumerate(self._located):
-            place_rad = one.latitude_rad, one.longitude_rad
-            point_n = plane.ned_from_geodetic(*place_rad, one.height_m)
+            point_n = plane.ned_from_geodetic(one.latitude_rad, one.longitude_rad, one.height_m)
             self._located[number] = dataclasses.replace(one, point_n=point_n)
         self._place_targets()
 
-    def set_targets(self, targets: Sequence[MarkedPlace]) -> None:
+    def set_targets(self, targets: Sequence[Target]) -> None:
         """Mark these places from now on, and no click that is not among them."""
         self._targets = targets
         self._place_targets()
@@ -95,11 +95,12 @@ class Clicks:
         if self._plane is None or not self._targets:
             self._target_markers = []
             return
-        places = [(one.latitude_rad, one.longitude_rad, one.height_m) for one in self._targets]
-        points_n = self._plane.ned_from_geodetic(*np.array(places).T)
+        places = [target.place for target in self._targets]
+        geodetic = [(one.latitude_rad, one.longitude_rad, one.height_m) for one in places]
+        points_n = self._plane.ned_from_geodetic(*np.array(geodetic).T)
         self._target_markers = [
-            Marker(point_n, one.label, one.covariance_n)
-            for point_n, one in zip(points_n, self._targets, strict=True)
+            Marker(point_n, target.label, one.covariance_n)
+            for point_n, target, one in zip(points_n, self._targets, places, strict=True)
         ]
 
     def set_ground(self, ground: Ground | None) -> None:
@@ -117,7 +118,7 @@ class Clicks:
         """Remember a published picture; ``stamp_ns`` is the stamp of its header."""
         self._shown.put(stamp_ns, ShownFrame(camera, pose, rates))
 
-    def locate(self, uv: tuple[float, float], stamp_ns: int = 0) -> Located | Refusal:
+    def locate(self, uv: tuple[float, float], stamp_ns: int = 0) -> Answer:
         """Return the ground point at a pixel (column, row) of a shown picture; 0 is the newest."""
         answer = self._answer(uv, stamp_ns)
         if isinstance(answer, Refusal):
@@ -138,7 +139,7 @@ class Clicks:
             if newest_ns is None or abs(newest_ns - one.stamp_ns) <= MARKER_S * 1e9
         ]
 
-    def _answer(self, uv: tuple[float, float], stamp_ns: int) -> Located | Refusal:
+    def _answer(self, uv: tuple[float, float], stamp_ns: int) -> Answer:
         newest_ns = self._shown.newest_ns
         if newest_ns is None:
             return Refusal(stamp_ns, uv, Reason.NO_PICTURE)

@@ -73,7 +73,7 @@ def _target_event(target: Target, now_ns: int, valid_s: float) -> ET.Element:
 
 def _words(target: Target) -> str:
     """Return what a person is told of a target: kind, note, when, by whom, how often."""
-    clicks = len(target.fixings)
+    clicks = len(target.clicks)
     said = (
         target.kind,
         cut(target.note, _MOST_NOTE),

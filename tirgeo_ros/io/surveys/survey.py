@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-from tirgeo_ros.core.ground.ground_point import Located, Refusal
+from tirgeo_ros.core.ground.ground_point import Answer
 from tirgeo_ros.core.types.errors import SurveyError
 from tirgeo_ros.io.files.text_file import read_text
 from tirgeo_ros.io.files.whole_files import PathLike, csv_text, write_files
@@ -211,4 +211,4 @@ class Answered(NamedTuple):
     """Hold a pixel of a list and its located point or refusal."""
 
     id: str
-    answer: Located | Refusal
+    answer: Answer

@@ -7,7 +7,8 @@ import struct
 from collections import defaultdict
 from collections.abc import Sequence
 
-from tirgeo_ros.core.targets.target import KINDS, Fixing, Target
+from tirgeo_ros.core.ground.ground_point import Located
+from tirgeo_ros.core.targets.target import KINDS, Target
 from tirgeo_ros.io.targets.properties import COLUMNS, of_target
 
 APPLICATION_ID, VERSION = 0x47504B47, 10300  # "GPKG"
@@ -124,7 +125,7 @@ def put_target(db: sqlite3.Connection, target: Target) -> None:
     )
     db.executemany(
         f"INSERT INTO clicks (target, stamp_ns, {_CLICK}) VALUES (?, ?, ?, ?, ?, ?)",  # noqa: S608
-        [(target.id, *_click_row(one)) for one in target.fixings],
+        [(target.id, *_click_row(one)) for one in target.clicks],
     )
 
 
@@ -160,28 +161,28 @@ def load_targets(db: sqlite3.Connection) -> list[Target]:
     A target whose clicks are gone has one, at its place. Raises TargetError, TypeError or
     ValueError for rows that are none of ours.
     """
-    clicks: defaultdict[str, list[Fixing]] = defaultdict(list)
+    clicks: defaultdict[str, list[Located]] = defaultdict(list)
     rows = db.execute(f"SELECT target, stamp_ns, {_CLICK} FROM clicks ORDER BY fid")  # noqa: S608
     for target_id, *click in rows:
-        clicks[target_id].append(_fixing(*click))
+        clicks[target_id].append(_click(*click))
     columns = f"name, target_kind, note, aircraft, {_MADE}, stamp_ns, {_CLICK}"
     targets = []
     for row in db.execute(f"SELECT {columns} FROM targets ORDER BY number"):  # noqa: S608
         own = clicks[row[4]]
         if not own and None not in row[4:]:
-            own = [_fixing(*row[-5:])]
+            own = [_click(*row[-5:])]
         if own:
             targets.append(_target(row, own))
     return targets
 
 
-def _fixing(
+def _click(
     stamp_ns: int, latitude: float, longitude: float, height_m: float, numbers: str
-) -> Fixing:
-    return Fixing(stamp_ns, latitude, longitude, height_m, tuple(map(float, numbers.split())))
+) -> Located:
+    return Located(stamp_ns, latitude, longitude, height_m, tuple(map(float, numbers.split())))
 
 
-def _target(row: Sequence[object], clicks: Sequence[Fixing]) -> Target:
+def _target(row: Sequence[object], clicks: Sequence[Located]) -> Target:
     """Return a target; names, kinds and notes may be those that a GIS gave it."""
     name, kind, note, aircraft, target_id, number, created_ns, changed_ns, *_ = row
     known = str(kind) if kind in KINDS else "other"
@@ -190,7 +191,7 @@ def _target(row: Sequence[object], clicks: Sequence[Fixing]) -> Target:
     return Target(str(target_id), int(str(number)), *words, *times, tuple(clicks))
 
 
-def _click_row(one: Fixing) -> tuple[object, ...]:
+def _click_row(one: Located) -> tuple[object, ...]:
     covariance = " ".join(repr(float(number)) for number in one.covariance_enu)
     place = (one.latitude_deg, one.longitude_deg, one.height_m)
     return int(one.stamp_ns), *map(float, place), covariance

@@ -11,11 +11,13 @@ from collections.abc import Sequence
 from datetime import datetime, timedelta, timezone
 from typing import Any, NamedTuple
 
-from tirgeo_ros.core.ground.ground_point import Refusal
-from tirgeo_ros.core.targets.target import Fixing, Target, fixing_of
+from tirgeo_ros.core.ground.ground_point import Located, Refusal
+from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.io.coordinates.written import written
 from tirgeo_ros.io.surveys.survey import Answered
 
+#: What files keep of a click.
+CLICK = ("stamp_ns", "latitude_deg", "longitude_deg", "height_m", "covariance_enu")
 #: Line end, zero-width non-joiner, zero-width joiner.
 _KEPT = "\n\u200c\u200d"
 #: Property of a place -> its type in SQL.
@@ -64,12 +66,12 @@ def of_target(target: Target) -> dict[str, Any]:
         "aircraft": utf8(target.aircraft),
         "created_ns": target.created_ns,
         "changed_ns": target.changed_ns,
-        "clicks": len(target.fixings),
+        "clicks": len(target.clicks),
         "clicks_agree": target.clicks_agree,
     } | of_place(target.place)
 
 
-def of_place(place: Fixing) -> dict[str, Any]:
+def of_place(place: Located) -> dict[str, Any]:
     """Return the properties of a place; sigmas are one standard deviation, ellipses 95 %."""
     east2, _, _, _, north2, _, _, _, up2 = place.covariance_enu
     major_m, minor_m, azimuth_rad = place.ellipse
@@ -138,14 +140,16 @@ def _row(number: int, one: Answered) -> Row:
         known = pixel | {key: None for key in OF_PLACE if key not in pixel}
         reason = answer.reason.value
         return Row(known | {"reason": reason}, None, f"not located: {reason}")
-    place = fixing_of(answer)
-    target = target_of_pixel(number, name, place)
-    return Row(pixel | of_place(place) | {"reason": None}, target, _words(target))
+    target = target_of_pixel(number, name, answer)
+    return Row(pixel | of_place(answer) | {"reason": None}, target, _words(target))
 
 
-def target_of_pixel(number: int, name: str, place: Fixing) -> Target:
+def target_of_pixel(number: int, name: str, place: Located) -> Target:
     """Return a located pixel as a target: the same one for the same file, number and name."""
-    own_id = uuid.uuid5(uuid.NAMESPACE_URL, f"tirgeo/{place}/{number}/{name!r}").hex
+    numbers = {key: getattr(place, key) for key in CLICK}
+    words = ", ".join(f"{key}={value!r}" for key, value in numbers.items())
+    # "Fixing" as ever, so that a map knows the point of an earlier export again.
+    own_id = uuid.uuid5(uuid.NAMESPACE_URL, f"tirgeo/Fixing({words})/{number}/{name!r}").hex
     return Target(own_id, number, name, "other", "", "", place.stamp_ns, place.stamp_ns, (place,))
 
 

@@ -12,7 +12,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from tirgeo_ros.core.targets.target import KINDS, Fixing, Target
+from tirgeo_ros.core.ground.ground_point import Located
+from tirgeo_ros.core.targets.target import KINDS, Target
 from tirgeo_ros.core.types.errors import TargetError
 from tirgeo_ros.io.files.text_file import read_text
 from tirgeo_ros.io.files.whole_files import PathLike
@@ -100,10 +101,10 @@ def _target(row: Mapping[str, Any], place_in_file: int) -> Target:
     latitude, longitude, height_m = (
         float(row[key]) for key in ("latitude_deg", "longitude_deg", "height_m")
     )
-    fixing = Fixing(int(row["stamp_ns"]), latitude, longitude, height_m, covariance)
+    click = Located(int(row["stamp_ns"]), latitude, longitude, height_m, covariance)
     if "number" not in row:
-        return target_of_pixel(place_in_file, str(row["id"]), fixing)
+        return target_of_pixel(place_in_file, str(row["id"]), click)
     kind = row["target_kind"] if row["target_kind"] in KINDS else "other"
     words = str(row["name"]), kind, str(row["note"]), str(row["aircraft"])
     times = int(row["created_ns"]), int(row["changed_ns"])
-    return Target(str(row["id"]), int(row["number"]), *words, *times, (fixing,))
+    return Target(str(row["id"]), int(row["number"]), *words, *times, (click,))

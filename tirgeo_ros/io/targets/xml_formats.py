@@ -6,7 +6,8 @@ import html
 from collections.abc import Sequence
 from xml.etree import ElementTree as ET
 
-from tirgeo_ros.core.targets.target import Fixing, Target
+from tirgeo_ros.core.ground.ground_point import Located
+from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.io.cot.target_events import target_event
 from tirgeo_ros.io.surveys.survey import Answered
 from tirgeo_ros.io.targets.properties import Row, legible, of_answers, utc
@@ -54,7 +55,7 @@ def _add_placemark(document: ET.Element, row: Row) -> None:
         _add_kml_shapes(mark, row.target.place)
 
 
-def _add_kml_shapes(mark: ET.Element, place: Fixing) -> None:
+def _add_kml_shapes(mark: ET.Element, place: Located) -> None:
     both = ET.SubElement(mark, "MultiGeometry")
     point = ET.SubElement(both, "Point")
     _child(point, "coordinates", f"{place.longitude_deg:.9f},{place.latitude_deg:.9f}")

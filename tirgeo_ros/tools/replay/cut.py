@@ -22,6 +22,8 @@ from tirgeo_ros.io.bags.bag import BagMessage, BagReader, BagWriter, Cdr, TopicF
 from tirgeo_ros.io.bags.bag_writer import is_latched
 from tirgeo_ros.io.bags.cdr import header_stamp_ns
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, made_folder
+from tirgeo_ros.io.messages import TOPIC_TYPES
+from tirgeo_ros.io.messages.json_codec import ANSWER_TOPIC, TARGETS_TOPIC
 from tirgeo_ros.io.targets.reading import read_targets
 from tirgeo_ros.tools.presentation.progress import Report, silent
 
@@ -76,8 +78,20 @@ def cut(
         "input": os.fspath(bag),
         "output": os.fspath(output),
         "parts": written,
+        "warning": "; ".join(_older_forms(reader)) or None,
         "error": f"{reader.path}: {reader.damage}" if reader.damage else None,
     }
+
+
+def _older_forms(reader: BagReader) -> list[str]:
+    """Return a line for each topic of an earlier version that programs of today cannot read."""
+    return [
+        f"{topic}: {kind}, as earlier versions had it; today it is {TOPIC_TYPES[name]}, and no "
+        "program of tirgeo reads the older form"
+        for topic, kind in reader.topics().items()
+        for name in (ANSWER_TOPIC, TARGETS_TOPIC)
+        if topic.endswith(f"/{name}") and kind != TOPIC_TYPES[name]
+    ]
 
 
 def _window(reader: BagReader, begin: Instant, end: Instant) -> tuple[int, int]:
@@ -116,7 +130,7 @@ def _around_clicks(
     around_ns, lag_ns = round(around_s * _NS), _picture_lag_ns(reader)
     parts = []
     for target in targets:
-        clicks_ns = sorted(one.stamp_ns + lag_ns for one in target.fixings)
+        clicks_ns = sorted(one.stamp_ns + lag_ns for one in target.clicks)
         flown_ns = [one for one in clicks_ns if first_ns <= one <= last_ns]
         for number, (start_ns, end_ns) in enumerate(_passes(flown_ns, around_ns), 1):
             again = f"_{number}" if number > 1 else ""
