@@ -27,9 +27,9 @@ from tirgeo_ros.core.aircraft_calibration.whitened_innovations import (
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding, StateEstimate, source_of
 from tirgeo_ros.core.navigation.alignment.aligner import Aligner, Alignment
-from tirgeo_ros.core.navigation.ekf import Ekf
-from tirgeo_ros.core.navigation.imu_checks import in_body_axes
-from tirgeo_ros.core.navigation.ins_error_model import ATTITUDE, POSITION, STATES, VELOCITY
+from tirgeo_ros.core.navigation.ins.ins_error_model import ATTITUDE, POSITION, STATES, VELOCITY
+from tirgeo_ros.core.navigation.timeline.ekf import Ekf
+from tirgeo_ros.core.navigation.timeline.imu_checks import in_body_axes
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
@@ -132,22 +132,24 @@ class FlightRuns:
         mechanisation = FollowedMechanisation(config)
         fusion = WhiteningFusion(config, values, mechanisation, readings)
         ekf = Ekf(config, start, mechanisation, fusion)
-        beliefs: list[tuple[int, StateEstimate]] = []
+        estimates: list[tuple[int, StateEstimate]] = []
         imu = [sample for sample in self.recorded.imu if sample.stamp_ns > start.stamp_ns]
         for sample in _merged(imu, [sample for _, sample in chosen]):
             if not isinstance(sample, ImuSample):
                 ekf.add_aiding(sample)
                 continue
             ekf.add_imu(sample)
-            if not beliefs or sample.stamp_ns - beliefs[-1][0] >= _ATTITUDE_STEP_NS:
-                beliefs.append((sample.stamp_ns, ekf.belief()))
-        return _run(values, fusion.white, beliefs)
+            if not estimates or sample.stamp_ns - estimates[-1][0] >= _ATTITUDE_STEP_NS:
+                estimates.append((sample.stamp_ns, ekf.estimate()))
+        return _run(values, fusion.white, estimates)
 
     def _aids(self, values: Array) -> list[Aiding]:
         return restamped(self.recorded.aids, values, reported_direction_rad(self.config))
 
 
-def _run(values: Array, white: list[White], beliefs: list[tuple[int, StateEstimate]]) -> FilterRun:
+def _run(
+    values: Array, white: list[White], estimates: list[tuple[int, StateEstimate]]
+) -> FilterRun:
     if not white or not np.all(np.isfinite(white[-1].error)):
         raise CalibrationError("the filter finds no measurement to use; 'tirgeo check' says why")
     stamps = np.repeat([one.stamp_ns for one in white], [len(one.error) for one in white])
@@ -157,10 +159,10 @@ def _run(values: Array, white: list[White], beliefs: list[tuple[int, StateEstima
         np.concatenate([one.error for one in white]),
         np.concatenate([one.slope for one in white]).reshape(-1, len(PARAMETERS)),
         (stamps - stamps.min()).astype(float),
-        [stamp_ns for stamp_ns, _ in beliefs],
-        np.array([belief.state.q_nb for _, belief in beliefs]).reshape(-1, 4),
-        np.array([belief.state.velocity_n for _, belief in beliefs]).reshape(-1, 3),
-        min(math.sqrt(belief.covariance[0, 0]) for _, belief in beliefs),
+        [stamp_ns for stamp_ns, _ in estimates],
+        np.array([estimate.state.q_nb for _, estimate in estimates]).reshape(-1, 4),
+        np.array([estimate.state.velocity_n for _, estimate in estimates]).reshape(-1, 3),
+        min(math.sqrt(estimate.covariance[0, 0]) for _, estimate in estimates),
     )
 
 

@@ -30,11 +30,10 @@ from tirgeo_ros.core.frames.wgs84 import gravity_down
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.aiding.state_estimate import AidMeasurement, Fused, StateEstimate
-from tirgeo_ros.core.navigation.delayed_measurements import Carried
-from tirgeo_ros.core.navigation.ins_error_model import feedback, states_of
-from tirgeo_ros.core.navigation.kalman import update
-from tirgeo_ros.core.navigation.propagation import Propagation
-from tirgeo_ros.core.navigation.strapdown import NavState
+from tirgeo_ros.core.navigation.ins.ins_error_model import feedback, states_of
+from tirgeo_ros.core.navigation.ins.kalman import update
+from tirgeo_ros.core.navigation.ins.propagation import Propagated, Propagation
+from tirgeo_ros.core.navigation.ins.strapdown import NavState
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
@@ -70,10 +69,10 @@ class FollowedMechanisation(Propagation):
         super().__init__(config)
         self._motion = np.eye(states_of(config))
 
-    def followed(self, carried: Carried) -> Carried:
-        """Return ``carried`` with its covariance propagated, as the base class does."""
-        found = super().followed(carried)
-        if found is not carried:
+    def followed(self, now: Propagated) -> Propagated:
+        """Return ``now`` with its covariance propagated, as the base class does."""
+        found = super().followed(now)
+        if found is not now:
             self._motion = self._propagation.transition @ self._motion
         return found
 
@@ -104,18 +103,18 @@ class WhiteningFusion(Fusion):
     def _judged(
         self,
         aid: AidMeasurement,
-        belief: StateEstimate,
+        estimate: StateEstimate,
         autopilot_q_nb: Array | None,  # noqa: ARG002
     ) -> Fused:
-        """Return the belief with a measurement in it, whatever its innovation."""
-        state, covariance, control = belief[:3]
+        """Return the estimate with a measurement in it, whatever its innovation."""
+        state, covariance, aids = estimate[:3]
         reading = self._readings[aid.source, aid.stamp_ns]
         plain = aid.measurement
         measurement = plain._replace(noise=plain.noise / reading.weight, gate_sigma=_NO_GATE)
         ratio, error, updated, predicted, _ = update(covariance, measurement)
         if error is None or updated is None:
             verdict = Verdict(aid.source, Outcome.INVALID, "impossible covariance")
-            return Fused(verdict, belief)
+            return Fused(verdict, estimate)
         spread = predicted + measurement.noise
         design, innovation = measurement.design, measurement.innovation
         moved = self._mechanisation.taken() @ self._state_slope
@@ -134,10 +133,10 @@ class WhiteningFusion(Fusion):
                 whitened[:, 1:],
             )
         )
-        track = control.track(aid.source).used(aid.stamp_ns, self._timeout_ns)
-        control = control.with_track(aid.source, track)
+        track = aids.track(aid.source).used(aid.stamp_ns, self._timeout_ns)
+        aids = aids.with_track(aid.source, track)
         verdict = Verdict(aid.source, Outcome.USED, "", ratio, tuple(innovation.tolist()))
-        return Fused(verdict, StateEstimate(feedback(state, error), updated, control))
+        return Fused(verdict, StateEstimate(feedback(state, error), updated, aids))
 
     def _direct_partials(
         self, source: Source, state: NavState, reading: WhiteningReading
