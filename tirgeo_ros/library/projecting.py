@@ -20,7 +20,7 @@ from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.core.types.errors import SurveyError, TableError
 from tirgeo_ros.io.files.whole_files import PathLike, path_of, write_files
 from tirgeo_ros.io.surveys.survey import Answered
-from tirgeo_ros.io.targets.exports import exported_answers, form_of
+from tirgeo_ros.io.targets.formats import exported_answers, form_of
 from tirgeo_ros.library.parameters import Config, load_config
 from tirgeo_ros.library.picture_pose import PicturePose
 from tirgeo_ros.library.tables import check_unmasked

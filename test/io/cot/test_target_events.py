@@ -10,8 +10,13 @@ import pytest
 
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.targets.target import KINDS, Target
-from tirgeo_ros.io.cot.event import encoded
-from tirgeo_ros.io.cot.target_events import COLOURS, deletion_event, target_event, withdrawn_event
+from tirgeo_ros.io.cot.events import (
+    COLOURS,
+    deletion_event,
+    encoded,
+    target_event,
+    withdrawn_event,
+)
 
 SEEN_NS = 1_634_731_235_605_555_556  # 2021-10-20, 12:00:35.605 UTC
 NOW_NS = SEEN_NS + 60_000_000_000

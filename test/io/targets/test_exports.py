@@ -14,8 +14,7 @@ import pytest
 from target_samples import ANSWERS, COVARIANCE, FOUND, HOSTILE, STAMP_NS, TARGETS, click, target
 
 from tirgeo_ros.io.surveys.survey import Answered
-from tirgeo_ros.io.targets.exports import FORMATS, exported, exported_answers, form_of
-from tirgeo_ros.io.targets.xml_formats import cot
+from tirgeo_ros.io.targets.formats import FORMATS, cot, exported, exported_answers, form_of
 
 KML = "{http://www.opengis.net/kml/2.2}"
 GPX = "{http://www.topografix.com/GPX/1/1}"

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from target_samples import ANSWERS, HOSTILE, TARGETS, click, target
 
 from tirgeo_ros.core.types.errors import TargetError
-from tirgeo_ros.io.targets.exports import exported, exported_answers
-from tirgeo_ros.io.targets.reading import read_targets
+from tirgeo_ros.io.targets.formats import exported, exported_answers, read_targets
 from tirgeo_ros.io.targets.store import TargetStore
 
 

@@ -12,7 +12,7 @@ from target_samples import click
 from tirgeo_ros.core.targets.target import averaged
 from tirgeo_ros.core.types.errors import TargetError
 from tirgeo_ros.io.targets import store as store_module
-from tirgeo_ros.io.targets.exports import exported
+from tirgeo_ros.io.targets.formats import exported
 from tirgeo_ros.io.targets.store import (
     MOST_CLICKS,
     MOST_NAME,

@@ -10,7 +10,7 @@ import pytest
 from cot_objects import flying, sharing, target
 from tak_server import Member, free_port, wait_until
 
-from tirgeo_ros.io.cot.event import utc
+from tirgeo_ros.core.types.texts import utc
 from tirgeo_ros.page.cot import link
 from tirgeo_ros.page.cot import outbox as outbox_module
 from tirgeo_ros.page.cot.address import CotParameters

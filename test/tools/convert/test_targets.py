@@ -7,8 +7,7 @@ import json
 import pytest
 from target_samples import TARGETS
 
-from tirgeo_ros.io.targets.exports import exported
-from tirgeo_ros.io.targets.reading import read_targets
+from tirgeo_ros.io.targets.formats import exported, read_targets
 from tirgeo_ros.tools.cli.main import main
 
 

@@ -17,7 +17,7 @@ from target_samples import STAMP_NS, click, target
 from tirgeo_ros.core.types.errors import BagError, TargetError
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
 from tirgeo_ros.io.messages import Messages
-from tirgeo_ros.io.targets.exports import exported
+from tirgeo_ros.io.targets.formats import exported
 from tirgeo_ros.io.targets.store import TargetStore
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.replay.cut import cut

@@ -18,9 +18,17 @@ from tirgeo_ros.core.frames.wgs84 import ecef_from_geodetic
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.targets.target import KINDS, MOST_TARGETS, Target
 from tirgeo_ros.core.types.errors import TargetError
-from tirgeo_ros.io.targets.geopackage import next_number, put_picture, put_target, remove_target
-from tirgeo_ros.io.targets.properties import CLICK, legible, utc
-from tirgeo_ros.io.targets.target_file import explained, opened, transaction
+from tirgeo_ros.core.types.texts import legible, utc
+from tirgeo_ros.io.targets.columns import CLICK
+from tirgeo_ros.io.targets.geopackage import (
+    explained,
+    next_number,
+    opened,
+    put_picture,
+    put_target,
+    remove_target,
+    transaction,
+)
 
 #: Limits: characters, bytes and numbers.
 MOST_NAME, MOST_NOTE, MOST_MARK = 100, 2000, 200

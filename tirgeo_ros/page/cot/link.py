@@ -24,9 +24,11 @@ from pytak.client_functions import supervise_with_reconnect
 
 from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.errors import shown
-from tirgeo_ros.io.cot.aircraft_events import AircraftState, aircraft_event, looks_at_event
-from tirgeo_ros.io.cot.target_events import (
+from tirgeo_ros.io.cot.events import (
+    AircraftState,
+    aircraft_event,
     deletion_event,
+    looks_at_event,
     target_event,
     target_uid,
     withdrawn_event,

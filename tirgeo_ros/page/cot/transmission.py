@@ -13,7 +13,7 @@ from typing import Any
 import pytak
 
 from tirgeo_ros.core.types.errors import TirgeoError
-from tirgeo_ros.io.cot.event import encoded
+from tirgeo_ros.io.cot.events import encoded
 from tirgeo_ros.page.cot.outbox import Entry, Outbox
 
 #: A peer that takes nothing for so long is gone: a cut radio link says nothing of itself.

@@ -6,8 +6,7 @@ import os
 
 from tirgeo_ros.core.types.errors import TargetError
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
-from tirgeo_ros.io.targets.exports import exported, form_of
-from tirgeo_ros.io.targets.reading import read_targets
+from tirgeo_ros.io.targets.formats import exported, form_of, read_targets
 
 
 def convert_targets(

@@ -10,7 +10,7 @@ import math
 import os
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from datetime import datetime, timezone
+from datetime import datetime
 from itertools import islice
 from pathlib import Path
 from statistics import median
@@ -18,13 +18,14 @@ from typing import NamedTuple
 
 from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.errors import BagError, MessageError, TargetError
+from tirgeo_ros.core.types.texts import utc
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, BagWriter, Cdr, TopicForm
 from tirgeo_ros.io.bags.bag_writer import is_latched
 from tirgeo_ros.io.bags.cdr import header_stamp_ns
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, made_folder
 from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.io.messages.json_codec import ANSWER_TOPIC, TARGETS_TOPIC
-from tirgeo_ros.io.targets.reading import read_targets
+from tirgeo_ros.io.targets.formats import read_targets
 from tirgeo_ros.tools.presentation.progress import Report, silent
 
 _NS = 1_000_000_000
@@ -111,15 +112,8 @@ def _log_time_ns(instant: Instant, first_ns: int, last_ns: int) -> int:
 
 def _flight_times(reader: BagReader) -> str:
     first_ns, last_ns = reader.span_ns
-    begun, ended = (_utc(one) for one in (first_ns, last_ns))
+    begun, ended = (utc(one) for one in (first_ns, last_ns))
     return f"the flight is {(last_ns - first_ns) / _NS:.1f} s long, from {begun} to {ended}"
-
-
-def _utc(time_ns: int) -> str:
-    seconds, rest_ns = divmod(time_ns, _NS)
-    return (
-        f"{datetime.fromtimestamp(seconds, timezone.utc):%Y-%m-%dT%H:%M:%S}.{rest_ns // 10**6:03}Z"
-    )
 
 
 def _around_clicks(
@@ -192,7 +186,7 @@ def _written(reader: BagReader, part: _Part, progress: Report) -> dict[str, obje
         "output": os.fspath(part.path),
         "from_s": (part.start_ns - reader.span_ns[0]) / _NS,
         "to_s": (part.end_ns - reader.span_ns[0]) / _NS,
-        "from_utc": _utc(part.start_ns),
+        "from_utc": utc(part.start_ns),
         "messages": dict(sorted(counts.items())),
         "carried": dict(sorted(Counter(one.topic for one in carried).items())),
     }

@@ -23,8 +23,7 @@ from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
 from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
 from tirgeo_ros.io.pictures.camera_file import given_camera
 from tirgeo_ros.io.surveys.survey import Answered, Observation, load_observations
-from tirgeo_ros.io.targets.exports import exported_answers, form_of
-from tirgeo_ros.io.targets.xml_formats import cot
+from tirgeo_ros.io.targets.formats import cot, exported_answers, form_of
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.finding_lines import finding_items
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks, tried_map
