@@ -12,10 +12,9 @@ from tak_server import Member, free_port, wait_until
 
 from tirgeo_ros.core.types.texts import utc
 from tirgeo_ros.page.cot import link
-from tirgeo_ros.page.cot import outbox as outbox_module
+from tirgeo_ros.page.cot import link as link_module
 from tirgeo_ros.page.cot.address import CotParameters
-from tirgeo_ros.page.cot.link import CotLink, TeamPicture, aircraft_uid
-from tirgeo_ros.page.cot.outbox import Outbox
+from tirgeo_ros.page.cot.link import CotLink, Outbox, TeamPicture, aircraft_uid
 
 GROUP = "239.2.3.1"
 
@@ -51,7 +50,7 @@ def test_the_newest_of_each_waits_and_kept_ones_wait_again():
 
 
 def test_the_outbox_is_bounded_and_counts_what_it_drops(monkeypatch):
-    monkeypatch.setattr(outbox_module, "MOST", 3)
+    monkeypatch.setattr(link_module, "_MOST", 3)
     outbox = Outbox()
     for number in range(5):
         outbox.put(str(number), object(), keep=False)

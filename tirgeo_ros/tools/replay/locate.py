@@ -1,4 +1,4 @@
-"""Locate pixels of a recorded flight on the ground: the work of ``tirgeo locate``.
+"""Locate pixels of a recorded flight on the ground, or convert targets: ``tirgeo locate``.
 
 The results are ground points with error ellipses. The camera poses come from the same core objects
 as those of the nodes and of ``tirgeo process``.
@@ -15,7 +15,7 @@ from statistics import median
 from tirgeo_ros.core.ground.backprojection import Ground, Reason
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.ground_point import Located, Refusal, place
-from tirgeo_ros.core.types.errors import ConfigError, SurveyError
+from tirgeo_ros.core.types.errors import ConfigError, SurveyError, TargetError
 from tirgeo_ros.core.types.finding import Finding, stop_line
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.elevation.elevation_model import ground_of
@@ -23,7 +23,7 @@ from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
 from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
 from tirgeo_ros.io.pictures.camera_file import given_camera
 from tirgeo_ros.io.surveys.survey import Answered, Observation, load_observations
-from tirgeo_ros.io.targets.formats import cot, exported_answers, form_of
+from tirgeo_ros.io.targets.formats import cot, exported, exported_answers, form_of, read_targets
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.finding_lines import finding_items
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks, tried_map
@@ -81,6 +81,30 @@ def locate_pixels(
         "findings": finding_items(findings),
         "error": _error(reader, answers) or stop_line(findings),
         **_summary(answers, ground),
+    }
+
+
+def convert_targets(
+    targets_in: PathLike, output: PathLike, kml_out: PathLike | None = None
+) -> dict[str, object]:
+    """Write targets in the format that the output's name asks for, and as KML if asked.
+
+    Return a summary. Raises TargetError naming the file.
+    """
+    outputs = [path for path in (output, kml_out) if path]
+    check_outputs([targets_in], outputs, TargetError)
+    try:
+        targets = read_targets(targets_in)
+    except TargetError as error:
+        raise TargetError(f"{error} (a recorded flight needs --pixels)") from None
+    forms = {output: form_of(output), kml_out: "kml"}
+    files: dict[PathLike, str | bytes]
+    files = {path: exported(targets, form) for path, form in forms.items() if path}
+    write_files(files, TargetError)
+    return {
+        "input": os.fspath(targets_in),
+        "output": [os.fspath(path) for path in outputs],
+        "targets": len(targets),
     }
 
 
