@@ -28,8 +28,8 @@ LAYERS = {
 }
 #: Within a layer, or a package, each package imports only from those before it.
 ORDER = {
-    "core": "types frames config streams camera ground orthorectification map targets calibration "
-    "accuracy navigation aircraft_calibration gimbal overlay checks",
+    "core": "types frames config streams camera ground orthorectification map targets accuracy "
+    "navigation calibration gimbal overlay checks",
     "core.navigation": "ins aiding alignment timeline estimator smoothing",
     "dji": "clocks protocol link host sources interpret simulator",
     "io": "files coordinates parameters elevation messages logs pictures bags maps surveys cot "

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.calibration.orthophoto.polynomial_transform import PolynomialTransform
+from tirgeo_ros.core.calibration.polynomial_transform import PolynomialTransform
 from tirgeo_ros.core.types.arrays import BoolArray
 from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.io.coordinates.crs import Plane

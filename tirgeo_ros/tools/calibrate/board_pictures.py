@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from tirgeo_ros.core.calibration.checkerboard.board import RefusalReason, Refused
-from tirgeo_ros.core.calibration.checkerboard.detection import grey_of
+from tirgeo_ros.core.calibration.board_detection import grey_of
+from tirgeo_ros.core.calibration.checkerboard import RefusalReason, Refused
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.arrays import RawPixels
 from tirgeo_ros.core.types.errors import BagError, CalibrationError, TirgeoError

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from tirgeo_ros.core.accuracy.ground_errors import rms
-from tirgeo_ros.core.calibration.orthophoto.polynomial_transform import (
+from tirgeo_ros.core.calibration.polynomial_transform import (
     PolynomialTransform,
     Residuals,
     fit_polynomial,

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from tirgeo_ros.core.aircraft_calibration.fit import AircraftFit
-from tirgeo_ros.core.calibration.boresight.fit import BoresightFit
-from tirgeo_ros.core.calibration.boresight.model import PointSighting
-from tirgeo_ros.core.calibration.checkerboard.board import BoardSighting
-from tirgeo_ros.core.calibration.checkerboard.lens_fit import LensFit
-from tirgeo_ros.core.calibration.orthophoto.polynomial_transform import (
+from tirgeo_ros.core.calibration.aircraft_fit import AircraftFit
+from tirgeo_ros.core.calibration.boresight_fit import BoresightFit
+from tirgeo_ros.core.calibration.boresight_model import PointSighting
+from tirgeo_ros.core.calibration.checkerboard import BoardSighting
+from tirgeo_ros.core.calibration.lens_fit import LensFit
+from tirgeo_ros.core.calibration.polynomial_transform import (
     PolynomialTransform,
     Residuals,
 )

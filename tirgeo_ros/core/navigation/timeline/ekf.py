@@ -59,7 +59,7 @@ class Ekf:
     """Run the filter from the end of its alignment. Samples must be finite (see ``estimator``).
 
     ``mechanisation`` and ``fusion`` replace those that ``config`` gives (see
-    ``aircraft_calibration/whitened_innovations``). ``record`` takes what a smoother needs.
+    ``calibration/aircraft_run``). ``record`` takes what a smoother needs.
     """
 
     def __init__(

@@ -11,10 +11,9 @@ from hypothesis import strategies as st
 from imu_noise import FLIGHT_DENSITY as DENSITY
 from imu_noise import FLIGHT_HZ, flicker, flown, gauss_markov, noise, record, walk, white
 
-from tirgeo_ros.core.calibration.allan import noise_fit
-from tirgeo_ros.core.calibration.allan.deviation import allan_curve
-from tirgeo_ros.core.calibration.allan.flight_noise import PIECE_S, pieces_of
-from tirgeo_ros.core.calibration.allan.noise_fit import fit_noise
+from tirgeo_ros.core.calibration import allan
+from tirgeo_ros.core.calibration.allan import allan_curve, fit_noise
+from tirgeo_ros.core.calibration.flight_noise import PIECE_S, pieces_of
 
 HOURS_5 = 1_800_000  # samples at 100 Hz
 STEP_S = 0.01
@@ -180,7 +179,7 @@ def test_a_bias_that_walks_is_more_than_b():
 
 def test_gauss_markov_variances_against_theory():
     tau_s = np.geomspace(1e-4, 1e6, 200)
-    found = noise_fit.gauss_markov(tau_s, 10.0)
+    found = allan.gauss_markov(tau_s, 10.0)
     assert (found > 0).all()
     assert found.max() == pytest.approx(0.382, abs=0.002)  # 0.437^2 * 2: IEEE Std 952, C.1.5
     assert tau_s[np.argmax(found)] == pytest.approx(18.9, rel=0.1)

@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 from imu_noise import gauss_markov
 from sighted_paths import LATENCY_S, POSE_SIGMA, STEP, USUAL, Path, flight_of, seen_by
 
-from tirgeo_ros.core.calibration.boresight.fit import fit, foreseen
-from tirgeo_ros.core.calibration.boresight.model import PARAMETERS, PointSighting, Stepped, sights
-from tirgeo_ros.core.calibration.boresight.observability import check_numbers, doubt
+from tirgeo_ros.core.calibration.boresight_fit import check_numbers, doubt, fit, foreseen
+from tirgeo_ros.core.calibration.boresight_model import PARAMETERS, PointSighting, Stepped, sights
 from tirgeo_ros.core.types.errors import CalibrationError
 
 

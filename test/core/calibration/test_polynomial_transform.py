@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tirgeo_ros.core.calibration.orthophoto.polynomial_transform import TERMS, fit_polynomial
+from tirgeo_ros.core.calibration.polynomial_transform import TERMS, fit_polynomial
 from tirgeo_ros.core.types.errors import CalibrationError
 
 SIZE_PX = np.array([9000.0, 7000.0])

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from bad_boards import bad_boards
 
-from tirgeo_ros.core.calibration.checkerboard.board import (
+from tirgeo_ros.core.calibration.board_detection import find_board, fit_corners
+from tirgeo_ros.core.calibration.checkerboard import (
     BoardSighting,
     Checkerboard,
     RefusalReason,
@@ -18,8 +19,6 @@ from tirgeo_ros.core.calibration.checkerboard.board import (
     board_of,
     steps_of,
 )
-from tirgeo_ros.core.calibration.checkerboard.corner_fit import fit_corners
-from tirgeo_ros.core.calibration.checkerboard.detection import find_board
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.frames.rotations import rotation_z
 from tirgeo_ros.core.types.errors import CalibrationError

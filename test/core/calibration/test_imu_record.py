@@ -8,9 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from imu_noise import record, walk, white
 
-from tirgeo_ros.core.calibration.allan import stillness
-from tirgeo_ros.core.calibration.allan.record import record_of
-from tirgeo_ros.core.calibration.allan.stillness import Interval, Seconds, drifts, movements
+from tirgeo_ros.core.calibration.imu_record import (
+    Interval,
+    Seconds,
+    drifts,
+    movements,
+    record_of,
+    seconds_of,
+)
 from tirgeo_ros.core.types.errors import CalibrationError
 
 STEP_NS = 10_000_000
@@ -154,13 +159,13 @@ def rest(seed, size=SIZE):
     return values
 
 
-def seconds_of(values):
-    return stillness.seconds_of(record(values, STEP_S))
+def in_seconds(values):
+    return seconds_of(record(values, STEP_S))
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_rest_is_rest(seed):
-    seconds = seconds_of(rest(seed))
+    seconds = in_seconds(rest(seed))
     assert len(seconds.starts_s) == 1200
     assert movements(seconds) == []
     assert not np.any(drifts(seconds)[1:])
@@ -171,24 +176,24 @@ def test_a_turn_a_tilt_and_a_knock_are_named():
     values[30_000:30_250, 2] += 0.05  # turned by 7 deg within 2.5 s
     values[60_000:, 3] += 9.8 * np.sin(np.radians(2))  # laid down askew
     values[90_050, 4] += 20.0  # a knock of one sample
-    found = movements(seconds_of(values))
+    found = movements(in_seconds(values))
     assert found == [Interval(299, 304), Interval(599, 601), Interval(899, 902)]
 
 
 def test_a_flight_has_moved_all_along():
     values = rest(4, 12_000)
     values[:, 0] += 0.05 * np.sin(np.arange(12_000) / RATE_HZ)
-    assert movements(seconds_of(values)) == [Interval(0, 120)]
+    assert movements(in_seconds(values)) == [Interval(0, 120)]
     values = rest(4, 12_000)
     values[:, :3] *= 30  # 0.3 deg/sqrt(s): the noisiest gyroscope on sale lies still
-    assert movements(seconds_of(values)) == []
+    assert movements(in_seconds(values)) == []
 
 
 def test_a_slow_drift_is_told_with_its_slope():
     values = rest(3)
     slope = 2e-5 / 60  # rad/s a second
     values[:, 1] += slope * np.arange(SIZE) / RATE_HZ
-    changes, steady, settles = drifts(seconds_of(values))
+    changes, steady, settles = drifts(in_seconds(values))
     assert steady.tolist() == [False, True, False, False, False, False]
     assert not settles.any()
     # White noise of N lets a slope scatter by N sqrt(12 / T^3): 1.4e-8.
@@ -211,7 +216,7 @@ def test_a_sensor_that_warms_up_is_named_with_its_change(time_s):
     values = rest(8)
     t = np.arange(SIZE) / RATE_HZ
     values[:, 2] -= 2e-3 * (1 - np.exp(-t / time_s))
-    changes, steady, settles = drifts(seconds_of(values))
+    changes, steady, settles = drifts(in_seconds(values))
     assert not steady.any()
     assert settles.tolist() == [False, False, True, False, False, False]
     # The time constants that are tried are up to 2^0.125 off: 10 % of the change at most.

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from tirgeo_ros.core.calibration.checkerboard.board import (
+from tirgeo_ros.core.calibration.checkerboard import (
     BoardSighting,
     Checkerboard,
     RefusalReason,

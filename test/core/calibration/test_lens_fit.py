@@ -7,17 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.calibration.checkerboard.board import (
+from tirgeo_ros.core.calibration.checkerboard import (
     BoardSighting,
+    BoardTracker,
     Checkerboard,
     RefusalReason,
-)
-from tirgeo_ros.core.calibration.checkerboard.board_pose import (
-    BoardTracker,
     board_poses,
     camera_angles,
 )
-from tirgeo_ros.core.calibration.checkerboard.lens_fit import (
+from tirgeo_ros.core.calibration.lens_fit import (
     LensModel,
     doubtful_views,
     fit_lens,

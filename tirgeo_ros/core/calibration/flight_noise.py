@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.calibration.allan.record import ImuRecord
+from tirgeo_ros.core.calibration.imu_record import ImuRecord
 from tirgeo_ros.core.types.arrays import Array, BoolArray
 
 #: Frequency that separates motion, below, from vibration, above.
