@@ -26,18 +26,6 @@ JPEG = b"\xff\xd8 a picture"
 JOINERS = str.maketrans("", "", "\u200c\u200d")
 
 
-@pytest.fixture
-def path(tmp_path):
-    return tmp_path / "targets.gpkg"
-
-
-@pytest.fixture
-def store(path):
-    opened = TargetStore(path)
-    yield opened
-    opened.close()
-
-
 def reopened(store):
     store.close()
     return TargetStore(store.path)
