@@ -75,8 +75,8 @@ class PageBackend:
     async def where(self, aircraft: str, latitude_deg: float, longitude_deg: float) -> Pixel | str:
         """Return where a place is in the newest picture, or why it isn't there."""
         place = math.radians(latitude_deg), math.radians(longitude_deg)
-        found = await asyncio.to_thread(self._aircraft[aircraft].where, *place)
-        return found if isinstance(found, str) else Pixel(*found)
+        pixel = await asyncio.to_thread(self._aircraft[aircraft].where, *place)
+        return pixel if isinstance(pixel, str) else Pixel(*pixel)
 
     async def record(self, aircraft: str, on: bool) -> str:
         """Begin or end a recording; return words for the operator."""

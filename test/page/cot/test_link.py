@@ -11,7 +11,6 @@ from cot_objects import flying, sharing, target
 from tak_server import Member, free_port, wait_until
 
 from tirgeo_ros.core.types.texts import utc
-from tirgeo_ros.page.cot import link
 from tirgeo_ros.page.cot import link as link_module
 from tirgeo_ros.page.cot.address import CotParameters
 from tirgeo_ros.page.cot.link import CotLink, Outbox, TeamPicture, aircraft_uid
@@ -81,7 +80,7 @@ def test_targets_of_an_earlier_run_are_deleted_too():
 
 
 def test_old_deletions_are_not_said_for_ever(monkeypatch):
-    monkeypatch.setattr(link, "_DELETIONS_KEPT", 2)
+    monkeypatch.setattr(link_module, "_DELETIONS_KEPT", 2)
     outbox = Outbox()
     picture = TeamPicture(outbox)
     picture.targets([target(number) for number in range(4)])

@@ -179,8 +179,9 @@ def place(
     points_n, reasons = locate(camera, pose, np.array([uv]), plane, ground)
     if reasons[0] is not None:
         return Refusal(pose.stamp_ns, uv, reasons[0])
-    known = math.isfinite(pose.covariance.sum())
-    timed = timed_covariance(pose, rates, config.latency_sigma_s) if known else pose.covariance
+    timed = pose.covariance
+    if math.isfinite(timed.sum()):
+        timed = timed_covariance(pose, rates, config.latency_sigma_s)
     if not math.isfinite(timed.sum()):
         return Refusal(pose.stamp_ns, uv, Reason.UNCERTAIN_POSE)
     point_n = points_n[0]
@@ -228,10 +229,10 @@ def point_covariance(
     if not isinstance(ground, Terrain):
         return _on_ground(off_ray, offset_n, up_n, up_n, sigma_m)
     slopes = Slopes(ground, latitude, longitude, axes_n)
-    found = _on_ground(off_ray, offset_n, slopes.normal_n(slopes.cell_m), up_n, sigma_m)
-    spread = float(found[0, 0] + found[1, 1])
+    covariance_n = _on_ground(off_ray, offset_n, slopes.normal_n(slopes.cell_m), up_n, sigma_m)
+    spread = float(covariance_n[0, 0] + covariance_n[1, 1])
     if not spread > (2 * slopes.cell_m) ** 2:  # "not >" also catches nan
-        return found
+        return covariance_n
     # Over the length of the error, but at most a tenth of the distance: one slope cannot describe
     # the terrain over more.
     step_m = min(math.sqrt(spread), 0.1 * math.hypot(*offset_n.tolist()))

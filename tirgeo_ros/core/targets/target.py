@@ -138,14 +138,16 @@ def _average(clicks: tuple[Located, ...]) -> tuple[Located, float]:
         return clicks[0], 0.0
     clicks = tuple(sorted(clicks, key=_numbers))  # for the same rounding in any order
     plane = clicks[0].plane
-    turns = [plane.rotation_from_local(one.latitude_rad, one.longitude_rad) for one in clicks]
-    latitudes = np.radians([one.latitude_deg for one in clicks])
-    longitudes = np.radians([one.longitude_deg for one in clicks])
-    heights_m = np.array([one.height_m for one in clicks])
+    turns = [
+        plane.rotation_from_local(click.latitude_rad, click.longitude_rad) for click in clicks
+    ]
+    latitudes = np.radians([click.latitude_deg for click in clicks])
+    longitudes = np.radians([click.longitude_deg for click in clicks])
+    heights_m = np.array([click.height_m for click in clicks])
     average = combined(
         plane.ned_from_geodetic(latitudes, longitudes, heights_m),
-        np.array([r @ one.covariance_n @ r.T for r, one in zip(turns, clicks, strict=True)]),
-        np.array([(one.stamp_ns - clicks[0].stamp_ns) * 1e-9 for one in clicks]),
+        np.array([r @ click.covariance_n @ r.T for r, click in zip(turns, clicks, strict=True)]),
+        np.array([(click.stamp_ns - clicks[0].stamp_ns) * 1e-9 for click in clicks]),
     )
     latitude, longitude, height_m = (float(x) for x in plane.geodetic_from_ned(average.position))
     turn = plane.rotation_from_local(latitude, longitude)

@@ -1,4 +1,4 @@
-"""Say targets, aircraft and what their cameras look at as Cursor-on-Target events.
+"""Encode targets, aircraft and what their cameras look at as Cursor-on-Target events.
 
 Version 2.0, XML. The schema calls ``ce`` and ``le`` one standard deviation; TAK's programs read,
 show and write CE90 and LE90 there, and so does this module. Every remark says so.
@@ -205,7 +205,7 @@ def _words(target: Target) -> str:
 
 
 def _error_words(ce90_m: float, le90_m: float) -> str:
-    """Say for a person what ``ce`` and ``le`` of a point mean."""
+    """Return what ``ce`` and ``le`` of a point mean, for a person."""
     if not math.isfinite(ce90_m):
         return "accuracy not known"
     return f"90 % within {ce90_m:.1f} m (ce is CE90), height {le90_m:.1f} m (le is LE90)"

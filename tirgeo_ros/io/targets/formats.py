@@ -296,7 +296,7 @@ def _csv_rows(path: Path, text: str) -> list[dict[str, Any]]:
 
 
 def _target(row: Mapping[str, Any], place_in_file: int) -> Target:
-    """Return a row's target; one without a number is a located pixel's."""
+    """Return a row's target; a row without a number is that of a located pixel."""
     latitude, longitude, height_m = (
         float(row[key]) for key in ("latitude_deg", "longitude_deg", "height_m")
     )

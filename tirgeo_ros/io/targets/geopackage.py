@@ -82,8 +82,8 @@ CREATE TABLE tirgeo_changes (revision INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL
     action TEXT NOT NULL, target TEXT NOT NULL, before TEXT, undone INTEGER NOT NULL);
 CREATE INDEX clicks_of_target ON clicks (target);
 """
-#: What is on, and texts that are still to be chosen from (undo of the change that ``settled`` one
-#: opens it again). Older files hold both among the changes.
+#: Texts that are still to be chosen from (undo of the change that ``settled`` one opens it again),
+#: and what is switched on. Older files hold both among the changes, by negative numbers.
 _OF_PAGE = """
 CREATE TABLE IF NOT EXISTS tirgeo_alternatives (target TEXT NOT NULL, field TEXT NOT NULL,
     text TEXT NOT NULL, settled INTEGER);
@@ -247,9 +247,9 @@ def _check_tables(db: sqlite3.Connection, path: Path) -> None:
         raise TargetError(
             f"{path}: a database that tirgeo did not make; give the targets another name"
         )
-    found = db.execute("PRAGMA quick_check(1)").fetchone()
-    if found != ("ok",):
-        raise TargetError(f"{path}: {_DAMAGED} ({found[0]})")
+    (fault,) = db.execute("PRAGMA quick_check(1)").fetchone()
+    if fault != "ok":
+        raise TargetError(f"{path}: {_DAMAGED} ({fault})")
 
 
 def _load(db: sqlite3.Connection, path: Path) -> list[Target]:
@@ -278,7 +278,7 @@ def _targets(db: sqlite3.Connection) -> list[Target]:
         if not places and None not in (*own, *place):
             places = [_click(*place)]
         if places:
-            targets.append(_target(*own, words, places))
+            targets.append(_target(own, words, places))
     return targets
 
 
@@ -289,17 +289,10 @@ def _click(
     return Located(stamp_ns, latitude, longitude, height_m, covariance)
 
 
-def _target(
-    target_id: object,
-    number: object,
-    created_ns: object,
-    changed_ns: object,
-    words: Sequence[object],
-    clicks: Sequence[Located],
-) -> Target:
+def _target(own: Sequence[object], words: Sequence[object], clicks: Sequence[Located]) -> Target:
     """Return a target; names, kinds and notes may be those that a GIS gave it."""
+    number, created_ns, changed_ns = (int(str(value)) for value in own[1:])
     name, kind, note, aircraft = (str(word or "") for word in words)
     kind = kind if kind in KINDS else "other"
-    times = int(str(created_ns)), int(str(changed_ns))
-    own = str(target_id), int(str(number))
-    return Target(*own, name, kind, note, aircraft, *times, tuple(clicks))
+    texts = (name, kind, note, aircraft)
+    return Target(str(own[0]), number, *texts, created_ns, changed_ns, tuple(clicks))

@@ -164,10 +164,10 @@ class TargetStore:
 
     def alternatives(self) -> dict[str, list[list[str]]]:
         """Return fields and texts that are still to be chosen from, by a target's id."""
-        found = defaultdict(list)
+        texts = defaultdict(list)
         for target_id, field, text in self._read(_OPEN):
-            found[target_id].append([field, text])
-        return found
+            texts[target_id].append([field, text])
+        return texts
 
     def leave_out(self, target_id: str, field: str, text: str, now_ns: int) -> Target:
         """Settle an alternative: the field stays as it is; ``undo`` opens it again."""
@@ -180,7 +180,7 @@ class TargetStore:
 
     def for_others(self) -> list[Target]:
         """Return the targets by number, with the alternatives in their notes."""
-        targets, others = {one.id: one for one in self.all()}, self.alternatives()
+        targets, others = {target.id: target for target in self.all()}, self.alternatives()
         for id_ in targets.keys() & others.keys():
             lines = [f"also written as the {field}: {text}" for field, text in others[id_]]
             note = "\n".join([targets[id_].note, *lines]).strip()
@@ -196,8 +196,8 @@ class TargetStore:
         revision = self.revision
         with self._transaction():
             for field, text in texts.items():
-                for known in (text, was.get(field)):
-                    place = (target_id, field, known)
+                for older in (text, was.get(field)):
+                    place = (target_id, field, older)
                     self._db.execute(f"DELETE FROM tirgeo_alternatives WHERE {_OF}", place)  # noqa: S608
                 row = "INSERT INTO tirgeo_alternatives (target, field, text) VALUES (?, ?, ?)"
                 self._db.execute(row, (target_id, field, text))
@@ -356,7 +356,7 @@ def _identity(path: Path) -> tuple[int, int] | None:
 
 def _record(target: Target) -> str:
     """Return a target as the journal keeps it."""
-    fields = {one.name: getattr(target, one.name) for one in dataclasses.fields(target)}
+    fields = {field.name: getattr(target, field.name) for field in dataclasses.fields(target)}
     clicks = [{key: getattr(click, key) for key in CLICK} for click in fields.pop("clicks")]
     return json.dumps(fields | {"fixings": clicks})
 
@@ -372,12 +372,13 @@ def _before(now: Iterable[Target], action: str, id_: str, text: str | None) -> T
         return None
     fields = json.loads(text)
     clicks = (
-        one | {"covariance_enu": tuple(one["covariance_enu"])} for one in fields.pop("fixings")
+        click | {"covariance_enu": tuple(click["covariance_enu"])}
+        for click in fields.pop("fixings")
     )
-    before = Target(**fields, clicks=tuple(Located(**one) for one in clicks))
+    before = Target(**fields, clicks=tuple(Located(**click) for click in clicks))
     sound = before.kind in KINDS and before.clicks
     largest = max(map(abs, (before.number, before.created_ns, before.changed_ns)))
-    same = {before.id, *(one.id for one in now if one.number == before.number)}
+    same = {before.id, *(other.id for other in now if other.number == before.number)}
     if not sound or largest >= 1 << 63 or same != {id_}:
         raise ValueError(text)
     return before
@@ -409,10 +410,10 @@ def _kind(kind: str) -> str:
     return kind
 
 
-def _distance_m(one: Located, other: Located) -> float:
+def _distance_m(first: Located, second: Located) -> float:
     """Return the distance of two places, straight through the earth."""
     ends = [
         ecef_from_geodetic(math.radians(p.latitude_deg), math.radians(p.longitude_deg), p.height_m)
-        for p in (one, other)
+        for p in (first, second)
     ]
     return math.dist(*ends)

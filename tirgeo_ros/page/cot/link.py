@@ -47,13 +47,13 @@ Maker = Callable[[int], ET.Element]
 _MOST = 5000
 #: An aircraft that reports faster is sent once a second.
 _LEAST_STEP_S = 0.8
-#: Deletions that are said again each minute, for those who missed them.
+#: Deletions that are sent again each minute, for those who missed them.
 _DELETIONS_KEPT = 100
 #: A peer that takes nothing for so long is gone: a cut radio link says nothing of itself.
 _PATIENCE_S = 10.0
 #: A server refuses a client's certificate after the client has counted itself as connected.
 _REFUSAL_S = 0.5
-#: Servers and radios forget; all is said again after this.
+#: Servers and radios forget: all is sent again after this.
 _AGAIN_S = 60.0
 #: A hundred events a second at most: a radio loses a burst of datagrams.
 _PACE_S = 0.01
@@ -63,7 +63,7 @@ _IN_NETWORK = "is this computer in the team's network?"
 _CLOCK = "is the clock of this computer right?"
 _OUT_OF_DATE = ("expired", "not yet valid")
 _WORDS = {
-    socket.gaierror: "no computer of this name is known here; write its IP address in cot",
+    socket.gaierror: "there is no computer of this name here; write its IP address in cot",
     PermissionError: "this computer may not send there; to all in a network: udp://239.2.3.1:6969",
     ConnectionRefusedError: "nobody answers; is the TAK server running, is the port right?",
     ConnectionError: "the server ended the connection; is it running, is it tcp or tls there?",
@@ -129,7 +129,7 @@ class Outbox:
         """Return what is to be sent next, unless it is shut; it waits until ``sent``."""
         with self._lock:
             waiting = () if self.shut else self._waiting.items()
-            return next((Entry(*one) for one in waiting), None)
+            return next((Entry(uid, make) for uid, make in waiting), None)
 
     def sent(self, entry: Entry) -> None:
         """Let an entry wait no more, unless a newer one came meanwhile."""
@@ -140,7 +140,7 @@ class Outbox:
                 self._gone_out.add(entry.uid)
 
     def drop(self, entry: Entry) -> None:
-        """Send no more of an object that cannot be said; count it."""
+        """Send no more of an object whose numbers make no event; count it."""
         self.forget(entry.uid)
         self.dropped += 1
 
@@ -198,7 +198,7 @@ class TeamPicture:
             self._outbox.keep_no_more(self._deleted.popleft())
 
     def aircraft(self, aircraft: str, state: AircraftState) -> None:
-        """Take an aircraft's newest state, which is that of now; one without a place is left."""
+        """Take an aircraft's newest state, which is that of now; drop one without a place."""
         place = state.latitude_deg, state.longitude_deg, state.height_m
         now_s = time.monotonic()
         with self._lock:
@@ -245,8 +245,10 @@ class CotLink:
     gets a line, in that thread, at each change from connected to not connected and back.
     """
 
-    def __init__(self, given: CotParameters, say: Callable[[str], None] = lambda _: None) -> None:
-        self._settings = pytak_settings(given)
+    def __init__(
+        self, parameters: CotParameters, say: Callable[[str], None] = lambda _: None
+    ) -> None:
+        self._settings = pytak_settings(parameters)
         self.endpoint = endpoint(self._settings)
         self._outbox = Outbox()
         self._picture = TeamPicture(self._outbox)
@@ -282,7 +284,7 @@ class CotLink:
         self._picture.targets(targets)
 
     def aircraft(self, aircraft: str, state: AircraftState) -> None:
-        """Take an aircraft's newest state, as often as it is known; about one a second is sent."""
+        """Take an aircraft's newest state, at any rate; about one a second is sent."""
         if self._on:
             self._picture.aircraft(aircraft, state)
 
@@ -433,8 +435,8 @@ def _words(error: BaseException) -> str:
         return _refused(error)
     if isinstance(error, OSError) and error.errno in _NO_WAY:
         return f"no way there; {_IN_NETWORK}"
-    known = (words for kind, words in _WORDS.items() if isinstance(error, kind))
-    return next(known, shown(error, 200))
+    fitting = (words for kind, words in _WORDS.items() if isinstance(error, kind))
+    return next(fitting, shown(error, 200))
 
 
 def _distrusted(error: ssl.SSLCertVerificationError) -> str:

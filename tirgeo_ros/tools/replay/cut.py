@@ -1,7 +1,7 @@
 """Cut parts out of a recorded flight: the work of ``tirgeo cut``.
 
-Messages are copied as they are, of types that are not known too. What a late subscriber would have
-been given (latched topics, the calibration) is carried to the beginning of each part.
+Messages are copied as they are, also those of foreign types. What a late subscriber would have
+received (latched topics, the calibration) is carried to the beginning of each part.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ def _older_forms(reader: BagReader) -> list[str]:
 def _window(reader: BagReader, begin: Instant, end: Instant) -> tuple[int, int]:
     """Return the log times (ns) of a window. Raises BagError if it is not in the flight."""
     first_ns, last_ns = reader.span_ns
-    start_ns, end_ns = (_log_time_ns(one, first_ns, last_ns) for one in (begin, end))
+    start_ns, end_ns = (_log_time_ns(instant, first_ns, last_ns) for instant in (begin, end))
     if start_ns > last_ns or end_ns < first_ns or end_ns < start_ns:
         raise BagError(f"{reader.path}: nothing between these times: {_flight_times(reader)}")
     return start_ns, end_ns
@@ -112,7 +112,7 @@ def _log_time_ns(instant: Instant, first_ns: int, last_ns: int) -> int:
 
 def _flight_times(reader: BagReader) -> str:
     first_ns, last_ns = reader.span_ns
-    begun, ended = (utc(one) for one in (first_ns, last_ns))
+    begun, ended = (utc(time_ns) for time_ns in (first_ns, last_ns))
     return f"the flight is {(last_ns - first_ns) / _NS:.1f} s long, from {begun} to {ended}"
 
 
@@ -124,8 +124,8 @@ def _around_clicks(
     around_ns, lag_ns = round(around_s * _NS), _picture_lag_ns(reader)
     parts = []
     for target in targets:
-        clicks_ns = sorted(one.stamp_ns + lag_ns for one in target.clicks)
-        flown_ns = [one for one in clicks_ns if first_ns <= one <= last_ns]
+        clicks_ns = sorted(click.stamp_ns + lag_ns for click in target.clicks)
+        flown_ns = [click_ns for click_ns in clicks_ns if first_ns <= click_ns <= last_ns]
         for number, (start_ns, end_ns) in enumerate(_passes(flown_ns, around_ns), 1):
             again = f"_{number}" if number > 1 else ""
             path = folder / f"target_{target.number}{again}.mcap"
@@ -142,9 +142,9 @@ def _picture_lag_ns(reader: BagReader) -> int:
     """
     pictures = {topic for topic, kind in reader.topics().items() if kind in _PICTURES}
     lags_ns = [
-        one.log_time_ns - stamp_ns
-        for one in islice(reader.messages(pictures, any_form=True), _MOST_PICTURES)
-        if (stamp_ns := _stamp_ns(one))
+        picture.log_time_ns - stamp_ns
+        for picture in islice(reader.messages(pictures, any_form=True), _MOST_PICTURES)
+        if (stamp_ns := _stamp_ns(picture))
     ]
     return int(median(lags_ns)) if lags_ns else 0
 
@@ -158,13 +158,13 @@ def _stamp_ns(picture: BagMessage) -> int:
 
 def _passes(clicks_ns: Iterable[int], around_ns: int) -> list[tuple[int, int]]:
     """Return the spans (ns) around clicks, in order; those that touch are one."""
-    found: list[tuple[int, int]] = []
+    spans: list[tuple[int, int]] = []
     for click_ns in clicks_ns:
         start_ns, end_ns = click_ns - around_ns, click_ns + around_ns
-        if found and start_ns <= found[-1][1]:
-            start_ns = found.pop()[0]
-        found.append((start_ns, end_ns))
-    return found
+        if spans and start_ns <= spans[-1][1]:
+            start_ns = spans.pop()[0]
+        spans.append((start_ns, end_ns))
+    return spans
 
 
 def _written(reader: BagReader, part: _Part, progress: Report) -> dict[str, object]:
@@ -174,12 +174,13 @@ def _written(reader: BagReader, part: _Part, progress: Report) -> dict[str, obje
     counts: Counter[str] = Counter()
     carried = _carried(reader, forms, part)
     with BagWriter(part.path, forms=forms) as writer:
-        for one in carried:
-            writer.write(one.topic, one.typename, one.data, part.start_ns)
-        for one in _messages(reader, None, part):
-            writer.write(one.topic, one.typename, one.data, one.log_time_ns)
-            counts[one.topic] += 1
-            progress((one.log_time_ns - part.start_ns) / _NS, (part.end_ns - part.start_ns) / _NS)
+        for message in carried:
+            writer.write(message.topic, message.typename, message.data, part.start_ns)
+        for message in _messages(reader, None, part):
+            writer.write(message.topic, message.typename, message.data, message.log_time_ns)
+            counts[message.topic] += 1
+            at_ns, length_ns = message.log_time_ns - part.start_ns, part.end_ns - part.start_ns
+            progress(at_ns / _NS, length_ns / _NS)
         if not counts:
             raise BagError(f"{reader.path}: no message between these times")
     return {
@@ -188,7 +189,7 @@ def _written(reader: BagReader, part: _Part, progress: Report) -> dict[str, obje
         "to_s": (part.end_ns - reader.span_ns[0]) / _NS,
         "from_utc": utc(part.start_ns),
         "messages": dict(sorted(counts.items())),
-        "carried": dict(sorted(Counter(one.topic for one in carried).items())),
+        "carried": dict(sorted(Counter(message.topic for message in carried).items())),
     }
 
 
@@ -196,10 +197,10 @@ def _messages(
     reader: BagReader, topics: Iterable[str] | None, part: _Part
 ) -> Iterator[BagMessage]:
     wanted = None if topics is None else set(topics)
-    for one in reader.messages(wanted, part.start_ns, any_form=True):
-        if one.log_time_ns > part.end_ns:
+    for message in reader.messages(wanted, part.start_ns, any_form=True):
+        if message.log_time_ns > part.end_ns:
             return
-        yield one
+        yield message
 
 
 def _carried(reader: BagReader, forms: dict[str, TopicForm], part: _Part) -> list[BagMessage]:
@@ -217,9 +218,9 @@ def _carried(reader: BagReader, forms: dict[str, TopicForm], part: _Part) -> lis
     last: dict[tuple[str, object], BagMessage] = {}
     if latched | cameras:
         cdr = Cdr()
-        for one in _messages(reader, latched | cameras, earlier):
-            last[one.topic, _frames(cdr, one)] = one
-    return sorted(last.values(), key=lambda one: one.log_time_ns)
+        for message in _messages(reader, latched | cameras, earlier):
+            last[message.topic, _frames(cdr, message)] = message
+    return sorted(last.values(), key=lambda message: message.log_time_ns)
 
 
 def _frames(cdr: Cdr, message: BagMessage) -> object:
@@ -230,4 +231,4 @@ def _frames(cdr: Cdr, message: BagMessage) -> object:
         placed = cdr.deserialize(message.data, message.typename).transforms
     except MessageError:
         return None
-    return tuple(sorted(one.child_frame_id for one in placed))
+    return tuple(sorted(transform.child_frame_id for transform in placed))

@@ -14,7 +14,7 @@ from statistics import median
 
 from tirgeo_ros.core.ground.backprojection import Ground, Reason
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.ground.ground_point import Located, Refusal, place
+from tirgeo_ros.core.ground.ground_point import Answer, Located, Refusal, place
 from tirgeo_ros.core.types.errors import ConfigError, SurveyError, TargetError
 from tirgeo_ros.core.types.finding import Finding, stop_line
 from tirgeo_ros.io.bags.bag import BagReader
@@ -59,14 +59,14 @@ def locate_pixels(
     configs = node_configs(
         params, namespace, method=method, dem=dem, ground_height=ground_height, camera=camera
     )
-    outputs = [one for one in (output, kml_out, cot_out) if one]
+    outputs = [path for path in (output, kml_out, cot_out) if path]
     check_outputs((bag_in, pixels, *paths_of(params), *configs.files), outputs, SurveyError)
-    seen = load_observations(pixels)
+    observations = load_observations(pixels)
     ground = ground_of(configs.overlay)
     if ground is None:
         raise ConfigError("height of the ground not known: give --ground-height or --dem")
     reader = BagReader(bag_in)
-    how = (seen, ground, progress)
+    how = (observations, ground, progress)
     answers, flown, findings = _located(reader, configs, params, namespace, *how, smooth=smooth)
     forms = {output: form_of(output), kml_out: "kml"}
     files: dict[PathLike, str | bytes]
@@ -113,7 +113,7 @@ def _located(
     configs: NodeConfigs,
     params: Files,
     namespace: str,
-    seen: Sequence[Observation],
+    observations: Sequence[Observation],
     ground: Ground,
     progress: Report,
     *,
@@ -123,30 +123,29 @@ def _located(
     fitted, notes = configs.fitting(reader, namespace)
     ekf, gimbal, overlay, _ = fitted
     camera = given_camera(overlay)
-    found: list[Finding] = []
-    layers = tried_map(found, overlay, overlay.map, used=False)
+    of_map: list[Finding] = []
+    layers = tried_map(of_map, overlay, overlay.map, used=False)
     checks = FlightChecks(
         fitted, reader, params, namespace, ground=ground, layers=layers, camera=camera
     )
-    checks.found += found
+    checks.found += of_map
     recorded = RecordedFlight(reader, namespace, camera=camera, checks=checks)
     latency_ns = round(overlay.video_latency_s * 1e9)
-    instants_ns = [one.stamp_ns - latency_ns for one in seen]
+    instants_ns = [pixel.stamp_ns - latency_ns for pixel in observations]
     flight = recorded.registered(ekf, gimbal, instants_ns, smooth=smooth)
     flight.checks = checks
     recorded.read_all(progress)
-    known = recorded.camera
+    picture_camera = recorded.camera
 
-    def answer(one: Observation) -> Located | Refusal:
-        found = flight.at(one.stamp_ns - latency_ns)
-        if found is None or flight.plane is None:
-            return Refusal(one.stamp_ns, (one.u, one.v), Reason.NO_POSE)
-        pose, rates = found
-        confidence = overlay.confidence
-        placed = place(known, pose, (one.u, one.v), flight.plane, ground, confidence, rates)
-        return replace(placed, stamp_ns=one.stamp_ns)
+    def answer(pixel: Observation) -> Answer:
+        uv, motion = (pixel.u, pixel.v), flight.at(pixel.stamp_ns - latency_ns)
+        if motion is None or flight.plane is None:
+            return Refusal(pixel.stamp_ns, uv, Reason.NO_POSE)
+        pose, rates = motion
+        where = (flight.plane, ground, overlay.confidence, rates)
+        return replace(place(picture_camera, pose, uv, *where), stamp_ns=pixel.stamp_ns)
 
-    answers = [Answered(one.id, answer(one)) for one in seen]
+    answers = [Answered(pixel.id, answer(pixel)) for pixel in observations]
     navigation = flight.registration.navigation.status()
     flown: dict[str, object] = {
         "method": navigation.method,
@@ -162,7 +161,7 @@ def _located(
 
 def _summary(answers: Sequence[Answered], ground: Ground) -> dict[str, object]:
     """Return the numbers of pixels, the median length of the ellipses (m), and the warnings."""
-    lengths = [one.answer.ellipse.major_m for one in answers if isinstance(one.answer, Located)]
+    lengths = [answer.ellipse.major_m for _, answer in answers if isinstance(answer, Located)]
     reasons = _reasons(answers)
     notes = list(ground.notes) if isinstance(ground, Terrain) else []
     if reasons and lengths:
@@ -178,7 +177,7 @@ def _summary(answers: Sequence[Answered], ground: Ground) -> dict[str, object]:
 
 
 def _reasons(answers: Sequence[Answered]) -> Counter[Reason]:
-    return Counter(one.answer.reason for one in answers if isinstance(one.answer, Refusal))
+    return Counter(answer.reason for _, answer in answers if isinstance(answer, Refusal))
 
 
 def _error(reader: BagReader, answers: Sequence[Answered]) -> str | None:
@@ -192,7 +191,7 @@ def _error(reader: BagReader, answers: Sequence[Answered]) -> str | None:
     error = f"{reader.path}: none of {len(answers)} pixels could be located: {most.value}"
     if most is not Reason.NO_POSE:
         return error
-    asked_ns = [one.answer.stamp_ns for one in answers]
+    asked_ns = [answer.stamp_ns for _, answer in answers]
     first_ns, last_ns = reader.span_ns
     return (
         f"{error}; their stamps are {min(asked_ns)} to {max(asked_ns)} ns, and the bag was "
