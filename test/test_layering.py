@@ -33,8 +33,8 @@ ORDER = {
     "dji": "clocks protocol link host sources interpret simulator",
     "io": "files coordinates parameters elevation messages logs pictures bags maps surveys cot "
     "targets video geopackage",
-    "tools": "presentation replay simulate budget calibrate convert evaluate export season graph "
-    "cli",
+    "tools": "presentation replay simulate budget calibrate convert evaluate export many_flights "
+    "graph cli",
 }
 BEGIN, END = "<!-- packages: begin -->\n", "<!-- packages: end -->\n"
 
