@@ -11,7 +11,7 @@ import pytest
 from tirgeo_ros.core.calibration.polynomial_transform import fit_polynomial
 from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.io.coordinates.crs import Plane
-from tirgeo_ros.io.pictures.geotiff_output import write_warped
+from tirgeo_ros.io.pictures.geotiff import write_warped
 
 SIZE_PX = np.array([1500, 1100])
 PIXEL_M = 0.05

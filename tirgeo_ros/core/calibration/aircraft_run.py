@@ -45,10 +45,7 @@ from tirgeo_ros.core.navigation.aiding.state_estimate import (
     source_of,
 )
 from tirgeo_ros.core.navigation.alignment.aligner import Aligner, Alignment
-from tirgeo_ros.core.navigation.delayed_measurements import Carried
-from tirgeo_ros.core.navigation.ekf import Ekf
-from tirgeo_ros.core.navigation.imu_checks import in_body_axes
-from tirgeo_ros.core.navigation.ins_error_model import (
+from tirgeo_ros.core.navigation.ins.ins_error_model import (
     ATTITUDE,
     POSITION,
     STATES,
@@ -56,9 +53,11 @@ from tirgeo_ros.core.navigation.ins_error_model import (
     feedback,
     states_of,
 )
-from tirgeo_ros.core.navigation.kalman import update
-from tirgeo_ros.core.navigation.propagation import Propagation
-from tirgeo_ros.core.navigation.strapdown import NavState
+from tirgeo_ros.core.navigation.ins.kalman import update
+from tirgeo_ros.core.navigation.ins.propagation import Propagated, Propagation
+from tirgeo_ros.core.navigation.ins.strapdown import NavState
+from tirgeo_ros.core.navigation.timeline.ekf import Ekf
+from tirgeo_ros.core.navigation.timeline.imu_checks import in_body_axes
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
@@ -96,12 +95,12 @@ class FollowedMechanisation(Propagation):
         super().__init__(config)
         self._motion = np.eye(states_of(config))
 
-    def followed(self, carried: Carried) -> Carried:
-        """Return ``carried`` with its covariance propagated, as the base class does."""
-        found = super().followed(carried)
-        if found is not carried:
+    def followed(self, now: Propagated) -> Propagated:
+        """Return ``now`` with its covariance propagated, as the base class does."""
+        propagated = super().followed(now)
+        if propagated is not now:
             self._motion = self._propagation.transition @ self._motion
-        return found
+        return propagated
 
     def taken(self) -> Array:
         """Return the transition matrix (n, n) since the last call."""
@@ -130,18 +129,18 @@ class WhiteningFusion(Fusion):
     def _judged(
         self,
         aid: AidMeasurement,
-        belief: StateEstimate,
+        estimate: StateEstimate,
         autopilot_q_nb: Array | None,  # noqa: ARG002
     ) -> Fused:
-        """Return the belief with a measurement in it, whatever its innovation."""
-        state, covariance, control = belief[:3]
+        """Return the estimate with a measurement in it, whatever its innovation."""
+        state, covariance, aids = estimate[:3]
         reading = self._readings[aid.source, aid.stamp_ns]
         plain = aid.measurement
         measurement = plain._replace(noise=plain.noise / reading.weight, gate_sigma=_NO_GATE)
         ratio, error, updated, predicted, _ = update(covariance, measurement)
         if error is None or updated is None:
             verdict = Verdict(aid.source, Outcome.INVALID, "impossible covariance")
-            return Fused(verdict, belief)
+            return Fused(verdict, estimate)
         spread = predicted + measurement.noise
         design, innovation = measurement.design, measurement.innovation
         moved = self._mechanisation.taken() @ self._state_slope
@@ -160,10 +159,10 @@ class WhiteningFusion(Fusion):
                 whitened[:, 1:],
             )
         )
-        track = control.track(aid.source).used(aid.stamp_ns, self._timeout_ns)
-        control = control.with_track(aid.source, track)
+        track = aids.track(aid.source).used(aid.stamp_ns, self._timeout_ns)
+        aids = aids.with_track(aid.source, track)
         verdict = Verdict(aid.source, Outcome.USED, "", ratio, tuple(innovation.tolist()))
-        return Fused(verdict, StateEstimate(feedback(state, error), updated, control))
+        return Fused(verdict, StateEstimate(feedback(state, error), updated, aids))
 
     def _direct_partials(
         self, source: Source, state: NavState, reading: WhiteningReading
@@ -319,22 +318,24 @@ class FlightRuns:
         mechanisation = FollowedMechanisation(config)
         fusion = WhiteningFusion(config, values, mechanisation, readings)
         ekf = Ekf(config, start, mechanisation, fusion)
-        beliefs: list[tuple[int, StateEstimate]] = []
+        estimates: list[tuple[int, StateEstimate]] = []
         imu = [sample for sample in self.recorded.imu if sample.stamp_ns > start.stamp_ns]
         for sample in _merged(imu, [sample for _, sample in chosen]):
             if not isinstance(sample, ImuSample):
                 ekf.add_aiding(sample)
                 continue
             ekf.add_imu(sample)
-            if not beliefs or sample.stamp_ns - beliefs[-1][0] >= _ATTITUDE_STEP_NS:
-                beliefs.append((sample.stamp_ns, ekf.belief()))
-        return _run(values, fusion.white, beliefs)
+            if not estimates or sample.stamp_ns - estimates[-1][0] >= _ATTITUDE_STEP_NS:
+                estimates.append((sample.stamp_ns, ekf.estimate()))
+        return _run(values, fusion.white, estimates)
 
     def _aids(self, values: Array) -> list[Aiding]:
         return restamped(self.recorded.aids, values, reported_direction_rad(self.config))
 
 
-def _run(values: Array, white: list[White], beliefs: list[tuple[int, StateEstimate]]) -> FilterRun:
+def _run(
+    values: Array, white: list[White], estimates: list[tuple[int, StateEstimate]]
+) -> FilterRun:
     if not white or not np.all(np.isfinite(white[-1].error)):
         raise CalibrationError("the filter finds no measurement to use; 'tirgeo check' says why")
     stamps = np.repeat([one.stamp_ns for one in white], [len(one.error) for one in white])
@@ -344,10 +345,10 @@ def _run(values: Array, white: list[White], beliefs: list[tuple[int, StateEstima
         np.concatenate([one.error for one in white]),
         np.concatenate([one.slope for one in white]).reshape(-1, len(PARAMETERS)),
         (stamps - stamps.min()).astype(float),
-        [stamp_ns for stamp_ns, _ in beliefs],
-        np.array([belief.state.q_nb for _, belief in beliefs]).reshape(-1, 4),
-        np.array([belief.state.velocity_n for _, belief in beliefs]).reshape(-1, 3),
-        min(math.sqrt(belief.covariance[0, 0]) for _, belief in beliefs),
+        [stamp_ns for stamp_ns, _ in estimates],
+        np.array([estimate.state.q_nb for _, estimate in estimates]).reshape(-1, 4),
+        np.array([estimate.state.velocity_n for _, estimate in estimates]).reshape(-1, 3),
+        min(math.sqrt(estimate.covariance[0, 0]) for _, estimate in estimates),
     )
 
 

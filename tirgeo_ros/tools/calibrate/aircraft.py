@@ -11,7 +11,7 @@ from tirgeo_ros.core.calibration.aircraft_fit import LEVEL, PARTS, AircraftFit, 
 from tirgeo_ros.core.calibration.aircraft_parameters import ANTENNA, PARAMETERS
 from tirgeo_ros.core.calibration.aircraft_run import FlightRuns, Recorded, longest_piece
 from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding
-from tirgeo_ros.core.navigation.duplicates import DuplicateDetector, Same
+from tirgeo_ros.core.navigation.timeline.duplicates import DuplicateDetector, Same
 from tirgeo_ros.core.streams.sanity_checks import fault_of
 from tirgeo_ros.core.types.errors import BagError, CalibrationError
 from tirgeo_ros.core.types.measurements import (

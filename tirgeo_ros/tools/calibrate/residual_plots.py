@@ -19,7 +19,7 @@ from tirgeo_ros.core.calibration.polynomial_transform import (
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.core.types.measurements import Source
-from tirgeo_ros.io.surveys.control_points import ControlPoints
+from tirgeo_ros.io.surveys.survey import ControlPoints
 from tirgeo_ros.tools.presentation.plots import COLOURS, arrows, figure, png
 
 #: Length of a usual arrow of the lens, and of the longest of an orthophoto, as shares of the

@@ -17,9 +17,8 @@ from typing import Any
 
 from tirgeo_ros import __version__
 from tirgeo_ros.core.types.errors import BagError, SeasonError
-from tirgeo_ros.io.bags.bag_files import bag_files
-from tirgeo_ros.io.files.text_file import read_text
-from tirgeo_ros.io.files.whole_files import PathLike, write_files
+from tirgeo_ros.io.bags.bag import bag_files
+from tirgeo_ros.io.files.whole_files import PathLike, read_text, write_files
 from tirgeo_ros.tools.presentation.results import plain
 
 _PIECE = 1 << 20  # bytes of a file that are read at once
