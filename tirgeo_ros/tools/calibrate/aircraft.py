@@ -181,9 +181,9 @@ def _fitted(
         fitted = fit(runs, held, lambda done: progress(done, max(_USUAL_RUNS, done + 1)))
     except CalibrationError as error:
         raise CalibrationError(f"{reader.path}: {error}") from None
-    if not fitted.told:
+    if not fitted.determined:
         names: dict[str, list[str]] = {}
-        for name, reason in fitted.untold.items():
+        for name, reason in fitted.undetermined.items():
             names.setdefault(reason, []).append(f"{name} ({KEYS[name]})")
         named = "; ".join(f"{', '.join(some)}: {reason}" for reason, some in names.items())
         raise CalibrationError(f"{reader.path}: the flight shows no parameter: {named}")
@@ -217,8 +217,8 @@ def _result(
     """Return the result of a fit; ``level`` is None if the bag has no attitude."""
     columns = zip(_UNITS, fitted.first, fitted.values, fitted.sigma, fitted.left_out, strict=True)
     rows = dict(zip(PARAMETERS, columns, strict=True))
-    estimates = {name: estimate(KEYS[name], *rows[name]) for name in fitted.told}
-    reasons = dict(fitted.untold)
+    estimates = {name: estimate(KEYS[name], *rows[name]) for name in fitted.determined}
+    reasons = dict(fitted.undetermined)
     turn = np.zeros(3)
     if not set(LEVEL) <= set(held):
         turn[:2] = _add_level(level, estimates, reasons)
@@ -293,10 +293,10 @@ def _delays(
         values["imu.delay_s"] = imu_s = config.rtk.delay_s - position_s
     elif "position_delay" in determined:
         values["rtk.delay_s"] = imu_s + position_s
-    has_velocities = "no rtk/vel" not in fitted.untold.get("velocity_delay", "")
+    has_velocities = "no rtk/vel" not in fitted.undetermined.get("velocity_delay", "")
     if "velocity_delay" in determined or ("position_delay" in determined and has_velocities):
         values["rtk.velocity_delay_s"] = velocity_s - position_s
-    has_headings = "no rtk/heading" not in fitted.untold.get("heading_delay", "")
+    has_headings = "no rtk/heading" not in fitted.undetermined.get("heading_delay", "")
     if "heading_delay" in determined or ("rtk.delay_s" in values and has_headings):
         values["heading.delay_s"] = imu_s + heading_s  # if unset, it would be the delay of rtk
     return {name: round(value, 4) + 0.0 for name, value in values.items()}
@@ -309,7 +309,7 @@ def _rounded(vector: Array) -> list[float]:
 
 def _notes(aircraft: AircraftConfig, fitted: AircraftFit) -> list[str]:
     notes = []
-    if "baseline_azimuth" in fitted.told:
+    if "baseline_azimuth" in fitted.determined:
         if aircraft.baseline_b is None:
             notes.append(
                 f"headings do not determine how far apart the antennas are: {_LENGTH_M:g} m is "

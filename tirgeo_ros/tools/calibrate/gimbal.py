@@ -102,7 +102,7 @@ def calibrate_gimbal(
         lens = video.camera()
     attitudes, lost = _attitudes(pictures, board, lens)
     files = (output, lambda: _csv(attitudes)), (plot, lambda: _png(attitudes))
-    return written(files, _summary(attitudes, lost), video and video.reader)
+    return written(files, _summary(attitudes, lost), video.reader if video else None)
 
 
 def _attitudes(

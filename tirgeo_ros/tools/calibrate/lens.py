@@ -87,7 +87,7 @@ def calibrate_lens(
         (output, lambda: camera_yaml(fit.camera, camera_name)),
         (plot, lambda: lens_png(fit, views)),
     )
-    return written(files, numbers, video and video.reader)
+    return written(files, numbers, video.reader if video else None)
 
 
 def _sightings(
