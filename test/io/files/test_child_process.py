@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dev.real_flights_judged import judge_all
+from dev.real_flights import judge_all
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.io.files.child_process import ChildEndedError, ChildProcess

@@ -9,12 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from tirgeo_ros.core.types.errors import DjiError
-from tirgeo_ros.dji.link.encryption import parse_key
-from tirgeo_ros.dji.link.framing import FrameReader, ProtocolFrame
+from tirgeo_ros.dji.link.framing import FrameReader, ProtocolFrame, parse_key
 from tirgeo_ros.dji.protocol import broadcast_parts as parts
 from tirgeo_ros.dji.protocol.broadcast import Broadcast, Layout, decode_broadcast
-from tirgeo_ros.dji.protocol.package_table import package_table
-from tirgeo_ros.dji.protocol.subscription import PackageTable, Push, decode_push
+from tirgeo_ros.dji.protocol.subscription import PackageTable, Push, decode_push, package_table
 from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
 from tirgeo_ros.tools.presentation.progress import Report, silent

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.errors import DjiError
+from tirgeo_ros.dji.clocks.aircraft_clock import LONG_TICK_NS, MILLISECOND_NS
 from tirgeo_ros.dji.clocks.capture_clock import (
     DOCUMENTED_OFFSET_H,
     CaptureTimeline,
@@ -22,13 +23,11 @@ from tirgeo_ros.dji.clocks.capture_clock import (
     guess_utc_offset,
     time_of_words,
 )
-from tirgeo_ros.dji.clocks.running_counter import LONG_TICK_NS, MILLISECOND_NS
-from tirgeo_ros.dji.link.encryption import parse_key
-from tirgeo_ros.dji.link.framing import FrameReader, ProtocolFrame
+from tirgeo_ros.dji.link.framing import FrameReader, ProtocolFrame, parse_key
 from tirgeo_ros.dji.protocol.broadcast import decode_broadcast
 from tirgeo_ros.dji.protocol.subscription import PackageTable, decode_push
 from tirgeo_ros.dji.sources.readings import Reading
-from tirgeo_ros.dji.sources.serial_readings import Clocks, Telemetry
+from tirgeo_ros.dji.sources.serial import Clocks, Telemetry
 from tirgeo_ros.tools.convert.dump import frames_in, packages_of
 from tirgeo_ros.tools.convert.import_sink import ImportSink
 from tirgeo_ros.tools.presentation.progress import Report, silent

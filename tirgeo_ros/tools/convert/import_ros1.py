@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from tirgeo_ros.core.types.errors import BagError, MessageError
-from tirgeo_ros.dji.sources.ros1 import WRAPPERS, Ros1Decoder, survey
-from tirgeo_ros.dji.sources.ros1_messages import NEEDED, TOPICS
+from tirgeo_ros.dji.sources.ros1 import NEEDED, TOPICS, WRAPPERS, Ros1Decoder, survey
 from tirgeo_ros.io.bags.ros1_bag import Ros1Bag, Ros1Message
 from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.tools.convert.import_mapped import suggested
