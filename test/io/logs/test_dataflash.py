@@ -8,8 +8,8 @@ from datetime import datetime, timezone
 
 import numpy as np
 import pytest
+from autopilot_logs import DataflashFile
 from damaged_files import read_damaged
-from dataflash_files import DataflashFile
 from foreign_logs import by_source
 
 from tirgeo_ros.core.types.errors import TirgeoError

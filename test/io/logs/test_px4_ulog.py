@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
+from autopilot_logs import UlogFile
 from damaged_files import read_damaged
 from foreign_logs import by_source
-from ulog_files import UlogFile
 
 from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.core.types.measurements import FixStatus, Source
