@@ -239,6 +239,7 @@ def _gnss(path: Path, fixes: Records, accuracy: Records, options: LogOptions) ->
     velocity_n = np.stack([speed * np.cos(course_rad), speed * np.sin(course_rad), down], axis=-1)
     horizontal, vertical, of_speed, yaw_deg, has_down = _at_fixes(fixes, accuracy).T
     velocity_n[has_down == 0] = math.nan
+    latitude_rad, longitude_rad = np.radians(fixes.columns("Lat", "Lng")).T
     heading_deg = fixes.column("Yaw")
     heading_deg[heading_deg == 0] = math.nan  # what a receiver without a heading has
     return GnssTable(
@@ -246,9 +247,7 @@ def _gnss(path: Path, fixes: Records, accuracy: Records, options: LogOptions) ->
         fixes.time_us,
         _utc_us(fixes),
         np.nan_to_num(fixes.column("Status")).astype(np.int64),
-        np.radians(fixes.column("Lat")),
-        np.radians(fixes.column("Lng")),
-        fixes.column("Alt") + undulation_m,
+        np.stack([latitude_rad, longitude_rad, fixes.column("Alt") + undulation_m], axis=-1),
         np.stack([horizontal, vertical], axis=-1),
         velocity_n,
         of_speed,

@@ -171,14 +171,13 @@ def _gnss(path: Path, table: Records, options: LogOptions) -> GnssTable:
     velocity_n = table.columns("vel_n_m_s", "vel_e_m_s", "vel_d_m_s")
     velocity_n[table.column("vel_ned_valid") == 0] = math.nan
     unit = math.radians(1e-7 if scaled else 1.0)
+    height_m = _height_m(path, table, options, scaled=scaled)
     return GnssTable(
         table.name,
         table.time_us,
         table.integers("time_utc_usec"),
         table.integers("fix_type"),
-        latitude * unit,
-        longitude * unit,
-        _height_m(path, table, options, scaled=scaled),
+        np.stack([latitude * unit, longitude * unit, height_m], axis=-1),
         table.columns("eph", "epv"),
         velocity_n,
         table.column("s_variance_m_s"),  # a standard deviation, whatever its name says
