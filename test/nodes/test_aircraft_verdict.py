@@ -13,7 +13,7 @@ from message_samples import STATUS
 from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.core.types.verdicts import FilterState, Outcome
 from tirgeo_ros.io.bags.cdr import Cdr
-from tirgeo_ros.io.messages import DiagnosticItem, Messages, navigation_item
+from tirgeo_ros.io.messages import Messages, NodeState, TopicState
 from tirgeo_ros.nodes.aircraft_topics import Reports
 from tirgeo_ros.nodes.aircraft_verdict import STREAMS, Judge
 
@@ -62,13 +62,10 @@ class Graph:
         if int(self.now_s / TICK_S) % 5 != len(node) % 5:  # once a second, each at its own time
             return
         heard_s = {topic: self.last_s[topic] for topic in NODES[node] if topic in self.last_s}
-        ages = {f"{topic} age [s]": str(self.now_s - s) for topic, s in heard_s.items()}
-        items = {"topics": DiagnosticItem("", 0, "ok", ages)}
-        if node == "ekf_node":
-            items["navigation"] = navigation_item("", self.status)
-        for subject, item in items.items():
-            status = MESSAGES.diagnostics(0, [item]).status[0]
-            self.reports.take(self.now_s, f"{node}: {subject}", status)
+        topics = {topic: TopicState(10.0, self.now_s - s) for topic, s in heard_s.items()}
+        status = self.status if node == "ekf_node" else None
+        state = NodeState(f"/{node}", 0, 1, topics, navigation=status)
+        self.reports.take_state(self.now_s, MESSAGES.state(state))
 
 
 @pytest.fixture

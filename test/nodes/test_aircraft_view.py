@@ -20,9 +20,9 @@ from tirgeo_ros.core.gimbal.pose_buffer import Miss
 from tirgeo_ros.core.ground.frame_geometry import Sight
 from tirgeo_ros.core.types.errors import MessageError
 from tirgeo_ros.io.bags.cdr import Cdr
-from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, camera_pose, finding_row, navigation_item
+from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, NodeState, camera_pose, finding_row
 from tirgeo_ros.nodes import aircraft_view as view
-from tirgeo_ros.nodes.aircraft_topics import SILENT_S, PoseTape, Reports, level_of, number
+from tirgeo_ros.nodes.aircraft_topics import SILENT_S, PoseTape, Reports, level_of
 
 CDR = Cdr()
 MESSAGES = Messages(CDR.types)
@@ -35,8 +35,8 @@ SIGHT = Sight(XT2, pose_at(0), FIELD, 25.0)
 def test_the_estimators_state_is_passed_on_until_it_is_silent():
     reports = Reports()
     assert view.navigation_fields(reports, 0.0)["navigation"]["state"] == "waiting"
-    (status,) = MESSAGES.diagnostics(0, [navigation_item("", STATUS)]).status
-    reports.take(100.0, "ekf_node: navigation", status)
+    state = MESSAGES.state(NodeState("/uav1/ekf_node", 0, 1, navigation=STATUS))
+    reports.take_state(100.0, state)
     fields = view.navigation_fields(reports, 101.0)
     assert fields["navigation"] == {"state": "aligning", "reason": "too slow"}
     assert fields["rtk"] == "float"
@@ -59,11 +59,13 @@ def test_findings_reach_the_page_part_by_part():
         reports.take_findings(100.0, message)
 
 
-@pytest.mark.parametrize(
-    ("text", "value"), [("0.25", 0.25), ("nan", None), ("", None), ("fast", None)]
-)
-def test_numbers_that_are_none_are_none(text, value):
-    assert number(text) == value
+def test_nobody_is_heard_where_only_the_page_itself_and_a_player_report():
+    reports = Reports("/uav1/viewer_node")
+    for node in ("viewer_node", "bag_player"):
+        reports.take_findings(100.0, MESSAGES.findings(f"/uav1/{node}", 5, [FINDING]))
+    assert reports.findings(100.0) is None
+    reports.take_findings(100.0, MESSAGES.findings("/uav1/ekf_node", 5, []))
+    assert reports.findings(100.0) == [FINDING]  # the player's
 
 
 def test_the_position_is_that_of_the_odometry():

@@ -9,12 +9,13 @@ import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
-from diagnostic_msgs.msg import DiagnosticArray, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray
 from graph_helpers import await_words
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu
 
 from tirgeo_ros.core.types.finding import Severity
+from tirgeo_ros.io.messages import NodeState
 from tirgeo_ros.nodes import graph_watch
 from tirgeo_ros.nodes.graph_watch import OtherPublishers, Restarts
 
@@ -75,15 +76,14 @@ def test_each_new_start_of_a_node_counts_once(monkeypatch):
     clock, restarts = [100.0], Restarts()
     monkeypatch.setattr(graph_watch, "time", SimpleNamespace(monotonic=lambda: clock[0]))
 
-    def said(node, started):
-        values = [KeyValue(key="started", value=started), KeyValue(key="imu/data lost", value="0")]
-        restarts.take(SimpleNamespace(name=f"/uav1/{node}: topics", values=values))
+    def said(node, started_ns):
+        restarts.take(NodeState(f"/uav1/{node}", 0, started_ns))
 
-    for started in ("a", "a", "b", "a", "c"):
-        said("ekf_node", started)
-    said("overlay_node", "d")
-    said("video_writer", "e")
-    said("video_writer", "f")  # each recording starts one
+    for started_ns in (1, 1, 2, 1, 3):
+        said("ekf_node", started_ns)
+    said("overlay_node", 4)
+    said("video_writer", 5)
+    said("video_writer", 6)  # each recording starts one
     (found,) = restarts.findings()
     assert found.evidence == "ekf_node ended and was started again; restarts so far: 2"
     assert found.severity is Severity.CAUTION

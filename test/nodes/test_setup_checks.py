@@ -18,9 +18,10 @@ from graph_helpers import KeptLog, await_words
 from overlay_flight import MESSAGES, Flight, has_lines, write_map
 from overlays import PLANE, SQUARE_N
 from sensor_msgs.msg import Image
+from std_msgs.msg import String
 
 from tirgeo_ros.core.types.finding import Finding, Severity
-from tirgeo_ros.io.messages import DiagnosticItem, findings_of, image_pixels
+from tirgeo_ros.io.messages import STATE_TOPIC, image_pixels
 from tirgeo_ros.nodes.monitor import ERROR, OK, WARN, Monitor
 from tirgeo_ros.nodes.setup_checks import InputChecks, SetupChecks
 
@@ -38,9 +39,9 @@ def setup_of(*found: list[Finding]) -> tuple[SetupChecks, KeptLog]:
 
 
 def test_the_item_has_the_worst_level_and_every_finding():
-    setup, node = setup_of([CAUTION, NOTE], [STOP])
+    setup, _ = setup_of([CAUTION, NOTE], [STOP])
     item = setup.item()
-    assert findings_of(node.published[0]) == ("/uav1/ekf_node", 0, [STOP, CAUTION, NOTE])
+    assert setup.findings() == [STOP, CAUTION, NOTE]
     assert item.name == "/uav1/ekf_node: set-up"
     assert item.level == ERROR
     assert item.message == "NO GO: 1.00 m/s2 at rest: imu/data (and 1 more)"
@@ -137,13 +138,14 @@ def test_a_ground_47_m_too_high_is_told_in_diagnostics_log_and_picture(flight):
 @pytest.mark.graph
 def test_the_picture_tells_what_another_node_of_its_namespace_found(flight):
     aircraft, _ = flight(PLANE.height_m)
-    publisher = aircraft.stranger.node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+    create = aircraft.stranger.node.create_publisher
+    others = {name: create(String, f"{name}/tirgeo/findings", 10) for name in ("", "/uav2")}
     pictures = aircraft.stranger.received["tirgeo/overlay/image"]
 
-    def tells(name: str, level: int, bgr) -> bool:
-        item = DiagnosticItem(name, level, "CAUTION: heading 90 deg off: ekf_node aircraft", {})
-        publisher.publish(MESSAGES.diagnostics(time.time_ns(), [item]))
-        return bool(pictures) and written(pictures[-1], bgr) > 100
+    def tells(aircraft: str, *found: Finding) -> bool:
+        message = MESSAGES.findings(f"{aircraft}/ekf_node", time.time_ns(), found)
+        others[aircraft].publish(message)
+        return bool(pictures) and written(pictures[-1], AMBER_BGR) > 100
 
     aircraft.shown()  # before there was NO MAP YET, in amber too
     enough = len(pictures) + 30
@@ -151,12 +153,12 @@ def test_the_picture_tells_what_another_node_of_its_namespace_found(flight):
     def passed() -> bool:
         return len(pictures) > enough
 
-    aircraft.until(lambda: tells("/uav2/ekf_node: set-up", WARN, AMBER_BGR) or passed())
+    aircraft.until(lambda: tells("/uav2", CAUTION) or passed())
     assert passed()  # of another aircraft
-    aircraft.until(lambda: tells("/ekf_node: set-up", WARN, AMBER_BGR))
+    aircraft.until(lambda: tells("", CAUTION))
     assert has_lines(pictures[-1])  # the map stays
     pictures.clear()
-    aircraft.until(lambda: not tells("/ekf_node: set-up", OK, AMBER_BGR) and pictures)
+    aircraft.until(lambda: not tells("") and pictures)
 
 
 JOINTS, ATTITUDE = "gimbal/joint_states", "gimbal/attitude"
@@ -209,5 +211,5 @@ def test_what_nobody_publishes_is_waited_for_from_the_first_message_on():
 
 
 def test_what_other_nodes_say_of_themselves_is_no_message_of_a_flight():
-    checks = checks_of(FakeNode(), "/diagnostics")
+    checks = checks_of(FakeNode(), STATE_TOPIC)
     assert not any(checks.findings() for _ in range(20))

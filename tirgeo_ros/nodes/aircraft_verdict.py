@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
-from tirgeo_ros.nodes.aircraft_topics import Reports, number
+from tirgeo_ros.nodes.aircraft_topics import Reports
 
 #: Silence (s) of what is needed, or time without a map, that ends GO; good time that restores it.
 _SILENT_S, _GOOD_S = 1.0, 2.0
@@ -144,12 +144,13 @@ class Judge:
 
     def _cause(self, stream: Stream, silence_s: float) -> tuple[str, str, float] | None:
         """Return what is silent, in words and by its name, and how long; None if none is."""
-        then_s, ages = self._reports.newest(f"{stream.node}: topics")
+        then_s, state = self._reports.state(stream.node)
         ago_s = self._now_s - then_s
         if min(ago_s, silence_s) >= _ANSWER_S:
             return f"{stream.program} does not answer", stream.node, min(ago_s, silence_s)
-        topic = next((one for one in stream.inputs if f"{one} age [s]" in ages), "")
-        age_s = number(ages.get(f"{topic} age [s]", ""))
+        ages = {topic: one.age_s for topic, one in state.topics.items()} if state else {}
+        topic = next((one for one in stream.inputs if ages.get(one) is not None), "")
+        age_s = ages.get(topic)
         if age_s is None or age_s <= _ALSO_SILENT_S:
             return None
         return f"{stream.inputs[topic]} is silent for {age_s + ago_s:.0f} s", topic, age_s + ago_s

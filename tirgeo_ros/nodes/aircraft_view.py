@@ -36,7 +36,6 @@ from tirgeo_ros.nodes.aircraft_topics import (
     VIDEO,
     AircraftTopics,
     Reports,
-    number,
     places_n,
 )
 from tirgeo_ros.nodes.aircraft_verdict import Judge
@@ -120,17 +119,15 @@ class AircraftView(AircraftTopics):
         state |= track_fields(sent, self._sent)
         state["footprint"] = places(footprint_n, plane) if plane else []
         state |= self._judged(now_s, more_findings)
-        then_s, topics = self.reports.newest("ekf_node: topics")
-        rtk_s = number(topics.get("rtk/fix age [s]", ""))
         streams = {"video": VIDEO, "pose": ODOMETRY, "camera": POSE}
         ages = {name: self.age_s(topic) for name, topic in streams.items()}
-        state["ages_s"] = ages | {"rtk": None if rtk_s is None else rtk_s + now_s - then_s}
+        state["ages_s"] = ages | {"rtk": self.reports.input_age_s("ekf_node", "rtk/fix", now_s)}
         state["video_hz"], state["latency_ms"] = self._video(now_s)
         return state
 
     def _judged(self, now_s: float, more: Sequence[Finding]) -> dict[str, Any]:
-        heard, overlay = self.reports.findings(now_s), self.reports.overlay(now_s)
-        no_map = overlay.get("notice", "") if overlay else None  # the picture's notice
+        heard, picture = self.reports.findings(now_s), self.reports.picture(now_s)
+        no_map = picture.notice if picture else None
         findings = sorted(nearest_causes([*(heard or ()), *more]), key=lambda one: -one.severity)
         worst = max((one.severity for one in findings), default=Severity.NOTE)
         verdict = self._judge.look(now_s, None if heard is None else worst, no_map or "")

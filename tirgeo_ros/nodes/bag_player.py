@@ -21,6 +21,7 @@ from std_msgs.msg import Header
 
 from tirgeo_ros.core.config import BagPlayerConfig
 from tirgeo_ros.core.types.errors import BagError, ConfigError, shown
+from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader
 from tirgeo_ros.io.messages import stamp_ns
 from tirgeo_ros.nodes.graph_node import GraphNode, message_class
@@ -110,6 +111,8 @@ class BagPlayer(GraphNode):
         config = self._config.simulated_aircraft, self._config.aircraft
         self._aircraft = SerialAircraft(port, *config, spoken) if port else None
         self.resources = self._aircraft.terminal if self._aircraft else None
+        self._found: list[Finding] = []
+        self.report_each_second(list, lambda: self._found)
 
     def play(self, stop: threading.Event) -> int:
         """Wait for subscribers, play, wait for acknowledgement; return the exit code."""
@@ -133,7 +136,10 @@ class BagPlayer(GraphNode):
     def _look_for_rivals(self, clock: str) -> None:
         """Warn, once, of another publisher of the clock."""
         if self.count_publishers(clock) > 1:
-            self.log(WARN, f"{clock} has another publisher too: give each bag its own namespace")
+            evidence = f"{clock} has another publisher too"
+            remedy = "give each bag its own namespace"
+            self._found = [Finding("clock", Severity.CAUTION, evidence, "bag_player", remedy)]
+            self.log(WARN, f"{evidence}: {remedy}")
             self._rival_timer.cancel()
 
     def _attend(self) -> str:

@@ -6,6 +6,7 @@ import threading
 from functools import partial
 
 from tirgeo_ros.core.config import DjiConfig
+from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.dji.interpret import Interpreter
 from tirgeo_ros.dji.sources.readings import Reading
 from tirgeo_ros.io.messages import DJI_TOPICS, DiagnosticItem, SensedSample, sensed
@@ -28,7 +29,7 @@ class DjiNode(GraphNode):
         self._warned: set[str] = set()
         source = SerialSource if config.source == "serial" else PsdkSource
         self._source = source(self, config, self._take)
-        self.report_each_second(self._items)
+        self.report_each_second(self._items, self._findings_of_aircraft)
 
     def serve(self, stop: threading.Event) -> int:
         """Read the source until ``stop`` is set; return the exit code."""
@@ -49,6 +50,13 @@ class DjiNode(GraphNode):
         topic, message = sensed(self.messages, sample)
         self._topics[topic].publish(message)
         self.monitor.published(topic, 1e-9 * (self.now_ns - sample.stamp_ns))
+
+    def _findings_of_aircraft(self) -> list[Finding]:
+        with self._lock:
+            warnings = "; ".join(self._interpreter.warnings)
+        remedy = "look at its parameters and at the aircraft's settings"
+        own = Finding("aircraft_data", Severity.NOTE, warnings, "dji_node", remedy)
+        return [*self._source.findings(), *([own] if warnings else [])]
 
     def _items(self) -> list[DiagnosticItem]:
         with self._lock:

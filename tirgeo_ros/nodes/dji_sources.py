@@ -18,6 +18,7 @@ from rclpy.validate_topic_name import validate_topic_name
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.errors import ConfigError
+from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.dji.link.link_watch import LinkWatch
 from tirgeo_ros.dji.link.serial_link import LinkState, SerialLink
 from tirgeo_ros.dji.protocol.package_table import package_table
@@ -133,6 +134,16 @@ class SerialSource:
             self._host_message = decoder.host.message
             self._node.log(OK, self._host_message)
 
+    def findings(self) -> list[Finding]:
+        """Return why nothing, or nothing understood, comes through the link, if that is so."""
+        with self._lock:
+            report = self._watch.report
+        if report is None or not report.level:
+            return []
+        remedy = "look at the aircraft, the cable, and port, baud and key"
+        evidence = report.message
+        return [Finding("serial_link", Severity.CAUTION, evidence, "dji_node port", remedy)]
+
     def item(self) -> DiagnosticItem:
         """Return the diagnostic item of the link: its state and counts of its traffic."""
         with self._lock:
@@ -178,6 +189,13 @@ class PsdkSource:
     def serve(stop: threading.Event) -> None:
         """Wait until ``stop`` is set: the node's executor does the work."""
         stop.wait()
+
+    def findings(self) -> list[Finding]:
+        """Return what of psdk_ros2 does not come, if anything."""
+        evidence = "; ".join(self._logged)
+        remedy = "look at psdk_ros2's node and at psdk_interfaces"
+        found = Finding("psdk_ros2", Severity.NOTE, evidence, "dji_node psdk_prefix", remedy)
+        return [found] if evidence else []
 
     def item(self) -> DiagnosticItem:
         """Return the source's diagnostic item; log any change of its warnings."""

@@ -116,7 +116,9 @@ class EkfNode(GraphNode):
         self.monitor.expects(_IMU)
         self._restart = self.guarded("reset", self._navigation.reset)
         self.create_service(Trigger, "~/reset", self._reset)
-        self.report_each_second(self._items)
+        self.report_each_second(
+            self._items, self._setup.findings, navigation=self._navigation.status
+        )
 
     def _reconfigure(self, config: EkfConfig) -> None:
         self._navigation.configure(config)

@@ -52,7 +52,12 @@ class GimbalNode(GraphNode):
         self._imu: Any = None  # the subscription, or None while there is none
         self._listen_for_paper()
         self._logged_composition = ""
-        self.report_each_second(self._items)
+        self.report_each_second(
+            self._items,
+            self._setup.findings,
+            composition=lambda: self._composer.composition,
+            counts=lambda: self._composer.counts,
+        )
 
     def _reconfigure(self, config: GimbalConfig) -> None:
         self._composer.configure(config)

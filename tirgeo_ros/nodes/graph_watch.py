@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import time
 from collections import Counter, defaultdict
-from typing import Any
 
 from rclpy.node import Node
 
 from tirgeo_ros.core.types.finding import Finding, Severity
-from tirgeo_ros.io.messages import DJI_TOPICS
+from tirgeo_ros.io.messages import DJI_TOPICS, NodeState
 
 _OUTPUTS = ("tirgeo/odometry", "tirgeo/camera_pose", "tirgeo/overlay/image")
 _SENSORS = (*DJI_TOPICS, "thermal/image_raw", "thermal/image_raw/compressed")
@@ -21,7 +20,7 @@ RECENT_S = 60.0
 #: What rmw says of a publisher whose node has not been discovered yet.
 _NOT_YET = "_NODE_NAME_UNKNOWN_"
 _MOST = 1000  # starts of a node that are counted
-_NODES = ("dji_node", "ekf_node", "gimbal_node", "overlay_node", "viewer_node")
+_NODES = ("dji_node", "ekf_node", "gimbal_node", "overlay_node")
 
 
 class OtherPublishers:
@@ -59,18 +58,17 @@ class OtherPublishers:
 
 
 class Restarts:
-    """Count how often the nodes of one graph were started again, by their diagnostics."""
+    """Count how often the nodes of one graph were started again, by their states."""
 
     def __init__(self) -> None:
         #: Steady time at which each start of a node was first heard of.
-        self.starts: defaultdict[str, dict[str, float]] = defaultdict(dict)
+        self.starts: defaultdict[str, dict[int, float]] = defaultdict(dict)
 
-    def take(self, status: Any) -> None:
-        """Take a node's status of diagnostics ``NODE: topics``, which says when it started."""
-        node = str(status.name).partition(":")[0].rpartition("/")[2]
-        for item in status.values:
-            if item.key == "started" and node in _NODES and len(self.starts[node]) < _MOST:
-                self.starts[node].setdefault(item.value, time.monotonic())
+    def take(self, state: NodeState) -> None:
+        """Take a node's state, which says when it started."""
+        starts = self.starts[state.name] if state.name in _NODES else {}
+        if len(starts) < _MOST:
+            starts.setdefault(state.started_ns, time.monotonic())
 
     def findings(self) -> list[Finding]:
         """Return one finding for each node that was started again."""

@@ -10,46 +10,54 @@ from importlib.resources import files
 
 from tirgeo_ros.core.config import NODE_CONFIGS
 from tirgeo_ros.core.config.schema import Parameter, Value, parameters_of
-from tirgeo_ros.io.messages import DJI_TOPICS, NAVIGATION_INPUTS, SENSED_TOPICS, TOPIC_TYPES
+from tirgeo_ros.io.messages import (
+    DJI_TOPICS,
+    FINDINGS_TOPIC,
+    NAVIGATION_INPUTS,
+    SENSED_TOPICS,
+    STATE_TOPIC,
+    TOPIC_TYPES,
+)
 
 _NONE = _UNSET, _EMPTY = "unset", "empty"
 _PICTURES = ("thermal/image_raw", "thermal/image_raw/compressed", "thermal/camera_info")
+_REPORTS = (STATE_TOPIC, FINDINGS_TOPIC, "/diagnostics")
 
 #: Topics of the contract by node: inputs, then outputs.
 TOPICS: Mapping[str, tuple[Sequence[str], Sequence[str]]] = {
-    "dji_node": ((), (*DJI_TOPICS, "/diagnostics")),
+    "dji_node": ((), (*DJI_TOPICS, *_REPORTS)),
     "ekf_node": (
         [topic for topic, _ in NAVIGATION_INPUTS.values()],
         (
             *("tirgeo/odometry", "tirgeo/fix", "tirgeo/origin", "tirgeo/path"),
-            *("/tf", "/tf_static", "/diagnostics"),
+            *("/tf", "/tf_static", *_REPORTS),
         ),
     ),
     "gimbal_node": (
         ("tirgeo/odometry", "gimbal/joint_states", "gimbal/attitude", "imu/data"),
-        ("tirgeo/camera_pose", "/tf", "/diagnostics"),
+        ("tirgeo/camera_pose", "/tf", *_REPORTS),
     ),
     "overlay_node": (
         (
-            *(*_PICTURES, "tirgeo/camera_pose", "tirgeo/origin", "/diagnostics"),
+            *(*_PICTURES, "tirgeo/camera_pose", "tirgeo/origin", STATE_TOPIC, FINDINGS_TOPIC),
             *("tirgeo/locate/pixel", "tirgeo/targets"),
         ),
         (
             *("tirgeo/overlay/image", "tirgeo/overlay/image/compressed"),
             *("tirgeo/overlay/camera_info", "tirgeo/footprint"),
             *("tirgeo/locate/fix", "tirgeo/locate/point", "tirgeo/locate/answer"),
-            "/diagnostics",
+            *_REPORTS,
         ),
     ),
     "viewer_node": (
         (
             *("tirgeo/overlay/image/compressed", "tirgeo/overlay/camera_info"),
             *("tirgeo/odometry", "tirgeo/origin", "tirgeo/camera_pose", "tirgeo/footprint"),
-            *("tirgeo/path", "tirgeo/locate/answer", "/diagnostics"),
+            *("tirgeo/path", "tirgeo/locate/answer", STATE_TOPIC, FINDINGS_TOPIC),
         ),
-        ("tirgeo/locate/pixel", "tirgeo/targets", "/diagnostics"),
+        ("tirgeo/locate/pixel", "tirgeo/targets", *_REPORTS),
     ),
-    "bag_player": ((), ("/clock", *SENSED_TOPICS, *_PICTURES)),
+    "bag_player": ((), ("/clock", *SENSED_TOPICS, *_PICTURES, *_REPORTS)),
 }
 
 

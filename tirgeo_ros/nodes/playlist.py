@@ -21,7 +21,7 @@ _POLL_S = 0.05
 #: Topics that the running graph publishes itself; the recorded ones would conflict with them.
 _OUTPUTS = (
     *("tirgeo/odometry", "tirgeo/fix", "tirgeo/origin", "tirgeo/camera_pose"),
-    *("tirgeo/footprint", "tirgeo/path", "tf", "tf_static"),
+    *("tirgeo/footprint", "tirgeo/path", "tirgeo/state", "tirgeo/findings", "tf", "tf_static"),
 )
 _OUTPUT_FOLDERS = ("tirgeo/overlay/", "tirgeo/locate/fix", "tirgeo/locate/point")
 _INFRASTRUCTURE = ("clock", "rosout", "parameter_events", "diagnostics")

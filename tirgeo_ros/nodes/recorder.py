@@ -54,7 +54,7 @@ class Recorder(GraphNode):
             if now_ns > 0:  # before the first /clock message there is no valid time
                 self.resources.write(resolved, typename, data, now_ns)
 
-        qos = latched() if offered_qos(topic).latched else output(_DEPTH)
+        qos = latched(_DEPTH) if offered_qos(topic).latched else output(_DEPTH)
         if topic in _SENSED:
             qos = sensor_input(_DEPTH)  # of drivers that are not ours
         self.create_subscription(message_class(typename), topic, write, qos, raw=True)

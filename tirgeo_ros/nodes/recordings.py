@@ -29,7 +29,8 @@ TOPICS = (
     *("thermal/camera_info", "tirgeo/odometry", "tirgeo/fix", "tirgeo/origin", "tirgeo/path"),
     *("tirgeo/camera_pose", "tirgeo/overlay/image/compressed", "tirgeo/overlay/camera_info"),
     *("tirgeo/footprint", "tirgeo/locate/pixel", "tirgeo/locate/fix", "tirgeo/locate/point"),
-    *("tirgeo/locate/answer", "tirgeo/targets", "tirgeo/findings", "/diagnostics"),
+    *("tirgeo/locate/answer", "tirgeo/targets", "tirgeo/state", "tirgeo/findings"),
+    "/diagnostics",
 )
 #: Of a type that not every installation has.
 _TF = {"/tf": "tf2_msgs/msg/TFMessage", "/tf_static": "tf2_msgs/msg/TFMessage"}

@@ -1,4 +1,4 @@
-"""Run a node's checks of its set-up: findings to the diagnostics, go or no go to the log.
+"""Run a node's checks of its set-up: findings for its reports, go or no go to the log.
 
 The topics that a node needs must be published and have the right type.
 """
@@ -13,7 +13,6 @@ from tirgeo_ros.core.types.errors import shown
 from tirgeo_ros.core.types.finding import Finding, Severity, sorted_findings, verdict_line
 from tirgeo_ros.io.messages import TOPIC_TYPES, DiagnosticItem
 from tirgeo_ros.nodes.graph_node import GraphNode
-from tirgeo_ros.nodes.qos import output
 
 SUBJECT = "set-up"
 #: Reports (one per second) for which a finding that is gone stays, so that a person can read it.
@@ -32,13 +31,12 @@ class SetupChecks:
 
     The item ``NODE: set-up`` has the worst finding's severity as its level, and the verdict as its
     message. Its values are all findings: the check's name -> severity and line. Programs read
-    them in ``tirgeo/findings``, part by part.
+    ``findings``, which the node publishes as ``tirgeo/findings``.
     """
 
     def __init__(self, node: GraphNode, *checks: Any, known: Sequence[Finding] = ()) -> None:
         self._node = node
         self._checks, self._known = checks, known
-        self._findings = node.advertise("tirgeo/findings", output())
         # With the number of reports since it was last found.
         self._recent: dict[str, tuple[Finding, int]] = {}
         self._logged: Severity | None = None
@@ -47,10 +45,14 @@ class SetupChecks:
         self.take = node.guarded(SUBJECT, lambda check, *data: check(*data))
         self._renew = node.guarded(SUBJECT, self._ask)
 
+    def findings(self) -> list[Finding]:
+        """Return the findings of the last ``item``, the worst first."""
+        return sorted_findings(finding for finding, _ in self._recent.values())
+
     def item(self) -> DiagnosticItem:
-        """Return the item for diagnostics; publish the findings, log a change of the verdict."""
+        """Ask the checks; return the item for diagnostics, log a change of the verdict."""
         self._renew()
-        found = sorted_findings(finding for finding, _ in self._recent.values())
+        found = self.findings()
         worst = found[0].severity if found else Severity.NOTE
         verdict = shown(verdict_line(found))
         self._quiet += bool(self._node.monitor.heard() and worst is Severity.NOTE)
@@ -58,8 +60,6 @@ class SetupChecks:
         if known and worst is not self._logged:
             self._logged = worst
             self._node.log(worst, f"{SUBJECT}: {verdict}")
-        name, now_ns = self._node.get_fully_qualified_name(), self._node.now_ns
-        self._findings.publish(self._node.messages.findings(name, now_ns, found))
         values = {one.check: shown(f"{one.severity.name}: {one.line}") for one in found}
         return self._node.item(SUBJECT, values, verdict, int(worst))
 

@@ -34,7 +34,7 @@ from tirgeo_ros.core.types.measurements import (
     VelocitySample,
 )
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
-from tirgeo_ros.io.messages.diagnostics import DiagnosticItem, findings_text
+from tirgeo_ros.io.messages.diagnostics import DiagnosticItem
 from tirgeo_ros.io.messages.message_parts import (
     COMPUTED_FROM,
     COVARIANCE_KNOWN,
@@ -45,6 +45,7 @@ from tirgeo_ros.io.messages.message_parts import (
     positive,
     quat_turned_world,
 )
+from tirgeo_ros.io.messages.node_reports import NodeState, findings_text, state_text
 from tirgeo_ros.io.messages.target_messages import TargetMessages
 
 
@@ -329,6 +330,10 @@ class Messages(FrameMessages, TargetMessages):
     def findings(self, node: str, stamp_ns: int, findings: Sequence[Finding]) -> Any:
         """Return ``std_msgs/String``: what the checks of a node have found."""
         return self._class("std_msgs/msg/String")(data=findings_text(node, stamp_ns, findings))
+
+    def state(self, state: NodeState) -> Any:
+        """Return ``std_msgs/String``: what a node reports of itself."""
+        return self._class("std_msgs/msg/String")(data=state_text(state))
 
     def diagnostics(self, stamp_ns: int, items: Sequence[DiagnosticItem]) -> Any:
         """Return ``diagnostic_msgs/DiagnosticArray``."""

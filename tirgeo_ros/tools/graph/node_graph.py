@@ -43,6 +43,7 @@ RECORDED = (
     "tirgeo/camera_pose",
     "tirgeo/overlay/image/compressed",
     "tirgeo/locate/point",
+    "tirgeo/state",
     "tirgeo/findings",
     "/diagnostics",
 )
