@@ -9,9 +9,6 @@ import json
 import pytest
 from page_clients import OPERATOR_TOKEN, TOKENS, VIEWER_TOKEN, Page, Served, http, raw_answer
 
-from tirgeo_ros.page import connections
-from tirgeo_ros.page.limits import Allowance
-
 WRONG = json.dumps({"token": "wrong-token-here"}).encode()
 
 
@@ -111,6 +108,5 @@ def test_a_fault_of_ours_is_logged_once_a_minute(fresh, caplog, monkeypatch):
             return [(await page.get("/map/"))[0] for _ in range(4)]
 
     monkeypatch.setattr(fresh.backend, "vector_map", fail)
-    monkeypatch.setattr(connections.Connection, "_faults", Allowance(1 / 60, 1))
     assert asyncio.run(ask()) == [500] * 4
     assert len(caplog.records) == 1

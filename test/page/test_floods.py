@@ -148,9 +148,9 @@ def test_a_request_that_never_ends_is_ended(served, monkeypatch, piece):
         assert received(own) == b""
 
 
-def test_a_second_request_that_never_ends_is_ended(served, monkeypatch):
+def test_a_second_request_that_never_ends_is_ended(tmp_path, monkeypatch):
     monkeypatch.setattr(connections, "_KEEP_ALIVE_S", 0.5)
-    with opened(served) as own:
+    with Served(tmp_path) as one, opened(one) as own:
         own.sendall(http("/", "Host: localhost"))
         assert own.recv(15).startswith(b"HTTP/1.1 200")
         own.sendall(b"GET / HT")

@@ -55,41 +55,43 @@ def test_each_wrong_token_costs_twice_the_time():
     assert wrong.wait_s("a", now_s - 60) == 0
 
 
-class Task:
+class Held:
+    """A connection that is held."""
+
     ended = False
 
-    def cancel(self):
+    def abort(self):
         self.ended = True
 
 
 def test_of_a_crowd_the_oldest_that_has_asked_nothing_goes_first(monkeypatch):
     monkeypatch.setattr(connections, "MOST", {None: (9, 3)})
-    door, crowd = Door(None, None, None), [Task() for _ in range(5)]
-    for task in crowd[:3]:
-        door._come(task, "crowd")
-    door._hear(crowd[0], None, "crowd")  # an honest user's, of the same address
-    for task in crowd[3:]:
-        door._come(task, "crowd")
+    door, crowd = Door(), [Held() for _ in range(5)]
+    for one in crowd[:3]:
+        door.come(one, "crowd")
+    door.hear(crowd[0], None, "crowd")  # an honest user's, of the same address
+    for one in crowd[3:]:
+        door.come(one, "crowd")
     assert [one.ended for one in crowd] == [False, True, True, False, False]
-    for task in (crowd[3], crowd[4]):
-        door._hear(task, None, "crowd")
-    door._come(Task(), "crowd")  # the newest has had no time to ask
+    for one in (crowd[3], crowd[4]):
+        door.hear(one, None, "crowd")
+    door.come(Held(), "crowd")  # the newest has had no time to ask
     assert [one.ended for one in crowd] == [True, True, True, False, False]
 
 
 def test_in_a_full_house_the_oldest_of_whoever_holds_most_goes(monkeypatch):
     monkeypatch.setattr(connections, "MOST", {None: (6, 4), "operator": (2, 2)})
-    door, crowd, few = Door(None, None, None), [], []
+    door, crowd, few = Door(), [], []
     for k in range(5):
-        crowd.append(Task())
+        crowd.append(Held())
         door._seat(crowd[k], None, "crowd")
     for k in range(3):
-        few.append(Task())
+        few.append(Held())
         door._seat(few[k], None, "few")
     assert [one.ended for one in crowd + few] == [True, True] + [False] * 6
     for _ in range(2):  # who enters takes no stranger's place any more
         door._seat(few[0], "operator", "few")
-    door._seat(Task(), None, "other")
+    door._seat(Held(), None, "other")
     assert [one.ended for one in crowd + few] == [True, True] + [False] * 6
     assert (door.refused, door.connections) == (2, 7)
 
