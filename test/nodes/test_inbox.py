@@ -9,8 +9,11 @@ import pytest
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
 import rclpy
+from project import PROJECT
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.subscription import Subscription
 from sensor_msgs.msg import Imu, NavSatFix
 
 from tirgeo_ros.core.types.errors import MessageError
@@ -78,6 +81,18 @@ def listen(request, environment):
     yield make
     for listener in made:
         listener.close()
+
+
+def test_rclpy_has_no_public_way_to_take_a_message_or_to_share_a_clock():
+    """So ``inbox`` and ``runner`` use its inside, and setup.py and package.xml bound its version.
+
+    A callback gets one message of one topic in the executor's order, and each node has a
+    subscription to ``/clock`` of its own.
+    """
+    assert not [name for name in dir(Subscription) if "take" in name]
+    assert not [name for name in dir(Node) if "time_source" in name and name[0] != "_"]
+    assert '"ros-jazzy-rclpy<8"' in (PROJECT / "setup.py").read_text()
+    assert 'version_lt="8.0.0">rclpy<' in (PROJECT / "package.xml").read_text()
 
 
 def test_what_waited_is_handled_as_it_arrived(listen):
