@@ -19,11 +19,11 @@ from tirgeo_ros.core.types.errors import GraphError
 from tirgeo_ros.io.files.child_process import python_command
 from tirgeo_ros.tools.graph.node_graph import (
     GraphSetup,
+    NodeProcess,
     await_words,
     graph_environment,
     node_processes,
 )
-from tirgeo_ros.tools.graph.node_process import NodeProcess
 
 #: On a busy machine the nodes find each other within 4 s.
 _RUN_S, _SETTLED_S = 14.0, 5.0

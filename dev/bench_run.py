@@ -17,12 +17,12 @@ from tirgeo_ros.core.types.errors import GraphError
 from tirgeo_ros.io.files.child_process import python_command
 from tirgeo_ros.tools.graph.node_graph import (
     GraphSetup,
+    NodeProcess,
     await_words,
     graph_environment,
     node_processes,
     parameter_words,
 )
-from tirgeo_ros.tools.graph.node_process import NodeProcess
 from tirgeo_ros.tools.graph.whole_graph import WholeGraph
 
 _RUNS = 3

@@ -24,11 +24,11 @@ from tirgeo_ros.core.types.arrays import IntArray
 from tirgeo_ros.core.types.errors import GraphError, TirgeoError
 from tirgeo_ros.tools.graph.node_graph import (
     GraphSetup,
+    NodeProcess,
     await_words,
     graph_environment,
     node_processes,
 )
-from tirgeo_ros.tools.graph.node_process import NodeProcess
 from tirgeo_ros.tools.presentation.progress import Progress
 from tirgeo_ros.tools.simulate.files import parameters_text
 

@@ -24,11 +24,11 @@ from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.tools.cli.main import INTERRUPTED, unwind_on_signals
 from tirgeo_ros.tools.graph.node_graph import (
     GraphSetup,
+    NodeProcess,
     await_words,
     graph_environment,
     node_processes,
 )
-from tirgeo_ros.tools.graph.node_process import NodeProcess
 from tirgeo_ros.tools.presentation.progress import Progress, Report, silent
 
 NODES = ("ekf_node", "gimbal_node")

@@ -19,15 +19,15 @@ from pathlib import Path
 from tirgeo_ros.core.types.errors import BagError, TirgeoError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.tools.graph import find_resource
-from tirgeo_ros.tools.graph.localhost import PROFILES
 from tirgeo_ros.tools.graph.node_graph import (
+    PROFILES,
     GraphSetup,
+    NodeProcess,
     await_words,
     graph_environment,
     node_processes,
     run_graph,
 )
-from tirgeo_ros.tools.graph.node_process import NodeProcess
 from tirgeo_ros.tools.presentation.progress import Progress, Report, silent
 
 RECORDED = (

@@ -11,8 +11,8 @@ from typing import Any
 
 from dev.nodes.bench_video import until_over
 from tirgeo_ros.io.messages import stamp_ns
-from tirgeo_ros.nodes.graph_node import GraphNode
-from tirgeo_ros.nodes.qos import STREAM_DEPTH, output
+from tirgeo_ros.io.messages.offered_qos import STREAM_DEPTH
+from tirgeo_ros.nodes.graph_node import GraphNode, output
 from tirgeo_ros.nodes.runner import run
 
 

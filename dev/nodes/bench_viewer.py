@@ -13,8 +13,7 @@ from typing import Any
 
 from dev.nodes.bench_video import until_over
 from tirgeo_ros.io.messages import compressed_pixels, image_pixels, stamp_ns
-from tirgeo_ros.nodes.graph_node import GraphNode
-from tirgeo_ros.nodes.qos import output
+from tirgeo_ros.nodes.graph_node import GraphNode, output
 from tirgeo_ros.nodes.runner import run
 
 _LEAST_INK = 1000  # coloured pixels of a picture with lines

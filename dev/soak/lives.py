@@ -12,7 +12,7 @@ from pathlib import Path
 
 from dev.nodes import package_of
 from dev.soak.schedule import GUEST
-from tirgeo_ros.tools.graph.node_process import NodeProcess
+from tirgeo_ros.tools.graph.node_graph import NodeProcess
 
 _SHARED = Path("/dev/shm")  # noqa: S108 where Fast DDS puts its files
 _DELETED = " (deleted)"

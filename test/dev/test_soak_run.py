@@ -18,7 +18,7 @@ from dev.soak.flight import SCENARIO, make_flight
 from dev.soak.run import RATE
 from dev.soak.schedule import Event, Kind, schedule
 from tirgeo_ros.core.types.verdicts import FilterState
-from tirgeo_ros.nodes.qos import STREAM_DEPTH
+from tirgeo_ros.io.messages.offered_qos import STREAM_DEPTH
 from tirgeo_ros.tools.graph import find_resource
 from tirgeo_ros.tools.simulate.scenario import Scenario
 

@@ -15,7 +15,7 @@ from tirgeo_ros.core.types.verdicts import FilterState, Outcome
 from tirgeo_ros.io.bags.cdr import Cdr
 from tirgeo_ros.io.messages import Messages, NodeState, TopicState
 from tirgeo_ros.nodes.aircraft_topics import Reports
-from tirgeo_ros.nodes.aircraft_verdict import STREAMS, Judge
+from tirgeo_ros.nodes.aircraft_view import STREAMS, Judge
 
 MESSAGES = Messages(Cdr().types)
 TICK_S = 0.2

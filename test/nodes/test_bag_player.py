@@ -24,8 +24,7 @@ from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
 from tirgeo_ros.dji.protocol.commands import GET_VERSION, decode_version_ack
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
 from tirgeo_ros.io.messages import stamp_ns
-from tirgeo_ros.nodes.bag_player import move_stamps
-from tirgeo_ros.nodes.playlist import aircraft_topics, publishers_for
+from tirgeo_ros.nodes.bag_player import aircraft_topics, move_stamps, publishers_for
 
 pytestmark = pytest.mark.graph
 

@@ -14,9 +14,8 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from std_msgs.msg import Header
 
-from tirgeo_ros.nodes.graph_node import GraphNode
+from tirgeo_ros.nodes.graph_node import GraphNode, output, sensor_input
 from tirgeo_ros.nodes.overlay_node import FrameStatistics
-from tirgeo_ros.nodes.qos import output, sensor_input
 from tirgeo_ros.nodes.runner import make_executor
 
 

@@ -20,9 +20,8 @@ from std_msgs.msg import String
 
 from tirgeo_ros.core.types.errors import MessageError
 from tirgeo_ros.nodes import monitor as monitor_module
-from tirgeo_ros.nodes.graph_node import GraphNode
+from tirgeo_ros.nodes.graph_node import GraphNode, output
 from tirgeo_ros.nodes.monitor import ERROR, OK, WARN, Monitor
-from tirgeo_ros.nodes.qos import output
 from tirgeo_ros.nodes.runner import _spin, make_executor
 
 

@@ -16,8 +16,8 @@ from sensor_msgs.msg import Imu
 
 from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.io.messages import NodeState
-from tirgeo_ros.nodes import graph_watch
-from tirgeo_ros.nodes.graph_watch import OtherPublishers, Restarts
+from tirgeo_ros.nodes import setup_checks
+from tirgeo_ros.nodes.setup_checks import OtherPublishers, Restarts
 
 pytestmark = pytest.mark.graph
 ODOMETRY, POSE = "/tirgeo/odometry", "/tirgeo/camera_pose"
@@ -74,7 +74,7 @@ def test_a_second_filter_is_found_and_a_killed_node_is_not(spawn, meet):
 
 def test_each_new_start_of_a_node_counts_once(monkeypatch):
     clock, restarts = [100.0], Restarts()
-    monkeypatch.setattr(graph_watch, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+    monkeypatch.setattr(setup_checks, "time", SimpleNamespace(monotonic=lambda: clock[0]))
 
     def said(node, started_ns):
         restarts.take(NodeState(f"/uav1/{node}", 0, started_ns))

@@ -20,8 +20,7 @@ from tirgeo_ros.io.messages import (
     STATE_TOPIC,
     TOPIC_TYPES,
 )
-from tirgeo_ros.nodes.help import TOPICS, as_yaml, help_text
-from tirgeo_ros.nodes.parameters_page import parameters_page
+from tirgeo_ros.nodes.help import TOPICS, as_yaml, help_text, parameters_page
 
 BLOCKED = """
 import sys

@@ -18,10 +18,9 @@ from sensor_msgs.msg import Imu, NavSatFix
 
 from tirgeo_ros.core.types.errors import MessageError
 from tirgeo_ros.io.messages import stamp_ns
-from tirgeo_ros.nodes.graph_node import GraphNode
-from tirgeo_ros.nodes.inbox import Inbox
+from tirgeo_ros.nodes.ekf_node import Inbox
+from tirgeo_ros.nodes.graph_node import GraphNode, output, sensor_input
 from tirgeo_ros.nodes.monitor import ERROR
-from tirgeo_ros.nodes.qos import output, sensor_input
 from tirgeo_ros.nodes.runner import make_executor
 
 pytestmark = pytest.mark.graph

@@ -22,8 +22,8 @@ from std_msgs.msg import UInt8
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.nodes import dji_sources
-from tirgeo_ros.nodes.dji_sources import PsdkSource
+from tirgeo_ros.nodes import dji_node
+from tirgeo_ros.nodes.dji_node import PsdkSource
 from tirgeo_ros.nodes.graph_node import GraphNode
 from tirgeo_ros.nodes.monitor import OK, WARN
 
@@ -140,7 +140,7 @@ def test_each_topic_becomes_its_reading(aircraft, stranger, topic, message, expe
 )
 def test_what_the_decoder_is_given_of_fused_topics(topic, message, values):
     """It holds them back until nothing better has come for a while."""
-    assert dji_sources._TOPICS[topic][1](message) == values
+    assert dji_node._TOPICS[topic][1](message) == values
 
 
 def test_an_rtk_position_without_its_flag_goes_on_by_the_timer(aircraft, stranger):
@@ -155,18 +155,18 @@ def test_an_rtk_position_without_its_flag_goes_on_by_the_timer(aircraft, strange
 
 def test_with_psdk_interfaces_nothing_is_missing(stranger, monkeypatch):
     """Any type does for being there: its topics are not sent."""
-    types = {topic: ("std_msgs/msg/UInt8", lambda m: m.data) for topic in dji_sources._LOST}
-    monkeypatch.setattr(dji_sources, "_TOPICS", dji_sources._TOPICS | types)
+    types = {topic: ("std_msgs/msg/UInt8", lambda m: m.data) for topic in dji_node._LOST}
+    monkeypatch.setattr(dji_node, "_TOPICS", dji_node._TOPICS | types)
     item = Aircraft(stranger).source.item()
     assert (item.level, item.message) == (OK, "ok")
 
 
 def test_silence_is_said_and_taken_back(aircraft, monkeypatch):
-    monkeypatch.setattr(dji_sources, "SILENT_S", 0.0)
+    monkeypatch.setattr(dji_node, "SILENT_S", 0.0)
     said = aircraft.source.item()
     assert said.level == WARN
     assert "nothing comes from psdk_ros2 on psdk_ros2/*" in said.message
-    monkeypatch.setattr(dji_sources, "SILENT_S", 60.0)
+    monkeypatch.setattr(dji_node, "SILENT_S", 60.0)
     aircraft.source.handle("rtk_yaw_info", UInt8(data=50))
     assert "nothing comes" not in aircraft.source.item().message
 

@@ -16,7 +16,7 @@ from tf_messages import with_tf
 
 from tirgeo_ros.io.bags.bag import BagWriter
 from tirgeo_ros.io.messages import SENSED_TOPICS, TOPIC_TYPES
-from tirgeo_ros.nodes.dji_sources import _LOST, _TOPICS, _is_installed
+from tirgeo_ros.nodes.dji_node import _LOST, _TOPICS, _is_installed
 from tirgeo_ros.nodes.graph_node import message_class
 from tirgeo_ros.nodes.recordings import TOPICS
 from tirgeo_ros.tools.graph import find_resource

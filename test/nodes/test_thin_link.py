@@ -21,7 +21,7 @@ from sensor_msgs.msg import CompressedImage, Image
 from tirgeo_ros.io.files.child_process import python_command
 from tirgeo_ros.io.messages import stamp_ns
 from tirgeo_ros.tools.graph import find_resource
-from tirgeo_ros.tools.graph.node_process import NodeProcess
+from tirgeo_ros.tools.graph.node_graph import NodeProcess
 
 pytestmark = pytest.mark.graph
 

@@ -7,7 +7,7 @@ import heapq
 import numpy as np
 import pytest
 
-from tirgeo_ros.page.pace import LEVELS, Pace
+from tirgeo_ros.page.video import LEVELS, Pace
 
 FULL = 95_000  # bytes of an untouched picture
 HZ = 30.0

@@ -14,15 +14,12 @@ from page_backend import HEIGHT, WIDTH, Pictures
 from page_clients import tile_file
 
 from tirgeo_ros.core.types.errors import PageError
-from tirgeo_ros.page import connections
-from tirgeo_ros.page import tiles as tiles_module
-from tirgeo_ros.page.access import OPERATOR
+from tirgeo_ros.page import connections, content
+from tirgeo_ros.page.access import OPERATOR, Allowance, Shares, WrongTokens
 from tirgeo_ros.page.connections import Door
-from tirgeo_ros.page.limits import Allowance, Shares, WrongTokens
-from tirgeo_ros.page.pace import LEVELS
+from tirgeo_ros.page.content import Tiles
 from tirgeo_ros.page.routes import invitation
-from tirgeo_ros.page.tiles import Tiles
-from tirgeo_ros.page.video_feed import VideoFeed
+from tirgeo_ros.page.video import LEVELS, VideoFeed
 
 URL = "https://192.168.1.20:8080/?token=abcdefghijklmnopqrstuvwx"
 
@@ -147,7 +144,7 @@ def with_views(path, **views):
     ],
 )
 def test_tables_without_an_end_are_refused_in_time(tmp_path, monkeypatch, views):
-    monkeypatch.setattr(tiles_module, "_OPENED_S", 0.2)
+    monkeypatch.setattr(content, "_OPENED_S", 0.2)
     path = with_views(tmp_path / "a.mbtiles", **views)
     with pytest.raises(PageError, match=r"a\.mbtiles: its tables take too long to read: give an"):
         Tiles(path)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tirgeo_ros.page.requests import RequestError, read_request
+from tirgeo_ros.page.actions import RequestError, read_request
 
 ID = "0123456789abcdef" * 2
 CLICK = {

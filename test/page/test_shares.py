@@ -13,9 +13,8 @@ import pytest
 from page_clients import OPERATOR_TOKEN, TOKENS, VIEWER_TOKEN, Page, Served, http, status
 
 from tirgeo_ros.page import actions
-from tirgeo_ros.page.access import OPERATOR, VIEWER
+from tirgeo_ros.page.access import OPERATOR, VIEWER, Shares, WrongTokens
 from tirgeo_ros.page.connections import MOST
-from tirgeo_ros.page.limits import Shares, WrongTokens
 
 MEASURE = {"type": "measure", "from": [48, 16], "to": [48, 17]}
 

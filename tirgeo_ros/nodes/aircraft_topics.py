@@ -38,9 +38,9 @@ from tirgeo_ros.io.messages import (
     stamp_ns,
     tangent_plane,
 )
-from tirgeo_ros.nodes.graph_node import GraphNode
-from tirgeo_ros.nodes.graph_watch import Restarts
-from tirgeo_ros.nodes.qos import IMAGE_DEPTH, STREAM_DEPTH, latched, output
+from tirgeo_ros.io.messages.offered_qos import IMAGE_DEPTH, STREAM_DEPTH
+from tirgeo_ros.nodes.graph_node import GraphNode, latched, output
+from tirgeo_ros.nodes.setup_checks import Restarts
 
 VIDEO, INFO = "tirgeo/overlay/image/compressed", "tirgeo/overlay/camera_info"
 ODOMETRY, POSE, FOOTPRINT = "tirgeo/odometry", "tirgeo/camera_pose", "tirgeo/footprint"

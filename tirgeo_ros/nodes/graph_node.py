@@ -1,4 +1,7 @@
-"""Define what the nodes of the graph share: topics, guarded callbacks, a log, reports."""
+"""Define what nodes share: topics with their QoS, guarded callbacks, a log, reports.
+
+Sensor data are best effort, outputs reliable, and what late readers need is latched.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,7 @@ from rclpy.event_handler import SubscriptionEventCallbacks, UnsupportedEventType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
@@ -34,9 +37,32 @@ from tirgeo_ros.io.messages import (
     Messages,
     NodeState,
 )
+from tirgeo_ros.io.messages.offered_qos import (
+    OUTPUT_DEPTH,
+    STREAM_DEPTH,
+)
 from tirgeo_ros.nodes.monitor import OK, WARN, Monitor
 from tirgeo_ros.nodes.parameters import LiveParameters, unchanging
-from tirgeo_ros.nodes.qos import latched, output
+
+
+def sensor_input(depth: int = STREAM_DEPTH) -> QoSProfile:
+    """Return the profile for a topic from a sensor, compatible with any publisher."""
+    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+def output(depth: int = OUTPUT_DEPTH) -> QoSProfile:
+    """Return the profile for a topic that this package publishes, or reads without loss."""
+    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE)
+
+
+def latched(depth: int = 1) -> QoSProfile:
+    """Return the profile for a topic whose last message a late subscriber still gets."""
+    return QoSProfile(
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    )
+
 
 T = TypeVar("T")
 _REPORT_S = 1.0
@@ -55,6 +81,11 @@ def message_class(typename: str) -> type:
         return getattr(importlib.import_module(f"{package}.msg"), name)  # type: ignore[no-any-return]
     except (ImportError, AttributeError):
         raise ConfigError(f"message type {typename} is not installed") from None
+
+
+def topic_names(listed: str) -> list[str]:
+    """Return the relative names in a list separated by commas."""
+    return [name.strip().lstrip("/") for name in listed.split(",") if name.strip()]
 
 
 class GraphNode(Node):

@@ -43,15 +43,14 @@ from tirgeo_ros.io.messages import (
     stamp_ns,
     tangent_plane,
 )
+from tirgeo_ros.io.messages.offered_qos import IMAGE_DEPTH
 from tirgeo_ros.io.pictures.camera_file import given_camera
-from tirgeo_ros.nodes.graph_node import GraphNode, told
-from tirgeo_ros.nodes.graph_watch import OtherPublishers
+from tirgeo_ros.nodes.graph_node import GraphNode, latched, output, sensor_input, told
 from tirgeo_ros.nodes.map_watch import MapWatch
 from tirgeo_ros.nodes.monitor import OK, WARN
 from tirgeo_ros.nodes.parameters import given_names
-from tirgeo_ros.nodes.qos import IMAGE_DEPTH, latched, output, sensor_input
 from tirgeo_ros.nodes.runner import run, unless_stopped
-from tirgeo_ros.nodes.setup_checks import InputChecks, SetupChecks
+from tirgeo_ros.nodes.setup_checks import InputChecks, OtherPublishers, SetupChecks
 
 _CLICKS = 10
 _NODES = 10  # of an aircraft, whose states come at once when this one starts

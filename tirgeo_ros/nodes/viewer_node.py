@@ -26,14 +26,12 @@ from tirgeo_ros.io.targets.store import TargetStore
 from tirgeo_ros.io.video.live_stream import stream_url
 from tirgeo_ros.nodes.aircraft_topics import terrain_of
 from tirgeo_ros.nodes.aircraft_view import AircraftView
-from tirgeo_ros.nodes.child_node import ChildNode, ground_values
 from tirgeo_ros.nodes.graph_node import GraphNode
 from tirgeo_ros.nodes.map_watch import PageMap
 from tirgeo_ros.nodes.monitor import OK, WARN
-from tirgeo_ros.nodes.page_backend import PageBackend
-from tirgeo_ros.nodes.recordings import Recordings
+from tirgeo_ros.nodes.page_backend import PageBackend, TeamLink
+from tirgeo_ros.nodes.recordings import ChildNode, Recordings, ground_values
 from tirgeo_ros.nodes.runner import run
-from tirgeo_ros.nodes.team_link import TeamLink
 from tirgeo_ros.page.routes import invitation
 from tirgeo_ros.page.server import PageServer
 

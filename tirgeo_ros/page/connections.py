@@ -15,8 +15,7 @@ from typing import Any
 from aiohttp import web
 from aiohttp.http_exceptions import HttpProcessingError
 
-from tirgeo_ros.page.access import OPERATOR, VIEWER
-from tirgeo_ros.page.limits import Allowance
+from tirgeo_ros.page.access import OPERATOR, VIEWER, Allowance
 
 #: Most connections by role, None: strangers'; and most of one owner: a session, or a stranger's
 #: address, which tablets behind one router share.

@@ -12,9 +12,16 @@ from typing import TYPE_CHECKING
 from aiohttp import web
 
 from tirgeo_ros.core.types.errors import TirgeoError
-from tirgeo_ros.page.access import OPERATOR, Access, is_websocket, plain_host
+from tirgeo_ros.page.access import (
+    OPERATOR,
+    Access,
+    Allowance,
+    Shares,
+    WrongTokens,
+    is_websocket,
+    plain_host,
+)
 from tirgeo_ros.page.connections import Connection, Door
-from tirgeo_ros.page.limits import Allowance, Shares, WrongTokens
 
 if TYPE_CHECKING:
     from aiohttp.typedefs import Middleware

@@ -21,12 +21,11 @@ from tirgeo_ros.page.access import OPERATOR, VIEWER, Access
 from tirgeo_ros.page.actions import Actions, Told, changed_targets
 from tirgeo_ros.page.backend import Backend
 from tirgeo_ros.page.connections import Door, http_runner, listening_socket
+from tirgeo_ros.page.content import Tiles, read_static
 from tirgeo_ros.page.guard import Guard, mark
 from tirgeo_ros.page.routes import Routes
 from tirgeo_ros.page.state_hub import plain
-from tirgeo_ros.page.static_files import read_static
-from tirgeo_ros.page.tiles import Tiles
-from tirgeo_ros.page.video_feed import VideoFeed
+from tirgeo_ros.page.video import VideoFeed
 
 STATIC = Path(__file__).parent / "static"
 _BODY_BYTES = 2048

@@ -14,7 +14,7 @@ from dev.real_flights_judged import judge_all
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.io.maps.map_process import MapProcess
-from tirgeo_ros.tools.graph.node_process import NodeProcess
+from tirgeo_ros.tools.graph.node_graph import NodeProcess
 
 #: What the children import: of this package's requirements, and of Python's own.
 NAMES = ("yaml", "numpy", "cv2", "pyproj", "random", "tempfile", "selectors", "tirgeo_ros")

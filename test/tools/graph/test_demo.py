@@ -32,8 +32,7 @@ from tirgeo_ros.tools.graph.demo import (
     make_pictures,
     summary,
 )
-from tirgeo_ros.tools.graph.localhost import PROFILES
-from tirgeo_ros.tools.graph.node_graph import GraphSetup, free_domain, graph_environment
+from tirgeo_ros.tools.graph.node_graph import PROFILES, GraphSetup, free_domain, graph_environment
 from tirgeo_ros.tools.replay.graph_outputs import read_outputs
 
 MS = 1_000_000

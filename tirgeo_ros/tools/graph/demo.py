@@ -23,11 +23,11 @@ from tirgeo_ros.tools.graph import find_resource
 from tirgeo_ros.tools.graph.node_graph import (
     AWAITED,
     GraphSetup,
+    NodeProcess,
     free_domain,
     run_graph,
     show_graph,
 )
-from tirgeo_ros.tools.graph.node_process import NodeProcess
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.flight_topics import PICTURES
 from tirgeo_ros.tools.replay.graph_outputs import (
