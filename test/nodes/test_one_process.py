@@ -19,6 +19,7 @@ import pytest
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
 from diagnostic_msgs.msg import DiagnosticArray
+from free_addresses import free_address
 from graph_helpers import deep_queues, stamps_of
 from nav_msgs.msg import Odometry
 from page_clients import Page
@@ -128,8 +129,7 @@ def test_a_bag_goes_through_and_others_see_each_message_once(
 
 @pytest.mark.slow
 def test_a_page_that_is_killed_is_started_again_and_takes_nothing_along(start, meet):
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        address = f"0.0.0.0:{free.getsockname()[1]}"
+    address = free_address("0.0.0.0")
     stranger = meet(**{"/diagnostics": DiagnosticArray})
     run = start("--no-dji", "--page", address)
     run.await_ready()

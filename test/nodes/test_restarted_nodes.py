@@ -6,7 +6,6 @@ import asyncio
 import os
 import re
 import signal
-import socket
 import time
 import urllib.request
 
@@ -16,6 +15,7 @@ pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
 from diagnostic_msgs.msg import DiagnosticArray
 from flown_page import FlownPage
+from free_addresses import free_address
 from graph_helpers import Stranger
 from page_clients import Page
 from project import child_of
@@ -37,9 +37,7 @@ STOPPED = {
 
 @pytest.fixture
 def demo(tmp_path):
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        address = f"127.0.0.1:{free.getsockname()[1]}"
-    page = FlownPage(tmp_path, "demo", "--page", address, "-o", tmp_path / "demo")
+    page = FlownPage(tmp_path, "demo", "--page", free_address(), "-o", tmp_path / "demo")
     yield page
     page.close()
 

@@ -72,7 +72,7 @@ class Inbox:
         made = self._node.listen(topic, handle, qos, typename, wrapped=deferred, raw=True)
         depth = made.qos_profile.depth
         self._order.open(topic, depth)
-        # Not public, so setup.py bounds the version of rclpy: test_inbox.py says why.
+        # Not public, so setup.py bounds the version of rclpy: test_ekf_node.py says why.
         take = partial(made.handle.take_message, made.msg_type, made.raw)
         self._sources.append((depth, take, made.callback))
 
