@@ -21,7 +21,7 @@ from launch_stand_ins import environment_of, launched, loaded, ros_arguments_of
 from project import NODES as EXECUTABLES
 from project import PROJECT
 
-from dev.soak.lives import held_by, shared_files
+from dev.soak.run import held_by, shared_files
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.nodes.runner import remove_dead
 

@@ -162,7 +162,7 @@ TOPICS: Mapping[str, tuple[Sequence[str], Sequence[str]]] = {
             *("tirgeo/odometry", "tirgeo/origin", "tirgeo/camera_pose", "tirgeo/footprint"),
             *("tirgeo/path", "tirgeo/locate/answer", STATE_TOPIC, FINDINGS_TOPIC),
         ),
-        ("tirgeo/locate/pixel", "tirgeo/targets", *_REPORTS),
+        ("tirgeo/locate/pixel", "tirgeo/targets", "tirgeo/targets/markers", *_REPORTS),
     ),
     "bag_player": ((), ("/clock", *SENSED_TOPICS, *_PICTURES, *_REPORTS)),
 }

@@ -31,17 +31,16 @@ from tirgeo_ros.io.messages import (
     STATE_TOPIC,
     DiagnosticItem,
     PictureState,
-    answer_item,
     camera,
     camera_pose,
     compressed_pixels,
     findings_of,
     image_pixels,
-    marked_places,
     node_state,
     pixel,
     stamp_ns,
     tangent_plane,
+    targets_of,
 )
 from tirgeo_ros.io.messages.offered_qos import IMAGE_DEPTH
 from tirgeo_ros.io.pictures.camera_file import given_camera
@@ -131,7 +130,7 @@ class OverlayNode(GraphNode):
         for topic, take, qos in (
             ("tirgeo/camera_pose", self._take_pose, output()),
             ("tirgeo/origin", self._take_origin, latched()),
-            ("tirgeo/targets", lambda m: set_targets(marked_places(m)), latched()),
+            ("tirgeo/targets", lambda m: set_targets(targets_of(m)), latched()),
             (STATE_TOPIC, self._take_state, latched(_NODES)),
             (FINDINGS_TOPIC, self._take_findings, output()),
             # Best effort, so that any publisher is compatible.
@@ -176,8 +175,7 @@ class OverlayNode(GraphNode):
         clicked_ns, u, v = pixel(message)
         answer = self._overlay.clicks.locate((u, v), clicked_ns)
         if self._answer.get_subscription_count():
-            item = answer_item(self.get_fully_qualified_name(), answer)
-            self._answer.publish(self.messages.diagnostics(answer.stamp_ns, [item]))
+            self._answer.publish(self.messages.answer(answer))
         if isinstance(answer, Located):
             self._fix.publish(self.messages.located_fix(answer))
             self._point.publish(self.messages.located_point(answer))

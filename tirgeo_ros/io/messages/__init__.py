@@ -22,6 +22,7 @@ from tirgeo_ros.io.messages.diagnostics import (
     navigation_status,
 )
 from tirgeo_ros.io.messages.encode import Messages
+from tirgeo_ros.io.messages.json_codec import answer_of, targets_of
 from tirgeo_ros.io.messages.node_reports import (
     FINDINGS_TOPIC,
     STATE_TOPIC,
@@ -43,12 +44,6 @@ from tirgeo_ros.io.messages.sensor_messages import (
     sensed,
     topic_of,
 )
-from tirgeo_ros.io.messages.target_messages import (
-    ClickAnswer,
-    answer_item,
-    click_answer,
-    marked_places,
-)
 
 __all__ = [
     "DJI_TOPICS",
@@ -58,19 +53,17 @@ __all__ = [
     "SENSED_TOPICS",
     "STATE_TOPIC",
     "TOPIC_TYPES",
-    "ClickAnswer",
     "DiagnosticItem",
     "Messages",
     "NodeState",
     "PictureState",
     "SensedSample",
     "TopicState",
-    "answer_item",
+    "answer_of",
     "body_pose",
     "camera",
     "camera_attitude",
     "camera_pose",
-    "click_answer",
     "compressed_pixels",
     "diagnostic_level",
     "finding_row",
@@ -79,7 +72,6 @@ __all__ = [
     "image_pixels",
     "imu_sample",
     "joint_sample",
-    "marked_places",
     "navigation_item",
     "navigation_status",
     "node_state",
@@ -88,5 +80,6 @@ __all__ = [
     "sensed",
     "stamp_ns",
     "tangent_plane",
+    "targets_of",
     "topic_of",
 ]

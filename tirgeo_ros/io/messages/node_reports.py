@@ -12,10 +12,11 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, TypeVar
 
 from tirgeo_ros.core.config.overlay import POINT_SIGMAS, ConfidenceConfig
-from tirgeo_ros.core.types.errors import MessageError, cut
+from tirgeo_ros.core.types.errors import MessageError, cut, shown
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.measurements import FixStatus
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus, Outcome
+from tirgeo_ros.io.messages.json_codec import WRONG_FORM, document_of
 
 STATE_TOPIC, FINDINGS_TOPIC = "tirgeo/state", "tirgeo/findings"
 _STATE, _FINDINGS = "tirgeo/state/1", "tirgeo/findings/1"
@@ -91,7 +92,11 @@ def state_text(state: NodeState) -> str:
 
 def node_state(msg: Any) -> NodeState:
     """Decode ``tirgeo/state``, texts cut. Raises MessageError."""
-    return _decoded(msg, STATE_TOPIC, _STATE, _node_state)
+    row = document_of(msg, STATE_TOPIC, _STATE, _LONGEST)
+    try:
+        return _node_state(row)
+    except WRONG_FORM as error:
+        raise MessageError(f"{STATE_TOPIC}: no state of a node: {shown(error, 100)}") from None
 
 
 def findings_text(node: str, stamp_ns: int, findings: Iterable[Finding]) -> str:
@@ -109,20 +114,12 @@ def finding_row(finding: Finding) -> dict[str, str]:
 
 def findings_of(msg: Any) -> tuple[str, int, list[Finding]]:
     """Decode ``tirgeo/findings``: node, stamp (ns), findings, texts cut. Raises MessageError."""
-    return _decoded(msg, FINDINGS_TOPIC, _FINDINGS, _findings)
-
-
-def _decoded(msg: Any, topic: str, schema: str, decode: Callable[[dict[str, Any]], T]) -> T:
-    """Return the decoded document of a ``std_msgs/String``; raise MessageError for any other."""
+    row = document_of(msg, FINDINGS_TOPIC, _FINDINGS, _LONGEST)
     try:
-        document = json.loads(msg.data if len(msg.data) <= _LONGEST else "")
-        named = document["schema"]
-        decoded = decode(document)
-    except (AttributeError, KeyError, TypeError, ValueError, RecursionError) as error:
-        raise MessageError(f"{topic} is no document of {schema}: {cut(str(error))}") from None
-    if named != schema:
-        raise MessageError(f"{topic}: its schema is not {schema}")
-    return decoded
+        findings = [_finding(one) for one in row["findings"]]
+        return cut(str(row["node"])), int(row["stamp_ns"]), findings
+    except WRONG_FORM as error:
+        raise MessageError(f"{FINDINGS_TOPIC}: no findings: {shown(error, 100)}") from None
 
 
 def _node_state(document: dict[str, Any]) -> NodeState:
@@ -197,11 +194,6 @@ def _navigation(row: dict[str, Any]) -> NavigationStatus:
         vibration=tuple(_number(density) for density in row["vibration"]),
         began_again=Outcome(again) if again else None,
     )
-
-
-def _findings(document: dict[str, Any]) -> tuple[str, int, list[Finding]]:
-    findings = [_finding(row) for row in document["findings"]]
-    return cut(str(document["node"])), int(document["stamp_ns"]), findings
 
 
 def _finding(row: dict[str, str]) -> Finding:
