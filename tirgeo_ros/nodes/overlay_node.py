@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import Camera
-from tirgeo_ros.core.checks.map_checks import MapChecks
+from tirgeo_ros.core.checks.ground_checks import MapChecks
 from tirgeo_ros.core.checks.picture_checks import PictureChecks
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.config.overlay import POINT_SIGMAS

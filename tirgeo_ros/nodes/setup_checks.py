@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from tirgeo_ros.core.checks.recording_checks import RecordedTopics, needed_findings
+from tirgeo_ros.core.checks.input_checks import RecordedTopics, needed_findings
 from tirgeo_ros.core.types.errors import shown
 from tirgeo_ros.core.types.finding import Finding, Severity, sorted_findings, verdict_line
 from tirgeo_ros.io.messages import TOPIC_TYPES, DiagnosticItem

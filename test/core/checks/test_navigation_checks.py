@@ -13,7 +13,7 @@ from dev.flight_errors import fitting_config
 from tirgeo_ros.core.checks.heading_checks import HeadingChecks
 from tirgeo_ros.core.checks.imu_checks import ImuMean
 from tirgeo_ros.core.checks.navigation_checks import NavigationChecks
-from tirgeo_ros.core.checks.velocity_checks import VelocityChecks
+from tirgeo_ros.core.checks.receiver_checks import VelocityChecks
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.heading import wrapped
 from tirgeo_ros.core.frames.rotations import matrix_from_quat

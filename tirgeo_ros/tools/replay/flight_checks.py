@@ -15,15 +15,15 @@ from typing import Any, TypeVar, cast
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.checks.gimbal_checks import GimbalChecks
-from tirgeo_ros.core.checks.map_checks import MapChecks
-from tirgeo_ros.core.checks.navigation_checks import NavigationChecks, nearest_causes
-from tirgeo_ros.core.checks.parameter_checks import parameter_findings
-from tirgeo_ros.core.checks.picture_checks import PictureChecks
-from tirgeo_ros.core.checks.recording_checks import (
+from tirgeo_ros.core.checks.ground_checks import MapChecks
+from tirgeo_ros.core.checks.input_checks import (
     RecordedTopics,
+    parameter_findings,
     recording_findings,
     unreadable_findings,
 )
+from tirgeo_ros.core.checks.navigation_checks import NavigationChecks, nearest_causes
+from tirgeo_ros.core.checks.picture_checks import PictureChecks
 from tirgeo_ros.core.checks.stream_checks import Stream, lone_findings
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane

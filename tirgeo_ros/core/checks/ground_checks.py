@@ -1,4 +1,4 @@
-"""Check heights above ground: at rest, in flight, below the ground.
+"""Check ground and map against the flight: heights at rest and in flight, places, empty files.
 
 An aircraft at rest stands on the ground. It counts as at rest only if it was still for some
 seconds and no part of the flight was lower: a hovering aircraft moves by centimetres, and flies
@@ -12,10 +12,19 @@ import math
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from tirgeo_ros.core.checks.finding_table import finding
+from tirgeo_ros.core.checks.receiver_checks import LARGEST_UNDULATION_M
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.types.finding import Finding, Severity
+from tirgeo_ros.core.map.distance import (
+    ELSEWHERE_M,
+    likely_mistake,
+    nearest_feature,
+    way_words,
+)
+from tirgeo_ros.core.overlay.map_renderer import DrapedMap
+from tirgeo_ros.core.types.finding import Finding, sorted_findings
 from tirgeo_ros.core.types.poses import CameraPose
 
 _EVERY_NS = 250_000_000
@@ -30,7 +39,10 @@ _RESTS_M = (-2.0, 3.0)
 _RESTS_ON_TERRAIN_M = (-6.0, 8.0)  # for elevation models from satellites
 _BELOW_M = 2.0
 _LASTS = 8  # consecutive samples: two seconds
-_LARGEST_UNDULATION_M = 110.0
+#: Farther than a multirotor flies, and than a map is drawn.
+_FAR_M = 10_000.0
+#: Part of the map readers' remark on a file that names no coordinate system.
+_NO_SYSTEM = "taken as WGS84"
 
 
 def ground_parameter(ground: Ground | None) -> str:
@@ -96,27 +108,86 @@ class HeightChecks:
     def findings(self) -> list[Finding]:
         """Return the findings so far."""
         self._look()
-        found = []
+        findings = []
         if not math.isnan(self._below_m):
-            evidence = f"{self._below_m:.1f} m below the ground"
-            found.append(self._finding("below_ground", Severity.STOP, evidence, self._below_m))
+            findings.append(self._finding("below_ground", self._below_m))
         height_m, off_m = self._rest
         is_ground = height_m <= self._lowest_m + _LOWER_M
         if is_ground and self._highest_m - self._lowest_m >= _CLIMBS_M:
             terrain = isinstance(self._ground, Terrain)
             low, high = _RESTS_ON_TERRAIN_M if terrain else _RESTS_M
             if off_m < low or off_m > high:
-                severity = Severity.STOP if off_m < 0 or terrain else Severity.CAUTION
-                evidence = f"at rest, at the flight's lowest place, {off_m:.1f} m above ground"
-                found.append(self._finding("height_at_rest", severity, evidence, off_m))
-        return found
+                case = "" if off_m < 0 or terrain else "above"
+                findings.append(self._finding("height_at_rest", off_m, case))
+        return findings
 
-    def _finding(self, check: str, severity: Severity, evidence: str, off_m: float) -> Finding:
+    def _finding(self, check: str, off_m: float, case: str = "") -> Finding:
+        case += " geoid" if 5.0 < abs(off_m) < LARGEST_UNDULATION_M else ""
         name = "dem_undulation_m" if isinstance(self._ground, Terrain) else "ground_height_m"
-        mend = (
-            f"check that the ground's height is that of this place, and that {name} is ellipsoidal"
-        )
-        if 5.0 < abs(off_m) < _LARGEST_UNDULATION_M:
-            geoid = "one above sea level is off by the geoid's height"
-            mend = f"{name}: heights are ellipsoidal, as in rtk/fix; {geoid}"
-        return Finding(check, severity, evidence, ground_parameter(self._ground), mend)
+        return finding(check, case, off_m=off_m, where=ground_parameter(self._ground), name=name)
+
+
+class MapChecks:
+    """Check the map and the elevation model of a flight whenever map or plane are new."""
+
+    def __init__(self, ground: Ground | None) -> None:
+        self._ground = math.nan if ground is None else ground
+        self._findings: list[Finding] = []
+        self._has_map = False
+        self._unread: list[Finding] = []
+
+    def plane(self, plane: TangentPlane) -> None:
+        """Take the plane of the flight; a map comes after it."""
+        self._findings = dem_findings(self._ground, plane)
+
+    def map(self, draped: DrapedMap) -> None:
+        """Take a map that is draped in the plane."""
+        self._findings, self._has_map = map_findings(draped, self._ground), True
+        self._unread = []
+
+    def failed(self, why: str) -> None:
+        """Take the reason why the newest map was not read or draped; the previous one stays."""
+        self._unread = [finding("map_unreadable", "older" if self._has_map else "", why=why)]
+
+    def findings(self) -> list[Finding]:
+        """Return the findings, the most severe first."""
+        return sorted_findings([*self._findings, *self._unread])
+
+
+def map_findings(draped: DrapedMap, ground: Ground) -> list[Finding]:
+    """Return the faults of a map that was draped in the flight's plane, the most severe first.
+
+    The plane's origin is taken as the place of take-off. ``ground`` is what the map was draped on.
+    """
+    if not draped.features:
+        return [finding("map_empty")]
+    findings = dem_findings(ground, draped.plane)
+    if draped.map.without_ground == len(draped.map.labels) > 0:
+        findings.append(finding("map_empty", "dem"))
+    nearest = nearest_feature(draped.map, np.zeros(3), draped.first_n)
+    if nearest is not None and nearest.distance_m > _FAR_M:
+        question = likely_mistake(draped.plane, np.asarray(nearest.point_n))
+        texts = {
+            "way": way_words(nearest.distance_m, nearest.azimuth_rad),
+            "question": f"; {question}" if question else "",
+        }
+        case = "far" if nearest.distance_m > ELSEWHERE_M else ""
+        findings.append(finding("map_elsewhere", case, **texts))
+    remarks = [line for layer in draped.map.layers for line in layer.left_out]
+    unsure = [finding("map_system_unknown", remark=line) for line in remarks if _NO_SYSTEM in line]
+    return sorted_findings([*findings, *unsure])
+
+
+def dem_findings(ground: Ground, plane: TangentPlane) -> list[Finding]:
+    """Return the faults of an elevation model at the plane's origin."""
+    if not isinstance(ground, Terrain):
+        return []
+    if math.isfinite(ground.height_m(*map(np.array, (plane.latitude_rad, plane.longitude_rad)))):
+        return []
+    around_n = np.array([(north, east, 0.0) for north in (-1, 1) for east in (-1, 1)]) * _FAR_M
+    grid = np.array(ground.grid_of(*plane.geodetic_from_ned(around_n)[:2]))  # columns, rows
+    last = np.array(ground.heights_m.shape[::-1]) - 1
+    near = np.all((grid.max(axis=1) >= 0) & (grid.min(axis=1) <= last))  # false for nan
+    latitude, longitude = map(math.degrees, (plane.latitude_rad, plane.longitude_rad))
+    case = "near" if near else ""
+    return [finding("dem_elsewhere", case, latitude=latitude, longitude=longitude)]
