@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from dev.flight_errors import navigation_samples
-from tirgeo_ros.core.aircraft_calibration.filter_run import Recorded
-from tirgeo_ros.core.aircraft_calibration.parameters import DELAYS
+from tirgeo_ros.core.calibration.aircraft_parameters import DELAYS
+from tirgeo_ros.core.calibration.aircraft_run import Recorded
 from tirgeo_ros.core.navigation.aiding.state_estimate import source_of
 from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample
 from tirgeo_ros.io.bags.bag import BagWriter, Cdr

@@ -11,7 +11,7 @@ from recorded_bags import segments_of
 
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
-from tirgeo_ros.io.bags.mcap_contents import MAGIC
+from tirgeo_ros.io.bags.mcap_file import MAGIC
 
 TYPE = "std_msgs/msg/Header"
 COUNT = 600

@@ -15,8 +15,8 @@ from mcap.opcode import Opcode
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags import mcap_file
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
-from tirgeo_ros.io.bags.mcap_contents import MAGIC
-from tirgeo_ros.io.files.bounded_unpacking import MOST_BYTES, unpacked
+from tirgeo_ros.io.bags.bag_file import MOST_BYTES, unpacked
+from tirgeo_ros.io.bags.mcap_file import MAGIC
 
 ZEROS = 40 << 20
 MOST_PEAK = 8 << 20  # the pieces, of a megabyte that is said

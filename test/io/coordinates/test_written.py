@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tirgeo_ros.io.coordinates.written import written
+from tirgeo_ros.io.coordinates.crs import written
 
 GEOD = pyproj.Geod(ellps="WGS84")
 DMS = re.compile(r"(\d+)°(\d\d)'(\d\d\.\d\d)\"([NS]) (\d+)°(\d\d)'(\d\d\.\d\d)\"([EW])")

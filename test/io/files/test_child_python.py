@@ -86,7 +86,7 @@ def test_a_node_ends_with_the_process_that_started_it(tmp_path):
     program = (
         "import os, subprocess, sys, time\n"
         f"sys.path.append({str(tmp_path)!r})\n"
-        "from tirgeo_ros.io.files.child_python import node_command\n"
+        "from tirgeo_ros.io.files.child_process import node_command\n"
         "command = node_command('waiting', [], 'others', ends_with=os.getpid())\n"
         "child = subprocess.Popen(command)\n"
         f"while child.poll() is None and not os.path.exists({str(tmp_path / 'ready')!r}):\n"

@@ -15,7 +15,7 @@ from pyproj.network import set_network_enabled
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.types.errors import ConfigError, ElevationError, MapError
 from tirgeo_ros.io.elevation.elevation_model import ground_of, load_terrain
-from tirgeo_ros.io.files import offline_reading as offline
+from tirgeo_ros.io.files import bounded_reading as offline
 from tirgeo_ros.io.maps.layers import read_layers
 
 RASTER = """<VRTDataset rasterXSize="9" rasterYSize="9"><SRS>EPSG:32650</SRS>

@@ -7,7 +7,7 @@ import tracemalloc
 import pytest
 
 from tirgeo_ros.core.types.errors import LogError
-from tirgeo_ros.io.files.text_file import read_text
+from tirgeo_ros.io.files.whole_files import read_text
 
 
 def test_memory_is_by_the_size_of_the_file_not_by_the_limit(tmp_path):

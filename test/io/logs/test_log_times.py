@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tirgeo_ros.io.logs.log_times import (
+from tirgeo_ros.io.logs.log_contents import (
     SECOND_NS,
     utc_ns,
     utc_ns_of_week,

@@ -9,9 +9,8 @@ import re
 import numpy as np
 
 from tirgeo_ros.core.map.layers import GeoFeature, MapLayer
-from tirgeo_ros.io.maps import page_map as module
-from tirgeo_ros.io.maps.map_process import MapProcess
-from tirgeo_ros.io.maps.page_map import page_map
+from tirgeo_ros.io.maps import map_process as module
+from tirgeo_ros.io.maps.map_process import MapProcess, page_map
 
 
 def feature(*places, label="", closed=False, group=-1):

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.io.maps.property_rules import Condition, LabelRule
+from tirgeo_ros.io.maps.style_sheet import Condition, LabelRule
 
 ROW = {
     "kind": "hydrant",

@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.calibration.orthophoto.polynomial_transform import fit_polynomial
+from tirgeo_ros.core.calibration.polynomial_transform import fit_polynomial
 from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.io.coordinates.crs import Plane
-from tirgeo_ros.io.pictures.geotiff_output import write_warped
+from tirgeo_ros.io.pictures.geotiff import write_warped
 
 SIZE_PX = np.array([1500, 1100])
 PIXEL_M = 0.05

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tirgeo_ros.core.types.errors import SurveyError
-from tirgeo_ros.io.surveys.control_points import downward, load_control_points
+from tirgeo_ros.io.surveys.survey import downward, load_control_points
 
 MARKS = "id,column,row\na,10.5,20\nb,30,40\nc,50,5\n"
 SURVEY = "id,lat,lon,h\nc,39.82,116.71,20\na,39.81,116.7,20\nz,39.8,116.7,20\n"

@@ -150,11 +150,11 @@ TABLES = {
 LOAD = """
 import sys
 from tirgeo_ros.core.types.errors import TirgeoError
-from tirgeo_ros.io.surveys import control_points, survey
+from tirgeo_ros.io.surveys import survey
 name, path = sys.argv[1:]
 try:
     if name == "load_control_points":
-        print(len(control_points.load_control_points(path, None, None).names))
+        print(len(survey.load_control_points(path, None, None).names))
     else:
         print(len(getattr(survey, name)(path)))
 except TirgeoError as error:

@@ -21,7 +21,7 @@ from klv_reader import (
 from klvdata.common import ber_encode
 from project import PROJECT
 
-from tirgeo_ros.io.video.klv import ITEMS, ber, packet
+from tirgeo_ros.io.video.frame_metadata import ITEMS, ber, packet
 
 TIME_NS = 1_231_798_102_000_000_000
 #: 2009-01-12 22:08:22 in Vienna, worked out by hand.

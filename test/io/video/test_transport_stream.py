@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from klv_reader import by_klvdata, demuxed
 
-from tirgeo_ros.io.video.klv import packet
+from tirgeo_ros.io.video.frame_metadata import packet
 from tirgeo_ros.io.video.video_file import VideoFile
 
 START_NS = 1_634_731_264_000_000_000

@@ -13,10 +13,11 @@ from tirgeo_ros.core.types.measurements import LAST_NS
 from tirgeo_ros.io.logs.columns_keys import Cell, Keys
 from tirgeo_ros.io.logs.columns_parts import Matching
 from tirgeo_ros.io.logs.columns_quantities import QUANTITIES, Quantity
-from tirgeo_ros.io.logs.log_contents import LogOptions, Refused
-from tirgeo_ros.io.logs.log_times import (
+from tirgeo_ros.io.logs.log_contents import (
     GPS_EPOCH_NS,
     SECOND_NS,
+    LogOptions,
+    Refused,
     agreed,
     first_count,
     utc_ns,

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.measurements import ImuSample
-from tirgeo_ros.io.files.text_file import WINDOWS, encoding_of
+from tirgeo_ros.io.files.whole_files import WINDOWS, encoding_of
 from tirgeo_ros.io.logs.columns_file import Columns, Layout, NamedQuantity
 from tirgeo_ros.io.logs.columns_quantities import prepare
 from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions, Refused

@@ -23,7 +23,7 @@ import numpy as np
 from tirgeo_ros.core.frames.rotations import quat_from_euler
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 from tirgeo_ros.core.types.errors import LogError
-from tirgeo_ros.io.files.memory_bound import bounded_memory
+from tirgeo_ros.io.files.bounded_reading import bounded_memory
 from tirgeo_ros.io.logs.autopilot_tables import (
     LEAST_FIX,
     LOG_BYTES,
@@ -38,8 +38,7 @@ from tirgeo_ros.io.logs.autopilot_tables import (
     imu_samples,
     pressure_samples,
 )
-from tirgeo_ros.io.logs.log_contents import MSL, LogContents, LogOptions
-from tirgeo_ros.io.logs.log_times import utc_ns_of_week
+from tirgeo_ros.io.logs.log_contents import MSL, LogContents, LogOptions, utc_ns_of_week
 
 #: The first message of a log: a format (FMT, 0x80) that describes a message, mostly itself.
 _BINARY, _TEXT = b"\xa3\x95\x80", b"FMT,"

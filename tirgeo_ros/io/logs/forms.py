@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from tirgeo_ros.core.types.errors import LogError
-from tirgeo_ros.io.files.text_file import UTF16
+from tirgeo_ros.io.files.whole_files import UTF16
 from tirgeo_ros.io.logs import dataflash, dji_srt, px4_ulog, rtklib_pos, ubx
 from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from tirgeo_ros.core.types.arrays import Array, IntArray
 from tirgeo_ros.core.types.errors import LogError
-from tirgeo_ros.io.files.memory_bound import bounded_memory
+from tirgeo_ros.io.files.bounded_reading import bounded_memory
 from tirgeo_ros.io.logs.autopilot_tables import (
     LEAST_FIX,
     LOG_BYTES,

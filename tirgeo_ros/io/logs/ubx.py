@@ -25,8 +25,15 @@ from tirgeo_ros.core.types.measurements import (
     Source,
     VelocitySample,
 )
-from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions, Refused, say_receiver
-from tirgeo_ros.io.logs.log_times import SECOND_NS, WEEK_NS, written_time
+from tirgeo_ros.io.logs.log_contents import (
+    SECOND_NS,
+    WEEK_NS,
+    LogContents,
+    LogOptions,
+    Refused,
+    say_receiver,
+    written_time,
+)
 from tirgeo_ros.io.messages import SensedSample
 
 PVT, RELPOSNED, HPPOSLLH = "NAV-PVT", "NAV-RELPOSNED", "NAV-HPPOSLLH"

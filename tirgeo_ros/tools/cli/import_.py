@@ -48,7 +48,7 @@ from tirgeo_ros.tools.presentation.results import table
 
 def offset_s(text: str) -> int:
     """Return seconds of an offset from UTC, as +02:00; a type of option."""
-    from tirgeo_ros.io.logs.log_times import zone_offset_s  # noqa: PLC0415 --help stays quick
+    from tirgeo_ros.io.logs.log_contents import zone_offset_s  # noqa: PLC0415 --help stays quick
 
     try:
         return zone_offset_s(text)

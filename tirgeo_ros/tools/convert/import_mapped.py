@@ -5,19 +5,19 @@ from __future__ import annotations
 import math
 from array import array
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from statistics import median
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from tirgeo_ros.core.config import AircraftConfig
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.frames.rotations import quat_conjugate, quat_from_matrix, quat_multiply
-from tirgeo_ros.core.navigation.imu_checks import in_body_axes
+from tirgeo_ros.core.navigation.timeline.imu_checks import in_body_axes
 from tirgeo_ros.core.streams.lone_stamps import lone_stamps
 from tirgeo_ros.core.streams.sanity_checks import fault_of
 from tirgeo_ros.core.types.arrays import Array
@@ -25,7 +25,7 @@ from tirgeo_ros.core.types.errors import BagError, MessageError
 from tirgeo_ros.core.types.measurements import ImuSample, Source
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
 from tirgeo_ros.io.bags.cdr import header_stamp_ns
-from tirgeo_ros.io.bags.ros1_bag import MAGIC, Ros1Bag
+from tirgeo_ros.io.bags.ros1_bag import Ros1Bag, Ros1Message, any_bag
 from tirgeo_ros.io.messages import SENSED_SAMPLES, TOPIC_TYPES
 from tirgeo_ros.tools.convert.import_sink import ImportSink
 from tirgeo_ros.tools.convert.topic_types import (
@@ -98,55 +98,6 @@ class ImuMounting:
             f"({x:+.1f}, {y:+.1f}, {z:+.1f}) m/s2, not on +z: the IMU's axes are not those of "
             f"base_link: give --imu-rpy {roll} {pitch} YAW (gravity does not show YAW)"
         )
-
-
-class _Ros2(BagReader):
-    """Read a bag of ROS 2."""
-
-    def cdr(self, message: BagMessage) -> bytes:
-        """Return a message's CDR, which it is."""
-        return message.data
-
-
-class _Ros1:
-    """Read a bag of ROS 1."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._bag = Ros1Bag(path)
-        self._cdr = Cdr()
-        self.span_ns = self._bag.span_ns
-
-    @property
-    def damage(self) -> str | None:
-        """Return what could not be read, complete after an iteration over all topics."""
-        return self._bag.damage
-
-    def topics(self) -> dict[str, str]:
-        """Return every topic with the name of its type, or of all its types."""
-        return {topic: ", ".join(types) for topic, types in self._bag.topics().items()}
-
-    def messages(self, topics: Collection[str]) -> Iterator[BagMessage]:
-        """Return messages in the order of their record; the data are of ROS 1."""
-        for one in self._bag.messages(topics):
-            yield BagMessage(one.topic, one.typename, one.record_ns, one.data)
-
-    def cdr(self, message: BagMessage) -> bytes:
-        """Return a message's CDR. Raise MessageError if it is no such message."""
-        return self._cdr.from_ros1(message.data, message.typename, message.topic)
-
-
-#: The bag of either ROS; messages are of ROS 2 in whatever ROS they were recorded.
-AnyBag: TypeAlias = _Ros1 | _Ros2
-
-
-def any_bag(path: Path) -> AnyBag:
-    """Open a bag, of ROS 1 if the file begins so. Raise BagError if it cannot be read."""
-    if path.is_file():
-        with path.open("rb") as file:
-            if file.read(len(MAGIC)) == MAGIC:
-                return _Ros1(path)
-    return _Ros2(path)
 
 
 _FIX = "sensor_msgs/msg/NavSatFix"
@@ -248,7 +199,11 @@ class _Import:
     """Convert a bag's messages and pass them to a sink."""
 
     def __init__(
-        self, bag: AnyBag, sink: ImportSink, mapped: MappedTopics, aircraft: AircraftConfig
+        self,
+        bag: BagReader | Ros1Bag,
+        sink: ImportSink,
+        mapped: MappedTopics,
+        aircraft: AircraftConfig,
     ) -> None:
         types = bag.topics()
         names = asked_topics(mapped.pairs, types, str(bag.path))
@@ -272,7 +227,7 @@ class _Import:
                 except MessageError as error:
                     stream.refuse(str(error).removeprefix(f"{message.topic}: "))
 
-    def _pass(self, message: BagMessage, stream: _Stream) -> None:
+    def _pass(self, message: BagMessage | Ros1Message, stream: _Stream) -> None:
         """Write a message to its topic of the contract. Raise MessageError."""
         data, log_time_ns = self._bag.cdr(message), message.log_time_ns
         convert = CONVERTERS.get(stream.contract, {}).get(stream.typename)

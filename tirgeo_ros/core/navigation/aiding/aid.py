@@ -15,9 +15,9 @@ from tirgeo_ros.core.navigation.aiding.state_estimate import (
     Modelled,
     StateEstimate,
 )
-from tirgeo_ros.core.navigation.ins_error_model import states_of
-from tirgeo_ros.core.navigation.kalman import Measurement
-from tirgeo_ros.core.navigation.strapdown import Vector
+from tirgeo_ros.core.navigation.ins.ins_error_model import states_of
+from tirgeo_ros.core.navigation.ins.kalman import Measurement
+from tirgeo_ros.core.navigation.ins.strapdown import Vector
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import Source
 
@@ -25,7 +25,7 @@ from tirgeo_ros.core.types.measurements import Source
 class Aid:
     """Declare one aid: its source, its measurement with noise and gate, and what refusals do.
 
-    ``aids.AIDS`` lists the subclasses. Whatever changes from sample to sample is in the belief,
+    ``aids.AIDS`` lists the subclasses. Whatever changes from sample to sample is in the estimate,
     so that late samples meet the same decisions as timely ones.
     """
 
@@ -61,10 +61,10 @@ class Aid:
         """Return whether a sample changes nothing and can be skipped (verdict STANDBY)."""
         return False
 
-    def measured(self, sample: Any, belief: StateEstimate, angular_rate_b: Vector) -> Modelled:
-        """Return the measurement, or the verdict on a sample that is not used, and the belief.
+    def measured(self, sample: Any, estimate: StateEstimate, angular_rate_b: Vector) -> Modelled:
+        """Return the measurement, or the verdict on a sample that is not used, and the estimate.
 
-        ``angular_rate_b`` (rad/s) has its bias removed. Only the aid's record in the belief may
+        ``angular_rate_b`` (rad/s) has its bias removed. Only the aid's record in the estimate may
         change.
         """
         raise NotImplementedError
@@ -84,5 +84,5 @@ class Aid:
         return f"{size:.1f} {self.unit} off"
 
     def after_refusal(self, _aid: AidMeasurement, _belief: StateEstimate) -> StateEstimate | None:
-        """Return the belief after a refusal that led to a reset of the aid's own; else None."""
+        """Return the estimate after a refusal that led to a reset of the aid's own; else None."""
         return None

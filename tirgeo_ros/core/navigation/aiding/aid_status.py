@@ -1,6 +1,6 @@
 """Record what each aid has done lately: whether it is used or refused, and since when.
 
-The records are part of the filter's belief and are kept at each epoch of the time line. A
+The records are part of the filter's estimate and are kept at each epoch of the time line. A
 measurement that arrives late thus meets the same decisions as one that arrived in time.
 """
 
@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from tirgeo_ros.core.navigation.aiding.rtk_consistency import Consistency
-from tirgeo_ros.core.navigation.strapdown import Vector
+from tirgeo_ros.core.navigation.ins.strapdown import Vector
 from tirgeo_ros.core.types.measurements import FixStatus, Source
 
 #: The sources of measurements, in the order in which those of one instant are used.

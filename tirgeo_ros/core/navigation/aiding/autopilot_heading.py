@@ -20,8 +20,8 @@ from tirgeo_ros.core.navigation.aiding.state_estimate import (
     Modelled,
     StateEstimate,
 )
-from tirgeo_ros.core.navigation.kalman import Measurement
-from tirgeo_ros.core.navigation.strapdown import Vector
+from tirgeo_ros.core.navigation.ins.kalman import Measurement
+from tirgeo_ros.core.navigation.ins.strapdown import Vector
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import AutopilotHeading, ImuSample, SetHeading, Source
@@ -41,14 +41,14 @@ def lost_heading_rad(config: EkfConfig) -> float:
 
 
 def vertical_turn(
-    sample: AutopilotHeading | SetHeading, variance_rad2: float, belief: StateEstimate
+    sample: AutopilotHeading | SetHeading, variance_rad2: float, estimate: StateEstimate
 ) -> AidMeasurement:
     """Return the measurement of the nose's heading: a turn about the vertical alone.
 
     Tilt is known better than from such a heading.
     """
-    off = wrapped(sample.heading_rad - azimuth(rotation_of(belief.state.q_nb)[0::3]))
-    design = np.zeros((1, len(belief.covariance)))
+    off = wrapped(sample.heading_rad - azimuth(rotation_of(estimate.state.q_nb)[0::3]))
+    design = np.zeros((1, len(estimate.covariance)))
     design[0, 2] = 1.0
     noise = np.array(((variance_rad2,),))
     measurement = Measurement(np.array((off,)), design, noise, _GATE_SIGMA)
@@ -86,10 +86,10 @@ class AutopilotHeadingAid(Aid):
         return AutopilotHeading(imu.stamp_ns, heading_of(q_nb), self._variance_rad2)
 
     def measured(
-        self, sample: AutopilotHeading, belief: StateEstimate, _rate_b: Vector
+        self, sample: AutopilotHeading, estimate: StateEstimate, _rate_b: Vector
     ) -> Modelled:
         """Return the measurement; STANDBY where the filter's own heading is better."""
-        if not self._is_worth(belief.covariance):
+        if not self._is_worth(estimate.covariance):
             reason = "the filter's heading is more precise"
-            return Verdict(self.source, Outcome.STANDBY, reason), belief
-        return vertical_turn(sample, sample.variance_rad2, belief), belief
+            return Verdict(self.source, Outcome.STANDBY, reason), estimate
+        return vertical_turn(sample, sample.variance_rad2, estimate), estimate

@@ -20,9 +20,9 @@ from tirgeo_ros.core.navigation.aiding.state_estimate import (
     Modelled,
     StateEstimate,
 )
-from tirgeo_ros.core.navigation.ins_error_model import heading_error
-from tirgeo_ros.core.navigation.kalman import Measurement
-from tirgeo_ros.core.navigation.strapdown import Vector, rotate
+from tirgeo_ros.core.navigation.ins.ins_error_model import heading_error
+from tirgeo_ros.core.navigation.ins.kalman import Measurement
+from tirgeo_ros.core.navigation.ins.strapdown import Vector, rotate
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample, Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
@@ -115,30 +115,32 @@ class HeadingAid(Aid):
         own_s = config.heading.delay_s
         return config.rtk.delay_s if math.isnan(own_s) else own_s
 
-    def _obstacle(self, sample: HeadingSample, control: AidStatus) -> str:
+    def _obstacle(self, sample: HeadingSample, aids: AidStatus) -> str:
         """Return why a heading is not used now, or "": RTK must be fixed, at first for a while."""
         now_ns = sample.stamp_ns
-        if control.status is not FixStatus.FIXED:
+        if aids.status is not FixStatus.FIXED:
             return "rtk/fix is not fixed"
-        if now_ns - control.status_ns > self._timeout_ns:
+        if now_ns - aids.status_ns > self._timeout_ns:
             return "rtk/fix is silent"
-        going_on = control.track(Source.RTK_HEADING).recent(now_ns, self._timeout_ns)
-        fixed_s = (now_ns - control.fixed_since_ns) * 1e-9
+        going_on = aids.track(Source.RTK_HEADING).recent(now_ns, self._timeout_ns)
+        fixed_s = (now_ns - aids.fixed_since_ns) * 1e-9
         if not going_on and fixed_s < self._heading.start_after_s:
             return f"rtk/fix has been fixed for only {fixed_s:.1f} s"
         return ""
 
-    def measured(self, sample: HeadingSample, belief: StateEstimate, _rate_b: Vector) -> Modelled:
+    def measured(
+        self, sample: HeadingSample, estimate: StateEstimate, _rate_b: Vector
+    ) -> Modelled:
         """Return the measurement; INVALID where the baseline is near the vertical."""
-        obstacle = self._obstacle(sample, belief.control)
+        obstacle = self._obstacle(sample, estimate.aids)
         if obstacle:
-            return Verdict(self.source, Outcome.NOT_FIXED, obstacle), belief
-        u = rotate(rotation_of(belief.state.q_nb), self._baseline.direction_b)
+            return Verdict(self.source, Outcome.NOT_FIXED, obstacle), estimate
+        u = rotate(rotation_of(estimate.state.q_nb), self._baseline.direction_b)
         design = heading_design(self._states, u)
         if design is None:
             reason = "the antenna baseline is vertical"
-            return Verdict(self.source, Outcome.INVALID, reason), belief
-        reported = sample.heading_rad - belief.control.receivers.heading_error_rad
+            return Verdict(self.source, Outcome.INVALID, reason), estimate
+        reported = sample.heading_rad - estimate.aids.receivers.heading_error_rad
         predicted = azimuth(u) + self._baseline.reported_less_azimuth_rad
         innovation = wrapped(reported - predicted)
         rounding = self._resolution_rad**2 / 12
@@ -146,12 +148,12 @@ class HeadingAid(Aid):
         gate_sigma, noise = self._heading.gate_sigma, np.array(((variance,),))
         measurement = Measurement(np.array((innovation,)), design, noise, gate_sigma)
         if rounding:
-            measurement = self._interval(measurement, belief.covariance)
+            measurement = self._interval(measurement, estimate.covariance)
         invariant = (math.cos(innovation), math.sin(innovation))
         slack = 1.5 * gate_sigma * math.sqrt(variance)
         return AidMeasurement(
             self.source, sample.stamp_ns, measurement, invariant, (1.0, 0.0), slack
-        ), belief
+        ), estimate
 
     def off(self, aid: AidMeasurement, track: AidTrack) -> str:
         """Return in words how far a heading is off; of a step, a chord of the unit circle."""

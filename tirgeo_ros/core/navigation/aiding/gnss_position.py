@@ -25,15 +25,15 @@ from tirgeo_ros.core.navigation.aiding.state_estimate import (
     floored,
     not_fixed,
 )
-from tirgeo_ros.core.navigation.ins_error_model import (
+from tirgeo_ros.core.navigation.ins.ins_error_model import (
     ANTENNA,
     GPS_ERROR,
     POSITION,
     flat_memory,
     has_antenna,
 )
-from tirgeo_ros.core.navigation.kalman import Measurement
-from tirgeo_ros.core.navigation.strapdown import NavState, Vector, matrix, rotate
+from tirgeo_ros.core.navigation.ins.kalman import Measurement
+from tirgeo_ros.core.navigation.ins.strapdown import NavState, Vector, matrix, rotate
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
 
@@ -92,20 +92,22 @@ class RtkPositionAid(Aid):
         self._rtk = config.rtk
         self._lever_b: Vector = tuple(config.aircraft.rtk_lever_b.tolist())
 
-    def measured(self, sample: PositionSample, belief: StateEstimate, _rate_b: Vector) -> Modelled:
-        """Return the measurement; the belief knows its status, and its offset for the median."""
-        state = belief.state
-        control = belief.control.heard(sample.status, sample.stamp_ns, self._timeout_ns)
-        belief = belief._replace(control=control)
+    def measured(
+        self, sample: PositionSample, estimate: StateEstimate, _rate_b: Vector
+    ) -> Modelled:
+        """Return the measurement; the estimate knows its status, and its offset for the median."""
+        state = estimate.state
+        aids = estimate.aids.heard(sample.status, sample.stamp_ns, self._timeout_ns)
+        estimate = estimate._replace(aids=aids)
         if sample.status < FixStatus.FLOAT:
-            return not_fixed(self.source, sample.status), belief
+            return not_fixed(self.source, sample.status), estimate
         rotation = rotation_of(state.q_nb)
-        lever_n = rotate(rotation, added(self._lever_b, control.receivers.antenna_b))
+        lever_n = rotate(rotation, added(self._lever_b, aids.receivers.antenna_b))
         innovation = innovation_n(state, sample, lever_n)
         offset = added(innovation, state.correction_n)
         if self._rtk.median_window > 1:
-            innovation, belief = self._median(offset, belief)
-        noise, sigma_m = self._noise(sample, control)
+            innovation, estimate = self._median(offset, estimate)
+        noise, sigma_m = self._noise(sample, aids)
         gate_sigma = self._rtk.gate_sigma
         design = arm_design(self._states, lever_n, POSITION.start)
         if has_antenna(self._states):
@@ -114,26 +116,26 @@ class RtkPositionAid(Aid):
         slack = 1.5 * gate_sigma * sigma_m
         return AidMeasurement(
             sample.source, sample.stamp_ns, measurement, offset, state.correction_n, slack
-        ), belief
+        ), estimate
 
-    def _median(self, offset: Vector, belief: StateEstimate) -> tuple[Vector, StateEstimate]:
-        """Return the innovation of the median, NED m, and the belief with the offset stored.
+    def _median(self, offset: Vector, estimate: StateEstimate) -> tuple[Vector, StateEstimate]:
+        """Return the innovation of the median, NED m, and the estimate with the offset stored.
 
         A median of positions would lag behind an aircraft in motion. Offsets from the path that
         the IMU alone has taken show a jump as positions do, but not the motion.
         """
-        control, moved = belief.control, belief.state.correction_n
-        offsets = (*control.offsets_n, offset)[-self._rtk.median_window :]
+        aids, moved = estimate.aids, estimate.state.correction_n
+        offsets = (*aids.offsets_n, offset)[-self._rtk.median_window :]
         north, east, down = np.median(offsets, axis=0).tolist()
-        belief = belief._replace(control=control._replace(offsets_n=offsets))
-        return (north - moved[0], east - moved[1], down - moved[2]), belief
+        estimate = estimate._replace(aids=aids._replace(offsets_n=offsets))
+        return (north - moved[0], east - moved[1], down - moved[2]), estimate
 
-    def _noise(self, sample: PositionSample, control: AidStatus) -> tuple[Array, float]:
+    def _noise(self, sample: PositionSample, aids: AidStatus) -> tuple[Array, float]:
         """Return R (3, 3), and the scatter (m) of one position against the next."""
         if sample.status is FixStatus.FIXED:
             noise = floored(sample.covariance_n, self._rtk.position_sigma_floor_m)
             return noise, math.sqrt(noise[0, 0] + noise[1, 1] + noise[2, 2])
-        step_ns = sample.stamp_ns - control.track(sample.source).used_ns
+        step_ns = sample.stamp_ns - aids.track(sample.source).used_ns
         noise = floored(sample.covariance_n, self._rtk.float_sigma_m)
         return noise * white_factor(self._rtk.float_time_s, step_ns), self._rtk.float_sigma_m
 
@@ -154,37 +156,39 @@ class GpsPositionAid(Aid):
         self._noise = np.eye(3) * noise_m2
         self._known_m2 = np.square(config.gps.position_sigma_m) + noise_m2
 
-    def spare(self, sample: PositionSample, control: AidStatus) -> bool:
+    def spare(self, sample: PositionSample, aids: AidStatus) -> bool:
         """Return whether RTK is fixed and used, and the error was learned within a second."""
         now_ns = sample.stamp_ns
         return (
-            control.status is FixStatus.FIXED
-            and control.track(Source.RTK_POSITION).recent(now_ns, self._timeout_ns)
-            and control.track(self.source).recent(now_ns, _LEARNING_NS)
+            aids.status is FixStatus.FIXED
+            and aids.track(Source.RTK_POSITION).recent(now_ns, self._timeout_ns)
+            and aids.track(self.source).recent(now_ns, _LEARNING_NS)
         )
 
-    def measured(self, sample: PositionSample, belief: StateEstimate, _rate_b: Vector) -> Modelled:
-        """Return the measurement of a position with its slow error in it, and the belief."""
+    def measured(
+        self, sample: PositionSample, estimate: StateEstimate, _rate_b: Vector
+    ) -> Modelled:
+        """Return the measurement of a position with its slow error in it, and the estimate."""
         if sample.status < FixStatus.SINGLE:
-            return not_fixed(self.source, sample.status), belief
-        state, error_n = belief.state, belief.control.receivers.gps_error_n
+            return not_fixed(self.source, sample.status), estimate
+        state, error_n = estimate.state, estimate.aids.receivers.gps_error_n
         lever_n = rotate(rotation_of(state.q_nb), self._lever_b)
         innovation = innovation_n(state, sample, added(lever_n, error_n))
         design = arm_design(self._states, lever_n, POSITION.start)
         design[:, GPS_ERROR] = np.eye(3)
         # Reported variance beyond that of the slow error in the state.
         beyond = np.maximum(np.diagonal(sample.covariance_n) - self._known_m2, 0.0)
-        beyond *= self._beyond_factor(belief.control, sample.stamp_ns)
+        beyond *= self._beyond_factor(estimate.aids, sample.stamp_ns)
         noise = self._noise + np.diag(beyond)
         measurement = Measurement(np.array(innovation), design, noise, self._gps.gate_sigma)
         invariant = added(innovation, state.correction_n)
         return AidMeasurement(
             sample.source, sample.stamp_ns, measurement, invariant, state.correction_n, _SLACK_M
-        ), belief
+        ), estimate
 
-    def _beyond_factor(self, control: AidStatus, now_ns: int) -> float:
+    def _beyond_factor(self, aids: AidStatus, now_ns: int) -> float:
         """Return the factor on variances beyond the state's: 1 until RTK is gone for long."""
-        used_ns, rtk = control.track(self.source).used_ns, control.track(Source.RTK_POSITION)
+        used_ns, rtk = aids.track(self.source).used_ns, aids.track(Source.RTK_POSITION)
         time_s = self._gps.position_time_s
         if used_ns == NEVER_NS or rtk.recent(now_ns, round(time_s * 1e9)):
             return 1.0

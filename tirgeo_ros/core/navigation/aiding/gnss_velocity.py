@@ -19,14 +19,14 @@ from tirgeo_ros.core.navigation.aiding.state_estimate import (
     floored,
     not_fixed,
 )
-from tirgeo_ros.core.navigation.ins_error_model import (
+from tirgeo_ros.core.navigation.ins.ins_error_model import (
     ANTENNA,
     VELOCITY,
     flat_memory,
     has_antenna,
 )
-from tirgeo_ros.core.navigation.kalman import Measurement
-from tirgeo_ros.core.navigation.strapdown import Rotation, Vector, cross, matrix, rotate
+from tirgeo_ros.core.navigation.ins.kalman import Measurement
+from tirgeo_ros.core.navigation.ins.strapdown import Rotation, Vector, cross, matrix, rotate
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, Source, VelocitySample
 
@@ -65,14 +65,14 @@ class _VelocityAid(Aid):
         self._gate_sigma = receiver.gate_sigma
 
     def measured(
-        self, sample: VelocitySample, belief: StateEstimate, angular_rate_b: Vector
+        self, sample: VelocitySample, estimate: StateEstimate, angular_rate_b: Vector
     ) -> Modelled:
-        """Return the measurement and the belief."""
-        state = belief.state
+        """Return the measurement and the estimate."""
+        state = estimate.state
         rotation = rotation_of(state.q_nb)
         lever_b = self._lever_b
         if self._estimates_antenna:
-            lever_b = added(lever_b, belief.control.receivers.antenna_b)
+            lever_b = added(lever_b, estimate.aids.receivers.antenna_b)
         swing = rotate(rotation, cross(angular_rate_b, lever_b))  # against the IMU, NED m/s
         (north, east, down), (vn, ve, vd) = sample.velocity_n.tolist(), state.velocity_n
         innovation = north - vn - swing[0], east - ve - swing[1], down - vd - swing[2]
@@ -85,7 +85,7 @@ class _VelocityAid(Aid):
         slack = 1.5 * self._gate_sigma * scatter
         return AidMeasurement(
             sample.source, sample.stamp_ns, measurement, innovation, (0.0,) * 3, slack
-        ), belief
+        ), estimate
 
 
 class RtkVelocityAid(_VelocityAid):
@@ -103,13 +103,13 @@ class RtkVelocityAid(_VelocityAid):
         return config.rtk.delay_s + config.rtk.velocity_delay_s
 
     def measured(
-        self, sample: VelocitySample, belief: StateEstimate, angular_rate_b: Vector
+        self, sample: VelocitySample, estimate: StateEstimate, angular_rate_b: Vector
     ) -> Modelled:
         """Return the measurement, or NOT_FIXED by the newest status of ``rtk/fix``."""
-        status = belief.control.status_at(sample.stamp_ns, self._timeout_ns)
+        status = estimate.aids.status_at(sample.stamp_ns, self._timeout_ns)
         if status is not None and status < FixStatus.FLOAT:
-            return not_fixed(self.source, status), belief
-        return super().measured(sample, belief, angular_rate_b)
+            return not_fixed(self.source, status), estimate
+        return super().measured(sample, estimate, angular_rate_b)
 
 
 class GpsVelocityAid(_VelocityAid):
@@ -118,6 +118,6 @@ class GpsVelocityAid(_VelocityAid):
     source = Source.GPS_VELOCITY
     delay = look_at = "gps.delay_s"
 
-    def spare(self, sample: VelocitySample, control: AidStatus) -> bool:
+    def spare(self, sample: VelocitySample, aids: AidStatus) -> bool:
         """Return whether RTK's velocity was used within the time-out."""
-        return control.track(Source.RTK_VELOCITY).recent(sample.stamp_ns, self._timeout_ns)
+        return aids.track(Source.RTK_VELOCITY).recent(sample.stamp_ns, self._timeout_ns)

@@ -17,7 +17,7 @@ from tirgeo_ros.core.navigation.aiding.state_estimate import (
     Modelled,
     StateEstimate,
 )
-from tirgeo_ros.core.navigation.strapdown import Vector
+from tirgeo_ros.core.navigation.ins.strapdown import Vector
 from tirgeo_ros.core.types.measurements import SetHeading, Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
@@ -49,23 +49,23 @@ class SetHeadingAid(Aid):
 
     source = Source.SET_HEADING
 
-    def measured(self, sample: SetHeading, belief: StateEstimate, _rate_b: Vector) -> Modelled:
+    def measured(self, sample: SetHeading, estimate: StateEstimate, _rate_b: Vector) -> Modelled:
         """Return the measurement; STANDBY where the filter's own heading is better."""
         vague = too_vague(sample, self._config)
         if vague is not None:
-            return vague, belief
+            return vague, estimate
         variance = set_variance_rad2(sample, self._config)
-        own = float(belief.covariance[2, 2])
+        own = float(estimate.covariance[2, 2])
         if own <= _WORTH * variance:
             reason = (
                 f"the filter's own heading is better, {math.degrees(math.sqrt(own)):.1f} deg: "
                 "call ~/reset first if it is wrong"
             )
-            return Verdict(self.source, Outcome.STANDBY, reason), belief
+            return Verdict(self.source, Outcome.STANDBY, reason), estimate
         # With this noise the heading becomes as certain as the person is, and no more: who says it
         # twice knows it no better.
         noise = 1 / (1 / variance - 1 / own)
-        return vertical_turn(sample, noise, belief), belief
+        return vertical_turn(sample, noise, estimate), estimate
 
     def off(self, aid: AidMeasurement, _track: AidTrack) -> str:
         """Return in words how far a heading is off."""

@@ -1,4 +1,4 @@
-"""Define the filter's belief, and a measurement as it is applied to it."""
+"""Define the filter's estimate, and a measurement as it is applied to it."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus
-from tirgeo_ros.core.navigation.kalman import Measurement
-from tirgeo_ros.core.navigation.smoothing.trail import Change
-from tirgeo_ros.core.navigation.strapdown import NavState, Vector
+from tirgeo_ros.core.navigation.ins.kalman import Measurement
+from tirgeo_ros.core.navigation.ins.strapdown import NavState, Vector
+from tirgeo_ros.core.navigation.ins.trail import Change
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import (
     AutopilotHeading,
@@ -36,15 +36,15 @@ class StateEstimate(NamedTuple):
 
     state: NavState
     covariance: Array
-    control: AidStatus
+    aids: AidStatus
     changes: tuple[Change, ...] = ()
 
 
 class Fused(NamedTuple):
-    """Hold the verdict on a sample and the belief after it."""
+    """Hold the verdict on a sample and the estimate after it."""
 
     verdict: Verdict
-    belief: StateEstimate
+    estimate: StateEstimate
 
 
 class AidMeasurement(NamedTuple):
@@ -59,7 +59,7 @@ class AidMeasurement(NamedTuple):
     stale: bool = False  # the sample repeats the value of the one before
 
 
-#: A measurement, or the verdict on a sample that is not used; and the belief.
+#: A measurement, or the verdict on a sample that is not used; and the estimate.
 Modelled = tuple[AidMeasurement | Verdict, StateEstimate]
 
 

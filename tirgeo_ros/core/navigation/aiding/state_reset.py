@@ -15,7 +15,7 @@ from tirgeo_ros.core.frames.rotations import euler_from_quat
 from tirgeo_ros.core.navigation.aiding.aid_status import EASE_STEPS, STEPPED_S, AidStatus, AidTrack
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import LARGE_TURN_RAD
 from tirgeo_ros.core.navigation.aiding.state_estimate import AidMeasurement, StateEstimate
-from tirgeo_ros.core.navigation.ins_error_model import (
+from tirgeo_ros.core.navigation.ins.ins_error_model import (
     ACCEL_BIAS,
     ATTITUDE,
     GPS_ERROR,
@@ -24,8 +24,8 @@ from tirgeo_ros.core.navigation.ins_error_model import (
     feedback,
     heading_error,
 )
-from tirgeo_ros.core.navigation.smoothing.trail import Change, cut
-from tirgeo_ros.core.navigation.strapdown import NavState
+from tirgeo_ros.core.navigation.ins.strapdown import NavState
+from tirgeo_ros.core.navigation.ins.trail import Change, cut
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import Source
@@ -53,58 +53,58 @@ class Resets:
     def after_refusal(
         self,
         aid: AidMeasurement,
-        belief: StateEstimate,
+        estimate: StateEstimate,
         block: slice | None,
         autopilot_q_nb: Array | None,
     ) -> StateEstimate | None:
-        """Return the belief with ``block`` (or the heading) set to it; None if it is too soon."""
-        run = belief.control.track(aid.source).run
-        if run is None or not run.lasts(self._patience_s(aid, belief, autopilot_q_nb)):
+        """Return the estimate set to it; None if that is too soon."""
+        run = estimate.aids.track(aid.source).run
+        if run is None or not run.lasts(self._patience_s(aid, estimate, autopilot_q_nb)):
             return None
         if aid.source is Source.RTK_HEADING:
-            return self._with_heading(aid, belief)
-        return None if block is None else self._with_block(aid, belief, block)
+            return self._with_heading(aid, estimate)
+        return None if block is None else self._with_block(aid, estimate, block)
 
     def _patience_s(
-        self, aid: AidMeasurement, belief: StateEstimate, autopilot_q_nb: Array | None
+        self, aid: AidMeasurement, estimate: StateEstimate, autopilot_q_nb: Array | None
     ) -> float:
         """Return how long a run of refusals must last; infinite if it must not cause a reset."""
-        control = belief.control
-        track = control.track(aid.source)
+        aids = estimate.aids
+        track = aids.track(aid.source)
         if aid.stale:  # most likely a receiver that is frozen in a hover
             return _LONGEST_S
         if aid.source is Source.RTK_HEADING:
-            return self._heading_patience_s(aid, belief, autopilot_q_nb)
+            return self._heading_patience_s(aid, estimate, autopilot_q_nb)
         reset_after_s = self._config.rtk.reset_after_s
         if aid.source is Source.GPS_POSITION:
             return reset_after_s
-        fits = control.track(Source.RTK_POSITION).recent(aid.stamp_ns, self._timeout_ns)
+        fits = aids.track(Source.RTK_POSITION).recent(aid.stamp_ns, self._timeout_ns)
         if aid.source is not Source.RTK_POSITION and fits:
             return math.inf  # positions that fit confirm the velocity
         return max(STEPPED_S, reset_after_s) if track.step else reset_after_s
 
-    def after_step(self, aid: AidMeasurement, belief: StateEstimate) -> StateEstimate | None:
-        """Return the belief once RTK's position has stayed long where it stepped to, else None.
+    def after_step(self, aid: AidMeasurement, estimate: StateEstimate) -> StateEstimate | None:
+        """Return the estimate once RTK's position has stayed long where it stepped to, else None.
 
         After a small step the position becomes as uncertain as the step is large, and the next
         ones move it gently. After a large one it is reset, and counted.
         """
-        state, covariance, control = belief[:3]
-        track = control.track(aid.source)
-        if (aid.stamp_ns - track.denied_ns) * 1e-9 < self._step_patience_s(aid, control):
+        state, covariance, aids = estimate[:3]
+        track = aids.track(aid.source)
+        if (aid.stamp_ns - track.denied_ns) * 1e-9 < self._step_patience_s(aid, aids):
             return None
         if math.hypot(*track.step) >= _COUNTED_STEP_M:
-            return self._with_block(aid, belief, POSITION)
+            return self._with_block(aid, estimate, POSITION)
         covariance = covariance.copy()
         covariance[POSITION, POSITION] += np.outer(track.step, track.step)
         track = AidTrack(track.used_ns, track.agreed_ns, EASE_STEPS)
-        control = control.with_track(aid.source, track)
-        return StateEstimate(state, covariance, control, (Change(covariance),))
+        aids = aids.with_track(aid.source, track)
+        return StateEstimate(state, covariance, aids, (Change(covariance),))
 
-    def _step_patience_s(self, aid: AidMeasurement, control: AidStatus) -> float:
+    def _step_patience_s(self, aid: AidMeasurement, aids: AidStatus) -> float:
         """Return how long a step must last: longer, or for ever, where ordinary GPS denies it."""
-        patience_s, track = self._config.rtk.reset_after_s, control.track(aid.source)
-        gps, last = control.track(Source.GPS_POSITION), control.last_reset
+        patience_s, track = self._config.rtk.reset_after_s, aids.track(aid.source)
+        gps, last = aids.track(Source.GPS_POSITION), aids.last_reset
         if math.hypot(*track.step) < _COUNTED_STEP_M:
             return min(patience_s, _SMALL_STEP_S)  # too small for GPS to confirm
         if not gps.recent(aid.stamp_ns, self._timeout_ns):
@@ -117,13 +117,13 @@ class Resets:
         return max(STEPPED_S, patience_s)
 
     def _heading_patience_s(
-        self, aid: AidMeasurement, belief: StateEstimate, autopilot_q_nb: Array | None
+        self, aid: AidMeasurement, estimate: StateEstimate, autopilot_q_nb: Array | None
     ) -> float:
         """Return how long a run must last; infinite for a turn that the autopilot has not seen."""
-        heading, track = self._config.heading, belief.control.track(aid.source)
+        heading, track = self._config.heading, estimate.aids.track(aid.source)
         measurement, turn = aid.measurement, float(aid.measurement.innovation[0])
         if track.step or (not track.agreed_ns and abs(turn) > LARGE_TURN_RAD):
-            supported = _supported(turn, belief.state, autopilot_q_nb)
+            supported = _supported(turn, estimate.state, autopilot_q_nb)
             return heading.reset_after_s if supported else math.inf
         # The longer the two have agreed, the less one contradiction says against the state. Where
         # it is below one heading's gate, the gyroscopes may as well be the cause.
@@ -132,10 +132,10 @@ class Resets:
         return max(heading.reset_after_s, min(track.agreed_ns * 1e-9, longest_s))
 
     def _with_block(
-        self, aid: AidMeasurement, belief: StateEstimate, block: slice
+        self, aid: AidMeasurement, estimate: StateEstimate, block: slice
     ) -> StateEstimate:
         """Set three states and their covariance as measured, uncorrelated with the others."""
-        state, covariance, control = belief[:3]
+        state, covariance, aids = estimate[:3]
         innovation, noise = aid.measurement.innovation, aid.measurement.noise
         covariance, transition = _uncorrelated(covariance, block), cut(len(covariance), block)
         error = np.zeros(len(covariance))
@@ -146,19 +146,19 @@ class Resets:
             covariance[block, :] -= covariance[POSITION, :]
             covariance[:, block] -= covariance[:, POSITION]
             transition[block, POSITION] = -np.eye(3)
-            control = control._replace(receivers=control.receivers.changed(innovation.tolist()))
+            aids = aids._replace(receivers=aids.receivers.changed(innovation.tolist()))
         else:
             state = feedback(state, error)
         if block is POSITION:
             # The ordinary GPS has not moved, but its error against the new position has changed.
-            control = control._replace(receivers=control.receivers.changed((-innovation).tolist()))
+            aids = aids._replace(receivers=aids.receivers.changed((-innovation).tolist()))
         size = float(np.linalg.norm(innovation))
-        control = control.with_reset(aid.source, aid.stamp_ns, size)
-        return StateEstimate(state, covariance, control, (Change(covariance, transition),))
+        aids = aids.with_reset(aid.source, aid.stamp_ns, size)
+        return StateEstimate(state, covariance, aids, (Change(covariance, transition),))
 
-    def _with_heading(self, aid: AidMeasurement, belief: StateEstimate) -> StateEstimate:
+    def _with_heading(self, aid: AidMeasurement, estimate: StateEstimate) -> StateEstimate:
         """Turn the attitude about the vertical to the heading."""
-        state, covariance, control = belief[:3]
+        state, covariance, aids = estimate[:3]
         turn = float(aid.measurement.innovation[0])
         error = np.zeros(len(covariance))
         error[2], lost = turn, [slice(2, 3)]
@@ -174,9 +174,9 @@ class Resets:
             covariance[2, :] -= covariance[at, :]
             covariance[:, 2] -= covariance[:, at]
             transition[2, at] = -1.0
-        control = control.with_reset(aid.source, aid.stamp_ns, turn)
+        aids = aids.with_reset(aid.source, aid.stamp_ns, turn)
         changes = (Change(covariance, transition),)
-        return StateEstimate(feedback(state, error), covariance, control, changes)
+        return StateEstimate(feedback(state, error), covariance, aids, changes)
 
     def _as_at_start(self, covariance: Array) -> Array:
         """Return a covariance with tilt and biases as uncertain as at the start."""

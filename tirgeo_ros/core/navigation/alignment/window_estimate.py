@@ -40,8 +40,8 @@ from tirgeo_ros.core.navigation.alignment.imu_preintegration import (
     PreintegratedImu,
     integrate,
 )
-from tirgeo_ros.core.navigation.ins_error_model import NoisePowers
-from tirgeo_ros.core.navigation.vibration_noise import Powers, mean_powers
+from tirgeo_ros.core.navigation.ins.ins_error_model import NoisePowers
+from tirgeo_ros.core.navigation.ins.vibration_noise import Powers, mean_powers
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import (
