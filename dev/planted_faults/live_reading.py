@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tirgeo_ros.core.overlay.status_text import VERDICT_BGR
-from tirgeo_ros.core.overlay.text_boxes import status_box
+from tirgeo_ros.core.overlay.status_and_notices import VERDICT_BGR, status_box
 from tirgeo_ros.core.overlay.text_rendering import line_px, text_px
 from tirgeo_ros.core.types.arrays import Pixels
 from tirgeo_ros.core.types.finding import Finding, Severity

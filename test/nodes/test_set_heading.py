@@ -16,7 +16,7 @@ from graph_helpers import await_words
 from hover_bags import write_hover
 from nav_msgs.msg import Odometry
 
-from tirgeo_ros.core.frames.heading import heading_of, wrapped
+from tirgeo_ros.core.frames.rotations import heading_of, wrapped
 from tirgeo_ros.io.messages import body_pose
 
 pytestmark = pytest.mark.graph

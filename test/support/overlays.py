@@ -13,7 +13,7 @@ from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.map.layers import GeoFeature, MapLayer
 from tirgeo_ros.core.overlay.overlay import Overlay
-from tirgeo_ros.core.overlay.text_boxes import status_box
+from tirgeo_ros.core.overlay.status_and_notices import status_box
 from tirgeo_ros.core.types.measurements import FixStatus
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 

@@ -15,8 +15,7 @@ from tirgeo_ros.core.checks.imu_checks import ImuMean
 from tirgeo_ros.core.checks.navigation_checks import NavigationChecks
 from tirgeo_ros.core.checks.receiver_checks import VelocityChecks
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.frames.heading import wrapped
-from tirgeo_ros.core.frames.rotations import matrix_from_quat
+from tirgeo_ros.core.frames.rotations import matrix_from_quat, wrapped
 from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, Source, VelocitySample
 from tirgeo_ros.tools.replay.node_configs import node_configs

@@ -16,8 +16,13 @@ from PIL import Image, ImageDraw, ImageFont
 from tirgeo_ros.core.map.layers import MapLayer
 from tirgeo_ros.core.overlay import text_rendering as text
 from tirgeo_ros.core.overlay.map_renderer import lay_layers
-from tirgeo_ros.core.overlay.status_text import status_line
-from tirgeo_ros.core.overlay.text_boxes import Field, fitted, paint_notice, paint_status
+from tirgeo_ros.core.overlay.status_and_notices import (
+    Field,
+    fitted,
+    paint_notice,
+    paint_status,
+    status_line,
+)
 from tirgeo_ros.core.overlay.text_rendering import TEXT_BGR, coverage, passing_stamp, stamp
 from tirgeo_ros.core.types.measurements import FixStatus
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus

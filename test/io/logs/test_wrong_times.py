@@ -9,7 +9,7 @@ import pytest
 from foreign_logs import OPTIONS, by_topic, read_table
 from project import PROJECT
 
-from tirgeo_ros.core.streams.lone_stamps import lone_stamps
+from tirgeo_ros.core.streams.stamps import lone_stamps
 from tirgeo_ros.io.logs.csv_log import read_csv
 
 S = 1_000_000_000

@@ -20,14 +20,15 @@ import numpy as np
 
 from tirgeo_ros.core.checks.finding_table import finding
 from tirgeo_ros.core.config import GimbalConfig
-from tirgeo_ros.core.frames.heading import heading_of, wrap_pi
 from tirgeo_ros.core.frames.rotations import (
+    heading_of,
     matrix_from_quat,
     quat_conjugate,
     quat_multiply,
     slerp,
+    wrap_pi,
 )
-from tirgeo_ros.core.gimbal.joint_geometry import camera_turn, joint_angles
+from tirgeo_ros.core.gimbal.camera_pose import camera_turn, joint_angles
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedBuffer
 from tirgeo_ros.core.streams.sanity_checks import joints_fault, usable_attitude
 from tirgeo_ros.core.types.arrays import Array

@@ -14,8 +14,7 @@ import numpy as np
 from tirgeo_ros.core.checks.finding_table import finding
 from tirgeo_ros.core.checks.imu_checks import ImuMean
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.frames.heading import azimuth, heading_of, wrap_pi
-from tirgeo_ros.core.frames.rotations import matrix_from_quat
+from tirgeo_ros.core.frames.rotations import azimuth, heading_of, matrix_from_quat, wrap_pi
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedBuffer
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding

@@ -15,6 +15,7 @@ from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ground.camera_place import height_above_m
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.frame_geometry import footprint
@@ -27,23 +28,25 @@ from tirgeo_ros.core.map.distance import (
     nearest_feature,
     way_words,
 )
-from tirgeo_ros.core.map.draping import Ground, check_heights
 from tirgeo_ros.core.map.layers import LayerStyle, MapLayer
 from tirgeo_ros.core.map.polylines import joined
-from tirgeo_ros.core.map.vector_map import VectorMap
+from tirgeo_ros.core.map.vector_map import VectorMap, check_heights
 from tirgeo_ros.core.map.visibility import HORIZON_ROWS, View, VisibleLines, farthest_m
 from tirgeo_ros.core.overlay.clicks import Marker, PlacedMarkers
 from tirgeo_ros.core.overlay.label_placement import UNCERTAIN_BGR, Labels
 from tirgeo_ros.core.overlay.line_renderer import LineRenderer, mark_radius_px, marks_as_lines
-from tirgeo_ros.core.overlay.line_sampling import picked
 from tirgeo_ros.core.overlay.scale_bar_compass import (
     camera_heading_rad,
     ground_sample_m,
     place_rose,
     place_scale_bar,
 )
-from tirgeo_ros.core.overlay.status_text import VERDICT_BGR
-from tirgeo_ros.core.overlay.text_boxes import PlacedText, place_notice, status_box
+from tirgeo_ros.core.overlay.status_and_notices import (
+    VERDICT_BGR,
+    PlacedText,
+    place_notice,
+    status_box,
+)
 from tirgeo_ros.core.overlay.text_rendering import (
     LONGEST,
     TEXT_BGR,
@@ -154,7 +157,7 @@ class LayerPainter:
             scale_m_px = math.inf
         low, high = self._scales_m_px.T
         shown = ((low <= scale_m_px) & (scale_m_px <= high))[self._map.layer[seen.owner]]
-        return seen if shown.all() else picked(seen, np.flatnonzero(shown))
+        return seen if shown.all() else seen.select(np.flatnonzero(shown))
 
 
 _MOVED_M, _MOVED_PART = 1.0, 0.05  # of the distance to the map: then it is searched again

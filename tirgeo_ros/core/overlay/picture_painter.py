@@ -16,8 +16,13 @@ from tirgeo_ros.core.camera.rectification import Rectifier
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.overlay.clicks import Marker
 from tirgeo_ros.core.overlay.map_renderer import DrapedMap, DrawingVerdict, MapRenderer
-from tirgeo_ros.core.overlay.status_text import VERDICT_BGR, status_line
-from tirgeo_ros.core.overlay.text_boxes import paint_notice, paint_status, place_notice
+from tirgeo_ros.core.overlay.status_and_notices import (
+    VERDICT_BGR,
+    paint_notice,
+    paint_status,
+    place_notice,
+    status_line,
+)
 from tirgeo_ros.core.overlay.tone_mapping import ToneMapper
 from tirgeo_ros.core.types.arrays import Pixels, RawPixels
 from tirgeo_ros.core.types.poses import CameraPose

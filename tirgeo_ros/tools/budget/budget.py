@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tirgeo_ros.core.accuracy.error_budget import (
+from tirgeo_ros.core.accuracy.ground_errors import (
     GroundView,
     looking,
     paper_heading_error_m,

@@ -23,8 +23,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.map.draping import Ground
 from tirgeo_ros.core.overlay.map_renderer import MapRenderer
 from tirgeo_ros.core.overlay.picture_painter import PicturePainter, Scene, Unpainted
 from tirgeo_ros.core.types.arrays import Array, Pixels, RawPixels

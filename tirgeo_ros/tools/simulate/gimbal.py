@@ -20,7 +20,7 @@ from tirgeo_ros.core.frames.rotations import (
     quat_from_matrix,
     quat_multiply,
 )
-from tirgeo_ros.core.gimbal.joint_geometry import joint_angles
+from tirgeo_ros.core.gimbal.camera_pose import joint_angles
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
 from tirgeo_ros.tools.simulate.processes import Spline, generator, scaled_noise

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tirgeo_ros.core.frames.heading import azimuths, wrap_pi
-from tirgeo_ros.core.frames.rotations import euler_from_matrix, quat_from_euler
+from tirgeo_ros.core.frames.rotations import azimuths, euler_from_matrix, quat_from_euler, wrap_pi
 from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
 from tirgeo_ros.core.navigation.aiding.barometer import standard_pressure_pa
 from tirgeo_ros.core.types.arrays import Array

@@ -11,8 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tirgeo_ros.core.config import AircraftConfig, EkfConfig
-from tirgeo_ros.core.frames.heading import azimuth, azimuth_row, wrapped
-from tirgeo_ros.core.frames.rotations import rotation_of
+from tirgeo_ros.core.frames.rotations import azimuth, azimuth_row, rotation_of, wrapped
 from tirgeo_ros.core.navigation.aiding.aid import Aid
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack
 from tirgeo_ros.core.navigation.aiding.state_estimate import (
