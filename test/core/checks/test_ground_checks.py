@@ -19,7 +19,7 @@ from tirgeo_ros.core.checks.ground_checks import (
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.map.layers import GeoFeature, LayerStyle, MapLayer
-from tirgeo_ros.core.overlay.map_renderer import lay_layers
+from tirgeo_ros.core.overlay.map_renderer import drape_layers
 from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.maps import load_layers
@@ -30,7 +30,7 @@ STEP_DEG = 1e-4  # a cell of the elevation model: 11 m
 
 
 def laid(*features, ground=GROUND_M, **style):
-    return lay_layers([MapLayer("m", features, LayerStyle(**style))], PLANE, ground)
+    return drape_layers([MapLayer("m", features, LayerStyle(**style))], PLANE, ground)
 
 
 def at(latitude_deg, longitude_deg):
@@ -107,7 +107,7 @@ def test_a_file_that_names_no_system_is_noted(tmp_path):
     place = np.degrees([PLANE.longitude_rad, PLANE.latitude_rad])
     write_shapefile(tmp_path / "m.shp", [[(*place, 25.0), (*place + STEP_DEG, 25.0)]], prj=None)
     layers = load_layers(str(tmp_path / "m.shp"))
-    found = only(map_findings(lay_layers(layers, PLANE, GROUND_M), GROUND_M))
+    found = only(map_findings(drape_layers(layers, PLANE, GROUND_M), GROUND_M))
     assert (found.check, found.severity) == ("map_system_unknown", Severity.NOTE)
     assert "names no known system" in found.evidence
 

@@ -15,7 +15,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from tirgeo_ros.core.map.layers import MapLayer
 from tirgeo_ros.core.overlay import text_rendering as text
-from tirgeo_ros.core.overlay.map_renderer import lay_layers
+from tirgeo_ros.core.overlay.map_renderer import drape_layers
 from tirgeo_ros.core.overlay.status_and_notices import (
     Field,
     fitted,
@@ -234,7 +234,7 @@ def test_what_cannot_be_written_is_left_out(monkeypatch, words, written):
     assert stamp(words, 24, TEXT_BGR).ink.any() == bool(written)
     assert passing_stamp(f"NO MAP: {words}", 24, TEXT_BGR).size[0] > 90
     layer = MapLayer("m", [geo(SQUARE_N, words), geo(SQUARE_N, "plain")])
-    laid = lay_layers([layer], PLANE, 25.0).map
+    laid = drape_layers([layer], PLANE, 25.0).map
     assert laid.labelled.tolist() == [bool(written), True]
     assert ("map: labels not drawn: 1, as" in str(laid.notes)) is not bool(written)
 

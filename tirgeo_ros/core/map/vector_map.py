@@ -43,7 +43,7 @@ def check_heights(layers: Sequence[MapLayer], ground: Ground) -> None:
             )
 
 
-def lay(lines: Polylines, plane: TangentPlane, ground: Ground) -> tuple[Polylines, float]:
+def drape(lines: Polylines, plane: TangentPlane, ground: Ground) -> tuple[Polylines, float]:
     """Drape lines (3, V) of latitude, longitude (rad), height (m) on the ground.
 
     Return them as north, east, down in the plane, m. On an elevation model the lines get a vertex
@@ -62,8 +62,8 @@ def lay(lines: Polylines, plane: TangentPlane, ground: Ground) -> tuple[Polyline
         step = max(1.0, float(spans.sum()) / MOST_VERTICES)
         flat = flat.subdivided(np.maximum(np.ceil(spans / step), 1.0).astype(np.int64))
         latitude, longitude, _ = plane.geodetic_from_ned(flat.points.T)
-    laid = _placed(flat, plane, latitude, longitude, ground.height_m(latitude, longitude))
-    return laid, step
+    draped = _placed(flat, plane, latitude, longitude, ground.height_m(latitude, longitude))
+    return draped, step
 
 
 def _cells_spanned(latitude: Array, longitude: Array, terrain: Terrain) -> Array:
@@ -139,8 +139,8 @@ class VectorMap:
         features = list(chain.from_iterable(of_layers))
         single = np.array([len(feature.points) == 1 for feature in features], bool)
         parts = [_closed(feature) for feature in features]
-        lines, cells = lay(_joined(parts, owner, np.flatnonzero(~single)), plane, ground)
-        marks, _ = lay(_joined(parts, owner, np.flatnonzero(single)), plane, ground)
+        lines, cells = drape(_joined(parts, owner, np.flatnonzero(~single)), plane, ground)
+        marks, _ = drape(_joined(parts, owner, np.flatnonzero(single)), plane, ground)
         filled = np.array([each.style.fill_bgr is not None for each in layers], bool)
         rings = np.array([feature.closed for feature in features], bool)[~single]
         rings &= filled[layer[lines.owner]]

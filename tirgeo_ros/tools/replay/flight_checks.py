@@ -29,7 +29,7 @@ from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.map.layers import MapLayer
-from tirgeo_ros.core.overlay.map_renderer import DrapedMap, lay_layers
+from tirgeo_ros.core.overlay.map_renderer import DrapedMap, drape_layers
 from tirgeo_ros.core.streams.arrivals import Arrivals
 from tirgeo_ros.core.types.errors import ConfigError, TirgeoError
 from tirgeo_ros.core.types.finding import Finding, Severity, sorted_findings
@@ -191,7 +191,7 @@ class FlightChecks:
             return
         ground = math.nan if self._ground is None else self._ground
         try:
-            self._map.map(lay_layers(self._layers, plane, ground))
+            self._map.map(drape_layers(self._layers, plane, ground))
         except ConfigError as error:
             name, mend = "overlay_node ground_height_m", "give the ground's height, or a dem"
             self.found.append(Finding("no_ground", Severity.STOP, str(error), name, mend))
