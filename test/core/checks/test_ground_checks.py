@@ -166,7 +166,7 @@ FLIGHT = [*resting(), *CLIMB, *[40.0] * 100]
 
 def heights_found(ground, heights_m, **motion):
     checks = HeightChecks(ground)
-    checks.plane = HOME
+    checks.plane(HOME)
     for pose in poses(heights_m, **motion):
         checks.pose(pose)
     return checks.findings()

@@ -31,6 +31,7 @@ from tirgeo_ros.core.frames.rotations import (
 from tirgeo_ros.core.gimbal.camera_pose import camera_turn, joint_angles
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedBuffer
 from tirgeo_ros.core.streams.sanity_checks import joints_fault, usable_attitude
+from tirgeo_ros.core.streams.stamps import Spacing
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding
 from tirgeo_ros.core.types.joint_orders import JOINT_ORDERS
@@ -82,7 +83,7 @@ class GimbalChecks:
         self._pairs: deque[tuple[Array, Array, float]] = deque(maxlen=_KEPT)
         # (L, 3) down in the camera's axes, by the body and the joints of each delay
         self._downs: deque[Array] = deque(maxlen=_KEPT)
-        self._down_ns = 0
+        self._spacing = Spacing(_EVERY_NS)
 
     def configure(self, config: GimbalConfig) -> None:
         """Take other parameters; forget what was compared with another yaw zero."""
@@ -98,8 +99,7 @@ class GimbalChecks:
         if not (sample.computed or joints_fault(angles)):
             zero = (self._yaw_zero_rad, 0.0, 0.0)
             self._joints.put(sample.stamp_ns, np.subtract(angles, zero))
-            if not 0 <= sample.stamp_ns - self._down_ns < _EVERY_NS:
-                self._down_ns = sample.stamp_ns
+            if self._spacing.take(sample.stamp_ns):
                 self._add_downs(sample.stamp_ns - _DELAYS_NS[-1])
 
     def _add_downs(self, stamp_ns: int) -> None:

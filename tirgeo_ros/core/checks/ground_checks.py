@@ -24,6 +24,7 @@ from tirgeo_ros.core.map.distance import (
     way_words,
 )
 from tirgeo_ros.core.overlay.map_renderer import DrapedMap
+from tirgeo_ros.core.streams.stamps import Spacing
 from tirgeo_ros.core.types.finding import Finding, sorted_findings
 from tirgeo_ros.core.types.poses import CameraPose
 
@@ -52,12 +53,12 @@ def ground_parameter(ground: Ground | None) -> str:
 
 
 class HeightChecks:
-    """Check poses in ``plane`` over a ground."""
+    """Check poses over a ground."""
 
     def __init__(self, ground: Ground | None) -> None:
-        self.plane: TangentPlane | None = None
+        self._plane: TangentPlane | None = None
         self._ground = ground
-        self._newest_ns: int | None = None
+        self._spacing = Spacing(_EVERY_NS)
         # time s, position NED m, height above ground m, its sigma m
         self._rows: list[tuple[float, ...]] = []
         self._below_m = math.nan  # the first time
@@ -66,16 +67,18 @@ class HeightChecks:
 
     def is_due(self, stamp_ns: int) -> bool:
         """Return whether a pose of this stamp is looked at."""
-        return self._newest_ns is None or not 0 <= stamp_ns - self._newest_ns < _EVERY_NS
+        return self._spacing.is_due(stamp_ns)
+
+    def plane(self, plane: TangentPlane) -> None:
+        """Take the plane of the poses."""
+        self._plane = plane
 
     def pose(self, pose: CameraPose) -> None:
         """Take a pose, in order of time."""
-        if not self.is_due(pose.stamp_ns):
+        plane, ground = self._plane, self._ground
+        if not self._spacing.take(pose.stamp_ns) or plane is None or ground is None:
             return
-        self._newest_ns, ground = pose.stamp_ns, self._ground
-        if self.plane is None or ground is None:
-            return
-        latitude, longitude, height_m = self.plane.geodetic_from_ned(pose.position_n)
+        latitude, longitude, height_m = plane.geodetic_from_ned(pose.position_n)
         level = ground.height_m(latitude, longitude) if isinstance(ground, Terrain) else ground
         sigma_m = math.sqrt(max(float(pose.covariance[2, 2]), 0.0))
         place = pose.position_n.tolist()

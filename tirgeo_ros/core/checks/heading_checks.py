@@ -16,6 +16,7 @@ from tirgeo_ros.core.checks.imu_checks import ImuMean
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import azimuth, heading_of, matrix_from_quat, wrap_pi
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedBuffer
+from tirgeo_ros.core.streams.stamps import Spacing
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding
 from tirgeo_ros.core.types.measurements import HeadingSample, VelocitySample
@@ -51,7 +52,7 @@ class HeadingChecks:
         self._turns: StampedBuffer[tuple[float, float]] = StampedBuffer(_LATEST_S)
         self._turned_rad = 0.0
         self._waiting: deque[HeadingSample] = deque(maxlen=4)
-        self._taken_ns = -_STEP_NS
+        self._spacing = Spacing(_STEP_NS)
         self._course_rad = math.nan
         # stamp s, heading, rotation by the gyroscopes, the autopilot's heading, course; rad
         self._rows: deque[tuple[float, ...]] = deque(maxlen=_KEPT)
@@ -73,8 +74,7 @@ class HeadingChecks:
     def heading(self, sample: HeadingSample) -> None:
         """Take a heading, one a second; it waits until the IMU's blocks reach its stamp."""
         if math.isfinite(sample.heading_rad):
-            if not 0 <= sample.stamp_ns - self._taken_ns < _STEP_NS:
-                self._taken_ns = sample.stamp_ns
+            if self._spacing.take(sample.stamp_ns):
                 self._waiting.append(sample)
             if self._waiting and self._waiting[-1].stamp_ns <= (self._turns.newest_ns or 0):
                 self._add(self._waiting.pop())

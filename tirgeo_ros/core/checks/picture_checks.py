@@ -230,15 +230,13 @@ class PictureChecks:
     def camera(self, camera: Camera) -> None:
         """Set the calibration."""
         if camera != self._camera:
-            self._camera = self._motion.camera = camera
-            self._motion.forget()
-            self._size = None
+            self._camera, self._size = camera, None
+            self._motion.set_camera(camera)
 
     def plane(self, plane: TangentPlane) -> None:
         """Set the plane of the poses."""
-        if plane != self._motion.plane:
-            self._motion.plane = self._heights.plane = plane
-            self._motion.forget()
+        self._motion.set_plane(plane)
+        self._heights.plane(plane)
 
     def pose(self, pose: CameraPose) -> None:
         """Take a camera pose, in order of time."""

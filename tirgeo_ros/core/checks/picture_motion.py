@@ -24,6 +24,7 @@ from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.streams.stamps import Spacing
 from tirgeo_ros.core.types.arrays import Array, Pixels, RawPixels
 from tirgeo_ros.core.types.poses import CameraPose
 
@@ -57,7 +58,7 @@ class PictureTracker:
     def __init__(self) -> None:
         self.pairs = 0
         self._first: tuple[int, RawPixels] | None = None  # stamp and reduced picture
-        self._begun_ns: int | None = None
+        self._spacing = Spacing(_EVERY_NS)
 
     def take(self, stamp_ns: int, pixels: RawPixels) -> Tracks | None:
         """Take a frame (h, w) uint8 or uint16, or (h, w, 3) uint8."""
@@ -68,7 +69,8 @@ class PictureTracker:
         first, self._first = self._first, None
         if first is not None and 0 < stamp_ns - first[0] <= _LONGEST_NS:
             return self._tracks(*first, stamp_ns, small, scale)
-        self._first, self._begun_ns = (stamp_ns, small), stamp_ns
+        self._first = stamp_ns, small
+        self._spacing.take(stamp_ns)
         return None
 
     def wants(self, stamp_ns: int) -> bool:
@@ -77,7 +79,7 @@ class PictureTracker:
             apart_ns = stamp_ns - self._first[0]
             if 0 < apart_ns <= _LONGEST_NS:
                 return apart_ns >= _SHORTEST_NS
-        return self._begun_ns is None or not 0 <= stamp_ns - self._begun_ns < _EVERY_NS
+        return self._spacing.is_due(stamp_ns)
 
     def _tracks(
         self, first_ns: int, first: RawPixels, second_ns: int, second: RawPixels, scale: int
@@ -166,8 +168,8 @@ class PictureMotion:
     """Collect tracks and poses, and fit the errors."""
 
     def __init__(self, latency_s: float, ground: Ground | None) -> None:
-        self.plane: TangentPlane | None = None
-        self.camera: Camera | None = None
+        self._plane: TangentPlane | None = None
+        self._camera: Camera | None = None
         self._latency_ns = round(latency_s * 1e9)
         unknown = isinstance(ground, float) and math.isnan(ground)
         self._ground = None if unknown else ground
@@ -185,13 +187,25 @@ class PictureMotion:
         """Return whether the ground's height is given, and so may be wrong."""
         return self._ground is not None
 
+    def set_camera(self, camera: Camera) -> None:
+        """Set the calibration; another one removes all data so far."""
+        if camera != self._camera:
+            self._camera = camera
+            self._forget()
+
+    def set_plane(self, plane: TangentPlane) -> None:
+        """Set the plane of the poses; another one removes all data so far."""
+        if plane != self._plane:
+            self._plane = plane
+            self._forget()
+
     def set_latency(self, latency_s: float) -> None:
         """Set the delay of the pictures, s; all data so far are removed."""
         self._latency_ns = round(latency_s * 1e9)
-        self.forget()
+        self._forget()
 
-    def forget(self) -> None:
-        """Remove all data, because the plane or the camera has changed."""
+    def _forget(self) -> None:
+        """Remove all data."""
         for buffer in (self._poses, self._waiting, self._turning, self._straight):
             buffer.clear()
         self._newest_ns, self._new, self._fit = None, 0, None
@@ -219,7 +233,7 @@ class PictureMotion:
         self._waiting.append(tracks)
 
     def _pair(self, tracks: Tracks) -> None:
-        camera, plane = self.camera, self.plane
+        camera, plane = self._camera, self._plane
         if camera is None or plane is None:
             return
         poses = self._poses_around(tracks)
@@ -276,8 +290,8 @@ class PictureMotion:
         """Return the newest fit; None until there are enough pairs."""
         pairs = [*self._turning, *self._straight]
         due = len(pairs) >= _FEWEST and self._new >= (_NEW if self._fit else 1)
-        if due and self.camera is not None:
-            self._fit = fit_motion(pairs, self.camera.fx)
+        if due and self._camera is not None:
+            self._fit = fit_motion(pairs, self._camera.fx)
             self._new = 0
         return self._fit
 

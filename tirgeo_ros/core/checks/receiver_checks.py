@@ -16,6 +16,7 @@ import numpy as np
 from tirgeo_ros.core.checks.finding_table import finding
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.streams.stamps import Spacing
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding
 from tirgeo_ros.core.types.measurements import (
@@ -43,7 +44,7 @@ class PositionChecks:
         self._newest: dict[Source, PositionSample] = {}
         # GPS minus RTK, NED, m, and its sigma, m: (6,)
         self._apart: deque[Array] = deque(maxlen=_KEPT)
-        self._compared_ns = -_NEAR_NS
+        self._spacing = Spacing(_NEAR_NS)
 
     def position(self, sample: PositionSample) -> None:
         """Take a position as it arrived, also one with latitude and longitude swapped."""
@@ -55,9 +56,8 @@ class PositionChecks:
         gps = self._newest.get(Source.GPS_POSITION)
         if rtk is None or gps is None or abs(rtk.stamp_ns - gps.stamp_ns) > _NEAR_NS:
             return
-        if 0 <= sample.stamp_ns - self._compared_ns < _NEAR_NS:
+        if not self._spacing.take(sample.stamp_ns):
             return
-        self._compared_ns = sample.stamp_ns
         plane = TangentPlane(rtk.latitude_rad, rtk.longitude_rad, rtk.height_m)
         apart_n = plane.ned_from_geodetic(gps.latitude_rad, gps.longitude_rad, gps.height_m)
         variances = gps.covariance_n.diagonal()

@@ -41,6 +41,26 @@ class RateLimit:
         return True
 
 
+class Spacing:
+    """Select the stamps of a stream that are an interval apart; one that goes back is due too."""
+
+    def __init__(self, interval_ns: int) -> None:
+        self._interval_ns = interval_ns
+        self._newest_ns: int | None = None
+
+    def is_due(self, stamp_ns: int) -> bool:
+        """Return whether a stamp would be taken."""
+        newest_ns = self._newest_ns
+        return newest_ns is None or not 0 <= stamp_ns - newest_ns < self._interval_ns
+
+    def take(self, stamp_ns: int) -> bool:
+        """Take a stamp if it is due; return whether it was."""
+        is_due = self.is_due(stamp_ns)
+        if is_due:
+            self._newest_ns = stamp_ns
+        return is_due
+
+
 class StreamPresence:
     """Track whether one stream is steady, from its stamps and those of another stream."""
 
