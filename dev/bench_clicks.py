@@ -16,7 +16,7 @@ import pyproj
 from dev.judging import Figure
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.camera.projection_covariance import CameraRates
-from tirgeo_ros.core.config.overlay import ConfidenceConfig
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import quat_from_euler, quat_multiply
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane

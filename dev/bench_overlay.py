@@ -16,7 +16,7 @@ from tirgeo_ros.core.frames.axes import BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_matrix, rotation_y
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import locate
-from tirgeo_ros.core.map.layers import GeoFeature, LayerStyle, MapLayer
+from tirgeo_ros.core.map.map_layers import GeoFeature, LayerStyle, MapLayer
 from tirgeo_ros.core.map.polylines import Polylines
 from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.map.visibility import View

@@ -21,12 +21,12 @@ import numpy as np
 import numpy.typing as npt
 
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
-from tirgeo_ros.core.config.overlay import PALETTES, OverlayConfig
+from tirgeo_ros.core.config.overlay_parameters import PALETTES, OverlayConfig
 from tirgeo_ros.core.frames.axes import BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import quat_from_matrix, rotation_y, rotation_z
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import locate
-from tirgeo_ros.core.map.layers import GeoFeature, LayerStyle, MapLayer
+from tirgeo_ros.core.map.map_layers import GeoFeature, LayerStyle, MapLayer
 from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.types.arrays import Array, Pixels
 from tirgeo_ros.core.types.errors import TirgeoError, VideoError

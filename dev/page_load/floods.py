@@ -26,7 +26,7 @@ import numpy as np
 
 from dev.judging import Figure, line
 from dev.page_load.served import ServedPage
-from tirgeo_ros.core.config.viewer import ViewerConfig
+from tirgeo_ros.core.config.viewer_parameters import ViewerConfig
 
 _OPERATOR, _VIEWER = "operator-of-a-flood", "viewer-of-a-flood"
 _CONFIG = replace(ViewerConfig(), listen="127.0.0.1:0", token=_OPERATOR, viewer_token=_VIEWER)

@@ -8,7 +8,7 @@ import pytest
 from project import PROJECT
 
 from dev.contact_sheet import PHONE_PX, contact_sheet
-from tirgeo_ros.core.config.overlay import PALETTES
+from tirgeo_ros.core.config.overlay_parameters import PALETTES
 
 SAMPLES = "shared/thermal_samples"
 

@@ -14,7 +14,7 @@ import time
 
 from aiohttp import web
 
-from tirgeo_ros.core.config.viewer import TOKEN_SEED, ViewerConfig, address_of
+from tirgeo_ros.core.config.viewer_parameters import TOKEN_SEED, ViewerConfig, address_of
 
 OPERATOR, VIEWER = "operator", "viewer"
 _SESSION_S = 3 * 24 * 3600

@@ -11,7 +11,7 @@ from checked_flights import Arrived, changed, checked, simulated
 from flights import flight
 
 from dev.flight_errors import fitting_config
-from tirgeo_ros.core.checks.imu_checks import ImuMean
+from tirgeo_ros.core.checks.inertial_checks import ImuMean
 from tirgeo_ros.core.checks.lever_arm_fit import Normal, integrated, solved
 from tirgeo_ros.core.checks.navigation_checks import NavigationChecks
 from tirgeo_ros.core.frames.axes import flu_from_frd

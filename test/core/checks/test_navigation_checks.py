@@ -11,7 +11,7 @@ from checked_flights import Arrived, changed, checked, lost, recorded, simulated
 
 from dev.flight_errors import fitting_config
 from tirgeo_ros.core.checks.heading_checks import HeadingChecks
-from tirgeo_ros.core.checks.imu_checks import ImuMean
+from tirgeo_ros.core.checks.inertial_checks import ImuMean
 from tirgeo_ros.core.checks.navigation_checks import NavigationChecks
 from tirgeo_ros.core.checks.receiver_checks import VelocityChecks
 from tirgeo_ros.core.config import EkfConfig

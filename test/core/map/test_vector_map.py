@@ -8,7 +8,7 @@ import pytest
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.map import vector_map as map_module
-from tirgeo_ros.core.map.layers import GeoFeature, LayerStyle, MapLayer
+from tirgeo_ros.core.map.map_layers import GeoFeature, LayerStyle, MapLayer
 from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.types.errors import ConfigError
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from overlays import PLANE, SQUARE_N, geo, luminance
 from PIL import Image, ImageDraw, ImageFont
 
-from tirgeo_ros.core.map.layers import MapLayer
+from tirgeo_ros.core.map.map_layers import MapLayer
 from tirgeo_ros.core.overlay import text_rendering as text
 from tirgeo_ros.core.overlay.map_renderer import drape_layers
 from tirgeo_ros.core.overlay.status_and_notices import (

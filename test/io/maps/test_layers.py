@@ -6,7 +6,7 @@ import math
 import pytest
 from map_files import RING, gpb, wkb, write_geopackage, write_shapefile
 
-from tirgeo_ros.core.map.layers import LayerStyle
+from tirgeo_ros.core.map.map_layers import LayerStyle
 from tirgeo_ros.core.types.errors import ConfigError, MapError
 from tirgeo_ros.io.maps import map_files
 from tirgeo_ros.io.maps.layers import read_layers

@@ -8,7 +8,7 @@ import re
 
 import numpy as np
 
-from tirgeo_ros.core.map.layers import GeoFeature, MapLayer
+from tirgeo_ros.core.map.map_layers import GeoFeature, MapLayer
 from tirgeo_ros.io.maps import map_process as module
 from tirgeo_ros.io.maps.map_process import MapProcess, page_map
 

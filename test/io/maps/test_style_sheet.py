@@ -7,7 +7,7 @@ import pytest
 from map_files import UTM33_PRJ
 from project import PROJECT
 
-from tirgeo_ros.core.map.layers import LayerStyle
+from tirgeo_ros.core.map.map_layers import LayerStyle
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.io.maps.layers import read_layers as load_layers
 from tirgeo_ros.io.maps.style_sheet import load_style_sheet

@@ -12,7 +12,7 @@ from collections import deque
 import numpy as np
 
 from tirgeo_ros.core.checks.finding_table import finding
-from tirgeo_ros.core.checks.imu_checks import ImuMean
+from tirgeo_ros.core.checks.inertial_checks import ImuMean
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import azimuth, heading_of, matrix_from_quat, wrap_pi
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedBuffer

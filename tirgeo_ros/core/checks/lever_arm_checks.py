@@ -8,7 +8,7 @@ from collections.abc import Collection, Container
 import numpy as np
 
 from tirgeo_ros.core.checks.finding_table import finding
-from tirgeo_ros.core.checks.imu_checks import rpy_text
+from tirgeo_ros.core.checks.inertial_checks import rpy_text
 from tirgeo_ros.core.checks.lever_arm_fit import LeverArmEstimate, LeverArmFit
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.axes import flu_from_frd

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.checks.imu_checks import ImuMean
+from tirgeo_ros.core.checks.inertial_checks import ImuMean
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import azimuths, matrix_from_quat, matrix_from_rotvec, skew
 from tirgeo_ros.core.navigation.aiding.aids import Delays

@@ -10,7 +10,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 from tirgeo_ros.core.checks.heading_checks import HeadingChecks
-from tirgeo_ros.core.checks.imu_checks import ImuBlocks, ImuChecks, VibrationChecks
+from tirgeo_ros.core.checks.inertial_checks import ImuBlocks, ImuChecks, VibrationChecks
 from tirgeo_ros.core.checks.lever_arm_checks import LeverChecks
 from tirgeo_ros.core.checks.receiver_checks import PositionChecks, VelocityChecks
 from tirgeo_ros.core.checks.stream_checks import (

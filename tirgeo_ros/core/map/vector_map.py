@@ -15,8 +15,8 @@ import numpy as np
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.map.layers import GeoFeature, MapLayer
 from tirgeo_ros.core.map.level_of_detail import Boxes, Details
+from tirgeo_ros.core.map.map_layers import GeoFeature, MapLayer
 from tirgeo_ros.core.map.polylines import Polylines, joined, runs
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 from tirgeo_ros.core.types.errors import ConfigError

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.map.layers import Colour
+from tirgeo_ros.core.map.map_layers import Colour
 from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.map.visibility import VisibleLines
 from tirgeo_ros.core.overlay.line_renderer import mark_radius_px

@@ -12,7 +12,7 @@ import numpy as np
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CameraRates, FrameConfidence
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.config.overlay import ConfidenceConfig
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground
@@ -28,7 +28,7 @@ from tirgeo_ros.core.map.distance import (
     nearest_feature,
     way_words,
 )
-from tirgeo_ros.core.map.layers import LayerStyle, MapLayer
+from tirgeo_ros.core.map.map_layers import LayerStyle, MapLayer
 from tirgeo_ros.core.map.polylines import joined
 from tirgeo_ros.core.map.vector_map import VectorMap, check_heights
 from tirgeo_ros.core.map.visibility import HORIZON_ROWS, View, VisibleLines, farthest_m

@@ -20,7 +20,7 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseBuffer
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.map.layers import MapLayer
+from tirgeo_ros.core.map.map_layers import MapLayer
 from tirgeo_ros.core.overlay.camera_motion import FIT_S, TRIAL_S, predicted, rates_up_to
 from tirgeo_ros.core.overlay.clicks import Clicks
 from tirgeo_ros.core.overlay.map_renderer import DrapedMap, DrawingVerdict

@@ -18,7 +18,7 @@ from tirgeo_ros.core.camera.rectification import Rectifier
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.map.layers import MapLayer
+from tirgeo_ros.core.map.map_layers import MapLayer
 from tirgeo_ros.core.overlay.clicks import Marker
 from tirgeo_ros.core.overlay.map_renderer import DrapedMap, DrawingVerdict, MapRenderer
 from tirgeo_ros.core.overlay.status_and_notices import (

@@ -14,7 +14,7 @@ from functools import lru_cache
 
 import cv2
 
-from tirgeo_ros.core.map.layers import Colour
+from tirgeo_ros.core.map.map_layers import Colour
 from tirgeo_ros.core.overlay.text_rendering import (
     LONGEST,
     TEXT_BGR,

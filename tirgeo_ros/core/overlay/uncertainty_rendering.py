@@ -21,7 +21,7 @@ from tirgeo_ros.core.camera.projection_covariance import (
     matrices,
     radius_95,
 )
-from tirgeo_ros.core.config.overlay import ConfidenceConfig
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.map.polylines import Polylines, joined, runs
 from tirgeo_ros.core.map.visibility import VisibleLines
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from tirgeo_ros.core.config.dji import DjiClockConfig
+from tirgeo_ros.core.config.dji_parameters import DjiClockConfig
 from tirgeo_ros.dji.clocks.lower_envelope import LowerEnvelope
 from tirgeo_ros.dji.clocks.running_counter import (
     LONG_TICK_NS,

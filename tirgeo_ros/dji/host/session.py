@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from enum import Enum
 
-from tirgeo_ros.core.config.dji import RATE_CODES, DjiHostConfig
+from tirgeo_ros.core.config.dji_parameters import RATE_CODES, DjiHostConfig
 from tirgeo_ros.core.types.errors import DjiError
 from tirgeo_ros.dji.host.requests import Dialogue, Exchange, NoAnswerError, ask, ask_code
 from tirgeo_ros.dji.host.subscriber import Subscriber

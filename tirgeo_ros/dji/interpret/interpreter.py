@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from tirgeo_ros.core.config import DjiConfig
-from tirgeo_ros.core.config.filter_aiding import GpsConfig
+from tirgeo_ros.core.config.filter_parameters import GpsConfig
 from tirgeo_ros.core.frames.rotations import (
     canonical,
     heading_of,

@@ -12,7 +12,7 @@ from collections import Counter
 from typing import Any
 
 from tirgeo_ros.core.config import AircraftConfig, DjiConfig
-from tirgeo_ros.core.config.dji import DjiRtkConfig
+from tirgeo_ros.core.config.dji_parameters import DjiRtkConfig
 from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample
 from tirgeo_ros.dji.interpret.imu_samples import Sequence
 from tirgeo_ros.dji.interpret.receiver import NO_FIX, Held, Quality, Receiver

@@ -13,7 +13,7 @@ import numpy as np
 from tirgeo_ros.core.calibration.flight_noise import PIECE_S, Pieces, pieces_of
 from tirgeo_ros.core.calibration.imu_record import ImuRecord
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.config.filter import ImuConfig
+from tirgeo_ros.core.config.filter_parameters import ImuConfig
 from tirgeo_ros.core.navigation.timeline.imu_clipping import Clipping
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError

@@ -14,7 +14,7 @@ import numpy as np
 
 from tirgeo_ros.core.calibration.allan import FLICKER_FLOOR, NoiseFit, Term
 from tirgeo_ros.core.calibration.flight_noise import Pieces
-from tirgeo_ros.core.config.filter import ImuConfig
+from tirgeo_ros.core.config.filter_parameters import ImuConfig
 from tirgeo_ros.core.navigation.timeline.imu_clipping import CHANNELS as CLIPPED
 from tirgeo_ros.tools.calibrate.imu_record import CHANNELS, UNITS
 
