@@ -19,15 +19,15 @@ from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.frame_geometry import Sight
-from tirgeo_ros.core.ground.ground_point import MarkedPlace
+from tirgeo_ros.core.ground.ground_point import Answer
+from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.io.messages import (
     TOPIC_TYPES,
-    ClickAnswer,
     Messages,
+    answer_of,
     body_pose,
-    click_answer,
     finding_row,
 )
 from tirgeo_ros.nodes.aircraft_topics import (
@@ -50,6 +50,8 @@ _PICTURES = 200
 #: A picture that was drawn with a predicted pose has none on its other side.
 _LAST_POSE_S = 0.2
 _SIGMA_OF_ELLIPSE = math.sqrt(-2 * math.log(0.05))
+#: Markers of 2000 targets take 0.4 s of a processor.
+_MARKERS_S = 2.0
 _DIGITS = 8  # of degrees: a millimetre
 _NO_POSITION: Mapping[str, None] = dict.fromkeys(
     ("stamp_ns", "position", "heading_deg", "position_sigma_m", "speed_m_s", "above_ground_m")
@@ -65,7 +67,7 @@ class AircraftView(AircraftTopics):
         aircraft: str,
         terrain: Terrain | None,
         show: Callable[[int, bytes], None],
-        answered: Callable[[ClickAnswer], None],
+        answered: Callable[[Answer], None],
     ) -> None:
         self._pictures: deque[tuple[float, float]] = deque(maxlen=_PICTURES)  # time, latency; s
         self._pass_on = show
@@ -73,23 +75,28 @@ class AircraftView(AircraftTopics):
         self._track, self._sent = list[Place](), list[Place]()
         self.listen("tirgeo/path", self._take_path, 1)
         self.listen("tirgeo/findings", self._take_findings, 10)
-        self.listen("tirgeo/locate/answer", lambda m: answered(click_answer(m)), 20)
+        self.listen("tirgeo/locate/answer", lambda m: answered(answer_of(m)), 20)
         self._pixel = self._advertise("tirgeo/locate/pixel", output())
-        self._targets = self._advertise("tirgeo/targets", latched())
+        self.targets = self._advertise("tirgeo/targets", latched())
+        self._markers = self._advertise("tirgeo/targets/markers", latched())
         self._judge = Judge(self.reports, self.came_s)
-        self._drawn: tuple[object, ...] = ()  # revision of the targets, plane and frame
+        self._marked: tuple[object, ...] = ()  # revision of the targets, plane and frame
+        self._marked_s = -math.inf
 
     def _advertise(self, topic: str, qos: QoSProfile) -> Publisher:
         return self._node.advertise(f"{self._prefix}{topic}", qos, TOPIC_TYPES[topic])
 
-    def draw(self, targets: Sequence[MarkedPlace], revision: int) -> None:
-        """Have these targets drawn in the video, unless they are already, in the same plane."""
-        drawn = revision, self.plane, self.map_frame
-        if self.plane is None or drawn == self._drawn:
+    def mark(self, targets: Sequence[Target], revision: int) -> None:
+        """Show these targets in RViz while it listens, unless it shows them in the same plane."""
+        marked, now_s = (revision, self.plane, self.map_frame), time.monotonic()
+        soon = now_s - self._marked_s < _MARKERS_S
+        if self.plane is None or soon or marked == self._marked:
             return
-        frames = self._node.messages.frames._replace(map=self.map_frame)
-        self._targets.publish(Messages(message_class, frames).targets(self.plane, targets))
-        self._drawn = drawn
+        if self._markers.get_subscription_count():
+            frames = self._node.messages.frames._replace(map=self.map_frame)
+            markers = Messages(message_class, frames).target_markers(self.plane, targets)
+            self._markers.publish(markers)
+            self._marked, self._marked_s = marked, now_s
 
     def _count(self, stamp: int, jpeg: bytes) -> None:
         self._pictures.append((time.monotonic(), 1e-9 * (self._node.now_ns - stamp)))

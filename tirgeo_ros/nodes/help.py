@@ -47,7 +47,7 @@ TOPICS: Mapping[str, tuple[Sequence[str], Sequence[str]]] = {
             *("tirgeo/odometry", "tirgeo/origin", "tirgeo/camera_pose", "tirgeo/footprint"),
             *("tirgeo/path", "tirgeo/locate/answer", "/diagnostics"),
         ),
-        ("tirgeo/locate/pixel", "tirgeo/targets", "/diagnostics"),
+        ("tirgeo/locate/pixel", "tirgeo/targets", "tirgeo/targets/markers", "/diagnostics"),
     ),
     "bag_player": ((), ("/clock", *SENSED_TOPICS, *_PICTURES)),
 }

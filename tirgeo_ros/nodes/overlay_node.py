@@ -29,17 +29,16 @@ from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.messages import (
     DiagnosticItem,
-    answer_item,
     camera,
     camera_pose,
     compressed_pixels,
     diagnostic_level,
     image_pixels,
-    marked_places,
     navigation_status,
     pixel,
     stamp_ns,
     tangent_plane,
+    targets_of,
 )
 from tirgeo_ros.io.pictures.camera_file import given_camera
 from tirgeo_ros.nodes.graph_node import GraphNode, told
@@ -126,7 +125,7 @@ class OverlayNode(GraphNode):
         for topic, take, qos in (
             ("tirgeo/camera_pose", self._take_pose, output()),
             ("tirgeo/origin", self._take_origin, latched()),
-            ("tirgeo/targets", lambda m: set_targets(marked_places(m)), latched()),
+            ("tirgeo/targets", lambda m: set_targets(targets_of(m)), latched()),
             ("/diagnostics", self._take_diagnostics, output()),
             # Best effort, so that any publisher is compatible.
             ("tirgeo/locate/pixel", self._take_click, sensor_input(_CLICKS)),
@@ -170,8 +169,7 @@ class OverlayNode(GraphNode):
         clicked_ns, u, v = pixel(message)
         answer = self._overlay.clicks.locate((u, v), clicked_ns)
         if self._answer.get_subscription_count():
-            item = answer_item(self.get_fully_qualified_name(), answer)
-            self._answer.publish(self.messages.diagnostics(answer.stamp_ns, [item]))
+            self._answer.publish(self.messages.answer(answer))
         if isinstance(answer, Located):
             self._fix.publish(self.messages.located_fix(answer))
             self._point.publish(self.messages.located_point(answer))

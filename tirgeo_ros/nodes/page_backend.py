@@ -8,9 +8,8 @@ import threading
 from collections import defaultdict
 from collections.abc import Mapping
 
-from tirgeo_ros.core.targets.target import Fixing
+from tirgeo_ros.core.ground.ground_point import Answer, Located, Refusal
 from tirgeo_ros.core.types.errors import TargetError
-from tirgeo_ros.io.messages import ClickAnswer
 from tirgeo_ros.io.targets.store import TargetStore
 from tirgeo_ros.nodes.aircraft_view import AircraftView
 from tirgeo_ros.nodes.map_watch import PageMap
@@ -39,17 +38,17 @@ class PageBackend:
         self._aircraft, self._targets, self._map = aircraft, targets, page_map
         self._recordings, self._cot = recordings, cot
         self._lock = threading.Lock()
-        self._asked: defaultdict[_Key, list[asyncio.Future[ClickAnswer]]] = defaultdict(list)
+        self._asked: defaultdict[_Key, list[asyncio.Future[Answer]]] = defaultdict(list)
 
     @property
     def targets(self) -> TargetStore:
         """Return the store of targets."""
         return self._targets
 
-    async def click(self, click: Click) -> Fixing | str:
+    async def click(self, click: Click) -> Located | str:
         """Return the ground point at a pixel, or why there is none; within a second."""
         key = click.aircraft, click.stamp_ns, click.u, click.v
-        asked: asyncio.Future[ClickAnswer] = asyncio.get_running_loop().create_future()
+        asked: asyncio.Future[Answer] = asyncio.get_running_loop().create_future()
         with self._lock:
             self._asked[key].append(asked)
         try:
@@ -57,7 +56,8 @@ class PageBackend:
                 heard = self._aircraft[click.aircraft].click(*key[1:])
                 done, _ = await asyncio.wait([asked], timeout=wait_s)
                 if done:
-                    return _fixing(asked.result())
+                    answer = asked.result()
+                    return answer.reason.value if isinstance(answer, Refusal) else answer
         finally:
             with self._lock:
                 self._asked[key].remove(asked)
@@ -66,17 +66,17 @@ class PageBackend:
         lacks = "did not answer within a second: press again" if heard else "does not run"
         return f"the overlay program {lacks}"
 
-    def answered(self, aircraft: str, answer: ClickAnswer) -> None:
+    def answered(self, aircraft: str, answer: Answer) -> None:
         """Pass an answer to whoever clicked there."""
         with self._lock:
-            for asked in self._asked.get((aircraft, *answer[:3]), ()):
+            for asked in self._asked.get((aircraft, answer.stamp_ns, *answer.uv), ()):
                 asked.get_loop().call_soon_threadsafe(_settle, asked, answer)
 
     async def where(self, aircraft: str, latitude_deg: float, longitude_deg: float) -> Pixel | str:
         """Return where a place is in the newest picture, or why it isn't there."""
         place = math.radians(latitude_deg), math.radians(longitude_deg)
-        found = await asyncio.to_thread(self._aircraft[aircraft].where, *place)
-        return found if isinstance(found, str) else Pixel(*found)
+        pixel = await asyncio.to_thread(self._aircraft[aircraft].where, *place)
+        return pixel if isinstance(pixel, str) else Pixel(*pixel)
 
     async def record(self, aircraft: str, on: bool) -> str:
         """Begin or end a recording; return words for the operator."""
@@ -103,16 +103,6 @@ class PageBackend:
         return self._map.read()
 
 
-def _settle(asked: asyncio.Future[ClickAnswer], answer: ClickAnswer) -> None:
+def _settle(asked: asyncio.Future[Answer], answer: Answer) -> None:
     if not asked.done():
         asked.set_result(answer)
-
-
-def _fixing(answer: ClickAnswer) -> Fixing | str:
-    if answer.refused:
-        return answer.refused
-    place = answer.latitude_deg, answer.longitude_deg, answer.height_m
-    try:
-        return Fixing(answer.stamp_ns, *place, answer.covariance_enu)
-    except TargetError as error:
-        return str(error)

@@ -12,7 +12,7 @@ from tirgeo_ros.core.ground.frame_geometry import frame_geometry
 from tirgeo_ros.core.ground.ground_point import circular_error_90, linear_error_90
 from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.finding import Finding, Severity
-from tirgeo_ros.io.cot.aircraft_events import AircraftState
+from tirgeo_ros.io.cot.events import AircraftState
 from tirgeo_ros.io.messages import body_pose
 from tirgeo_ros.nodes.aircraft_topics import ODOMETRY
 from tirgeo_ros.nodes.aircraft_view import AircraftView, velocity_n

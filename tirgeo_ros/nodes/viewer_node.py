@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,7 +14,6 @@ from urllib.parse import urlsplit
 from tirgeo_ros.core.config import ViewerConfig
 from tirgeo_ros.core.config.schema import config_from, parameters_of, values_of
 from tirgeo_ros.core.config.viewer_parameters import split_namespaces
-from tirgeo_ros.core.ground.ground_point import MarkedPlace
 from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.errors import ConfigError, shown
 from tirgeo_ros.core.types.finding import Finding, Severity
@@ -127,7 +125,7 @@ class ViewerNode(GraphNode):
         )
         titles = {name: name or "aircraft" for name in names}
         self._server = PageServer(self._backend, config, titles)
-        self._revision, self._marked = -1, list[MarkedPlace]()
+        self._revision, self._drawn = -1, list[Target]()
         self.resources = self._serve()
         self._timers = [
             # One each: what cannot be read of one aircraft takes nothing from the others.
@@ -188,16 +186,18 @@ class ViewerNode(GraphNode):
         self._server.report(aircraft, state)
 
     def _draw_targets(self) -> None:
-        """Publish the targets where they or the plane have changed, and tell pages and team."""
+        """Publish the targets where they have changed, and tell pages and team."""
         revision = self._targets.revision
         if revision != self._revision:
-            targets = self._targets.all()
-            self._marked = [marked_place(target) for target in targets]
+            self._drawn = self._targets.all()
+            message = self.messages.targets(self._drawn)
+            for one in self._aircraft.values():
+                one.targets.publish(message)
             self._server.targets_changed()
             self._team.targets(self._targets.for_others())
             self._revision = revision
         for one in self._aircraft.values():
-            one.draw(self._marked, revision)
+            one.mark(self._drawn, revision)
 
     def _watch(self) -> None:
         self._recordings.watch()
@@ -205,7 +205,7 @@ class ViewerNode(GraphNode):
         self._team.send()
 
     def _items(self) -> list[DiagnosticItem]:
-        values = {"targets": str(len(self._marked)), "listen": self._config.listen}
+        values = {"targets": str(len(self._drawn)), "listen": self._config.listen}
         values |= {name: str(count) for name, count in self._server.counts.items()}
         values |= {f"stream {name}": trouble for name, trouble in self._streams.troubles.items()}
         trouble = self._map.error or next(iter(self._streams.troubles.values()), "")
@@ -215,19 +215,6 @@ class ViewerNode(GraphNode):
 def taken_ns(stamp_ns: int, now_ns: int) -> int:
     """Return when a picture was taken by this computer's clock: now, if the stamp's is another."""
     return stamp_ns if 0 <= now_ns - stamp_ns < _SAME_CLOCK_NS else now_ns
-
-
-def marked_place(target: Target) -> MarkedPlace:
-    """Return a target as it is drawn in the pictures."""
-    place = target.place
-    name = f": {target.name}" if target.name else ""
-    return MarkedPlace(
-        f"{target.number} {target.kind}{name}",
-        math.radians(place.latitude_deg),
-        math.radians(place.longitude_deg),
-        place.height_m,
-        place.covariance_n,
-    )
 
 
 def with_secrets(config: ViewerConfig) -> ViewerConfig:

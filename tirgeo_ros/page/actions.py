@@ -80,15 +80,15 @@ class Actions:
         cut_out = feed.cut_out(stamp_ns, u, v)  # now: the picture may soon be gone
         click = Click(aircraft, stamp_ns, u, v)
         try:
-            fixing = await asyncio.wait_for(self._backend.click(click), _CLICK_S)
+            place = await asyncio.wait_for(self._backend.click(click), _CLICK_S)
         except asyncio.TimeoutError:
-            fixing = "no answer from overlay_node: does it run?"
-        if isinstance(fixing, str):
-            raise RequestError(fixing)
+            place = "no answer from overlay_node: does it run?"
+        if isinstance(place, str):
+            raise RequestError(place)
         store, now_ns = self._backend.targets, time.time_ns()
         if refine:
-            return await self._stored(lambda: self._told(store.refine(refine, fixing, now_ns)))
-        add = functools.partial(store.add, fixing, aircraft=aircraft, kind=kind, now_ns=now_ns)
+            return await self._stored(lambda: self._told(store.refine(refine, place, now_ns)))
+        add = functools.partial(store.add, place, aircraft=aircraft, kind=kind, now_ns=now_ns)
         return await self._stored(lambda: self._told(add(picture=cut_out())))
 
     async def _edit(self, id: str, was: _Was, **words: str) -> dict[str, Any]:  # noqa: A002
@@ -196,6 +196,6 @@ def target_fields(target: Target, undulation_m: float) -> dict[str, Any]:
             "azimuth_deg": math.degrees(ellipse.azimuth_rad),
         },
         "outline": [[round(x, 8) for x in corner] for corner in place.outline(_CORNERS)],
-        "clicks": len(target.fixings),
+        "clicks": len(target.clicks),
         "clicks_agree": target.clicks_agree,
     }

@@ -14,7 +14,7 @@ from aiohttp import web
 
 from tirgeo_ros.core.targets.target import KINDS
 from tirgeo_ros.core.types.errors import TargetError
-from tirgeo_ros.io.targets.exports import FORMATS, exported
+from tirgeo_ros.io.targets.formats import FORMATS, exported
 from tirgeo_ros.io.targets.store import MOST_NAME, MOST_NOTE
 from tirgeo_ros.page.access import OPERATOR, VIEWER
 from tirgeo_ros.page.actions import Actions

@@ -13,7 +13,7 @@ from project import taken_port
 
 from tirgeo_ros.core.camera.projection_covariance import CHI2_95
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.ground_point import Located
+from tirgeo_ros.core.ground.ground_point import Located, enu_of
 from tirgeo_ros.core.types.errors import BagError, GraphError
 from tirgeo_ros.core.types.measurements import FixStatus
 from tirgeo_ros.core.types.poses import CameraPose
@@ -115,7 +115,7 @@ def test_a_click_is_held_against_the_nearest_target(tmp_path):
     save_survey(targets, points)
     clicked_n = np.array([30.3, 39.6, 0.0])  # 0.5 m from the person
     covariance_n = np.diag([0.04, 0.01, 0.01])
-    located = Located(5 * MS, (1.0, 2.0), clicked_n, covariance_n, 0.0, 0.0, 0.0)
+    located = Located(5 * MS, 0.0, 0.0, 0.0, enu_of(covariance_n), point_n=clicked_n)
     origin = ("tirgeo/origin", MESSAGES.origin(PLANE, 0), 0)
     point = Messages(Cdr().types).located_point(located)
     path = write(tmp_path / "run.mcap", [origin, ("tirgeo/locate/point", point, 9 * MS)])

@@ -24,6 +24,7 @@ from tirgeo_ros.io.messages.diagnostics import (
     navigation_status,
 )
 from tirgeo_ros.io.messages.encode import Messages
+from tirgeo_ros.io.messages.json_codec import answer_of, targets_of
 from tirgeo_ros.io.messages.pictures import camera, compressed_pixels, image_pixels, pixels
 from tirgeo_ros.io.messages.sensor_messages import (
     DJI_TOPICS,
@@ -35,12 +36,6 @@ from tirgeo_ros.io.messages.sensor_messages import (
     sensed,
     topic_of,
 )
-from tirgeo_ros.io.messages.target_messages import (
-    ClickAnswer,
-    answer_item,
-    click_answer,
-    marked_places,
-)
 
 __all__ = [
     "DJI_TOPICS",
@@ -48,16 +43,14 @@ __all__ = [
     "SENSED_SAMPLES",
     "SENSED_TOPICS",
     "TOPIC_TYPES",
-    "ClickAnswer",
     "DiagnosticItem",
     "Messages",
     "SensedSample",
-    "answer_item",
+    "answer_of",
     "body_pose",
     "camera",
     "camera_attitude",
     "camera_pose",
-    "click_answer",
     "compressed_pixels",
     "diagnostic_level",
     "finding_row",
@@ -66,7 +59,6 @@ __all__ = [
     "image_pixels",
     "imu_sample",
     "joint_sample",
-    "marked_places",
     "navigation_item",
     "navigation_status",
     "pixel",
@@ -74,5 +66,6 @@ __all__ = [
     "sensed",
     "stamp_ns",
     "tangent_plane",
+    "targets_of",
     "topic_of",
 ]

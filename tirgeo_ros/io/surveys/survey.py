@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from tirgeo_ros.core.ground.ground_point import Located, Refusal
+from tirgeo_ros.core.ground.ground_point import Answer
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import SurveyError
 from tirgeo_ros.io.coordinates.crs import to_wgs84
@@ -214,7 +214,7 @@ class Answered(NamedTuple):
     """Hold a pixel of a list and its located point or refusal."""
 
     id: str
-    answer: Located | Refusal
+    answer: Answer
 
 
 _QGIS_X, _QGIS_Y = ("mapX", "mapY")
