@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import NamedTuple, TypeVar
 
 import numpy as np
-from typing_extensions import Self
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import rotation_of
@@ -68,13 +67,13 @@ class Epoch:
     vibration: Powers = STILL
 
     @classmethod
-    def first(cls, stamp_ns: int, sample: ImuSample, start: Propagated) -> Self:
+    def first(cls, stamp_ns: int, sample: ImuSample, start: Propagated) -> Epoch:
         """Return the first epoch; ``sample`` is the newest one up to its stamp."""
         force, rate = sample.specific_force_b.tolist(), sample.angular_rate_b.tolist()
         return cls(stamp_ns, tuple(force), tuple(rate), start)
 
     @classmethod
-    def after(cls, before: Epoch, sample: ImuSample, meter: VibrationMeter) -> Self:
+    def after(cls, before: Epoch, sample: ImuSample, meter: VibrationMeter) -> Epoch:
         """Return the epoch of the next sample; its state is still that of the epoch before."""
         force: Vector = tuple(sample.specific_force_b.tolist())
         rate: Vector = tuple(sample.angular_rate_b.tolist())
