@@ -103,7 +103,7 @@ def test_rows_are_written_in_batches(tmp_path, monkeypatch):
     file = LayerFile(tmp_path / "out.gpkg", [POINTS])
     for number in range(35):
         file.add("points", [(16.0, 48.0, 1.0)], row(number))
-        assert len(file._waiting["points"].shapes) < 10
+        assert len(file._waiting["points"]) < 10
     file.finish()
     assert [one["n"] for one in rows_of(file.path, "points")] == list(range(35))
 

@@ -1,30 +1,70 @@
-"""Write layers to a GeoPackage by GDAL, in batches: under its name it is complete or absent.
-
-GDAL makes the spatial index (RTree) and all tables that the standard asks for.
-"""
+"""Write layers to a GeoPackage, in batches: under its name it is complete or absent."""
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+import sqlite3
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import ExportError
-from tirgeo_ros.io.files.missing_package import missing_line
 from tirgeo_ros.io.files.whole_files import check_place, part_of
+from tirgeo_ros.io.geopackage.container import Positions, blob, make_layer, make_package
 
 _ROWS = 1000  # that wait in memory
-_UTC = 100  # GDAL's number for it
-_KINDS, _Z = {"Point": 1, "LineString": 2, "Polygon": 3}, 1000  # in WKB (OGC 06-103r4)
-#: Positions (N, 2): longitude and latitude, deg; (N, 3): and height, m.
-Positions = Array | Sequence[Sequence[float]]
-_DTYPES = {"INTEGER": "i8", "BOOLEAN": "?"}
+#: Nobody reads the file before it is complete: it needs no journal.
+_QUICKLY = ("journal_mode = OFF", "synchronous = OFF", "cache_size = -8000")
+_EXTENSIONS = """
+CREATE TABLE gpkg_extensions (table_name TEXT, column_name TEXT, extension_name TEXT NOT NULL,
+    definition TEXT NOT NULL, scope TEXT NOT NULL,
+    CONSTRAINT ge_tce UNIQUE (table_name, column_name, extension_name))
+"""
+_INDEX_OF = "INSERT INTO gpkg_extensions VALUES (?, 'geom', 'gpkg_rtree_index', ?, 'write-only')"
+_INDEX_IS = "http://www.geopackage.org/spec120/#extension_rtree"
+#: What keeps the spatial index while others edit the file (annex F.3 of the standard): its name,
+#: when it acts, and what it does.
+_PUT = (
+    "INSERT OR REPLACE INTO {index} VALUES (NEW.fid, ST_MinX(NEW.geom), ST_MaxX(NEW.geom), "
+    "ST_MinY(NEW.geom), ST_MaxY(NEW.geom))"
+)
+_DROP = "DELETE FROM {index} WHERE id = OLD.fid"
+_THERE, _GONE = (
+    "(NEW.geom NOT NULL AND NOT ST_IsEmpty(NEW.geom))",
+    "(NEW.geom ISNULL OR ST_IsEmpty(NEW.geom))",
+)
+_TRIGGERS = {
+    "insert": ("INSERT", _THERE, _PUT),
+    "update1": ("UPDATE OF geom", f"OLD.fid = NEW.fid AND {_THERE}", _PUT),
+    "update2": ("UPDATE OF geom", f"OLD.fid = NEW.fid AND {_GONE}", _DROP),
+    "update3": ("UPDATE", f"OLD.fid != NEW.fid AND {_THERE}", f"{_DROP}; {_PUT}"),
+    "update4": ("UPDATE", f"OLD.fid != NEW.fid AND {_GONE}", f"{_DROP} OR id = NEW.fid"),
+    "delete": ("DELETE", "OLD.geom NOT NULL", _DROP),
+}
+_BOUNDS = """
+UPDATE gpkg_contents SET (min_x, max_x, min_y, max_y) =
+    (SELECT min(minx), max(maxx), min(miny), max(maxy) FROM {index}) WHERE table_name = ?
+"""
+#: The table in which QGIS looks for the style of a layer that it opens.
+_STYLES = {
+    **dict.fromkeys(("f_table_catalog", "f_table_schema", "f_table_name"), "TEXT(256)"),
+    "f_geometry_column": "TEXT(256)",
+    "styleName": "TEXT(30)",
+    "styleQML": "TEXT",
+    "styleSLD": "TEXT",
+    "useAsDefault": "BOOLEAN",
+    "description": "TEXT",
+    "owner": "TEXT(30)",
+    "ui": "TEXT(30)",
+    "update_time": "DATETIME DEFAULT (strftime('%Y-%m-%dT%H:%M:%fZ','now'))",
+}
+_STYLE = (
+    "INSERT INTO layer_styles (f_table_catalog, f_table_schema, f_table_name, f_geometry_column, "
+    "styleName, styleQML, styleSLD, useAsDefault, description, owner, ui) "
+    "VALUES ('', '', :name, 'geom', :name, :style, '', 1, :about, '', '')"
+)
 
 
 class Layer(NamedTuple):
@@ -40,13 +80,10 @@ class Layer(NamedTuple):
     about: str
     style: str
 
-
-@dataclass
-class _Rows:
-    """Hold rows that wait: their geometries (WKB), and their cells in the columns' order."""
-
-    shapes: list[bytes] = field(default_factory=list)
-    cells: list[Sequence[Any]] = field(default_factory=list)
+    @property
+    def rtree(self) -> str:
+        """Return the name of its spatial index."""
+        return f'"rtree_{self.name}_geom"'
 
 
 class LayerFile:
@@ -60,120 +97,89 @@ class LayerFile:
         self.path, self._layers = path, {layer.name: layer for layer in layers}
         self._part = part_of(path).with_suffix(".gpkg")
         self.counts = dict.fromkeys(self._layers, 0)
-        self._waiting = {name: _Rows() for name in self._layers}
-        self._made: set[str] = set()
-        for name in self._layers:
-            self._write(name)
+        self._waiting: dict[str, list[tuple[Any, ...]]] = {name: [] for name in self._layers}
+        with self._writing():
+            self._part.unlink(missing_ok=True)
+            self._db = sqlite3.connect(self._part, isolation_level=None)
+            for pragma in _QUICKLY:
+                self._db.execute(f"PRAGMA {pragma}")
+            make_package(self._db)
+            self._db.execute(_EXTENSIONS)
+            for layer in self._layers.values():
+                make_layer(self._db, layer.name, layer.geometry, layer.columns, layer.about)
+                self._db.execute(
+                    f"CREATE VIRTUAL TABLE {layer.rtree} USING rtree(id, minx, maxx, miny, maxy)"
+                )
+                self._db.execute(_INDEX_OF, (layer.name, _INDEX_IS))
 
     def add(self, name: str, positions: Positions, row: Mapping[str, Any]) -> None:
         """Append a row to a layer; its values are those of the columns, None or nan for NULL."""
         layer, rows = self._layers[name], self._waiting[name]
-        rows.shapes.append(_wkb(layer.geometry, positions))
-        rows.cells.append([row[column] for column in layer.columns])
         self.counts[name] += 1
-        if len(rows.shapes) >= _ROWS:
-            self._write(name)
+        points = np.asarray(positions, float)
+        (west, south), (east, north) = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
+        box = float(west), float(east), float(south), float(north)
+        cells = [_cell(row[column], kind) for column, kind in layer.columns.items()]
+        rows.append((self.counts[name], *box, blob(layer.geometry, points), *cells))
+        if len(rows) >= _ROWS:
+            with self._writing():
+                self._write(layer)
 
     def finish(self) -> None:
-        """Write what waits and the styles, and give the file its name."""
-        for name, rows in self._waiting.items():
-            if rows.shapes:
-                self._write(name)
-        self._write_styles()
-        try:
+        """Write what waits, the styles and what keeps the index, and give the file its name."""
+        with self._writing():
+            make_layer(self._db, "layer_styles", "", _STYLES, "")
+            for layer in self._layers.values():
+                self._write(layer)
+                self._db.execute(_STYLE, layer._asdict())
+                self._db.execute(_BOUNDS.format(index=layer.rtree), (layer.name,))
+                for name, (event, condition, action) in _TRIGGERS.items():
+                    self._db.execute(
+                        f'CREATE TRIGGER "rtree_{layer.name}_geom_{name}" AFTER {event} ON '
+                        f'"{layer.name}" WHEN {condition} '
+                        f"BEGIN {action.format(index=layer.rtree)}; END"
+                    )
+            self._db.close()
             self._part.replace(self.path)
-        except OSError as error:
-            raise self._error(error) from None
 
     def close(self) -> None:
         """Remove what is not finished."""
+        self._db.close()
         self._part.unlink(missing_ok=True)
 
-    def _write(self, name: str) -> None:
-        """Write the rows of a layer that wait; make it if it is new."""
-        layer, rows = self._layers[name], self._waiting[name]
-        columns = [
-            _column([cells[k] for cells in rows.cells], kind)
-            for k, kind in enumerate(layer.columns.values())
-        ]
-        times = [column for column, kind in layer.columns.items() if kind == "DATETIME"]
-        self._to_gdal(
-            layer.name,
-            np.array(rows.shapes, "O"),
-            columns,
-            list(layer.columns),
-            geometry_type=layer.geometry,
-            crs="EPSG:4326",
-            gdal_tz_offsets={column: np.full(len(rows.shapes), _UTC) for column in times},
-            layer_options={"DESCRIPTION": layer.about},
+    def _write(self, layer: Layer) -> None:
+        """Write the rows of a layer that wait."""
+        rows, self._waiting[layer.name] = self._waiting[layer.name], []
+        columns = ", ".join(("fid", "geom", *(f'"{column}"' for column in layer.columns)))
+        places = ", ".join("?" * (len(layer.columns) + 2))
+        self._db.execute("BEGIN")
+        self._db.executemany(
+            f'INSERT INTO "{layer.name}" ({columns}) VALUES ({places})',  # noqa: S608  our names
+            [(row[0], *row[5:]) for row in rows],
         )
-        self._waiting[name] = _Rows()
-
-    def _write_styles(self) -> None:
-        """Write the table in which QGIS looks for the style of a layer that it opens."""
-        rows = [
-            {
-                **dict.fromkeys(("f_table_catalog", "f_table_schema"), ""),
-                "f_table_name": layer.name,
-                "f_geometry_column": "geom",
-                "styleName": layer.name,
-                "styleQML": layer.style,
-                "description": layer.about,
-                **dict.fromkeys(("styleSLD", "owner", "ui"), ""),
-            }
-            for layer in self._layers.values()
-        ]
-        texts = {name: np.array([row[name] for row in rows], "O") for name in rows[0]}
-        columns = texts | {
-            "useAsDefault": np.ones(len(rows), np.bool_),
-            "update_time": np.full(len(rows), np.datetime64("now", "ms")),
-        }
-        times = {"update_time": np.full(len(rows), _UTC)}
-        self._to_gdal(
-            "layer_styles", None, list(columns.values()), list(columns), gdal_tz_offsets=times
+        self._db.executemany(
+            f"INSERT INTO {layer.rtree} VALUES (?, ?, ?, ?, ?)",  # noqa: S608
+            [row[:5] for row in rows],
         )
+        self._db.execute("COMMIT")
 
-    def _to_gdal(
-        self,
-        name: str,
-        shapes: NDArray[Any] | None,
-        columns: Sequence[NDArray[Any]],
-        names: Sequence[str],
-        **options: Any,
-    ) -> None:
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
         try:
-            from pyogrio import raw  # noqa: PLC0415  heavy
-        except ImportError:
-            raise ExportError(f"{self.path}: {missing_line('pyogrio')}") from None
-        table = (self._part, shapes, columns, names)
-        append = name in self._made
-        try:
-            raw.write(*table, layer=name, driver="GPKG", append=append, **options)
-        except (RuntimeError, OSError) as error:  # pyogrio's own are RuntimeErrors
-            raise self._error(error) from None
-        self._made.add(name)
-
-    def _error(self, error: Exception) -> ExportError:
-        why = " ".join(str(error).split())
-        return ExportError(f"{self.path}: cannot be written: {why}; is there room in its folder?")
+            yield
+        except (sqlite3.Error, OSError) as error:
+            why = " ".join(str(error).split())
+            raise ExportError(
+                f"{self.path}: cannot be written: {why}; is there room in its folder?"
+            ) from None
 
 
-def _column(cells: Sequence[Any], kind: str) -> NDArray[Any]:
-    """Return a column as GDAL takes it; DATETIME is from nanoseconds, rounded down."""
+def _cell(cell: Any, kind: str) -> Any:
+    """Return a value as SQLite takes it; DATETIME is from nanoseconds, rounded down."""
+    if cell is None:
+        return None
     if kind == "DATETIME":
-        return np.array([cell // 1_000_000 for cell in cells], "datetime64[ms]")
-    if kind == "REAL":
-        return np.array([np.nan if cell is None else cell for cell in cells], float)
-    return np.array(cells, _DTYPES.get(kind.partition(" ")[0], "O"))
-
-
-def _wkb(geometry: str, positions: Positions) -> bytes:
-    """Return a geometry as WKB, little-endian; a polygon has one ring, which is closed here."""
-    shape, _, z = geometry.partition(" ")
-    points = np.asarray(positions, "<f8")
-    if shape == "Polygon":
-        points = np.vstack([points, points[:1]])
-    kind = _KINDS[shape] + (_Z if z else 0)
-    counts = {"Point": b"", "LineString": struct.pack("<I", len(points))}
-    count = counts.get(shape, struct.pack("<II", 1, len(points)))
-    return struct.pack("<BI", 1, kind) + count + points.tobytes()
+        return f"{np.datetime64(int(cell) // 1_000_000, 'ms')}Z"
+    if kind in {"BOOLEAN", "INTEGER"}:
+        return int(cell)
+    return float(cell) if kind == "REAL" else cell
