@@ -13,8 +13,8 @@ from measured import run_measured
 
 from tirgeo_ros.core.types.errors import MessageError
 from tirgeo_ros.io.bags.bag import Cdr
-from tirgeo_ros.io.files.encoded_picture import unpacked
 from tirgeo_ros.io.messages import Messages, compressed_pixels
+from tirgeo_ros.io.messages.pictures import unpacked
 
 GREY = np.arange(48, dtype=np.uint8).reshape(6, 8)
 

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tirgeo_ros.core.types.errors import ExportError
+from tirgeo_ros.core.types.texts import utc
 from tirgeo_ros.io.files.whole_files import check_place, part_of
 from tirgeo_ros.io.geopackage.container import Positions, blob, make_layer, make_package
 
@@ -179,7 +180,7 @@ def _cell(cell: Any, kind: str) -> Any:
     if cell is None:
         return None
     if kind == "DATETIME":
-        return f"{np.datetime64(int(cell) // 1_000_000, 'ms')}Z"
+        return utc(int(cell))
     if kind in {"BOOLEAN", "INTEGER"}:
         return int(cell)
     return float(cell) if kind == "REAL" else cell
