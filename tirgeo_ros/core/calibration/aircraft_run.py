@@ -132,7 +132,7 @@ class WhiteningFusion(Fusion):
         autopilot_q_nb: Array | None,  # noqa: ARG002
     ) -> Fused:
         """Return the estimate with a measurement in it, whatever its innovation."""
-        state, covariance, aids = estimate[:3]
+        state, covariance, aids = estimate.state, estimate.covariance, estimate.aids
         reading = self._readings[aid.source, aid.stamp_ns]
         plain = aid.measurement
         measurement = plain._replace(noise=plain.noise / reading.weight, gate_sigma=_NO_GATE)
