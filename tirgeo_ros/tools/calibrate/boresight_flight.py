@@ -60,7 +60,7 @@ def read_flight(
     namespace: str,
     configs: NodeConfigs,
     wanted: Sequence[str],
-    seen: Sequence[Observation],
+    observed: Sequence[Observation],
     survey: Sequence[SurveyPoint],
     click_sigma_px: float,
     progress: Report,
@@ -69,7 +69,7 @@ def read_flight(
 ) -> ReadFlight:
     """Read a bag once. Raise BagError, or CalibrationError if the filter gives no pose."""
     recorded = RecordedFlight(reader, namespace, camera=given_camera(configs.overlay))
-    passes = _passes(recorded, configs, wanted, seen, smooth=smooth)
+    passes = _passes(recorded, configs, wanted, observed, smooth=smooth)
     recorded.read_all(progress)
     usual = passes.pop("")
     if usual.plane is None:
@@ -82,16 +82,20 @@ def read_flight(
     north = 0.0 if shown else math.radians(configs.gimbal.north.sigma_deg) ** 2
     flight = _sighted(recorded.camera, usual, passes, configs, click_sigma_px, north)
     points = {point.id: point for point in survey}
-    known = [one for one in seen if one.id in points]
+    surveyed = [observation for observation in observed if observation.id in points]
     present = np.zeros(len(PARAMETERS))
-    posed = [one for one in known if corrected_pose(flight, one.stamp_ns, present) is not None]
-    heights = [points[name].height_m for name in {one.id for one in posed}]
+    posed = [
+        observation
+        for observation in surveyed
+        if corrected_pose(flight, observation.stamp_ns, present) is not None
+    ]
+    heights = [points[name].height_m for name in {observation.id for observation in posed}]
     return ReadFlight(
         flight,
         usual.plane,
-        [_sighting(one, points[one.id], usual.plane) for one in posed],
-        len(seen) - len(known),
-        len(known) - len(posed),
+        [_sighting(observation, points[observation.id], usual.plane) for observation in posed],
+        len(observed) - len(surveyed),
+        len(surveyed) - len(posed),
         float(np.median(heights)) if heights else math.nan,
         composer.sees_joints,
         follows_north,
@@ -118,22 +122,27 @@ def _sighted(
     )
 
 
-def _sighting(one: Observation, point: SurveyPoint, plane: TangentPlane) -> PointSighting:
+def _sighting(observation: Observation, point: SurveyPoint, plane: TangentPlane) -> PointSighting:
     place_n = plane.ned_from_geodetic(point.latitude_rad, point.longitude_rad, point.height_m)
-    return PointSighting(one.id, one.stamp_ns, np.array([one.u, one.v]), place_n)
+    return PointSighting(
+        observation.id, observation.stamp_ns, np.array([observation.u, observation.v]), place_n
+    )
 
 
 def _passes(
     recorded: RecordedFlight,
     configs: NodeConfigs,
     wanted: Sequence[str],
-    seen: Sequence[Observation],
+    observed: Sequence[Observation],
     *,
     smooth: bool,
 ) -> dict[str, FlightPoses]:
     """Return a run as it is (key ""), and one with a step of each wanted parameter."""
     ekf, gimbal = configs.ekf, configs.gimbal
-    instants_ns = [one.stamp_ns - round(configs.overlay.video_latency_s * 1e9) for one in seen]
+    instants_ns = [
+        observation.stamp_ns - round(configs.overlay.video_latency_s * 1e9)
+        for observation in observed
+    ]
     passes = {"": recorded.registered(ekf, gimbal, instants_ns, smooth=smooth)}
     if "gimbal_north" in wanted:
         # Only one of the two has an effect: that of the composition in use.
