@@ -104,37 +104,6 @@ def test_wrong_parameters_are_said_once(flights, tmp_path, capsys):
     assert "unknown parameter metod" in told
 
 
-@pytest.mark.parametrize(
-    ("more", "message"),
-    [
-        (["-o", "out.mcap"], "several flights need a folder, not out.mcap"),
-        (["-o", "out", "--workers", "0"], "--workers must be 1 or more"),
-        (["-o", "out", "--workers", "2", "--scheduler", "a:1"], "is not for --scheduler"),
-        (["-o", "out", "--video", "out.mp4"], "--video of several flights is one of .mp4, .webm"),
-    ],
-)
-def test_wrong_use_of_many(flights, more, message, capsys):
-    with pytest.raises(SystemExit) as left:
-        command.main(["process", *map(str, flights), *more])
-    assert left.value.code == 2
-    assert message in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("more", "message"),
-    [
-        (["--workers", "2"], "--workers and --scheduler are for several flights"),
-        (["--scheduler", "a:1"], "--workers and --scheduler are for several flights"),
-        (["--video"], "--video needs a name, as OUT.mp4"),
-    ],
-)
-def test_wrong_use_of_one(flights, more, message, capsys):
-    with pytest.raises(SystemExit) as left:
-        command.main(["process", str(flights[0]), "-o", "out.mcap", *more])
-    assert left.value.code == 2
-    assert message in capsys.readouterr().err
-
-
 @pytest.mark.slow
 def test_pictures_and_videos_have_the_bytes_that_they_have_alone(sample, tmp_path, capsys):
     bags = [
