@@ -16,7 +16,7 @@ from flights import RTK, config_for, flight, navigation_samples
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.checks.navigation_checks import NavigationChecks
 from tirgeo_ros.core.config import DjiConfig, EkfConfig, GimbalConfig, NorthConfig, OverlayConfig
-from tirgeo_ros.core.config.filter import AlignmentConfig
+from tirgeo_ros.core.config.filter_parameters import AlignmentConfig
 from tirgeo_ros.core.config.schema import (
     Parameter,
     changed_in_flight,
@@ -139,7 +139,7 @@ def test_a_filter_that_runs_takes_it_and_keeps_its_state(one):
         *((getattr(ekf, name), part) for name, part in vars(bare).items()),
         *((getattr(navigation, name), getattr(fresh, name)) for name in ("_delays",)),
         (navigation._rate._period_ns, fresh._rate._period_ns),
-        (navigation._autopilot._variance_rad2, fresh._autopilot._variance_rad2),
+        (navigation._in_imu[0]._variance_rad2, fresh._in_imu[0]._variance_rad2),
     ):
         assert outline(ours) == outline(wanted)
     assert outline(ekf.estimate()) == kept

@@ -20,7 +20,7 @@ import time
 from functools import partial
 from typing import Any
 
-from tirgeo_ros.core.config.viewer import TOKEN_SEED
+from tirgeo_ros.core.config.viewer_parameters import TOKEN_SEED
 from tirgeo_ros.io.files.child_process import node_command
 from tirgeo_ros.nodes.bag_player import BagPlayer
 from tirgeo_ros.nodes.dji_node import DjiNode
@@ -63,7 +63,7 @@ def _beside_the_page(arguments: list[str], overlay: OverlayNode, stop: threading
     while not stop.is_set():
         begin_s = time.monotonic()
         code = _run_page(arguments, stop)
-        if stop.is_set() or (code > 0 and "viewer_node" not in overlay.restarts.starts):
+        if stop.is_set() or (code > 0 and "viewer_node" not in overlay.heard_nodes):
             return int(code != 0)
         soon = time.monotonic() - begin_s < _SOON_S
         overlay.log(ERROR, f"viewer_node ended (exit code {code}): started again in {wait_s:g} s")

@@ -10,15 +10,17 @@ import pytest
 from overlays import PLANE, pose_at
 
 from dev.planted_faults.faults import Fault
-from dev.planted_faults.ground_errors import Eye, times_of_ellipse
-from dev.planted_faults.live import Outcome
-from dev.planted_faults.live_reading import Picture, Report, seen
+from dev.planted_faults.live import Eye, Outcome, Picture, Report, seen, times_of_ellipse
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
 from tirgeo_ros.core.ground.ground_point import Located
-from tirgeo_ros.core.overlay.status_text import VERDICT_BGR
-from tirgeo_ros.core.overlay.text_boxes import Field, paint_status, place_notice
+from tirgeo_ros.core.overlay.status_and_notices import (
+    VERDICT_BGR,
+    Field,
+    paint_status,
+    place_notice,
+)
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.poses import CameraPose
 
@@ -74,8 +76,10 @@ def eye(shift_n: np.ndarray) -> Eye:
 
 def test_an_error_is_told_in_ellipses():
     """On level ground the places move as the camera does; along the major axis 1 is the edge."""
-    true, at_ns = eye(np.zeros(3)), STAMP_NS + 10**9
-    assert times_of_ellipse(true, true, at_ns) == pytest.approx(0, abs=1e-9)
+    true, at_ns = eye(np.zeros(3)), STAMP_NS + 10**9  # degrees round by a nanometre
+    assert times_of_ellipse(true, true, at_ns) == pytest.approx(
+        0, abs=1e-8
+    )  # degrees round by a nanometre
     found = true.locate(at_ns, ((XT2.width - 1) / 2, (XT2.height - 1) / 2))
     assert isinstance(found, Located)
     ellipse = found.ellipse

@@ -27,6 +27,7 @@ from mcap.stream_reader import StreamReader
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.core.types.measurements import LAST_NS
 from tirgeo_ros.io.bags.bag_file import TOO_LATE, BagFile, Connection, Row, TopicForm, unpacked
+from tirgeo_ros.io.files.whole_files import reading
 
 MAGIC = b"\x89MCAP0\r\n"
 
@@ -78,7 +79,7 @@ class McapFile(BagFile):
         with self._mapped() as data:
             self._check_header(data)
             silent = self._find(data)
-        spans = [(one.start_ns, one.end_ns) for one in self.segments]
+        spans = [(segment.start_ns, segment.end_ns) for segment in self.segments]
         self.span_ns = (min(a for a, _ in spans), max(b for _, b in spans)) if spans else None
         self.connections = {
             key: Connection(channel.topic, self._form(channel))
@@ -101,7 +102,7 @@ class McapFile(BagFile):
         with self._mapped() as data:
             parts = (
                 (segment.start_ns, self._loaded(data, segment, keys, start_ns))
-                for segment in sorted(self.segments, key=lambda one: (one.start_ns, one.offset))
+                for segment in sorted(self.segments, key=lambda part: (part.start_ns, part.offset))
                 if segment.end_ns >= start_ns
                 and (segment.channels is None or not segment.channels.isdisjoint(keys))
             )
@@ -286,14 +287,11 @@ class McapFile(BagFile):
     @contextmanager
     def _mapped(self) -> Iterator[mmap]:
         """Yield the bytes of the file. Raises BagError if it is empty or unreadable."""
-        try:
-            with self.path.open("rb") as file:
-                if not os.fstat(file.fileno()).st_size:
-                    raise BagError(f"{self.name}: the file is empty")
-                with mmap(file.fileno(), 0, access=ACCESS_READ) as data:
-                    yield data
-        except OSError as error:
-            raise BagError(f"{self.name}: cannot be read: {error.strerror or error}") from None
+        with reading(self.name, BagError), self.path.open("rb") as file:
+            if not os.fstat(file.fileno()).st_size:
+                raise BagError(f"{self.name}: the file is empty")
+            with mmap(file.fileno(), 0, access=ACCESS_READ) as data:
+                yield data
 
 
 def _profile(data: mmap) -> str:
@@ -323,8 +321,8 @@ def _record_at(data: mmap | bytes, at: int) -> tuple[int | None, int]:
     if at + _RECORD.size > len(data):
         return None, len(data)
     opcode, length = _RECORD.unpack_from(data, at)
-    known = Opcode.HEADER <= opcode <= Opcode.DATA_END or opcode >= _PRIVATE
-    return (opcode if known else None), at + _RECORD.size + length
+    valid = Opcode.HEADER <= opcode <= Opcode.DATA_END or opcode >= _PRIVATE
+    return (opcode if valid else None), at + _RECORD.size + length
 
 
 def _reason(error: BaseException) -> str:

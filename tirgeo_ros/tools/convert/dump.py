@@ -9,14 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from tirgeo_ros.core.types.errors import DjiError
-from tirgeo_ros.dji.link.encryption import parse_key
-from tirgeo_ros.dji.link.framing import FrameReader, ProtocolFrame
+from tirgeo_ros.dji.link.framing import FrameReader, ProtocolFrame, parse_key
 from tirgeo_ros.dji.protocol import broadcast_parts as parts
 from tirgeo_ros.dji.protocol.broadcast import Broadcast, Layout, decode_broadcast
-from tirgeo_ros.dji.protocol.package_table import package_table
-from tirgeo_ros.dji.protocol.subscription import PackageTable, Push, decode_push
+from tirgeo_ros.dji.protocol.subscription import PackageTable, Push, decode_push, package_table
 from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
+from tirgeo_ros.tools.presentation.progress import Report, silent
 
 _STATUS_BITS = ("mounted", "busy", "pitch_limited", "roll_limited", "yaw_limited", "calibrating")
 #: Fields that are 64 bits wide.
@@ -121,12 +120,12 @@ def push_fields(push: Push) -> dict[str, Any]:
 def _printed(value: Any, name: str = "") -> Any:
     """Return a part as JSON holds it; fields that a layout lacks are left out."""
     if hasattr(value, "_fields"):
-        found = {}
+        fields = {}
         for field, source, convert in _PRINTED.get(type(value)) or map(_field, value._fields):
             raw = getattr(value, source)
             if raw is not None:
-                found[field] = convert(raw) if convert else _printed(raw, field)
-        return found
+                fields[field] = convert(raw) if convert else _printed(raw, field)
+        return fields
     if isinstance(value, tuple):
         return [_printed(number) for number in value]
     is_single = isinstance(value, float) and name not in _DOUBLES
@@ -136,6 +135,23 @@ def _printed(value: Any, name: str = "") -> Any:
 Record = dict[str, Any]
 
 _CHUNK_BYTES = 1 << 16
+
+
+def packages_of(file: PathLike | None) -> PackageTable:
+    """Return the packages of a YAML file, else the usual ones. Raise DjiError, ConfigError."""
+    return package_table(load_yaml(file), str(file)) if file else PackageTable()
+
+
+def frames_in(
+    path: Path, reader: FrameReader, progress: Report = silent
+) -> Iterator[ProtocolFrame]:
+    """Yield the frames of a capture; ``reader`` counts them."""
+    total = path.stat().st_size
+    with path.open("rb") as file:
+        while chunk := file.read(_CHUNK_BYTES):
+            yield from reader.feed(chunk)
+            progress(file.tell() * 1e-6, total * 1e-6)
+    yield from reader.rescan()
 
 
 class CaptureDump:
@@ -149,8 +165,7 @@ class CaptureDump:
 
     def __init__(self, path: Path, packages: PathLike | None = None, key: str = "") -> None:
         self._path = path
-        table = package_table(load_yaml(packages), str(packages)) if packages else PackageTable()
-        self._packages = table
+        self._packages = packages_of(packages)
         self._reader = FrameReader(parse_key(key))
         self.kinds: Counter[str] = Counter()
         self.unreadable = 0
@@ -162,10 +177,7 @@ class CaptureDump:
 
     def records(self) -> Iterator[Record]:
         """Yield a record for each frame. Raise DjiError without any, OSError if unreadable."""
-        with self._path.open("rb") as file:
-            while chunk := file.read(_CHUNK_BYTES):
-                yield from map(self._record, self._reader.feed(chunk))
-        yield from map(self._record, self._reader.rescan())
+        yield from map(self._record, frames_in(self._path, self._reader))
         counts = self._reader.counts
         if not counts["bytes"]:
             raise DjiError(f"{self._path}: empty")

@@ -11,9 +11,8 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from tirgeo_ros.core.config.overlay import ConfidenceConfig
-from tirgeo_ros.core.frames.heading import azimuth_row
-from tirgeo_ros.core.frames.rotations import matrix_from_quat
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
+from tirgeo_ros.core.frames.rotations import azimuth_row, matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.camera_place import body_rpy, height_above_m
 from tirgeo_ros.core.ground.frame_geometry import Sight, footprint, frame_geometry
@@ -24,8 +23,8 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.poses import BodyPose
 from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.geopackage.layer_file import Layer, LayerFile
-from tirgeo_ros.io.targets.properties import COLUMNS, of_target
-from tirgeo_ros.io.targets.reading import read_targets
+from tirgeo_ros.io.targets.columns import COLUMNS, of_target
+from tirgeo_ros.io.targets.formats import read_targets
 from tirgeo_ros.tools.export.export_frame import ExportFrame
 
 _HEAD = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from tirgeo_ros.core.navigation.aiding.rtk_consistency import Consistency
 from tirgeo_ros.core.navigation.ins.strapdown import Vector
@@ -58,7 +58,7 @@ class AidTrack(NamedTuple):
     denied_ns: int = 0  # of the first
     denied_to_ns: int = 0  # of the newest
     denied: int = 0  # their number
-    own: tuple[float, ...] = ()  # what the aid itself keeps from one sample to the next
+    own: Any = None  # what the aid itself keeps from one sample to the next
 
     def recent(self, now_ns: int, timeout_ns: int) -> bool:
         """Return whether it was used within the time-out."""
@@ -157,23 +157,25 @@ class Reset(NamedTuple):
 
     source: Source
     stamp_ns: int
-    size: float  # m, m/s or rad
+    text: str  # what was reset, and by how much
 
     def __str__(self) -> str:
         """Return the reset in words."""
-        if self.source is Source.RTK_HEADING:
-            return f"heading turned by {math.degrees(self.size):+.1f} deg"
-        offset = f"offset of {self.source.topic} changed by", "m"
-        what, unit = _RESET_WORDS.get(self.source, offset)
-        return f"{what} {self.size:.2f} {unit}"
+        return self.text
 
 
-_RESET_WORDS = {
-    Source.RTK_POSITION: ("position moved by", "m"),
-    Source.RTK_VELOCITY: ("velocity changed by", "m/s"),
-    Source.GPS_POSITION: ("GPS error changed by", "m"),
-    Source.GPS_VELOCITY: ("velocity changed by", "m/s"),
-}
+class RtkStatus(NamedTuple):
+    """Hold what the RTK receiver has said of its solution."""
+
+    status: FixStatus | None = None  # of rtk/fix; None: no sample yet
+    status_ns: int = NEVER_NS
+    fixed_since_ns: int = NEVER_NS
+    offsets_n: tuple[Vector, ...] = ()  # of the newest positions, for the median
+    consistency: Consistency = Consistency()  # positions against velocities
+
+    def at(self, now_ns: int, timeout_ns: int) -> FixStatus | None:
+        """Return the newest fix status; None where it is older than the time-out."""
+        return self.status if now_ns - self.status_ns <= timeout_ns else None
 
 
 class AidStatus(NamedTuple):
@@ -181,14 +183,10 @@ class AidStatus(NamedTuple):
 
     receivers: Receivers
     tracks: tuple[AidTrack, ...] = (AidTrack(),) * len(AID_SOURCES)
-    status: FixStatus | None = None  # of rtk/fix; None: no sample yet
-    status_ns: int = NEVER_NS
-    fixed_since_ns: int = NEVER_NS
-    offsets_n: tuple[Vector, ...] = ()  # of the newest RTK positions, for the median
+    rtk: RtkStatus = RtkStatus()
     resets: tuple[int, ...] = (0,) * len(AID_SOURCES)
     rtk_resets: tuple[Reset, ...] = ()  # the newest ones to RTK positions and velocities
     last_reset: Reset | None = None
-    rtk: Consistency = Consistency()  # RTK positions against velocities
 
     def track(self, source: Source) -> AidTrack:
         """Return the record of a source."""
@@ -198,15 +196,17 @@ class AidStatus(NamedTuple):
         self, source: Source, track: AidTrack, receivers: Receivers | None = None
     ) -> AidStatus:
         """Return a copy with one record changed, and with the receivers' errors if given."""
-        place, tracks = PLACE[source], self.tracks
-        # By places: a named tuple's own _replace takes three times as long.
+        tracks = list(self.tracks)
+        tracks[PLACE[source]] = track
+        # A named tuple's own _replace takes three times as long.
         return AidStatus(
-            receivers or self.receivers, (*tracks[:place], track, *tracks[place + 1 :]), *self[2:]
+            receivers or self.receivers,
+            tuple(tracks),
+            self.rtk,
+            self.resets,
+            self.rtk_resets,
+            self.last_reset,
         )
-
-    def status_at(self, now_ns: int, timeout_ns: int) -> FixStatus | None:
-        """Return the receiver's newest fix status; None where it is older than the time-out."""
-        return self.status if now_ns - self.status_ns <= timeout_ns else None
 
     def heard(self, status: FixStatus, now_ns: int, timeout_ns: int) -> AidStatus:
         """Return a copy after a status of the RTK receiver.
@@ -214,21 +214,21 @@ class AidStatus(NamedTuple):
         The change from float to fixed makes the next RTK positions correct the state in steps.
         """
         fixed = status is FixStatus.FIXED
-        was_fixed = self.status_at(now_ns, timeout_ns) is FixStatus.FIXED
-        begun_ns = self.fixed_since_ns if fixed and was_fixed else now_ns
-        told = AidStatus(self.receivers, self.tracks, status, now_ns, begun_ns, *self[5:])
-        if not fixed or was_fixed or self.status is None:
-            return told
+        was_fixed = self.rtk.at(now_ns, timeout_ns) is FixStatus.FIXED
+        begun_ns = self.rtk.fixed_since_ns if fixed and was_fixed else now_ns
+        rtk = RtkStatus(status, now_ns, begun_ns, self.rtk.offsets_n, self.rtk.consistency)
+        after = self._replace(rtk=rtk)
+        if not fixed or was_fixed or self.rtk.status is None:
+            return after
         # The offset has grown while the solution was float.
-        tracks = tuple(t._replace(ease=EASE_STEPS) for t in self.tracks[:1]) + self.tracks[1:]
-        return told._replace(tracks=tracks)
+        track = self.track(Source.RTK_POSITION)._replace(ease=EASE_STEPS)
+        return after.with_track(Source.RTK_POSITION, track)
 
-    def with_reset(self, source: Source, now_ns: int, size: float) -> AidStatus:
-        """Return a copy after a reset by ``size`` (m, m/s or rad): counted, with a new record."""
-        place = PLACE[source]
+    def with_reset(self, source: Source, now_ns: int, text: str) -> AidStatus:
+        """Return a copy after a reset, ``text`` in words: counted, with a new record."""
         counts = list(self.resets)
-        counts[place] += 1
-        newest, rtk = Reset(source, now_ns, size), self.rtk_resets
+        counts[PLACE[source]] += 1
+        newest, rtk = Reset(source, now_ns, text), self.rtk_resets
         if source in {Source.RTK_POSITION, Source.RTK_VELOCITY}:
             rtk = (*rtk, newest)[-_HOPELESS_RESETS:]
         return self.with_track(source, AidTrack(now_ns))._replace(
