@@ -100,7 +100,7 @@ def measured_flight(
     lost = [f"{flight.refused} messages could not be used"] if flight.refused else []
     lost += [str(reader.damage)] if reader.damage is not None else []
     warning = f"{bag}: {'; '.join(lost)}" if lost else None
-    return MeasuredFlight(flight.camera, errors, track, warning)
+    return MeasuredFlight(camera=flight.camera, errors=errors, track=track, warning=warning)
 
 
 def _poses(
@@ -183,8 +183,8 @@ def camera_track(cameras: Sequence[CameraPose], plane: TangentPlane) -> Track:
     turn[:, :3, :3] = turn[:, 3:, 3:] = rotation_z(-azimuths(axes_n))
     covariance_n = np.array([pose.covariance for pose in cameras])
     return Track(
-        float(np.median(plane.geodetic_from_ned(places_n)[2])),
-        math.degrees(math.asin(np.clip(np.median(axes_n[:, 2]), -1, 1))),
-        float(np.median(speeds)),
-        np.asarray(np.mean(turn @ covariance_n @ turn.transpose(0, 2, 1), axis=0)),
+        height_m=float(np.median(plane.geodetic_from_ned(places_n)[2])),
+        depression_deg=math.degrees(math.asin(np.clip(np.median(axes_n[:, 2]), -1, 1))),
+        speed_m_s=float(np.median(speeds)),
+        covariance_a=np.asarray(np.mean(turn @ covariance_n @ turn.transpose(0, 2, 1), axis=0)),
     )

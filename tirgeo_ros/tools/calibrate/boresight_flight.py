@@ -91,14 +91,16 @@ def read_flight(
     ]
     heights = [points[name].height_m for name in {observation.id for observation in posed}]
     return ReadFlight(
-        flight,
-        usual.plane,
-        [_sighting(observation, points[observation.id], usual.plane) for observation in posed],
-        len(observed) - len(surveyed),
-        len(surveyed) - len(posed),
-        float(np.median(heights)) if heights else math.nan,
-        composer.sees_joints,
-        follows_north,
+        flight=flight,
+        plane=usual.plane,
+        sightings=[
+            _sighting(observation, points[observation.id], usual.plane) for observation in posed
+        ],
+        unknown=len(observed) - len(surveyed),
+        lost=len(surveyed) - len(posed),
+        ground_m=float(np.median(heights)) if heights else math.nan,
+        by_encoders=composer.sees_joints,
+        follows_north=follows_north,
     )
 
 
@@ -111,14 +113,16 @@ def _sighted(
     north_variance: float,
 ) -> SightedFlight:
     return SightedFlight(
-        camera,
-        usual.at,
-        np.radians(np.array(configs.gimbal.boresight_rpy_deg)),
-        configs.overlay.video_latency_s,
-        configs.gimbal.aircraft.camera_from_pivot_g,
-        click_sigma_px,
-        {name: Stepped(poses.at, math.radians(_STEP_DEG)) for name, poses in passes.items()},
-        north_variance,
+        camera=camera,
+        poses=usual.at,
+        boresight_rpy_rad=np.radians(np.array(configs.gimbal.boresight_rpy_deg)),
+        latency_s=configs.overlay.video_latency_s,
+        camera_offset_g=configs.gimbal.aircraft.camera_from_pivot_g,
+        click_sigma_px=click_sigma_px,
+        stepped={
+            name: Stepped(poses.at, math.radians(_STEP_DEG)) for name, poses in passes.items()
+        },
+        north_variance=north_variance,
     )
 
 

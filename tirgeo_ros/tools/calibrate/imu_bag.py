@@ -180,7 +180,7 @@ def read_imu(
             f"{where}: {1 / record.step_s:.3g} samples a second are too few; record at 50 Hz or "
             "more"
         )
-    return ReadImu(where, topic, record, number, unreadable)
+    return ReadImu(where=where, topic=topic, record=record, messages=number, unreadable=unreadable)
 
 
 def _check_topic(reader: BagReader, name: str) -> None:

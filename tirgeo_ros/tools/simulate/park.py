@@ -146,12 +146,12 @@ def lay_out(scenario: ParkScenario, seed: int) -> Park:
     columns = max(1, int((scenario.east_m[1] - scenario.east_m[0]) / scenario.cell_m))
     beds = [_bed(rng, scenario, row, column) for row in range(rows) for column in range(columns)]
     return Park(
-        beds,
-        _paths(scenario, rows, columns),
-        _hydrants(scenario, rows, columns),
-        [plant for bed in beds for plant in _plants(rng, bed)],
-        _shrubs(rng, scenario),
-        _spots(rng, scenario, 45, (0.2, 0.45), (0.6, 1.0)),
+        beds=beds,
+        paths=_paths(scenario, rows, columns),
+        hydrants=_hydrants(scenario, rows, columns),
+        plants=[plant for bed in beds for plant in _plants(rng, bed)],
+        shrubs=_shrubs(rng, scenario),
+        hot=_spots(rng, scenario, 45, (0.2, 0.45), (0.6, 1.0)),
     )
 
 
