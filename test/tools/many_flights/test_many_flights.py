@@ -15,7 +15,7 @@ from process_bags import rewritten
 from tirgeo_ros.io.files.child_process import python_command
 from tirgeo_ros.tools.cli import main as command
 from tirgeo_ros.tools.many_flights.flight_record import FlightTask
-from tirgeo_ros.tools.many_flights.local_workers import Board
+from tirgeo_ros.tools.many_flights.local_workers import FlightProgress
 from tirgeo_ros.tools.many_flights.many_flights import flights_summary, only_run, summary_lines
 from tirgeo_ros.tools.presentation.progress import Progress
 from tirgeo_ros.tools.replay.process import process
@@ -214,7 +214,7 @@ def test_the_bar_has_all_flights_and_names_those_in_work():
     times = iter([0.0, 10.0, 20.0])
     terminal = Terminal()
     bar = Progress("processing", "flights", stream=terminal, clock=lambda: next(times))
-    board = Board(8, bar)
+    board = FlightProgress(8, bar)
     for name in ("one", "two"):
         board.done(name)
     for name in ("four", "three"):
@@ -229,7 +229,7 @@ def test_the_bar_has_all_flights_and_names_those_in_work():
 
 def test_a_board_without_a_bar_reports_numbers():
     told = []
-    board = Board(2, lambda *amounts: told.append(amounts))
+    board = FlightProgress(2, lambda *amounts: told.append(amounts))
     board.part("a", 0.25)
     board.show()
     board.done("a")

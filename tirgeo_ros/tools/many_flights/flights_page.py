@@ -20,7 +20,7 @@ import numpy as np
 from tirgeo_ros import __version__
 from tirgeo_ros.core.frames.wgs84 import ecef_from_geodetic
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.core.types.errors import SeasonError
+from tirgeo_ros.core.types.errors import ManyFlightsError
 from tirgeo_ros.core.types.finding import NO_GO, Severity
 from tirgeo_ros.core.types.verdicts import FilterState
 from tirgeo_ros.io.files.whole_files import write_files
@@ -59,11 +59,11 @@ class Cell(NamedTuple):
 
 
 def write_page(folder: Path) -> None:
-    """Write ``index.html`` from the records in a folder. Raises SeasonError."""
+    """Write ``index.html`` from the records in a folder. Raises ManyFlightsError."""
     records = read_records(folder)
     pictures = {name: _picture(folder / f"{name}.jpg") for name in records}
     text = flights_html(folder.resolve().name, records, pictures)
-    write_files({folder / PAGE: text}, SeasonError)
+    write_files({folder / PAGE: text}, ManyFlightsError)
 
 
 def _picture(path: Path) -> bytes:
