@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Any
 
 from dev.judging import Figure, in_processes, print_figures
-from tirgeo_ros.core.types.errors import SeasonError
+from tirgeo_ros.core.types.errors import ManyFlightsError
 from tirgeo_ros.io.files.child_process import python_command
 from tirgeo_ros.io.files.whole_files import made_folder
 from tirgeo_ros.tools.presentation.progress import Progress
@@ -70,7 +70,7 @@ def make_flight(folder: Path, seconds: float, images: bool, number: int) -> Path
     """Simulate a flight unless it is there; return its bag."""
     place = folder / f"flight_{number + 1:02d}"
     if not (place / "flight.mcap").is_file():
-        path = made_folder(place, SeasonError) / "scenario.yaml"
+        path = made_folder(place, ManyFlightsError) / "scenario.yaml"
         path.write_text(json.dumps(scenario_of(number)))  # JSON is YAML
         simulate(path, place, seed=number, start_s=25.0, duration_s=seconds, images=images)
     return place / "flight.mcap"
@@ -78,7 +78,7 @@ def make_flight(folder: Path, seconds: float, images: bool, number: int) -> Path
 
 def one_by_one(folder: Path, params: Path, bag: Path) -> Path:
     """Process a flight by itself; return its output."""
-    out = made_folder(folder, SeasonError) / f"{bag.parent.name}.mcap"
+    out = made_folder(folder, ManyFlightsError) / f"{bag.parent.name}.mcap"
     process(bag, out, params=params, images=False)
     return out
 

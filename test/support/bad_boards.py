@@ -1,4 +1,4 @@
-"""Twenty pictures that a calibration must refuse, each bad in its own way."""
+"""Twenty pictures that a calibration must refuse, each bad in its own way; bags of pictures."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ import cv2
 import numpy as np
 
 from tirgeo_ros.core.calibration.checkerboard import Checkerboard
+from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.frames.rotations import rotation_x, rotation_y, rotation_z
+from tirgeo_ros.io.bags.bag import BagWriter, Cdr
+from tirgeo_ros.io.messages import Messages
 from tirgeo_ros.tools.simulate.boards import BoardLook, BoardRenderer
 
 SEED = 90
@@ -97,3 +100,16 @@ def _spoilt(camera, board, look, seed):
             facade[y : y + 22, x : x + 22] = 135
     yield "windows of a house", facade
     yield "empty wall", wall
+
+
+def picture_bag(path, stamps_ns, images, *, info=True, namespace=""):
+    """A bag of raw pictures, with the calibration of XT2 beside each unless ``info`` is false."""
+    messages = Messages(Cdr().types)
+    with BagWriter(path) as writer:
+        for stamp_ns, image in zip(stamps_ns, images, strict=True):
+            made = messages.image(stamp_ns, image)
+            writer.write(f"{namespace}/thermal/image_raw", "sensor_msgs/msg/Image", made, stamp_ns)
+            if info:
+                made = messages.camera_info(XT2, stamp_ns)
+                writer.write("/thermal/camera_info", "sensor_msgs/msg/CameraInfo", made, stamp_ns)
+    return path

@@ -145,21 +145,6 @@ def test_the_verb_prints_a_table_or_json_and_draws(flown, capsys):
     assert np.array(result["correlation"]).shape == (4, 4)
 
 
-@pytest.mark.parametrize(
-    ("extra", "message"),
-    [
-        (["--estimate", "roll", "--hold", "roll"], "roll: either --estimate or --hold"),
-        (["--estimate", ""], "nothing to estimate"),
-    ],
-)
-def test_wrong_use_is_said(extra, message, capsys):
-    args = ["calibrate", "boresight", "a.mcap", "--survey", "s", "--observations", "o", "-o", "y"]
-    with pytest.raises(SystemExit) as stop:
-        raise SystemExit(main([*args, *extra]))
-    assert stop.value.code == 2
-    assert message in capsys.readouterr().err
-
-
 def test_a_ground_of_an_elevation_model_has_no_height_to_find(tmp_path, sample):
     params = tmp_path / "dem.yaml"
     params.write_text(f"{OVERLAY}{{dem: hills.tif}}\n")

@@ -19,7 +19,7 @@ from process_bags import IMAGES, rewritten
 
 from tirgeo_ros.io.files.child_process import python_command
 from tirgeo_ros.tools.many_flights import dask_workers
-from tirgeo_ros.tools.many_flights.local_workers import Board
+from tirgeo_ros.tools.many_flights.local_workers import FlightProgress
 from tirgeo_ros.tools.replay.process import process
 
 LIMIT_S = 240.0
@@ -105,13 +105,15 @@ def test_a_worker_that_does_not_see_the_folder_is_refused(tmp_path):
             assert on_error == "return"
             return {"tcp://10.0.0.9:1": function(folder)}
 
-    with pytest.raises(dask_workers.SeasonError, match=r"10.0.0.9:1 does not see .*all workers"):
+    with pytest.raises(
+        dask_workers.ManyFlightsError, match=r"10.0.0.9:1 does not see .*all workers"
+    ):
         dask_workers._check(Elsewhere(), str(tmp_path))
 
 
 def test_a_worker_of_another_version_that_came_later_begins_nothing(tmp_path):
     task = dask_workers.FlightTask("a", "a", str(tmp_path), ".", {}, "", {"version": "99.0"})
-    with pytest.raises(dask_workers.SeasonError, match="another version"):
+    with pytest.raises(dask_workers.ManyFlightsError, match="another version"):
         dask_workers.run_on_worker(task)
 
 
@@ -135,9 +137,9 @@ def test_a_scheduler_that_is_lost_is_told_in_one_line(tmp_path, monkeypatch, not
     monkeypatch.setattr(dask_workers, "_client", lambda _: nullcontext(client))
     monkeypatch.setattr(dask_workers, "_SHOW_S", 0.0)
     task = dask_workers.FlightTask("a", "a", str(tmp_path), ".", {}, "", {})
-    running = dask_workers.run_on_cluster([task], "tcp://10.0.0.9:8786", Board(1))
+    running = dask_workers.run_on_cluster([task], "tcp://10.0.0.9:8786", FlightProgress(1))
     told = "--scheduler tcp://10.0.0.9:8786: the connection to it is lost; .* run the same command"
-    with pytest.raises(dask_workers.SeasonError, match=told):
+    with pytest.raises(dask_workers.ManyFlightsError, match=told):
         next(running)
     assert not list(tmp_path.iterdir())  # no flight has failed
 
