@@ -1,7 +1,7 @@
 """Simulate an aircraft: say in DJI's serial protocol what a flight recorded.
 
 This is the reverse of the way from bytes to samples (``dji.link.framing``,
-``dji.sources.serial_readings``, ``dji.interpret``), for tests of that way and for a demonstration
+``dji.sources.serial``, ``dji.interpret``), for tests of that way and for a demonstration
 without hardware.
 """
 

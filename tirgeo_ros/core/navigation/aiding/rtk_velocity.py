@@ -1,4 +1,4 @@
-"""Aid the filter with the satellite velocity of an antenna."""
+"""Aid the filter with the satellite velocity of an antenna: the model, and RTK's own."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ import numpy as np
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import rotation_of, skew
 from tirgeo_ros.core.navigation.aiding.aid import Aid
-from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus
-from tirgeo_ros.core.navigation.aiding.gnss_position import arm_design
+from tirgeo_ros.core.navigation.aiding.gnss_antenna import velocity_design
 from tirgeo_ros.core.navigation.aiding.state_estimate import (
     AidMeasurement,
     Modelled,
@@ -19,39 +18,19 @@ from tirgeo_ros.core.navigation.aiding.state_estimate import (
     floored,
     not_fixed,
 )
-from tirgeo_ros.core.navigation.ins.ins_error_model import (
-    ANTENNA,
-    VELOCITY,
-    flat_memory,
-    has_antenna,
-)
+from tirgeo_ros.core.navigation.ins.ins_error_model import ANTENNA, VELOCITY, has_antenna
 from tirgeo_ros.core.navigation.ins.kalman import Measurement
-from tirgeo_ros.core.navigation.ins.strapdown import Rotation, Vector, cross, matrix, rotate
+from tirgeo_ros.core.navigation.ins.strapdown import Vector, cross, matrix, rotate
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, Source, VelocitySample
+from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 
-def velocity_design(
-    states: int, rotation_nb: Rotation, swing: Vector, lever_arm_b: Vector
-) -> Array:
-    """Return H (3, states) of an antenna velocity: the lever arm swings with the body's rate.
-
-    The rate is the reading less its bias, so ``d(w x l) = -db x l = [l x] db``.
-    """
-    design = arm_design(states, swing, VELOCITY.start)
-    flat = flat_memory(design)
-    x, y, z = lever_arm_b
-    for row in range(3):
-        a, b, c = rotation_nb[3 * row : 3 * row + 3]
-        at = row * states + 9
-        flat[at], flat[at + 1], flat[at + 2] = b * z - c * y, c * x - a * z, a * y - b * x
-    return design
-
-
-class _VelocityAid(Aid):
+class VelocityAid(Aid):
     """Make measurements of the velocities of one receiver."""
 
     unit = "m/s"
+    moved = "velocity changed by"
     resets = VELOCITY
 
     def __init__(self, config: EkfConfig) -> None:
@@ -87,9 +66,17 @@ class _VelocityAid(Aid):
             sample.source, sample.stamp_ns, measurement, innovation, (0.0,) * 3, slack
         ), estimate
 
+    def patience_s(
+        self, aid: AidMeasurement, estimate: StateEstimate, autopilot_q_nb: Array | None
+    ) -> float:
+        """Return how long it must be refused; for ever while positions that fit confirm it."""
+        if estimate.aids.track(Source.RTK_POSITION).recent(aid.stamp_ns, self._timeout_ns):
+            return math.inf
+        return super().patience_s(aid, estimate, autopilot_q_nb)
 
-class RtkVelocityAid(_VelocityAid):
-    """Use velocities of RTK from float on."""
+
+class RtkVelocityAid(VelocityAid):
+    """Use velocities of RTK from float on, unless the fixes contradict them for long."""
 
     source = Source.RTK_VELOCITY
     delay = "rtk.delay_s"
@@ -109,15 +96,11 @@ class RtkVelocityAid(_VelocityAid):
         status = estimate.aids.status_at(sample.stamp_ns, self._timeout_ns)
         if status is not None and status < FixStatus.FLOAT:
             return not_fixed(self.source, status), estimate
-        return super().measured(sample, estimate, angular_rate_b)
-
-
-class GpsVelocityAid(_VelocityAid):
-    """Use velocities of the ordinary GPS where those of RTK are missing."""
-
-    source = Source.GPS_VELOCITY
-    delay = look_at = "gps.delay_s"
-
-    def spare(self, sample: VelocitySample, aids: AidStatus) -> bool:
-        """Return whether RTK's velocity was used within the time-out."""
-        return aids.track(Source.RTK_VELOCITY).recent(sample.stamp_ns, self._timeout_ns)
+        aid, estimate = super().measured(sample, estimate, angular_rate_b)
+        assert isinstance(aid, AidMeasurement)
+        north, east, down = aid.invariant
+        against_imu_n = added((north, east, down), estimate.state.push_n)
+        rtk = estimate.aids.rtk.with_velocity(sample, aid.measurement.noise, against_imu_n)
+        estimate = estimate._replace(aids=estimate.aids._replace(rtk=rtk))
+        reason = rtk.reason(self.source)
+        return (Verdict(self.source, Outcome.GATED, reason) if reason else aid), estimate
