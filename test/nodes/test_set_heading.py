@@ -13,8 +13,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from flights import flight
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from graph_helpers import await_words
-from hover_bags import write_hover
 from nav_msgs.msg import Odometry
+from process_bags import write_hover
 
 from tirgeo_ros.core.frames.heading import heading_of, wrapped
 from tirgeo_ros.io.messages import body_pose

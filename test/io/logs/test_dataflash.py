@@ -8,9 +8,8 @@ from datetime import datetime, timezone
 
 import numpy as np
 import pytest
-from damaged_files import read_damaged
-from dataflash_files import DataflashFile
 from foreign_logs import by_source
+from log_files import DataflashFile, read_damaged
 
 from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.core.types.measurements import FixStatus, Source

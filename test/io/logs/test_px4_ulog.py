@@ -6,9 +6,8 @@ import math
 
 import numpy as np
 import pytest
-from damaged_files import read_damaged
 from foreign_logs import by_source
-from ulog_files import UlogFile
+from log_files import UlogFile, read_damaged
 
 from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.core.types.measurements import FixStatus, Source
