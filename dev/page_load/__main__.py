@@ -38,8 +38,9 @@ from dev.judging import Figure, in_processes, percentile, print_figures
 from dev.page_load.floods import flood_figures
 from dev.page_load.served import ServedPage, draw_pictures, pictures_in
 from dev.page_load.viewers import Job, ThinLink, Watched, watch
-from tirgeo_ros.core.targets.target import Fixing
-from tirgeo_ros.io.targets.store import MOST_NOTE, MOST_TARGETS, TargetStore
+from tirgeo_ros.core.ground.ground_point import Located
+from tirgeo_ros.core.targets.target import MOST_TARGETS
+from tirgeo_ros.io.targets.store import MOST_NOTE, TargetStore
 from tirgeo_ros.tools.graph import find_resource
 
 if TYPE_CHECKING:
@@ -227,8 +228,8 @@ def _fill(path: Path, count: int) -> str:
     store = TargetStore(path)
     store._db.execute("PRAGMA synchronous = OFF")  # noqa: SLF001  this file is not to last
     for k in range(count):
-        fixing = Fixing(k, 39.85 + k * 1e-6, 116.7, 30.0, _COVARIANCE)
-        added = store.add(fixing, name=f"target {k}", now_ns=time.time_ns())
+        click = Located(k, 39.85 + k * 1e-6, 116.7, 30.0, _COVARIANCE)
+        added = store.add(click, name=f"target {k}", now_ns=time.time_ns())
         store.edit(added.id, time.time_ns(), note="\u00e4" * MOST_NOTE)
     middle = store.all()[count // 2].id
     store.close()

@@ -13,7 +13,7 @@ import aiohttp
 import pytest
 from project import PROJECT
 
-from tirgeo_ros.core.targets.target import Fixing
+from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.io.targets.store import TargetStore
 
 pytestmark = pytest.mark.slow
@@ -73,7 +73,7 @@ async def confirmed(url, process, target_id, name, first, kill_after):
 
 def test_twenty_kills_during_a_thousand_edits_lose_no_confirmed_one(start, tmp_path):
     store = TargetStore(tmp_path / "targets.gpkg")
-    target_id = store.add(Fixing(1, 48.0, 16.0, 0.0, (1, 0, 0, 0, 1, 0, 0, 0, 1)), now_ns=1).id
+    target_id = store.add(Located(1, 48.0, 16.0, 0.0, (1, 0, 0, 0, 1, 0, 0, 0, 1)), now_ns=1).id
     store.close()
     name = ""
     for kill in range(KILLS):

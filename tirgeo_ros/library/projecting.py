@@ -15,12 +15,12 @@ from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import FrameConfidence, matrices, rays_to
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.ground.ground_point import Located, Refusal, place
+from tirgeo_ros.core.ground.ground_point import Answer, Located, Refusal, place
 from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.core.types.errors import SurveyError, TableError
 from tirgeo_ros.io.files.whole_files import PathLike, path_of, write_files
 from tirgeo_ros.io.surveys.survey import Answered
-from tirgeo_ros.io.targets.exports import exported_answers, form_of
+from tirgeo_ros.io.targets.formats import exported_answers, form_of
 from tirgeo_ros.library.parameters import Config, load_config
 from tirgeo_ros.library.picture_pose import PicturePose
 from tirgeo_ros.library.tables import check_unmasked
@@ -80,7 +80,7 @@ def locate(
     ground: Ground,
     *,
     config: Config = None,
-) -> list[Located | Refusal]:
+) -> list[Answer]:
     """Locate pixels (N, 2), column and row, on the ground: a Located or a Refusal for each.
 
     ``ground`` is the ellipsoidal height of level ground, m, or an elevation model of
@@ -101,7 +101,7 @@ def locate(
 
 
 def save_located(
-    path: PathLike, answers: Sequence[Located | Refusal], ids: Sequence[str] | None = None
+    path: PathLike, answers: Sequence[Answer], ids: Sequence[str] | None = None
 ) -> None:
     """Write what ``locate`` returned, as ``tirgeo locate`` does: points with 95 % ellipses.
 

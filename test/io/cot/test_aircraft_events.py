@@ -16,8 +16,13 @@ from tirgeo_ros.core.frames.rotations import matrix_from_euler, matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.frame_geometry import Sight, frame_geometry
 from tirgeo_ros.core.types.poses import CameraPose
-from tirgeo_ros.io.cot.aircraft_events import AircraftState, aircraft_event, looks_at_event
-from tirgeo_ros.io.cot.event import UNKNOWN, encoded
+from tirgeo_ros.io.cot.events import (
+    UNKNOWN,
+    AircraftState,
+    aircraft_event,
+    encoded,
+    looks_at_event,
+)
 
 NOW_NS = 1_634_731_235_605_555_556
 PLANE = TangentPlane(math.radians(48.2), math.radians(16.37), 200.0)

@@ -8,15 +8,21 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from tirgeo_ros.core.targets.target import KINDS, Fixing, Target
-from tirgeo_ros.io.cot.event import encoded
-from tirgeo_ros.io.cot.target_events import COLOURS, deletion_event, target_event, withdrawn_event
+from tirgeo_ros.core.ground.ground_point import Located
+from tirgeo_ros.core.targets.target import KINDS, Target
+from tirgeo_ros.io.cot.events import (
+    COLOURS,
+    deletion_event,
+    encoded,
+    target_event,
+    withdrawn_event,
+)
 
 SEEN_NS = 1_634_731_235_605_555_556  # 2021-10-20, 12:00:35.605 UTC
 NOW_NS = SEEN_NS + 60_000_000_000
 #: 2 m in each level direction and 0.5 m up, one standard deviation.
 ROUND = (4.0, 0, 0, 0, 4.0, 0, 0, 0, 0.25)
-CLICK = Fixing(SEEN_NS, 48.20817425, -16.37381885, 211.25, ROUND)
+CLICK = Located(SEEN_NS, 48.20817425, -16.37381885, 211.25, ROUND)
 TARGET = Target("0123456789abcdef" * 2, 7, "", "fire", "", "", SEEN_NS, SEEN_NS, (CLICK,))
 HOSTILE = "</remarks><__forcedelete/> \"'&<![CDATA[ ]]> \x00\x07\ud800\u202e\nnext line"
 
@@ -67,7 +73,7 @@ def test_colours_are_those_that_their_names_say():
 def test_name_note_and_clicks_are_said():
     clicks = (CLICK, dataclasses.replace(CLICK, latitude_deg=48.21, stamp_ns=SEEN_NS + 10**9))
     told = dataclasses.replace(
-        TARGET, name="roof", note="two floors", aircraft="uav1", fixings=clicks
+        TARGET, name="roof", note="two floors", aircraft="uav1", clicks=clicks
     )
     event = parsed(target_event(told, NOW_NS))
     assert event.find("detail/contact").get("callsign") == "7 roof"

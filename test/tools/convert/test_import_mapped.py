@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from log_files import read_damaged
+from damaged_files import read_damaged
 from recorded_bags import record
 from ros1_bags import BEGUN_NS, Bag, by_time
 from rosbags.highlevel import AnyReader

@@ -26,7 +26,8 @@ from target_samples import STAMP_NS, click, target
 
 from tirgeo_ros.core.types.errors import BagError, TargetError
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
-from tirgeo_ros.io.targets.exports import exported
+from tirgeo_ros.io.messages import Messages
+from tirgeo_ros.io.targets.formats import exported
 from tirgeo_ros.io.targets.store import TargetStore
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.replay.cut import cut
@@ -185,6 +186,21 @@ def test_a_split_bag_and_one_that_is_damaged(tmp_path):
     result = cut(whole, tmp_path / "part.mcap", begin=50e-9)
     assert "bag_2.mcap" in result["error"]
     assert [*BagReader(tmp_path / "part.mcap").messages()][:100] == MESSAGES[50:150]
+
+
+def test_clicks_of_an_earlier_version_are_kept_and_named(tmp_path):
+    """They were diagnostics, and targets were markers; now both are texts."""
+    messages, kinds = Messages(Cdr().types), Cdr()
+    kind = "diagnostic_msgs/msg/DiagnosticArray"
+    data = kinds.serialize(messages.diagnostics(7, []), kind)
+    text = "std_msgs/msg/String"
+    with BagWriter(tmp_path / "a.mcap") as writer:
+        writer.write("/uav1/tirgeo/locate/answer", kind, data, 5)
+        writer.write("/tirgeo/targets", text, kinds.serialize(messages.targets([]), text), 6)
+    result = cut(tmp_path / "a.mcap", tmp_path / "part.mcap")
+    assert result["warning"].startswith(f"/uav1/tirgeo/locate/answer: {kind}, as earlier versions")
+    assert "/tirgeo/targets" not in result["warning"]
+    assert next(BagReader(tmp_path / "part.mcap").messages()).data == data
 
 
 def test_what_is_no_ros_message_is_kept_too(tmp_path):

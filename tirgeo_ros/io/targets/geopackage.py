@@ -1,16 +1,39 @@
-"""Define the GeoPackage of targets (OGC 12-128r18, version 1.3) and the rows of a target in it."""
+"""Open, check and fill the GeoPackage of targets (OGC 12-128r18, version 1.3).
+
+A store opens it for its process alone, and explains what is wrong with a file.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import sqlite3
 import struct
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from functools import partial
+from pathlib import Path
 
-from tirgeo_ros.core.targets.target import KINDS, Fixing, Target
-from tirgeo_ros.io.targets.properties import COLUMNS, of_target
+from tirgeo_ros.core.ground.ground_point import Located
+from tirgeo_ros.core.targets.target import KINDS, Target
+from tirgeo_ros.core.types.errors import TargetError
+from tirgeo_ros.io.targets.columns import COLUMNS, of_target
 
-APPLICATION_ID, VERSION = 0x47504B47, 10300  # "GPKG"
+_WAIT_S = 2.0  # for a program that is just ending
+#: A part of SQLite's message -> what to do.
+_REMEDIES = {
+    "locked": "another program has it open (a second viewer_node, QGIS): close that, or give the "
+    "targets another file",
+    "full": "no room on the disk: make some and do it again; what was there before is kept",
+    "readonly": "it is read-only: choose a place that can be written",
+    "unable to open": "its folder cannot be written: choose another place",
+    "disk I/O": "the disk fails: what was there before is kept; choose another disk",
+    "not a database": "it is no GeoPackage; give the targets another name",
+}
+_DAMAGED = (
+    "it is damaged and was left as it is: move it away to begin a new one; the command "
+    "'sqlite3 FILE .recover' gets back what it still holds"
+)
+_APPLICATION_ID, _VERSION = 0x47504B47, 10300  # "GPKG"
 _WGS84 = (
     'GEOGCS["WGS 84",DATUM["WGS_1984",SPHEROID["WGS 84",6378137,298.257223563,AUTHORITY["EPSG",'
     '"7030"]],AUTHORITY["EPSG","6326"]],PRIMEM["Greenwich",0,AUTHORITY["EPSG","8901"]],UNIT['
@@ -59,8 +82,8 @@ CREATE TABLE tirgeo_changes (revision INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL
     action TEXT NOT NULL, target TEXT NOT NULL, before TEXT, undone INTEGER NOT NULL);
 CREATE INDEX clicks_of_target ON clicks (target);
 """
-#: What is on, and texts that are still to be chosen from (undo of the change that ``settled`` one
-#: opens it again). Older files hold both among the changes.
+#: Texts that are still to be chosen from (undo of the change that ``settled`` one opens it again),
+#: and what is switched on. Older files hold both among the changes, by negative numbers.
 _OF_PAGE = """
 CREATE TABLE IF NOT EXISTS tirgeo_alternatives (target TEXT NOT NULL, field TEXT NOT NULL,
     text TEXT NOT NULL, settled INTEGER);
@@ -71,18 +94,19 @@ INSERT OR IGNORE INTO tirgeo_alternatives SELECT target, json_extract(before, '$
 INSERT OR IGNORE INTO tirgeo_switches SELECT target FROM tirgeo_changes WHERE undone = -2;
 UPDATE tirgeo_changes SET before = NULL, undone = 1 WHERE action IN ('alternative', 'on');
 """
+#: A geometry's header in a GeoPackage: little-endian, no envelope, EPSG:4326.
+_HEADER = b"GP" + struct.pack("<BBi", 0, 1, 4326)
 _PUT = (
     f"INSERT INTO targets (fid, geom, {', '.join(COLUMNS)}) "  # noqa: S608  names of our own
     f"VALUES (:number, :geom, {', '.join(f':{name}' for name in COLUMNS)})"
 )
-_MADE = "id, number, created_ns, changed_ns"
 _CLICK = "latitude_deg, longitude_deg, height_m, covariance_enu"
 
 
 def make_tables(db: sqlite3.Connection) -> None:
     """Make the tables of an empty file, within the caller's transaction."""
-    db.execute(f"PRAGMA application_id = {APPLICATION_ID}")
-    db.execute(f"PRAGMA user_version = {VERSION}")
+    db.execute(f"PRAGMA application_id = {_APPLICATION_ID}")
+    db.execute(f"PRAGMA user_version = {_VERSION}")
     for statement in _TABLES.split(";\n")[:-1]:
         db.execute(statement)
     db.executemany("INSERT INTO gpkg_spatial_ref_sys VALUES (?, ?, ?, ?, ?, ?)", _SYSTEMS)
@@ -95,37 +119,30 @@ def make_tables(db: sqlite3.Connection) -> None:
             db.execute("INSERT INTO gpkg_geometry_columns VALUES (?, ?, ?, ?, ?, ?)", row)
 
 
-def is_of_targets(db: sqlite3.Connection) -> bool:
-    """Return whether the file has all our tables."""
-    names = ("clicks", "ellipses", "marks", "pictures", "targets", "tirgeo_changes")
-    found = db.execute("SELECT name FROM sqlite_master WHERE type = 'table'")
-    return set(names) <= {name for (name,) in found}
-
-
-def renew(db: sqlite3.Connection) -> None:
-    """Add what older files and exported ones lack, within the caller's transaction."""
-    for statement in _OF_PAGE.split(";\n")[:-1]:
-        db.execute(statement)
-
-
 def put_target(db: sqlite3.Connection, target: Target) -> None:
     """Write the rows of a target in place of those it had."""
     remove_target(db, target.id)
     place = target.place
-    geometry = _header() + struct.pack("<BIdd", 1, 1, place.longitude_deg, place.latitude_deg)
-    said = of_target(target)
-    db.execute(_PUT, said | {"geom": geometry})
+    geometry = _HEADER + struct.pack("<BIdd", 1, 1, place.longitude_deg, place.latitude_deg)
+    cells = of_target(target)
+    db.execute(_PUT, cells | {"geom": geometry})
     ring = [(longitude, latitude) for latitude, longitude in place.outline()]
-    geometry = _header() + struct.pack("<BIII", 1, 3, 1, len(ring))
+    geometry = _HEADER + struct.pack("<BIII", 1, 3, 1, len(ring))
     geometry += b"".join(struct.pack("<dd", *corner) for corner in ring)
-    row = (target.number, geometry, target.id, target.number, said["name"])
+    row = (target.number, geometry, target.id, target.number, cells["name"])
     db.execute(
         "INSERT INTO ellipses (fid, geom, target, number, name) VALUES (?, ?, ?, ?, ?)", row
     )
     db.executemany(
         f"INSERT INTO clicks (target, stamp_ns, {_CLICK}) VALUES (?, ?, ?, ?, ?, ?)",  # noqa: S608
-        [(target.id, *_click_row(one)) for one in target.fixings],
+        [(target.id, *_click_row(click)) for click in target.clicks],
     )
+
+
+def _click_row(click: Located) -> tuple[object, ...]:
+    covariance = " ".join(repr(float(number)) for number in click.covariance_enu)
+    place = click.latitude_deg, click.longitude_deg, click.height_m
+    return int(click.stamp_ns), *map(float, place), covariance
 
 
 def put_picture(db: sqlite3.Connection, target_id: str, jpeg: bytes) -> None:
@@ -154,48 +171,128 @@ def next_number(db: sqlite3.Connection) -> int:
     return 1 + (int(row[0]) if row else 0)
 
 
-def load_targets(db: sqlite3.Connection) -> list[Target]:
+def read_file(path: Path) -> list[Target]:
+    """Return the targets of a file, read without a change. Raises TargetError."""
+    journal = path.with_name(f"{path.name}-journal")  # of a change that a crash cut short
+    cut_short = journal.exists() and journal.stat().st_size > 0
+    address = f"{path.resolve().as_uri()}?mode={'rw' if cut_short else 'ro'}"
+    with explained(path), contextlib.closing(sqlite3.connect(address, _WAIT_S, uri=True)) as db:
+        _check_tables(db, path)
+        return _load(db, path)
+
+
+def opened(path: Path) -> tuple[sqlite3.Connection, list[Target]]:
+    """Open a file for this process alone, or make it; return it with its targets.
+
+    Raises TargetError for a folder that does not exist, a file that cannot be written, is
+    damaged, of another program or open in one.
+    """
+    if not path.parent.is_dir():
+        raise TargetError(f"{path}: there is no such folder; make it, or give another place")
+    if path.exists() and not path.is_file():
+        raise TargetError(f"{path}: not a file; give the targets another name")
+    with explained(path), contextlib.ExitStack() as stack:
+        db = sqlite3.connect(path, _WAIT_S, isolation_level=None, check_same_thread=False)
+        stack.callback(db.close)
+        # The lock is kept until the file is closed. Each commit is complete in the one file, so
+        # that a copy of it after a crash lacks nothing; a WAL would be a second file.
+        for setting in ("locking_mode = EXCLUSIVE", "trusted_schema = OFF", "synchronous = EXTRA"):
+            db.execute(f"PRAGMA {setting}")
+        if not _is_empty(db):
+            _check_tables(db, path)
+        db.execute("PRAGMA journal_mode = DELETE")
+        with transaction(db):
+            if _is_empty(db):
+                make_tables(db)
+            for statement in _OF_PAGE.split(";\n")[:-1]:  # older files and exported ones lack them
+                db.execute(statement)
+            db.execute("UPDATE gpkg_contents SET srs_id = srs_id")  # can the file be written?
+        targets = _load(db, path)
+        db.text_factory = partial(str, encoding="utf-8", errors="replace")  # else one byte of the
+        stack.pop_all()  # journal would keep all of it from being read
+        return db, targets
+
+
+@contextlib.contextmanager
+def explained(path: Path) -> Iterator[None]:
+    """Raise TargetError, naming the file and what to do, for what SQLite raises."""
+    try:
+        yield
+    except sqlite3.Error as error:
+        remedies = (text for part, text in _REMEDIES.items() if part in str(error))
+        raise TargetError(f"{path}: {next(remedies, _DAMAGED)} ({error})") from None
+
+
+@contextlib.contextmanager
+def transaction(db: sqlite3.Connection) -> Iterator[None]:
+    """Commit what is done within, or undo all of it if something is raised."""
+    db.execute("BEGIN EXCLUSIVE")
+    try:
+        yield
+        db.execute("COMMIT")
+    except BaseException:
+        if db.in_transaction:
+            db.execute("ROLLBACK")
+        raise
+
+
+def _is_empty(db: sqlite3.Connection) -> bool:
+    return not db.execute("SELECT name FROM sqlite_master LIMIT 1").fetchall()
+
+
+def _check_tables(db: sqlite3.Connection, path: Path) -> None:
+    """Refuse a file that is damaged, or that another program made; neither is written to."""
+    names = {name for (name,) in db.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+    if not {*_LAYERS, "tirgeo_changes"} <= names:
+        raise TargetError(
+            f"{path}: a database that tirgeo did not make; give the targets another name"
+        )
+    (fault,) = db.execute("PRAGMA quick_check(1)").fetchone()
+    if fault != "ok":
+        raise TargetError(f"{path}: {_DAMAGED} ({fault})")
+
+
+def _load(db: sqlite3.Connection, path: Path) -> list[Target]:
+    """Return the targets by number. Raises TargetError for rows that are none of ours."""
+    try:
+        return _targets(db)
+    except (TargetError, TypeError, ValueError, AttributeError) as error:
+        raise TargetError(f"{path}: {_DAMAGED} ({error})") from None
+
+
+def _targets(db: sqlite3.Connection) -> list[Target]:
     """Return the targets by number; rows that another program added have no clicks: left out.
 
-    A target whose clicks are gone has one, at its place. Raises TargetError, TypeError or
-    ValueError for rows that are none of ours.
+    A target whose clicks are gone has one, at its place.
     """
-    clicks: defaultdict[str, list[Fixing]] = defaultdict(list)
+    clicks: defaultdict[str, list[Located]] = defaultdict(list)
     rows = db.execute(f"SELECT target, stamp_ns, {_CLICK} FROM clicks ORDER BY fid")  # noqa: S608
-    for target_id, *click in rows:
-        clicks[target_id].append(_fixing(*click))
-    columns = f"name, target_kind, note, aircraft, {_MADE}, stamp_ns, {_CLICK}"
+    for target_id, *numbers in rows:
+        clicks[target_id].append(_click(*numbers))
+    made = "id, number, created_ns, changed_ns"
+    columns = f"{made}, name, target_kind, note, aircraft, stamp_ns, {_CLICK}"
     targets = []
     for row in db.execute(f"SELECT {columns} FROM targets ORDER BY number"):  # noqa: S608
-        own = clicks[row[4]]
-        if not own and None not in row[4:]:
-            own = [_fixing(*row[-5:])]
-        if own:
-            targets.append(_target(row, own))
+        own, words, place = row[:4], row[4:8], row[8:]
+        places = clicks[row[0]]
+        if not places and None not in (*own, *place):
+            places = [_click(*place)]
+        if places:
+            targets.append(_target(own, words, places))
     return targets
 
 
-def _fixing(
+def _click(
     stamp_ns: int, latitude: float, longitude: float, height_m: float, numbers: str
-) -> Fixing:
-    return Fixing(stamp_ns, latitude, longitude, height_m, tuple(map(float, numbers.split())))
+) -> Located:
+    covariance = tuple(map(float, numbers.split()))
+    return Located(stamp_ns, latitude, longitude, height_m, covariance)
 
 
-def _target(row: Sequence[object], clicks: Sequence[Fixing]) -> Target:
+def _target(own: Sequence[object], words: Sequence[object], clicks: Sequence[Located]) -> Target:
     """Return a target; names, kinds and notes may be those that a GIS gave it."""
-    name, kind, note, aircraft, target_id, number, created_ns, changed_ns, *_ = row
-    known = str(kind) if kind in KINDS else "other"
-    words = (str(name or ""), known, str(note or ""), str(aircraft or ""))
-    times = (int(str(created_ns)), int(str(changed_ns)))
-    return Target(str(target_id), int(str(number)), *words, *times, tuple(clicks))
-
-
-def _click_row(one: Fixing) -> tuple[object, ...]:
-    covariance = " ".join(repr(float(number)) for number in one.covariance_enu)
-    place = (one.latitude_deg, one.longitude_deg, one.height_m)
-    return int(one.stamp_ns), *map(float, place), covariance
-
-
-def _header() -> bytes:
-    """Return the GeoPackage's header of a geometry: little-endian, no envelope, EPSG:4326."""
-    return struct.pack("<2sBBi", b"GP", 0, 1, 4326)
+    number, created_ns, changed_ns = (int(str(value)) for value in own[1:])
+    name, kind, note, aircraft = (str(word or "") for word in words)
+    kind = kind if kind in KINDS else "other"
+    texts = (name, kind, note, aircraft)
+    return Target(str(own[0]), number, *texts, created_ns, changed_ns, tuple(clicks))

@@ -24,8 +24,8 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.poses import BodyPose
 from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.geopackage.layer_file import Layer, LayerFile
-from tirgeo_ros.io.targets.properties import COLUMNS, of_target
-from tirgeo_ros.io.targets.reading import read_targets
+from tirgeo_ros.io.targets.columns import COLUMNS, of_target
+from tirgeo_ros.io.targets.formats import read_targets
 from tirgeo_ros.tools.export.export_frame import ExportFrame
 
 _HEAD = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
