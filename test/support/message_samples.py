@@ -9,7 +9,7 @@ import numpy as np
 from numpy.testing import assert_allclose
 
 from tirgeo_ros.core.camera.camera_model import Camera
-from tirgeo_ros.core.config.overlay import ConfidenceConfig
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import canonical
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.ground_point import Located, enu_of

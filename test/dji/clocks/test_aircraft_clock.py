@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tirgeo_ros.core.config.dji import DjiClockConfig
+from tirgeo_ros.core.config.dji_parameters import DjiClockConfig
 from tirgeo_ros.dji.clocks.aircraft_clock import AircraftClock
 from tirgeo_ros.dji.clocks.steady_stamps import SteadyStamps
 
