@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 import pytest
 from graph_helpers import Stranger, stamps_of
-from project import children_of
+from project import children_of, wait_until
 from sensor_msgs.msg import Image
 
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
@@ -278,12 +278,8 @@ def test_an_interrupted_demo_leaves_no_process(sample, tmp_path, number, code):
         text=True,
         preexec_fn=ignore_interrupts,  # noqa: PLW1509
     )
-    end_s = time.monotonic() + 120
     player = tmp_path / "bag_player.log"
-    while not (player.exists() and "ready" in player.read_text()):
-        assert demo.poll() is None
-        assert time.monotonic() < end_s
-        time.sleep(0.1)
+    wait_until(lambda: player.exists() and "ready" in player.read_text(), 120, running=demo)
     nodes = children_of(demo.pid)
     assert len(nodes) == 5
     demo.send_signal(number)

@@ -16,7 +16,7 @@ from types import SimpleNamespace
 
 import pytest
 from process_bags import IMAGES, rewritten
-from project import PROJECT
+from project import PROJECT, wait_until
 
 from tirgeo_ros.io.files.child_process import python_command
 from tirgeo_ros.tools.many_flights import dask_workers
@@ -64,10 +64,7 @@ def _process(log, program, *words):
 
 
 def _address(path):
-    end_s = time.monotonic() + _LIMIT_S
-    while not (path.exists() and path.read_text().endswith("}")):
-        assert time.monotonic() < end_s, f"no scheduler within {_LIMIT_S:g} s"
-        time.sleep(0.05)
+    wait_until(lambda: path.exists() and path.read_text().endswith("}"), _LIMIT_S)
     return json.loads(path.read_text())["address"]
 
 
