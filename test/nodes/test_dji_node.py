@@ -172,6 +172,8 @@ def test_silence_is_said_and_taken_back(aircraft, monkeypatch):
     said = aircraft.source.item()
     assert said.level == WARN
     assert "nothing comes from psdk_ros2 on psdk_ros2/*" in said.message
+    (finding,) = aircraft.source.findings()
+    assert finding.evidence == said.message
     monkeypatch.setattr(dji_node, "SILENT_S", 60.0)
     aircraft.source.handle("rtk_yaw_info", UInt8(data=50))
     assert "nothing comes" not in aircraft.source.item().message

@@ -20,6 +20,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, ReliabilityPolicy
 from std_msgs.msg import String
 
 from tirgeo_ros.core.types.errors import MessageError
+from tirgeo_ros.io.messages import TopicState
 from tirgeo_ros.io.messages.offered_qos import offered_qos
 from tirgeo_ros.nodes import monitor as monitor_module
 from tirgeo_ros.nodes.dji_node import DjiNode
@@ -170,11 +171,18 @@ def test_rates_are_of_the_last_window(clock):
     for _ in range(200):
         monitor.received("imu/data")
     clock[0] += 2.0
+    monitor.published("tirgeo/odometry", 0.02)
     assert monitor.item("x").values["imu/data rate [Hz]"] == "100.0"
-    clock[0] += 1.0
+    clock[0] += 0.5  # a change of the state is reported between two windows
+    monitor.received("imu/data")
+    assert monitor.topics() == {
+        "imu/data": TopicState(100.0, age_s=0.0),
+        "tirgeo/odometry": TopicState(0.5, latency_ms=20.0),
+    }
+    clock[0] += 0.5
     item = monitor.item("x")
-    assert item.values["imu/data rate [Hz]"] == "0.0"
-    assert item.values["imu/data age [s]"] == "3.00"
+    assert item.values["imu/data rate [Hz]"] == "1.0"
+    assert item.values["imu/data age [s]"] == "0.50"
 
 
 def test_a_topic_given_up_leaves_the_values(clock):
@@ -184,6 +192,7 @@ def test_a_topic_given_up_leaves_the_values(clock):
     monitor.lost("imu/data", 2)
     monitor.forget("imu/data")
     clock[0] += 1.0
+    assert monitor.topics() == {}
     assert monitor.item("x").values.keys() == {"started"}
 
 

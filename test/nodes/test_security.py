@@ -46,20 +46,8 @@ def address(words: str) -> IPv4Address | IPv6Address:
     return ip_address(b"".join(part.to_bytes(4, sys.byteorder) for part in parts))
 
 
-def test_no_node_listens_beyond_this_machine(spawn, flight_bag, tmp_path):
-    port = tmp_path / "aircraft"
-    nodes = [
-        spawn("ekf_node"),
-        spawn("gimbal_node"),
-        spawn("overlay_node"),
-        spawn("dji_node", "-p", f"port:={port}"),
-        spawn("recorder", "-p", f"output:={tmp_path}/out.mcap", "-p", "topics:=tirgeo/odometry"),
-        spawn("bag_player", "-p", f"bag:={flight_bag}", "-p", "rate:=0.1"),
-        spawn("viewer_node", "-p", "listen:=127.0.0.1:0", "-p", f"targets:={tmp_path}/a.gpkg"),
-    ]
-    for node in nodes:
-        await_words(node, "ready")
-    for node in nodes:
+def test_no_node_listens_beyond_this_machine(idle_nodes):
+    for node in idle_nodes.values():
         found = sockets(node.pid)
         assert found, f"{node.name}: no socket seen: is /proc read right?"
         assert all(one.is_loopback for one in found), f"{node.name}: {sorted(map(str, found))}"
