@@ -34,8 +34,8 @@ ORDER = {
     "dji": "clocks protocol link host sources interpret simulator",
     "io": "files coordinates parameters elevation messages logs pictures bags maps surveys cot "
     "targets video geopackage",
-    "tools": "presentation replay simulate budget calibrate convert evaluate export season graph "
-    "cli",
+    "tools": "presentation replay simulate budget calibrate convert evaluate export many_flights "
+    "graph cli",
 }
 
 # Imports every module but the nodes' where no ROS package can be found: neither rclpy, nor the

@@ -104,7 +104,7 @@ class LayerFile:
             list(layer.columns),
             geometry_type=layer.geometry,
             crs="EPSG:4326",
-            gdal_tz_offsets={one: np.full(len(rows.shapes), _UTC) for one in times},
+            gdal_tz_offsets={column: np.full(len(rows.shapes), _UTC) for column in times},
             layer_options={"DESCRIPTION": layer.about},
         )
         self._waiting[name] = _Rows()
@@ -145,10 +145,10 @@ class LayerFile:
             from pyogrio import raw  # noqa: PLC0415  heavy
         except ImportError:
             raise ExportError(f"{self.path}: {missing_line('pyogrio')}") from None
-        given = (self._part, shapes, columns, names)
+        table = (self._part, shapes, columns, names)
         append = name in self._made
         try:
-            raw.write(*given, layer=name, driver="GPKG", append=append, **options)
+            raw.write(*table, layer=name, driver="GPKG", append=append, **options)
         except (RuntimeError, OSError) as error:  # pyogrio's own are RuntimeErrors
             raise self._error(error) from None
         self._made.add(name)
