@@ -87,7 +87,9 @@ class Reports:
 
     def findings(self, now_s: float) -> list[Finding] | None:
         """Return what the nodes' checks have found; None while those of the flight are silent."""
-        heard = {n: found for n, (s, found) in self._findings.items() if now_s - s <= SILENT_S}
+        heard = {
+            n: findings for n, (s, findings) in self._findings.items() if now_s - s <= SILENT_S
+        }
         if not any(node.endswith(_CHECKED) for node in heard):
             return None
         return [finding for findings in heard.values() for finding in findings]
@@ -197,13 +199,13 @@ class AircraftTopics:
 
     def newest(self, topic: str) -> Any:
         """Return the newest message of a kept topic, or None."""
-        found = self._newest.get(topic)
-        return self._node.decoded(found[1], topic) if found else None
+        newest = self._newest.get(topic)
+        return self._node.decoded(newest[1], topic) if newest else None
 
     def came_s(self, topic: str) -> float | None:
         """Return when the newest message of a topic came, steady clock; None without one."""
-        found = self._newest.get(topic)
-        return found[0] if found else None
+        newest = self._newest.get(topic)
+        return newest[0] if newest else None
 
     def age_s(self, topic: str) -> float | None:
         """Return the time since the newest message of a topic; None without one."""

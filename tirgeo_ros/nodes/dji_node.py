@@ -194,8 +194,8 @@ class PsdkSource:
         """Return what of psdk_ros2 does not come, if anything."""
         evidence = "; ".join(self._logged)
         remedy = "look at psdk_ros2's node and at psdk_interfaces"
-        found = Finding("psdk_ros2", Severity.NOTE, evidence, "dji_node psdk_prefix", remedy)
-        return [found] if evidence else []
+        finding = Finding("psdk_ros2", Severity.NOTE, evidence, "dji_node psdk_prefix", remedy)
+        return [finding] if evidence else []
 
     def item(self) -> DiagnosticItem:
         """Return the source's diagnostic item; log any change of its warnings."""

@@ -34,11 +34,13 @@ class GimbalNode(GraphNode):
         super().__init__("gimbal_node")
         config = self.configured(GimbalConfig, self._reconfigure)
         self._composer = GimbalComposer(config)
-        given = given_names(self, GimbalConfig)
-        self._checks = GimbalChecks(config, given)
-        known = parameter_findings(given, (), "", pictures=True, option="--params-file")
+        set_names = given_names(self, GimbalConfig)
+        self._checks = GimbalChecks(config, set_names)
+        at_start = parameter_findings(set_names, (), "", pictures=True, option="--params-file")
         inputs = InputChecks(self, ("gimbal/joint_states", "gimbal/attitude"))
-        self._setup = SetupChecks(self, inputs, OtherPublishers(self), self._checks, known=known)
+        self._setup = SetupChecks(
+            self, inputs, OtherPublishers(self), self._checks, at_start=at_start
+        )
         self._arrivals = Arrivals()
         stream = output(STREAM_DEPTH)
         self._camera_pose = self.advertise("tirgeo/camera_pose", stream)

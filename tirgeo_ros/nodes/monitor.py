@@ -104,7 +104,8 @@ class Monitor:
         topics = sorted({*self._expected_s, *self._last_s, *self._window})
         self._rates_hz = {topic: self._window[topic] / span for topic in topics}
         self._medians_ms = {
-            topic: 1e3 * sorted(found)[len(found) // 2] for topic, found in self._latency_s.items()
+            topic: 1e3 * sorted(latencies)[len(latencies) // 2]
+            for topic, latencies in self._latency_s.items()
         }
         self._since_s = now_s
         self._window.clear()
@@ -130,8 +131,8 @@ class Monitor:
 
     def _judged(self, now_s: float) -> tuple[int, str]:
         """Return level and message: faults since the start, and inputs that are silent now."""
-        heard = {t: self._last_s.get(t, since) for t, since in self._expected_s.items()}
-        silent = sorted(t for t, last in heard.items() if now_s - last > SILENT_S)
+        last_s = {t: self._last_s.get(t, since) for t, since in self._expected_s.items()}
+        silent = sorted(t for t, last in last_s.items() if now_s - last > SILENT_S)
         parts = [f"failed: {t}: {kind}, see the log" for t, kind in self._failures]
         parts += [f"silent: {', '.join(silent)}"] if silent else []
         level = ERROR if self._failures else WARN if silent else OK

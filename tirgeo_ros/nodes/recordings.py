@@ -42,7 +42,7 @@ class ChildNode:
     ) -> None:
         self.name = name
         simulated = node.get_parameter("use_sim_time").value
-        words = [word for one in values.items() for word in _assignment(*one)]
+        words = [word for pair in values.items() for word in _assignment(*pair)]
         words += [
             "-p",
             f"use_sim_time:={json.dumps(simulated)}",
@@ -84,7 +84,10 @@ class ChildNode:
 
 def ground_values(config: GroundConfig) -> dict[str, object]:
     """Return the parameters of the ground, for a child."""
-    return {one.name: getattr(config, one.name) for one in parameters_of(GroundConfig)}
+    return {
+        parameter.name: getattr(config, parameter.name)
+        for parameter in parameters_of(GroundConfig)
+    }
 
 
 def _assignment(name: str, value: object) -> list[str]:

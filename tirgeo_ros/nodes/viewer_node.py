@@ -110,7 +110,7 @@ class ViewerNode(GraphNode):
             )
             for name in names
         }
-        namespaces = {name: one.namespace for name, one in self._aircraft.items()}
+        namespaces = {name: view.namespace for name, view in self._aircraft.items()}
         self._recordings = Recordings(self, config, namespaces)
         self._streams = PageStreams(self, config, namespaces)
         self._team = TeamLink(self, config, self._aircraft)
@@ -185,7 +185,8 @@ class ViewerNode(GraphNode):
         return [*own, *self._aircraft[aircraft].reports.restarts.findings()]
 
     def _all_findings(self) -> list[Finding]:
-        return sorted_findings(one for name in self._aircraft for one in self._findings_of(name))
+        names = self._aircraft
+        return sorted_findings(finding for name in names for finding in self._findings_of(name))
 
     def _draw_targets(self) -> None:
         """Publish the targets where they have changed, and tell pages and team."""
@@ -193,13 +194,13 @@ class ViewerNode(GraphNode):
         if revision != self._revision:
             self._drawn = self._targets.all()
             message = self.messages.targets(self._drawn)
-            for one in self._aircraft.values():
-                one.targets.publish(message)
+            for view in self._aircraft.values():
+                view.targets.publish(message)
             self._server.targets_changed()
             self._team.targets(self._targets.for_others())
             self._revision = revision
-        for one in self._aircraft.values():
-            one.mark(self._drawn, revision)
+        for view in self._aircraft.values():
+            view.mark(self._drawn, revision)
 
     def _watch(self) -> None:
         self._recordings.watch()
@@ -238,8 +239,8 @@ def lost_clicks(numbers: Sequence[int]) -> list[Finding]:
     """Return the finding that targets, by their numbers, lack clicks in their file, if any do."""
     evidence = f"their file has lost clicks of targets {shown(', '.join(map(str, numbers)), 60)}"
     mend = "look at their places, which are of what is left, and click them again"
-    found = Finding("targets", Severity.CAUTION, evidence, "viewer_node targets", mend)
-    return [found] if numbers else []
+    finding = Finding("targets", Severity.CAUTION, evidence, "viewer_node targets", mend)
+    return [finding] if numbers else []
 
 
 def check(config: ViewerConfig) -> None:

@@ -250,8 +250,8 @@ class Door:
         held = Counter(seat for seat in self._seated.values() if seat[0] == role)
         crowd = own if held[own] > most_of_one else max(held, key=held.__getitem__)
         if held.total() > most or held[crowd] > most_of_one:
-            theirs = [one for one, seat in self._seated.items() if seat == crowd]
-            ended = next((one for one in theirs[:-1] if one in self._idle), theirs[0])
+            theirs = [other for other, seat in self._seated.items() if seat == crowd]
+            ended = next((other for other in theirs[:-1] if other in self._idle), theirs[0])
             ended.abort()
             self._seated.pop(ended, None)
             self._idle.discard(ended)

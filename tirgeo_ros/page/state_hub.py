@@ -85,8 +85,8 @@ class StatePage:
 
     async def _answer(self, name: str, kind: str, fields: dict[str, Any]) -> None:
         """Answer; a confirmed change is then on the disk."""
-        found = await self._actions.answer(name, kind, fields)
-        self._outbox.answer({"type": "answer", "request": name, **found})
+        fields = await self._actions.answer(name, kind, fields)
+        self._outbox.answer({"type": "answer", "request": name, **fields})
 
 
 _PERIOD_S = 0.2  # states go out at most at 5 Hz
@@ -250,7 +250,7 @@ def plain(value: Any) -> Any:
     if isinstance(value, (int, float)):
         return value if math.isfinite(value) else None
     if isinstance(value, Mapping):
-        return {str(key): plain(one) for key, one in value.items()}
+        return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [plain(one) for one in value]
+        return [plain(item) for item in value]
     raise TypeError(f"{type(value).__name__} has no JSON")

@@ -220,8 +220,8 @@ class VideoFeed:
     def cut_out(self, stamp_ns: int, u: float, v: float) -> Callable[[], bytes | None]:
         """Return what a thread calls for a JPEG around a pixel; None of a picture not kept."""
         every = (*self._kept, *self._held)
-        found = next((one for one in every if one.stamp_ns == stamp_ns), None)
-        return lambda: _cut_out(found, u, v) if found else None
+        picture = next((picture for picture in every if picture.stamp_ns == stamp_ns), None)
+        return lambda: _cut_out(picture, u, v) if picture else None
 
     def _keep(self, picture: Picture) -> None:
         if len(self._kept) == _KEPT:
