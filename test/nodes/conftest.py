@@ -122,7 +122,8 @@ def idle_words(name: str, folder: Path, bag: Path) -> list[str]:
         "dji_node": {"port": folder / "no_port"},
     }
     pairs = given.get(name, {}).items()
-    return [word for key, value in pairs for word in ("-p", f"{key}:={value}")]
+    words = [word for key, value in pairs for word in ("-p", f"{key}:={value}")]
+    return [*words, "-r", "imu/data:=unheard"] if name == "bag_player" else words
 
 
 @pytest.fixture(scope="module", autouse=True)
