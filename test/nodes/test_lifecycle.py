@@ -15,7 +15,7 @@ import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
-from graph_helpers import await_words
+from graph_helpers import await_words, sockets
 from launch_stand_ins import environment_of, launched, loaded, ros_arguments_of
 from project import NODES, PROJECT
 
@@ -54,18 +54,21 @@ def ended_cleanly(process, within_s: float = STOP_S) -> None:
     assert "rror" not in said
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 @pytest.mark.graph
-def test_running_nodes_stop_on_a_signal(start_idle, hangs_up, number):
-    names = ["recorder"] if number is signal.SIGHUP else NODE_CONFIGS
-    processes = [start_idle(name) for name in names]
+def test_running_nodes_are_reached_from_here_alone_and_stop_on_a_signal(start_idle, hangs_up):
+    """The runner takes every signal of every node; each kind is sent to some."""
+    processes = [start_idle(name) for name in NODE_CONFIGS]
     for process in processes:
         await_words(process, "ready")
-    if number is signal.SIGTERM:
-        halt(processes)
-    for process in processes:
+        addresses = sockets(process.pid)
+        assert addresses, f"{process.name}: no socket seen: is /proc read right?"
+        assert all(one.is_loopback for one in addresses), f"{process.name}: {addresses}"
+    halt(processes)
+    numbers = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP] * len(processes)
+    sent = list(zip(processes, numbers, strict=False))
+    for process, number in sent:
         process.signal(number)
-    for process in processes:
+    for process, number in sent:
         ended_cleanly(process)
         # Who ended a node is worth knowing where several share a machine.
         assert process.said(f"stopped by {number.name} from process {os.getpid()}")
