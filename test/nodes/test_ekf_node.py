@@ -152,7 +152,7 @@ def test_what_fails_is_counted_for_its_own_topic(listen):
         listener.send(IMU, number)
         listener.send(FIX, number)
     listener.spin_until(lambda: len(listener.handled) == 8)
-    item = listener.node.monitor.item("x")
+    item = listener.node.monitor.report("x")
     assert item.level == ERROR
     assert f"failed: {FIX}: ValueError at test_ekf_node.py" in item.message
     assert item.values[f"{FIX} failed"] == "3"
@@ -166,7 +166,7 @@ def test_bytes_that_are_no_message_are_counted(listen):
     listener._publishers[IMU].publish(b"\0\1\0\0" + b"\xff" * 20)
     listener.send(IMU, 1)
     listener.spin_until(lambda: listener.handled)
-    values = listener.node.monitor.item("x").values
+    values = listener.node.monitor.report("x").values
     assert values[f"{IMU} unreadable"] == "1"
     assert "24 bytes are no sensor_msgs/msg/Imu" in values[f"{IMU} unreadable because"]
 

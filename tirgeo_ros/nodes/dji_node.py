@@ -144,7 +144,7 @@ class SerialSource:
         evidence = report.message
         return [Finding("serial_link", Severity.CAUTION, evidence, "dji_node port", remedy)]
 
-    def item(self) -> DiagnosticItem:
+    def report(self) -> DiagnosticItem:
         """Return the diagnostic item of the link: its state and counts of its traffic."""
         with self._lock:
             report = self._watch.report
@@ -197,8 +197,8 @@ class PsdkSource:
         finding = Finding("psdk_ros2", Severity.NOTE, evidence, "dji_node psdk_prefix", remedy)
         return [finding] if evidence else []
 
-    def item(self) -> DiagnosticItem:
-        """Return the source's diagnostic item; log any change of its warnings."""
+    def report(self) -> DiagnosticItem:
+        """Log any change of the warnings, and return the source's diagnostic item."""
         warnings = self._log_changes()
         values = {name: str(number) for name, number in self._decoder.counts.items()}
         level, message = (WARN, "; ".join(warnings)) if warnings else (OK, "ok")
@@ -305,7 +305,7 @@ class DjiNode(GraphNode):
                 self._warned.add(warning)
                 self.log(WARN, warning)
         level, message = (WARN, "; ".join(warnings)) if warnings else (OK, "ok")
-        return [self._source.item(), self.item("aircraft", values, message, level)]
+        return [self._source.report(), self.item("aircraft", values, message, level)]
 
 
 main = partial(run, "dji_node", DjiNode, DjiNode.serve)

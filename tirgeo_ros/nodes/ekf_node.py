@@ -265,7 +265,7 @@ class EkfNode(GraphNode):
     def _items(self) -> list[DiagnosticItem]:
         status = self._navigation.status()
         self._state_log.note(status, reasons=True)
-        return [self._item(status), self._setup.item()]
+        return [self._item(status), self._setup.report()]
 
     def _item(self, status: NavigationStatus) -> DiagnosticItem:
         item = navigation_item(self.item_name("navigation"), status)

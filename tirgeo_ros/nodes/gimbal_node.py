@@ -104,7 +104,7 @@ class GimbalNode(GraphNode):
         self._listen_for_paper()
         values = self._composer.diagnostics | self._arrivals.diagnostics
         item = self.item("camera pose", values, f"composition: {composition}")
-        return [item, self._setup.item()]
+        return [item, self._setup.report()]
 
     def _listen_for_paper(self) -> None:
         """Listen to the IMU, which the composition "paper" needs, unless encoders are used."""

@@ -277,7 +277,7 @@ class GraphNode(Node):
             try:
                 own = items()
             finally:  # if ``items()`` raises, the monitor's item reports it
-                own = [*own, self.monitor.item(self.item_name("topics"))]
+                own = [*own, self.monitor.report(self.item_name("topics"))]
                 self._diagnostics.publish(self.messages.diagnostics(self.now_ns, own))
             name = self.get_fully_qualified_name()
             self._findings.publish(self.messages.findings(name, self.now_ns, findings()))

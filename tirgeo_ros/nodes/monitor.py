@@ -84,8 +84,8 @@ class Monitor:
             self._window[topic] += 1
             self._latency_s.setdefault(topic, []).append(latency_s)
 
-    def item(self, name: str) -> DiagnosticItem:
-        """Return the diagnostic item for the time since the last call, and begin a new window."""
+    def report(self, name: str) -> DiagnosticItem:
+        """End the window of rates and latencies, and return its diagnostic item."""
         with self._lock:
             now = time.monotonic()
             self._end_window(now)

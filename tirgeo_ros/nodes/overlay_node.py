@@ -251,7 +251,7 @@ class OverlayNode(GraphNode):
 
     def _items(self) -> list[DiagnosticItem]:
         self._renew_map()
-        return [self._overlay_item(), self._setup.item()]
+        return [self._overlay_item(), self._setup.report()]
 
     def _counts(self) -> dict[str, int]:
         overlay, clicks = self._overlay, self._overlay.clicks.counts

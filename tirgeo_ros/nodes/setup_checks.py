@@ -124,11 +124,11 @@ class SetupChecks:
         self._renew = node.guarded(SUBJECT, self._ask)
 
     def findings(self) -> list[Finding]:
-        """Return the findings of the last ``item``, the worst first."""
+        """Return the findings of the last ``report``, the worst first."""
         return sorted_findings(finding for finding, _ in self._recent.values())
 
-    def item(self) -> DiagnosticItem:
-        """Ask the checks; return the item for diagnostics, log a change of the verdict."""
+    def report(self) -> DiagnosticItem:
+        """Ask the checks, log a change of the verdict, and return the item for diagnostics."""
         self._renew()
         findings = self.findings()
         worst = findings[0].severity if findings else Severity.NOTE
