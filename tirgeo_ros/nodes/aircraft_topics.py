@@ -95,7 +95,7 @@ class Reports:
         return [finding for findings in heard.values() for finding in findings]
 
     def state(self, node: str) -> tuple[float, NodeState | None]:
-        """Return when the newest state of a node came, and that; never, and None, without one."""
+        """Return when a node's newest state came (s), and the state: -inf, None without one."""
         return self._states.get(node, (-math.inf, None))
 
     def input_age_s(self, node: str, topic: str, now_s: float) -> float | None:
@@ -122,7 +122,7 @@ class Reports:
 class PoseTape(Generic[P]):
     """Keep messages of the last second by their stamps as bytes; decode those that are wanted.
 
-    ``decode`` makes a pose of one. Any thread may call it.
+    ``decode`` makes a pose of a message. Any thread may call it.
     """
 
     def __init__(self, decode: Callable[[bytes], P]) -> None:
@@ -131,7 +131,7 @@ class PoseTape(Generic[P]):
         self._kept: deque[tuple[int, bytes]] = deque(maxlen=_POSES)
 
     def add(self, data: bytes) -> None:
-        """Add a message; one whose stamp goes back begins anew. Raises MessageError."""
+        """Add a message; where its stamp goes back, drop those before. Raises MessageError."""
         stamp_ns = header_stamp_ns(data)
         with self._lock:
             if self._kept and stamp_ns < self._kept[-1][0]:
@@ -251,7 +251,7 @@ class AircraftTopics:
         return ConfidenceConfig() if picture is None else picture.confidence
 
     def sight(self, stamp: int, *, last_pose_s: float = 0.0) -> Sight | None:
-        """Return from where a picture was taken; None if that is not known.
+        """Return camera and pose of a picture; None without a pose at its exposure.
 
         The last pose will do where it is no older than ``last_pose_s``. Without an elevation model
         the ground is known where it is level, by the newest footprint.

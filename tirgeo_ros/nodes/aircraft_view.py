@@ -69,7 +69,7 @@ class Verdict(NamedTuple):
 
 
 class Stream(NamedTuple):
-    """Name a topic that is needed, the node that makes it, and of what; with words for people."""
+    """Name a topic that is needed, the node that publishes it, and that node's inputs."""
 
     topic: str
     kind: str
@@ -98,9 +98,9 @@ _CHECKS = {
 
 
 class Judge:
-    """Make one aircraft's verdict, again and again, by a steady clock.
+    """Judge one aircraft at each call of ``look``, by a steady clock.
 
-    ``came_s`` says when the newest message of a topic came; None: none has come.
+    ``came_s`` returns when the newest message of a topic came; None without one.
     """
 
     def __init__(self, reports: Reports, came_s: Callable[[str], float | None]) -> None:
@@ -131,7 +131,7 @@ class Judge:
         return self._shown
 
     def _count(self, topic: str, at_s: float | None, step_s: float) -> None:
-        """Add up the silence of a topic while this node listened; what is forgotten is silent."""
+        """Add up how long a topic is silent while this node listens; None counts as silent."""
         if at_s is None or at_s == self._came_s.get(topic):
             self._silence_s[topic] += step_s
         else:
@@ -156,7 +156,7 @@ class Judge:
         return no_position or (self._no_data(silent[0]) if silent else None)
 
     def _downstream(self, checks: Verdict | None, no_map: str) -> Verdict | None:
-        """Return what is wrong though all comes, the checks' caution last."""
+        """Return what is wrong although all streams come; a caution of the checks comes last."""
         if checks and checks.word != "CAUTION":
             return checks
         if self._no_map_s > _SILENT_S:
@@ -177,7 +177,7 @@ class Judge:
         return Verdict("NO DATA", "bad" if began else "caution", stream.kind, text, more, began)
 
     def _cause(self, stream: Stream, silence_s: float) -> tuple[str, str, float] | None:
-        """Return what is silent, in words and by its name, and how long; None if none is."""
+        """Return the silent node or input: words, name and seconds; None if none is silent."""
         then_s, state = self._reports.state(stream.node)
         ago_s = self._now_s - then_s
         if min(ago_s, silence_s) >= _ANSWER_S:
@@ -218,7 +218,7 @@ _NO_POSITION: Mapping[str, None] = dict.fromkeys(
 
 
 class AircraftView(AircraftTopics):
-    """Be one aircraft of the page. ``answered`` takes the answers to clicks."""
+    """Give the page the state of one aircraft; ``answered`` takes the answers to clicks."""
 
     def __init__(
         self,
@@ -375,7 +375,7 @@ def velocity_n(odometry: Any) -> Array:
 
 
 def track_fields(sent: list[Place], track: list[Place]) -> dict[str, Any]:
-    """Return the points of a track from the first one that was not sent so, and its index."""
+    """Return the points of a track from the first that differs from ``sent``, and its index."""
     same = len(sent)
     while same and sent[same - 1 : same] != track[same - 1 : same]:
         same -= 1

@@ -82,7 +82,7 @@ def publishers_for(
 
 
 def aircraft_topics(topics: Mapping[str, str], wanted: str) -> dict[str, str]:
-    """Return what a DJI aircraft sends of a bag's topics that are to be played: name -> type.
+    """Return which of the bag's topics to play a DJI aircraft sends: name -> type.
 
     Raise BagError if there is none.
     """

@@ -135,7 +135,7 @@ class SerialSource:
             self._node.log(OK, self._host_message)
 
     def findings(self) -> list[Finding]:
-        """Return why nothing, or nothing understood, comes through the link, if that is so."""
+        """Return a finding while the link brings no data, or none that can be read."""
         with self._lock:
             report = self._watch.report
         if report is None or not report.level:
@@ -191,7 +191,7 @@ class PsdkSource:
         stop.wait()
 
     def findings(self) -> list[Finding]:
-        """Return what of psdk_ros2 does not come, if anything."""
+        """Return a finding while topics of psdk_ros2 do not come."""
         evidence = "; ".join(self._logged)
         remedy = "look at psdk_ros2's node and at psdk_interfaces"
         finding = Finding("psdk_ros2", Severity.NOTE, evidence, "dji_node psdk_prefix", remedy)

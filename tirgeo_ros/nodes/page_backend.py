@@ -73,7 +73,7 @@ class TeamLink:
             self.link.stop()
 
     def go_on(self) -> None:
-        """Share as when the last run was killed; without a link a finding says that it ended."""
+        """Share again, as before the last run was killed; without a link, find that it ended."""
         if self.link is not None:
             self.link.share(True)
             return
@@ -134,7 +134,7 @@ _Key = tuple[str, int, float, float]  # aircraft, stamp, column, row
 
 
 class PageBackend:
-    """Be the page's ``Backend``. ``answered`` is for the thread that hears the graph."""
+    """Serve as the page's ``Backend``. The thread that hears the graph calls ``answered``."""
 
     def __init__(
         self,

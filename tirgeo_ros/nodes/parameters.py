@@ -56,8 +56,8 @@ def parameter_files(arguments: Sequence[str]) -> list[str]:
 def check_arguments(name: str, arguments: Sequence[str]) -> None:
     """Read and check each parameter file before rcl does.
 
-    Raise ConfigError naming file and key. A node that was given a name without a configuration is
-    not checked here: rcl checks it.
+    Raise ConfigError naming file and key. A node by a name without a configuration is left
+    to rcl.
     """
     # Of several rules for one name the first applies.
     rules = [a for a in reversed(arguments) if a.startswith(("__node:=", "__ns:="))]

@@ -74,7 +74,7 @@ class ChildNode:
         return f"{self.name} ended (exit code {self._process.returncode}): {self._line}"
 
     def end(self) -> str:
-        """End it; return why that did not go well, else an empty text."""
+        """End it; return the fault, or an empty text."""
         for number in (signal.SIGINT, signal.SIGKILL):
             self._process.send_signal(number)
             with suppress(subprocess.TimeoutExpired):
@@ -282,5 +282,5 @@ def _not_begun(made: Recording) -> str:
 
 
 def _ended(made: Recording) -> str:
-    """End all processes; return what did not go well."""
+    """End all processes; return the faults in one text."""
     return "; ".join(filter(None, [child.end() for child in made.children]))

@@ -64,7 +64,7 @@ class PageStreams:
             child.end()
 
     def watch(self) -> None:
-        """Start what does not run; call each second, in a thread that lasts."""
+        """Start each stream that does not run; call it each second, in a thread that lasts."""
         if not self._config.stream or time.monotonic() < self._retry_s:
             return
         for number, (name, namespace) in enumerate(self._namespaces.items()):
@@ -150,7 +150,7 @@ class ViewerNode(GraphNode):
                     self._targets.switch(what, on=False)
 
     def _go_on(self) -> None:
-        """Go on with what was on when the last run was killed."""
+        """Record and share again what was on when the last run was killed."""
         for what in self._targets.switched_on():
             kind, _, aircraft = what.partition(" ")
             if kind == "share":
@@ -217,7 +217,7 @@ class ViewerNode(GraphNode):
 
 
 def taken_ns(stamp_ns: int, now_ns: int) -> int:
-    """Return when a picture was taken by this computer's clock: now, if the stamp's is another."""
+    """Return a picture's time by this computer's clock: now if the stamp is of another."""
     return stamp_ns if 0 <= now_ns - stamp_ns < _SAME_CLOCK_NS else now_ns
 
 
@@ -236,7 +236,7 @@ def with_secrets(config: ViewerConfig) -> ViewerConfig:
 
 
 def lost_clicks(numbers: Sequence[int]) -> list[Finding]:
-    """Return the finding that targets, by their numbers, lack clicks in their file, if any do."""
+    """Return a finding if the file has lost clicks of targets, which are named by ``numbers``."""
     evidence = f"their file has lost clicks of targets {shown(', '.join(map(str, numbers)), 60)}"
     mend = "look at their places, which are of what is left, and click them again"
     finding = Finding("targets", Severity.CAUTION, evidence, "viewer_node targets", mend)

@@ -111,7 +111,7 @@ def _made_token(role: str) -> str:
 
 
 class Access:
-    """Know names, tokens and sessions of one server.
+    """Check names, tokens and sessions of one server.
 
     A session is role, end and a random number, signed with the role's token: it outlives a
     restart with the same tokens, takes no memory, and tells nothing of the other role's token.

@@ -29,7 +29,7 @@ _MOST_PIXEL = 1e5
 
 
 class RequestError(ValueError):
-    """Report a request that is not one, in words for whoever wrote the page."""
+    """Report what is wrong with a request, in words for the page's author."""
 
     def __init__(self, words: str, request: str = "") -> None:
         super().__init__(words)
@@ -202,7 +202,7 @@ class Actions:
         self._in_turn = asyncio.Lock()  # changes of the store happen in the order of requests
 
     async def answer(self, name: str, kind: str, fields: dict[str, Any]) -> dict[str, Any]:
-        """Return the answer to a request; to one that was sent again, the same one."""
+        """Return the answer to a request; one that was sent again gets the same answer."""
         if len(name) < _UNIQUE_NAME or kind in FOR_VIEWERS:  # these change nothing
             return await self._done(kind, fields)
         if name not in self._answers:
@@ -310,9 +310,9 @@ Sent = dict[str, tuple[Target, list[list[str]]]]
 
 
 def changed_targets(store: TargetStore, undulation_m: float, sent: Sent) -> dict[str, str]:
-    """Return the JSON, by id, of each target that is not as ``told``; "" of one that is gone.
+    """Return the JSON, by id, of each target that differs from ``sent``; "" of one that is gone.
 
-    Then ``told`` is what the store holds.
+    Then ``sent`` is what the store holds.
     """
     open_ = store.alternatives()
     now = {one.id: (one, open_.get(one.id, [])) for one in store.all()}

@@ -68,7 +68,7 @@ class Tiles:
             self._file.close()
 
     def _data_at(self, *place: int) -> Any:
-        """Return what is at a place; a fault is said once, and an endless table not read again."""
+        """Return a tile's data; log a fault once, and read a table without an end no more."""
         if _ENDLESS in self._fault:
             return None
         try:

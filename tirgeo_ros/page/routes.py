@@ -33,7 +33,7 @@ _QUIET = 2  # modules of light around a code; terminals add their own
 
 
 class Routes:
-    """Know what the pages are made from."""
+    """Answer the page's requests with what the server holds."""
 
     def __init__(
         self,
@@ -55,7 +55,7 @@ class Routes:
         self.hub = StateHub(self._latency_ms)
 
     def table(self, guard: Guard, actions: Actions) -> list[web.RouteDef]:
-        """Return which handler answers what."""
+        """Return the paths with their handlers."""
 
         async def state(request: web.Request) -> web.StreamResponse:
             return await self._state(request, actions)
@@ -199,7 +199,7 @@ def _or_404(value: _T | None) -> _T:
 
 
 def _who(request: web.Request) -> str:
-    """Return what the sockets of one screen have in common."""
+    """Return address, cookie and browser, which the sockets of one screen share."""
     headers = (request.headers.get(name, "") for name in ("Cookie", "User-Agent"))
     return " ".join((request.remote or "", *headers))
 

@@ -79,7 +79,7 @@ class PageServer:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Return what diagnostics say of the page."""
+        """Return counts of the page, for diagnostics."""
         return {
             "connections": self._door.connections,
             "connections refused": self._door.refused,
@@ -186,7 +186,7 @@ class PageServer:
 
 
 def tls_context(config: ViewerConfig) -> ssl.SSLContext | None:
-    """Return what https needs; None without a certificate. Raises PageError."""
+    """Return the TLS context of https; None without a certificate. Raises PageError."""
     if not config.certificate:
         return None
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)

@@ -25,7 +25,7 @@ _UNREAD = 100  # answers that a page has not taken: it does not read
 
 
 class StatePage:
-    """Be one page's WebSocket."""
+    """Serve one page's WebSocket: states and targets out, requests in."""
 
     def __init__(
         self,
@@ -42,7 +42,7 @@ class StatePage:
         self._allowance = Allowance(_REQUESTS_A_S, _REQUESTS_AT_ONCE)
 
     async def run(self, hello: dict[str, Any], who: str) -> None:
-        """Talk until the peer leaves."""
+        """Send and answer until the peer leaves."""
         self._outbox.answer(hello)
         self._hub.join(self._outbox, who)
         sending = asyncio.create_task(self._send())
@@ -95,7 +95,7 @@ _POINTS_AT_ONCE, _TARGETS_AT_ONCE = 500, 50  # so that a slow link's state isn't
 
 
 class Track:
-    """Hold the aircraft's way; a point's index stays when the oldest ones go."""
+    """Hold the aircraft's track; a point keeps its index when the oldest are dropped."""
 
     def __init__(self) -> None:
         self.first = 0  # index of the oldest point kept

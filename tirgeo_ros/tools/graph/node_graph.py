@@ -35,14 +35,14 @@ _FAST_DDS = ("", "rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp")
 
 
 def video_environment(environment: Mapping[str, str], config: Path) -> dict[str, str]:
-    """Return ``given`` with shared memory that holds whole frames, unless a profile is set."""
+    """Return an environment with shared memory for whole frames, unless a profile is set."""
     if any(name in environment for name in PROFILES):
         return dict(environment)
     return {**environment, PROFILES[0]: str(config / "fastdds.xml")}
 
 
 def localhost_environment(environment: Mapping[str, str], config: Path | None) -> dict[str, str]:
-    """Return ``given``, changed so that only this machine reaches the nodes started with it.
+    """Return an environment in which only this machine reaches the nodes.
 
     ``config`` is the folder of the profiles, None if they are not installed. A user's own profile
     stays; ROS then limits discovery to this machine, but with sockets on every interface.
