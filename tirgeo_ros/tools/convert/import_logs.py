@@ -141,7 +141,7 @@ def import_logs(
 
 
 def _completed(options: LogOptions, config: DjiConfig) -> LogOptions:
-    """Return the options with what the parameters tell: undulation and baseline."""
+    """Return the options with undulation and baseline of the parameters."""
     if options.geoid_undulation_m is None and not math.isnan(config.geoid_undulation_m):
         options = replace(options, geoid_undulation_m=config.geoid_undulation_m)
     baseline_b, degrees = config.aircraft.baseline_b, config.aircraft.baseline_deg
@@ -259,7 +259,7 @@ def _doubts(logs: Sequence[Log], *, rover_first: bool) -> Iterator[str]:
 def _of_imu(
     logs: Sequence[Log], samples: Sequence[SensedSample], aircraft: AircraftConfig
 ) -> Iterator[str]:
-    """Yield what gravity and the orientation say against units and axes of the IMU."""
+    """Yield findings on the IMU's units and axes, by gravity and the orientation."""
     is_table = any(log.form == CSV.name and "imu/data" in log.spans for log in logs)
     for finding in imu_findings(samples, aircraft.rotation_bi):
         keys = _KEYS.get(finding.check, "")
