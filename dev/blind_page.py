@@ -24,10 +24,9 @@ from typing import Any
 
 from playwright.sync_api import Page
 
+from dev.flights import make_soak_flight
+from dev.graphs import chromium, listening_team, node_pid, shown_demo
 from dev.judging import MarkedTable
-from dev.page_load.in_browser import chromium
-from dev.shown_demo import listening_team, node_pid, shown_demo
-from dev.soak.flight import make_flight
 
 _NODES = ("ekf_node", "gimbal_node", "overlay_node", "viewer_node", "bag_player")
 #: What happens to each node: the share of its time that it gets, and for how long (s).
@@ -175,7 +174,7 @@ def results(minutes: float, only: str) -> Iterator[dict[str, Any]]:
         ExitStack() as stack,
     ):
         page.add_init_script(_WATCH)
-        flight = make_flight(Path(name) / "flight")
+        flight = make_soak_flight(Path(name) / "flight")
         lasts_s = 60 * minutes + 60 * len(happen) + 2 * _LIMIT_S
         bag = flight.write_rounds(Path(name) / "rounds.mcap", lasts_s)
         beside = "--params", flight.folder / "params.yaml", "--map", flight.folder / "map.geojson"

@@ -26,7 +26,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from dev.judging import Figure, in_processes, line
+from dev.judging import Figure, in_processes, print_figures
 from tirgeo_ros.core.types.errors import SeasonError
 from tirgeo_ros.io.files.child_process import python_command
 from tirgeo_ros.io.files.whole_files import made_folder
@@ -143,22 +143,14 @@ def figures(folder: Path, bags: Sequence[Path], rounds: int) -> Iterator[Figure]
         yield Figure(f"{name}: least time", min(one.elapsed_s for one in found), "s")
         yield Figure(f"{name}: least CPU", min(one.cpu_s for one in found), "s")
         other = different(found[-1].result, alone, bags)
-        yield Figure(f"{name}: flights with other bytes", other, "", "0")
+        yield Figure(f"{name}: flights with other bytes", other, "", "= 0")
     one, two = (min(run.elapsed_s for run in runs[workers]) for workers in (1, 2))
     yield Figure("time of one worker over that of two", one / two, "", f">= {ASKED_RATIO:g}")
     result = with_kills(bags, folder / "season_killed")
     again = sum(each["attempts"] - 1 for each in result["flights"])
-    yield Figure("workers killed, flights begun again", again, "", f"{_KILLS}")
+    yield Figure("workers killed, flights begun again", again, "", f"= {_KILLS}")
     other = different(result, alone, bags)
-    yield Figure("after kills: flights lost or with other bytes", other, "", "0")
-
-
-def missed(figure: Figure) -> bool:
-    """Return whether a figure is not as asked."""
-    if not figure.wanted:
-        return False
-    least, _, number = figure.wanted.rpartition(" ")
-    return figure.value < float(number) if least else figure.value != float(number)
+    yield Figure("after kills: flights lost or with other bytes", other, "", "= 0")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -177,12 +169,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 0
     load = os.getloadavg()[0]
     sys.stdout.write(f"{len(bags)} flights of {args.seconds:g} s; load before {load:.1f}\n")
-    found = []
-    for figure in figures(args.folder, bags, args.rounds):
-        found.append(figure)
-        sys.stdout.write(f"{line(figure)}{'  missed' if missed(figure) else ''}\n")
-        sys.stdout.flush()
-    return 1 if any(map(missed, found)) else 0
+    printed = print_figures(figures(args.folder, bags, args.rounds))
+    return 1 if any(figure.missed for figure in printed) else 0
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from pathlib import Path
 
 from rclpy.publisher import Publisher
 
-from dev.soak.flight import stamped
+from dev.flights import stamped
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.bags.cdr import header_stamp_ns
 from tirgeo_ros.nodes.bag_player import PlayClock

@@ -25,7 +25,6 @@ class FleetWitness(GraphNode):
         super().__init__("fleet_witness")
         aircraft = self.declare_parameter("aircraft", "").value.split(",")
         self.resources = BagWriter(Path(self.declare_parameter("output", "").value))
-        self._record("/diagnostics", TOPIC_TYPES["/diagnostics"], output(_DEPTH))
         for name in aircraft:
             for topic in TOPICS:
                 qos = latched() if topic == "tirgeo/origin" else output(_DEPTH)

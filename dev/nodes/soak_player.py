@@ -19,7 +19,7 @@ from functools import partial
 from itertools import count, cycle
 from pathlib import Path
 
-from dev.soak.flight import stamped
+from dev.flights import stamped
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.bags.cdr import header_stamp_ns

@@ -91,8 +91,8 @@ class _Level:
         return b"" if aircraft else b"{}"
 
 
-def draw_pictures(flight: Path, work: Path, pictures: Path) -> None:
-    """Write the overlay's pictures of a flight."""
+def draw_pictures(flight: Path, work: Path, pictures: Path) -> Path:
+    """Write the overlay's pictures of a flight to a folder; return it."""
     bag = work / "overlay.mcap"
     process(
         flight / "flight.mcap",
@@ -106,6 +106,7 @@ def draw_pictures(flight: Path, work: Path, pictures: Path) -> None:
     for count, message in enumerate(BagReader(bag).messages([topic])):
         jpeg = bytes(message.data)
         (pictures / f"{count:05}.jpg").write_bytes(jpeg[jpeg.index(_JPEG_START) :])
+    return pictures
 
 
 def pictures_in(folder: Path) -> list[bytes]:

@@ -139,7 +139,7 @@ def test_a_filter_that_runs_takes_it_and_keeps_its_state(one):
         *((getattr(ekf, name), part) for name, part in vars(bare).items()),
         *((getattr(navigation, name), getattr(fresh, name)) for name in ("_delays",)),
         (navigation._rate._period_ns, fresh._rate._period_ns),
-        (navigation._autopilot._variance_rad2, fresh._autopilot._variance_rad2),
+        (navigation._in_imu[0]._variance_rad2, fresh._in_imu[0]._variance_rad2),
     ):
         assert outline(ours) == outline(wanted)
     assert outline(ekf.estimate()) == kept

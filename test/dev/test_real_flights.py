@@ -13,12 +13,13 @@ from dev.flight_errors import fitting_config
 from dev.real_flights import (
     CUT_S,
     Flown,
+    Judged,
     Miss,
     cuts_of,
     fly,
+    groups,
     moved_east,
 )
-from dev.real_flights_judged import Judged, groups
 from dev.real_flights_table import ASKED, main, report
 from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, PositionSample, Source
 

@@ -13,7 +13,7 @@ pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
 from graph_helpers import await_words
 
-from dev.soak.lives import held_by, shared_files
+from dev.soak.run import held_by, shared_files
 from tirgeo_ros.nodes.stale_shared_memory import remove_dead
 
 DEAD, LIVE = "fastrtps_0123456789abcdef", "fastrtps_fedcba9876543210"

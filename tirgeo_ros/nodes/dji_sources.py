@@ -18,10 +18,8 @@ from rclpy.validate_topic_name import validate_topic_name
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.dji.link.link_watch import LinkWatch
-from tirgeo_ros.dji.link.serial_link import LinkState, SerialLink
-from tirgeo_ros.dji.protocol.package_table import package_table
-from tirgeo_ros.dji.protocol.subscription import PackageTable
+from tirgeo_ros.dji.link.serial_link import LinkState, LinkWatch, SerialLink
+from tirgeo_ros.dji.protocol.subscription import PackageTable, package_table
 from tirgeo_ros.dji.sources.psdk import PsdkDecoder
 from tirgeo_ros.dji.sources.readings import Quaternion, Reading, Vector
 from tirgeo_ros.dji.sources.serial import SerialDecoder

@@ -10,9 +10,7 @@ import pytest
 from overlays import PLANE, pose_at
 
 from dev.planted_faults.faults import Fault
-from dev.planted_faults.ground_errors import Eye, times_of_ellipse
-from dev.planted_faults.live import Outcome
-from dev.planted_faults.live_reading import Picture, Report, seen
+from dev.planted_faults.live import Eye, Outcome, Picture, Report, seen, times_of_ellipse
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer

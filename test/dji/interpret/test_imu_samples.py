@@ -25,7 +25,7 @@ from tirgeo_ros.core.frames.rotations import (
 )
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
 from tirgeo_ros.dji.interpret import Interpreter
-from tirgeo_ros.dji.interpret.accelerometer_unit import G_M_S2
+from tirgeo_ros.dji.interpret.imu_samples import G_M_S2
 from tirgeo_ros.dji.sources.readings import AccelerationUnit, ImuOrigin
 
 NAN, INF = math.nan, math.inf

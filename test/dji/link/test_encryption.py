@@ -7,8 +7,7 @@ import sys
 import pytest
 
 from tirgeo_ros.core.types.errors import DjiError
-from tirgeo_ros.dji.link.encryption import parse_key
-from tirgeo_ros.dji.link.framing import FrameReader, crc16, crc32, encode_frame
+from tirgeo_ros.dji.link.framing import FrameReader, crc16, crc32, encode_frame, parse_key
 
 KEY = bytes(range(32))
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dev.dji_damage import KEY, damaged_stream
+from dev.fuzz import KEY, damaged_stream
 from tirgeo_ros.dji.link import framing
 from tirgeo_ros.dji.link.framing import (
     MAX_BYTES,

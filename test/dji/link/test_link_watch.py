@@ -8,8 +8,7 @@ import time
 import pytest
 
 from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
-from tirgeo_ros.dji.link.link_watch import LinkLevel, LinkWatch
-from tirgeo_ros.dji.link.serial_link import LinkState, SerialLink
+from tirgeo_ros.dji.link.serial_link import LinkLevel, LinkState, LinkWatch, SerialLink
 from tirgeo_ros.dji.simulator.pseudo_terminal import PseudoTerminal
 
 STEP_S = 0.05

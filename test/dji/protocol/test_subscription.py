@@ -24,15 +24,15 @@ from tirgeo_ros.dji.protocol.commands import (
     remove_package,
     set_rates,
 )
-from tirgeo_ros.dji.protocol.package_table import package_table
 from tirgeo_ros.dji.protocol.subscription import (
+    TOPICS,
     USUAL_PACKAGES,
     Package,
     PackageTable,
     decode_push,
     encode_push,
+    package_table,
 )
-from tirgeo_ros.dji.protocol.subscription_topics import TOPICS
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
 from tirgeo_ros.tools.convert.dump import push_fields
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from planted_offsets import COUNT, flight
 
-from dev.paper_tables import TABLE_6_AVERAGE_M, TABLE_6_M, TABLE_7
+from dev.reproduction.paper import TABLE_6_AVERAGE_M, TABLE_6_M, TABLE_7
 from tirgeo_ros.core.ground.ground_point import Ellipse
 from tirgeo_ros.tools.evaluate.result import LocatedPoint, ground_errors, paired_tests
 from tirgeo_ros.tools.evaluate.verdict import find_systematic, is_honest, verdict

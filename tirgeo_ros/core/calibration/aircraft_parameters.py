@@ -16,8 +16,8 @@ import numpy as np
 
 from tirgeo_ros.core.config import AircraftConfig, EkfConfig
 from tirgeo_ros.core.frames.axes import flu_from_frd
-from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline
-from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding, source_of
+from tirgeo_ros.core.navigation.aiding.gnss_antenna import Baseline
+from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import HeadingSample, Source
 
@@ -110,7 +110,7 @@ def restamped(aids: Sequence[Aiding], values: Array, reported_rad: float) -> lis
     turn_rad = reported_rad - float(values[AZIMUTH])
     found: list[Aiding] = []
     for sample in aids:
-        stamp_ns = sample.stamp_ns - delays_ns[source_of(sample)]
+        stamp_ns = sample.stamp_ns - delays_ns[sample.source]
         if isinstance(sample, HeadingSample):
             heading_rad = sample.heading_rad + turn_rad
             found.append(replace(sample, stamp_ns=stamp_ns, heading_rad=heading_rad))

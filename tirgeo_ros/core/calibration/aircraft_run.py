@@ -35,14 +35,13 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.axes import FLU_FRD
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, skew
 from tirgeo_ros.core.frames.wgs84 import gravity_down
-from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
+from tirgeo_ros.core.navigation.aiding.gnss_antenna import Baseline
 from tirgeo_ros.core.navigation.aiding.state_estimate import (
     Aiding,
     AidMeasurement,
     Fused,
     StateEstimate,
-    source_of,
 )
 from tirgeo_ros.core.navigation.alignment.aligner import Aligner, Alignment
 from tirgeo_ros.core.navigation.ins.ins_error_model import (
@@ -242,7 +241,7 @@ class Recorded:
 
     def has(self, source: Source) -> bool:
         """Return whether there is any measurement of a source."""
-        return any(source_of(sample) is source for sample in self.aids)
+        return any(sample.source is source for sample in self.aids)
 
     @property
     def has_attitude(self) -> bool:
@@ -312,7 +311,7 @@ class FlightRuns:
         chosen = [
             (index, sample)
             for index, sample in enumerate(self._aids(values))
-            if first_ns < sample.stamp_ns < last_ns and source_of(sample) is not without
+            if first_ns < sample.stamp_ns < last_ns and sample.source is not without
         ]
         readings = self._averages.readings(chosen, weights)
         mechanisation = FollowedMechanisation(config)
@@ -385,7 +384,7 @@ class _Averages:
             ]
         ).T.reshape(-1, 3, 3)
         return {
-            (source_of(sample), sample.stamp_ns): WhiteningReading(
+            (sample.source, sample.stamp_ns): WhiteningReading(
                 index, 1.0 if weights is None else float(weights[index]), *values[k]
             )
             for k, (index, sample) in enumerate(chosen)

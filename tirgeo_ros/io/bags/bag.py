@@ -23,7 +23,7 @@ from tirgeo_ros.io.bags.mcap_file import MAGIC as MCAP
 from tirgeo_ros.io.bags.mcap_file import McapFile
 from tirgeo_ros.io.bags.sqlite_file import MAGIC as SQLITE
 from tirgeo_ros.io.bags.sqlite_file import SqliteFile
-from tirgeo_ros.io.files.whole_files import PathLike, path_of, read_text
+from tirgeo_ros.io.files.whole_files import PathLike, first_bytes, path_of, read_text, reading
 
 #: What the files of a bag of ROS 2 begin with.
 ROS2_MAGICS = (MCAP, SQLITE, ZSTD_MAGIC)
@@ -62,13 +62,10 @@ def _reader(path: Path, name: Path) -> BagFile:
 
 
 def _begins(path: Path, magic: bytes) -> bool:
-    try:
+    with reading(path, BagError):
         if path.exists() and not path.is_file():  # a pipe would be waited for without end
             raise BagError(f"{path}: is no file: a pipe or a device cannot be read as a bag")
-        with path.open("rb") as file:
-            return file.read(len(magic)) == magic
-    except OSError as error:
-        raise BagError(f"{path}: cannot be read: {error.strerror or error}") from None
+    return first_bytes(path, len(magic), BagError) == magic
 
 
 def _copied(path: Path, beside: list[Path], folder: Path, *, packed: bool) -> Path:
@@ -125,13 +122,11 @@ class BagReader:
 
     def __init__(self, path: PathLike) -> None:
         self.path = path_of(path, BagError)
-        try:
+        with reading(self.path, BagError):
             paths, self._lost = bag_files(self.path)
             self._several = len(paths) > 1
             #: Those with messages in the order of their first; at one time in that of the bag.
             self._files = sorted(self._opened(paths), key=lambda file: _span(file)[0])
-        except OSError as error:
-            raise BagError(f"{self.path}: cannot be read: {error.strerror or error}") from None
         if not self._files:
             why = self._losses() or "it has none"
             raise BagError(f"{self.path}: no message can be read; {why}")

@@ -27,6 +27,7 @@ from mcap.stream_reader import StreamReader
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.core.types.measurements import LAST_NS
 from tirgeo_ros.io.bags.bag_file import TOO_LATE, BagFile, Connection, Row, TopicForm, unpacked
+from tirgeo_ros.io.files.whole_files import reading
 
 MAGIC = b"\x89MCAP0\r\n"
 
@@ -286,14 +287,11 @@ class McapFile(BagFile):
     @contextmanager
     def _mapped(self) -> Iterator[mmap]:
         """Yield the bytes of the file. Raises BagError if it is empty or unreadable."""
-        try:
-            with self.path.open("rb") as file:
-                if not os.fstat(file.fileno()).st_size:
-                    raise BagError(f"{self.name}: the file is empty")
-                with mmap(file.fileno(), 0, access=ACCESS_READ) as data:
-                    yield data
-        except OSError as error:
-            raise BagError(f"{self.name}: cannot be read: {error.strerror or error}") from None
+        with reading(self.name, BagError), self.path.open("rb") as file:
+            if not os.fstat(file.fileno()).st_size:
+                raise BagError(f"{self.name}: the file is empty")
+            with mmap(file.fileno(), 0, access=ACCESS_READ) as data:
+                yield data
 
 
 def _profile(data: mmap) -> str:

@@ -30,7 +30,7 @@ from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.bags.bag_file import MOST_BYTES, TOO_LATE, unpacked
 from tirgeo_ros.io.bags.cdr import UNREADABLE, Cdr
 from tirgeo_ros.io.files.bounded_reading import bounded_memory
-from tirgeo_ros.io.files.whole_files import PathLike
+from tirgeo_ros.io.files.whole_files import PathLike, first_bytes
 
 MAGIC = b"#ROSBAG V2.0\n"
 
@@ -264,10 +264,8 @@ AnyBag: TypeAlias = BagReader | Ros1Bag
 
 def any_bag(path: Path) -> AnyBag:
     """Open a bag, of ROS 1 if the file begins so. Raises BagError if it cannot be read."""
-    if path.is_file():
-        with path.open("rb") as file:
-            if file.read(len(MAGIC)) == MAGIC:
-                return Ros1Bag(path)
+    if path.is_file() and first_bytes(path, len(MAGIC), BagError) == MAGIC:
+        return Ros1Bag(path)
     return BagReader(path)
 
 

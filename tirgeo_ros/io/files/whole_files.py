@@ -7,8 +7,8 @@ import csv
 import io
 import os
 import stat
-from collections.abc import Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from tirgeo_ros.core.types.errors import TirgeoError
@@ -154,21 +154,34 @@ def read_text(
     Raises ``error``, naming the file, if it cannot be read, is larger than ``most_bytes`` or is no
     such text.
     """
-    source = path_of(path, error)
+    source, content = path_of(path, error), io.BytesIO()
+    with reading(path, error), source.open("rb") as file:
+        while content.tell() <= most_bytes and (piece := file.read(_PIECE_BYTES)):
+            content.write(piece)
+    if content.tell() > most_bytes:
+        most_mb = most_bytes / 2**20
+        raise error(f"{os.fspath(path)}: larger than {most_mb:g} MB; is it the right file?")
+    encoding = encoding_of(content.getvalue()) if damaged else "utf-8-sig"
+    content.seek(0)
     try:
-        with source.open("rb") as file:
-            content = io.BytesIO()
-            while content.tell() <= most_bytes and (piece := file.read(_PIECE_BYTES)):
-                content.write(piece)
-        if content.tell() <= most_bytes:
-            encoding = encoding_of(content.getvalue()) if damaged else "utf-8-sig"
-            content.seek(0)
-            return io.TextIOWrapper(content, encoding, WINDOWS if damaged else "strict").read()
-    except OSError as fault:
-        raise error(f"{os.fspath(path)}: cannot be read: {fault.strerror or fault}") from None
+        return io.TextIOWrapper(content, encoding, WINDOWS if damaged else "strict").read()
     except UnicodeDecodeError:
         raise error(f"{os.fspath(path)}: not a text file in UTF-8") from None
-    raise error(f"{os.fspath(path)}: larger than {most_bytes / 2**20:g} MB; is it the right file?")
+
+
+@contextmanager
+def reading(path: PathLike, error: type[TirgeoError]) -> Iterator[None]:
+    """Raise ``error``, which names the file, for an OSError meanwhile."""
+    try:
+        yield
+    except OSError as fault:
+        raise error(f"{os.fspath(path)}: cannot be read: {fault.strerror or fault}") from None
+
+
+def first_bytes(path: PathLike, number: int, error: type[TirgeoError]) -> bytes:
+    """Return a file's first bytes. Raises ``error``, naming it, if it cannot be read."""
+    with reading(path, error), Path(path).open("rb") as file:
+        return file.read(number)
 
 
 def encoding_of(head: bytes) -> str:

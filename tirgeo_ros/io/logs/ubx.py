@@ -25,6 +25,7 @@ from tirgeo_ros.core.types.measurements import (
     Source,
     VelocitySample,
 )
+from tirgeo_ros.io.files.whole_files import reading
 from tirgeo_ros.io.logs.log_contents import (
     SECOND_NS,
     WEEK_NS,
@@ -54,10 +55,8 @@ _HEAD, _SUM = 6, 2  # bytes before and behind the payload
 
 def read_ubx(path: Path, options: LogOptions) -> LogContents:
     """Read a log of UBX, alone or among NMEA and RTCM. Raise LogError if it cannot be read."""
-    try:
+    with reading(path, LogError):
         data = path.read_bytes()
-    except OSError as error:
-        raise LogError(f"{path}: cannot be read: {error.strerror or error}") from None
     log = _UbxLog(options)
     for frame in ubx_frames(data):
         log.take(frame)

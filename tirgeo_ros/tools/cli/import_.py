@@ -179,7 +179,7 @@ def _write_example(args: argparse.Namespace) -> int:
     """Write the template of a columns file, to a new file or stdout."""
     from tirgeo_ros.core.types.errors import LogError  # noqa: PLC0415 heavy
     from tirgeo_ros.io.files.whole_files import write_files  # noqa: PLC0415 heavy
-    from tirgeo_ros.io.logs.columns_example import EXAMPLE  # noqa: PLC0415 heavy
+    from tirgeo_ros.io.logs.csv_log import EXAMPLE  # noqa: PLC0415 heavy
 
     if args.output is None:
         print(EXAMPLE, end="")

@@ -10,7 +10,7 @@ from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.bag import ROS2_MAGICS, BagWriter, is_bag
 from tirgeo_ros.io.bags.ros1_bag import MAGIC as ROS1_MAGIC
-from tirgeo_ros.io.files.whole_files import PathLike, check_outputs
+from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, first_bytes
 from tirgeo_ros.io.logs.log_contents import LogOptions
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.convert.import_capture import CaptureOptions, import_capture
@@ -101,11 +101,7 @@ def _is_ros1(path: Path, namespace: str) -> bool:
     if path.is_dir():
         other = "a directory; give a ROS 1 bag or a capture of the serial port"
         raise BagError(f"{path}: {_of_ros2(path, namespace) if is_bag(path) else other}")
-    try:
-        with path.open("rb") as file:
-            head = file.read(_HEAD)
-    except OSError as error:
-        raise BagError(f"{path}: cannot be read: {error.strerror or error}") from None
+    head = first_bytes(path, _HEAD, BagError)
     if not head:
         raise BagError(f"{path}: the file is empty")
     if head.startswith(ROS1_MAGIC):

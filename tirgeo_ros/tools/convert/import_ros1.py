@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from tirgeo_ros.core.types.errors import BagError, MessageError
-from tirgeo_ros.dji.sources.ros1 import WRAPPERS, Ros1Decoder, survey
-from tirgeo_ros.dji.sources.ros1_messages import NEEDED, TOPICS
+from tirgeo_ros.dji.sources.ros1 import NEEDED, TOPICS, WRAPPERS, Ros1Decoder, survey
 from tirgeo_ros.io.bags.ros1_bag import Ros1Bag, Ros1Message
 from tirgeo_ros.io.messages import TOPIC_TYPES
-from tirgeo_ros.tools.convert.import_sink import ImportSink
-from tirgeo_ros.tools.convert.topic_types import suggested
+from tirgeo_ros.tools.convert.import_mapped import suggested
+from tirgeo_ros.tools.convert.import_sink import ImportSink, TopicCount
 from tirgeo_ros.tools.presentation.progress import Report
 
 #: Number of messages that are inspected before the import begins.
@@ -32,37 +31,21 @@ class Pictures(NamedTuple):
 
 
 @dataclass
-class _Topic:
+class _Topic(TopicCount):
     """Count a topic's messages of one type."""
 
-    topic: str
-    typename: str
-    expected: str  # type
-    feeds: tuple[str, ...]  # topics of the contract
-    messages: int = 0
-    refused: int = 0
-    reason: str = ""  # of the first refused message
+    expected: str = ""  # type
 
     @property
     def complaint(self) -> str | None:
         """Return what is wrong with the topic, in words, or None."""
-        if not self.refused:
-            return None
-        if self.typename != self.expected:  # the wrapper never publishes it so
+        if self.refused and self.typename != self.expected:  # the wrapper never publishes it so
             return f"{self.topic}: {self.refused} of type {self.typename}, not {self.expected}"
-        return f"{self.topic}: {self.refused} of {self.messages} refused ({self.reason})"
+        return super().complaint
 
     def result(self) -> dict[str, object]:
         """Return the row of the summary."""
-        return {
-            "topic": self.topic,
-            "type": self.typename,
-            "expected": self.expected,
-            "messages": self.messages,
-            "refused": self.refused,
-            "because": self.complaint,
-            "to": list(self.feeds),
-        }
+        return super().result() | {"expected": self.expected}
 
 
 class _Import:
@@ -97,8 +80,7 @@ class _Import:
             try:
                 self._take(message, sink)
             except MessageError as error:
-                topic.refused += 1
-                topic.reason = topic.reason or str(error).removeprefix(f"{message.topic}: ")
+                topic.refuse(error)
         for arrived in self.decoder.flush():
             sink.take(*arrived)
 
@@ -124,7 +106,7 @@ class _Import:
                 typename, feeds, _ = TOPICS[self.names[message.topic]]
             else:
                 typename, feeds = TOPIC_TYPES[contract], (contract,)
-            self.topics[key] = _Topic(*key, typename, feeds)
+            self.topics[key] = _Topic(*key, feeds, expected=typename)
         return self.topics[key]
 
     def warnings(self) -> list[str]:

@@ -23,10 +23,12 @@ from filter_states import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import rotation_of
 from tirgeo_ros.core.navigation.aiding.aid_status import EASE_STEPS, AidStatus, AidTrack, Receivers
 from tirgeo_ros.core.navigation.aiding.aids import AIDS
-from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline, HeadingAid
+from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import HeadingAid
+from tirgeo_ros.core.navigation.aiding.gnss_antenna import Baseline
 from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate
 from tirgeo_ros.core.navigation.ins.ins_error_model import (
     ANTENNA,
@@ -284,8 +286,8 @@ def test_fixed_again_is_eased_and_only_the_position():
         (Source.BAROMETER, 1.5, "offset of baro/pressure changed by 1.50 m"),
     ],
 )
-def test_resets_are_counted_and_told(source, size, text):
-    aids = NEW.with_reset(source, ns(0), size)
+def test_resets_are_counted_and_worded(source, size, text):
+    aids = AIDS[source](EkfConfig()).with_reset(NEW, ns(0), size)
     assert sum(aids.resets) == 1
     assert str(aids.last_reset) == text
     assert aids.track(source) == AidTrack(ns(0))
@@ -300,11 +302,11 @@ def test_three_resets_within_ten_seconds_are_hopeless(last_s, hopeless):
         (5.0, Source.RTK_HEADING),  # neither moves position or velocity
         (5.0, Source.GPS_POSITION),
     ):
-        aids = aids.with_reset(source, ns(t_s), 1.0)
+        aids = aids.with_reset(source, ns(t_s), "")
         assert aids.hopeless(2.0) == ""
-    aids = aids.with_reset(Source.RTK_POSITION, ns(last_s), 1.0)
-    aids = aids.with_reset(Source.BAROMETER, ns(last_s), 40.0)  # not the one to name
-    why = "reset repeatedly: position moved by 1.00 m"
+    aids = aids.with_reset(Source.RTK_POSITION, ns(last_s), "position moved")
+    aids = aids.with_reset(Source.BAROMETER, ns(last_s), "offset")  # not the one to name
+    why = "reset repeatedly: position moved"
     assert aids.hopeless(2.0) == (why if hopeless else "")
 
 

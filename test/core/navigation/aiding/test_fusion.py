@@ -30,8 +30,9 @@ from hypothesis import strategies as st
 from tirgeo_ros.core.frames.rotations import rotation_of
 from tirgeo_ros.core.navigation.aiding.aid_status import AidTrack, Receivers
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
-from tirgeo_ros.core.navigation.aiding.gnss_position import GpsPositionAid, innovation_n
-from tirgeo_ros.core.navigation.aiding.gnss_velocity import GpsVelocityAid
+from tirgeo_ros.core.navigation.aiding.gnss_antenna import innovation_n
+from tirgeo_ros.core.navigation.aiding.gps_position import GpsPositionAid
+from tirgeo_ros.core.navigation.aiding.gps_velocity import GpsVelocityAid
 from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate, floored
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.navigation.ins.ins_error_model import GPS_ERROR, POSITION, states_of

@@ -135,8 +135,8 @@ def test_it_is_offered_once_a_second():
     def imu(t_s, q=q_nb):
         return ImuSample(round(t_s * 1e9), np.zeros(3), np.zeros(3), q)
 
-    assert headings.sample(imu(0.5, None), covariance) is None
-    assert math.degrees(headings.sample(imu(1.0), covariance).heading_rad) == pytest.approx(-50)
-    assert headings.sample(imu(1.9), covariance) is None
-    assert headings.sample(imu(2.0), uncertain(1.0).covariance) is None
-    assert headings.sample(imu(2.1), covariance) is not None
+    assert headings.of_imu(imu(0.5, None), covariance) is None
+    assert math.degrees(headings.of_imu(imu(1.0), covariance).heading_rad) == pytest.approx(-50)
+    assert headings.of_imu(imu(1.9), covariance) is None
+    assert headings.of_imu(imu(2.0), uncertain(1.0).covariance) is None
+    assert headings.of_imu(imu(2.1), covariance) is not None

@@ -25,6 +25,7 @@ from tirgeo_ros.core.navigation.aiding.state_estimate import (
 from tirgeo_ros.core.navigation.ins.ins_error_model import POSITION
 from tirgeo_ros.core.navigation.ins.kalman import Measurement, chi_square_limit
 from tirgeo_ros.core.navigation.ins.strapdown import Vector
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import PressureSample, Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
@@ -75,6 +76,7 @@ class BarometerAid(Aid):
     source = Source.BAROMETER
     delay = "barometer.delay_s"
     look_at = "barometer.sigma_m, barometer.noise_m"
+    moved = "offset of baro/pressure changed by"
 
     def __init__(self, config: EkfConfig) -> None:
         super().__init__(config)
@@ -83,7 +85,7 @@ class BarometerAid(Aid):
     def spare(self, sample: PressureSample, aids: AidStatus) -> bool:
         """Return whether a reading was looked at less than a tenth of a second before."""
         own = aids.track(self.source).own
-        return bool(own) and 0 <= sample.stamp_ns - own[-1] < _LEAST_STEP_NS
+        return own is not None and 0 <= sample.stamp_ns - own.taken_ns < _LEAST_STEP_NS
 
     def measured(
         self, sample: PressureSample, estimate: StateEstimate, _rate_b: Vector
@@ -99,15 +101,15 @@ class BarometerAid(Aid):
         noise_m2 = max(reported_m2, self._barometer.noise_m**2)
         own_m2 = float(estimate.covariance[_DOWN, _DOWN])
         before = aids.track(self.source)
-        if not before.own and not held:
+        if before.own is None and not held:
             reason = "no satellite position to take the height from"
             return Verdict(self.source, Outcome.STANDBY, reason), estimate
-        if not before.own:
+        if before.own is None:
             offset_m = height_m - estimate.state.height_m
             first = Reference(stamp_ns, height_m, offset_m, noise_m2 + own_m2, stamp_ns)
             verdict = Verdict(self.source, Outcome.STANDBY, "takes its reference")
             return verdict, _noted(estimate, first)
-        reference = Reference._make(before.own)._replace(taken_ns=stamp_ns)
+        reference: Reference = before.own._replace(taken_ns=stamp_ns)
         lasting_m2 = self._offset_m2(reference, stamp_ns, height_m)
         off_m = estimate.state.height_m - (height_m - reference.offset_m)
         aid = self._measurement(stamp_ns, estimate, off_m, (lasting_m2, noise_m2))
@@ -130,22 +132,24 @@ class BarometerAid(Aid):
         )
         return verdict, _noted(estimate, reference)
 
-    def after_refusal(self, aid: AidMeasurement, estimate: StateEstimate) -> StateEstimate | None:
-        """Return the estimate with a new reference where the pressure has stepped, else None.
+    def patience_s(
+        self, _aid: AidMeasurement, _estimate: StateEstimate, _autopilot_q_nb: Array | None
+    ) -> float:
+        """Return how long a run of refusals must last."""
+        return self._barometer.reset_after_s
+
+    def reset(self, aid: AidMeasurement, estimate: StateEstimate) -> StateEstimate:
+        """Take a new reference, since the pressure has stepped.
 
         A door, a gust or the canopy has changed the pressure: the state stays, and from here the
         height is continued as before.
         """
-        aids = estimate.aids
-        track = aids.track(self.source)
-        if track.run is None or not track.run.lasts(self._barometer.reset_after_s):
-            return None
         off_m = float(aid.measurement.innovation[0])
-        offset_m = Reference._make(track.own).offset_m - off_m
+        offset_m = estimate.aids.track(self.source).own.offset_m - off_m
         variance_m2 = float(estimate.covariance[_DOWN, _DOWN]) + self._barometer.noise_m**2
         height_m = estimate.state.height_m + offset_m
         reference = Reference(aid.stamp_ns, height_m, offset_m, variance_m2, aid.stamp_ns)
-        aids = aids.with_reset(self.source, aid.stamp_ns, abs(off_m))
+        aids = self.with_reset(estimate.aids, aid.stamp_ns, abs(off_m))
         return _noted(estimate._replace(aids=aids), reference)
 
     def _measurement(

@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.navigation.aiding.aid import Aid
+from tirgeo_ros.core.navigation.aiding.aid import Aid, lost_heading_rad
 from tirgeo_ros.core.navigation.aiding.aid_status import AidTrack
-from tirgeo_ros.core.navigation.aiding.autopilot_heading import lost_heading_rad, vertical_turn
+from tirgeo_ros.core.navigation.aiding.autopilot_heading import vertical_turn
 from tirgeo_ros.core.navigation.aiding.state_estimate import (
     AidMeasurement,
     Modelled,
@@ -32,28 +32,30 @@ def set_variance_rad2(sample: SetHeading, config: EkfConfig) -> float:
     return math.radians(config.heading.set_sigma_deg) ** 2
 
 
-def too_vague(sample: SetHeading, config: EkfConfig) -> Verdict | None:
-    """Return the verdict on a heading with which a state would be lost at once, else None."""
-    sigma_rad, limit_rad = math.sqrt(set_variance_rad2(sample, config)), lost_heading_rad(config)
-    if sigma_rad < limit_rad:
-        return None
-    reason = (
-        f"a sigma of {math.degrees(sigma_rad):.1f} deg is too large: give a variance below "
-        f"{limit_rad**2:.3g} rad2, the {math.degrees(limit_rad):.0f} deg at which a state is lost"
-    )
-    return Verdict(Source.SET_HEADING, Outcome.INVALID, reason)
-
-
 class SetHeadingAid(Aid):
     """Measure the heading of the nose, as it was set."""
 
     source = Source.SET_HEADING
 
+    @classmethod
+    def useless(cls, sample: SetHeading, config: EkfConfig) -> Verdict | None:
+        """Return the verdict on a heading with which a state would be lost at once, else None."""
+        sigma_rad = math.sqrt(set_variance_rad2(sample, config))
+        limit_rad = lost_heading_rad(config)
+        if sigma_rad < limit_rad:
+            return None
+        reason = (
+            f"a sigma of {math.degrees(sigma_rad):.1f} deg is too large: give a variance below "
+            f"{limit_rad**2:.3g} rad2, the {math.degrees(limit_rad):.0f} deg at which a state is "
+            "lost"
+        )
+        return Verdict(cls.source, Outcome.INVALID, reason)
+
     def measured(self, sample: SetHeading, estimate: StateEstimate, _rate_b: Vector) -> Modelled:
         """Return the measurement; STANDBY where the filter's own heading is better."""
-        vague = too_vague(sample, self._config)
-        if vague is not None:
-            return vague, estimate
+        useless = self.useless(sample, self._config)
+        if useless is not None:
+            return useless, estimate
         variance = set_variance_rad2(sample, self._config)
         own = float(estimate.covariance[2, 2])
         if own <= _WORTH * variance:

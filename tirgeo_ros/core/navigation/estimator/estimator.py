@@ -14,8 +14,7 @@ from typing import NamedTuple
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.aiding.aid_status import AID_SOURCES
-from tirgeo_ros.core.navigation.aiding.aids import METHOD_SOURCES, Delays
-from tirgeo_ros.core.navigation.aiding.autopilot_heading import AutopilotHeadingAid
+from tirgeo_ros.core.navigation.aiding.aids import AIDS, METHOD_SOURCES, Delays
 from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding
 from tirgeo_ros.core.navigation.alignment.aligner import Biases
 from tirgeo_ros.core.navigation.estimator.filter_status import FilterHealth, VerdictLog
@@ -99,7 +98,7 @@ class Navigation:
         self._health.forget_rtk()
         self._newest: NavSolution | None = None
         self._clocks = AidClocks(self._config, self._imu_clock.newest_ns)
-        self._autopilot = AutopilotHeadingAid(self._config)
+        self._in_imu = [aid(self._config) for aid in AIDS.values() if aid.in_imu]
         self._watched_ns = 0
 
     def configure(self, config: EkfConfig) -> None:
@@ -113,8 +112,10 @@ class Navigation:
         self._config = config
         self._delays = Delays.from_config(config)
         self._imu_clock.configure(config.max_imu_gap_s)
-        for part in (self._health, self._clocks, self._autopilot, self._passthrough):
+        for part in (self._health, self._clocks, self._passthrough):
             part.configure(config)
+        for aid in self._in_imu:
+            aid.configure(config)
         if self._ekf is not None:
             self._ekf.configure(config)
         else:
@@ -277,11 +278,12 @@ class Navigation:
             self._count(verdict)
 
     def _watch(self, ekf: Ekf, sample: ImuSample) -> None:
-        """Check the filter's health, with the autopilot's heading if need be; restart if lost."""
+        """Check the filter's health, aided by the IMU's message if need be; restart if lost."""
         self._watched_ns = ekf.newest_ns
-        heading = self._autopilot.sample(sample, ekf.estimate().covariance)
-        if heading is not None:
-            self._count(ekf.add_aiding(heading))
+        for aid in self._in_imu:
+            held = aid.of_imu(sample, ekf.estimate().covariance)
+            if held is not None:
+                self._count(ekf.add_aiding(held))
         _, covariance, aids, _ = ekf.estimate()
         self._enter(self._health.state(aids, ekf.newest_ns, self._log.unused)[0])
         why = self._health.lost(aids, covariance)

@@ -14,8 +14,7 @@ from collections.abc import Sequence
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.aid_status import PLACE
-from tirgeo_ros.core.navigation.aiding.aids import longest_hold_s
-from tirgeo_ros.core.navigation.aiding.set_heading import too_vague
+from tirgeo_ros.core.navigation.aiding.aids import AIDS, longest_hold_s
 from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding
 from tirgeo_ros.core.navigation.alignment.aligner import Aligner, Alignment, Biases
 from tirgeo_ros.core.navigation.ins.strapdown import NavState
@@ -112,14 +111,11 @@ class StartUp:
 
     def refused(self, sample: Aiding) -> Verdict | None:
         """Return the verdict on a sample that does not serve to align, else None."""
-        if isinstance(sample, SetHeading):
-            if not self.aligner.lacks_heading:
-                reason = f"the alignment does not wait for a heading: {self.aligner.reason}"
-                return Verdict(sample.source, Outcome.STANDBY, reason)
-            vague = too_vague(sample, self._config)
-            if vague is not None:
-                return vague
-        return self.order.out_of_reach(sample.source, sample.stamp_ns)
+        if isinstance(sample, SetHeading) and not self.aligner.lacks_heading:
+            reason = f"the alignment does not wait for a heading: {self.aligner.reason}"
+            return Verdict(sample.source, Outcome.STANDBY, reason)
+        useless = AIDS[sample.source].useless(sample, self._config)
+        return useless or self.order.out_of_reach(sample.source, sample.stamp_ns)
 
     def add(self, sample: NavigationInput) -> list[Verdict]:
         """Take a sample; return the verdicts on samples dropped, and on those of a start."""
