@@ -33,7 +33,7 @@ ORDER = {
     "core.navigation": "ins aiding alignment timeline estimator smoothing",
     "dji": "clocks protocol link host sources interpret simulator",
     "io": "files coordinates parameters elevation messages logs pictures bags maps surveys cot "
-    "targets video geopackage",
+    "geopackage targets video",
     "tools": "presentation replay simulate budget calibrate convert evaluate export season graph "
     "cli",
 }
