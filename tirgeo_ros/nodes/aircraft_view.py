@@ -25,7 +25,6 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.io.messages import (
     TOPIC_TYPES,
-    Messages,
     answer_of,
     body_pose,
     finding_row,
@@ -40,8 +39,9 @@ from tirgeo_ros.nodes.aircraft_topics import (
     places_n,
 )
 from tirgeo_ros.nodes.aircraft_verdict import Judge
-from tirgeo_ros.nodes.graph_node import GraphNode, message_class
+from tirgeo_ros.nodes.graph_node import GraphNode
 from tirgeo_ros.nodes.qos import latched, output
+from tirgeo_ros.nodes.target_markers import target_markers
 
 Place = list[float]  # latitude, longitude (deg)
 
@@ -93,9 +93,7 @@ class AircraftView(AircraftTopics):
         if self.plane is None or soon or marked == self._marked:
             return
         if self._markers.get_subscription_count():
-            frames = self._node.messages.frames._replace(map=self.map_frame)
-            markers = Messages(message_class, frames).target_markers(self.plane, targets)
-            self._markers.publish(markers)
+            self._markers.publish(target_markers(self.map_frame, self.plane, targets))
             self._marked, self._marked_s = marked, now_s
 
     def _count(self, stamp: int, jpeg: bytes) -> None:
