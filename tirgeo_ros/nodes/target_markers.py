@@ -22,9 +22,7 @@ _LEAST_AXIS_M = 2e-3  # RViz warns of a scale of zero
 _RADIUS = math.sqrt(CHI2_95)
 
 
-def target_markers(
-    map_frame: str, plane: TangentPlane, targets: Sequence[Target]
-) -> MarkerArray:
+def target_markers(map_frame: str, plane: TangentPlane, targets: Sequence[Target]) -> MarkerArray:
     """Return the markers of all targets, placed in the map's plane.
 
     The first one deletes all others. For each target there is an ellipsoid, whose shadow on the
