@@ -37,7 +37,7 @@ LONG = (
     "core/calibration/test_aircraft_fit.py",
     "nodes/test_graph.py",
     "nodes/test_lifecycle.py",
-    "nodes/test_live_parameters.py",
+    "nodes/test_parameters.py",
 )
 
 

@@ -13,8 +13,7 @@ from project import taken_port
 
 from tirgeo_ros.io.bags.bag import BagWriter, Cdr
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, sensed
-from tirgeo_ros.tools.graph.node_graph import GraphSetup, graph_environment
-from tirgeo_ros.tools.graph.node_process import NodeProcess
+from tirgeo_ros.tools.graph.node_graph import GraphSetup, NodeProcess, graph_environment
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import Scenario
 

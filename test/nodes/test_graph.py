@@ -25,7 +25,9 @@ from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.rotations import quat_from_rotvec, quat_multiply
 from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
 from tirgeo_ros.core.types.errors import GraphError
+from tirgeo_ros.core.types.measurements import FixStatus
 from tirgeo_ros.core.types.poses import CameraPose
+from tirgeo_ros.core.types.verdicts import FilterState
 from tirgeo_ros.io.maps import load_layers
 from tirgeo_ros.io.messages import image_pixels, stamp_ns
 from tirgeo_ros.io.parameters.parameter_file import load_config
@@ -90,7 +92,7 @@ def test_every_frame_comes_back_once_under_its_stamp(flown, outputs, sample):
     # Who watches from outside may be found by the node while the first frames are under way.
     assert sent.index(stamps[0]) < 9  # one second
     sent = sent[sent.index(stamps[0]) :]
-    replaced = int(outputs.last("overlay_node: overlay")["replaced"])
+    replaced = outputs.counts("overlay_node")["replaced"]
     assert len(stamps) + replaced == len(sent)  # also: 16 MB of segment lose no colour frame
     # The recorder may be found later still, within 4 s: 36 frames.
     recorded = outputs.frame_stamps_ns[-len(stamps) :]
@@ -152,7 +154,7 @@ def test_online_and_offline_are_the_same(flown, outputs, sample, tmp_path):
     assert outputs.cameras[0].stamp_ns - offline.cameras[0].stamp_ns <= 4_000_000_000
     both = [p for p in offline.cameras if p.stamp_ns >= outputs.cameras[0].stamp_ns]
     # Joints are given up, and counted, if the body's pose has not come after the longest wait.
-    given_up = int(outputs.last("gimbal_node: camera pose").get("body_too_new", 0))
+    given_up = outputs.counts("gimbal_node").get("body_too_new", 0)
     assert len(apart.stamp_ns) + given_up >= 0.99 * len(both)
     whole = outputs.cameras[0].stamp_ns == offline.cameras[0].stamp_ns
     assert np.degrees(np.median(apart.angle_rad)) <= (0.02 if whole else 0.15)
@@ -162,21 +164,22 @@ def test_online_and_offline_are_the_same(flown, outputs, sample, tmp_path):
     assert (apart.distance_m <= 2 * np.sqrt(variances[:, :3].sum(axis=1))).all()
 
 
-def test_the_diagnostics_tell_of_the_flight(outputs):
-    navigation = outputs.last("ekf_node: navigation")
-    assert navigation["state"] == "running"
-    assert navigation["rtk_status"] == "fixed"
-    assert int(navigation["count.imu.used"]) > 2500
-    rates = outputs.numbers("ekf_node: topics", "imu/data rate [Hz]")
+def test_the_states_tell_of_the_flight(outputs):
+    navigation = outputs.navigation[-1]
+    assert navigation.state is FilterState.RUNNING
+    assert navigation.rtk_status is FixStatus.FIXED
+    assert navigation.counts["imu", "used"] > 2500
     # 100 Hz of the bag; a window of a second may hold a few more or fewer.
+    rates = [topic.rate_hz for topic in outputs.topic("ekf_node", "imu/data")]
     assert np.median(rates) == pytest.approx(100, abs=3)
-    latency = outputs.numbers("ekf_node: topics", "tirgeo/odometry latency [ms]")
-    assert len(latency) > 20  # how long it is, make bench measures: here the machine may be busy
-    assert int(outputs.last("overlay_node: overlay")["drawn"]) >= 50
+    odometry = outputs.topic("ekf_node", "tirgeo/odometry")
+    # How long it is, make bench measures: here the machine may be busy.
+    assert sum(topic.latency_ms is not None for topic in odometry) > 20
+    assert outputs.counts("overlay_node")["drawn"] >= 50
 
 
 def test_what_only_the_paper_needs_is_given_up_when_joints_drive(outputs):
-    rates_hz = outputs.numbers("gimbal_node: topics", "imu/data rate [Hz]")
+    rates_hz = [topic.rate_hz for topic in outputs.topic("gimbal_node", "imu/data")]
     assert max(rates_hz) > 0
     # Until the first joints, then to the end of the running second.
     assert len(rates_hz) <= 10

@@ -1,5 +1,5 @@
 # ruff: noqa: E402 what follows imports ROS, which may be absent
-"""What a callback raises is counted, named and told, and the node goes on; rates and silence."""
+"""What a callback raises is counted, and the node goes on; rates, silence and QoS."""
 
 from __future__ import annotations
 
@@ -16,14 +16,20 @@ from graph_helpers import KeptLog
 from rclpy import event_handler
 from rclpy.event_handler import EventHandler, QoSSubscriptionEventType
 from rclpy.exceptions import InvalidHandle
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, ReliabilityPolicy
 from std_msgs.msg import String
 
 from tirgeo_ros.core.types.errors import MessageError
+from tirgeo_ros.io.messages.offered_qos import offered_qos
 from tirgeo_ros.nodes import monitor as monitor_module
-from tirgeo_ros.nodes.graph_node import GraphNode
+from tirgeo_ros.nodes.dji_node import DjiNode
+from tirgeo_ros.nodes.ekf_node import EkfNode
+from tirgeo_ros.nodes.gimbal_node import GimbalNode
+from tirgeo_ros.nodes.graph_node import GraphNode, output
 from tirgeo_ros.nodes.monitor import ERROR, OK, WARN, Monitor
-from tirgeo_ros.nodes.qos import output
+from tirgeo_ros.nodes.overlay_node import OverlayNode
 from tirgeo_ros.nodes.runner import _spin, make_executor
+from tirgeo_ros.nodes.viewer_node import ViewerNode
 
 
 @pytest.fixture
@@ -191,3 +197,28 @@ def test_silence_of_what_is_needed_is_a_warning(clock):
     assert (item.level, item.message) == (WARN, "silent: imu/data")
     monitor.received("imu/data")
     assert monitor.item("x").level == OK
+
+
+@pytest.mark.parametrize("make", [EkfNode, GimbalNode, OverlayNode, ViewerNode, DjiNode])
+@pytest.mark.graph
+def test_each_publisher_offers_what_bags_say_of_its_topic(
+    environment, make, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)  # for the file of the targets
+    words = ["--ros-args", "-p", "source:=psdk"] if make is DjiNode else []
+    rclpy.init(args=words, domain_id=int(environment["ROS_DOMAIN_ID"]))
+    try:
+        node = make()
+        offered = {one.topic_name: one.qos_profile for one in node.publishers}
+        node.destroy_node()
+    finally:
+        rclpy.try_shutdown()
+    offered.pop("/parameter_events")  # rclpy's own
+    assert len(offered) > 1
+    for topic, found in offered.items():
+        told = offered_qos(f"/uav1{topic}")
+        assert found.history == HistoryPolicy.KEEP_LAST
+        assert found.reliability == ReliabilityPolicy.RELIABLE
+        assert (topic, found.depth) == (topic, told.depth)
+        latched = found.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        assert (topic, latched) == (topic, told.latched)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import random
 import re
@@ -13,13 +14,16 @@ from pathlib import Path
 
 import pytest
 
-from tirgeo_ros.io.bags.bag import BagReader
-
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
 from graph_helpers import await_words
+from launch_stand_ins import environment_of, launched, loaded, ros_arguments_of
+from project import NODES as EXECUTABLES
+from project import PROJECT
 
-pytestmark = pytest.mark.graph
+from dev.soak.run import held_by, shared_files
+from tirgeo_ros.io.bags.bag import BagReader
+from tirgeo_ros.nodes.runner import remove_dead
 
 #: The executor's half second, what DDS takes to say goodbye, and a machine that does other work.
 STOP_S = 15.0
@@ -67,6 +71,7 @@ NODES = [
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.graph
 def test_running_nodes_stop_on_a_signal(spawn, tmp_path, flight_bag, hangs_up, number):
     names = ["recorder"] if number is signal.SIGHUP else NODES
     processes = [spawn(name, *arguments_of(name, tmp_path, flight_bag)) for name in names]
@@ -94,6 +99,7 @@ def halt(processes) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.graph
 def test_signals_at_any_moment_also_twice(spawn, tmp_path, flight_bag):
     """Start-up takes about a second: the moments lie before, in and after it."""
     moments = random.Random(7)
@@ -132,6 +138,7 @@ WRONG = [
 
 
 @pytest.mark.slow
+@pytest.mark.graph
 def test_wrong_arguments_end_in_one_line(spawn):
     started = [(spawn(name, *words.split()), message) for name, words, message in WRONG]
     for process, message in started:
@@ -156,6 +163,7 @@ def test_wrong_arguments_end_in_one_line(spawn):
         ("mcap", "jazzy", "pip install mcap"),
     ],
 )
+@pytest.mark.graph
 def test_a_node_names_the_package_that_is_missing(missing, distribution, remedy, monkeypatch):
     monkeypatch.setenv("ROS_DISTRO", distribution)
     program = (
@@ -170,6 +178,7 @@ def test_a_node_names_the_package_that_is_missing(missing, distribution, remedy,
 
 
 @pytest.mark.slow
+@pytest.mark.graph
 def test_the_recorder_leaves_a_whole_bag(spawn, tmp_path, flight_bag):
     output = tmp_path / "out.mcap"
     recorder = spawn(
@@ -190,3 +199,117 @@ def test_the_recorder_leaves_a_whole_bag(spawn, tmp_path, flight_bag):
     # What comes before the first tick of the clock has no time to be written down with.
     assert len(recorded) >= len(played) - 3
     assert reader.damage is None
+
+
+DEAD, LIVE = "fastrtps_0123456789abcdef", "fastrtps_fedcba9876543210"
+
+
+def made(folder, *names, age_s=60.0):
+    for name in names:
+        (folder / name).touch()
+        os.utime(folder / name, (time.time() - age_s,) * 2)
+
+
+def left(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_only_a_segment_without_a_lock_goes(tmp_path):
+    """Ports stay: the next process may take a dead port's name at any moment."""
+    ports = ["fastrtps_port7411", "fastrtps_port7411_el", "sem.fastrtps_port7411_mutex"]
+    others = ["fastrtps_0123", "fastrtps_porthole", "sem.other", "lttng-ust-wait-6"]
+    held = [LIVE, f"{LIVE}_el"]
+    made(tmp_path, DEAD, f"{DEAD}_el", *ports, *others, *held)
+    with (tmp_path / f"{LIVE}_el").open() as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        assert remove_dead(tmp_path) == [DEAD]
+        assert left(tmp_path) == sorted([*ports, *others, *held])
+
+
+def test_what_is_being_made_stays(tmp_path):
+    made(tmp_path, DEAD, age_s=0.0)
+    made(tmp_path, f"{LIVE}_el", age_s=0.0)
+    assert remove_dead(tmp_path) == []
+
+
+def test_links_are_not_followed(tmp_path):
+    made(tmp_path, DEAD, "target")
+    (tmp_path / f"{DEAD}_el").symlink_to(tmp_path / "target")
+    assert remove_dead(tmp_path) == []
+    assert left(tmp_path) == sorted([DEAD, f"{DEAD}_el", "target"])
+
+
+@pytest.mark.graph
+@pytest.mark.slow
+def test_a_killed_node_leaves_its_memory_to_the_next_one_to_remove(spawn):
+    before = set(shared_files())
+    killed, stays = spawn("gimbal_node"), spawn("ekf_node")
+    for node in (killed, stays):
+        await_words(node, "ready")
+    own = held_by(killed.pid) - before
+    segments = {name for name in own if name + "_el" in own and "port" not in name}
+    assert segments
+    time.sleep(2.5)  # what is younger may be in the making
+    killed.signal(signal.SIGKILL)
+    killed.wait(5)
+    assert segments & set(shared_files())
+    kept = held_by(stays.pid) - own
+    after = spawn("gimbal_node")
+    await_words(after, "ready")
+    assert not segments & set(shared_files())
+    assert kept <= set(shared_files()) | before  # those of the living are still there
+    for node in (after, stays):
+        node.signal(signal.SIGINT)
+        assert node.wait(15) is not None
+    # The ports from 7000 on are shared by all domains: another program may have them by now.
+    made = {name for name in own | kept if "port" not in name} - before
+    assert made
+    assert not made & set(shared_files())
+
+
+#: rviz2 is no part of the wheels; ``params`` is another word for ``params_file``.
+UNTRIED = {"rviz", "params_file", "respawn"}
+BY_LAUNCH = {
+    "params": f"{PROJECT / 'config' / 'm300_h20t.yaml'},own.yaml",
+    "dji": "true",
+    "use_sim_time": "false",
+    "localhost_only": "true",
+    "image": "/flir/image_raw",
+    "camera_info": "/flir/info",
+    "remap": str(PROJECT / "config" / "mavros.yaml"),
+}
+ON_BAG = {"params": "own.yaml", "bag": "flight.mcap", "namespace": "uav1"}
+BOTH = {
+    "map": str(PROJECT / "bags" / "sample" / "map.geojson"),
+    "frames": "uav1/",
+    "page": "127.0.0.1:0",
+    "log_level": "info",
+}
+
+
+@pytest.mark.parametrize("given", [BY_LAUNCH | BOTH, ON_BAG | BOTH])
+@pytest.mark.graph
+def test_nodes_run_and_end_with_every_launch_argument(
+    given, spawn, flight_bag, tmp_path, monkeypatch
+):
+    own = f"/**/viewer_node: {{ros__parameters: {{targets: {tmp_path / 'targets.gpkg'}}}}}"
+    (tmp_path / "own.yaml").write_text(own)
+    (tmp_path / "flight.mcap").symlink_to(flight_bag)
+    monkeypatch.chdir(tmp_path)
+    launch_file = loaded(monkeypatch)
+    assert set(launch_file["ARGUMENTS"]) == {*BY_LAUNCH, *ON_BAG, *BOTH, *UNTRIED}
+    profiles = {n: v for n, v in environment_of(launch_file, **given).items() if v is not None}
+    nodes = launched(launch_file, **given)
+    assert set(nodes) == EXECUTABLES - {"dji_node" if "bag" in given else "bag_player"}
+    processes = {
+        name: spawn(name, *ros_arguments_of(node, tmp_path), **profiles)
+        for name, node in nodes.items()
+    }
+    for name, process in processes.items():
+        await_words(process, "played" if name == "bag_player" else "ready")
+    for process in processes.values():
+        process.signal(signal.SIGINT)
+    for process in processes.values():
+        ended = process.wait(60.0)
+        assert ended is not None, f"{process.name} runs on"
+        assert ended.exit_code == 0, process.text()

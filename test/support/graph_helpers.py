@@ -18,7 +18,7 @@ from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import Messages, diagnostic_level, stamp_ns
 from tirgeo_ros.nodes.graph_node import GraphNode, message_class
 from tirgeo_ros.nodes.monitor import Monitor
-from tirgeo_ros.tools.graph.node_process import NodeProcess
+from tirgeo_ros.tools.graph.node_graph import NodeProcess
 
 #: By default a reader that halts, as on a machine with other work, finds the samples of the last
 #: two seconds, and the newest frame only. Here each one counts.

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import canonical
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.ground_point import Located, enu_of
@@ -25,7 +26,13 @@ from tirgeo_ros.core.types.measurements import (
 )
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus, Outcome
-from tirgeo_ros.io.messages import Messages, navigation_item
+from tirgeo_ros.io.messages import (
+    Messages,
+    NodeState,
+    PictureState,
+    TopicState,
+    navigation_item,
+)
 
 STAMP_NS = 1_700_000_000_123_456_789
 Q = canonical(np.array([0.8, -0.3, 0.2, 0.4]))
@@ -89,6 +96,19 @@ STATUS = NavigationStatus(
     warnings=("imu/data: accelerometer x clipped", "another"),
     began_again=Outcome.GAP,
 )
+STATE = NodeState(
+    "/uav1/overlay_node",
+    STAMP_NS,
+    STAMP_NS - 7,
+    {
+        "tirgeo/camera_pose": TopicState(50.0, 0.02, None, 3, 1, 2),
+        "tirgeo/overlay/image": TopicState(9.0, None, 12.5),
+    },
+    {"drawn": 7},
+    STATUS,
+    "encoders",
+    PictureState("NO MAP: no pose", 0.05, ConfidenceConfig(latency_sigma_s=0.01)),
+)
 _GREY = np.arange(6 * 5, dtype=np.uint8).reshape(6, 5)
 _COLOUR = np.arange(6 * 5 * 3, dtype=np.uint8).reshape(6, 5, 3)
 _DEEP = np.arange(6 * 5, dtype="<u2").reshape(6, 5) * 700
@@ -140,6 +160,7 @@ EVERY_MESSAGE: dict[str, tuple[str, Callable[[Messages], Any]]] = {
     "answer": ("std_msgs/msg/String", lambda m: m.answer(LOCATED)),
     "clock": ("rosgraph_msgs/msg/Clock", lambda m: m.clock(STAMP_NS)),
     "findings": ("std_msgs/msg/String", lambda m: m.findings("/ekf_node", STAMP_NS, [FINDING])),
+    "state": ("std_msgs/msg/String", lambda m: m.state(STATE)),
     "diagnostics": (
         "diagnostic_msgs/msg/DiagnosticArray",
         lambda m: m.diagnostics(STAMP_NS, [navigation_item("ekf_node: state", STATUS)]),

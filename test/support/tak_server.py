@@ -14,6 +14,8 @@ from collections.abc import Callable
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
+from free_addresses import free_port
+
 PASSWORD = "atakatak"
 #: Ends early; enough for the repeats of each minute on a machine that stands still.
 WAIT_S = 150.0
@@ -28,12 +30,6 @@ def wait_until(what: Callable[[], object], limit_s: float = WAIT_S) -> object:
             return found
         time.sleep(0.02)
     raise AssertionError(f"not within {limit_s} s: {what}")
-
-
-def free_port() -> int:
-    with socket.socket() as plug:
-        plug.bind(("127.0.0.1", 0))
-        return plug.getsockname()[1]
 
 
 class TakServer:

@@ -18,13 +18,12 @@ from tirgeo_ros.io.messages import (
     imu_sample,
     joint_sample,
 )
-from tirgeo_ros.nodes.graph_node import GraphNode
-from tirgeo_ros.nodes.graph_watch import OtherPublishers
+from tirgeo_ros.io.messages.offered_qos import STREAM_DEPTH
+from tirgeo_ros.nodes.graph_node import GraphNode, output, sensor_input
 from tirgeo_ros.nodes.monitor import OK
 from tirgeo_ros.nodes.parameters import given_names
-from tirgeo_ros.nodes.qos import STREAM_DEPTH, output, sensor_input
 from tirgeo_ros.nodes.runner import run
-from tirgeo_ros.nodes.setup_checks import InputChecks, SetupChecks
+from tirgeo_ros.nodes.setup_checks import InputChecks, OtherPublishers, SetupChecks
 from tirgeo_ros.nodes.transforms import Transforms
 
 
@@ -52,7 +51,12 @@ class GimbalNode(GraphNode):
         self._imu: Any = None  # the subscription, or None while there is none
         self._listen_for_paper()
         self._logged_composition = ""
-        self.report_each_second(self._items)
+        self.report_each_second(
+            self._items,
+            self._setup.findings,
+            composition=lambda: self._composer.composition,
+            counts=lambda: self._composer.counts,
+        )
 
     def _reconfigure(self, config: GimbalConfig) -> None:
         self._composer.configure(config)

@@ -63,7 +63,7 @@ def _beside_the_page(arguments: list[str], overlay: OverlayNode, stop: threading
     while not stop.is_set():
         begin_s = time.monotonic()
         code = _run_page(arguments, stop)
-        if stop.is_set() or (code > 0 and "viewer_node" not in overlay.restarts.starts):
+        if stop.is_set() or (code > 0 and "viewer_node" not in overlay.heard_nodes):
             return int(code != 0)
         soon = time.monotonic() - begin_s < _SOON_S
         overlay.log(ERROR, f"viewer_node ended (exit code {code}): started again in {wait_s:g} s")

@@ -11,9 +11,9 @@ from tirgeo_ros.core.gimbal.pose_buffer import Miss
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose
 from tirgeo_ros.io.messages import TOPIC_TYPES
-from tirgeo_ros.nodes.graph_node import GraphNode, message_class
+from tirgeo_ros.io.messages.offered_qos import TF_DEPTH
+from tirgeo_ros.nodes.graph_node import GraphNode, latched, message_class, output
 from tirgeo_ros.nodes.monitor import OK
-from tirgeo_ros.nodes.qos import TF_DEPTH, latched, output
 
 if TYPE_CHECKING:
     from rclpy.publisher import Publisher

@@ -16,22 +16,20 @@ from tirgeo_ros.core.config.schema import config_from, parameters_of, values_of
 from tirgeo_ros.core.config.viewer import split_namespaces
 from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.errors import ConfigError, shown
-from tirgeo_ros.core.types.finding import Finding, Severity
+from tirgeo_ros.core.types.finding import Finding, Severity, sorted_findings
 from tirgeo_ros.io.files.child_process import parent_ended
 from tirgeo_ros.io.files.whole_files import read_text
 from tirgeo_ros.io.messages import DiagnosticItem
 from tirgeo_ros.io.targets.store import TargetStore
 from tirgeo_ros.io.video.live_stream import stream_url
-from tirgeo_ros.nodes.aircraft_topics import listen_to_diagnostics, terrain_of
+from tirgeo_ros.nodes.aircraft_topics import terrain_of
 from tirgeo_ros.nodes.aircraft_view import AircraftView
-from tirgeo_ros.nodes.child_node import ChildNode, ground_values
 from tirgeo_ros.nodes.graph_node import GraphNode
 from tirgeo_ros.nodes.map_watch import PageMap
 from tirgeo_ros.nodes.monitor import OK, WARN
-from tirgeo_ros.nodes.page_backend import PageBackend
-from tirgeo_ros.nodes.recordings import Recordings
+from tirgeo_ros.nodes.page_backend import PageBackend, TeamLink
+from tirgeo_ros.nodes.recordings import ChildNode, Recordings, ground_values
 from tirgeo_ros.nodes.runner import run
-from tirgeo_ros.nodes.team_link import TeamLink
 from tirgeo_ros.page.routes import invitation
 from tirgeo_ros.page.server import PageServer
 
@@ -112,7 +110,6 @@ class ViewerNode(GraphNode):
             )
             for name in names
         }
-        listen_to_diagnostics(self, [*self._aircraft.values()])
         namespaces = {name: one.namespace for name, one in self._aircraft.items()}
         self._recordings = Recordings(self, config, namespaces)
         self._streams = PageStreams(self, config, namespaces)
@@ -133,7 +130,7 @@ class ViewerNode(GraphNode):
             self.steady_timer("targets", _LOOK_S, self._draw_targets),
             self.steady_timer("recordings", _WATCH_S, self._watch),
         ]
-        self.report_each_second(self._items)
+        self.report_each_second(self._items, self._all_findings)
 
     @contextmanager
     def _serve(self) -> Iterator[None]:
@@ -179,11 +176,16 @@ class ViewerNode(GraphNode):
         self._backend.answered(aircraft, answer)
 
     def _report(self, aircraft: str) -> None:
-        one = self._aircraft[aircraft]
-        ours = [*self._recordings.findings(aircraft), *self._team.findings, *self._lost]
-        state = one.state([*ours, *one.reports.restarts.findings()])
+        state = self._aircraft[aircraft].state(self._findings_of(aircraft))
         state["recording"], state["sharing"] = self._recordings.is_on(aircraft), self._team.state
         self._server.report(aircraft, state)
+
+    def _findings_of(self, aircraft: str) -> list[Finding]:
+        own = [*self._recordings.findings(aircraft), *self._team.findings, *self._lost]
+        return [*own, *self._aircraft[aircraft].reports.restarts.findings()]
+
+    def _all_findings(self) -> list[Finding]:
+        return sorted_findings(one for name in self._aircraft for one in self._findings_of(name))
 
     def _draw_targets(self) -> None:
         """Publish the targets where they have changed, and tell pages and team."""
@@ -208,6 +210,7 @@ class ViewerNode(GraphNode):
         values = {"targets": str(len(self._drawn)), "listen": self._config.listen}
         values |= {name: str(count) for name, count in self._server.counts.items()}
         values |= {f"stream {name}": trouble for name, trouble in self._streams.troubles.items()}
+        values |= {finding.check: shown(finding.line) for finding in self._all_findings()}
         trouble = self._map.error or next(iter(self._streams.troubles.values()), "")
         return [self.item("page", values, trouble or "ok", WARN if trouble else OK)]
 

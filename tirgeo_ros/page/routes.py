@@ -16,17 +16,13 @@ from tirgeo_ros.core.targets.target import KINDS
 from tirgeo_ros.core.types.errors import TargetError
 from tirgeo_ros.io.targets.formats import FORMATS, exported
 from tirgeo_ros.io.targets.store import MOST_NAME, MOST_NOTE
-from tirgeo_ros.page.access import OPERATOR, VIEWER
+from tirgeo_ros.page.access import OPERATOR, VIEWER, Shares
 from tirgeo_ros.page.actions import Actions
 from tirgeo_ros.page.backend import Backend
+from tirgeo_ros.page.content import Content, Tiles
 from tirgeo_ros.page.guard import Guard
-from tirgeo_ros.page.limits import Shares
-from tirgeo_ros.page.state_hub import StateHub
-from tirgeo_ros.page.state_socket import StatePage
-from tirgeo_ros.page.static_files import Content
-from tirgeo_ros.page.tiles import Tiles
-from tirgeo_ros.page.video_feed import VideoFeed
-from tirgeo_ros.page.video_socket import VideoViewer, bound_kernel_buffer
+from tirgeo_ros.page.state_hub import StateHub, StatePage
+from tirgeo_ros.page.video import VideoFeed, VideoViewer, bound_kernel_buffer
 
 _T = TypeVar("_T")
 _MESSAGE_BYTES = 64 * 1024

@@ -20,13 +20,12 @@ from tirgeo_ros.core.types.errors import PageError, TargetError
 from tirgeo_ros.page.access import OPERATOR, VIEWER, Access
 from tirgeo_ros.page.actions import Actions, Told, changed_targets
 from tirgeo_ros.page.backend import Backend
-from tirgeo_ros.page.connections import Door, listening_socket
+from tirgeo_ros.page.connections import Door, http_runner, listening_socket
+from tirgeo_ros.page.content import Tiles, read_static
 from tirgeo_ros.page.guard import Guard, mark
 from tirgeo_ros.page.routes import Routes
 from tirgeo_ros.page.state_hub import plain
-from tirgeo_ros.page.static_files import read_static
-from tirgeo_ros.page.tiles import Tiles
-from tirgeo_ros.page.video_feed import VideoFeed
+from tirgeo_ros.page.video import VideoFeed
 
 STATIC = Path(__file__).parent / "static"
 _BODY_BYTES = 2048
@@ -52,7 +51,7 @@ class PageServer:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._stale, self._ending = asyncio.Event(), asyncio.Event()
         self._port = 0
-        self._door: Door | None = None
+        self._door = Door()
 
     def start(self) -> None:
         """Return when the page can be opened; raises PageError if it cannot be served."""
@@ -82,8 +81,8 @@ class PageServer:
     def counts(self) -> dict[str, int]:
         """Return what diagnostics say of the page."""
         return {
-            "connections": self._door.connections if self._door else 0,
-            "connections refused": self._door.refused if self._door else 0,
+            "connections": self._door.connections,
+            "connections refused": self._door.refused,
             "damaged pictures": sum(feed.damaged for feed in self._feeds.values()),
         }
 
@@ -143,24 +142,22 @@ class PageServer:
         runner = await self._runner(tiles)
         server = runner.server
         assert server is not None
-        self._door = Door(self._listening, server, tls)
-        tasks = [
-            asyncio.create_task(self._door.accept()),
-            asyncio.create_task(self._keep_targets()),
-        ]
+        accepting = await self._door.open(self._listening, server, tls)
+        targets = asyncio.create_task(self._keep_targets())
         self._stale.set()
         self._started.set_result(asyncio.get_running_loop())
         try:
             await self._ending.wait()
         finally:
-            for task in tasks:
-                task.cancel()
+            accepting.close()
+            targets.cancel()
             await runner.cleanup()
+            self._door.close()
             if tiles:
                 tiles.close()
 
     async def _runner(self, tiles: Tiles | None) -> web.AppRunner:
-        guard = Guard(self._access)
+        guard = Guard(self._access, self._door)
         static = read_static(STATIC)
         self._routes = Routes(
             self._backend, self._aircraft, self._feeds, static, tiles, self._access.user
@@ -171,7 +168,7 @@ class PageServer:
         app.add_routes(self._routes.table(guard, actions))
         app.on_response_prepare.append(mark)
         app.on_shutdown.append(self._routes.close)
-        runner = web.AppRunner(app, access_log=None, shutdown_timeout=1.0)
+        runner = http_runner(app)
         await runner.setup()
         return runner
 

@@ -17,7 +17,7 @@ from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.io.files.child_process import ChildEndedError, ChildProcess
 from tirgeo_ros.io.maps.map_process import MapProcess
-from tirgeo_ros.tools.graph.node_process import NodeProcess
+from tirgeo_ros.tools.graph.node_graph import NodeProcess
 from tirgeo_ros.tools.replay.picture_stage import SharedSlots
 
 _ECHO = """

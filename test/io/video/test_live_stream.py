@@ -8,7 +8,8 @@ import time
 import cv2
 import numpy as np
 import pytest
-from klv_reader import Demuxed, demuxed, free_udp_address, values_in
+from free_addresses import free_udp_address
+from klv_reader import Demuxed, demuxed, values_in
 
 from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.types.errors import VideoError

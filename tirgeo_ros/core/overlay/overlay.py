@@ -15,7 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import Camera
-from tirgeo_ros.core.camera.rectification import Rectifier
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseBuffer
@@ -24,7 +23,7 @@ from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.map.layers import MapLayer
 from tirgeo_ros.core.overlay.camera_motion import rates_up_to
 from tirgeo_ros.core.overlay.clicks import Clicks
-from tirgeo_ros.core.overlay.map_renderer import DrapedMap, DrawingVerdict, MapRenderer
+from tirgeo_ros.core.overlay.map_renderer import DrapedMap, DrawingVerdict
 from tirgeo_ros.core.overlay.picture_painter import (
     OverlayResult,
     PicturePainter,
@@ -141,7 +140,8 @@ class Overlay:
         layers: Sequence[MapLayer] | None,
         terrain: Terrain | None = None,
     ) -> None:
-        self._drawing = MapRenderer(config, layers or (), terrain)
+        self._painter = PicturePainter(config, layers or (), terrain)
+        self._drawing = self._painter.drawing
         self.footprint, self.ground = self._drawing.footprint, self._drawing.ground
         self._laid_elsewhere = layers is None
         #: Whether there is, or will be, a map to draw.
@@ -150,7 +150,6 @@ class Overlay:
         self._map_not_ready = _READING if layers is None else ""
         self.clicks = Clicks(config.confidence)
         self.clicks.set_ground(self._drawing.ground)
-        self._painter = PicturePainter(config, self._drawing)
         self.frames = FrameQueue()
         self.poses: PoseBuffer[CameraPose] = PoseBuffer()
         self.plane: TangentPlane | None = None
@@ -215,9 +214,8 @@ class Overlay:
             self._set_lens(camera, rectify=self._rectify)
 
     def _set_lens(self, camera: Camera, *, rectify: bool) -> None:
-        rectifier = Rectifier(camera) if rectify else None
-        self._camera, self._painter.rectifier = camera, rectifier
-        self._drawing.set_camera(rectifier.camera if rectifier else camera)
+        self._painter.set_lens(camera, rectify=rectify)
+        self._camera = camera
 
     @property
     def laid(self) -> DrapedMap | None:
@@ -253,7 +251,7 @@ class Overlay:
     @property
     def scene(self) -> Scene:
         """Return what the next picture has in common with others."""
-        return Scene(self._drawing.camera, self._painter.rectifier, self._drawing.laid)
+        return self._painter.scene
 
     def take(self, now_ns: int) -> OverlayResult | None:
         """Return the newest picture that need not wait any longer, or None.

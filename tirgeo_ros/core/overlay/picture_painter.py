@@ -7,6 +7,7 @@ Everything that depends on other pictures but their tones and labels is decided 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -14,6 +15,8 @@ from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.camera.rectification import Rectifier
 from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.map.layers import MapLayer
 from tirgeo_ros.core.overlay.clicks import Marker
 from tirgeo_ros.core.overlay.map_renderer import DrapedMap, DrawingVerdict, MapRenderer
 from tirgeo_ros.core.overlay.status_text import VERDICT_BGR, status_line
@@ -64,25 +67,43 @@ class OverlayResult:
 
 
 class PicturePainter:
-    """Paint pictures in order of time, with ``drawing``, which has the scene's map and camera."""
+    """Paint pictures in order of time.
 
-    def __init__(self, config: OverlayConfig, drawing: MapRenderer) -> None:
-        self._drawing = drawing
+    It owns ``drawing``, which has the scene's map and camera: ``layers`` and ``terrain`` are its.
+    """
+
+    def __init__(
+        self,
+        config: OverlayConfig,
+        layers: Sequence[MapLayer] = (),
+        terrain: Terrain | None = None,
+    ) -> None:
+        self.drawing = MapRenderer(config, layers, terrain)
         self._toner = ToneMapper(config.picture, config.palette)
         self.rectifier: Rectifier | None = None
 
     def configure(self, config: OverlayConfig) -> None:
         """Take the parameters that are live, also others in flight."""
         self._toner.configure(config.picture, config.palette)
-        self._drawing.set_confidence(config.confidence)
+        self.drawing.set_confidence(config.confidence)
+
+    def set_lens(self, camera: Camera, *, rectify: bool) -> None:
+        """Paint another camera's pictures from now on; CameraError if they can't be rectified."""
+        self.rectifier = Rectifier(camera) if rectify else None
+        self.drawing.set_camera(self.rectifier.camera if self.rectifier else camera)
+
+    @property
+    def scene(self) -> Scene:
+        """Return what the next picture has in common with others."""
+        return Scene(self.drawing.camera, self.rectifier, self.drawing.laid)
 
     def set_scene(self, scene: Scene) -> None:
         """Paint with another camera or map from now on; what is equal goes on as it is."""
         self.rectifier = scene.rectifier
         if scene.camera is not None:
-            self._drawing.set_camera(scene.camera)
+            self.drawing.set_camera(scene.camera)
         if scene.laid is not None:
-            self._drawing.set_map(scene.laid)
+            self.drawing.set_map(scene.laid)
 
     def paint(self, picture: Unpainted) -> OverlayResult:
         """Return the finished picture."""
@@ -94,7 +115,7 @@ class PicturePainter:
             _write_notice(image, picture)
         else:
             scene = picture.pose, picture.rates, picture.markers, picture.verdict
-            drawn = self._drawing.draw(image, *scene, notice)
+            drawn = self.drawing.draw(image, *scene, notice)
             notice, above_m = drawn.notice, drawn.above_m
         _write_status(image, picture, above_m)
         return OverlayResult(

@@ -1,15 +1,18 @@
 # ruff: noqa: E402 what follows imports ROS, which may be absent
-"""psdk_ros2's topics to readings, and what a person is told of them."""
+"""dji_node: psdk_ros2's topics to readings, and a port with an aircraft that hovers."""
 
 from __future__ import annotations
 
 import math
+import time
 from types import SimpleNamespace
 
 import pytest
 
 rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
+pytest.importorskip("serial", reason="needs pyserial")
 
+from aircraft_on_port import HEADING_RAD, HEIGHT_M, LATITUDE_RAD, PITCH_RAD, AircraftOnPort
 from geometry_msgs.msg import (
     QuaternionStamped,
     TwistStamped,
@@ -21,9 +24,12 @@ from sensor_msgs.msg import Imu, JointState, NavSatFix
 from std_msgs.msg import UInt8
 
 from tirgeo_ros.core.config import DjiConfig
+from tirgeo_ros.core.frames.rotations import euler_from_quat
 from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.nodes import dji_sources
-from tirgeo_ros.nodes.dji_sources import PsdkSource
+from tirgeo_ros.io.messages import camera_attitude, decode, imu_sample, joint_sample
+from tirgeo_ros.io.messages import stamp_ns as stamp_of
+from tirgeo_ros.nodes import dji_node
+from tirgeo_ros.nodes.dji_node import PsdkSource
 from tirgeo_ros.nodes.graph_node import GraphNode
 from tirgeo_ros.nodes.monitor import OK, WARN
 
@@ -140,7 +146,7 @@ def test_each_topic_becomes_its_reading(aircraft, stranger, topic, message, expe
 )
 def test_what_the_decoder_is_given_of_fused_topics(topic, message, values):
     """It holds them back until nothing better has come for a while."""
-    assert dji_sources._TOPICS[topic][1](message) == values
+    assert dji_node._TOPICS[topic][1](message) == values
 
 
 def test_an_rtk_position_without_its_flag_goes_on_by_the_timer(aircraft, stranger):
@@ -155,18 +161,18 @@ def test_an_rtk_position_without_its_flag_goes_on_by_the_timer(aircraft, strange
 
 def test_with_psdk_interfaces_nothing_is_missing(stranger, monkeypatch):
     """Any type does for being there: its topics are not sent."""
-    types = {topic: ("std_msgs/msg/UInt8", lambda m: m.data) for topic in dji_sources._LOST}
-    monkeypatch.setattr(dji_sources, "_TOPICS", dji_sources._TOPICS | types)
+    types = {topic: ("std_msgs/msg/UInt8", lambda m: m.data) for topic in dji_node._LOST}
+    monkeypatch.setattr(dji_node, "_TOPICS", dji_node._TOPICS | types)
     item = Aircraft(stranger).source.item()
     assert (item.level, item.message) == (OK, "ok")
 
 
 def test_silence_is_said_and_taken_back(aircraft, monkeypatch):
-    monkeypatch.setattr(dji_sources, "SILENT_S", 0.0)
+    monkeypatch.setattr(dji_node, "SILENT_S", 0.0)
     said = aircraft.source.item()
     assert said.level == WARN
     assert "nothing comes from psdk_ros2 on psdk_ros2/*" in said.message
-    monkeypatch.setattr(dji_sources, "SILENT_S", 60.0)
+    monkeypatch.setattr(dji_node, "SILENT_S", 60.0)
     aircraft.source.handle("rtk_yaw_info", UInt8(data=50))
     assert "nothing comes" not in aircraft.source.item().message
 
@@ -224,3 +230,44 @@ def test_dji_node_gives_the_graph_its_topics(spawn, meet):
     assert got["imu/data"][-1].linear_acceleration.z == pytest.approx(9.80665)
     node.check_running()
     assert "Traceback" not in node.log.read_text()
+
+
+def test_an_aircraft_on_a_port_becomes_topics_and_comes_back_after_a_pull(spawn, meet, tmp_path):
+    stranger = meet(
+        imu__data=Imu,
+        rtk__fix=NavSatFix,
+        rtk__heading=Imu,
+        gimbal__attitude=QuaternionStamped,
+        gimbal__joint_states=JointState,
+    )
+    received = stranger.received
+    with AircraftOnPort(tmp_path / "aircraft") as aircraft:
+        node = spawn(
+            "dji_node", "-p", f"port:={tmp_path / 'aircraft'}", "-p", "geoid_undulation_m:=0.0"
+        )
+        stranger.spin_until(
+            lambda: len(received["rtk/fix"]) >= 5 and len(received["imu/data"]) > 50
+        )
+        age_s = time.time() - stamp_of(received["imu/data"][-1]) * 1e-9
+        assert -0.1 < age_s < 5.0  # of now, in the host's clock; the machine may be busy
+
+        assert imu_sample(received["imu/data"][-1]).specific_force_b[2] == pytest.approx(-9.81)
+        fix = received["rtk/fix"][-1]
+        assert fix.latitude == pytest.approx(math.degrees(LATITUDE_RAD), abs=1e-9)
+        assert fix.altitude == pytest.approx(HEIGHT_M, abs=0.1)
+        assert fix.status.status == 2
+        # The baseline in whole degrees: half of one.
+        heading = decode.heading_sample(received["rtk/heading"][-1]).heading_rad
+        assert heading == pytest.approx(HEADING_RAD, abs=math.radians(0.5))
+        joints = joint_sample(received["gimbal/joint_states"][-1])
+        assert joints.pitch_rad == pytest.approx(PITCH_RAD, abs=1e-5)
+        camera = euler_from_quat(camera_attitude(received["gimbal/attitude"][-1]).q_ng)
+        # Angles of single precision, and the quaternion of the message.
+        assert camera == pytest.approx([0.0, PITCH_RAD, HEADING_RAD], abs=1e-6)
+
+        aircraft.pull()
+        await_words(node, "the port is gone")
+        aircraft.plug()
+        count = len(received["imu/data"])
+        stranger.spin_until(lambda: len(received["imu/data"]) > count + 100)
+        assert node.poll() is None

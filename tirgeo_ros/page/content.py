@@ -1,19 +1,24 @@
-"""Read background pictures of the map from an MBTiles file, whoever made it."""
+"""Hold what GETs answer: the page's files, in memory, and the map's background (MBTiles)."""
 
 from __future__ import annotations
 
+import gzip
+import hashlib
 import logging
 import os
 import sqlite3
 import sys
 import threading
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from aiohttp import web
+
 from tirgeo_ros.core.types.errors import PageError
 
-_TYPES = {"png": "image/png", "jpg": "image/jpeg", "jpeg": "image/jpeg", "webp": "image/webp"}
+_TILE_TYPES = {"png": "image/png", "jpg": "image/jpeg", "jpeg": "image/jpeg", "webp": "image/webp"}
 _DEEPEST = 24
 _MOST_BYTES = 1 << 22  # of a tile
 #: A table may be a view without an end: SQLite looks at the clock after so many of its steps.
@@ -39,9 +44,9 @@ class Tiles:
         told = dict(self._read(_OPENED_S, _TOLD))
         least, most = (self._read(_OPENED_S, _ZOOM.format(end))[0][0] for end in ("min", "max"))
         form = str(told.get("format", "png"))[:20]
-        if form not in _TYPES:
-            raise PageError(f"tiles: {path}: holds {form}: give one of {', '.join(_TYPES)}")
-        self.content_type = _TYPES[form]
+        if form not in _TILE_TYPES:
+            raise PageError(f"tiles: {path}: holds {form}: give one of {', '.join(_TILE_TYPES)}")
+        self.content_type = _TILE_TYPES[form]
         self.about: dict[str, Any] = {
             "min": least or 0,
             "max": most or 0,
@@ -83,3 +88,67 @@ class Tiles:
         except sqlite3.Error as error:
             words = _ENDLESS if time.monotonic() > end_s else error
             raise PageError(f"tiles: {self._path}: {words}: give an MBTiles file") from None
+
+
+#: The mark of a file that is sent; others (sources, notes) stay on the disk.
+_TYPES = {
+    ".html": "text/html",
+    ".js": "text/javascript",
+    ".mjs": "text/javascript",
+    ".css": "text/css",
+    ".json": "application/json",
+    ".webmanifest": "application/manifest+json",
+    ".svg": "image/svg+xml",
+    ".png": "image/png",
+    ".jpg": "image/jpeg",
+    ".ico": "image/x-icon",
+    ".woff2": "font/woff2",
+    ".txt": "text/plain",
+    ".md": "text/plain",
+}
+_GZIP_FROM = 500  # bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Content:
+    """Hold what a GET answers: bytes, also compressed if that is smaller."""
+
+    body: bytes
+    content_type: str
+    zipped: bytes | None
+    etag: str
+
+    @classmethod
+    def of(cls, body: bytes, content_type: str) -> Content:
+        """Compress a body; calls with large ones belong in a thread."""
+        tag = hashlib.sha256(body).hexdigest()[:24]
+        zipped = gzip.compress(body, 6, mtime=0) if len(body) >= _GZIP_FROM else body
+        return cls(body, content_type, zipped if len(zipped) < len(body) else None, f'"{tag}"')
+
+    def response(self, request: web.Request) -> web.Response:
+        """Return the answer, or that the browser has it already."""
+        headers = {"ETag": self.etag, "Cache-Control": "no-cache", "Vary": "Accept-Encoding"}
+        if request.headers.get("If-None-Match", "") == self.etag:
+            return web.Response(status=304, headers=headers)
+        body = self.body
+        if self.zipped is not None and "gzip" in request.headers.get("Accept-Encoding", ""):
+            body, headers["Content-Encoding"] = self.zipped, "gzip"
+        charset = "utf-8" if self.content_type.startswith("text/") else None
+        return web.Response(
+            body=body, content_type=self.content_type, charset=charset, headers=headers
+        )
+
+
+def read_static(folder: Path) -> dict[str, Content]:
+    """Return the page's files by their names below ``folder``, with / between folders.
+
+    Raises PageError where the page itself, index.html, is absent.
+    """
+    found = {
+        path.relative_to(folder).as_posix(): Content.of(path.read_bytes(), _TYPES[path.suffix])
+        for path in sorted(folder.rglob("*"))
+        if path.suffix in _TYPES and path.is_file()
+    }
+    if "index.html" not in found:
+        raise PageError(f"{folder}: index.html is absent: install tirgeo again")
+    return found
