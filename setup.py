@@ -91,6 +91,7 @@ setup(
     packages=find_packages(include=["tirgeo_ros", "tirgeo_ros.*"]),
     package_data={
         "tirgeo_ros": ["__init__.pyi", "py.typed"],
+        "tirgeo_ros.tools.many_flights": ["*.html"],
         "tirgeo_ros.page": ["static/*", "static/*/*", "static/*/*/*"],
     },
     python_requires=">=3.10",

@@ -48,8 +48,7 @@ from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 from tirgeo_ros.tools.presentation.progress import Progress, Report, silent
 from tirgeo_ros.tools.simulate.flight import SimulatedFlight, fly
-from tirgeo_ros.tools.simulate.scenario import scenario_from
-from tirgeo_ros.tools.simulate.scenario_aircraft import SHAPES
+from tirgeo_ros.tools.simulate.scenario import SHAPES, scenario_from
 
 #: Errors count from here on, when the filter has learned its biases.
 SETTLED_S = 20.0

@@ -33,7 +33,7 @@ from tirgeo_ros.io.files.whole_files import made_folder
 from tirgeo_ros.tools.presentation.progress import Progress
 from tirgeo_ros.tools.replay.process import process
 from tirgeo_ros.tools.simulate import simulate
-from tirgeo_ros.tools.simulate.scenario_aircraft import SHAPES
+from tirgeo_ros.tools.simulate.scenario import SHAPES
 
 #: Asked of two workers: how much less time they take than one.
 ASKED_RATIO = 1.7

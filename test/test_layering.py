@@ -35,8 +35,8 @@ ORDER = {
     "dji": "clocks protocol link host sources interpret simulator",
     "io": "files coordinates parameters elevation messages logs pictures bags maps surveys cot "
     "geopackage targets video",
-    "tools": "presentation replay simulate budget calibrate convert evaluate export season graph "
-    "cli",
+    "tools": "presentation replay simulate budget calibrate convert evaluate export many_flights "
+    "graph cli",
 }
 
 # Imports every module but the nodes' where no ROS package can be found: neither rclpy, nor the
@@ -155,7 +155,7 @@ def test_the_core_is_silent(name):
 FOR_PEOPLE = ("/diagnostics", "tirgeo/targets/markers")
 DECODERS = ("navigation_status", "diagnostic_level", "import DiagnosticStatus")
 #: But for one: what ``process`` writes of the filter's state stands in its diagnostics alone.
-READS_DIAGNOSTICS = {"tirgeo_ros.tools.season.flight_facts"}
+READS_DIAGNOSTICS = {"tirgeo_ros.tools.many_flights.flight_facts"}
 
 
 def test_no_program_reads_what_is_for_people():

@@ -7,8 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from dataflash_files import DataflashFile
-from ulog_files import MAGIC, UlogFile
+from autopilot_logs import MAGIC, DataflashFile, UlogFile
 
 from tirgeo_ros.core.frames.heading import wrap_pi
 from tirgeo_ros.core.frames.rotations import euler_from_quat

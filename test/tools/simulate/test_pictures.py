@@ -14,11 +14,9 @@ from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler, 
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.tools.simulate import simulate
-from tirgeo_ros.tools.simulate.ground import Ground
-from tirgeo_ros.tools.simulate.map_file import map_text
-from tirgeo_ros.tools.simulate.park import lay_out
-from tirgeo_ros.tools.simulate.renderer import COUNTS_OF_0, COUNTS_PER_GREY, Renderer
-from tirgeo_ros.tools.simulate.scenario_ground import ParkScenario, SiteScenario, VideoScenario
+from tirgeo_ros.tools.simulate.park import lay_out, map_text
+from tirgeo_ros.tools.simulate.renderer import COUNTS_OF_0, COUNTS_PER_GREY, Ground, Renderer
+from tirgeo_ros.tools.simulate.scenario import ParkScenario, SiteScenario, VideoScenario
 
 SMALL = ParkScenario(north_m=(0.0, 60.0), east_m=(-28.0, 28.0), margin_m=20.0, resolution_m=0.05)
 HEIGHT_M = 20.0

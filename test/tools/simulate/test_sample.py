@@ -12,11 +12,10 @@ from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.surveys.survey import load_observations, load_survey
 from tirgeo_ros.tools.simulate.files import parameters_text
 from tirgeo_ros.tools.simulate.flight import fly
-from tirgeo_ros.tools.simulate.map_file import map_text
-from tirgeo_ros.tools.simulate.park import lay_out
+from tirgeo_ros.tools.simulate.park import lay_out, map_text
+from tirgeo_ros.tools.simulate.renderer import targets_of, targets_text
 from tirgeo_ros.tools.simulate.scenario import scenario_from
 from tirgeo_ros.tools.simulate.survey import sightings, surveyed
-from tirgeo_ros.tools.simulate.targets import targets_of, targets_text
 
 START_S, END_S = 35.0, 65.0
 

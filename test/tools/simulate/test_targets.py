@@ -18,12 +18,17 @@ from tirgeo_ros.io.elevation.elevation_model import load_terrain
 from tirgeo_ros.io.surveys.survey import load_observations, load_survey
 from tirgeo_ros.tools.simulate import fly, scenario_from, simulate
 from tirgeo_ros.tools.simulate.boards import YAW_STD_DEG, camera_angles, main
-from tirgeo_ros.tools.simulate.ground import GRASS, GREY_PER_K, Ground
-from tirgeo_ros.tools.simulate.relief import Relief
-from tirgeo_ros.tools.simulate.renderer import Renderer
-from tirgeo_ros.tools.simulate.scenario_ground import VideoScenario
+from tirgeo_ros.tools.simulate.park import Relief
+from tirgeo_ros.tools.simulate.renderer import (
+    GRASS,
+    GREY_PER_K,
+    Ground,
+    Renderer,
+    Target,
+    targets_of,
+)
+from tirgeo_ros.tools.simulate.scenario import VideoScenario
 from tirgeo_ros.tools.simulate.survey import sightings
-from tirgeo_ros.tools.simulate.targets import Target, targets_of
 
 STILL = VideoScenario(noise_grey=0.0, vignetting=0.0)
 GREY = round(GRASS)

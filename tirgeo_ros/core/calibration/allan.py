@@ -253,7 +253,7 @@ def _terms(
     inverse = np.linalg.pinv((weighted / scale).T @ (weighted / scale), hermitian=True)
     sigmas = np.sqrt(_SHARED * np.diag(inverse)) / scale * max(misfit, 1.0)
     whole = _misfits(variances, model, degrees)
-    found = []
+    terms = []
     for k, (power, sigma) in enumerate(zip(powers.tolist(), sigmas.tolist(), strict=True)):
         upper = math.sqrt(power + 2 * sigma)
         others = np.delete(columns, k, axis=1)
@@ -261,10 +261,10 @@ def _terms(
         lost = _misfits(variances, model, degrees) - whole
         if power > 0 and lost > _SEEN * max(misfit, 1.0) ** 2:
             value = math.sqrt(power)
-            found.append(Term(value, sigma / (2 * value), upper))
+            terms.append(Term(value, sigma / (2 * value), upper))
         else:
-            found.append(Term(None, math.nan, upper))
-    return found, misfit
+            terms.append(Term(None, math.nan, upper))
+    return terms, misfit
 
 
 def _misfits(variances: Array, model: Array, degrees: Array) -> float:

@@ -120,8 +120,8 @@ class _Fits:
         along = cosine * x[:, None] + sine * y[:, None]
         across = cosine * y[:, None] - sine * x[:, None]
         s = np.tanh(across * np.exp(-p[:, 4:6, None]))
-        one = np.ones_like(s[:, 0])
-        shapes = np.stack([one, s[:, 0], s[:, 1], s[:, 0] * s[:, 1]], 1)
+        constant = np.ones_like(s[:, 0])
+        shapes = np.stack([constant, s[:, 0], s[:, 1], s[:, 0] * s[:, 1]], 1)
         return along, across, shapes
 
     def _errors(self, p: Array) -> Array:

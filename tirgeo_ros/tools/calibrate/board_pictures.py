@@ -107,11 +107,6 @@ class BoardVideo:
         self._info = resolved(_CAMERA_INFO, namespace)
         self._cdr = Cdr()
 
-    @property
-    def damage(self) -> str | None:
-        """Return what of the bag was lost, or None, once its pictures were read."""
-        return None if self.reader.damage is None else f"{self.reader.path}: {self.reader.damage}"
-
     def pictures(self, progress: Report) -> Iterator[Taken]:
         """Yield all pictures, in order; call ``progress`` with seconds."""
         first_ns, last_ns = self.reader.span_ns

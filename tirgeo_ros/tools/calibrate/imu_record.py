@@ -1,11 +1,15 @@
-"""Read an IMU's record, at rest or in flight, from a bag."""
+"""Read an IMU's record from a bag; say and show its noise by axis, at rest or in flight.
+
+The axes x, y, z are those of the messages (forward, left, up). The filter's axes (forward, right,
+down) differ only in sign, which does not change noise parameters.
+"""
 
 from __future__ import annotations
 
 import math
 import struct
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import islice
@@ -14,11 +18,16 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.calibration.imu_record import ImuRecord, record_of
+from tirgeo_ros.core.calibration.imu_record import (
+    ImuRecord,
+    record_of,
+)
 from tirgeo_ros.core.types.arrays import Array, IntArray
 from tirgeo_ros.core.types.errors import BagError, CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader
+from tirgeo_ros.tools.presentation.plots import figure
 from tirgeo_ros.tools.presentation.progress import Report, silent
+from tirgeo_ros.tools.presentation.results import table
 
 _MARKS = {b"\0\1": "<", b"\0\0": ">"}
 _BEHIND_HEADER = 4 + 9 + 3 + 9 + 3 + 9  # numbers: orientation, rate, acceleration; covariances
@@ -86,12 +95,17 @@ def _layout(order: str, frame: int, size: int) -> np.dtype[Any]:
 
 
 CHANNELS = tuple(f"{sensor} {axis}" for sensor in ("gyro", "accel") for axis in "xyz")
-#: Sensor -> the unit of its samples.
+#: Sensor -> its name in a title, the unit of its samples, and that of its noise density.
+_TITLES = {"gyro": "Gyroscope", "accel": "Accelerometer"}
 UNITS = {"gyro": "rad/s", "accel": "m/s2"}
+DENSITIES = {"gyro": "rad/sqrt(s)", "accel": "m/s/sqrt(s)"}
+#: What results say of an axis, by name.
+Axis = Mapping[str, Any]
 _TYPE = "sensor_msgs/msg/Imu"
 _BLOCK = 1 << 15  # messages decoded together
 _SLACK_S = 60.0  # stop reading at messages logged this long after the last wanted stamp
 _LEAST_HZ = 5.0
+_MUCH = 0.01  # share of missing, repeated or equal samples that causes a warning
 
 
 @dataclass(frozen=True)
@@ -178,3 +192,53 @@ def _check_topic(reader: BagReader, name: str) -> None:
             f"{reader.path}: {name} {what}; topics of {_TYPE}: {others}; "
             "give --topic or --namespace"
         )
+
+
+def channel_names(these: Iterable[object]) -> str:
+    """Return the names of the channels (6,) for which something is true."""
+    return ", ".join(name for name, it in zip(CHANNELS, these, strict=True) if it)
+
+
+def check_alive(where: str, sizes: Array) -> None:
+    """Raise CalibrationError for axes whose sizes of change (n, 6) are all zero."""
+    dead = channel_names((sizes == 0).all(axis=0).tolist())
+    if dead:
+        raise CalibrationError(f"{where}: {dead}: never changes; record what the IMU measures")
+
+
+def sample_warnings(read: ReadImu) -> Iterator[str]:
+    """Yield what is wrong with the samples of any record, at rest or in flight."""
+    faults, samples = read.record.irregular, max(read.record.samples, 1)
+    lost = faults["missing"] + faults["not_finite"] + read.unreadable
+    if lost > _MUCH * samples:
+        yield f"{lost} samples beside {samples} are missing, unreadable or not finite"
+    disordered = faults["repeated_stamps"] + faults["late_stamps"]
+    if disordered > _MUCH * samples:
+        yield f"{disordered} stamps repeat the previous one or go back: left out"
+    if faults["same_as_before"] > _MUCH * samples:
+        yield (
+            f"{100 * faults['same_as_before'] / samples:.0f} % of the samples equal the one "
+            "before: the topic is faster than the sensor, or the sensor is coarse"
+        )
+
+
+def axes_table(heads: Mapping[str, str], rows: Sequence[Mapping[str, str]]) -> str:
+    """Return rows, title -> text, in columns; a sensor's below its head."""
+    parts = []
+    for sensor, head in heads.items():
+        own = [{**row, "axis": row["axis"][-1]} for row in rows if row["axis"].startswith(sensor)]
+        parts += [f"{sensor}: {head}", table([[*own[0]], *([*row.values()] for row in own)])]
+    return "\n".join(parts)
+
+
+def axis_panels(what: str, units: Mapping[str, str], below: str) -> tuple[Any, Any]:
+    """Return a figure and (2, 3) panels, one for each axis."""
+    made, panels = figure(12.0, 7.2, 2, 3, sharex=True, sharey="row")
+    for panel, name in zip(panels.flat, CHANNELS, strict=True):
+        sensor, letter = name.split()
+        panel.set_title(f"{_TITLES[sensor]} {letter}")
+    for row, unit in zip(panels, units.values(), strict=True):
+        row[0].set_ylabel(f"{what} [{unit}]")
+    for panel in panels[1]:
+        panel.set_xlabel(below)
+    return made, panels

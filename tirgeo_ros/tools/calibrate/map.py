@@ -24,7 +24,7 @@ from tirgeo_ros.io.files.bounded_reading import bounded_memory
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, csv_text, write_files
 from tirgeo_ros.io.pictures.geotiff import write_warped
 from tirgeo_ros.io.surveys.survey import ControlPoints, downward, load_control_points
-from tirgeo_ros.tools.calibrate.residual_plots import orthophoto_png
+from tirgeo_ros.tools.presentation.plots import COLOURS, arrows, figure, png
 
 #: What reading coordinates raises where there are none.
 _NO_POSITIONS = (KeyError, TypeError, ArithmeticError, ValueError, IndexError, RecursionError)
@@ -118,6 +118,7 @@ def _each(coordinates: Any, change: Callable[[Any], Any]) -> Any:
 _GROSS = 4.0  # times the median residual: pure noise puts one point in 60000 this far out
 _LEAST_GROSS_PX = 0.1  # nobody clicks a point better: smaller residuals are rounding
 _NAMED = 5
+_ARROW = 0.12  # length of the longest arrow as a share of the points' width
 
 
 def calibrate_map(
@@ -264,3 +265,37 @@ def _rows(control: ControlPoints, residuals: Residuals) -> list[dict[str, Any]]:
 def _csv(rows: Sequence[dict[str, Any]]) -> str:
     lines = [[x if isinstance(x, str) else f"{x:.4f}" for x in row.values()] for row in rows]
     return csv_text([rows[0], *lines])
+
+
+def orthophoto_png(
+    control: ControlPoints,
+    found: PolynomialTransform,
+    residuals: Residuals,
+    vertices: Array,
+    outside: BoolArray,
+) -> bytes:
+    """Return a PNG: control points, residuals enlarged, hull, features' vertices (n, 2)."""
+    made, axis = figure(8.0, 6.5)
+    rim = np.vstack([found.hull_px, found.hull_px[:1]])
+    axis.plot(*rim.T, color="#777777", lw=1.0, label="hull of the control points")
+    for chosen, colour, name in (
+        (~outside, COLOURS[5], "inside"),
+        (outside, COLOURS[1], "outside"),
+    ):
+        if chosen.any():
+            axis.plot(*vertices[chosen].T, ".", color=colour, ms=3, label=f"vertices {name}")
+    axis.plot(*control.pixels.T, "+", color=COLOURS[0], ms=8, label="control points")
+    longest = float(residuals.lengths_px.max())
+    width = float(np.ptp(control.pixels[:, 0]))
+    scale = _ARROW * width / longest if longest > 0 else 1.0
+    arrows(axis, control.pixels, residuals.pixels * scale, COLOURS[2], 0.004)
+    for name, place in zip(control.names, control.pixels.tolist(), strict=True):
+        axis.annotate(name, place, textcoords="offset points", xytext=(5, 5))
+    axis.set_title(
+        f"Residuals, {scale:.3g} times enlarged: mean {residuals.lengths_px.mean():.2f} px, "
+        f"{100 * residuals.lengths_m.mean():.1f} cm; the longest {longest:.2f} px"
+    )
+    axis.set(xlabel="column [px]", ylabel="row [px]", aspect="equal")
+    axis.invert_yaxis()
+    axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=4, fontsize=8)
+    return png(made)

@@ -29,9 +29,9 @@ from tirgeo_ros.io.bags.bag import BagWriter, Cdr
 from tirgeo_ros.io.files.whole_files import csv_text, made_folder
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages
 from tirgeo_ros.tools.presentation.progress import Progress, Report, silent
-from tirgeo_ros.tools.simulate.gimbal import ERROR_TIME_S
 from tirgeo_ros.tools.simulate.processes import generator, scaled_noise
 from tirgeo_ros.tools.simulate.scenario import Scenario
+from tirgeo_ros.tools.simulate.sensors import ERROR_TIME_S
 
 Floats = npt.NDArray[np.float32]
 

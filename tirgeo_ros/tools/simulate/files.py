@@ -25,16 +25,19 @@ from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, sensed
 from tirgeo_ros.io.surveys.survey import Observation, save_observations, save_survey
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.simulate.flight import SimulatedFlight, fly
-from tirgeo_ros.tools.simulate.ground import paint
-from tirgeo_ros.tools.simulate.map_file import map_text
-from tirgeo_ros.tools.simulate.park import Park, lay_out
+from tirgeo_ros.tools.simulate.park import (
+    WGS84_TEXT,
+    Park,
+    Relief,
+    elevation_text,
+    lay_out,
+    map_text,
+)
 from tirgeo_ros.tools.simulate.processes import generator
-from tirgeo_ros.tools.simulate.relief import WGS84_TEXT, Relief, elevation_text
-from tirgeo_ros.tools.simulate.renderer import Renderer
+from tirgeo_ros.tools.simulate.renderer import Renderer, Target, paint, targets_of, targets_text
 from tirgeo_ros.tools.simulate.scenario import Scenario, load_scenario
 from tirgeo_ros.tools.simulate.sensors import Epochs
 from tirgeo_ros.tools.simulate.survey import exposures, sightings, surveyed
-from tirgeo_ros.tools.simulate.targets import Target, targets_of, targets_text
 
 #: An operator clicks on a target so long after a picture shows it best.
 _CLICK_AFTER_NS = 1_000_000_000

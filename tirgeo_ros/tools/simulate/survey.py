@@ -18,12 +18,11 @@ from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import ScenarioError
 from tirgeo_ros.io.surveys.survey import Observation, SurveyPoint
 from tirgeo_ros.tools.simulate.flight import SimulatedFlight
-from tirgeo_ros.tools.simulate.park import Park
+from tirgeo_ros.tools.simulate.park import Park, Relief
 from tirgeo_ros.tools.simulate.processes import generator
-from tirgeo_ros.tools.simulate.relief import Relief
-from tirgeo_ros.tools.simulate.scenario_ground import SurveyScenario
+from tirgeo_ros.tools.simulate.renderer import Target
+from tirgeo_ros.tools.simulate.scenario import SurveyScenario
 from tirgeo_ros.tools.simulate.sensors import Epochs
-from tirgeo_ros.tools.simulate.targets import Target
 
 
 @dataclass(frozen=True)

@@ -111,12 +111,12 @@ class HeadingAid(Aid):
     def _obstacle(self, sample: HeadingSample, aids: AidStatus) -> str:
         """Return why a heading is not used now, or "": RTK must be fixed, at first for a while."""
         now_ns = sample.stamp_ns
-        if aids.status is not FixStatus.FIXED:
+        if aids.rtk.status is not FixStatus.FIXED:
             return "rtk/fix is not fixed"
-        if now_ns - aids.status_ns > self._timeout_ns:
+        if now_ns - aids.rtk.status_ns > self._timeout_ns:
             return "rtk/fix is silent"
         going_on = aids.track(Source.RTK_HEADING).recent(now_ns, self._timeout_ns)
-        fixed_s = (now_ns - aids.fixed_since_ns) * 1e-9
+        fixed_s = (now_ns - aids.rtk.fixed_since_ns) * 1e-9
         if not going_on and fixed_s < self._heading.start_after_s:
             return f"rtk/fix has been fixed for only {fixed_s:.1f} s"
         return ""

@@ -14,12 +14,11 @@ from process_bags import rewritten
 
 from tirgeo_ros.io.files.child_process import python_command
 from tirgeo_ros.tools.cli import main as command
+from tirgeo_ros.tools.many_flights.flight_record import FlightTask
+from tirgeo_ros.tools.many_flights.local_workers import Board
+from tirgeo_ros.tools.many_flights.many_flights import flights_summary, only_run, summary_lines
 from tirgeo_ros.tools.presentation.progress import Progress
 from tirgeo_ros.tools.replay.process import process
-from tirgeo_ros.tools.season.flight_task import FlightTask
-from tirgeo_ros.tools.season.local_workers import Board
-from tirgeo_ros.tools.season.season import season_lines, season_summary
-from tirgeo_ros.tools.season.season_folder import only_run
 
 NAMES = ["east_flight", "west_flight"]
 #: A limit, not a wait.
@@ -213,13 +212,13 @@ def test_the_summary_counts_each_flight_once():
         "d": record("d", error="d.mcap: cut off"),
         "e": record("e", output=False, error="e.mcap: no bag"),
     }
-    found = season_summary([task(name) for name in records], ["c"], records)
+    found = flights_summary([task(name) for name in records], ["c"], records)
     counts = {name: found[name] for name in ("processed", "kept", "in_part", "failed")}
     assert counts == {"processed": 2, "kept": 1, "in_part": 1, "failed": 1}
     assert found["error"] == "2 of 5 flights have an error: d, e"
     assert [one["attempts"] for one in found["flights"]] == [1, 2, 1, 1, 1]
     told = "2 processed, 1 already done, 1 in part, 1 failed"
-    lines = season_lines(found | {"elapsed_s": 12.0, "page": "out/index.html"}).splitlines()
+    lines = summary_lines(found | {"elapsed_s": 12.0, "page": "out/index.html"}).splitlines()
     assert lines == [
         f"  flights  5: {told}; 180 s of flight in 12.0 s",
         "! d        d.mcap: cut off",
@@ -231,9 +230,9 @@ def test_the_summary_counts_each_flight_once():
 def test_of_many_errors_the_first_are_named():
     names = "abcdef"
     records = {name: record(name, output=False, error="x") for name in names}
-    found = season_summary([task(name) for name in names], [], records)
+    found = flights_summary([task(name) for name in names], [], records)
     assert found["error"] == "6 of 6 flights have an error: a, b, c and 3 more"
-    good = season_summary([task("a")], [], {"a": record("a")})
+    good = flights_summary([task("a")], [], {"a": record("a")})
     assert good["error"] is None
 
 

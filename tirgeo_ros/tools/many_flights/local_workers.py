@@ -10,10 +10,9 @@ from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from functools import partial
 from typing import final
 
+from tirgeo_ros.tools.many_flights.flight_process import run_flight
+from tirgeo_ros.tools.many_flights.flight_record import FlightTask, Record
 from tirgeo_ros.tools.presentation.progress import Progress, Report, silent
-from tirgeo_ros.tools.season.flight_process import run_flight
-from tirgeo_ros.tools.season.flight_record import Record
-from tirgeo_ros.tools.season.flight_task import FlightTask
 
 _SHOW_S = 0.2
 _NAMED = 3  # flights; of more the number is told

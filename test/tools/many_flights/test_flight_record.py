@@ -16,12 +16,20 @@ from pyproj import Geod
 
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader
+from tirgeo_ros.tools.many_flights import flight_record
+from tirgeo_ros.tools.many_flights.flight_facts import flight_facts
+from tirgeo_ros.tools.many_flights.flight_record import (
+    FlightTask,
+    bag_stamps,
+    digests_of,
+    is_done,
+    made_from,
+    read_records,
+    record_of,
+    written_record,
+)
+from tirgeo_ros.tools.many_flights.many_flights import flight_names
 from tirgeo_ros.tools.replay.process import process
-from tirgeo_ros.tools.season import flight_task
-from tirgeo_ros.tools.season.flight_facts import flight_facts
-from tirgeo_ros.tools.season.flight_record import is_done, read_records, record_of, written_record
-from tirgeo_ros.tools.season.flight_task import FlightTask, bag_stamps, digests_of, made_from
-from tirgeo_ros.tools.season.season import flight_names
 
 
 @pytest.fixture
@@ -79,7 +87,7 @@ def test_a_change_makes_it_anew(made, tmp_path, change):
 def test_another_option_or_version_makes_it_anew(made, monkeypatch):
     task, record = made
     assert not is_done(record, task(method="rtk"))
-    monkeypatch.setattr(flight_task, "__version__", "99.0")
+    monkeypatch.setattr(flight_record, "__version__", "99.0")
     assert not is_done(record, task())
 
 

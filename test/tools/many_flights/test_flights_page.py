@@ -12,7 +12,7 @@ from html_pages import Page, embedded
 from pyproj import Geod
 
 from tirgeo_ros import __version__
-from tirgeo_ros.tools.season.page import season_html, track_maps, write_page
+from tirgeo_ros.tools.many_flights.flights_page import flights_html, track_maps, write_page
 
 JPEG = b"\xff\xd8 a picture"
 
@@ -59,7 +59,7 @@ def failed(name):
 
 def html(*records, pictures=None):
     named = {one["season"]["name"]: one for one in records}
-    return season_html("May", named, pictures or {})
+    return flights_html("May", named, pictures or {})
 
 
 def words(page):

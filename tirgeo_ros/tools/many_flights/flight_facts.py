@@ -1,4 +1,4 @@
-"""Read from a processed flight what the season's page shows of it."""
+"""Read from a processed flight what the page of many flights shows of it."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def flight_facts(bag: Path, namespace: str, duration_s: float) -> tuple[dict[str
 
 
 class _Aids:
-    """Collect what the navigation's diagnostics say of the heading and of each source."""
+    """Collect from the navigation's diagnostics the figures of the heading and of each source."""
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -112,10 +112,10 @@ def _of_places(places: list[_Place]) -> dict[str, Any]:
 
 def _each_second(places: list[_Place]) -> Iterator[_Place]:
     next_ns = places[0].stamp_ns
-    for one in places:
-        if one.stamp_ns >= next_ns:
-            yield one
-            next_ns = one.stamp_ns + _TRACK_STEP_NS
+    for place in places:
+        if place.stamp_ns >= next_ns:
+            yield place
+            next_ns = place.stamp_ns + _TRACK_STEP_NS
 
 
 def _distance_m(places: list[_Place]) -> float:

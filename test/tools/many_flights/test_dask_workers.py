@@ -18,9 +18,9 @@ import pytest
 from process_bags import IMAGES, rewritten
 
 from tirgeo_ros.io.files.child_process import python_command
+from tirgeo_ros.tools.many_flights import dask_workers
+from tirgeo_ros.tools.many_flights.local_workers import Board
 from tirgeo_ros.tools.replay.process import process
-from tirgeo_ros.tools.season import dask_workers
-from tirgeo_ros.tools.season.local_workers import Board
 
 LIMIT_S = 240.0
 

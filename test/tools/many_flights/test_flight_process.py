@@ -10,10 +10,15 @@ from pathlib import Path
 import pytest
 from process_bags import rewritten
 
+from tirgeo_ros.tools.many_flights.flight_process import (
+    ATTEMPTS,
+    Stopped,
+    remove_parts,
+    run_flight,
+)
+from tirgeo_ros.tools.many_flights.flight_record import FlightTask, bag_stamps, made_from
+from tirgeo_ros.tools.many_flights.local_workers import core_shares
 from tirgeo_ros.tools.replay.process import process
-from tirgeo_ros.tools.season.flight_process import ATTEMPTS, Stopped, remove_parts, run_flight
-from tirgeo_ros.tools.season.flight_task import FlightTask, bag_stamps, made_from
-from tirgeo_ros.tools.season.local_workers import core_shares
 
 
 @pytest.fixture

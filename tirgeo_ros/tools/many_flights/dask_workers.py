@@ -18,12 +18,15 @@ from typing import Any
 
 from tirgeo_ros import __version__
 from tirgeo_ros.core.types.errors import SeasonError, shown
+from tirgeo_ros.tools.many_flights.flight_process import run_flight
+from tirgeo_ros.tools.many_flights.flight_record import (
+    FlightTask,
+    Record,
+    running_mark,
+    written_record,
+)
+from tirgeo_ros.tools.many_flights.local_workers import Board
 from tirgeo_ros.tools.presentation.progress import silent
-from tirgeo_ros.tools.season.flight_process import run_flight
-from tirgeo_ros.tools.season.flight_record import Record, written_record
-from tirgeo_ros.tools.season.flight_task import FlightTask
-from tirgeo_ros.tools.season.local_workers import Board
-from tirgeo_ros.tools.season.season_folder import running_mark
 
 _SHOW_S = 0.2
 _CONNECT_S = 10.0
@@ -52,7 +55,7 @@ def run_on_cluster(
                 board.in_work(_names(client, run))
                 board.show()
                 time.sleep(_SHOW_S)
-                done = [one for one in pending if one.done()]
+                done = [future for future in pending if future.done()]
                 if client.status != "running":  # it has cancelled all of them by itself
                     raise ConnectionError
                 for future in done:
@@ -70,14 +73,14 @@ def run_on_cluster(
 
 
 def run_on_worker(task: FlightTask) -> Record:
-    """Process a flight on a worker, as long as the season's run goes on."""
+    """Process a flight on a worker, as long as the command runs."""
     if task.made_from["version"] != __version__:
         raise SeasonError(_other_version(__version__))
     mark = running_mark(Path(task.folder))
     return run_flight(task, lambda: not mark.exists(), silent)
 
 
-def seen_on_worker(folder: str) -> tuple[str, bool]:
+def worker_sees(folder: str) -> tuple[str, bool]:
     """Return a worker's version of tirgeo, and whether it sees the run in this folder."""
     return __version__, running_mark(Path(folder)).exists()
 
@@ -94,7 +97,7 @@ def _client(scheduler: str) -> Iterator[Any]:
         raise SeasonError(f"--scheduler {scheduler}: no address, as tcp://192.168.1.5:8786")
     dask = _dask()
     for name in ("distributed", "distributed.client"):  # the package gives each its own level
-        logging.getLogger(name).setLevel(logging.CRITICAL)  # what they tell is raised here
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # their errors are raised here
     try:
         client = dask.Client(scheduler, timeout=_CONNECT_S, set_as_default=False, name="tirgeo")
     except (OSError, ValueError, TypeError) as error:
@@ -110,11 +113,11 @@ def _check(client: Any, folder: str) -> None:
         client.wait_for_workers(1, timeout=_WORKERS_S)
     except _dask().TimeoutError:
         raise SeasonError("the scheduler has no worker: start some with dask worker") from None
-    for worker, found in client.run(seen_on_worker, folder, on_error="return").items():
-        if isinstance(found, BaseException):
-            why = shown(found, 200)
+    for worker, answer in client.run(worker_sees, folder, on_error="return").items():
+        if isinstance(answer, BaseException):
+            why = shown(answer, 200)
             raise SeasonError(f"worker {worker}: cannot run tirgeo {__version__}: {why}")
-        version, sees = found
+        version, sees = answer
         if version != __version__:
             raise SeasonError(f"worker {worker}: {_other_version(version)}")
         if not sees:
@@ -135,12 +138,12 @@ def _names(client: Any, run: str) -> list[str]:
 
 
 def _record(task: FlightTask, future: Any) -> Record:
-    """Return what a worker found; a record of the error if it did not come to that."""
+    """Return the record that a worker made; one of its error if it made none."""
     if future.status == "finished":
         record: Record = future.result()
         return record
     error = future.exception() if future.status == "error" else None
-    told = shown(error or "cancelled by the scheduler", 300)
+    why = shown(error or "cancelled by the scheduler", 300)
     if type(error).__name__ == "KilledWorker":
-        told = "each worker that began it was killed; is there enough memory?"
-    return written_record(task, {"error": f"{task.bag}: {told}"}, 1)
+        why = "each worker that began it was killed; is there enough memory?"
+    return written_record(task, {"error": f"{task.bag}: {why}"}, 1)

@@ -6,12 +6,13 @@ with the same options, is not done again.
 
 from __future__ import annotations
 
+import fcntl
 import os
 import re
 import time
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from contextlib import closing
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -21,27 +22,25 @@ from tirgeo_ros.io.bags.bag import METADATA
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, made_folder
 from tirgeo_ros.io.maps import map_files
 from tirgeo_ros.io.parameters.parameter_file import paths_of
-from tirgeo_ros.tools.presentation.progress import Report, silent, three
-from tirgeo_ros.tools.replay.node_configs import node_configs
-from tirgeo_ros.tools.season.flight_process import remove_parts
-from tirgeo_ros.tools.season.flight_record import (
-    Record,
-    is_done,
-    read_records,
-    same_files,
-    same_place,
-)
-from tirgeo_ros.tools.season.flight_task import (
+from tirgeo_ros.tools.many_flights.flight_process import remove_parts
+from tirgeo_ros.tools.many_flights.flight_record import (
     FlightTask,
+    Record,
     Stamp,
     bag_stamps,
     digests_of,
+    is_done,
     made_from,
     place_of,
+    read_records,
+    running_mark,
+    same_files,
+    same_place,
 )
-from tirgeo_ros.tools.season.local_workers import Board, run_here
-from tirgeo_ros.tools.season.page import PAGE, write_page
-from tirgeo_ros.tools.season.season_folder import only_run
+from tirgeo_ros.tools.many_flights.flights_page import PAGE, write_page
+from tirgeo_ros.tools.many_flights.local_workers import Board, run_here
+from tirgeo_ros.tools.presentation.progress import Report, silent, three
+from tirgeo_ros.tools.replay.node_configs import node_configs
 
 _NAMED = 3  # errors in the line of the whole; all are in the result and on the page
 #: What becomes of a flight, and in words for a person.
@@ -54,55 +53,7 @@ _WORDS = {
 _OF_RECORD = ("output", "duration_s", "elapsed_s", "error")
 
 
-def season_summary(
-    tasks: Sequence[FlightTask], kept: Sequence[str], records: Mapping[str, Record]
-) -> dict[str, object]:
-    """Return what became of each flight; ``kept`` are the names of those done by earlier runs.
-
-    ``error`` is None, or how many flights have an error, and the names of the first ones.
-    """
-    flights = [_flight(task, records[task.name], task.name in kept) for task in tasks]
-    errors = [str(one["name"]) for one in flights if one["error"]]
-    more = f" and {len(errors) - _NAMED} more" if len(errors) > _NAMED else ""
-    told = f"{len(errors)} of {len(flights)} flights have an error: {', '.join(errors[:_NAMED])}"
-    fates = Counter(map(_fate, flights))
-    return {
-        "flights": flights,
-        **{fate: fates[fate] for fate in _WORDS},
-        "error": told + more if errors else None,
-    }
-
-
-def season_lines(result: Mapping[str, Any]) -> str:
-    """Return what was done, then a line for each flight with an error, then the page."""
-    told = ", ".join(f"{result[fate]} {word}" for fate, word in _WORDS.items() if result[fate])
-    times = f"{three(_flown_s(result))} s of flight in {three(result['elapsed_s'])} s"
-    lines = [f"  flights  {len(result['flights'])}: {told}; {times}"]
-    lines += [f"! {one['name']:<8} {one['error']}" for one in result["flights"] if one["error"]]
-    return "\n".join([*lines, f"  page     {result['page']}"])
-
-
-def _fate(flight: Mapping[str, object]) -> str:
-    if flight["error"] and not str(flight["error"]).startswith(NO_GO):
-        return "in_part" if flight["output"] else "failed"
-    return "kept" if flight["kept"] else "processed"
-
-
-def _flown_s(result: Mapping[str, Any]) -> float:
-    """Return the length of the flights that were processed now."""
-    return float(sum(one["duration_s"] or 0 for one in result["flights"] if not one["kept"]))
-
-
-def _flight(task: FlightTask, record: Record, kept: bool) -> dict[str, object]:
-    found = {name: record.get(name) for name in _OF_RECORD}
-    attempts = record["season"].get("attempts", 1)
-    return {"name": task.name, "input": task.bag, "kept": kept, "attempts": attempts, **found}
-
-
-_ENDINGS = re.compile(r"\.(mcap|db3)(\.zstd)?$", re.IGNORECASE)
-
-
-def process_season(
+def process_flights(
     flights: Iterable[PathLike],
     folder: PathLike,
     *,
@@ -112,7 +63,7 @@ def process_season(
     progress: Report = silent,
     **options: Any,
 ) -> dict[str, object]:
-    """Process flights into a folder and return a summary; ``error`` tells which have failed.
+    """Process flights into a folder and return a summary; ``error`` names those that have failed.
 
     ``options`` are the keywords of ``process``, but for ``progress``; ``video`` is the ending of
     the videos, with its dot. ``workers`` is the number of processes on this computer (None: one a
@@ -124,7 +75,7 @@ def process_season(
     place = made_folder(folder, SeasonError)
     with only_run(place):
         records = read_records(place)
-        tasks = season_tasks(flights, place, records, video, options)
+        tasks = flight_tasks(flights, place, records, video, options)
         kept = [task.name for task in tasks if is_done(records.get(task.name), task)]
         wanted = [task for task in tasks if task.name not in kept]
         for task in wanted:
@@ -134,13 +85,44 @@ def process_season(
         finally:
             write_page(place)
     return {
-        **season_summary(tasks, kept, records),
+        **flights_summary(tasks, kept, records),
         "page": os.fspath(place / PAGE),
         "elapsed_s": time.perf_counter() - begun_s,
     }
 
 
-def season_tasks(
+@contextmanager
+def only_run(folder: Path) -> Iterator[None]:
+    """Mark the folder as in use, and remove the mark at the end.
+
+    Raises SeasonError while another run does the same. A run that was killed leaves a mark that
+    stops nobody.
+    """
+    mark = running_mark(folder)
+    try:
+        file = mark.open("w")
+    except OSError as error:
+        raise SeasonError(f"{folder}: cannot be written: {error.strerror}") from None
+    with file:
+        _lock(file.fileno(), folder)
+        try:
+            yield
+        finally:
+            mark.unlink(missing_ok=True)
+
+
+def _lock(number: int, folder: Path) -> None:
+    with suppress(OSError):  # a file system without locks
+        try:
+            fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise SeasonError(
+                f"{folder}: another tirgeo process works in this folder; "
+                "wait for it, or give another folder"
+            ) from None
+
+
+def flight_tasks(
     flights: Iterable[PathLike],
     folder: Path,
     records: Mapping[str, Record],
@@ -177,11 +159,11 @@ def _files(given: Mapping[str, Any]) -> list[PathLike]:
 
 
 def _each_once(flights: Iterable[PathLike]) -> Iterable[PathLike]:
-    """Return the flights without those that are given again, also by another name."""
-    found: dict[Path, PathLike] = {}
+    """Return each flight once, also one that is given by two names."""
+    once: dict[Path, PathLike] = {}
     for bag in flights:
-        found.setdefault(Path(os.path.realpath(bag)), bag)  # resolve() raises at a loop of links
-    return found.values()
+        once.setdefault(Path(os.path.realpath(bag)), bag)  # resolve() raises at a loop of links
+    return once.values()
 
 
 def _run(
@@ -197,7 +179,7 @@ def _run(
     if scheduler is None:
         running = run_here(tasks, workers, board)
     else:
-        from tirgeo_ros.tools.season.dask_workers import run_on_cluster  # noqa: PLC0415  an extra
+        from tirgeo_ros.tools.many_flights.dask_workers import run_on_cluster  # noqa: PLC0415  an extra
 
         running = run_on_cluster(tasks, scheduler, board)
     with closing(running):
@@ -210,8 +192,56 @@ def _in_json(value: Any) -> Any:
     if isinstance(value, os.PathLike):
         return os.fspath(value)
     if isinstance(value, list | tuple):
-        return [_in_json(one) for one in value]
+        return [_in_json(item) for item in value]
     return value
+
+
+def flights_summary(
+    tasks: Sequence[FlightTask], kept: Sequence[str], records: Mapping[str, Record]
+) -> dict[str, object]:
+    """Return what became of each flight; ``kept`` are the names of those done by earlier runs.
+
+    ``error`` is None, or how many flights have an error, and the names of the first ones.
+    """
+    flights = [_flight(task, records[task.name], task.name in kept) for task in tasks]
+    errors = [str(flight["name"]) for flight in flights if flight["error"]]
+    more = f" and {len(errors) - _NAMED} more" if len(errors) > _NAMED else ""
+    first = f"{len(errors)} of {len(flights)} flights have an error: {', '.join(errors[:_NAMED])}"
+    fates = Counter(map(_fate, flights))
+    return {
+        "flights": flights,
+        **{fate: fates[fate] for fate in _WORDS},
+        "error": first + more if errors else None,
+    }
+
+
+def summary_lines(result: Mapping[str, Any]) -> str:
+    """Return what was done, then a line for each flight with an error, then the page."""
+    fates = ", ".join(f"{result[fate]} {word}" for fate, word in _WORDS.items() if result[fate])
+    times = f"{three(_flown_s(result))} s of flight in {three(result['elapsed_s'])} s"
+    lines = [f"  flights  {len(result['flights'])}: {fates}; {times}"]
+    lines += [f"! {x['name']:<8} {x['error']}" for x in result["flights"] if x["error"]]
+    return "\n".join([*lines, f"  page     {result['page']}"])
+
+
+def _fate(flight: Mapping[str, object]) -> str:
+    if flight["error"] and not str(flight["error"]).startswith(NO_GO):
+        return "in_part" if flight["output"] else "failed"
+    return "kept" if flight["kept"] else "processed"
+
+
+def _flown_s(result: Mapping[str, Any]) -> float:
+    """Return the length of the flights that were processed now."""
+    return float(sum(x["duration_s"] or 0 for x in result["flights"] if not x["kept"]))
+
+
+def _flight(task: FlightTask, record: Record, kept: bool) -> dict[str, object]:
+    own = {name: record.get(name) for name in _OF_RECORD}
+    attempts = record["season"].get("attempts", 1)
+    return {"name": task.name, "input": task.bag, "kept": kept, "attempts": attempts, **own}
+
+
+_ENDINGS = re.compile(r"\.(mcap|db3)(\.zstd)?$", re.IGNORECASE)
 
 
 def flight_names(
