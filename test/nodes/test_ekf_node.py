@@ -23,7 +23,7 @@ from rclpy.node import Node
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import Imu, NavSatFix
 
-from tirgeo_ros.core.frames.heading import heading_of, wrapped
+from tirgeo_ros.core.frames.rotations import heading_of, wrapped
 from tirgeo_ros.core.types.errors import MessageError
 from tirgeo_ros.core.types.measurements import FixStatus
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus

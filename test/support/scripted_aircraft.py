@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tirgeo_ros.core.config.dji import DjiHostConfig
+from tirgeo_ros.core.config.dji_parameters import DjiHostConfig
 from tirgeo_ros.dji.host.session import HostSession
 from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
 from tirgeo_ros.dji.protocol.commands import decode_request

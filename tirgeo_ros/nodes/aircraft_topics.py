@@ -13,8 +13,8 @@ from typing import Any, Generic
 
 import numpy as np
 
-from tirgeo_ros.core.config.overlay import ConfidenceConfig
-from tirgeo_ros.core.config.viewer import GroundConfig
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
+from tirgeo_ros.core.config.viewer_parameters import GroundConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, P, PoseBuffer
 from tirgeo_ros.core.ground.dem import Terrain

@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any
 
 from tirgeo_ros.core.checks.gimbal_checks import GimbalChecks
-from tirgeo_ros.core.checks.parameter_checks import parameter_findings
+from tirgeo_ros.core.checks.input_checks import parameter_findings
 from tirgeo_ros.core.config import GimbalConfig
 from tirgeo_ros.core.gimbal.composer import GimbalComposer
 from tirgeo_ros.core.streams.arrivals import Arrivals

@@ -21,7 +21,7 @@ from pathlib import Path
 
 from tirgeo_ros.core.config import ViewerConfig
 from tirgeo_ros.core.config.schema import parameters_of
-from tirgeo_ros.core.config.viewer import GroundConfig
+from tirgeo_ros.core.config.viewer_parameters import GroundConfig
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.io.files.child_process import node_command
 from tirgeo_ros.io.messages import SENSED_TOPICS

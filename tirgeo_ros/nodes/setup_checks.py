@@ -13,7 +13,7 @@ from typing import Any
 
 from rclpy.node import Node
 
-from tirgeo_ros.core.checks.recording_checks import RecordedTopics, needed_findings
+from tirgeo_ros.core.checks.input_checks import RecordedTopics, needed_findings
 from tirgeo_ros.core.types.errors import shown
 from tirgeo_ros.core.types.finding import Finding, Severity, sorted_findings, verdict_line
 from tirgeo_ros.io.messages import DJI_TOPICS, TOPIC_TYPES, DiagnosticItem, NodeState

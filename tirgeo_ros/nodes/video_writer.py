@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from tirgeo_ros.core.config import VideoWriterConfig
-from tirgeo_ros.core.config.overlay import ConfidenceConfig
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.types.errors import ConfigError, VideoError
 from tirgeo_ros.io.files.encoded_picture import MOST_OF_VIDEO, unpacked
 from tirgeo_ros.io.messages import DiagnosticItem

@@ -13,7 +13,7 @@ from urllib.parse import urlsplit
 
 from tirgeo_ros.core.config import ViewerConfig
 from tirgeo_ros.core.config.schema import config_from, parameters_of, values_of
-from tirgeo_ros.core.config.viewer import split_namespaces
+from tirgeo_ros.core.config.viewer_parameters import split_namespaces
 from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.errors import ConfigError, shown
 from tirgeo_ros.core.types.finding import Finding, Severity, sorted_findings

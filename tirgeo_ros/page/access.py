@@ -16,7 +16,7 @@ from typing import Any
 
 from aiohttp import web
 
-from tirgeo_ros.core.config.viewer import TOKEN_SEED, ViewerConfig, address_of
+from tirgeo_ros.core.config.viewer_parameters import TOKEN_SEED, ViewerConfig, address_of
 
 _MOST_ADDRESSES = 1000  # that are remembered
 _FIRST_WAIT_S, _LONGEST_WAIT_S = 0.5, 60.0

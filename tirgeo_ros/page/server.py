@@ -15,7 +15,7 @@ from typing import Any
 
 from aiohttp import web
 
-from tirgeo_ros.core.config.viewer import ViewerConfig, address_of
+from tirgeo_ros.core.config.viewer_parameters import ViewerConfig, address_of
 from tirgeo_ros.core.types.errors import PageError, TargetError
 from tirgeo_ros.page.access import OPERATOR, VIEWER, Access
 from tirgeo_ros.page.actions import Actions, Told, changed_targets

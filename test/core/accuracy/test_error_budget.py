@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tirgeo_ros.core.accuracy.error_budget import (
+from tirgeo_ros.core.accuracy.ground_errors import (
+    GroundErrors,
     GroundView,
     looking,
     paper_ground_offset,
@@ -19,7 +20,6 @@ from tirgeo_ros.core.accuracy.error_budget import (
     pixel_grid,
     rms_m,
 )
-from tirgeo_ros.core.accuracy.ground_errors import GroundErrors
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
 
 F = 800.0

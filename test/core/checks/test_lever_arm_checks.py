@@ -11,8 +11,8 @@ from checked_flights import Arrived, changed, checked, simulated
 from flights import flight
 
 from dev.flight_errors import fitting_config
-from tirgeo_ros.core.checks.imu_checks import ImuMean
-from tirgeo_ros.core.checks.lever_arm_checks import LeverChecks, Normal, integrated, solved
+from tirgeo_ros.core.checks.inertial_checks import ImuMean
+from tirgeo_ros.core.checks.lever_arm_fit import Normal, integrated, solved
 from tirgeo_ros.core.checks.navigation_checks import NavigationChecks
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.frames.rotations import quat_from_euler
@@ -52,19 +52,17 @@ def test_a_wrong_sign_of_the_antennas_place_is_named(signs, axis, flown, arrived
     assert one.mend == f"is the sign of {axis} wrong?"
 
 
-def place_found(arrived: list[Arrived], config):
-    checks = LeverChecks(config, None)
+def fitted(arrived: list[Arrived], config):
     navigation = NavigationChecks(config, None)
-    navigation._levers = checks  # its own are as good; these are at hand
-    for one in arrived:
-        navigation.take(*one)
-    found = checks.found
-    assert found is not None
-    return found
+    for sample in arrived:
+        navigation.take(*sample)
+    estimate = navigation._levers.fit.estimate
+    assert estimate is not None
+    return estimate
 
 
 def test_the_place_is_found_within_its_sigmas(flown, arrived):
-    found = place_found(arrived, fitting_config(flown))
+    found = fitted(arrived, fitting_config(flown))
     off = flu_from_frd(found.lever_b) - LEVER_FLU_M
     assert (np.abs(off) < 4 * found.lever_sigma_b).all()  # 3 values, 4 sigma: once in 5000
     assert (found.lever_sigma_b < 0.05).all()  # a third of what is told
@@ -74,12 +72,12 @@ def test_the_place_is_found_within_its_sigmas(flown, arrived):
 @pytest.mark.parametrize("late_s", [-0.4, -0.1, 0.1, 0.6])
 def test_late_stamps_are_found_and_taken_off(late_s, flown, arrived):
     late = rtk_late(arrived, late_s)
-    found = place_found(late, fitting_config(flown))
+    found = fitted(late, fitting_config(flown))
     # Of the first order in the delay up to 0.1 s: what the motion changes within it is left.
     assert found.delays_s == pytest.approx([late_s, 0.0], abs=0.04)
     assert (np.abs(flu_from_frd(found.lever_b) - LEVER_FLU_M) < 0.1).all()  # nor is it that
     # The parameter takes them off.
-    known = place_found(late, fitting_config(flown, rtk__delay_s=late_s))
+    known = fitted(late, fitting_config(flown, rtk__delay_s=late_s))
     assert (np.abs(known.delays_s) < np.maximum(4 * known.delay_sigmas_s, 0.01)).all()
 
 

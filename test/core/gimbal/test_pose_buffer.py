@@ -15,7 +15,7 @@ from tirgeo_ros.core.frames.rotations import (
     rotvec_from_quat,
 )
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseBuffer
-from tirgeo_ros.core.gimbal.pose_extrapolation import predicted
+from tirgeo_ros.core.overlay.camera_motion import predicted
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose
 
 STEP_NS = 10_000_000

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from tirgeo_ros.core.config import NorthConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler, quat_from_matrix
-from tirgeo_ros.core.gimbal.yaw_bias_filter import YawBiasFilter
-from tirgeo_ros.core.gimbal.yaw_bias_measurements import SteadyMean, YawBiasMeasurements
+from tirgeo_ros.core.gimbal.yaw_bias import SteadyMean, YawBiasFilter, YawBiasMeasurements
 from tirgeo_ros.core.types.verdicts import Outcome
 
 S = 1_000_000_000

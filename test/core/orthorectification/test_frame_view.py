@@ -21,9 +21,9 @@ from coded_frames import (
 )
 from scenes import PLANE, camera_pose
 
-from tirgeo_ros.core.ground.dem_intersection import hidden
-from tirgeo_ros.core.orthorectification.frame_view import FrameView, level_gsd_m, seeds
+from tirgeo_ros.core.ground.backprojection import hidden
 from tirgeo_ros.core.orthorectification.ground_tiles import TILE_PX
+from tirgeo_ros.core.orthorectification.orthophoto import FrameView, level_gsd_m, seeds
 
 GRAZING = math.radians(15.0)
 SLOPE = terrain_of(lambda north, east: 0.2 * north - 0.1 * east)

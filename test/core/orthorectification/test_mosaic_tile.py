@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.orthorectification.frame_view import Patch
 from tirgeo_ros.core.orthorectification.ground_tiles import TILE_PX
-from tirgeo_ros.core.orthorectification.mosaic_tile import LevelMatch, MosaicTile
+from tirgeo_ros.core.orthorectification.orthophoto import LevelMatch, MosaicTile, Patch
 
 WHOLE = slice(0, TILE_PX)
 

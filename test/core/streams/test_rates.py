@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tirgeo_ros.core.streams.rates import RateLimit, StreamPresence
+from tirgeo_ros.core.streams.stamps import RateLimit, StreamPresence
 
 MS = 1_000_000
 

@@ -15,8 +15,12 @@ from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
 from tirgeo_ros.core.ground.ground_point import Located
-from tirgeo_ros.core.overlay.status_text import VERDICT_BGR
-from tirgeo_ros.core.overlay.text_boxes import Field, paint_status, place_notice
+from tirgeo_ros.core.overlay.status_and_notices import (
+    VERDICT_BGR,
+    Field,
+    paint_status,
+    place_notice,
+)
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.poses import CameraPose
 

@@ -14,7 +14,7 @@ from link_delays import (
     stalls,
 )
 
-from tirgeo_ros.core.config.dji import DjiClockConfig
+from tirgeo_ros.core.config.dji_parameters import DjiClockConfig
 from tirgeo_ros.dji.clocks.aircraft_clock import AircraftClock
 
 CONFIG = DjiClockConfig()

@@ -7,7 +7,7 @@ import random
 import pytest
 from scripted_aircraft import FAST, RATES, RTK, Flight
 
-from tirgeo_ros.core.config.dji import DjiHostConfig
+from tirgeo_ros.core.config.dji_parameters import DjiHostConfig
 from tirgeo_ros.core.types.errors import DjiError
 from tirgeo_ros.dji.host.session import HostSession, HostState
 from tirgeo_ros.dji.link.framing import FrameReader, encode_frame

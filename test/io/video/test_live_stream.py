@@ -11,7 +11,7 @@ import pytest
 from free_addresses import free_udp_address
 from klv_reader import Demuxed, demuxed, values_in
 
-from tirgeo_ros.core.config.overlay import ConfidenceConfig
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.types.errors import VideoError
 from tirgeo_ros.io.video import live_stream
 from tirgeo_ros.io.video.frame_metadata import FrameMetadata

@@ -11,7 +11,7 @@ from hover_bags import write_hover
 from process_bags import messages_of
 
 from tirgeo_ros.core.config import EkfConfig, OverlayConfig
-from tirgeo_ros.core.frames.heading import heading_of, wrapped
+from tirgeo_ros.core.frames.rotations import heading_of, wrapped
 from tirgeo_ros.core.types.measurements import SetHeading
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr

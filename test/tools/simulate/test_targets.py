@@ -11,7 +11,7 @@ import pytest
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler, quat_multiply
-from tirgeo_ros.core.ground.dem_intersection import first_hit
+from tirgeo_ros.core.ground.backprojection import first_hit
 from tirgeo_ros.core.types.errors import ScenarioError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.elevation.elevation_model import load_terrain

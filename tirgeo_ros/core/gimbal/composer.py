@@ -5,7 +5,7 @@ is composed (``tirgeo_ros.core.gimbal.camera_pose``) with the interpolated body 
 extrapolated: a sample that waits too long, or that falls into a gap, is dropped and counted.
 
 The reported attitudes also measure the bias of the gimbal's north relative to the autopilot's
-(``tirgeo_ros.core.gimbal.yaw_bias_measurements``). No body pose is needed for that.
+(``tirgeo_ros.core.gimbal.yaw_bias``). No body pose is needed for that.
 
 Joints may be computed from the reported attitudes (``JointSample.computed``). They give camera
 poses as encoder angles do, but they are not an independent measurement: compared with the reported
@@ -25,16 +25,15 @@ from tirgeo_ros.core.frames.rotations import quat_multiply, slerp
 from tirgeo_ros.core.gimbal.camera_pose import (
     Mount,
     YawBias,
+    camera_turn,
     from_computed,
     from_joints,
     from_reported,
 )
-from tirgeo_ros.core.gimbal.joint_geometry import camera_turn
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseBuffer, StampedBuffer
-from tirgeo_ros.core.gimbal.yaw_bias_filter import YawBiasFilter
-from tirgeo_ros.core.gimbal.yaw_bias_measurements import YawBiasMeasurements
-from tirgeo_ros.core.streams.rates import StreamPresence
+from tirgeo_ros.core.gimbal.yaw_bias import YawBiasFilter, YawBiasMeasurements
 from tirgeo_ros.core.streams.sanity_checks import joints_fault, usable_attitude
+from tirgeo_ros.core.streams.stamps import StreamPresence
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.frames.heading import azimuth
+from tirgeo_ros.core.frames.rotations import azimuth
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.frames.wgs84 import SEMI_MAJOR_AXIS_M, ecef_from_geodetic
 from tirgeo_ros.core.map.vector_map import VectorMap

@@ -162,6 +162,13 @@ class VisibleLines(Polylines):
 
     rays: Array
 
+    def select(self, which: IntArray) -> VisibleLines:
+        """Return the lines with these indices."""
+        first = self.starts[which]
+        index, starts = runs(first, self.starts[which + 1] - first)
+        points, rays = (rows.take(index, axis=1) for rows in (self.points, self.rays))
+        return VisibleLines(points, starts, self.owner[which], rays)
+
 
 _NOTHING = VisibleLines(
     np.empty((2, 0)), np.zeros(1, np.int64), np.empty(0, np.int64), np.empty((3, 0))

@@ -8,11 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.map.layers import Colour
+from tirgeo_ros.core.map.map_layers import Colour
 from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.map.visibility import VisibleLines
 from tirgeo_ros.core.overlay.line_renderer import mark_radius_px
-from tirgeo_ros.core.overlay.line_sampling import picked
 from tirgeo_ros.core.overlay.text_rendering import TEXT_BGR, Box, stamp, text_px
 from tirgeo_ros.core.overlay.uncertainty_rendering import Anchors
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray, Pixels
@@ -78,7 +77,7 @@ class AnchorFinder:
         if len(kept):
             number = row[lines.owner[kept]]
             order = np.argsort(number, kind="stable")
-            parts, number = picked(lines, kept[order]), number[order]
+            parts, number = lines.select(kept[order]), number[order]
             at = np.unique(number)
             points[:, at], half[:, at] = _anchors(parts, number, outline[at])
         return Features(chosen, is_mark, outline, points[:2], points[2:], half)

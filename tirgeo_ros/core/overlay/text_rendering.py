@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont, features
 
-from tirgeo_ros.core.map.layers import Colour
+from tirgeo_ros.core.map.map_layers import Colour
 from tirgeo_ros.core.types.arrays import Pixels
 from tirgeo_ros.core.types.errors import cut
 

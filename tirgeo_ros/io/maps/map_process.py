@@ -32,11 +32,12 @@ import numpy as np
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.frames.wgs84 import SEMI_MAJOR_AXIS_M
-from tirgeo_ros.core.map.draping import Ground, check_heights
-from tirgeo_ros.core.map.layers import GeoFeature, MapLayer
+from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.map.level_of_detail import worths
+from tirgeo_ros.core.map.map_layers import GeoFeature, MapLayer
 from tirgeo_ros.core.map.polylines import Polylines
-from tirgeo_ros.core.overlay.map_renderer import DrapedMap, lay_layers
+from tirgeo_ros.core.map.vector_map import check_heights
+from tirgeo_ros.core.overlay.map_renderer import DrapedMap, drape_layers
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import MapError, TirgeoError
 from tirgeo_ros.io.elevation.elevation_model import ground_of
@@ -206,7 +207,7 @@ class _Work:
         return MapContents(sum(len(layer.features) for layer in self.kept), left_out)
 
     def layout(self, plane: TangentPlane) -> DrapedMap:
-        return lay_layers(self.kept, plane, self.ground)
+        return drape_layers(self.kept, plane, self.ground)
 
 
 #: What a tablet's browser draws fluently: parts (a line, an outline, a point) and their points.

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, TypeVar
 
-from tirgeo_ros.core.config.overlay import POINT_SIGMAS, ConfidenceConfig
+from tirgeo_ros.core.config.overlay_parameters import POINT_SIGMAS, ConfidenceConfig
 from tirgeo_ros.core.types.errors import MessageError, cut, shown
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.measurements import FixStatus

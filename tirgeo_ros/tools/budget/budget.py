@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from tirgeo_ros.core.accuracy.error_budget import (
+from tirgeo_ros.core.accuracy.ground_errors import (
     GroundView,
     looking,
     paper_heading_error_m,
@@ -27,7 +27,7 @@ from tirgeo_ros.core.accuracy.error_budget import (
     rms_m,
 )
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
-from tirgeo_ros.core.config.overlay import ConfidenceConfig
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.files.whole_files import (

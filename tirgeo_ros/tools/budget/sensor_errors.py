@@ -17,8 +17,13 @@ from tirgeo_ros.core.accuracy.ground_errors import rms
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig
 from tirgeo_ros.core.config.schema import config_from, values_of
-from tirgeo_ros.core.frames.heading import azimuths, wrap_pi
-from tirgeo_ros.core.frames.rotations import euler_from_quat, matrix_from_quat, rotation_z
+from tirgeo_ros.core.frames.rotations import (
+    azimuths,
+    euler_from_quat,
+    matrix_from_quat,
+    rotation_z,
+    wrap_pi,
+)
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.types.arrays import Array, IntArray
 from tirgeo_ros.core.types.errors import BagError

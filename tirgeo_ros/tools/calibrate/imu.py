@@ -15,7 +15,7 @@ from tirgeo_ros.core.calibration.imu_record import (
     ImuRecord,
 )
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.config.filter import ImuConfig
+from tirgeo_ros.core.config.filter_parameters import ImuConfig
 from tirgeo_ros.core.navigation.timeline.imu_clipping import CHANNELS as CLIPPED
 from tirgeo_ros.core.navigation.timeline.imu_clipping import Clipping
 from tirgeo_ros.core.types.arrays import Array

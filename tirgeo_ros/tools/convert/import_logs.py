@@ -10,10 +10,10 @@ from datetime import datetime, timezone
 from itertools import compress
 from pathlib import Path
 
-from tirgeo_ros.core.checks.imu_checks import imu_findings
+from tirgeo_ros.core.checks.inertial_checks import imu_findings
 from tirgeo_ros.core.config import AircraftConfig, DjiConfig
-from tirgeo_ros.core.streams.lone_stamps import lone_stamps
 from tirgeo_ros.core.streams.sanity_checks import fault_of, joints_fault, usable_attitude
+from tirgeo_ros.core.streams.stamps import lone_stamps
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.measurements import (
     LAST_NS,

@@ -23,8 +23,8 @@ from tirgeo_ros.core.frames.rotations import (
     quat_multiply,
 )
 from tirgeo_ros.core.navigation.timeline.imu_checks import in_body_axes
-from tirgeo_ros.core.streams.lone_stamps import lone_stamps
 from tirgeo_ros.core.streams.sanity_checks import fault_of, usable_attitude
+from tirgeo_ros.core.streams.stamps import lone_stamps
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import BagError, MessageError
 from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, Source, VelocitySample

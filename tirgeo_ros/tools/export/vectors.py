@@ -11,9 +11,8 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from tirgeo_ros.core.config.overlay import ConfidenceConfig
-from tirgeo_ros.core.frames.heading import azimuth_row
-from tirgeo_ros.core.frames.rotations import matrix_from_quat
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
+from tirgeo_ros.core.frames.rotations import azimuth_row, matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.camera_place import body_rpy, height_above_m
 from tirgeo_ros.core.ground.frame_geometry import Sight, footprint, frame_geometry

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NoReturn
 
-from tirgeo_ros.core.config.viewer import TOKEN_SEED
+from tirgeo_ros.core.config.viewer_parameters import TOKEN_SEED
 from tirgeo_ros.core.types.errors import GraphError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.child_process import node_command, stop_signals

@@ -15,21 +15,21 @@ from typing import Any, TypeVar, cast
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.checks.gimbal_checks import GimbalChecks
-from tirgeo_ros.core.checks.map_checks import MapChecks
-from tirgeo_ros.core.checks.navigation_checks import NavigationChecks, nearest_causes
-from tirgeo_ros.core.checks.parameter_checks import parameter_findings
-from tirgeo_ros.core.checks.picture_checks import PictureChecks
-from tirgeo_ros.core.checks.recording_checks import (
+from tirgeo_ros.core.checks.ground_checks import MapChecks
+from tirgeo_ros.core.checks.input_checks import (
     RecordedTopics,
+    parameter_findings,
     recording_findings,
     unreadable_findings,
 )
+from tirgeo_ros.core.checks.navigation_checks import NavigationChecks, nearest_causes
+from tirgeo_ros.core.checks.picture_checks import PictureChecks
 from tirgeo_ros.core.checks.stream_checks import Stream, lone_findings
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.map.draping import Ground
-from tirgeo_ros.core.map.layers import MapLayer
-from tirgeo_ros.core.overlay.map_renderer import DrapedMap, lay_layers
+from tirgeo_ros.core.ground.backprojection import Ground
+from tirgeo_ros.core.map.map_layers import MapLayer
+from tirgeo_ros.core.overlay.map_renderer import DrapedMap, drape_layers
 from tirgeo_ros.core.streams.arrivals import Arrivals
 from tirgeo_ros.core.types.errors import ConfigError, TirgeoError
 from tirgeo_ros.core.types.finding import Finding, Severity, sorted_findings
@@ -191,7 +191,7 @@ class FlightChecks:
             return
         ground = math.nan if self._ground is None else self._ground
         try:
-            self._map.map(lay_layers(self._layers, plane, ground))
+            self._map.map(drape_layers(self._layers, plane, ground))
         except ConfigError as error:
             name, mend = "overlay_node ground_height_m", "give the ground's height, or a dem"
             self.found.append(Finding("no_ground", Severity.STOP, str(error), name, mend))

@@ -23,8 +23,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.map.draping import Ground
 from tirgeo_ros.core.overlay.picture_painter import PicturePainter, Scene, Unpainted
 from tirgeo_ros.core.types.arrays import Array, Pixels, RawPixels
 from tirgeo_ros.core.types.errors import PictureError
@@ -136,7 +136,7 @@ class _Work:
         if order.scene is not None:
             self._painter.set_scene(order.scene)
         result = self._painter.paint(order.picture)
-        outline_n = self._painter.drawing.footprint(result.pose) if order.with_outline else None
+        outline_n = self._painter.footprint(result.pose) if order.with_outline else None
         return result.image, outline_n
 
     def encoded(self, image: Pixels, outline_n: Array | None) -> Painted:
@@ -235,7 +235,7 @@ class PictureStage:
         before, self._scene = self._scene, scene
         if all(new is old for new, old in zip(scene, before, strict=True)):
             return None
-        return scene._replace(laid=None) if scene.laid is before.laid else scene
+        return scene._replace(draped=None) if scene.draped is before.draped else scene
 
     def __enter__(self) -> PictureStage:
         return self

@@ -17,16 +17,17 @@ import numpy as np
 import numpy.typing as npt
 
 from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
-from tirgeo_ros.core.frames.heading import azimuths, wrap_pi
 from tirgeo_ros.core.frames.rotations import (
+    azimuths,
     euler_from_matrix,
     matrix_from_euler,
     quat_from_euler,
     quat_from_matrix,
     quat_multiply,
+    wrap_pi,
 )
 from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
-from tirgeo_ros.core.gimbal.joint_geometry import joint_angles
+from tirgeo_ros.core.gimbal.camera_pose import joint_angles
 from tirgeo_ros.core.navigation.aiding.barometer import standard_pressure_pa
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import (

@@ -27,8 +27,8 @@ from tirgeo_ros.core.navigation.timeline.duplicates import DuplicateDetector, Sa
 from tirgeo_ros.core.navigation.timeline.ekf import Ekf
 from tirgeo_ros.core.navigation.timeline.imu_checks import ImuClock, in_body_axes
 from tirgeo_ros.core.navigation.timeline.imu_clipping import Clipping
-from tirgeo_ros.core.streams.rates import RateLimit
 from tirgeo_ros.core.streams.sanity_checks import LARGEST_HEIGHT_M, fault_of
+from tirgeo_ros.core.streams.stamps import RateLimit
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.core.types.measurements import (
     FixStatus,

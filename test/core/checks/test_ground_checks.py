@@ -1,6 +1,8 @@
-"""A map and an elevation model that are not the flight's are named."""
+"""Maps and elevation models of another place, and heights of the ground that are wrong."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 import pytest
@@ -8,11 +10,18 @@ from map_files import write_shapefile
 from overlays import PLANE, SQUARE_N, geo
 from scenes import graticule
 
-from tirgeo_ros.core.checks.map_checks import MapChecks, dem_findings, map_findings
+from tirgeo_ros.core.checks.ground_checks import (
+    HeightChecks,
+    MapChecks,
+    dem_findings,
+    map_findings,
+)
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.map.layers import GeoFeature, LayerStyle, MapLayer
-from tirgeo_ros.core.overlay.map_renderer import lay_layers
+from tirgeo_ros.core.map.map_layers import GeoFeature, LayerStyle, MapLayer
+from tirgeo_ros.core.overlay.map_renderer import drape_layers
 from tirgeo_ros.core.types.finding import Severity
+from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.maps import load_layers
 
 GROUND_M = 25.0
@@ -21,7 +30,7 @@ STEP_DEG = 1e-4  # a cell of the elevation model: 11 m
 
 
 def laid(*features, ground=GROUND_M, **style):
-    return lay_layers([MapLayer("m", features, LayerStyle(**style))], PLANE, ground)
+    return drape_layers([MapLayer("m", features, LayerStyle(**style))], PLANE, ground)
 
 
 def at(latitude_deg, longitude_deg):
@@ -98,7 +107,7 @@ def test_a_file_that_names_no_system_is_noted(tmp_path):
     place = np.degrees([PLANE.longitude_rad, PLANE.latitude_rad])
     write_shapefile(tmp_path / "m.shp", [[(*place, 25.0), (*place + STEP_DEG, 25.0)]], prj=None)
     layers = load_layers(str(tmp_path / "m.shp"))
-    found = only(map_findings(lay_layers(layers, PLANE, GROUND_M), GROUND_M))
+    found = only(map_findings(drape_layers(layers, PLANE, GROUND_M), GROUND_M))
     assert (found.check, found.severity) == ("map_system_unknown", Severity.NOTE)
     assert "names no known system" in found.evidence
 
@@ -130,3 +139,83 @@ def test_a_map_that_cannot_be_read_stops_where_there_is_none_and_is_forgotten_on
     checks.failed("park.geojson: not JSON")
     (found,) = checks.findings()
     assert found.severity is Severity.CAUTION
+
+
+HOME_M = 150.0  # ellipsoidal height of the place of take-off
+GEOID_M = 47.0
+HOME = TangentPlane(math.radians(48.0), math.radians(11.0), HOME_M)
+
+
+def poses(heights_m, speed_m_s=0.0, shake_m=0.002):
+    """Poses at 10 Hz at heights above the place of take-off, shaken as by RTK at rest."""
+    rng = np.random.default_rng(3)
+    for k, height_m in enumerate(heights_m):
+        position_n = np.array([0.1 * k * speed_m_s, 0.0, -height_m])
+        position_n += rng.normal(0.0, shake_m, 3)
+        q_nb = np.array([1.0, 0.0, 0.0, 0.0])
+        yield CameraPose(k * 100_000_000, position_n, q_nb, np.eye(6) * 1e-4)
+
+
+def resting(above_m=0.4, seconds=6):
+    return [above_m] * (10 * seconds)
+
+
+CLIMB = list(np.linspace(0.4, 40.0, 200))
+FLIGHT = [*resting(), *CLIMB, *[40.0] * 100]
+
+
+def heights_found(ground, heights_m, **motion):
+    checks = HeightChecks(ground)
+    checks.plane(HOME)
+    for pose in poses(heights_m, **motion):
+        checks.pose(pose)
+    return checks.findings()
+
+
+def level(height_m):
+    return Terrain(np.full((3, 3), height_m), graticule((47.9, 10.9), (0.1, 0.1), 3))
+
+
+@pytest.mark.parametrize("flight", [FLIGHT, FLIGHT[::-1]], ids=["take-off", "landing"])
+@pytest.mark.parametrize("ground", [HOME_M, level(HOME_M)], ids=["plane", "model"])
+def test_right_ground_says_nothing(flight, ground):
+    assert heights_found(ground, flight) == []
+
+
+@pytest.mark.parametrize("flight", [FLIGHT, FLIGHT[::-1]], ids=["take-off", "landing"])
+def test_ground_above_sea_level_is_told_at_rest(flight):
+    [finding] = heights_found(HOME_M - GEOID_M, flight)
+    assert finding.check == "height_at_rest"
+    assert "47.4 m above ground" in finding.evidence
+    assert finding.parameter == "overlay_node ground_height_m"
+    assert "above sea level" in finding.mend
+
+
+def test_a_rest_is_remembered_however_long_the_flight():
+    [finding] = heights_found(HOME_M - GEOID_M, [*FLIGHT, *[40.0] * 2000])
+    assert finding.check == "height_at_rest"
+
+
+def test_a_model_above_sea_level_is_told_at_rest():
+    [finding] = heights_found(level(HOME_M - GEOID_M), FLIGHT)
+    assert finding.severity is Severity.STOP
+    assert "dem_undulation_m" in finding.parameter
+
+
+@pytest.mark.parametrize("ground", [HOME_M + GEOID_M, level(HOME_M + GEOID_M)])
+def test_below_the_ground_stops_whatever(ground):
+    findings = heights_found(ground, [40.0] * 60)
+    assert [(one.check, one.severity) for one in findings] == [("below_ground", Severity.STOP)]
+    assert "7.0 m below" in findings[0].evidence
+
+
+def test_a_hover_is_no_rest():
+    """Nothing is said of a flight that starts and ends in the air, however still it hangs."""
+    assert heights_found(HOME_M - GEOID_M, [20.0] * 300) == []
+    assert heights_found(HOME_M - GEOID_M, [*[20.0] * 100, *CLIMB[::-1], *CLIMB]) == []
+
+
+def test_without_ground_or_model_nothing_is_said():
+    assert heights_found(None, FLIGHT) == []
+    far = Terrain(np.full((3, 3), 0.0), graticule((10.0, 10.0), (0.1, 0.1), 3))
+    assert heights_found(far, FLIGHT) == []

@@ -10,11 +10,12 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
+from tirgeo_ros.core.checks.finding_table import finding
+from tirgeo_ros.core.config import ImuConfig
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.frames.rotations import (
     euler_from_matrix,
@@ -25,9 +26,11 @@ from tirgeo_ros.core.frames.rotations import (
     rotation_z,
     rotvec_from_quat,
 )
-from tirgeo_ros.core.streams.sanity_checks import usable_attitude
+from tirgeo_ros.core.navigation.ins.vibration_noise import mean_powers
+from tirgeo_ros.core.navigation.timeline.imu_clipping import Clipping
+from tirgeo_ros.core.streams.sanity_checks import fault_of, usable_attitude
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.core.types.finding import Finding, Severity
+from tirgeo_ros.core.types.finding import Finding
 from tirgeo_ros.core.types.measurements import ImuSample
 
 _BLOCK_NS = 50_000_000
@@ -102,10 +105,7 @@ _LEAST_RAD_S = math.radians(1.0)
 _SURE, _UNSURE = 0.8, 0.5  # correlations; 24 pairs of noise reach 0.8 with probability 1e-5
 _IN_DEGREES = (40.0, 80.0)
 _AXES = ("forward (roll)", "left (pitch)", "up (yaw)")
-_GYRO_AXES, _TURN_AXES = "gyro_axes", "turn the axes to forward, left, up"
-_REVERSED = "the sign is wrong: at rest z is +9.8 (axes forward, left, up)"
 _LEVEL = np.array([[1.0, 0.0, 0.0, 0.0]])
-IMU_RPY = "ekf_node aircraft.imu_rpy_deg"
 _SQUARE = 0.2  # entries of a rotation this near to those by quarter turns: an IMU has square sides
 
 
@@ -125,10 +125,8 @@ class ImuChecks:
         if len(self._blocks) < _LEAST_SECONDS * _SECOND:
             return []
         blocks = list(self._blocks)[-(len(self._blocks) // _SECOND) * _SECOND :]
-        force_b, rate_b = (
-            np.array([b.force_b for b in blocks]),
-            np.array([b.rate_b for b in blocks]),
-        )
+        force_b = np.array([block.force_b for block in blocks])
+        rate_b = np.array([block.rate_b for block in blocks])
         attitudes = [b.autopilot_q_nb for b in blocks]
         q_nb = np.array([np.full(4, math.nan) if q is None else q for q in attitudes])
         steps_s = np.array([b.step_s if b.joined else math.nan for b in blocks])
@@ -136,12 +134,12 @@ class ImuChecks:
         known = q_nb[np.isfinite(q_nb[:, 0])]
         up_b = -matrix_from_quat(known if len(known) else _LEVEL)[:, 2].mean(axis=0)
         turn = _turn(force_b.mean(axis=0), up_b, own, turned)
-        mend = f"{_TURN_AXES}, or set aircraft.imu_rpy_deg to {rpy_text(turn, self._rotation_bi)}"
-        mend += "" if len(known) else " (gravity does not show the yaw)"
-        found = _gyro_findings(own, turned)
-        if found and found[0].check == _GYRO_AXES and not _gyro_findings(own @ turn.T, turned):
-            found = [replace(found[0], parameter=f"{found[0].parameter}, {IMU_RPY}", mend=mend)]
-        return [*_force_findings(force_b, rate_b, up_b, mend), *found]
+        case = "turned" if len(known) else "turned no_yaw"
+        angles = rpy_text(turn, self._rotation_bi)
+        of_rates = _gyro_findings(own, turned)
+        if of_rates and not _gyro_findings(own @ turn.T, turned):
+            of_rates = _gyro_findings(own, turned, case, angles)
+        return [*_force_findings(force_b, rate_b, up_b, case, angles), *of_rates]
 
 
 def imu_findings(samples: Iterable[object], rotation_bi: Array | None) -> list[Finding]:
@@ -174,29 +172,23 @@ def _turn(force_b: Array, up_b: Array, own: Array, turned: Array) -> Array:
     return square if np.abs(turn - square).max() < _SQUARE else turn
 
 
-def _force_findings(force_b: Array, rate_b: Array, up_b: Array, turn_axes: str) -> list[Finding]:
-    """Check blocks (N, 3), (N, 3) of whole seconds."""
+def _force_findings(
+    force_b: Array, rate_b: Array, up_b: Array, case: str, angles: str
+) -> list[Finding]:
+    """Check blocks (N, 3), (N, 3) of whole seconds; ``angles`` turn their axes to ``up_b``."""
     forces = force_b.reshape(-1, _SECOND, 3)
     mean_b = force_b.mean(axis=0)
     size = float(np.linalg.norm(forces.mean(axis=1), axis=1).mean())
     if not _LEAST < size < _LARGEST:
-        mend = f"divide it by {size / _GRAVITY:.4g}: the unit is m/s2"
+        unit = "no_gravity" if size < _LEAST else ""
         if _LEAST_G < size < _LARGEST_G and np.linalg.norm(mean_b) > _LEAST_G:
-            mend = "it is in g: multiply it by 9.80665"
-        elif size < _LEAST:
-            mend = "gravity was removed: send the accelerometers' own readings"
-        evidence = f"the specific force is {size:.3g} m/s2 on average, not 9.8"
-        return [_force("force_unit", Severity.STOP, evidence, mend)]
+            unit = "g"
+        return [finding("force_unit", unit, size=size, factor=size / _GRAVITY)]
     cosine = float(mean_b @ up_b / (np.linalg.norm(mean_b) * np.linalg.norm(up_b)))
     if cosine < math.cos(_LARGEST_ANGLE_RAD):
-        numbers = ", ".join(f"{value:+.1f}" for value in flu_from_frd(mean_b))
-        evidence = (
-            f"the mean specific force is ({numbers}) m/s2 forward, left, up, not (0, 0, +9.8)"
-        )
-        found = _force("force_axes", Severity.STOP, evidence, _REVERSED)
-        if cosine < -math.cos(_LARGEST_ANGLE_RAD):
-            return [found]
-        return [replace(found, parameter=f"{found.parameter}, {IMU_RPY}", mend=turn_axes)]
+        force = ", ".join(f"{value:+.1f}" for value in flu_from_frd(mean_b))
+        case = "reversed" if cosine < -math.cos(_LARGEST_ANGLE_RAD) else case
+        return [finding("force_axes", case, force=force, angles=angles)]
     turning = np.linalg.norm(rate_b, axis=1).reshape(-1, _SECOND).mean(axis=1)
     quiet = (turning < _QUIET_RAD_S) & (forces.std(axis=1).max(axis=1) < _QUIET_M_S2)
     quiet_sizes = np.linalg.norm(forces[quiet].mean(axis=1), axis=1)
@@ -205,13 +197,7 @@ def _force_findings(force_b: Array, rate_b: Array, up_b: Array, turn_axes: str) 
     size = float(np.median(quiet_sizes))
     if abs(size / _GRAVITY - 1) < _LARGEST_SHARE:
         return []
-    evidence = f"the specific force is {size:.2f} m/s2 in {len(quiet_sizes)} s without turns"
-    mend = "it should be 9.81: calibrate the accelerometers (scale, bias)"
-    return [_force("force_scale", Severity.CAUTION, evidence, mend)]
-
-
-def _force(check: str, severity: Severity, evidence: str, mend: str) -> Finding:
-    return Finding(check, severity, evidence, "imu/data linear_acceleration", mend)
+    return [finding("force_scale", size=size, seconds=len(quiet_sizes))]
 
 
 def _turns(rate_b: Array, q_nb: Array, steps_s: Array) -> tuple[Array, Array]:
@@ -227,8 +213,11 @@ def _turns(rate_b: Array, q_nb: Array, steps_s: Array) -> tuple[Array, Array]:
     return own[known], turned[known]
 
 
-def _gyro_findings(own: Array, turned: Array) -> list[Finding]:
-    """Check rates (M, 3) of the gyroscopes against those of the attitude."""
+def _gyro_findings(own: Array, turned: Array, case: str = "", angles: str = "") -> list[Finding]:
+    """Check rates (M, 3) of the gyroscopes against those of the attitude.
+
+    ``angles`` turn the IMU's axes right, where ``case`` says so.
+    """
     if len(own) < _LEAST_PAIRS:
         return []
     sizes, true_sizes = (np.sqrt((rates**2).mean(axis=0)) for rates in (own, turned))
@@ -236,23 +225,67 @@ def _gyro_findings(own: Array, turned: Array) -> list[Finding]:
     same = own.T @ turned / len(own) / scale  # correlations (3, 3) [gyroscope, attitude]
     judged = [k for k in range(3) if true_sizes[k] > _LEAST_RAD_S]
     ratios = sizes / np.maximum(true_sizes, 1e-6)
-    found = (_gyro_fault(k, same[:, k], float(ratios[k])) for k in judged)
-    return [one for one in found if one][:1]
+    for axis in judged:
+        correlation, ratio = same[axis, axis], float(ratios[axis])
+        if _IN_DEGREES[0] < ratio < _IN_DEGREES[1] and correlation > _SURE:
+            return [finding("gyro_unit", ratio=ratio)]
+        best = int(np.argmax(np.abs(same[:, axis])))
+        is_exchanged = abs(correlation) < _UNSURE and abs(same[best, axis]) > _SURE
+        if correlation < -_SURE or is_exchanged:
+            case = f"{case} {'' if is_exchanged else 'sign'}"
+            names = {"axis": _AXES[axis], "other": _AXES[best]}
+            return [finding("gyro_axes", case, **names, correlation=correlation, angles=angles)]
+    return []
 
 
-def _gyro_fault(axis: int, same: Array, ratio: float) -> Finding | None:
-    """Return an axis' fault or None; ``same`` (3,) is its correlation with each gyroscope axis."""
-    best, topic = int(np.argmax(np.abs(same))), "imu/data angular_velocity"
-    against = f"(correlation with the orientation in imu/data {same[axis]:+.2f})"
-    if _IN_DEGREES[0] < ratio < _IN_DEGREES[1] and same[axis] > _SURE:
-        evidence = f"the gyroscopes turn {ratio:.1f} times as fast as the orientation in imu/data"
-        mend = "they are in deg/s: multiply them by 0.0174533"
-        return Finding("gyro_unit", Severity.STOP, evidence, topic, mend)
-    if same[axis] < -_SURE:
-        evidence = f"the gyroscope {_AXES[axis]} has the wrong sign {against}"
-        mend = "axes are forward, left, up, positive counter-clockwise seen from their tips"
-        return Finding(_GYRO_AXES, Severity.STOP, evidence, topic, mend)
-    if abs(same[axis]) < _UNSURE and abs(same[best]) > _SURE:
-        evidence = f"turns about {_AXES[axis]} are on the gyroscope {_AXES[best]} {against}"
-        return Finding(_GYRO_AXES, Severity.STOP, evidence, topic, _TURN_AXES)
-    return None
+#: The vibration of one second in five is measured.
+_LOOK_NS, _EVERY_NS = 1_000_000_000, 5_000_000_000
+_LEAST_NUMBER = 3
+#: Ratio of measured to configured noise density; they are in its model with larger covariances.
+_STRONG = 10.0
+#: More clipped samples than one knock gives, and the share of samples that harms the filter.
+_LEAST_CLIPPED, _MOST_CLIPPED = 5, 1e-4
+
+
+class VibrationChecks:
+    """Check every IMU sample for clipping, and one second in five for vibration."""
+
+    def __init__(self, config: ImuConfig) -> None:
+        self._densities = np.array((*config.angle_random_walk, *config.velocity_random_walk))
+        self._clipping = Clipping()
+        self._count = 0
+        self._samples: list[ImuSample] = []
+        self._begin_ns = 0
+        # of the measured seconds, six each, for an hour
+        self._powers: deque[tuple[float, ...]] = deque(maxlen=720)
+
+    def add(self, sample: ImuSample) -> None:
+        """Take the next sample, as it arrived; an invalid one is ignored."""
+        if fault_of(sample):
+            return
+        self._count += 1
+        self._clipping.add(sample)
+        since_ns = sample.stamp_ns - self._begin_ns
+        if not 0 <= since_ns < _EVERY_NS:
+            self._begin_ns, self._samples = sample.stamp_ns, [sample]
+        elif since_ns < _LOOK_NS:
+            self._samples.append(sample)
+        elif len(self._samples) > 2:
+            self._powers.append(mean_powers(self._samples))
+            self._samples = []
+
+    def findings(self) -> list[Finding]:
+        """Return the findings on vibration and on clipping."""
+        findings = []
+        if len(self._powers) >= _LEAST_NUMBER:
+            measured, densities = np.sqrt(np.mean(self._powers, axis=0)), self._densities
+            ratios = np.divide(measured, densities, out=np.zeros(6), where=densities > 0)
+            if ratios.max() > _STRONG:
+                of_gyroscopes, of_accelerometers = ratios.reshape(2, 3).max(axis=1).tolist()
+                numbers = {"gyroscopes": of_gyroscopes, "accelerometers": of_accelerometers}
+                findings.append(finding("vibration", **numbers))
+        counts = self._clipping.counts
+        if sum(counts.values()) >= max(_LEAST_CLIPPED, _MOST_CLIPPED * self._count):
+            listed = ", ".join(f"{name} {number}" for name, number in counts.items())
+            findings.append(finding("imu_clipping", counts=listed, samples=self._count))
+        return findings

@@ -1,6 +1,12 @@
-"""Limit the rate of outputs that follow inputs; tell when a stream is steady and when silent."""
+"""Judge the stamps of one stream: what is due, steady or silent, and which jump alone."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tirgeo_ros.core.types.arrays import BoolArray, IntArray
 
 #: A stream is steady after this many samples over at least this time.
 _SAMPLES = 5
@@ -35,6 +41,26 @@ class RateLimit:
         return True
 
 
+class Spacing:
+    """Select the stamps of a stream that are an interval apart; one that goes back is due too."""
+
+    def __init__(self, interval_ns: int) -> None:
+        self._interval_ns = interval_ns
+        self._newest_ns: int | None = None
+
+    def is_due(self, stamp_ns: int) -> bool:
+        """Return whether a stamp would be taken."""
+        newest_ns = self._newest_ns
+        return newest_ns is None or not 0 <= stamp_ns - newest_ns < self._interval_ns
+
+    def take(self, stamp_ns: int) -> bool:
+        """Take a stamp if it is due; return whether it was."""
+        is_due = self.is_due(stamp_ns)
+        if is_due:
+            self._newest_ns = stamp_ns
+        return is_due
+
+
 class StreamPresence:
     """Track whether one stream is steady, from its stamps and those of another stream."""
 
@@ -67,3 +93,21 @@ class StreamPresence:
         self.steady = False
         self._count = 0
         return True
+
+
+#: A stamp jumps if it is this far from the median of the five about it, which two steps are not.
+_LEAST_NS, _LEAST_STEPS = 1_000_000_000, 3
+
+
+def lone_stamps(stamps_ns: Sequence[int] | IntArray) -> BoolArray:
+    """Return which stamps (N,) are far from those beside them; none of fewer than five.
+
+    After a gap, or when a clock is set, there are others of the same time beside a stamp.
+    """
+    stamps = np.asarray(stamps_ns, np.int64)
+    if len(stamps) < 5:
+        return np.zeros(len(stamps), bool)
+    near = np.sort(np.lib.stride_tricks.sliding_window_view(stamps, 5))
+    steps = np.sort(np.diff(near))[:, 1]
+    medians, steps = (np.pad(each, 2, mode="edge") for each in (near[:, 2], steps))
+    return np.asarray(np.abs(stamps - medians) > np.maximum(_LEAST_NS, _LEAST_STEPS * steps))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tirgeo_ros.core.config.aircraft import AircraftConfig
+from tirgeo_ros.core.config.aircraft_parameters import AircraftConfig
 from tirgeo_ros.core.config.schema import group, param
 from tirgeo_ros.core.types.joint_orders import JOINT_ORDERS, USUAL_ORDER
 
