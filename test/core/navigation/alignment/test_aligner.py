@@ -20,7 +20,7 @@ from flights import RTK, config_for, flight
 
 from tirgeo_ros.core.frames.rotations import quat_from_euler, quat_multiply
 from tirgeo_ros.core.navigation.alignment.aligner import Aligner
-from tirgeo_ros.core.navigation.alignment.imu_preintegration import Biases
+from tirgeo_ros.core.navigation.alignment.batch_least_squares import Biases
 from tirgeo_ros.core.types.measurements import (
     FixStatus,
     HeadingSample,

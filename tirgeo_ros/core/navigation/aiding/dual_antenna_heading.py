@@ -28,9 +28,8 @@ from tirgeo_ros.core.navigation.ins.ins_error_model import (
     feedback,
     heading_error,
 )
-from tirgeo_ros.core.navigation.ins.kalman import Measurement
+from tirgeo_ros.core.navigation.ins.kalman import Change, Measurement, cut
 from tirgeo_ros.core.navigation.ins.strapdown import NavState, Vector, rotate
-from tirgeo_ros.core.navigation.ins.trail import Change, cut
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample, Source

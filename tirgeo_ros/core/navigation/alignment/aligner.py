@@ -18,18 +18,19 @@ from typing import NamedTuple, TypeVar
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import quat_from_matrix
-from tirgeo_ros.core.navigation.alignment.consistency_checks import (
+from tirgeo_ros.core.navigation.alignment.batch_least_squares import Biases
+from tirgeo_ros.core.navigation.alignment.turn_on_bias import TurnOnBiases
+from tirgeo_ros.core.navigation.alignment.window_estimate import (
     CONTRADICTION,
     HEADING_STAGES,
     MOTION_STAGE,
+    Fitted,
+    Measured,
     NotAlignedError,
     Recurrence,
     differences,
     furthest,
 )
-from tirgeo_ros.core.navigation.alignment.imu_preintegration import Biases
-from tirgeo_ros.core.navigation.alignment.turn_on_bias import TurnOnBiases
-from tirgeo_ros.core.navigation.alignment.window_estimate import Fitted, Measured
 from tirgeo_ros.core.navigation.ins.strapdown import NavState
 from tirgeo_ros.core.navigation.ins.vibration_noise import STILL, Powers
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude

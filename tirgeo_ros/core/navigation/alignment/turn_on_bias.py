@@ -14,17 +14,18 @@ import numpy as np
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import quat_from_matrix, rotvec_from_quat
 from tirgeo_ros.core.navigation.aiding.aid_status import NEVER_NS
-from tirgeo_ros.core.navigation.alignment.batch_least_squares import WindowFit
-from tirgeo_ros.core.navigation.alignment.consistency_checks import (
+from tirgeo_ros.core.navigation.alignment.batch_least_squares import Biases, WindowFit
+from tirgeo_ros.core.navigation.alignment.window_estimate import (
     MOTION_STAGE,
+    Fitted,
+    Measured,
     NotAlignedError,
     Recurrence,
     checked,
     differences,
+    fitted,
     tilt_between,
 )
-from tirgeo_ros.core.navigation.alignment.imu_preintegration import Biases
-from tirgeo_ros.core.navigation.alignment.window_estimate import Fitted, Measured, fitted
 from tirgeo_ros.core.types.arrays import Array
 
 #: A direction counts where the window removes at least this share of its prior variance.

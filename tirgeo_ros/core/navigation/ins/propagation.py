@@ -19,8 +19,8 @@ from tirgeo_ros.core.navigation.ins.ins_error_model import (
     VELOCITY,
     CovariancePropagation,
 )
+from tirgeo_ros.core.navigation.ins.kalman import Change, Mark
 from tirgeo_ros.core.navigation.ins.strapdown import NavState, Rates, propagate, rotate
-from tirgeo_ros.core.navigation.ins.trail import Change, Mark
 from tirgeo_ros.core.navigation.ins.vibration_noise import STILL, Powers, VibrationMeter
 from tirgeo_ros.core.types.arrays import Array, Vector
 from tirgeo_ros.core.types.measurements import ImuSample
@@ -67,13 +67,17 @@ class Epoch:
     vibration: Powers = STILL
 
     @classmethod
-    def first(cls, stamp_ns: int, sample: ImuSample, start: Propagated) -> Epoch:
+    def first(  # noqa: PYI019 Self is of Python 3.11
+        cls: type[E], stamp_ns: int, sample: ImuSample, start: Propagated
+    ) -> E:
         """Return the first epoch; ``sample`` is the newest one up to its stamp."""
         force, rate = sample.specific_force_b.tolist(), sample.angular_rate_b.tolist()
         return cls(stamp_ns, tuple(force), tuple(rate), start)
 
     @classmethod
-    def after(cls, before: Epoch, sample: ImuSample, meter: VibrationMeter) -> Epoch:
+    def after(  # noqa: PYI019 Self is of Python 3.11
+        cls: type[E], before: Epoch, sample: ImuSample, meter: VibrationMeter
+    ) -> E:
         """Return the epoch of the next sample; its state is still that of the epoch before."""
         force: Vector = tuple(sample.specific_force_b.tolist())
         rate: Vector = tuple(sample.angular_rate_b.tolist())

@@ -20,8 +20,8 @@ from tirgeo_ros.core.navigation.aiding.state_estimate import AidSample, StateEst
 from tirgeo_ros.core.navigation.alignment.aligner import Alignment, Biases
 from tirgeo_ros.core.navigation.alignment.initial_state import initial_estimate
 from tirgeo_ros.core.navigation.ins.ins_error_model import GYRO_BIAS, NoisePowers
+from tirgeo_ros.core.navigation.ins.kalman import Change, Mark
 from tirgeo_ros.core.navigation.ins.propagation import Propagated, Propagation, between
-from tirgeo_ros.core.navigation.ins.trail import Change, Mark
 from tirgeo_ros.core.navigation.ins.vibration_noise import Powers, VibrationMeter, clipped_powers
 from tirgeo_ros.core.navigation.timeline.delayed_measurements import (
     FilterEpoch,

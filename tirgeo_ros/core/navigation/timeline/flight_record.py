@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tirgeo_ros.core.navigation.aiding.aid_status import PLACE
-from tirgeo_ros.core.navigation.ins.trail import Change, Correction, Mark
+from tirgeo_ros.core.navigation.ins.kalman import Change, Correction, Mark
 from tirgeo_ros.core.navigation.timeline.delayed_measurements import FilterEpoch
 from tirgeo_ros.core.types.arrays import Array, Vector
 from tirgeo_ros.core.types.measurements import Source
