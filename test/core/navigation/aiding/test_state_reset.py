@@ -50,7 +50,7 @@ def estimate_of(states: int = 18, *, rtk: bool = True, covariance=None) -> State
     """RTK fixed for five seconds, its three measurements just used or never."""
     aids = used_at(dict.fromkeys(RTK, ns(0)) if rtk else {})
     aids = aids._replace(receivers=Receivers(ns(0)))
-    aids = aids.heard(FixStatus.FIXED, ns(-5), SECOND_NS)
+    aids = aids.with_status(FixStatus.FIXED, ns(-5), SECOND_NS)
     return StateEstimate(START, correlated(states) if covariance is None else covariance, aids)
 
 

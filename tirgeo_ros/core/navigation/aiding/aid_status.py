@@ -208,7 +208,7 @@ class AidStatus(NamedTuple):
             self.last_reset,
         )
 
-    def heard(self, status: FixStatus, now_ns: int, timeout_ns: int) -> AidStatus:
+    def with_status(self, status: FixStatus, now_ns: int, timeout_ns: int) -> AidStatus:
         """Return a copy after a status of the RTK receiver.
 
         The change from float to fixed makes the next RTK positions correct the state in steps.

@@ -59,7 +59,7 @@ class RtkPositionAid(Aid):
     ) -> Modelled:
         """Return the measurement; the estimate has its status, and its offset for the median."""
         state = estimate.state
-        aids = estimate.aids.heard(sample.status, sample.stamp_ns, self._timeout_ns)
+        aids = estimate.aids.with_status(sample.status, sample.stamp_ns, self._timeout_ns)
         estimate = estimate._replace(aids=aids)
         if sample.status < FixStatus.FLOAT:
             return not_fixed(self.source, sample.status), estimate

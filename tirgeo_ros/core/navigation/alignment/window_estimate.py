@@ -87,25 +87,25 @@ class Measured(NamedTuple):
         return TangentPlane(newest.latitude_rad, newest.longitude_rad, newest.height_m)
 
 
-class Fitted(NamedTuple):
+class FittedWindow(NamedTuple):
     """Hold a window with its fit."""
 
     window: PreintegratedImu
     hint_nb: Array | None  # (3, 3) the autopilot's attitude at the window's end
     gyro_bias_b: Array | None  # (3,) by the autopilot's attitudes, rad/s
-    seen: list[AlignmentObservation]
+    observations: list[AlignmentObservation]
     fit: WindowFit
     vibration: Powers
 
 
-def fitted(
+def fit_window(
     measured: Measured,
     config: EkfConfig,
     biases: Biases,
     taken: Array,
     *,
     gyros_unknown: bool = False,
-) -> Fitted:
+) -> FittedWindow:
     """Fit a window; ``taken`` (6,) are the biases to subtract first, ``biases`` their prior.
 
     With ``gyros_unknown`` and without antennas, the autopilot's headings over the window observe
@@ -123,14 +123,14 @@ def fitted(
         hint_nb = autopilot_attitude(window, measured.imu)
         headings = _headings(measured, config, hint_nb, gyros_unknown=gyros_unknown)
         headings, start_nb = agreeing(window, headings)
-        seen = motion + headings
-        found = fit(window, seen, start_nb, gravity_m_s2, biases, powers)
-        turned = np.abs(found.biases - taken)[:3].max() * window.before_s[0]
+        observations = motion + headings
+        result = fit(window, observations, start_nb, gravity_m_s2, biases, powers)
+        turned = np.abs(result.biases - taken)[:3].max() * window.before_s[0]
         if turned < _TURN_RAD:
             break
-        taken = found.biases
+        taken = result.biases
     gyro_bias_b = autopilot_gyro_bias(window, measured.imu)
-    return Fitted(window, hint_nb, gyro_bias_b, seen, found, vibration)
+    return FittedWindow(window, hint_nb, gyro_bias_b, observations, result, vibration)
 
 
 def position_observation(
@@ -190,9 +190,9 @@ def heading_observations(
     or a turn), that averages away down to ``exp(-2 pi^2 s^2)`` of it (Widrow and Kollar,
     Quantization Noise, chapter 5).
     """
-    told = [s for s in samples if isinstance(s, SetHeading)]
-    if told:
-        return [_of_nose(s, s.heading_rad, set_variance_rad2(s, config)) for s in told]
+    set_by_hand = [s for s in samples if isinstance(s, SetHeading)]
+    if set_by_hand:
+        return [_of_nose(s, s.heading_rad, set_variance_rad2(s, config)) for s in set_by_hand]
     baseline = Baseline.from_config(config.aircraft)
     floor = np.radians(config.heading.sigma_floor_deg) ** 2
     shared = np.array([_shared_rounding_rad(np.array([s.heading_rad for s in samples]))])
@@ -379,7 +379,7 @@ def agreeing(
 ) -> tuple[list[AlignmentObservation], Array]:
     """Return the headings that agree with most others, and a first attitude (3, 3) with them.
 
-    The attitude is found as if at rest. Raises NotAlignedError where fewer than two thirds agree,
+    The attitude is that at rest. Raises NotAlignedError where fewer than two thirds agree,
     or the mean force is not gravity.
     """
     against_b, length_s = -window.velocity[0], float(window.before_s[0])  # the mean force
@@ -408,21 +408,21 @@ def _shortest_turn(a: Array, b: Array) -> Array:
     return matrix_from_rotvec(angle * across / np.linalg.norm(across))
 
 
-def checked(found: WindowFit, seen: Sequence[AlignmentObservation]) -> WindowFit:
+def checked(result: WindowFit, observations: Sequence[AlignmentObservation]) -> WindowFit:
     """Return a fit that is near all measurements and knows the tilt; raises NotAlignedError."""
-    worst = int(np.argmax(found.distances))
-    if found.distances[worst] > _LARGEST_DISTANCE:
-        wrong, size = seen[worst], float(np.linalg.norm(found.residuals[worst]))
+    worst = int(np.argmax(result.distances))
+    if result.distances[worst] > _LARGEST_DISTANCE:
+        wrong, size = observations[worst], float(np.linalg.norm(result.residuals[worst]))
         size = np.degrees(size) if wrong.kind is ObservationKind.AZIMUTH else size
-        off = f"{size:.2g} {_UNITS[wrong.kind]} ({np.sqrt(found.distances[worst]):.0f} sigma)"
+        off = f"{size:.2g} {_UNITS[wrong.kind]} ({np.sqrt(result.distances[worst]):.0f} sigma)"
         raise NotAlignedError(f"imu/data and {wrong.name} differ by {off}")
-    if not found.settled:
+    if not result.settled:
         raise NotAlignedError("imu/data does not fit the motion measured")
-    if found.rotation_nb[2, 2] <= 0:
+    if result.rotation_nb[2, 2] <= 0:
         raise NotAlignedError("imu/data is upside down: check its axes and signs")
-    if found.tilt_sigma_rad > _LARGEST_TILT_SIGMA_RAD:
+    if result.tilt_sigma_rad > _LARGEST_TILT_SIGMA_RAD:
         raise NotAlignedError("the motion is not measured well enough to find the tilt", 4)
-    return found
+    return result
 
 
 def tilt_between(a_nb: Array, b_nb: Array) -> float:
@@ -431,18 +431,18 @@ def tilt_between(a_nb: Array, b_nb: Array) -> float:
 
 
 def differences(
-    found: WindowFit, hint_nb: Array, autopilot: AutopilotConfig
+    result: WindowFit, hint_nb: Array, autopilot: AutopilotConfig
 ) -> dict[str, NotAlignedError]:
     """Return doubts on "tilt" and "heading" where they differ from the autopilot's (3, 3)."""
-    tilt = tilt_between(found.rotation_nb, hint_nb)
-    heading = abs(float(wrap_pi(azimuth(found.rotation_nb[:, 0]) - azimuth(hint_nb[:, 0]))))
-    own = np.sqrt(found.covariance[2, 2])
+    tilt = tilt_between(result.rotation_nb, hint_nb)
+    heading = abs(float(wrap_pi(azimuth(result.rotation_nb[:, 0]) - azimuth(hint_nb[:, 0]))))
+    own = np.sqrt(result.covariance[2, 2])
     sigma = np.hypot(np.radians(autopilot.attitude_sigma_deg[2]), own)
     text = "{} and the orientation in imu/data differ by {:.0f} deg"
     out = {}
     if tilt > _AUTOPILOT_TILT_RAD:
         out["tilt"] = NotAlignedError(text.format("the tilt found", np.degrees(tilt)))
     if heading > _AUTOPILOT_SIGMAS * sigma:
-        told = text.format("rtk/heading", np.degrees(heading)) + _LOOK_AT_ANTENNAS
-        out["heading"] = NotAlignedError(told, lasting=heading > LARGE_TURN_RAD)
+        words = text.format("rtk/heading", np.degrees(heading)) + _LOOK_AT_ANTENNAS
+        out["heading"] = NotAlignedError(words, lasting=heading > LARGE_TURN_RAD)
     return out

@@ -149,9 +149,9 @@ class DuplicateDetector:
             value, longest_ns = (sample.heading_rad,), self._interval_ns()
         else:
             return Same.NOTHING  # rounded readings of other sensors do repeat
-        known, same = self._newest.get(source), Same.NOTHING
-        if not worse and known is not None and known[1] == value:
-            if 0 < abs(sample.stamp_ns - known[0]) < longest_ns:
+        newest, same = self._newest.get(source), Same.NOTHING
+        if not worse and newest is not None and newest[1] == value:
+            if 0 < abs(sample.stamp_ns - newest[0]) < longest_ns:
                 return Same.MEASUREMENT
             same = Same.VALUE
         elif source is Source.RTK_POSITION:

@@ -118,8 +118,8 @@ class Ekf:
         self._catch_up(len(epochs) - 1)
         if len(epochs) > 64 and epochs[64].stamp_ns < epoch.stamp_ns - self._keep_ns:
             self._forget()
-        found, self._resolved = self._resolved, []
-        return found
+        verdicts, self._resolved = self._resolved, []
+        return verdicts
 
     def add_aiding(self, sample: AidSample, *, stale: bool = False) -> Verdict:
         """Insert a measurement in its place; one that the IMU has not reached yet is held.

@@ -85,9 +85,9 @@ class FlightRecord:
     @property
     def square(self) -> npt.NDArray[np.intp]:
         """Return the places (n, n) of a symmetric matrix's entries in its lower triangle."""
-        found = np.zeros((self.states, self.states), np.intp)
-        found[self.lower] = found.T[self.lower] = range(len(self.lower[0]))
-        return found
+        places = np.zeros((self.states, self.states), np.intp)
+        places[self.lower] = places.T[self.lower] = range(len(self.lower[0]))
+        return places
 
     @property
     def transitions(self) -> Array:
@@ -114,10 +114,10 @@ def _whitened(correction: Correction) -> Array:
     """Return H and innovation, side by side (3, n + 1), scaled so that the weight is identity."""
     design, weight, innovation = correction
     root = np.linalg.cholesky(weight).T
-    found = np.zeros((MOST_ROWS, design.shape[1] + 1))
-    found[: len(design), :-1] = root @ design
-    found[: len(design), -1] = root @ innovation
-    return found
+    rows = np.zeros((MOST_ROWS, design.shape[1] + 1))
+    rows[: len(design), :-1] = root @ design
+    rows[: len(design), -1] = root @ innovation
+    return rows
 
 
 def _noted(epoch: FilterEpoch, white_b: Vector) -> tuple[float, ...]:

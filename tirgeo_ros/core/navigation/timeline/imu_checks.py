@@ -4,7 +4,7 @@ A sample that does not continue them is held. The next one shows whether the clo
 only that sample is wrong. Gaps up to ``max_imu_gap_s`` are bridged; a longer one restarts the time
 line.
 
-A sensor that is shaken beyond its range repeats the end of the range. The end is not known
+A sensor that is shaken beyond its range repeats the end of the range. The end is not given
 beforehand but shows as a pile: readings that jump to the largest value so far, and stop there more
 often than just below it. Quantised readings, a long turn, a frozen sensor and one at rest make no
 such pile, nor does a single shock.
@@ -161,22 +161,22 @@ _WARN_NS = 5_000_000_000
 
 @dataclass(slots=True)
 class _End:
-    """Track one end of one channel's range, as far as it was seen; values are magnitudes."""
+    """Track one end of one channel's range, as far as it has shown; values are magnitudes."""
 
     level: float
     met_ns: int
     least: float  # smaller readings are not examined
-    known: bool = False  # whether a pile was seen here
+    proven: bool = False  # whether there was a pile here
     jumped_ns: int | None = None  # newest hit that jumped from below
     hits_ns: deque[int] = field(default_factory=deque)  # within the window
     short_ns: deque[int] = field(default_factory=deque)
 
     def outgrown(self, value: float, stamp_ns: int) -> bool:
-        """Return whether ``value`` exceeds the known end, or the end is too old to keep."""
+        """Return whether ``value`` exceeds the end, or the end is too old to keep."""
         return value > self.level * (1 + _EQUAL_SHARE) or abs(stamp_ns - self.met_ns) > _FORGET_NS
 
     def add(self, value: float, stamp_ns: int, before: float) -> int:
-        """Return how many samples are found clipped with this one: 0, 1, or all of a new pile."""
+        """Return how many samples are clipped with this one: 0, 1, or all of a new pile."""
         short = self.level * (1 - _SHORT_SHARE)
         if value < self.level * (1 - _EQUAL_SHARE):
             if value > short:
@@ -187,14 +187,14 @@ class _End:
         short = self.level * (1 - _SHORT_SHARE)
         if before < short:
             self.jumped_ns = stamp_ns
-        if self.known:
+        if self.proven:
             return 1
         _forget(self.short_ns, stamp_ns)
         number = self.number()
         jumped = self.jumped_ns is not None and abs(stamp_ns - self.jumped_ns) <= _WINDOW_NS
         piled = jumped and number >= max(_PILE, len(self.short_ns))
-        self.known = piled and short >= self.least  # else those just short were not examined
-        return number if self.known else 0
+        self.proven = piled and short >= self.least  # else those just short were not examined
+        return number if self.proven else 0
 
     def number(self) -> int:
         """Return the samples at the end within the second up to the newest of them."""
@@ -232,7 +232,7 @@ class Clipping:
         lately = (
             (channel, end)
             for (channel, _), end in sorted(self._ends.items(), key=lambda item: item[0])
-            if end.known and abs(now_ns - end.met_ns) <= _WARN_NS
+            if end.proven and abs(now_ns - end.met_ns) <= _WARN_NS
         )
         return tuple(
             f"imu/data: {CHANNELS[channel]} clipped at {end.level:.3g} {_UNITS[channel]} "
@@ -253,10 +253,10 @@ class Clipping:
             end = self._ends.get(place)
             if end is None or end.outgrown(size, stamp_ns):
                 end = self._ends[place] = _End(size, stamp_ns, least)
-            found = end.add(size, stamp_ns, last if value > 0 else -last)
-            if found:
+            number = end.add(size, stamp_ns, last if value > 0 else -last)
+            if number:
                 name = CHANNELS[channel]
-                self.counts[name] = self.counts.get(name, 0) + found
+                self.counts[name] = self.counts.get(name, 0) + number
                 if not self.active(stamp_ns):
                     self.since_ns = stamp_ns
                 self.newest_ns = stamp_ns
