@@ -192,6 +192,11 @@ class AidStatus(NamedTuple):
         """Return the record of a source."""
         return self.tracks[PLACE[source]]
 
+    @property
+    def pending_step(self) -> tuple[float, ...]:
+        """Return the step of RTK's position (m, NED) that is not accepted yet, or ()."""
+        return self.track(Source.RTK_POSITION).step
+
     def with_track(
         self, source: Source, track: AidTrack, receivers: Receivers | None = None
     ) -> AidStatus:

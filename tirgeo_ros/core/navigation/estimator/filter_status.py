@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.aid import lost_heading_rad
 from tirgeo_ros.core.navigation.aiding.aid_status import NEVER_NS, AidStatus
-from tirgeo_ros.core.navigation.aiding.aids import AIDS
+from tirgeo_ros.core.navigation.aiding.aids import AIDS, EXPECTED
 from tirgeo_ros.core.navigation.ins.ins_error_model import POSITION
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
@@ -51,9 +51,7 @@ class FilterHealth:
         self._variances: dict[Source, tuple[float, float, float]] = {}  # reported, NED, m2
         self._rtk = FixStatus.NONE, 0  # of the newest position, and its stamp
         self.configure(config)
-        self._wanted = [Source.RTK_POSITION, Source.RTK_VELOCITY]
-        if config.method == "ekf_heading":
-            self._wanted.append(Source.RTK_HEADING)
+        self._expected = EXPECTED.get(config.method, ())
 
     def configure(self, config: EkfConfig) -> None:
         """Take the parameters, also others in flight."""
@@ -87,7 +85,7 @@ class FilterHealth:
 
         ``unused`` holds for each source when a sample was last not used, and why.
         """
-        missing = [s for s in self._wanted if not aids.track(s).recent(now_ns, self._timeout_ns)]
+        missing = [s for s in self._expected if not aids.track(s).recent(now_ns, self._timeout_ns)]
         floating = aids.rtk.at(now_ns, self._timeout_ns) is FixStatus.FLOAT
         if not missing and not floating:
             return FilterState.RUNNING, ""

@@ -13,7 +13,7 @@ import operator
 from typing import NamedTuple
 
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.navigation.aiding.aid_status import PLACE, AidStatus
+from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus
 from tirgeo_ros.core.navigation.aiding.aids import longest_hold_s
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.aiding.state_estimate import AidSample, StateEstimate
@@ -37,7 +37,6 @@ from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 _STANDBY = {source: Verdict(source, Outcome.STANDBY, "not needed") for source in Source}
 _MOST_HZ = 500  # bound on the measurements held for each second
-_RTK_POSITION = PLACE[Source.RTK_POSITION]
 _stamp_of = operator.attrgetter("stamp_ns")
 
 
@@ -179,7 +178,7 @@ class Ekf:
         form, antenna_b = self._form, epoch.aids.receivers.antenna_b
         white_b = self._white_b(epoch)
         made = form.made(epoch.stamp_ns, state, covariance, epoch.rate_b, white_b, antenna_b)
-        return unsure_by(made, epoch.aids.tracks[_RTK_POSITION].step)
+        return unsure_by(made, epoch.aids.pending_step)
 
     def _white_b(self, epoch: FilterEpoch) -> Vector:
         """Return the variances of the white noise of one angular rate in ``b``, (rad/s)^2."""

@@ -7,17 +7,14 @@ from array import array
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.navigation.aiding.aid_status import PLACE
 from tirgeo_ros.core.navigation.ins.kalman import Change, Correction, Mark
 from tirgeo_ros.core.navigation.timeline.delayed_measurements import FilterEpoch
 from tirgeo_ros.core.types.arrays import Array, Vector
-from tirgeo_ros.core.types.measurements import Source
 
 #: How a change's error follows from the one before it.
 SAME, MOVED, CORRECTED = range(3)
 #: Rows of a measurement; what has fewer is filled up with zeros.
 MOST_ROWS = 3
-_RTK_POSITION = PLACE[Source.RTK_POSITION]
 _NO_STEP = (0.0, 0.0, 0.0)
 #: Numbers of an epoch (see ``FlightRecord._noted``).
 EPOCH_NUMBERS = 29
@@ -135,5 +132,5 @@ def _noted(epoch: FilterEpoch, white_b: Vector) -> tuple[float, ...]:
         *epoch.rate_b,
         *white_b,
         *aids.receivers.antenna_b,
-        *(aids.tracks[_RTK_POSITION].step or _NO_STEP),
+        *(aids.pending_step or _NO_STEP),
     )
