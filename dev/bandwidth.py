@@ -21,13 +21,13 @@ from dev.judging import exit_code, print_report
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.tools.graph import find_resource
-from tirgeo_ros.tools.graph.localhost import PROFILES
-from tirgeo_ros.tools.graph.node_graph import GraphSetup, await_words, run_graph
+from tirgeo_ros.tools.graph.node_graph import PROFILES, GraphSetup, await_words, run_graph
 from tirgeo_ros.tools.presentation.progress import Progress, Report, silent
 
 RECORDED = (
     *("tirgeo/odometry", "tirgeo/fix", "tirgeo/camera_pose", "tirgeo/overlay/image"),
-    *("tirgeo/overlay/image/compressed", "tirgeo/locate/point", "/diagnostics"),
+    *("tirgeo/overlay/image/compressed", "tirgeo/locate/point"),
+    *("tirgeo/state", "tirgeo/findings", "/diagnostics"),
 )
 _FASTER = 3.0  # than real time: what repeats by the clock (heartbeats) counts a third
 _PLAYER_S = 120.0

@@ -29,8 +29,7 @@ from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.bags.cdr import header_stamp_ns
 from tirgeo_ros.tools.cli.main import unwind_on_signals
-from tirgeo_ros.tools.graph.node_graph import await_words
-from tirgeo_ros.tools.graph.node_process import NodeProcess
+from tirgeo_ros.tools.graph.node_graph import NodeProcess, await_words
 from tirgeo_ros.tools.presentation.progress import Progress, Report, silent
 
 NODES = ("ekf_node", "gimbal_node")

@@ -11,12 +11,12 @@ import numpy.typing as npt
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.schema import config_from, values_of
-from tirgeo_ros.core.frames.heading import wrap_pi
 from tirgeo_ros.core.frames.rotations import (
     euler_from_quat,
     quat_conjugate,
     quat_multiply,
     rotvec_from_quat,
+    wrap_pi,
 )
 from tirgeo_ros.core.frames.wgs84 import ecef_from_geodetic, rotation_ecef_from_ned
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation

@@ -18,7 +18,7 @@ from itertools import cycle
 
 import numpy as np
 
-from tirgeo_ros.core.config.dji import DjiConfig, DjiHostConfig
+from tirgeo_ros.core.config.dji_parameters import DjiConfig, DjiHostConfig
 from tirgeo_ros.dji.interpret.interpreter import Interpreter, Sample
 from tirgeo_ros.dji.link.framing import (
     HEADER_BYTES,

@@ -24,11 +24,11 @@ from tirgeo_ros.core.types.errors import GraphError
 from tirgeo_ros.io.files.child_process import python_command
 from tirgeo_ros.tools.graph.node_graph import (
     GraphSetup,
+    NodeProcess,
     await_words,
     graph_environment,
     node_processes,
 )
-from tirgeo_ros.tools.graph.node_process import NodeProcess
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page

@@ -22,7 +22,7 @@ from dev.judging import exit_code
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import euler_from_quat
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
-from tirgeo_ros.core.streams.rates import RateLimit
+from tirgeo_ros.core.streams.stamps import RateLimit
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.io.files.whole_files import csv_text

@@ -21,7 +21,7 @@ from dev.graphs import await_end, read_json, started_graph
 from dev.judging import Figure, exit_code, percentile, print_figures
 from tirgeo_ros.core.types.arrays import IntArray
 from tirgeo_ros.core.types.errors import GraphError
-from tirgeo_ros.tools.graph.node_process import NodeProcess
+from tirgeo_ros.tools.graph.node_graph import NodeProcess
 from tirgeo_ros.tools.presentation.progress import Progress
 from tirgeo_ros.tools.simulate.files import parameters_text
 

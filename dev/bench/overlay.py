@@ -20,7 +20,7 @@ from dev.judging import Figure
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.config.overlay import ConfidenceConfig
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.axes import BODY_OPTICAL, Q_BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import (
     matrix_from_quat,
@@ -33,7 +33,7 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground, locate
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.ground_point import Located
-from tirgeo_ros.core.map.layers import GeoFeature, LayerStyle, MapLayer
+from tirgeo_ros.core.map.map_layers import GeoFeature, LayerStyle, MapLayer
 from tirgeo_ros.core.map.polylines import Polylines
 from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.map.visibility import View

@@ -20,8 +20,7 @@ from unittest.mock import patch
 import numpy as np
 
 from dev.flight_errors import Errors, States, errors_of_states, navigation_samples
-from tirgeo_ros.core.frames.heading import wrap_pi
-from tirgeo_ros.core.frames.rotations import euler_from_quat, quat_from_euler
+from tirgeo_ros.core.frames.rotations import euler_from_quat, quat_from_euler, wrap_pi
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import (
     HeadingSample,

@@ -9,8 +9,7 @@ from rclpy.qos import QoSProfile
 
 from tirgeo_ros.io.bags.bag import BagWriter
 from tirgeo_ros.io.messages import TOPIC_TYPES
-from tirgeo_ros.nodes.graph_node import GraphNode, message_class
-from tirgeo_ros.nodes.qos import latched, output
+from tirgeo_ros.nodes.graph_node import GraphNode, latched, message_class, output
 from tirgeo_ros.nodes.runner import run
 
 TOPICS = ("tirgeo/odometry", "tirgeo/camera_pose", "tirgeo/origin")

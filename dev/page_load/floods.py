@@ -25,7 +25,7 @@ import numpy as np
 from dev.judging import Figure, percentile
 from dev.page_load.served import ServedPage
 from dev.page_load.viewers import click_text, oversleep
-from tirgeo_ros.core.config.viewer import ViewerConfig
+from tirgeo_ros.core.config.viewer_parameters import ViewerConfig
 
 _OPERATOR, _VIEWER = "operator-of-a-flood", "viewer-of-a-flood"
 _CONFIG = replace(ViewerConfig(), listen="127.0.0.1:0", token=_OPERATOR, viewer_token=_VIEWER)

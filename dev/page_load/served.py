@@ -12,7 +12,7 @@ from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from tirgeo_ros.core.config.viewer import ViewerConfig
+from tirgeo_ros.core.config.viewer_parameters import ViewerConfig
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.targets.store import TargetStore
@@ -40,7 +40,7 @@ class ServedPage:
         self._ours, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(pictures, work, config, theirs))
 
-    def __enter__(self) -> ServedPage:  # noqa: PYI034 Self is of Python 3.11
+    def __enter__(self) -> ServedPage:
         """Start, and wait until the page can be opened."""
         self._process.start()
         self.url = str(self._ours.recv())

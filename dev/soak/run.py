@@ -21,8 +21,7 @@ from pathlib import Path
 from dev.flights import SOAK_PERIOD_S, SoakFlight
 from dev.graphs import Graph, busy, started_graph
 from dev.soak.account import EPOCHS
-from tirgeo_ros.tools.graph.node_graph import await_words
-from tirgeo_ros.tools.graph.node_process import NodeProcess
+from tirgeo_ros.tools.graph.node_graph import NodeProcess, await_words
 from tirgeo_ros.tools.presentation.progress import Report, silent
 
 #: What every soak starts; the witness is not touched.

@@ -55,7 +55,7 @@ def test_both_kinds_give_the_same_bytes(name):
         ("rational", messages.camera),
         ("answer", messages.answer_of),
         ("targets", lambda m: messages.targets_of(m)[0]),
-        ("diagnostics", lambda m: messages.navigation_status(m.status[0])),
+        ("state", messages.node_state),
     ],
 )
 def test_both_kinds_are_read_alike(name, decode):

@@ -13,7 +13,7 @@ import pytest
 from page_backend import Pictures, pixel_of, place_at
 from page_clients import Page, Served, next_picture, tile_file
 
-from tirgeo_ros.core.config.viewer import ViewerConfig
+from tirgeo_ros.core.config.viewer_parameters import ViewerConfig
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.types.errors import PageError
 from tirgeo_ros.page.server import PageServer

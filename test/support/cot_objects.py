@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import XT2
-from tirgeo_ros.core.config.overlay import ConfidenceConfig
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.axes import BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import matrix_from_euler, quat_from_matrix
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane

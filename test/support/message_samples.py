@@ -6,8 +6,10 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numpy.testing import assert_allclose
 
 from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import canonical
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.ground_point import Located, enu_of
@@ -25,7 +27,14 @@ from tirgeo_ros.core.types.measurements import (
 )
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus, Outcome
-from tirgeo_ros.io.messages import Messages, navigation_item
+from tirgeo_ros.io.bags.cdr import Cdr
+from tirgeo_ros.io.messages import (
+    Messages,
+    NodeState,
+    PictureState,
+    TopicState,
+    navigation_item,
+)
 
 STAMP_NS = 1_700_000_000_123_456_789
 Q = canonical(np.array([0.8, -0.3, 0.2, 0.4]))
@@ -89,6 +98,19 @@ STATUS = NavigationStatus(
     warnings=("imu/data: accelerometer x clipped", "another"),
     began_again=Outcome.GAP,
 )
+STATE = NodeState(
+    "/uav1/overlay_node",
+    STAMP_NS,
+    STAMP_NS - 7,
+    {
+        "tirgeo/camera_pose": TopicState(50.0, 0.02, None, 3, 1, 2),
+        "tirgeo/overlay/image": TopicState(9.0, None, 12.5),
+    },
+    {"drawn": 7},
+    STATUS,
+    "encoders",
+    PictureState("NO MAP: no pose", 0.05, ConfidenceConfig(latency_sigma_s=0.01)),
+)
 _GREY = np.arange(6 * 5, dtype=np.uint8).reshape(6, 5)
 _COLOUR = np.arange(6 * 5 * 3, dtype=np.uint8).reshape(6, 5, 3)
 _DEEP = np.arange(6 * 5, dtype="<u2").reshape(6, 5) * 700
@@ -137,15 +159,33 @@ EVERY_MESSAGE: dict[str, tuple[str, Callable[[Messages], Any]]] = {
     ),
     "path": ("nav_msgs/msg/Path", lambda m: m.path(STAMP_NS, [m.track_point(BODY)] * 2)),
     "targets": ("std_msgs/msg/String", lambda m: m.targets([TARGET] * 2)),
-    "markers": (
-        "visualization_msgs/msg/MarkerArray",
-        lambda m: m.target_markers(PLANE, [TARGET] * 2),
-    ),
     "answer": ("std_msgs/msg/String", lambda m: m.answer(LOCATED)),
     "clock": ("rosgraph_msgs/msg/Clock", lambda m: m.clock(STAMP_NS)),
     "findings": ("std_msgs/msg/String", lambda m: m.findings("/ekf_node", STAMP_NS, [FINDING])),
+    "state": ("std_msgs/msg/String", lambda m: m.state(STATE)),
     "diagnostics": (
         "diagnostic_msgs/msg/DiagnosticArray",
         lambda m: m.diagnostics(STAMP_NS, [navigation_item("ekf_node: state", STATUS)]),
     ),
 }
+
+
+# The only arithmetic between a sample and its twin is a rotation by 180 deg: a few roundings.
+EXACT = 1e-14
+
+
+cdr = Cdr()
+
+
+made = Messages(cdr.types)
+
+
+def through_cdr(message):
+    typename = message.__msgtype__
+    return cdr.deserialize(cdr.serialize(message, typename), typename)
+
+
+def assert_same_rotation(p, q, tolerance=EXACT):
+    p, q = canonical(p), canonical(q)
+    # Of a half turn both signs are canonical.
+    assert_allclose(p * np.sign(p @ q), q, rtol=0, atol=tolerance)

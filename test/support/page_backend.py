@@ -19,7 +19,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tirgeo_ros.core.config.viewer import ViewerConfig
+from tirgeo_ros.core.config.viewer_parameters import ViewerConfig
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.io.targets.store import TargetStore
 from tirgeo_ros.page.backend import Click, Pixel

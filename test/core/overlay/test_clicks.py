@@ -9,7 +9,7 @@ import pytest
 from scenes import camera_pose
 
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
-from tirgeo_ros.core.config.overlay import ConfidenceConfig
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Reason
 from tirgeo_ros.core.ground.ground_point import Located, Refusal

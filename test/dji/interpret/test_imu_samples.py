@@ -12,7 +12,6 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from tirgeo_ros.core.config import DjiConfig
-from tirgeo_ros.core.frames.heading import wrap_pi
 from tirgeo_ros.core.frames.rotations import (
     euler_from_quat,
     matrix_from_quat,
@@ -22,6 +21,7 @@ from tirgeo_ros.core.frames.rotations import (
     rotation_x,
     rotation_y,
     rotation_z,
+    wrap_pi,
 )
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
 from tirgeo_ros.dji.interpret import Interpreter

@@ -8,7 +8,9 @@ import time
 
 import pytest
 from cot_objects import flying, sharing, target
-from tak_server import Member, free_port, wait_until
+from free_addresses import free_port
+from project import wait_until
+from tak_server import Member
 
 from tirgeo_ros.core.types.texts import utc
 from tirgeo_ros.page.cot import link as link_module

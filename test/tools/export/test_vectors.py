@@ -15,7 +15,7 @@ from numpy.testing import assert_allclose
 from scenes import graticule
 from target_samples import TARGETS
 
-from tirgeo_ros.core.config.overlay import ConfidenceConfig
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.dem import Terrain

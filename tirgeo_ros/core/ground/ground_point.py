@@ -25,7 +25,7 @@ from tirgeo_ros.core.camera.projection_covariance import (
     ellipse_95,
     timed_covariance,
 )
-from tirgeo_ros.core.config.overlay import ConfidenceConfig
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.axes import ENU_NED
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, skew
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane

@@ -16,13 +16,13 @@ import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CameraRates, ellipse_95, pixel_jacobian
-from tirgeo_ros.core.config.overlay import ConfidenceConfig
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedBuffer
 from tirgeo_ros.core.ground.backprojection import Ground, Reason
 from tirgeo_ros.core.ground.ground_point import Answer, Located, Refusal, place
-from tirgeo_ros.core.map.layers import Colour, LayerStyle
+from tirgeo_ros.core.map.map_layers import Colour, LayerStyle
 from tirgeo_ros.core.map.polylines import Polylines
 from tirgeo_ros.core.overlay.label_placement import FreeSpace, wish_beside
 from tirgeo_ros.core.overlay.line_renderer import LineRenderer, mark_radius_px, marks_as_lines

@@ -19,7 +19,7 @@ from collections import deque
 from itertools import pairwise
 from typing import NamedTuple
 
-from tirgeo_ros.core.config.dji import DjiClockConfig
+from tirgeo_ros.core.config.dji_parameters import DjiClockConfig
 
 #: Ticks of the aircraft's counters. Hard sync counts long ones, and so may the broadcast of
 #: firmware before 3.3, in the field that counts milliseconds in newer firmware.

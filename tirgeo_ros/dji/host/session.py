@@ -12,7 +12,7 @@ from collections.abc import Generator, Sequence
 from enum import Enum
 from typing import TypeVar
 
-from tirgeo_ros.core.config.dji import RATE_CODES, DjiHostConfig
+from tirgeo_ros.core.config.dji_parameters import RATE_CODES, DjiHostConfig
 from tirgeo_ros.core.types.errors import DjiError
 from tirgeo_ros.dji.link.framing import ProtocolFrame, encode_frame
 from tirgeo_ros.dji.protocol.commands import (

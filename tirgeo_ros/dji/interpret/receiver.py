@@ -14,8 +14,8 @@ from typing import Any, Generic, NamedTuple, TypeVar
 import numpy as np
 
 from tirgeo_ros.core.config import AircraftConfig, DjiConfig
-from tirgeo_ros.core.config.dji import DjiRtkConfig
-from tirgeo_ros.core.config.filter_aiding import GpsConfig
+from tirgeo_ros.core.config.dji_parameters import DjiRtkConfig
+from tirgeo_ros.core.config.filter_parameters import GpsConfig
 from tirgeo_ros.core.streams.sanity_checks import LARGEST_HEIGHT_M
 from tirgeo_ros.core.types.measurements import (
     FixStatus,

@@ -12,7 +12,7 @@ import numpy as np
 
 from tirgeo_ros.core.config import AircraftConfig, SimulatedAircraftConfig
 from tirgeo_ros.core.frames.rotations import euler_from_quat, quat_multiply, slerp
-from tirgeo_ros.core.gimbal.joint_geometry import camera_turn
+from tirgeo_ros.core.gimbal.camera_pose import camera_turn
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedBuffer
 from tirgeo_ros.core.streams.sanity_checks import fault_of, usable_attitude
 from tirgeo_ros.core.types.arrays import Array

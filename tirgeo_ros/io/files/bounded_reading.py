@@ -58,8 +58,8 @@ def _used_bytes() -> int:
     """
     with suppress(OSError, StopIteration):
         lines = Path("/proc/self/status").read_text().splitlines()
-        said = next(line for line in lines if line.startswith("VmData:"))
-        return int(said.split()[1]) << 10
+        size = next(line for line in lines if line.startswith("VmData:"))
+        return int(size.split()[1]) << 10
     return 0
 
 
@@ -99,7 +99,7 @@ def read_map(work: Callable[[], T], *, network: bool) -> T:
     set_network_enabled(active=network)
     if network:
         return work()
-    found: list[T] = []
+    results: list[T] = []
     raised: list[BaseException] = []
 
     def run() -> None:
@@ -109,7 +109,7 @@ def read_map(work: Callable[[], T], *, network: bool) -> T:
                 raise ConfigError(  # noqa: TRY301
                     f"GDAL cannot be kept from the network here ({why}); set network: true"
                 )
-            found.append(work())
+            results.append(work())
         except BaseException as error:  # noqa: BLE001  raised again below
             raised.append(error)
 
@@ -118,7 +118,7 @@ def read_map(work: Callable[[], T], *, network: bool) -> T:
     thread.join()
     if raised:
         raise raised[0]
-    return found[0]
+    return results[0]
 
 
 def imported_rasterio(need: str, error: type[TirgeoError]) -> Any:

@@ -243,13 +243,13 @@ def _vector(keys: Keys, key: str, dimension: str) -> list[Cell]:
 def _rotation_bi(keys: Keys) -> Array:
     """Return the rotation (3, 3) from the file's axes to FRD."""
     what = f"{', '.join(_AXES)}, or a list of three of {', '.join(_DIRECTIONS)}"
-    given = keys.value("axes", (str, list), what)
-    names = _AXES.get(given, ()) if isinstance(given, str) else given
+    axes = keys.value("axes", (str, list), what)
+    names = _AXES.get(axes, ()) if isinstance(axes, str) else axes
     if not isinstance(names, tuple | list) or [n for n in names if n not in _DIRECTIONS]:
         names = ()
     rotation = np.array([_DIRECTIONS[name] for name in names]).T
     if rotation.shape != (3, 3) or not math.isclose(np.linalg.det(rotation), 1.0):
-        raise LogError(f"{keys.place}.axes: {given!r} are not right-handed axes: {what}")
+        raise LogError(f"{keys.place}.axes: {axes!r} are not right-handed axes: {what}")
     return rotation
 
 
@@ -262,24 +262,24 @@ def _sigmas(keys: Keys, dimension: str, *, must: bool = True) -> list[Cell | flo
         return [0.0] * 3
     inner = keys.inner("sigma")
     factor = inner.unit(dimension)
-    found: list[Cell | float]
+    sigmas: list[Cell | float]
     if "value" in inner:
         value = inner.value("value", (int, float), "a number")
         if not 0 < value < math.inf:
             raise LogError(f"{inner.place}.value: {value!r} is not above zero")
-        found = [value * factor] * 3
+        sigmas = [value * factor] * 3
     elif "column" in inner:
-        found = [inner.cell("column", factor)] * 3
+        sigmas = [inner.cell("column", factor)] * 3
     elif "horizontal" in inner:
         horizontal = inner.cell("horizontal", factor)
-        found = [horizontal, horizontal, inner.cell("vertical", factor)]
+        sigmas = [horizontal, horizontal, inner.cell("vertical", factor)]
     else:
-        found = [inner.cell(key, factor) for key in ("north", "east", "up")]
+        sigmas = [inner.cell(key, factor) for key in ("north", "east", "up")]
     inner.finish()
-    return found
+    return sigmas
 
 
-def _covariance(found: list[Cell | float], row: Row) -> Array:
+def _covariance(sigmas: list[Cell | float], row: Row) -> Array:
     """Return the covariance (3, 3) in NED; zeros: unknown."""
-    values = [sigma if isinstance(sigma, float) else sigma.of(row) for sigma in found]
+    values = [sigma if isinstance(sigma, float) else sigma.of(row) for sigma in sigmas]
     return np.diag(np.square(values))

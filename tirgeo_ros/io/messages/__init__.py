@@ -18,13 +18,21 @@ from tirgeo_ros.io.messages.decode import (
 from tirgeo_ros.io.messages.diagnostics import (
     DiagnosticItem,
     diagnostic_level,
-    finding_row,
-    findings_of,
     navigation_item,
     navigation_status,
 )
 from tirgeo_ros.io.messages.encode import Messages
 from tirgeo_ros.io.messages.json_codec import answer_of, targets_of
+from tirgeo_ros.io.messages.node_reports import (
+    FINDINGS_TOPIC,
+    STATE_TOPIC,
+    NodeState,
+    PictureState,
+    TopicState,
+    finding_row,
+    findings_of,
+    node_state,
+)
 from tirgeo_ros.io.messages.pictures import camera, compressed_pixels, image_pixels, pixels
 from tirgeo_ros.io.messages.sensor_messages import (
     DJI_TOPICS,
@@ -39,13 +47,18 @@ from tirgeo_ros.io.messages.sensor_messages import (
 
 __all__ = [
     "DJI_TOPICS",
+    "FINDINGS_TOPIC",
     "NAVIGATION_INPUTS",
     "SENSED_SAMPLES",
     "SENSED_TOPICS",
+    "STATE_TOPIC",
     "TOPIC_TYPES",
     "DiagnosticItem",
     "Messages",
+    "NodeState",
+    "PictureState",
     "SensedSample",
+    "TopicState",
     "answer_of",
     "body_pose",
     "camera",
@@ -61,6 +74,7 @@ __all__ = [
     "joint_sample",
     "navigation_item",
     "navigation_status",
+    "node_state",
     "pixel",
     "pixels",
     "sensed",

@@ -35,7 +35,7 @@ from tirgeo_ros.core.types.measurements import (
     VelocitySample,
 )
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
-from tirgeo_ros.io.messages.diagnostics import DiagnosticItem, findings_text
+from tirgeo_ros.io.messages.diagnostics import DiagnosticItem
 from tirgeo_ros.io.messages.json_codec import answer_text, targets_text
 from tirgeo_ros.io.messages.message_parts import (
     COMPUTED_FROM,
@@ -47,7 +47,7 @@ from tirgeo_ros.io.messages.message_parts import (
     positive,
     quat_turned_world,
 )
-from tirgeo_ros.io.messages.target_markers import TargetMarkers
+from tirgeo_ros.io.messages.node_reports import NodeState, findings_text, state_text
 
 
 class FrameMessages(MessageParts):
@@ -148,7 +148,7 @@ UNKNOWN_VARIANCE = 1e6
 _ENCODINGS = {("|u1", 2): "mono8", ("|u1", 3): "bgr8", ("<u2", 2): "mono16"}
 
 
-class Messages(FrameMessages, TargetMarkers):
+class Messages(FrameMessages):
     """Build messages of the classes that ``types`` gives for names like ``nav_msgs/msg/Odometry``.
 
     ``frames`` are the ids of their frames. Nodes pass rclpy's classes, bags those they are written
@@ -344,6 +344,10 @@ class Messages(FrameMessages, TargetMarkers):
     def targets(self, targets: Sequence[Target]) -> Any:
         """Return ``std_msgs/String`` of all targets."""
         return self._text(targets_text(targets))
+
+    def state(self, state: NodeState) -> Any:
+        """Return ``std_msgs/String``: what a node reports of itself."""
+        return self._text(state_text(state))
 
     def diagnostics(self, stamp_ns: int, items: Sequence[DiagnosticItem]) -> Any:
         """Return ``diagnostic_msgs/DiagnosticArray``."""

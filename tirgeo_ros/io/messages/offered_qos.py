@@ -19,7 +19,10 @@ _IMAGES = (
     *("image_raw", "image_raw/compressed"),
     *("overlay/image", "overlay/image/compressed", "overlay/camera_info"),
 )
-_LATCHED = ("tirgeo/origin", "tirgeo/targets", "tirgeo/targets/markers", "tf_static")
+_LATCHED = (
+    *("tirgeo/origin", "tirgeo/targets", "tirgeo/targets/markers", "tirgeo/state"),
+    "tf_static",
+)
 #: In the order and the words of rosbag2's metadata from version 9 (Jazzy) on. The times are
 #: ROS's infinity, which a recorder finds where a publisher sets none.
 _TEXT = """\

@@ -113,6 +113,7 @@ TOPIC_TYPES: dict[str, str] = {topic: row.typename for topic, row in _BY_TOPIC.i
     "tirgeo/targets": "std_msgs/msg/String",
     "tirgeo/targets/markers": "visualization_msgs/msg/MarkerArray",
     "tirgeo/findings": "std_msgs/msg/String",
+    "tirgeo/state": "std_msgs/msg/String",
     "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
     "/clock": "rosgraph_msgs/msg/Clock",
     "/tf": "tf2_msgs/msg/TFMessage",

@@ -67,8 +67,8 @@ def _takes(options: Mapping[str, str]) -> bool:
     if "localaddr" in options:
         ipaddress.ip_address(options["localaddr"])
     ttl = options.get("ttl", "1")
-    known = options.keys() <= {"ttl", "localaddr"}
-    return known and ttl.isdecimal() and 1 <= int(ttl) <= _MOST_TTL
+    supported = options.keys() <= {"ttl", "localaddr"}
+    return supported and ttl.isdecimal() and 1 <= int(ttl) <= _MOST_TTL
 
 
 @final

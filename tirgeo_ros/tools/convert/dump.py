@@ -120,12 +120,12 @@ def push_fields(push: Push) -> dict[str, Any]:
 def _printed(value: Any, name: str = "") -> Any:
     """Return a part as JSON holds it; fields that a layout lacks are left out."""
     if hasattr(value, "_fields"):
-        found = {}
+        fields = {}
         for field, source, convert in _PRINTED.get(type(value)) or map(_field, value._fields):
             raw = getattr(value, source)
             if raw is not None:
-                found[field] = convert(raw) if convert else _printed(raw, field)
-        return found
+                fields[field] = convert(raw) if convert else _printed(raw, field)
+        return fields
     if isinstance(value, tuple):
         return [_printed(number) for number in value]
     is_single = isinstance(value, float) and name not in _DOUBLES

@@ -10,8 +10,8 @@ import numpy as np
 
 from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import euler_from_quat, quat_conjugate, quat_multiply
-from tirgeo_ros.core.streams.rates import RateLimit
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
+from tirgeo_ros.core.streams.stamps import RateLimit
 from tirgeo_ros.core.types.arrays import Array, IntArray
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, ImuSample, PositionSample
 from tirgeo_ros.core.types.poses import BodyPose

@@ -7,7 +7,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from tirgeo_ros.core.config.overlay import ConfidenceConfig
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.tools.export import RASTERS
 from tirgeo_ros.tools.export.export_frame import Product

@@ -12,9 +12,8 @@ import numpy as np
 import numpy.typing as npt
 import zstandard
 
-from tirgeo_ros.core.orthorectification.frame_view import Patch
 from tirgeo_ros.core.orthorectification.ground_tiles import TILE_PX, Floats, TileKey
-from tirgeo_ros.core.orthorectification.mosaic_tile import LevelMatch, MosaicTile
+from tirgeo_ros.core.orthorectification.orthophoto import LevelMatch, MosaicTile, Patch
 from tirgeo_ros.io.pictures.geotiff import RasterForm, RasterPart, write_cog
 from tirgeo_ros.tools.export.export_frame import ExportFrame
 from tirgeo_ros.tools.export.raster_options import RasterSetup

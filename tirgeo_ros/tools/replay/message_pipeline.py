@@ -226,8 +226,8 @@ class Pipeline:
         self._poses.new_plane(plane, stamp_ns, log_time_ns)
         if self.overlay is not None:
             self.overlay.set_plane(plane)
-            if self.overlay.map_given and self.overlay.laid is not None:
-                self._checks.map(self.overlay.laid)
+            if self.overlay.map_given and self.overlay.draped is not None:
+                self._checks.map(self.overlay.draped)
 
     def _picture(self, topic: str, message: Any, log_time_ns: int) -> None:
         if self.overlay is None:

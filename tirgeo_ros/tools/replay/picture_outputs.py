@@ -15,7 +15,7 @@ from tirgeo_ros.core.gimbal.pose_buffer import Miss
 from tirgeo_ros.core.ground.frame_geometry import Sight
 from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.overlay.picture_painter import Unpainted
-from tirgeo_ros.core.streams.rates import RateLimit
+from tirgeo_ros.core.streams.stamps import RateLimit
 from tirgeo_ros.core.types.arrays import Pixels
 from tirgeo_ros.core.types.poses import BodyPose
 from tirgeo_ros.io.messages import Messages

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import Miss
 from tirgeo_ros.core.navigation.estimator.track import Track
-from tirgeo_ros.core.streams.rates import RateLimit
+from tirgeo_ros.core.streams.stamps import RateLimit
 from tirgeo_ros.core.types.poses import BodyPose
 from tirgeo_ros.io.messages import Messages
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs

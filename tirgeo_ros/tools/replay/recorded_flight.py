@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import Camera
-from tirgeo_ros.core.frames.heading import wrap_pi
-from tirgeo_ros.core.frames.rotations import euler_from_quat
+from tirgeo_ros.core.frames.rotations import euler_from_quat, wrap_pi
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
 from tirgeo_ros.core.types.errors import BagError

@@ -17,16 +17,17 @@ import numpy as np
 import numpy.typing as npt
 
 from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
-from tirgeo_ros.core.frames.heading import azimuths, wrap_pi
 from tirgeo_ros.core.frames.rotations import (
+    azimuths,
     euler_from_matrix,
     matrix_from_euler,
     quat_from_euler,
     quat_from_matrix,
     quat_multiply,
+    wrap_pi,
 )
 from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
-from tirgeo_ros.core.gimbal.joint_geometry import joint_angles
+from tirgeo_ros.core.gimbal.camera_pose import joint_angles
 from tirgeo_ros.core.navigation.aiding.barometer import standard_pressure_pa
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import (
@@ -130,7 +131,9 @@ def rtk_samples(scenario: Scenario, seed: int, trajectory: Trajectory) -> list[A
     headings = _headings(scenario, seed, trajectory.rotation_nb(motion), epochs)
     delay_ns = round(rtk.arrival_delay_s * 1e9)
     both = zip(fixes, headings, strict=True)
-    return [(one.stamp_ns + delay_ns, one) for fix, heading in both for one in (*fix, heading)]
+    return [
+        (sample.stamp_ns + delay_ns, sample) for fix, heading in both for sample in (*fix, heading)
+    ]
 
 
 def _headings(
@@ -173,7 +176,7 @@ def gps_samples(scenario: Scenario, seed: int, trajectory: Trajectory) -> list[A
     at_antenna = _at_antenna(trajectory, motion, scenario.aircraft.gps_lever_b)
     fixes = _fixes(epochs, at_antenna, errors, sigmas, sources, FixStatus.SINGLE)
     delay_ns = round(gps.arrival_delay_s * 1e9)
-    return [(one.stamp_ns + delay_ns, one) for fix in fixes for one in fix]
+    return [(sample.stamp_ns + delay_ns, sample) for fix in fixes for sample in fix]
 
 
 def barometer_samples(scenario: Scenario, seed: int, trajectory: Trajectory) -> list[Arrival]:

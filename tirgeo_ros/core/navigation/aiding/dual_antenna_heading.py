@@ -11,8 +11,13 @@ import operator
 import numpy as np
 
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.frames.heading import azimuth, azimuth_row, wrapped
-from tirgeo_ros.core.frames.rotations import euler_from_quat, rotation_of
+from tirgeo_ros.core.frames.rotations import (
+    azimuth,
+    azimuth_row,
+    euler_from_quat,
+    rotation_of,
+    wrapped,
+)
 from tirgeo_ros.core.navigation.aiding.aid import LONGEST_PATIENCE_S, Aid, uncorrelated
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack
 from tirgeo_ros.core.navigation.aiding.gnss_antenna import LARGE_TURN_RAD, Baseline

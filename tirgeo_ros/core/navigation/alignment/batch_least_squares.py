@@ -26,8 +26,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.frames.heading import wrap_pi
-from tirgeo_ros.core.frames.rotations import matrix_from_rotvec, skew
+from tirgeo_ros.core.frames.rotations import matrix_from_rotvec, skew, wrap_pi
 from tirgeo_ros.core.navigation.ins.vibration_noise import Powers
 from tirgeo_ros.core.types.arrays import Array, Vector
 from tirgeo_ros.core.types.measurements import ImuSample

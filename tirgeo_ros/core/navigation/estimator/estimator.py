@@ -25,8 +25,8 @@ from tirgeo_ros.core.navigation.ins.vibration_noise import densities
 from tirgeo_ros.core.navigation.timeline.aid_stamps import AidClocks, DuplicateDetector, Same
 from tirgeo_ros.core.navigation.timeline.ekf import Ekf
 from tirgeo_ros.core.navigation.timeline.imu_checks import Clipping, ImuClock, in_body_axes
-from tirgeo_ros.core.streams.rates import RateLimit
 from tirgeo_ros.core.streams.sanity_checks import LARGEST_HEIGHT_M, fault_of
+from tirgeo_ros.core.streams.stamps import RateLimit
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.core.types.measurements import (
     FixStatus,

@@ -67,17 +67,13 @@ class Epoch:
     vibration: Powers = STILL
 
     @classmethod
-    def first(  # noqa: PYI019 Self is of Python 3.11
-        cls: type[E], stamp_ns: int, sample: ImuSample, start: Propagated
-    ) -> E:
+    def first(cls: type[E], stamp_ns: int, sample: ImuSample, start: Propagated) -> E:
         """Return the first epoch; ``sample`` is the newest one up to its stamp."""
         force, rate = sample.specific_force_b.tolist(), sample.angular_rate_b.tolist()
         return cls(stamp_ns, tuple(force), tuple(rate), start)
 
     @classmethod
-    def after(  # noqa: PYI019 Self is of Python 3.11
-        cls: type[E], before: Epoch, sample: ImuSample, meter: VibrationMeter
-    ) -> E:
+    def after(cls: type[E], before: Epoch, sample: ImuSample, meter: VibrationMeter) -> E:
         """Return the epoch of the next sample; its state is still that of the epoch before."""
         force: Vector = tuple(sample.specific_force_b.tolist())
         rate: Vector = tuple(sample.angular_rate_b.tolist())
