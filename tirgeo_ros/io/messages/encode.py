@@ -49,7 +49,6 @@ from tirgeo_ros.io.messages.message_parts import (
 )
 from tirgeo_ros.io.messages.node_reports import NodeState, findings_text, state_text
 from tirgeo_ros.io.messages.pictures import calibration_of
-from tirgeo_ros.io.messages.target_markers import TargetMarkers
 
 
 class FrameMessages(MessageParts):
@@ -150,7 +149,7 @@ UNKNOWN_VARIANCE = 1e6
 _ENCODINGS = {("|u1", 2): "mono8", ("|u1", 3): "bgr8", ("<u2", 2): "mono16"}
 
 
-class Messages(FrameMessages, TargetMarkers):
+class Messages(FrameMessages):
     """Build messages of the classes that ``types`` gives for names like ``nav_msgs/msg/Odometry``.
 
     ``frames`` are the ids of their frames. Nodes pass rclpy's classes, bags those they are written

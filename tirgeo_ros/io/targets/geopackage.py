@@ -8,18 +8,15 @@ from __future__ import annotations
 import contextlib
 import sqlite3
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.targets.target import KINDS, Target
 from tirgeo_ros.core.types.errors import TargetError
-from tirgeo_ros.io.geopackage.container import (
-    blob,
-    make_layer,
-    make_package,
-)
+from tirgeo_ros.io.geopackage.layers import Layer, Positions, insert, make_file, make_layer
 from tirgeo_ros.io.targets.columns import COLUMNS, of_target
 
 _WAIT_S = 2.0  # for a program that is just ending
@@ -37,40 +34,35 @@ _DAMAGED = (
     "it is damaged and was left as it is: move it away to begin a new one; the command "
     "'sqlite3 FILE .recover' gets back what it still holds"
 )
-#: Table -> type of its geometry ("": no geometry), its columns, what it holds.
-_LAYERS: dict[str, tuple[str, Mapping[str, str], str]] = {
-    "targets": ("Point", COLUMNS, "places, each the average of its clicks"),
-    "ellipses": (
-        "Polygon",
-        {"target": "TEXT NOT NULL", "number": "INTEGER", "name": "TEXT"},
-        "95 % ellipses of the places",
-    ),
-    "clicks": (
-        "",
-        {
-            "target": "TEXT NOT NULL",
-            "stamp_ns": "INTEGER NOT NULL",
-            **dict.fromkeys(("latitude_deg", "longitude_deg", "height_m"), "REAL NOT NULL"),
-            "covariance_enu": "TEXT NOT NULL",
-        },
-        "every click; these count, the other two tables are made of them",
-    ),
-    "pictures": (
-        "",
-        {"target": "TEXT NOT NULL UNIQUE", "jpeg": "BLOB NOT NULL"},
-        "cut-outs of the video, JPEG",
-    ),
-    "marks": (
-        "",
-        {"stamp_ns": "INTEGER NOT NULL", "time": "DATETIME NOT NULL", "text": "TEXT NOT NULL"},
-        "marks in time",
-    ),
+TARGETS = Layer("targets", "Point", COLUMNS, "places, each the average of its clicks")
+ELLIPSES = Layer(
+    "ellipses",
+    "Polygon",
+    {"target": "TEXT NOT NULL", "number": "INTEGER", "name": "TEXT"},
+    "95 % ellipses of the places",
+)
+_CLICK_COLUMNS = {
+    "stamp_ns": "INTEGER NOT NULL",
+    **dict.fromkeys(("latitude_deg", "longitude_deg", "height_m"), "REAL NOT NULL"),
+    "covariance_enu": "TEXT NOT NULL",
 }
-_TABLES = """
-CREATE TABLE tirgeo_changes (revision INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, at_ns INTEGER,
-    action TEXT NOT NULL, target TEXT NOT NULL, before TEXT, undone INTEGER NOT NULL);
-CREATE INDEX clicks_of_target ON clicks (target);
-"""
+_TARGET = {"target": "TEXT NOT NULL"}
+_ABOUT_CLICKS = "every click; these count, the other two tables are made of them"
+_CLICKS = Layer("clicks", "", _TARGET | _CLICK_COLUMNS, _ABOUT_CLICKS)
+_PICTURE = {"target": "TEXT NOT NULL UNIQUE", "jpeg": "BLOB NOT NULL"}
+_MARK = {"stamp_ns": "INTEGER NOT NULL", "time": "DATETIME NOT NULL", "text": "TEXT NOT NULL"}
+_LAYERS = (
+    TARGETS,
+    ELLIPSES,
+    _CLICKS,
+    Layer("pictures", "", _PICTURE, "cut-outs of the video, JPEG"),
+    Layer("marks", "", _MARK, "marks in time"),
+)
+_JOURNAL = (
+    "CREATE TABLE tirgeo_changes (revision INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, "
+    "at_ns INTEGER, action TEXT NOT NULL, target TEXT NOT NULL, before TEXT, "
+    "undone INTEGER NOT NULL)"
+)
 #: Texts that are still to be chosen from (undo of the change that ``settled`` one opens it again),
 #: and what is switched on. Older files hold both among the changes, by negative numbers.
 _OF_PAGE = """
@@ -83,44 +75,36 @@ INSERT OR IGNORE INTO tirgeo_alternatives SELECT target, json_extract(before, '$
 INSERT OR IGNORE INTO tirgeo_switches SELECT target FROM tirgeo_changes WHERE undone = -2;
 UPDATE tirgeo_changes SET before = NULL, undone = 1 WHERE action IN ('alternative', 'on');
 """
-_PUT = (
-    f"INSERT INTO targets (fid, geom, {', '.join(COLUMNS)}) "  # noqa: S608  names of our own
-    f"VALUES (:number, :geom, {', '.join(f':{name}' for name in COLUMNS)})"
-)
-_CLICK = "latitude_deg, longitude_deg, height_m, covariance_enu"
+_CLICK = ", ".join(_CLICK_COLUMNS)
 
 
 def make_tables(db: sqlite3.Connection) -> None:
     """Make the tables of an empty file, within the caller's transaction."""
-    make_package(db)
-    for name, (geometry, columns, about) in _LAYERS.items():
-        make_layer(db, name, geometry, columns, about)
-    for statement in _TABLES.split(";\n")[:-1]:
-        db.execute(statement)
+    make_file(db)
+    for layer in _LAYERS:
+        make_layer(db, layer)
+    db.execute(_JOURNAL)
+    db.execute("CREATE INDEX clicks_of_target ON clicks (target)")
 
 
 def put_target(db: sqlite3.Connection, target: Target) -> None:
     """Write the rows of a target in place of those it had."""
     remove_target(db, target.id)
-    place = target.place
-    geometry = blob("Point", [(place.longitude_deg, place.latitude_deg)])
-    cells = of_target(target)
-    db.execute(_PUT, cells | {"geom": geometry})
-    ring = [(longitude, latitude) for latitude, longitude in place.outline()[:-1]]
-    row = (target.number, blob("Polygon", ring), target.id, target.number, cells["name"])
-    db.execute(
-        "INSERT INTO ellipses (fid, geom, target, number, name) VALUES (?, ?, ?, ?, ?)", row
-    )
-    db.executemany(
-        f"INSERT INTO clicks (target, stamp_ns, {_CLICK}) VALUES (?, ?, ?, ?, ?, ?)",  # noqa: S608
-        [(target.id, *_click_row(click)) for click in target.clicks],
-    )
+    for layer, row, positions in rows_of_target(target):
+        insert(db, layer, row, positions, target.number)
+    for click in target.clicks:
+        numbers = {key: getattr(click, key) for key in _CLICK_COLUMNS}
+        texts = {"covariance_enu": " ".join(map(repr, map(float, click.covariance_enu)))}
+        insert(db, _CLICKS, {"target": target.id} | numbers | texts)
 
 
-def _click_row(click: Located) -> tuple[object, ...]:
-    covariance = " ".join(repr(float(number)) for number in click.covariance_enu)
-    place = click.latitude_deg, click.longitude_deg, click.height_m
-    return int(click.stamp_ns), *map(float, place), covariance
+def rows_of_target(target: Target) -> list[tuple[Layer, dict[str, Any], Positions]]:
+    """Return the rows of a target and of its ellipse, with their layers and positions."""
+    place, cells = target.place, of_target(target)
+    ring = [(longitude, latitude) for latitude, longitude in place.outline()]
+    own = {"target": target.id, "number": target.number, "name": cells["name"]}
+    at = [(place.longitude_deg, place.latitude_deg)]
+    return [(TARGETS, cells, at), (ELLIPSES, own, ring)]
 
 
 def put_picture(db: sqlite3.Connection, target_id: str, jpeg: bytes) -> None:
@@ -221,7 +205,7 @@ def _is_empty(db: sqlite3.Connection) -> bool:
 def _check_tables(db: sqlite3.Connection, path: Path) -> None:
     """Refuse a file that is damaged, or that another program made; neither is written to."""
     names = {name for (name,) in db.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
-    if not {*_LAYERS, "tirgeo_changes"} <= names:
+    if not {"tirgeo_changes", *(layer.name for layer in _LAYERS)} <= names:
         raise TargetError(
             f"{path}: a database that tirgeo did not make; give the targets another name"
         )
@@ -244,11 +228,11 @@ def _targets(db: sqlite3.Connection) -> list[Target]:
     A target whose clicks are gone has one, at its place.
     """
     clicks: defaultdict[str, list[Located]] = defaultdict(list)
-    rows = db.execute(f"SELECT target, stamp_ns, {_CLICK} FROM clicks ORDER BY fid")  # noqa: S608
+    rows = db.execute(f"SELECT target, {_CLICK} FROM clicks ORDER BY fid")  # noqa: S608
     for target_id, *numbers in rows:
         clicks[target_id].append(_click(*numbers))
     made = "id, number, created_ns, changed_ns"
-    columns = f"{made}, name, target_kind, note, aircraft, stamp_ns, {_CLICK}"
+    columns = f"{made}, name, target_kind, note, aircraft, {_CLICK}"
     targets = []
     for row in db.execute(f"SELECT {columns} FROM targets ORDER BY number"):  # noqa: S608
         own, words, place = row[:4], row[4:8], row[8:]
