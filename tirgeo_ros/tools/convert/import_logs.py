@@ -154,26 +154,30 @@ def _completed(options: LogOptions, config: DjiConfig) -> LogOptions:
 def _read(path: Path, form: Form, options: LogOptions) -> Log:
     """Read a log; refuse its impossible samples, and those of another time; sort the others."""
     contents = form.read(path, options)
+    good: list[SensedSample] = []
     by_topic: defaultdict[str, list[SensedSample]] = defaultdict(list)
     for sample in contents.samples:
         fault, topic = _fault(sample), topic_of(sample)
         if fault:
             contents.refused[topic, fault] += 1
         else:
+            good.append(sample)
             by_topic[topic].append(sample)
-    contents.samples, spans = [], {}
+    alone, spans = set[int](), {}
     for topic, samples in by_topic.items():
-        spans[topic] = _take_topic(topic, samples, contents)
-    contents.samples.sort(key=lambda sample: sample.stamp_ns)
+        spans[topic], jumped = _judged(topic, samples, contents)
+        alone.update(map(id, jumped))
+    good = [sample for sample in good if id(sample) not in alone]
+    contents.samples = sorted(good, key=lambda sample: sample.stamp_ns)
     return Log(path, form.name, contents, spans)
 
 
-def _take_topic(
+def _judged(
     topic: str, samples: Sequence[SensedSample], contents: LogContents
-) -> tuple[int, int]:
-    """Add a topic's samples but those whose stamps jump alone; return first and last stamp.
+) -> tuple[tuple[int, int], list[SensedSample]]:
+    """Return first and last stamp of a topic's samples, and those whose stamps jump alone.
 
-    Those would mislead where they are sorted in.
+    These would mislead where they are sorted in.
     """
     stamps_ns = np.array([sample.stamp_ns for sample in samples])
     alone = lone_stamps(stamps_ns)
@@ -184,8 +188,7 @@ def _take_topic(
     if back:
         words = f"its time goes back {back} times; it is sorted by time"
         contents.notes.append(f"{topic}: {words}")
-    contents.samples += compress(samples, ~alone)
-    return int(stamps_ns.min()), int(stamps_ns.max())
+    return (int(stamps_ns.min()), int(stamps_ns.max())), list(compress(samples, alone))
 
 
 def _fault(sample: SensedSample) -> str:
