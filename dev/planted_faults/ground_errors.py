@@ -17,6 +17,7 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseBuffer
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ground.ground_point import Located, place
+from tirgeo_ros.core.streams.arrivals import exposure_ns
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
@@ -43,7 +44,7 @@ class Eye:
 
     def locate(self, stamp_ns: int, uv: tuple[float, float]) -> Located | None:
         """Return the place at a pixel of a picture; None where there is none."""
-        exposed_ns = stamp_ns - round(self.config.video_latency_s * 1e9)
+        exposed_ns = exposure_ns(stamp_ns, self.config.video_latency_s)
         pose, before = self.poses.at(exposed_ns), self.poses.at(exposed_ns - _RATES_NS)
         if isinstance(pose, Miss):
             return None
