@@ -16,7 +16,7 @@ from tirgeo_ros.core.frames.rotations import (
     rotation_z,
 )
 from tirgeo_ros.core.types.poses import CameraPose
-from tirgeo_ros.tools.evaluate.ground import pixel_moves
+from tirgeo_ros.tools.evaluate.result import pixel_moves
 
 CLICK_PX = 0.5
 COUNT = 24

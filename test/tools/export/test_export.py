@@ -16,8 +16,8 @@ from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.export import export as driver
 from tirgeo_ros.tools.export.export import export
-from tirgeo_ros.tools.export.flight_pictures import FlightPictures, Window
-from tirgeo_ros.tools.export.raster_options import RasterOptions
+from tirgeo_ros.tools.export.frames import FlightPictures, Window
+from tirgeo_ros.tools.export.rasters import RasterOptions
 
 rasterio = pytest.importorskip("rasterio")
 

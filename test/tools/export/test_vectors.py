@@ -23,9 +23,9 @@ from tirgeo_ros.core.ground.ground_point import Located, circular_error_90, plac
 from tirgeo_ros.core.types.errors import TargetError
 from tirgeo_ros.io.targets.exports import exported as targets_as
 from tirgeo_ros.io.targets.properties import of_target
+from tirgeo_ros.tools.evaluate.series import load_truth
 from tirgeo_ros.tools.export import vectors
 from tirgeo_ros.tools.export.vectors import Vectors
-from tirgeo_ros.tools.replay.recorded_flight import load_truth
 
 CONFIDENCE = ConfidenceConfig()
 LAYERS = [

@@ -12,10 +12,10 @@ from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.evaluate.evaluate import evaluate
 from tirgeo_ros.tools.evaluate.summary import summary
-from tirgeo_ros.tools.replay.flight_poses import RecordedFlight, smoothed_runs
+from tirgeo_ros.tools.replay.flight import Flight, passes, smoothed_runs
 from tirgeo_ros.tools.replay.locate import locate_pixels
 from tirgeo_ros.tools.replay.process import process
-from tirgeo_ros.tools.replay.smoothed_flight import FlightFilter, passes
+from tirgeo_ros.tools.replay.registration import FlightFilter
 
 SHORT_S = 9.0
 
@@ -115,7 +115,7 @@ def test_a_registration_of_each_kind_in_one_flight(short):
     """What is not to be smoothed is as without."""
     found = {}
     for smooth in (False, True):
-        flight = RecordedFlight(BagReader(short), needs_camera=False)
+        flight = Flight(BagReader(short), needs_camera=False)
         config = EkfConfig(), GimbalConfig()
         plain = flight.registered(*config, [])
         other = flight.registered(*config, [], smooth=smooth)

@@ -28,7 +28,7 @@ from tirgeo_ros.tools.calibrate.aircraft_result import KEYS, aircraft_lines, sum
 from tirgeo_ros.tools.calibrate.estimates import head
 from tirgeo_ros.tools.calibrate.residual_plots import innovations_png
 from tirgeo_ros.tools.presentation.progress import Report, silent
-from tirgeo_ros.tools.replay.flight_poses import RecordedFlight
+from tirgeo_ros.tools.replay.flight import Flight
 from tirgeo_ros.tools.replay.flight_topics import resolved
 from tirgeo_ros.tools.replay.node_configs import node_configs
 from tirgeo_ros.tools.replay.registration import Sample
@@ -77,7 +77,7 @@ def read_aircraft(reader: BagReader, namespace: str, max_gap_s: float) -> ReadAi
 
     Raise BagError if a needed topic is absent, CalibrationError if the part is too short.
     """
-    flight, found = RecordedFlight(reader, namespace, needs_camera=False), _Samples()
+    flight, found = Flight(reader, namespace, needs_camera=False), _Samples()
     for topic in _NEEDED:
         if not flight.has(topic):
             hint = "" if namespace else "; is there a --namespace?"

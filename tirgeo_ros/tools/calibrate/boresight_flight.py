@@ -21,12 +21,13 @@ from tirgeo_ros.core.calibration.boresight.model import (
 )
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.streams.arrivals import exposure_ns
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.pictures.camera_file import given_camera
 from tirgeo_ros.io.surveys.survey import Observation, SurveyPoint
 from tirgeo_ros.tools.presentation.progress import Report
-from tirgeo_ros.tools.replay.flight_poses import FlightPoses, RecordedFlight
+from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs
 
 _STEP_DEG = 1.0
@@ -68,7 +69,7 @@ def read_flight(
     smooth: bool = False,
 ) -> ReadFlight:
     """Read a bag once. Raise BagError, or CalibrationError if the filter gives no pose."""
-    recorded = RecordedFlight(reader, namespace, camera=given_camera(configs.overlay))
+    recorded = Flight(reader, namespace, camera=given_camera(configs.overlay))
     passes = _passes(recorded, configs, wanted, seen, smooth=smooth)
     recorded.read_all(progress)
     usual = passes.pop("")
@@ -124,7 +125,7 @@ def _sighting(one: Observation, point: SurveyPoint, plane: TangentPlane) -> Poin
 
 
 def _passes(
-    recorded: RecordedFlight,
+    recorded: Flight,
     configs: NodeConfigs,
     wanted: Sequence[str],
     seen: Sequence[Observation],
@@ -133,7 +134,7 @@ def _passes(
 ) -> dict[str, FlightPoses]:
     """Return a run as it is (key ""), and one with a step of each wanted parameter."""
     ekf, gimbal = configs.ekf, configs.gimbal
-    instants_ns = [one.stamp_ns - round(configs.overlay.video_latency_s * 1e9) for one in seen]
+    instants_ns = [exposure_ns(one.stamp_ns, configs.overlay.video_latency_s) for one in seen]
     passes = {"": recorded.registered(ekf, gimbal, instants_ns, smooth=smooth)}
     if "gimbal_north" in wanted:
         # Only one of the two has an effect: that of the composition in use.

@@ -110,7 +110,7 @@ def describe(result: Mapping[str, Any]) -> str:
         from tirgeo_ros.tools.season.season import season_lines  # noqa: PLC0415 heavy
 
         return season_lines(result)
-    from tirgeo_ros.tools.replay.process_summary import six_lines  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.replay.process import six_lines  # noqa: PLC0415 heavy
 
     return six_lines(result)
 

@@ -26,7 +26,7 @@ from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.geopackage.layer_file import Layer, LayerFile
 from tirgeo_ros.io.targets.properties import COLUMNS, of_target
 from tirgeo_ros.io.targets.reading import read_targets
-from tirgeo_ros.tools.export.export_frame import ExportFrame
+from tirgeo_ros.tools.export.frames import ExportFrame
 
 _HEAD = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
 _FIELD = "2"  # the kind of a property that is read from a field

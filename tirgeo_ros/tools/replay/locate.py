@@ -15,6 +15,7 @@ from statistics import median
 from tirgeo_ros.core.ground.backprojection import Ground, Reason
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.ground_point import Located, Refusal, place
+from tirgeo_ros.core.streams.arrivals import exposure_ns
 from tirgeo_ros.core.types.errors import ConfigError, SurveyError
 from tirgeo_ros.core.types.finding import Finding, stop_line
 from tirgeo_ros.io.bags.bag import BagReader
@@ -26,9 +27,9 @@ from tirgeo_ros.io.surveys.survey import Answered, Observation, load_observation
 from tirgeo_ros.io.targets.exports import exported_answers, form_of
 from tirgeo_ros.io.targets.xml_formats import cot
 from tirgeo_ros.tools.presentation.progress import Report, silent
-from tirgeo_ros.tools.replay.finding_lines import finding_items
+from tirgeo_ros.tools.presentation.results import finding_items
+from tirgeo_ros.tools.replay.flight import Flight
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks, tried_map
-from tirgeo_ros.tools.replay.flight_poses import RecordedFlight
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs, node_configs
 
 
@@ -62,12 +63,12 @@ def locate_pixels(
     )
     outputs = [one for one in (output, kml_out, cot_out) if one]
     check_outputs((bag_in, pixels, *paths_of(params), *configs.files), outputs, SurveyError)
-    seen = load_observations(pixels)
+    observations = load_observations(pixels)
     ground = ground_of(configs.overlay)
     if ground is None:
         raise ConfigError("height of the ground not known: give --ground-height or --dem")
     reader = BagReader(bag_in)
-    how = (seen, ground, progress)
+    how = (observations, ground, progress)
     answers, flown, findings = _located(reader, configs, params, namespace, *how, smooth=smooth)
     forms = {output: form_of(output), kml_out: "kml"}
     files: dict[PathLike, str | bytes]
@@ -90,7 +91,7 @@ def _located(
     configs: NodeConfigs,
     params: Files,
     namespace: str,
-    seen: Sequence[Observation],
+    observations: Sequence[Observation],
     ground: Ground,
     progress: Report,
     *,
@@ -99,40 +100,37 @@ def _located(
     """Read the flight; return the pixels' places, the flight's summary, and its findings."""
     fitted, notes = configs.fitting(reader, namespace)
     ekf, gimbal, overlay, _ = fitted
-    camera = given_camera(overlay)
-    found: list[Finding] = []
-    layers = tried_map(found, overlay, overlay.map, used=False)
-    checks = FlightChecks(
-        fitted, reader, params, namespace, ground=ground, layers=layers, camera=camera
-    )
-    checks.found += found
-    recorded = RecordedFlight(reader, namespace, camera=camera, checks=checks)
-    latency_ns = round(overlay.video_latency_s * 1e9)
-    instants_ns = [one.stamp_ns - latency_ns for one in seen]
-    flight = recorded.registered(ekf, gimbal, instants_ns, smooth=smooth)
-    flight.checks = checks
-    recorded.read_all(progress)
-    known = recorded.camera
+    lens, failed = given_camera(overlay), list[Finding]()
+    layers = tried_map(failed, overlay, overlay.map, used=False)
+    of_flight = (fitted, reader, params, namespace)
+    checks = FlightChecks(*of_flight, ground=ground, layers=layers, camera=lens)
+    checks.found += failed
+    flight = Flight(reader, namespace, camera=lens, checks=checks)
+    exposures_ns = [exposure_ns(one.stamp_ns, overlay.video_latency_s) for one in observations]
+    poses = flight.registered(ekf, gimbal, exposures_ns, checks.watch, smooth=smooth)
+    flight.read_all(progress)
+    camera = flight.camera
 
-    def answer(one: Observation) -> Located | Refusal:
-        found = flight.at(one.stamp_ns - latency_ns)
-        if found is None or flight.plane is None:
+    def answer(one: Observation, exposed_ns: int) -> Located | Refusal:
+        pose = poses.at(exposed_ns)
+        if pose is None or poses.plane is None:
             return Refusal(one.stamp_ns, (one.u, one.v), Reason.NO_POSE)
-        pose, rates = found
-        confidence = overlay.confidence
-        placed = place(known, pose, (one.u, one.v), flight.plane, ground, confidence, rates)
-        return replace(placed, stamp_ns=one.stamp_ns)
+        where = (camera, pose[0], (one.u, one.v), poses.plane, ground)
+        return replace(place(*where, overlay.confidence, pose[1]), stamp_ns=one.stamp_ns)
 
-    answers = [Answered(one.id, answer(one)) for one in seen]
-    navigation = flight.registration.navigation.status()
+    answers = [
+        Answered(one.id, answer(one, exposed_ns))
+        for one, exposed_ns in zip(observations, exposures_ns, strict=True)
+    ]
+    navigation = poses.registration.navigation.status()
     flown: dict[str, object] = {
         "method": navigation.method,
         "smoothed": smooth,
-        "composition": flight.registration.composer.composition,
+        "composition": poses.registration.composer.composition,
         "notes": notes,
         "state": navigation.state.value,
-        "messages": recorded.read,
-        "messages_refused": recorded.refused,
+        "messages": flight.read.total(),
+        "messages_refused": flight.refused,
     }
     return answers, flown, checks.findings()
 

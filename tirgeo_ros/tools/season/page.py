@@ -14,7 +14,7 @@ from tirgeo_ros.core.frames.wgs84 import ecef_from_geodetic
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import SeasonError
 from tirgeo_ros.io.files.whole_files import write_files
-from tirgeo_ros.tools.presentation.html_page import html_page
+from tirgeo_ros.tools.presentation.plots import html_page
 from tirgeo_ros.tools.presentation.progress import three
 from tirgeo_ros.tools.season.flight_facts import positions_ned
 from tirgeo_ros.tools.season.flight_record import Record, read_records

@@ -12,9 +12,9 @@ from urllib.parse import quote
 from tirgeo_ros import __version__
 from tirgeo_ros.core.types.finding import NO_GO, Severity
 from tirgeo_ros.core.types.verdicts import FilterState
-from tirgeo_ros.tools.presentation.html_page import embedded
+from tirgeo_ros.tools.presentation.plots import embedded
 from tirgeo_ros.tools.presentation.progress import three
-from tirgeo_ros.tools.replay.process_summary import refused_line
+from tirgeo_ros.tools.replay.process import refused_line
 from tirgeo_ros.tools.season.flight_record import Record
 
 #: Worst first, as the page lists them; with what a class name or a person calls them.
