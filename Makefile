@@ -28,11 +28,11 @@ export OPENBLAS_NUM_THREADS := 1
 # On processors with AVX-512 NumPy takes one of two forms of arctan2, and of its like, by where in
 # memory the result happens to lie: last digits would differ from run to run.
 ifeq ($(shell uname -m),x86_64)
-test test-slow test-long test-floor: export NPY_DISABLE_CPU_FEATURES := AVX512F AVX512_SKX X86_V4
+quick test test-slow test-long test-floor: export NPY_DISABLE_CPU_FEATURES := AVX512F AVX512_SKX X86_V4
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow test-long test-all test-floor lint types api bench check-arm64 fuzz planted-faults soak consistency smoothing real-flights states parameters reproduction clean
+.PHONY: help setup demo quick test test-slow test-long test-all test-floor lint types api bench check-arm64 fuzz planted-faults soak consistency smoothing real-flights states parameters reproduction clean
 .DELETE_ON_ERROR:
 
 help:  ## this list
@@ -43,6 +43,9 @@ setup: $(READY)  ## ROS 2 Jazzy and tirgeo in .venv; then .venv/bin/tirgeo works
 
 demo: $(READY)  ## the whole node graph on the sample flight; leaves a video in demo/
 	$(BIN)/tirgeo demo
+
+quick: $(READY)  ## the core's own quick tests: under a minute
+	$(BIN)/python $(PYTEST) $(WORKERS) test/core
 
 test: $(READY)  ## the tests, those of the running graph included: some minutes
 	$(BIN)/python $(PYTEST) $(WORKERS)

@@ -19,7 +19,7 @@ from typing import Any
 from unittest import mock
 
 from dev.judging import MarkedTable
-from tirgeo_ros.io.files.child_python import python_command
+from tirgeo_ros.io.files.child_process import python_command
 from tirgeo_ros.tools.presentation.progress import Progress
 
 PYTHONS = ("3.10", "3.11", "3.12", "3.13")

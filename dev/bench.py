@@ -27,7 +27,7 @@ from dev.bench_smoother import hour_cost, smoother_times
 from dev.judging import Figure, line
 from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.io.bags.bag import BagReader
-from tirgeo_ros.io.files.child_python import python_command
+from tirgeo_ros.io.files.child_process import python_command
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
 from tirgeo_ros.tools.graph import find_resource
 from tirgeo_ros.tools.graph.node_graph import GraphSetup, run_graph

@@ -16,7 +16,7 @@ from dev.bench_overlay import ABOVE_M, PITCH_DEG, PLANE, beds
 from dev.nodes import package_of
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import GraphError
-from tirgeo_ros.io.files.child_python import python_command
+from tirgeo_ros.io.files.child_process import python_command
 from tirgeo_ros.tools.graph.node_graph import (
     GraphSetup,
     await_words,

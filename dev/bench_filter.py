@@ -17,7 +17,7 @@ from dev.bench_pyins import pyins_is_installed, pyins_run
 from dev.flight_errors import Errors, errors, fitting_config, navigation_samples
 from dev.looped_flight import LoopedFlight
 from tirgeo_ros.core.accuracy.ground_errors import rms
-from tirgeo_ros.core.navigation.estimator import Navigation
+from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.types.measurements import NavigationInput
 from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.tools.presentation.progress import Report, silent

@@ -14,7 +14,7 @@ import numpy as np
 from dev.judging import Figure
 from dev.nodes import package_of
 from tirgeo_ros.core.types.errors import GraphError
-from tirgeo_ros.io.files.child_python import python_command
+from tirgeo_ros.io.files.child_process import python_command
 from tirgeo_ros.tools.graph.node_graph import (
     GraphSetup,
     await_words,

@@ -21,7 +21,7 @@ from dev.flight_errors import errors, fitting_config, navigation_samples
 from dev.judging import MarkedTable, in_processes
 from dev.looped_flight import LoopedFlight
 from dev.monte_carlo import SETTLED_S, Case, flight_of
-from tirgeo_ros.core.navigation.estimator import Navigation
+from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.navigation.smoothing.smoothed_navigation import (
     RecordingNavigation,
     SmoothedNavigation,

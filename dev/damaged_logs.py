@@ -22,9 +22,9 @@ from shutil import copytree
 from typing import NamedTuple
 
 from tirgeo_ros.core.types.errors import TirgeoError
+from tirgeo_ros.io.bags.ros1_bag import any_bag
 from tirgeo_ros.io.logs.log_contents import LogOptions
 from tirgeo_ros.tools.convert.import_flight import import_flight
-from tirgeo_ros.tools.convert.import_mapped import any_bag
 from tirgeo_ros.tools.presentation.results import table
 
 _LIMIT_S, _LIMIT_BYTES = 60, 4 << 30

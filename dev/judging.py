@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from typing import NamedTuple, TypeVar
 
-from tirgeo_ros.io.files.child_python import safe_workers
+from tirgeo_ros.io.files.child_process import safe_workers
 from tirgeo_ros.tools.presentation.progress import Report, silent
 
 _Job = TypeVar("_Job")

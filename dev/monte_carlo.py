@@ -27,8 +27,8 @@ import numpy as np
 from dev.flight_errors import errors, fitting_config, navigation_samples
 from dev.judging import in_processes
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.navigation.estimator import Navigation
-from tirgeo_ros.core.navigation.kalman import chi_square_limit
+from tirgeo_ros.core.navigation.estimator.estimator import Navigation
+from tirgeo_ros.core.navigation.ins.kalman import chi_square_limit
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.core.types.measurements import HeadingSample, NavigationInput, Source

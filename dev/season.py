@@ -28,7 +28,7 @@ from typing import Any
 
 from dev.judging import Figure, in_processes, line
 from tirgeo_ros.core.types.errors import SeasonError
-from tirgeo_ros.io.files.child_python import python_command
+from tirgeo_ros.io.files.child_process import python_command
 from tirgeo_ros.io.files.whole_files import made_folder
 from tirgeo_ros.tools.presentation.progress import Progress
 from tirgeo_ros.tools.replay.process import process

@@ -14,7 +14,7 @@ from dev.monte_carlo import SETTLED_S, Case, flight_of
 from dev.real_flights import Miss, hidden_fixes, samples_of
 from dev.real_flights_judged import config_of
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.navigation.estimator import Navigation
+from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.navigation.smoothing.smoothed_navigation import smoothed
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import NavigationInput, Source

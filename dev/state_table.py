@@ -20,7 +20,7 @@ import numpy as np
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import euler_from_quat
-from tirgeo_ros.core.navigation.estimator import Navigation
+from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.streams.rates import RateLimit
 from tirgeo_ros.core.types.errors import BagError, TirgeoError
 from tirgeo_ros.core.types.poses import NavSolution

@@ -33,7 +33,7 @@ from tirgeo_ros.core.config import NODE_CONFIGS
 from tirgeo_ros.core.config.schema import parameters_of
 from tirgeo_ros.core.config.viewer import TOKEN_SEED, address_of
 from tirgeo_ros.core.types.errors import ConfigError
-from tirgeo_ros.io.files.text_file import named_files
+from tirgeo_ros.io.files.whole_files import named_files
 from tirgeo_ros.tools.graph.localhost import localhost_environment, video_environment
 from tirgeo_ros.tools.graph.whole_graph import read_remaps
 

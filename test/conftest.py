@@ -34,7 +34,7 @@ LONG = (
     "tools/calibrate/test_lens.py",
     "tools/calibrate/test_allan.py",
     "io/maps/test_bombs.py",
-    "core/aircraft_calibration/test_fit.py",
+    "core/calibration/test_aircraft_fit.py",
     "nodes/test_graph.py",
     "nodes/test_lifecycle.py",
     "nodes/test_live_parameters.py",

@@ -9,7 +9,7 @@ import sys
 
 import package_edges
 import pytest
-from package_edges import module_graph, modules, package_graph, table
+from package_edges import module_graph, modules, package_graph, rooms
 from project import PROJECT
 
 MODULES = modules()
@@ -26,17 +26,17 @@ LAYERS = {
     "nodes": {"core", "dji", "io", "page", "nodes"},
     "dev": {"core", "dji", "io", "tools", "page", "nodes", "dev"},
 }
-#: Within a layer each package imports only from those before it.
+#: Within a layer, or a package, each package imports only from those before it.
 ORDER = {
-    "core": "types frames config streams camera ground orthorectification map targets calibration "
-    "accuracy navigation aircraft_calibration gimbal overlay checks",
+    "core": "types frames config streams camera ground orthorectification map targets accuracy "
+    "navigation calibration gimbal overlay checks",
+    "core.navigation": "ins aiding alignment timeline estimator smoothing",
     "dji": "clocks protocol link host sources interpret simulator",
     "io": "files coordinates parameters elevation messages logs pictures bags maps surveys cot "
     "targets video geopackage",
     "tools": "presentation replay simulate budget calibrate convert evaluate export season graph "
     "cli",
 }
-BEGIN, END = "<!-- packages: begin -->\n", "<!-- packages: end -->\n"
 
 # Imports every module but the nodes' where no ROS package can be found: neither rclpy, nor the
 # packages of messages, nor what ament installs beside them.
@@ -74,13 +74,18 @@ def test_a_package_imports_only_layers_below_its_own(package):
     assert layers <= LAYERS[layer_of(package)]
 
 
-@pytest.mark.parametrize("layer", ORDER)
-def test_within_a_layer_imports_run_from_right_to_left(layer):
-    order = ORDER[layer].split()
-    assert {f"{layer}.{name}" for name in order} == {p for p in GRAPH if p.startswith(f"{layer}.")}
+@pytest.mark.parametrize("package", ORDER)
+def test_within_a_package_imports_run_from_right_to_left(package):
+    order = [f"{package}.{name}" for name in ORDER[package].split()]
+    graph = rooms(GRAPH, package)
+    assert {*order} == graph.keys() - {package}
     for place, name in enumerate(order):
-        own = {p for p in GRAPH[f"{layer}.{name}"] if p.startswith(f"{layer}.")}
-        assert own <= {f"{layer}.{before}" for before in order[:place]}
+        assert graph[name] <= {*order[:place]}
+
+
+@pytest.mark.parametrize("package", sorted(GRAPH.keys() - {""}))
+def test_no_package_imports_itself_by_a_detour(package):
+    list(graphlib.TopologicalSorter(rooms(GRAPH, package)).static_order())
 
 
 def test_no_module_imports_itself_by_a_detour():
@@ -88,9 +93,8 @@ def test_no_module_imports_itself_by_a_detour():
 
 
 def test_the_table_of_packages_is_the_present_one():
-    text = (PROJECT / "CONTRIBUTING.md").read_text()
-    written = text.partition(BEGIN)[2].partition(END)[0]
-    assert written == table(GRAPH), "run: python test/support/package_edges.py"
+    written = package_edges.PAGE.read_text()
+    assert written == package_edges.page(GRAPH), "run: python test/support/package_edges.py"
 
 
 def test_all_but_the_nodes_import_without_ros():
@@ -128,6 +132,11 @@ def test_an_import_is_seen_however_it_is_written(tmp_path, monkeypatch):
     assert package_graph(modules())["core.sub"] == {"io", "nodes", "tools"}
 
 
+def test_rooms_are_those_just_below_a_package():
+    graph = {"a": {"a.b.c"}, "a.b": set(), "a.b.c": {"a.d", "e"}, "a.d": set(), "ab": {"a.b"}}
+    assert rooms(graph, "a") == {"a": {"a.b"}, "a.b": {"a.d"}, "a.d": set()}
+
+
 #: What the core does not do: files, printing, logging, clocks of its own.
 SILENT = {"logging", "pathlib", "os", "shutil", "tempfile", "warnings", "subprocess", "time"}
 
@@ -135,7 +144,7 @@ SILENT = {"logging", "pathlib", "os", "shutil", "tempfile", "warnings", "subproc
 @pytest.mark.parametrize("name", [name for name in MODULES if ".core." in name])
 def test_the_core_is_silent(name):
     path = MODULES[name]
-    assert not {one.split(".")[0] for one in package_edges.imported(name, path)} & SILENT
+    assert not {other.split(".")[0] for other in package_edges.imported(name, path)} & SILENT
     calls = (node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call))
     named = {call.func.id for call in calls if isinstance(call.func, ast.Name)}
     assert not named & {"print", "open", "input"}

@@ -25,8 +25,8 @@ from tirgeo_ros.core.config.schema import (
     values_of,
 )
 from tirgeo_ros.core.gimbal.composer import GimbalComposer
-from tirgeo_ros.core.navigation.ekf import Ekf
-from tirgeo_ros.core.navigation.estimator import Navigation
+from tirgeo_ros.core.navigation.estimator.estimator import Navigation
+from tirgeo_ros.core.navigation.timeline.ekf import Ekf
 from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.types.errors import CameraError, ConfigError
 from tirgeo_ros.core.types.measurements import Source
@@ -130,7 +130,7 @@ def test_what_is_set_in_flight_is_used_as_if_from_the_start(kind, one):
 def test_a_filter_that_runs_takes_it_and_keeps_its_state(one):
     navigation, after = running(), changed(EkfConfig(), one)
     ekf = navigation._ekf
-    kept = outline(ekf.belief())
+    kept = outline(ekf.estimate())
     navigation.configure(after)
     bare = Ekf.__new__(Ekf)
     bare.configure(after)
@@ -139,10 +139,10 @@ def test_a_filter_that_runs_takes_it_and_keeps_its_state(one):
         *((getattr(ekf, name), part) for name, part in vars(bare).items()),
         *((getattr(navigation, name), getattr(fresh, name)) for name in ("_delays",)),
         (navigation._rate._period_ns, fresh._rate._period_ns),
-        (navigation._autopilot._variance_rad2, fresh._autopilot._variance_rad2),
+        (navigation._in_imu[0]._variance_rad2, fresh._in_imu[0]._variance_rad2),
     ):
         assert outline(ours) == outline(wanted)
-    assert outline(ekf.belief()) == kept
+    assert outline(ekf.estimate()) == kept
 
 
 def flown(change: Callable[[Navigation, float], None]) -> tuple[list[str], list[Any]]:

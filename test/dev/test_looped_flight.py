@@ -12,7 +12,7 @@ import pytest
 
 from dev.imu_load import figures, load_of
 from dev.looped_flight import LoopedFlight
-from tirgeo_ros.core.navigation.estimator import Navigation
+from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.types.errors import GraphError
 from tirgeo_ros.core.types.measurements import HeadingSample
 from tirgeo_ros.core.types.verdicts import Outcome

@@ -18,7 +18,7 @@ from overlay_flight import Flight, write_map
 from overlays import SQUARE_N
 from sensor_msgs.msg import CompressedImage, Image
 
-from tirgeo_ros.io.files.child_python import python_command
+from tirgeo_ros.io.files.child_process import python_command
 from tirgeo_ros.io.messages import stamp_ns
 from tirgeo_ros.tools.graph import find_resource
 from tirgeo_ros.tools.graph.node_process import NodeProcess

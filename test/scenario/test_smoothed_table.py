@@ -8,7 +8,7 @@ from flights import config_for
 from scenario.runs import FLIGHTS, faulty
 from scenario.table import TABLE, Row
 
-from tirgeo_ros.core.navigation.estimator import Navigation
+from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.navigation.smoothing.smoothed_navigation import smoothed
 
 pytestmark = [pytest.mark.slow, pytest.mark.long]

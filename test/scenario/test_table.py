@@ -7,7 +7,7 @@ from scenario.complaints import complaints
 from scenario.runs import FLIGHTS, faulty, run
 from scenario.table import TABLE, Row
 
-from tirgeo_ros.core.navigation.imu_clipping import Clipping
+from tirgeo_ros.core.navigation.timeline.imu_clipping import Clipping
 from tirgeo_ros.core.streams.sanity_checks import fault_of
 from tirgeo_ros.core.types.measurements import ImuSample
 

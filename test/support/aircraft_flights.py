@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from dev.flight_errors import navigation_samples
-from tirgeo_ros.core.aircraft_calibration.filter_run import Recorded
-from tirgeo_ros.core.aircraft_calibration.parameters import DELAYS
-from tirgeo_ros.core.navigation.aiding.state_estimate import source_of
+from tirgeo_ros.core.calibration.aircraft_parameters import DELAYS
+from tirgeo_ros.core.calibration.aircraft_run import Recorded
 from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample
 from tirgeo_ros.io.bags.bag import BagWriter, Cdr
 from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, sensed
@@ -44,7 +43,7 @@ def aircraft_samples(seed, duration_s=180.0, azimuth_deg=AZIMUTH_DEG, delays_s=D
     late_ns = {source: round(s * 1e9) for source, s in zip(DELAYS, delays_s, strict=True)}
     found = []
     for sample in navigation_samples(fly(scenario, seed)):
-        source = None if isinstance(sample, ImuSample) else source_of(sample)
+        source = None if isinstance(sample, ImuSample) else sample.source
         late = replace(sample, stamp_ns=sample.stamp_ns + late_ns.get(source, 0))
         if isinstance(late, HeadingSample):
             late = replace(late, heading_rad=(late.heading_rad + angle) % math.tau)
@@ -55,7 +54,7 @@ def aircraft_samples(seed, duration_s=180.0, azimuth_deg=AZIMUTH_DEG, delays_s=D
 def recorded(samples):
     """The flight in memory, as a bag is read."""
     imu = [sample for sample in samples if isinstance(sample, ImuSample)]
-    aids = [s for s in samples if not isinstance(s, ImuSample) and source_of(s) in DELAYS]
+    aids = [s for s in samples if not isinstance(s, ImuSample) and s.source in DELAYS]
     return Recorded(imu, aids)
 
 

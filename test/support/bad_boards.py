@@ -8,7 +8,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from tirgeo_ros.core.calibration.checkerboard.board import Checkerboard
+from tirgeo_ros.core.calibration.checkerboard import Checkerboard
 from tirgeo_ros.core.frames.rotations import rotation_x, rotation_y, rotation_z
 from tirgeo_ros.tools.simulate.boards import BoardLook, BoardRenderer
 

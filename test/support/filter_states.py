@@ -1,4 +1,4 @@
-"""Times, states, beliefs and samples, for tests of the filter and its aids."""
+"""Times, states, estimates and samples, for tests of the filter and its aids."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tirgeo_ros.core.frames.rotations import quat_from_euler, rotation_of
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack, Receivers
 from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate
-from tirgeo_ros.core.navigation.strapdown import NavState, matrix
+from tirgeo_ros.core.navigation.ins.strapdown import NavState, matrix
 from tirgeo_ros.core.types.measurements import (
     FixStatus,
     HeadingSample,
@@ -55,28 +55,28 @@ def state_of(roll: float, pitch: float, yaw: float) -> NavState:
     return NavState(q, (3.0, -1.0, 0.2), *HOME, *[ZERO] * 3)
 
 
-def belief_of(state: NavState, states: int = 18, covariance=None) -> StateEstimate:
+def estimate_of(state: NavState, states: int = 18, covariance=None) -> StateEstimate:
     """RTK fixed and its position, velocity and heading used just now, for long."""
-    control = AidStatus(Receivers(NOW_NS)).heard(FixStatus.FIXED, 0, NOW_NS)
-    control = control.heard(FixStatus.FIXED, NOW_NS, NOW_NS)
+    aids = AidStatus(Receivers(NOW_NS)).heard(FixStatus.FIXED, 0, NOW_NS)
+    aids = aids.heard(FixStatus.FIXED, NOW_NS, NOW_NS)
     for source in RTK:
-        control = control.with_track(source, AidTrack(NOW_NS, NOW_NS))
-    return StateEstimate(state, np.eye(states) if covariance is None else covariance, control)
+        aids = aids.with_track(source, AidTrack(NOW_NS, NOW_NS))
+    return StateEstimate(state, np.eye(states) if covariance is None else covariance, aids)
 
 
 def used_at(uses: dict[Source, int], status: FixStatus | None = None) -> AidStatus:
     """The records of aids that were used at these stamps, the newest with a fix status."""
     newest_ns = max(uses.values(), default=NOW_NS)
-    control = AidStatus(Receivers(newest_ns))
+    aids = AidStatus(Receivers(newest_ns))
     if status is not None:
-        control = control.heard(status, newest_ns, TIMEOUT_NS)
+        aids = aids.heard(status, newest_ns, TIMEOUT_NS)
     for source, stamp_ns in uses.items():
-        control = control.with_track(source, AidTrack(stamp_ns))
-    return control
+        aids = aids.with_track(source, AidTrack(stamp_ns))
+    return aids
 
 
-def heard(control: AidStatus, t_s: float, status=FixStatus.FIXED) -> AidStatus:
-    return control.heard(status, ns(t_s), TIMEOUT_NS)
+def heard(aids: AidStatus, t_s: float, status=FixStatus.FIXED) -> AidStatus:
+    return aids.heard(status, ns(t_s), TIMEOUT_NS)
 
 
 def fix(t_s, shift_n=ZERO, source=Source.RTK_POSITION, status=FixStatus.FIXED, noise=None):

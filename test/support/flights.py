@@ -9,7 +9,7 @@ from typing import NamedTuple
 from dev.flight_errors import NAVIGATION_SAMPLES, Errors, errors, navigation_samples, solutions
 from dev.flight_errors import fitting_config as config_for
 from tirgeo_ros.core.accuracy.ground_errors import rms
-from tirgeo_ros.core.navigation.estimator import Navigation
+from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.types.measurements import ImuSample, Source
 from tirgeo_ros.core.types.verdicts import FilterState
 from tirgeo_ros.tools.simulate.flight import SimulatedFlight, fly

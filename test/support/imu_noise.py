@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tirgeo_ros.core.calibration.allan.record import ImuRecord
+from tirgeo_ros.core.calibration.imu_record import ImuRecord
 
 
 def white(rng, size, n, step_s):

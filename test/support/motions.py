@@ -8,7 +8,7 @@ import numpy as np
 
 from tirgeo_ros.core.frames import rotations as att
 from tirgeo_ros.core.frames.wgs84 import EARTH_RATE_RAD_S, gravity_down, radii_of_curvature
-from tirgeo_ros.core.navigation.strapdown import NavState
+from tirgeo_ros.core.navigation.ins.strapdown import NavState
 
 ZERO = (0.0, 0.0, 0.0)
 

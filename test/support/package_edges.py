@@ -1,18 +1,23 @@
-"""Find which packages import which others, and write that as the table of CONTRIBUTING.md.
+"""Find which packages import which others, and write that as a table.
 
-``python test/support/package_edges.py`` prints the table; it stands in CONTRIBUTING.md.
+``python test/support/package_edges.py`` writes ``test/packages.md``.
 """
 
 from __future__ import annotations
 
 import ast
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 from project import PROJECT
 
 ROOTS = ("tirgeo_ros", "dev")
+PAGE = PROJECT / "test" / "packages.md"
+_HEAD = """# The packages, and what each imports
+
+Written by `python test/support/package_edges.py`; `test/test_layering.py` holds the order.
+
+"""
 
 Graph = dict[str, set[str]]
 
@@ -40,42 +45,58 @@ def imported(name: str, path: Path) -> Iterator[str]:
             yield from (f"{base}.{alias.name}" for alias in node.names)
 
 
-def module_graph(known: dict[str, Path]) -> Graph:
-    """Return which known modules each known module imports; a package counts as its __init__."""
+def module_graph(paths: dict[str, Path]) -> Graph:
+    """Return which of these modules each one imports; a package counts as its __init__."""
     graph: Graph = {}
-    for name, path in known.items():
-        full = set(imported(name, path))
-        own = {one if one in known else one.rpartition(".")[0] for one in full}
-        graph[name] = {one for one in own if one in known and one != name}
+    for name, path in paths.items():
+        names = set(imported(name, path))
+        own = {other if other in paths else other.rpartition(".")[0] for other in names}
+        graph[name] = {other for other in own if other in paths and other != name}
     return graph
 
 
 def package_of(name: str, path: Path) -> str:
-    """Return the package that a module belongs to: ``core.frames``, ``nodes``, ``dev``."""
+    """Return a module's package: ``core.frames``, ``core.navigation.ins``, ``nodes``, ``dev``."""
     parts = name.split(".")
     if path.name != "__init__.py":
         parts = parts[:-1]
-    if parts[0] == "dev":
-        return "dev"
-    return ".".join(parts[1 : 2 if parts[1:2] == ["nodes"] else 3])
+    return "dev" if parts[0] == "dev" else ".".join(parts[1:])
 
 
-def package_graph(known: dict[str, Path]) -> Graph:
+def package_graph(paths: dict[str, Path]) -> Graph:
     """Return which packages each package imports."""
-    packages = {name: package_of(name, path) for name, path in known.items()}
+    packages = {name: package_of(name, path) for name, path in paths.items()}
     graph: Graph = {package: set() for package in packages.values()}
-    for name, others in module_graph(known).items():
+    for name, others in module_graph(paths).items():
         graph[packages[name]] |= {packages[other] for other in others} - {packages[name]}
     return graph
 
 
-def table(graph: Graph) -> str:
+def rooms(graph: Graph, package: str) -> Graph:
+    """Return which packages just below a package import which others of them.
+
+    The package's own modules are the one named as the package.
+    """
+    depth = package.count(".") + 2 if package else 1
+
+    def room(name: str) -> str:
+        return ".".join(name.split(".")[:depth])
+
+    inside = {name for name in graph if f"{name}.".startswith(f"{package}." if package else "")}
+    graph_of_rooms: Graph = {}
+    for name in inside:
+        graph_of_rooms.setdefault(room(name), set()).update(map(room, graph[name] & inside))
+    return {name: others - {name} for name, others in graph_of_rooms.items()}
+
+
+def page(graph: Graph) -> str:
     """Return a Markdown table of all packages: what each does, and what it imports."""
     rows = ["| package | does | imports |", "| --- | --- | --- |"]
+    layers = {"core", "dji", "io", "tools"}  # hold no modules of their own
     for package, others in sorted(graph.items()):
-        if "." in package or package in {"library", "nodes", "dev"}:
+        if package and package not in layers:
             rows.append(f"| `{package}` | {_first_line(package)} | {_short(others)} |")
-    return "\n".join(rows) + "\n"
+    return _HEAD + "\n".join(rows) + "\n"
 
 
 def _first_line(package: str) -> str:
@@ -98,4 +119,4 @@ def _short(others: set[str]) -> str:
 
 
 if __name__ == "__main__":
-    sys.stdout.write(table(package_graph(modules())))
+    PAGE.write_text(page(package_graph(modules())))

@@ -10,7 +10,7 @@ import zstandard
 from mcap.writer import CompressionType, Writer
 
 from tirgeo_ros.io.bags.bag import BagMessage, Cdr
-from tirgeo_ros.io.bags.mcap_contents import contents_of, mapped
+from tirgeo_ros.io.bags.mcap_file import McapFile
 
 # The tables of rosbag2, version 4, less the definitions of the types, which may be absent.
 TABLES = """
@@ -41,8 +41,7 @@ THIRDS = [MESSAGES[:100], MESSAGES[100:200], MESSAGES[200:]]
 
 def segments_of(path):
     """The chunks of an MCAP file."""
-    with mapped(path, path) as data:
-        return contents_of(data).segments
+    return McapFile(path, path).segments
 
 
 def record(folder, parts, storage="mcap", mode="", *, metadata=True):

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from tirgeo_ros.core.calibration.boresight.model import (
+from tirgeo_ros.core.calibration.boresight_model import (
     PointSighting,
     SightedFlight,
     Stepped,

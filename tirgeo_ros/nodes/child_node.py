@@ -13,7 +13,7 @@ from contextlib import suppress
 
 from tirgeo_ros.core.config.schema import parameters_of
 from tirgeo_ros.core.config.viewer import GroundConfig
-from tirgeo_ros.io.files.child_python import node_command
+from tirgeo_ros.io.files.child_process import node_command
 from tirgeo_ros.nodes.graph_node import GraphNode
 
 _END_S = 20.0

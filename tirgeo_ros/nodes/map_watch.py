@@ -13,7 +13,7 @@ from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.overlay.map_renderer import DrapedMap
 from tirgeo_ros.core.types.errors import MapError, TirgeoError
-from tirgeo_ros.io.files.text_file import named_files
+from tirgeo_ros.io.files.whole_files import named_files
 from tirgeo_ros.io.maps import map_files
 from tirgeo_ros.io.maps.map_process import MapContents, MapProcess
 from tirgeo_ros.nodes.graph_node import GraphNode

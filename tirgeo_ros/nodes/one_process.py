@@ -21,7 +21,7 @@ from functools import partial
 from typing import Any
 
 from tirgeo_ros.core.config.viewer import TOKEN_SEED
-from tirgeo_ros.io.files.child_python import node_command
+from tirgeo_ros.io.files.child_process import node_command
 from tirgeo_ros.nodes.bag_player import BagPlayer
 from tirgeo_ros.nodes.dji_node import DjiNode
 from tirgeo_ros.nodes.ekf_node import EkfNode

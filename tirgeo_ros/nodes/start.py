@@ -14,7 +14,7 @@ import signal
 import sys
 from functools import partial
 
-from tirgeo_ros.io.files.child_python import stop_signals
+from tirgeo_ros.io.files.child_process import stop_signals
 from tirgeo_ros.io.files.missing_package import missing_line
 
 STOP_SIGNALS = stop_signals()

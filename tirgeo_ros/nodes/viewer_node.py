@@ -19,8 +19,8 @@ from tirgeo_ros.core.ground.ground_point import MarkedPlace
 from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.errors import ConfigError, shown
 from tirgeo_ros.core.types.finding import Finding, Severity
-from tirgeo_ros.io.files.child_python import parent_ended
-from tirgeo_ros.io.files.text_file import read_text
+from tirgeo_ros.io.files.child_process import parent_ended
+from tirgeo_ros.io.files.whole_files import read_text
 from tirgeo_ros.io.messages import DiagnosticItem
 from tirgeo_ros.io.targets.store import TargetStore
 from tirgeo_ros.io.video.live_stream import stream_url

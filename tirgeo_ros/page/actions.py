@@ -16,7 +16,7 @@ import pyproj
 
 from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.errors import TirgeoError
-from tirgeo_ros.io.coordinates.written import written
+from tirgeo_ros.io.coordinates.crs import written
 from tirgeo_ros.io.targets.store import TargetStore
 from tirgeo_ros.page.backend import Backend, Click, Pixel
 from tirgeo_ros.page.requests import FOR_VIEWERS, RequestError

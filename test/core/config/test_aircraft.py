@@ -18,7 +18,7 @@ from tirgeo_ros.core.config import (
 )
 from tirgeo_ros.core.config.schema import config_from, parameters_of
 from tirgeo_ros.core.frames.rotations import matrix_from_euler
-from tirgeo_ros.core.navigation.imu_checks import in_body_axes
+from tirgeo_ros.core.navigation.timeline.imu_checks import in_body_axes
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.core.types.measurements import ImuSample, Source
 from tirgeo_ros.tools.simulate.flight import fly

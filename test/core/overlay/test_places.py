@@ -12,7 +12,7 @@ from flights import config_for, errors, navigation_samples, solutions
 
 from tirgeo_ros.core.frames.heading import wrap_pi
 from tirgeo_ros.core.frames.rotations import euler_from_quat
-from tirgeo_ros.core.navigation.estimator import Navigation
+from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.types.measurements import PositionSample
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from

@@ -1,9 +1,10 @@
-"""Bags that are whole: written, read, ordered, refused."""
+"""Bags that are whole: written, read, ordered, refused; and bags that grow."""
 
 from __future__ import annotations
 
 import os
 import re
+import signal
 from pathlib import Path
 
 import message_samples as given
@@ -291,3 +292,50 @@ def test_the_stamp_of_a_header(little_endian):
 def test_bytes_that_end_before_it_hold_none(length):
     with pytest.raises(MessageError, match=f"^{length} bytes are too few for a header"):
         header_stamp_ns(bytes(length))
+
+
+MESSAGE = Messages(Cdr().types).imu(given.IMU)
+COUNT = 3000
+
+
+def grow(writer, count=COUNT):
+    for number in range(count):
+        writer.write("/imu/data", "sensor_msgs/msg/Imu", MESSAGE, 10**18 + number * 10**7)
+
+
+def test_a_kill_takes_the_newest_chunk_alone(tmp_path):
+    path = tmp_path / "flight.mcap"
+    child = os.fork()
+    if not child:
+        with BagWriter(path, growing=True) as writer:
+            grow(writer)
+            writer.flush()
+            os.kill(os.getpid(), signal.SIGKILL)
+    assert os.WTERMSIG(os.waitpid(child, 0)[1]) == signal.SIGKILL
+    reader = BagReader(path)
+    assert "the file ends early" in reader.damage
+    read = sum(1 for _ in reader.messages())
+    assert COUNT - read < 400  # of 344 bytes, in a chunk of 128 kB
+    assert [each.name for each in tmp_path.iterdir()] == ["flight.mcap"]
+
+
+def test_an_error_leaves_what_was_written_and_its_end(tmp_path):
+    path = tmp_path / "flight.mcap"
+
+    def spoilt():
+        with BagWriter(path, growing=True) as writer:
+            grow(writer, 100)
+            writer.write("/imu/data", "sensor_msgs/msg/Image", b"", 10**18)
+
+    with pytest.raises(BagError, match="cannot be"):
+        spoilt()
+    assert BagReader(path).damage is None
+    assert sum(1 for _ in BagReader(path).messages()) == 100
+
+
+def test_a_whole_bag_is_the_same_but_for_its_chunks(tmp_path):
+    for growing in (True, False):
+        with BagWriter(tmp_path / f"{growing}.mcap", growing=growing) as writer:
+            grow(writer)
+    both = [list(BagReader(tmp_path / f"{growing}.mcap").messages()) for growing in (True, False)]
+    assert both[0] == both[1]

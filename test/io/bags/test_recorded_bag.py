@@ -23,8 +23,7 @@ from recorded_bags import (
 )
 
 from tirgeo_ros.core.types.errors import BagError
-from tirgeo_ros.io.bags.bag import BagMessage, BagReader
-from tirgeo_ros.io.bags.bag_files import by_numbers, is_bag
+from tirgeo_ros.io.bags.bag import BagMessage, BagReader, by_numbers, is_bag
 
 pytestmark = pytest.mark.usefixtures("scratch")
 
@@ -69,7 +68,7 @@ def test_a_file_is_begun_when_its_time_has_come(tmp_path):
     messages = reader.messages()
     for _ in range(50):
         next(messages)
-    assert [storage.read for storage in reader._storages] == [50, 0, 0]
+    assert [file.read for file in reader._files] == [50, 0, 0]
 
 
 def test_files_without_metadata_come_by_their_numbers(tmp_path):

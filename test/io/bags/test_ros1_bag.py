@@ -13,8 +13,8 @@ from rosbags.rosbag1 import Reader, Writer
 
 from tirgeo_ros.core.types.errors import BagError, MessageError
 from tirgeo_ros.io.bags.bag import Cdr
+from tirgeo_ros.io.bags.bag_file import MOST_BYTES
 from tirgeo_ros.io.bags.ros1_bag import MAGIC, Ros1Bag
-from tirgeo_ros.io.files.bounded_unpacking import MOST_BYTES
 
 COUNT = 500  # on each of two topics
 STEP_NS = 1_000_000
@@ -38,7 +38,7 @@ def numbers_bag(path: Path, packed: str = "none", chunk_bytes: int = 2500) -> Pa
 
 def read(path: Path) -> list[tuple[int, str, int]]:
     bag = Ros1Bag(path)
-    return [(m.record_ns, m.topic, bag.decoded(m).data) for m in bag.messages()]
+    return [(m.log_time_ns, m.topic, bag.decoded(m).data) for m in bag.messages()]
 
 
 EXPECTED = sorted(
@@ -52,7 +52,7 @@ def test_a_whole_bag(tmp_path, packed):
     path = numbers_bag(tmp_path / "a.bag", packed)
     assert read(path) == EXPECTED
     bag = Ros1Bag(path)
-    assert bag.topics() == {"/a": (UINT8,), "/b": (INT16,)}
+    assert bag.topics() == {"/a": UINT8, "/b": INT16}
     assert bag.span_ns == (EXPECTED[0][0], EXPECTED[-1][0])
 
 

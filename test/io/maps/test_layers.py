@@ -1,14 +1,27 @@
-"""Which files make which layers, with and without a style sheet; and what a reload watches."""
+"""Which files make which layers, what each format has of its own, and what a reload watches."""
 
+from __future__ import annotations
+
+import itertools
 import json
 import math
+import sqlite3
+import struct
+import sys
+import zipfile
+from contextlib import closing
 
+import numpy as np
 import pytest
-from map_files import RING, gpb, wkb, write_geopackage, write_shapefile
+from hypothesis import given
+from hypothesis import strategies as st
+from map_files import HOLE, RING, fill_geopackage, gpb, wkb, write_geopackage, write_shapefile
+from wild_map_files import LINE as KML_LINE
+from wild_map_files import collection, feature, kml, mark
 
 from tirgeo_ros.core.map.layers import LayerStyle
 from tirgeo_ros.core.types.errors import ConfigError, MapError
-from tirgeo_ros.io.maps import map_files
+from tirgeo_ros.io.maps import load_layers, map_files
 from tirgeo_ros.io.maps.layers import read_layers
 
 RED = (0, 0, 255)
@@ -203,3 +216,246 @@ def test_what_is_watched(folder):
     sheet.write_text("layers: [")
     assert [each.name for each in map_files("", str(sheet))] == ["style.yaml"]
     assert map_files("", "") == []
+
+
+LINE = gpb(wkb("LineString", RING))
+CLOSE_DEG = 1e-12
+#: Coordinates, and the parts of each geometry: positions, and whether it is a ring.
+SHAPES = {
+    "Point": (RING[0], [([RING[0]], False)]),
+    "MultiPoint": (RING[:2], [([RING[0]], False), ([RING[1]], False)]),
+    "LineString": (RING, [(RING, False)]),
+    "MultiLineString": ([RING, HOLE], [(RING, False), (HOLE, False)]),
+    "Polygon": ([RING, HOLE], [(RING, True), (HOLE, True)]),
+    "MultiPolygon": ([[RING], [HOLE]], [(RING, True), (HOLE, True)]),
+}
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "a map #1?.geojson"
+
+
+def degrees(feature):
+    return np.degrees(feature.points[:, 1::-1])
+
+
+def check_parts(features, wanted, heights=np.nan):
+    assert [f.closed for f in features] == [closed for _, closed in wanted]
+    for got, (points, _) in zip(features, wanted, strict=True):
+        np.testing.assert_allclose(degrees(got), points, rtol=0, atol=CLOSE_DEG)
+        np.testing.assert_array_equal(got.points[:, 2], heights)
+
+
+@pytest.mark.parametrize("kind", SHAPES)
+@pytest.mark.parametrize("height", [np.nan, 170.5])
+@pytest.mark.parametrize("suffix", [".geojson", ".gpkg"])
+def test_every_geometry_and_its_height(path, kind, height, suffix):
+    coordinates, wanted = SHAPES[kind]
+    deep = np.isfinite(height)
+    if deep:
+        coordinates = with_more(coordinates, height)
+    path = path.with_suffix(suffix)
+    if suffix == ".geojson":
+        path.write_text(collection(feature(kind, coordinates)))
+    else:
+        blob = gpb(wkb(kind, coordinates, dims="Z" if deep else ""))
+        write_geopackage(path, {"a": (4326, [(blob, "a", 1)])})
+    (layer,) = read_layers(str(path))
+    assert layer.left_out == ()
+    check_parts(layer.features, wanted, height)
+
+
+def with_more(coordinates, height):
+    if isinstance(coordinates, tuple):
+        return (*coordinates, height)
+    return [with_more(each, height) for each in coordinates]
+
+
+def test_collections_in_collections(path):
+    inner = [(kind, coordinates) for kind, (coordinates, _) in SHAPES.items()]
+    blob = gpb(wkb("GeometryCollection", [("GeometryCollection", inner), ("Point", RING[0])]))
+    path = path.with_suffix(".gpkg")
+    write_geopackage(path, {"a": (4326, [(blob, "a", 1)])})
+    wanted = [part for _, parts in SHAPES.values() for part in parts]
+    check_parts(read_layers(str(path))[0].features, [*wanted, ([RING[0]], False)])
+
+
+def test_arcs_become_lines(path):
+    arc = struct.pack("<BII", 1, 8, 3) + struct.pack("<6d", 16, 48, 16.001, 48.001, 16.002, 48)
+    path = path.with_suffix(".gpkg")
+    write_geopackage(path, {"a": (4326, [(gpb(arc), "a", 1)])})
+    (drawn,) = read_layers(str(path))[0].features
+    radii = np.hypot(*(degrees(drawn) - [16.001, 48.0]).T)
+    np.testing.assert_allclose(radii, 0.001, rtol=1e-5)
+    assert len(radii) > 10
+
+
+def test_the_few_that_happen_to_lie_on_the_earth_are_not_drawn_where_most_do_not(path):
+    """A plane of metres has some places that could be degrees."""
+    points = [[16.0, 48.0], [316.0, 148.0], [916.0, 48.0], [-500.0, 2.0]]
+    path.write_text(collection(*(feature("Point", point) for point in points)))
+    with pytest.raises(MapError, match=r"feature 1 .*uncertain|feature 2 .*\(none of 4 fea"):
+        read_layers(str(path))
+    path.write_text(collection(*(feature("Point", point) for point in points[:2])))
+    (layer,) = read_layers(str(path))
+    assert [f.group for f in layer.features] == [0]  # no more than half
+    (note,) = layer.left_out
+    assert note.endswith("feature 2 (a): (316, 148) is not a longitude and a latitude; left out")
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        feature("Polygon", RING),
+        feature("LineString", [["16", "48"], ["17", "48"]]),
+        feature("MultiLineString", [RING[:1]]),
+        feature("Point", [None, 48]),
+        {"type": "Feature", "properties": {}, "geometry": {"type": "Circle"}},
+        {"type": "Feature", "properties": None, "geometry": None},
+    ],
+)
+def test_the_rest_of_a_file_is_where_it_was(path, wrong):
+    """One feature that is bad in any way changes neither place nor number of the others."""
+    good = [feature("Polygon", [RING, HOLE]), feature("LineString", [[16, 48, 3], [17, 48]])]
+    path.write_text(collection(good[0], wrong, good[1]))
+    (layer,) = read_layers(str(path))
+    assert [(f.group, f.closed) for f in layer.features] == [(0, True), (0, True), (2, False)]
+    np.testing.assert_allclose(degrees(layer.features[2]), [[16, 48], [17, 48]], atol=CLOSE_DEG)
+    assert layer.left_out
+
+
+@pytest.mark.slow
+@given(
+    kind=st.sampled_from([*SHAPES, "GeometryCollection"]),
+    junk=st.recursive(
+        st.none() | st.booleans() | st.floats() | st.integers() | st.text(max_size=5),
+        lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.just("type"), inner),
+        max_leaves=12,
+    ),
+)
+def test_any_junk_is_a_map_error_or_a_map(tmp_path_factory, kind, junk):
+    path = tmp_path_factory.mktemp("junk") / "map.geojson"
+    path.write_text(collection(feature(kind, junk)))
+    try:
+        features = [f for layer in read_layers(str(path)) for f in layer.features]
+    except MapError as error:
+        assert str(error).startswith(str(path))  # noqa: PT017  either outcome is right
+    else:
+        assert all(np.isfinite(f.points[:, :2]).all() for f in features)
+
+
+def test_what_pyogrio_cannot_read_and_where_it_is_absent(tmp_path, monkeypatch):
+    path = tmp_path / "a.xyz"
+    path.write_bytes(b"\0\1\2 no map at all")
+    with pytest.raises(MapError, match=r"a.xyz: not a readable map: not recogn") as caught:
+        read_layers(str(path))
+    assert "\n" not in str(caught.value)
+    monkeypatch.setitem(sys.modules, "pyogrio", None)
+    with pytest.raises(MapError, match=r"a.xyz: maps are read by pyogrio: pip install pyogrio"):
+        read_layers(str(path))
+
+
+def test_tables_of_a_geopackage_are_layers_in_their_order(path):
+    path = path.with_suffix(".gpkg")
+    roads = [(LINE, "Ringstraße", 7), (None, "none", 8), (LINE, None, 9)]
+    write_geopackage(path, {'road "A"': (4326, roads), "houses": (4326, [(LINE, "Haus", 1)])})
+    first, second = read_layers(str(path))
+    assert [(f.label, f.group) for f in first.features] == [("Ringstraße", 0), ("", 2)]
+    assert first.left_out == (f'{path}: layer road "A": 1 features without a geometry left out',)
+    assert (first.name, second.name) == ('road "A"', "houses")
+    assert [f.label for f in read_layers(str(path), "", "REF")[0].features] == ["7", "9"]
+
+
+def test_a_bad_table_beside_a_good_one(path):
+    """What is wrong with the bad one is told, and it takes nothing from the other."""
+    path = path.with_suffix(".gpkg")
+    far = gpb(wkb("Point", (500_000.0, 5_300_000.0)))
+    write_geopackage(path, {"far": (0, [(far, "f", 1)]), "near": (4326, [(LINE, "n", 1)])})
+    far_layer, near = read_layers(str(path))
+    assert (len(far_layer.features), len(near.features)) == (0, 1)
+    assert "feature 1 (f): (500000, 5.3e+06) is not a longitude and" in far_layer.left_out[0]
+
+
+@pytest.mark.parametrize("journal", ["delete", "wal"])
+def test_a_package_that_another_program_writes(path, journal):
+    """What that has written last is read, and nothing is changed beside the file."""
+    path = path.with_suffix(".gpkg")
+    with closing(sqlite3.connect(path)) as writer:
+        fill_geopackage(writer, {"a": (4326, [(LINE, "old", 1)])}, journal)
+        writer.execute("UPDATE a SET name = 'new'")
+        writer.commit()
+        before = sorted(path.parent.iterdir())
+        assert load_layers(str(path))[0].features[0].label == "new"
+        assert sorted(path.parent.iterdir()) == before
+        writer.execute("UPDATE a SET name = 'not yet'")  # and not committed
+        assert load_layers(str(path))[0].features[0].label == "new"
+    assert load_layers(str(path))[0].features[0].label == "new"
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_null_shapes_keep_their_number(path):
+    path = write_shapefile(path.with_suffix(".shp"), [RING, None, HOLE])
+    (layer,) = read_layers(str(path))
+    assert [(f.group, f.label) for f in layer.features] == [(0, "n0"), (2, "n2")]
+    assert layer.left_out[0].endswith("1 features without a geometry left out")
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "cp1252", "cp1251"])
+def test_letters_of_a_shapefile_that_does_not_name_them(path, encoding):
+    """Or names them in its table: 0xC9 is Windows' Cyrillic."""
+    name = "улица" if encoding == "cp1251" else "Grünfläche"
+    path = write_shapefile(path.with_suffix(".shp"), [RING], [name], encoding=encoding)
+    table = bytearray(path.with_suffix(".dbf").read_bytes())
+    table[29] = 0xC9 if encoding == "cp1251" else 0x57
+    path.with_suffix(".dbf").write_bytes(table)
+    assert read_layers(str(path))[0].features[0].label == name
+
+
+def test_a_shapefile_that_is_cut_is_refused(path):
+    path = write_shapefile(path.with_suffix(".shp"), [RING] * 3)
+    path.write_bytes(path.read_bytes()[: 100 + 8 + 48 + 64])  # behind the first record
+    with pytest.raises(MapError, match="a damaged shapefile: 220 bytes, and its header says"):
+        read_layers(str(path))
+
+
+def test_shapefiles_in_a_folder_of_a_zip(tmp_path):
+    with zipfile.ZipFile(tmp_path / "maps.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in ("roads", "houses"):
+            write_shapefile(tmp_path / f"{name}.shp", [RING], [name])
+            for file in tmp_path.glob(f"{name}.*"):
+                archive.write(file, f"deep/{file.name}")
+    layers = read_layers(str(tmp_path / "maps.zip"))
+    assert {layer.name: layer.features[0].label for layer in layers} == {
+        "roads": "roads",
+        "houses": "houses",
+    }
+
+
+def test_folders_of_a_kml_are_layers_and_its_heights_are_not_taken(path, tmp_path):
+    path = path.with_suffix(".kml")
+    high = KML_LINE.replace(",48.0 ", ",48.0,77 ")
+    data = '<ExtendedData><Data name="ref"><value>H7</value></Data></ExtendedData>'
+    inner = f"<Folder><name>wells</name>{mark('w', data + high)}</Folder>"
+    path.write_text(kml(f"{inner}{mark('road', KML_LINE)}"))
+    sheet = tmp_path / "style.yaml"
+    sheet.write_text("layers: [{layer: wells, label: ref}]")
+    (wells,) = read_layers(str(path), str(sheet))
+    assert [(f.label, len(f.points)) for f in wells.features] == [("H7", 4)]
+    assert np.isnan(wells.features[0].points[:, 2]).all()
+    assert "heights of a KML are above the sea or ground: left out" in wells.left_out[0]
+
+
+def test_an_entity_bomb(path):
+    path = path.with_suffix(".kml")
+    names = "abcdefghij"
+    pairs = itertools.pairwise(names)
+    entities = "".join(f'<!ENTITY {b} "{f"&{a};" * 10}">' for a, b in pairs)
+    path.write_text(f'<!DOCTYPE kml [<!ENTITY a "aaaa">{entities}]><kml>&j;</kml>')
+    with pytest.raises(MapError, match="not a readable map"):
+        read_layers(str(path))
+
+
+def test_an_id_is_a_property(path):
+    path.write_text(json.dumps(feature("Point", RING[0], id="w7")))
+    assert read_layers(str(path), "", "id")[0].features[0].label == "w7"

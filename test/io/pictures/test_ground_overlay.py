@@ -10,7 +10,7 @@ import pytest
 
 from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.io.coordinates.crs import Plane
-from tirgeo_ros.io.pictures.cog_output import RasterForm, RasterPart, write_cog
+from tirgeo_ros.io.pictures.geotiff import RasterForm, RasterPart, write_cog
 from tirgeo_ros.tools.export import orthophotos
 from tirgeo_ros.tools.export.orthophotos import write_ground_overlay
 

@@ -1,15 +1,25 @@
-"""Video files: what browsers play, each frame for its time, whole or not there."""
+"""Video files (.mp4, .webm, .ts) and subtitles: whole or absent, and played by a browser."""
 
 from __future__ import annotations
 
+import functools
+import http.server
+import json
 import os
+import queue
+import shutil
+import subprocess
+import threading
 
 import av
 import numpy as np
 import pytest
+from klv_reader import by_klvdata, demuxed
 
-from tirgeo_ros.core.types.errors import VideoError
+from tirgeo_ros.core.types.errors import ExportError, VideoError
+from tirgeo_ros.io.video.frame_metadata import packet
 from tirgeo_ros.io.video.video_file import VideoFile
+from tirgeo_ros.tools.export.subtitles import SubtitleFile
 
 STEP_NS = 111_111_111  # 9 Hz
 TICK_S = 1 / 1000  # Matroska counts milliseconds, the finer MP4 has 1/90000 s
@@ -152,3 +162,159 @@ def test_a_growing_file_plays_as_far_as_it_was_written(tmp_path):
     with av.open(str(path)) as film:
         assert sum(1 for _ in film.decode(video=0)) == 300
     assert [each.name for each in tmp_path.iterdir()] == ["flight.ts"]
+
+
+S = 1_000_000_000
+
+
+def test_the_clock_counts_hours_and_rounds_to_milliseconds(tmp_path):
+    file = SubtitleFile(tmp_path / "out.srt")
+    file.add(0, 1_555_555_556, "first")
+    file.add(59_999_600_000, 3599 * S + 999_400_000, "second\nline \u00b0")
+    file.add(36_061 * S + 7_000_000, 360_000 * S, "third")
+    file.finish()
+    assert (tmp_path / "out.srt").read_text(encoding="utf-8") == (
+        "1\n00:00:00,000 --> 00:00:01,556\nfirst\n\n"
+        "2\n00:01:00,000 --> 00:59:59,999\nsecond\nline \u00b0\n\n"
+        "3\n10:01:01,007 --> 100:00:00,000\nthird\n\n"
+    )
+    assert [one.name for one in tmp_path.iterdir()] == ["out.srt"]
+
+
+def test_an_older_file_stays_until_the_new_one_is_complete(tmp_path):
+    (tmp_path / "out.srt").write_text("old")
+    file = SubtitleFile(tmp_path / "out.srt")
+    file.add(0, S, "new")
+    assert (tmp_path / "out.srt").read_text() == "old"
+    file.finish()
+    assert "new" in (tmp_path / "out.srt").read_text()
+
+
+def test_a_place_that_is_no_file_is_named(tmp_path):
+    (tmp_path / "out.srt").mkdir()
+    with pytest.raises(ExportError, match=r"out.srt: not a file"):
+        SubtitleFile(tmp_path / "out.srt")
+
+
+START_NS = 1_634_731_264_000_000_000
+
+
+def write_stream(path, count, size=(48, 64)):
+    packets = []
+    with VideoFile(path) as video:
+        for k in range(count):
+            stamp_ns = START_NS + k * STEP_NS
+            packets.append(packet(stamp_ns, {13: k / 10, 10: "x" * (k % 100)}))
+            video.add(stamp_ns, np.full((*size, 3), 5 * (k % 50), np.uint8), packets[-1])
+    return packets
+
+
+@pytest.mark.parametrize(("count", "size"), [(1, (48, 64)), (60, (48, 64)), (12, (47, 63))])
+def test_as_many_packets_as_frames_at_the_same_times(tmp_path, count, size):
+    packets = write_stream(tmp_path / "out.ts", count, size)
+    found = demuxed(tmp_path / "out.ts")
+    assert found.packets == packets
+    assert found.packet_s == found.frame_s
+    steps = np.subtract(found.frame_s, found.frame_s[0])
+    np.testing.assert_allclose(steps, np.arange(count) * STEP_NS * 1e-9, atol=1 / 90_000)
+    for one in found.packets:
+        by_klvdata(one)
+
+
+def test_what_players_look_for(tmp_path):
+    """H.264 as browsers take it, and the registration KLVA by which FFmpeg knows metadata."""
+    write_stream(tmp_path / "out.ts", 30)
+    with av.open(str(tmp_path / "out.ts")) as container:
+        video, data = container.streams
+        assert (video.codec_context.name, video.codec_context.pix_fmt) == ("h264", "yuv420p")
+        assert data.type == "data"
+        assert len([*container.decode(video=0)]) == 30
+    content = (tmp_path / "out.ts").read_bytes()
+    assert len(content) % 188 == 0
+    assert bytes.fromhex("05044b4c5641") in content
+
+
+def test_same_frames_same_bytes(tmp_path):
+    for name in ("a.ts", "b.ts"):
+        write_stream(tmp_path / name, 40)
+    assert (tmp_path / "a.ts").read_bytes() == (tmp_path / "b.ts").read_bytes()
+
+
+def test_without_metadata_there_is_the_video_alone(tmp_path):
+    with VideoFile(tmp_path / "out.ts") as video:
+        assert video.takes_metadata
+        video.add(START_NS, np.zeros((48, 64, 3), np.uint8))
+    with av.open(str(tmp_path / "out.ts")) as container:
+        assert [one.type for one in container.streams] == ["video"]
+    assert not VideoFile(tmp_path / "out.mp4").takes_metadata
+
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+#: A browser starts in seconds; this ends the test where it never says a thing.
+HANGS_S = 120
+PAGE = """<!doctype html><video id="v" muted src="VIDEO"></video><script>
+const v = document.getElementById("v"), g = document.createElement("canvas").getContext("2d");
+const say = (what) => {
+  if (v.videoWidth) g.drawImage(v, 0, 0);
+  fetch("said", {method: "POST", body: JSON.stringify({
+    what, width: v.videoWidth, height: v.videoHeight, duration_s: v.duration,
+    at_s: v.currentTime, rgb: [...g.getImageData(30, 20, 1, 1).data].slice(0, 3),
+  })});
+};
+v.onerror = () => say(v.error.message);
+v.onended = () => say("ended");
+v.play();
+</script>"""
+
+
+class Handler(http.server.SimpleHTTPRequestHandler):
+    """Serves a folder, and keeps what the page says."""
+
+    said: queue.Queue[dict[str, object]]
+
+    def do_POST(self) -> None:
+        self.said.put(json.loads(self.rfile.read(int(self.headers["Content-Length"]))))
+        self.send_response(204)
+        self.end_headers()
+
+    def log_message(self, *_: object) -> None:
+        """Say nothing."""
+
+
+@pytest.fixture
+def browser():
+    found = next((one for one in map(shutil.which, BROWSERS) if one), None)
+    return found or pytest.skip(f"none of {', '.join(BROWSERS)} is installed")
+
+
+@pytest.fixture
+def said(tmp_path):
+    """What the page in the folder says, and its address."""
+    handler = type("Kept", (Handler,), {"said": queue.Queue()})
+    serve = functools.partial(handler, directory=str(tmp_path))
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), serve) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield handler.said, f"http://127.0.0.1:{server.server_port}/page.html"
+        server.shutdown()
+
+
+@pytest.mark.parametrize("name", ["out.mp4", "out.webm"])
+def test_it_plays_to_its_end(tmp_path, browser, said, name):
+    with VideoFile(tmp_path / name) as video:
+        for k in range(20):
+            video.add(k * 100_000_000, np.full((48, 64, 3), (40, 120, 200), np.uint8))
+    (tmp_path / "page.html").write_text(PAGE.replace("VIDEO", name))
+    answers, address = said
+    words = ["--headless", "--no-sandbox", "--autoplay-policy=no-user-gesture-required"]
+    words += [f"--user-data-dir={tmp_path / 'profile'}", "--disable-gpu", "--no-first-run"]
+    with subprocess.Popen([browser, *words, address], stderr=subprocess.DEVNULL) as process:
+        try:
+            answer = answers.get(timeout=HANGS_S)
+        finally:
+            process.terminate()
+    assert answer["what"] == "ended"
+    assert (answer["width"], answer["height"]) == (64, 48)
+    # MP4 has no end of the last frame: it counts for nothing, or for as long as the one before.
+    assert answer["at_s"] == answer["duration_s"] == pytest.approx(1.95, abs=0.06)
+    # Red, green, blue through 8-bit limited-range YUV.
+    np.testing.assert_allclose(answer["rgb"], [200, 120, 40], atol=6)

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 
 from flights import NAVIGATION_SAMPLES
 
-from tirgeo_ros.core.navigation.aiding.state_estimate import source_of
-from tirgeo_ros.core.types.measurements import ImuSample, NavigationInput, Source
+from tirgeo_ros.core.types.measurements import NavigationInput, Source
 from tirgeo_ros.tools.simulate.flight import SimulatedFlight
 
 RTK = (Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING)
@@ -27,7 +26,7 @@ class Delivery:
 
     @property
     def source(self) -> Source:
-        return Source.IMU if isinstance(self.sample, ImuSample) else source_of(self.sample)
+        return self.sample.source
 
     def with_sample(self, **values: object) -> Delivery:
         return replace(self, sample=replace(self.sample, **values))

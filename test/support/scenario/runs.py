@@ -11,7 +11,7 @@ import numpy as np
 from flights import Errors, config_for, errors
 from scenario.deliveries import Deliveries, Fault, Interval, deliveries
 
-from tirgeo_ros.core.navigation.estimator import Navigation
+from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.types.measurements import ImuSample, PositionSample
 from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus

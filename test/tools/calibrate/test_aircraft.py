@@ -18,7 +18,7 @@ from aircraft_flights import (
     write_samples,
 )
 
-from tirgeo_ros.core.aircraft_calibration.parameters import PARAMETERS
+from tirgeo_ros.core.calibration.aircraft_parameters import PARAMETERS
 from tirgeo_ros.core.types.errors import BagError, CalibrationError
 from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample
 from tirgeo_ros.tools.calibrate.aircraft import calibrate_aircraft

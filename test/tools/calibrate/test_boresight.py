@@ -9,7 +9,7 @@ import pytest
 import yaml
 from boresight_flights import GIMBAL, OVERLAY, Flown, planted, with_headings_off
 
-from tirgeo_ros.core.calibration.boresight.model import PARAMETERS
+from tirgeo_ros.core.calibration.boresight_model import PARAMETERS
 from tirgeo_ros.core.config import DjiConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.types.errors import CalibrationError, ConfigError
 from tirgeo_ros.io.parameters.parameter_file import load_config

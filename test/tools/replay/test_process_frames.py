@@ -9,7 +9,7 @@ from process_bags import CAMERA_POSE, IMAGES, messages_of
 from transform_chains import Chains, rigid
 
 from tirgeo_ros.core.camera.camera_model import XT2
-from tirgeo_ros.core.navigation.track import MOST_POINTS
+from tirgeo_ros.core.navigation.estimator.track import MOST_POINTS
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.tools.replay.process import process
 

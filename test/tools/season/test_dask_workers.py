@@ -17,7 +17,7 @@ from types import SimpleNamespace
 import pytest
 from process_bags import IMAGES, rewritten
 
-from tirgeo_ros.io.files.child_python import python_command
+from tirgeo_ros.io.files.child_process import python_command
 from tirgeo_ros.tools.replay.process import process
 from tirgeo_ros.tools.season import dask_workers
 from tirgeo_ros.tools.season.local_workers import Board

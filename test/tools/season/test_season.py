@@ -12,7 +12,7 @@ import time
 import pytest
 from process_bags import rewritten
 
-from tirgeo_ros.io.files.child_python import python_command
+from tirgeo_ros.io.files.child_process import python_command
 from tirgeo_ros.tools.cli import main as command
 from tirgeo_ros.tools.presentation.progress import Progress
 from tirgeo_ros.tools.replay.process import process

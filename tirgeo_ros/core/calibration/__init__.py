@@ -1,1 +1,1 @@
-"""Estimate parameters of sensors from recordings."""
+"""Estimate parameters of IMU, lens, boresight, orthophoto and aircraft from recordings."""

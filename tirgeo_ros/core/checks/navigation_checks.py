@@ -21,8 +21,8 @@ from tirgeo_ros.core.checks.stream_checks import IMU, Stream, longest_step_s, st
 from tirgeo_ros.core.checks.velocity_checks import VelocityChecks
 from tirgeo_ros.core.config import EkfConfig, ImuConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.navigation.imu_clipping import Clipping
-from tirgeo_ros.core.navigation.vibration_noise import mean_powers
+from tirgeo_ros.core.navigation.ins.vibration_noise import mean_powers
+from tirgeo_ros.core.navigation.timeline.imu_clipping import Clipping
 from tirgeo_ros.core.streams.sanity_checks import fault_of
 from tirgeo_ros.core.types.finding import Finding, Severity, sorted_findings
 from tirgeo_ros.core.types.measurements import (

@@ -44,7 +44,7 @@ from tirgeo_ros.core.frames.rotations import (
     rotation_of,
 )
 from tirgeo_ros.core.gimbal.joint_geometry import chain
-from tirgeo_ros.core.navigation.strapdown import matrix, rotate
+from tirgeo_ros.core.navigation.ins.strapdown import matrix, rotate
 from tirgeo_ros.core.types.arrays import Array, Quaternion, Rotation
 from tirgeo_ros.core.types.joint_orders import USUAL_ORDER
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample

@@ -9,7 +9,7 @@ import numpy as np
 
 from tirgeo_ros.core.frames.rotations import quat_multiply, slerp
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedBuffer
-from tirgeo_ros.core.navigation.strapdown import quaternion_of
+from tirgeo_ros.core.navigation.ins.strapdown import quaternion_of
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.dji.sources.readings import Quaternion, Vector
 

@@ -15,7 +15,7 @@ from tirgeo_ros.core.frames.heading import heading_of, wrapped
 from tirgeo_ros.core.frames.rotations import canonical, quat_conjugate, quat_multiply, rotation_of
 from tirgeo_ros.core.gimbal.joint_geometry import joint_angles
 from tirgeo_ros.core.gimbal.pose_buffer import Miss
-from tirgeo_ros.core.navigation.strapdown import matrix
+from tirgeo_ros.core.navigation.ins.strapdown import matrix
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,

@@ -3,29 +3,30 @@
 from __future__ import annotations
 
 import heapq
+import re
 import shutil
 import tempfile
 import weakref
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import IO, TypeAlias
+from typing import IO, Any
 
+import yaml
 import zstandard
 
 from tirgeo_ros.core.types.errors import BagError
-from tirgeo_ros.io.bags.bag_files import bag_files
+from tirgeo_ros.io.bags.bag_file import ZSTD_MAGIC, BagFile, BagMessage, TopicForm
 from tirgeo_ros.io.bags.bag_writer import BagWriter
 from tirgeo_ros.io.bags.cdr import Cdr
+from tirgeo_ros.io.bags.mcap_file import MAGIC as MCAP
 from tirgeo_ros.io.bags.mcap_file import McapFile
 from tirgeo_ros.io.bags.sqlite_file import MAGIC as SQLITE
 from tirgeo_ros.io.bags.sqlite_file import SqliteFile
-from tirgeo_ros.io.bags.storage import ZSTD_MAGIC, BagMessage, TopicForm
-from tirgeo_ros.io.files.whole_files import PathLike, path_of
+from tirgeo_ros.io.files.whole_files import PathLike, first_bytes, path_of, read_text, reading
 
-#: The reader of one file of a bag.
-Storage: TypeAlias = McapFile | SqliteFile
-
+#: What the files of a bag of ROS 2 begin with.
+ROS2_MAGICS = (MCAP, SQLITE, ZSTD_MAGIC)
 #: What is left free on the disk, and what a file may unpack to: recordings shrink to a third,
 #: pictures without noise to a hundredth.
 _RESERVE, _MOST_TIMES, _ANYWAY = 256 << 20, 1000, 64 << 20
@@ -34,7 +35,7 @@ _PIECE = 1 << 20
 _BESIDE = ("-wal", "-journal")
 
 
-def opened_file(path: Path) -> Storage:
+def opened_file(path: Path) -> BagFile:
     """Return the reader of a file: MCAP or SQLite, plain or compressed by zstd.
 
     A compressed file is unpacked to the folder for temporary files, and so is a copy made of a
@@ -48,26 +49,23 @@ def opened_file(path: Path) -> Storage:
         return _reader(path, path)
     folder = Path(tempfile.mkdtemp(prefix="tirgeo-bag-"))
     try:
-        storage = _reader(_copied(path, unclosed, folder, packed=packed), path)
+        file = _reader(_copied(path, unclosed, folder, packed=packed), path)
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
         raise
-    weakref.finalize(storage, shutil.rmtree, folder, ignore_errors=True)
-    return storage
+    weakref.finalize(file, shutil.rmtree, folder, ignore_errors=True)
+    return file
 
 
-def _reader(path: Path, name: Path) -> Storage:
+def _reader(path: Path, name: Path) -> BagFile:
     return SqliteFile(path, name) if _begins(path, SQLITE) else McapFile(path, name)
 
 
 def _begins(path: Path, magic: bytes) -> bool:
-    try:
+    with reading(path, BagError):
         if path.exists() and not path.is_file():  # a pipe would be waited for without end
             raise BagError(f"{path}: is no file: a pipe or a device cannot be read as a bag")
-        with path.open("rb") as file:
-            return file.read(len(magic)) == magic
-    except OSError as error:
-        raise BagError(f"{path}: cannot be read: {error.strerror or error}") from None
+    return first_bytes(path, len(magic), BagError) == magic
 
 
 def _copied(path: Path, beside: list[Path], folder: Path, *, packed: bool) -> Path:
@@ -124,35 +122,30 @@ class BagReader:
 
     def __init__(self, path: PathLike) -> None:
         self.path = path_of(path, BagError)
-        try:
-            files, self._lost = bag_files(self.path)
-            self._several = len(files) > 1
+        with reading(self.path, BagError):
+            paths, self._lost = bag_files(self.path)
+            self._several = len(paths) > 1
             #: Those with messages in the order of their first; at one time in that of the bag.
-            self._storages = sorted(self._opened(files), key=lambda found: _span(found)[0])
-        except OSError as error:
-            raise BagError(f"{self.path}: cannot be read: {error.strerror or error}") from None
-        if not self._storages:
+            self._files = sorted(self._opened(paths), key=lambda file: _span(file)[0])
+        if not self._files:
             why = self._losses() or "it has none"
             raise BagError(f"{self.path}: no message can be read; {why}")
 
     def topics(self) -> dict[str, str]:
         """Return every topic of which the bag has messages, with the name of its type."""
-        found: dict[str, str] = {}
-        for storage in reversed(self._storages):
-            found |= storage.topics()
-        return dict(sorted(found.items()))
+        return {topic: form.typename for topic, form in sorted(self.forms().items())}
 
     def forms(self) -> dict[str, TopicForm]:
         """Return how each of these topics was recorded, for a BagWriter that copies it."""
         found: dict[str, TopicForm] = {}
-        for storage in reversed(self._storages):
-            found |= storage.forms()
+        for file in reversed(self._files):
+            found |= file.forms()
         return found
 
     @property
     def span_ns(self) -> tuple[int, int]:
         """Return the log times of the first and of the last message."""
-        spans = [_span(storage) for storage in self._storages]
+        spans = [_span(file) for file in self._files]
         return spans[0][0], max(last for _, last in spans)
 
     @property
@@ -162,7 +155,7 @@ class BagReader:
         The line is complete after an iteration over all topics.
         """
         losses = self._losses()
-        read = sum(storage.read for storage in self._storages)
+        read = sum(file.read for file in self._files)
         return f"{losses}; {read} messages were read" if losses else None
 
     def messages(
@@ -177,39 +170,43 @@ class BagReader:
         Raises BagError if one of these topics is not in CDR, unless they may have ``any_form``.
         """
         streams = [
-            (_span(storage)[0], storage.messages(topics, start_ns or 0, any_form=any_form))
-            for storage in self._storages
+            (_span(file)[0], file.messages(topics, start_ns or 0, any_form=any_form))
+            for file in self._files
         ]
         return _merged(streams) if len(streams) > 1 else streams[0][1]
 
-    def _opened(self, files: Collection[Path]) -> Iterator[Storage]:
+    def cdr(self, message: Any) -> bytes:
+        """Return a message's CDR, which it is: bags of ROS 1 have another form."""
+        return bytes(message.data)
+
+    def _opened(self, paths: Collection[Path]) -> Iterator[BagFile]:
         """Yield the files that have messages; one that cannot be read is a loss to the others."""
-        for path in files:
+        for path in paths:
             try:
-                storage = opened_file(path)
+                file = opened_file(path)
             except BagError as error:
                 if not self._several:
                     raise
                 self._lost.append(str(error).removeprefix(f"{self.path}/"))
                 continue
-            if storage.span_ns is not None:
-                yield storage
+            if file.span_ns is not None:
+                yield file
             else:
-                self._lost += self._named(storage)
+                self._lost += self._named(file)
 
     def _losses(self) -> str:
-        losses = [*self._lost, *(one for found in self._storages for one in self._named(found))]
+        losses = [*self._lost, *(one for file in self._files for one in self._named(file))]
         more = f" and {len(losses) - 3} more places" if len(losses) > 3 else ""
         return f"{'; '.join(losses[:3])}{more}"
 
-    def _named(self, storage: Storage) -> list[str]:
-        before = f"{storage.name.name}: " if self._several else ""
-        return [f"{before}{what}" for _, what in sorted(storage.losses.items())]
+    def _named(self, file: BagFile) -> list[str]:
+        before = f"{file.name.name}: " if self._several else ""
+        return [f"{before}{what}" for _, what in sorted(file.losses.items())]
 
 
-def _span(storage: Storage) -> tuple[int, int]:
-    assert storage.span_ns is not None  # those without messages are left out
-    return storage.span_ns
+def _span(file: BagFile) -> tuple[int, int]:
+    assert file.span_ns is not None  # those without messages are left out
+    return file.span_ns
 
 
 def _merged(streams: Iterable[tuple[int, Iterator[BagMessage]]]) -> Iterator[BagMessage]:
@@ -235,3 +232,111 @@ def _merged(streams: Iterable[tuple[int, Iterator[BagMessage]]]) -> Iterator[Bag
         yield from until(start_ns)
         advance(place, stream)
     yield from until(None)
+
+
+METADATA = "metadata.yaml"
+_ZSTD = ".zstd"
+_SUFFIXES = (".mcap", ".db3")
+_STORAGES = ("mcap", "sqlite3")
+_MOST_BYTES = 4 << 20  # of metadata: some hundred bytes a topic and a file
+
+
+def bag_files(path: Path) -> tuple[list[Path], list[str]]:
+    """Return a bag's files in order, and what is lost: files that its metadata names in vain.
+
+    ``path`` is a file, a folder, or the ``metadata.yaml`` in it. The metadata only names the
+    files: what it says of times and counts is not always right. Without metadata (the recorder
+    was killed), or where all its names are wrong, the files of the folder are taken. Raises
+    BagError for a folder without a bag or with several, and for a storage or a compression that is
+    not known.
+    """
+    folder = path.parent if path.name == METADATA else path
+    if not folder.is_dir():
+        return [path], []
+    metadata = folder / METADATA
+    if not metadata.is_file():
+        return _in_folder(folder), []
+    try:
+        told = _told(metadata)
+        names = [Path(name).name for name in told["relative_file_paths"]]
+    except (BagError, yaml.YAMLError, KeyError, TypeError, ValueError, RecursionError):
+        return _in_folder(folder), [f"{METADATA} is damaged"]
+    _check_known(metadata, told)
+    found = {name: _file_of(folder, name) for name in names}
+    files = [file for file in found.values() if file]
+    lost = [f"{name}, named in {METADATA}, is absent" for name in names if not found[name]]
+    return files or _in_folder(folder), lost
+
+
+def is_bag(path: Path) -> bool:
+    """Return whether a path looks like a bag: a file by its name, a folder by what is in it.
+
+    A folder without metadata is one if it has nothing but files of bags.
+    """
+    if path.is_dir():
+        inside = list(path.iterdir())
+        return path / METADATA in inside or (bool(inside) and all(map(_bag_name, inside)))
+    return path.name == METADATA or _bag_name(path)
+
+
+def by_numbers(path: Path) -> list[tuple[int, str]]:
+    """Return a sort key that puts ``bag_2`` before ``bag_10``."""
+    parts = re.split(r"(\d+)", path.name)
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
+
+
+def _told(metadata: Path) -> dict[str, Any]:
+    """Return what metadata say; the names of version 3 and before have the folder's in front."""
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # ten times as fast where there is C
+    tree = yaml.load(read_text(metadata, BagError, _MOST_BYTES), loader)  # noqa: S506  safe
+    told: dict[str, Any] = tree["rosbag2_bagfile_information"]
+    return told
+
+
+def _check_known(metadata: Path, told: dict[str, Any]) -> None:
+    storage = told.get("storage_identifier")
+    if storage not in _STORAGES:
+        raise BagError(
+            f"{metadata}: storage {storage!r} is not known ({', '.join(_STORAGES)} are); "
+            "convert the bag with ros2 bag convert"
+        )
+    form = told.get("compression_format") or "zstd"
+    if str(told.get("compression_mode") or "none").lower() != "none" and form != "zstd":
+        raise BagError(
+            f"{metadata}: compression {form!r} is not known (zstd is); "
+            "convert the bag with ros2 bag convert"
+        )
+
+
+def _file_of(folder: Path, name: str) -> Path | None:
+    """Return the file of this name; of a recorder that was killed, before or after compression."""
+    for one in (name, name + _ZSTD, name.removesuffix(_ZSTD)):
+        if one and (folder / one).is_file():
+            return folder / one
+    return None
+
+
+def _in_folder(folder: Path) -> list[Path]:
+    """Return the files of the one bag in a folder, in the order of their numbers."""
+    found = sorted((one for one in folder.iterdir() if _bag_name(one)), key=by_numbers)
+    # Where a recorder was killed while it compressed a file, the plain one is the whole one.
+    found = [one for one in found if one.name.removesuffix(_ZSTD) == one.name or not _plain(one)]
+    bags = sorted({re.sub(r"_\d+$", "", one.name.split(".")[0]) for one in found})
+    if not bags:
+        raise BagError(f"{folder}: no bag in this folder: no .mcap and no .db3 file")
+    if len(bags) > 1:
+        more = ", ..." if len(bags) > 3 else ""
+        raise BagError(
+            f"{folder}: {len(bags)} recordings without a {METADATA} ({', '.join(bags[:3])}{more}):"
+            " give one of them"
+        )
+    return found
+
+
+def _plain(path: Path) -> bool:
+    return path.with_name(path.name.removesuffix(_ZSTD)).is_file()
+
+
+def _bag_name(path: Path) -> bool:
+    name = path.name.lower().removesuffix(_ZSTD)
+    return name.endswith(_SUFFIXES) and not name.startswith(".")

@@ -11,8 +11,8 @@ from mcap.writer import CompressionType, Writer
 
 from tirgeo_ros import __version__
 from tirgeo_ros.core.types.errors import BagError
+from tirgeo_ros.io.bags.bag_file import TopicForm
 from tirgeo_ros.io.bags.cdr import Cdr
-from tirgeo_ros.io.bags.storage import TopicForm
 from tirgeo_ros.io.files.whole_files import PathLike, check_place, part_of, path_of
 from tirgeo_ros.io.messages.offered_qos import offered_qos
 

@@ -1,22 +1,35 @@
-"""Read the messages of one MCAP file in order of time."""
+"""Read the messages of an MCAP file in order of time, also of one that is cut off or damaged.
+
+A whole file lists its chunks in its summary. Any other is walked from its first record to the
+first that is broken. A last chunk that is cut off is read up to the cut; broken chunks are left
+out.
+"""
 
 from __future__ import annotations
 
+import os
+import struct
+import zlib
 from bisect import bisect_left
 from collections.abc import Collection, Iterable, Iterator
-from mmap import mmap
+from contextlib import contextmanager
+from io import BytesIO
+from mmap import ACCESS_READ, MADV_DONTNEED, mmap
 from pathlib import Path
+from typing import NamedTuple
+
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, ChunkIndex, Footer, Header, Schema, Statistics
+from mcap.stream_reader import StreamReader
 
 from tirgeo_ros.core.types.errors import BagError
-from tirgeo_ros.io.bags.mcap_contents import (
-    MAGIC,
-    Segment,
-    contents_of,
-    header_of,
-    mapped,
-    read_segment,
-)
-from tirgeo_ros.io.bags.storage import BagMessage, TopicForm, plain
+from tirgeo_ros.core.types.measurements import LAST_NS
+from tirgeo_ros.io.bags.bag_file import TOO_LATE, BagFile, Connection, Row, TopicForm, unpacked
+from tirgeo_ros.io.files.whole_files import reading
+
+MAGIC = b"\x89MCAP0\r\n"
 
 _PROFILES = ("ros2", "")  # "" where a tool that copied a bag left it out
 #: The last two where a recorder did not find a definition: the contract's types are known here.
@@ -25,159 +38,327 @@ _SCHEMAS = ("ros2msg", "unknown", "")
 _MOST_WAITING = 384 << 20
 _BESIDE_BYTES = 600  # memory of a message in addition to its data
 
-#: A message preceded by its sort keys: time, then its place in the file.
-_Placed = tuple[int, int, int, BagMessage]
+_RECORD = struct.Struct("<BQ")  # opcode, length of what follows
+_MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
+_FOOTER_SIZE = _RECORD.size + 20
+_LOOSE_SIZE = 1 << 20  # messages outside chunks are grouped up to this size
+_PRIVATE = 0x80  # opcodes from here on belong to applications and are skipped
+
+# Raised by the parsers for bytes that are no such record.
+_BROKEN = (
+    McapError,
+    RuntimeError,
+    struct.error,
+    ValueError,
+    MemoryError,
+    OverflowError,
+)
 
 
-class McapFile:
+class Segment(NamedTuple):
+    """Hold a range of a file that contains messages: a chunk, or loose messages."""
+
+    start_ns: int  # log time of the first message
+    end_ns: int
+    offset: int
+    length: int
+    channels: frozenset[int] | None = None  # those in it, where known
+
+
+class McapFile(BagFile):
     """Read a file; a cut or damaged one as far as possible.
 
     Raises BagError if it is absent, not MCAP or of another profile. Memory is constant in whole
     files: one chunk and those that overlap it in time are held.
     """
 
+    where = " in the chunk at byte {}"
+
     def __init__(self, path: Path, name: Path) -> None:
-        self.name, self.read = name, 0
-        self._path = path
-        with mapped(path, name) as data:
+        super().__init__(path, name)
+        with self._mapped() as data:
             self._check_header(data)
-            self._contents = contents_of(data)
-        self.losses = self._contents.losses
-        spans = [(one.start_ns, one.end_ns) for one in self._contents.segments]
+            silent = self._find(data)
+        spans = [(one.start_ns, one.end_ns) for one in self.segments]
         self.span_ns = (min(a for a, _ in spans), max(b for _, b in spans)) if spans else None
+        self.connections = {
+            key: Connection(channel.topic, self._form(channel))
+            for key, channel in self._channels.items()
+            if key not in silent
+        }
 
-    def topics(self) -> dict[str, str]:
-        """Return every topic of which the file has messages, with the name of its type.
+    def fault(self, form: TopicForm) -> str:
+        """Return how a topic is encoded, unless it is CDR with a ``ros2msg`` schema."""
+        encoding = form.encoding if form.typename else "nothing"
+        if form.message_encoding == "cdr" and encoding in _SCHEMAS:
+            return ""
+        return (
+            f"{form.message_encoding or 'nothing'} with a schema in {encoding}; record it with "
+            "ROS 2 (cdr, ros2msg)"
+        )
 
-        A topic that was advertised to a recorder and had no message is left out.
-        """
-        found: dict[str, str] = {}
-        for key, channel in self._contents.channels.items():
-            if key in self._contents.empty:
-                continue
-            schema = self._contents.schemas.get(channel.schema_id)
-            found.setdefault(channel.topic, schema.name if schema else "")
-        return found
-
-    def forms(self) -> dict[str, TopicForm]:
-        """Return how each of these topics was recorded: its first channel."""
-        found: dict[str, TopicForm] = {}
-        for key, channel in self._contents.channels.items():
-            schema = self._contents.schemas.get(channel.schema_id)
-            of_type = (schema.name, schema.data, schema.encoding) if schema else ("", b"", "")
-            if key not in self._contents.empty:
-                form = TopicForm(*of_type, channel.message_encoding, channel.metadata)
-                found.setdefault(channel.topic, form)
-        return found
-
-    def messages(
-        self, topics: Collection[str] | None, start_ns: int, *, any_form: bool = False
-    ) -> Iterator[BagMessage]:
-        """Return the messages of these topics (None: all) in order of log time, from one on.
-
-        Raises BagError if one of these topics is not CDR with a ``ros2msg`` schema, unless they
-        may have ``any_form``.
-        """
-        return self._ordered(self._types(topics, any_form=any_form), start_ns)
-
-    def _ordered(self, types: dict[int, tuple[str, str]], start_ns: int) -> Iterator[BagMessage]:
-        self.read = 0
-        with mapped(self._path, self.name) as data:
+    def rows(self, keys: Collection[int], start_ns: int) -> Iterator[Row]:
+        """Yield the messages of channels in order of log time, from one on."""
+        with self._mapped() as data:
             parts = (
-                (segment.start_ns, self._loaded(data, segment, types, start_ns))
-                for segment in self._chosen(types, start_ns)
+                (segment.start_ns, self._loaded(data, segment, keys, start_ns))
+                for segment in sorted(self.segments, key=lambda one: (one.start_ns, one.offset))
+                if segment.end_ns >= start_ns
+                and (segment.channels is None or not segment.channels.isdisjoint(keys))
             )
             yield from _in_time_order(parts, self.name)
 
-    def _chosen(self, types: dict[int, tuple[str, str]], start_ns: int) -> list[Segment]:
-        wanted = types.keys()
-        return sorted(
-            (
-                segment
-                for segment in self._contents.segments
-                if segment.end_ns >= start_ns
-                and (segment.channels is None or not segment.channels.isdisjoint(wanted))
-            ),
-            key=lambda segment: (segment.start_ns, segment.offset),
-        )
-
     def _loaded(
-        self, data: mmap, segment: Segment, types: dict[int, tuple[str, str]], start_ns: int
-    ) -> Iterator[_Placed]:
-        raw = read_segment(data, segment.offset, segment.length, self._contents)
-        for number, (channel, log, body) in enumerate(raw):
-            if channel in types and log >= start_ns:
-                try:
-                    message = BagMessage(*types[channel], log, plain(body))
-                except ValueError as error:
-                    at = segment.offset
-                    self.losses[at] = f"a message in the chunk at byte {at} {error}"
-                    continue
-                self.read += 1
-                yield log, segment.offset, number, message
+        self, data: mmap, segment: Segment, keys: Collection[int], start_ns: int
+    ) -> Iterator[Row]:
+        place = segment.offset
+        raw = self._read(data, place, segment.length)
+        for number, (channel, log_ns, body) in enumerate(raw):
+            if channel in keys and log_ns >= start_ns:
+                yield log_ns, place, number, channel, body
 
-    def _types(
-        self, topics: Collection[str] | None, *, any_form: bool
-    ) -> dict[int, tuple[str, str]]:
-        """Return channel to topic and type, for the wanted topics."""
-        found = {}
-        for number, channel in self._contents.channels.items():
-            if topics is not None and channel.topic not in topics:
-                continue
-            schema = self._contents.schemas.get(channel.schema_id)
-            if any_form:
-                found[number] = (channel.topic, schema.name if schema else "")
-                continue
-            if (
-                schema is None
-                or channel.message_encoding != "cdr"
-                or (schema.encoding not in _SCHEMAS)
-            ):
-                encoding = schema.encoding if schema else "nothing"
-                raise BagError(
-                    f"{self.name}: topic {channel.topic} is encoded as "
-                    f"{channel.message_encoding or 'nothing'} with a schema in {encoding}; record "
-                    "it with ROS 2 (cdr, ros2msg)"
-                )
-            found[number] = (channel.topic, schema.name)
-        return found
+    def _form(self, channel: Channel) -> TopicForm:
+        schema = self._schemas.get(channel.schema_id)
+        of_type = (schema.name, schema.data, schema.encoding) if schema else ("", b"", "")
+        return TopicForm(*of_type, channel.message_encoding, channel.metadata)
+
+    # what the file holds
 
     def _check_header(self, data: mmap) -> None:
         if data[: len(MAGIC)] != MAGIC:
             raise BagError(
                 f"{self.name}: not a ROS 2 bag; give an MCAP file, a .db3 file or a bag's folder"
             )
-        header = header_of(data)
-        if header is not None and header.profile not in _PROFILES:
+        profile = _profile(data)
+        if profile not in _PROFILES:
             raise BagError(
-                f"{self.name}: profile {header.profile!r} is not 'ros2'; convert it to a ROS 2 bag"
+                f"{self.name}: profile {profile!r} is not 'ros2'; convert it to a ROS 2 bag"
             )
 
+    def _find(self, data: mmap) -> set[int]:
+        """Find segments, channels and schemas; return the channels known to have no message."""
+        self._forget()
+        try:
+            silent = self._take_summary(data)
+        except _BROKEN as error:
+            self._walk(data)
+            self.losses.setdefault(len(data), f"no usable index at the end ({_reason(error)})")
+            return set()
+        if not self.segments or not self._channels:  # an intact file without an index
+            self._walk(data)
+            return set()
+        return silent
 
-def _in_time_order(
-    parts: Iterable[tuple[int, Iterable[_Placed]]], name: object
-) -> Iterator[BagMessage]:
-    """Yield the messages of parts, which come in the order of their first times (ns).
+    def _forget(self) -> None:
+        self.segments: list[Segment] = []
+        self._channels: dict[int, Channel] = {}
+        self._schemas: dict[int, Schema] = {}
+        self.losses.clear()
+
+    def _take_summary(self, data: mmap) -> set[int]:
+        footer = _footer(data)
+        if not footer.summary_start:
+            return set()
+        summary = data[footer.summary_start :]
+        covered = len(summary) - len(MAGIC) - 4
+        if footer.summary_crc and zlib.crc32(summary[:covered]) != footer.summary_crc:
+            raise McapError("checksum of the index is wrong")
+        counts: dict[int, int] = {}
+        late: list[tuple[int, int]] = []
+        for record in StreamReader(BytesIO(summary), skip_magic=True, emit_chunks=True).records:
+            if isinstance(record, Schema):
+                self._schemas[record.id] = record
+            elif isinstance(record, Channel):
+                self._channels[record.id] = record
+            elif isinstance(record, Statistics):
+                counts = record.channel_message_counts
+            elif isinstance(record, ChunkIndex) and not self._take_index(data, record):
+                late.append((record.chunk_start_offset, record.chunk_length))
+        for offset, length in late:
+            self._add_segment(data, offset, length)
+        return {key for key in self._channels if counts and not counts.get(key)}
+
+    def _take_index(self, data: mmap, index: ChunkIndex) -> bool:
+        """Take a chunk by its index; return False if it holds times that no stamp can hold."""
+        at, length = index.chunk_start_offset, index.chunk_length
+        if _record_at(data, at)[0] != Opcode.CHUNK:
+            self.losses[at] = f"{length} bytes from byte {at} are not readable"
+            return True
+        if index.message_end_time >= LAST_NS:
+            return False
+        span = index.message_start_time, index.message_end_time
+        channels = frozenset(index.message_index_offsets) or None
+        self.segments.append(Segment(*span, at, length, channels))
+        return True
+
+    def _walk(self, data: mmap) -> None:
+        """Find the segments from the first record to the first broken one."""
+        self._forget()
+        at = start = len(MAGIC)
+        while at < len(data):
+            opcode, end = _record_at(data, at)
+            if opcode == Opcode.DATA_END:
+                break
+            if opcode == Opcode.CHUNK and end > len(data):
+                at = len(data)  # the last one, cut off: its beginning can be read
+                break
+            if opcode is None or end > len(data):
+                self.losses[at] = f"{len(data) - at} bytes from byte {at} are not readable"
+                break
+            at = end
+            if opcode == Opcode.CHUNK or at - start > _LOOSE_SIZE:
+                self._add_segment(data, start, at - start)
+                start = at
+        self._add_segment(data, start, at - start)
+
+    def _add_segment(self, data: mmap, offset: int, length: int) -> None:
+        times_ns = [log_time_ns for _, log_time_ns, _ in self._read(data, offset, length)]
+        if times_ns:
+            self.segments.append(Segment(min(times_ns), max(times_ns), offset, length))
+
+    # records
+
+    def _read(self, data: mmap, offset: int, length: int) -> Iterator[tuple[int, int, bytes]]:
+        """Yield channel, log time and data of the messages in a range of records."""
+        part = _part_of_file(data, offset, length)
+        at = 0
+        while at < len(part):
+            opcode, end = _record_at(part, at)
+            body, place = part[at + _RECORD.size : end], offset + at
+            cut = end > len(part)
+            if opcode == Opcode.CHUNK:
+                yield from self._messages_in(self._unpacked(body, place, cut=cut), place)
+            elif opcode is None or cut:
+                self.losses[place] = f"{len(part) - at} bytes from byte {place} are not readable"
+                return
+            elif opcode in {Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL}:
+                yield from self._messages_in(part[at:end], place)
+            at = end
+
+    def _unpacked(self, body: bytes, offset: int, *, cut: bool) -> bytes:
+        """Return the records in a chunk; of one cut off those up to the cut, of a broken none."""
+        if cut:
+            self.losses[offset] = f"the chunk at byte {offset} is cut off"
+        try:
+            chunk = Chunk.read(ReadDataStream(BytesIO(body)))
+            inside = unpacked(chunk.data, chunk.compression, chunk.uncompressed_size, cut=cut)
+            if not cut and chunk.uncompressed_crc not in {0, zlib.crc32(inside)}:
+                raise ValueError("is damaged (its checksum is wrong)")
+        except _BROKEN as error:
+            self.losses[offset] = f"the chunk at byte {offset} {_reason(error)}"
+            return b""
+        return inside
+
+    def _messages_in(self, records: bytes, offset: int) -> Iterator[tuple[int, int, bytes]]:
+        """Yield the messages among records; add schemas and channels on the way."""
+        at, end, late, channels = 0, len(records), 0, self._channels
+        while at + _RECORD.size <= end:
+            opcode, length = _RECORD.unpack_from(records, at)
+            at += _RECORD.size
+            if at + length > end or not opcode:
+                self.losses.setdefault(offset, f"the record at byte {offset} is cut off")
+                return
+            if opcode == Opcode.MESSAGE and length >= _MESSAGE.size:
+                channel, _, log_time, _ = _MESSAGE.unpack_from(records, at)
+                if log_time >= LAST_NS:
+                    late += 1
+                    self.losses[offset] = f"{late} {TOO_LATE} at byte {offset}"
+                elif channel in channels:
+                    yield channel, log_time, records[at + _MESSAGE.size : at + length]
+                else:
+                    self.losses[offset] = f"messages at byte {offset} belong to no known topic"
+            elif opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
+                self._add(opcode, records[at : at + length], offset)
+            at += length
+
+    def _add(self, opcode: int, body: bytes, offset: int) -> None:
+        """Add a schema or a channel; the first of a number holds."""
+        stream = ReadDataStream(BytesIO(body))
+        try:
+            if opcode == Opcode.SCHEMA:
+                schema = Schema.read(stream)
+                self._schemas.setdefault(schema.id, schema)
+            else:
+                channel = Channel.read(stream)
+                self._channels.setdefault(channel.id, channel)
+        except _BROKEN:
+            self.losses[offset] = f"a topic's record at byte {offset} is damaged"
+
+    @contextmanager
+    def _mapped(self) -> Iterator[mmap]:
+        """Yield the bytes of the file. Raises BagError if it is empty or unreadable."""
+        with reading(self.name, BagError), self.path.open("rb") as file:
+            if not os.fstat(file.fileno()).st_size:
+                raise BagError(f"{self.name}: the file is empty")
+            with mmap(file.fileno(), 0, access=ACCESS_READ) as data:
+                yield data
+
+
+def _profile(data: mmap) -> str:
+    """Return the profile by the file's header; "" if it is broken."""
+    try:
+        opcode, length = _RECORD.unpack_from(data, len(MAGIC))
+        begin = len(MAGIC) + _RECORD.size
+        body = data[begin : begin + length] if opcode == Opcode.HEADER else b""
+        return str(Header.read(ReadDataStream(BytesIO(body))).profile)
+    except _BROKEN:
+        return ""
+
+
+def _footer(data: mmap) -> Footer:
+    at = len(data) - len(MAGIC) - _FOOTER_SIZE
+    if at < len(MAGIC) or data[-len(MAGIC) :] != MAGIC:
+        raise McapError("the file ends early")
+    opcode, length = _RECORD.unpack_from(data, at)
+    if opcode != Opcode.FOOTER or length != _FOOTER_SIZE - _RECORD.size:
+        raise McapError("no footer")
+    footer: Footer = Footer.read(ReadDataStream(BytesIO(data[at + _RECORD.size :])))
+    return footer
+
+
+def _record_at(data: mmap | bytes, at: int) -> tuple[int | None, int]:
+    """Return opcode (None: no valid record) and end of the record at an offset."""
+    if at + _RECORD.size > len(data):
+        return None, len(data)
+    opcode, length = _RECORD.unpack_from(data, at)
+    known = Opcode.HEADER <= opcode <= Opcode.DATA_END or opcode >= _PRIVATE
+    return (opcode if known else None), at + _RECORD.size + length
+
+
+def _reason(error: BaseException) -> str:
+    lines = str(error).splitlines()
+    return lines[0] if lines else type(error).__name__
+
+
+def _part_of_file(data: mmap, start: int, length: int) -> bytes:
+    """Return a copy of a part, and release all pages mapped so far.
+
+    Otherwise every page of a file that was read once counts as this process's memory until the
+    file is closed.
+    """
+    part = data[start : start + length]
+    data.madvise(MADV_DONTNEED)
+    return part
+
+
+def _in_time_order(parts: Iterable[tuple[int, Iterable[Row]]], name: object) -> Iterator[Row]:
+    """Yield the rows of parts, which come in the order of their first times (ns).
 
     Raises BagError, naming ``name``, if too many overlap.
     """
-    waiting: list[_Placed] = []
+    waiting: list[Row] = []
     for start_ns, loaded in parts:
         ready = bisect_left(waiting, (start_ns,))
-        yield from (message for *_, message in waiting[:ready])
+        yield from waiting[:ready]
         del waiting[:ready]
-        room = _MOST_WAITING - sum(_size(message) for *_, message in waiting)
-        for placed in loaded:
-            room -= _size(placed[3])
+        room = _MOST_WAITING - sum(len(row[-1]) + _BESIDE_BYTES for row in waiting)
+        for row in loaded:
+            room -= len(row[-1]) + _BESIDE_BYTES
             if room < 0:
                 raise BagError(
                     f"{name}: more than {_MOST_WAITING >> 20} MiB of messages overlap in time; "
                     "rewrite it in order of time, in chunks of a megabyte (mcap sort)"
                 )
-            waiting.append(placed)
+            waiting.append(row)
         waiting.sort()
-    yield from (message for *_, message in waiting)
-
-
-def _size(message: BagMessage) -> int:
-    return len(message.data) + _BESIDE_BYTES
+    yield from waiting

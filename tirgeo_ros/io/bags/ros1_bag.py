@@ -9,7 +9,7 @@ from contextlib import closing, contextmanager, suppress
 from functools import partial
 from io import BytesIO
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 from rosbags.interfaces import Connection
 from rosbags.rosbag1 import Reader, ReaderError
@@ -26,12 +26,18 @@ from rosbags.typesys.store import Typestore
 
 from tirgeo_ros.core.types.errors import BagError, MessageError
 from tirgeo_ros.core.types.measurements import LAST_NS
-from tirgeo_ros.io.bags.cdr import UNREADABLE
-from tirgeo_ros.io.bags.storage import TOO_LATE
-from tirgeo_ros.io.files.bounded_unpacking import MOST_BYTES, unpacked
-from tirgeo_ros.io.files.memory_bound import bounded_memory
-from tirgeo_ros.io.files.whole_files import PathLike
+from tirgeo_ros.io.bags.bag import BagReader
+from tirgeo_ros.io.bags.bag_file import MOST_BYTES, TOO_LATE, unpacked
+from tirgeo_ros.io.bags.cdr import UNREADABLE, Cdr
+from tirgeo_ros.io.files.bounded_reading import bounded_memory
+from tirgeo_ros.io.files.whole_files import PathLike, first_bytes
 
+MAGIC = b"#ROSBAG V2.0\n"
+
+#: Raised by the reader for a damaged file.
+_DAMAGED = (*UNREADABLE, ReaderError, OSError, KeyError, MemoryError, RuntimeError, EOFError)
+#: Raised by the types' generator for an invalid definition.
+_UNDEFINED = (TypesysError, SyntaxError, KeyError, ValueError, RecursionError)
 #: Records between chunks, which say nothing that the chunks do not.
 _BESIDE = (
     *(RecordType.BAGHEADER, RecordType.IDXDATA),
@@ -131,22 +137,14 @@ class UnindexedReader(Reader):
             self.bio = file
 
 
-MAGIC = b"#ROSBAG V2.0\n"
-
-#: Raised by the reader for a damaged file.
-_DAMAGED = (*UNREADABLE, ReaderError, OSError, KeyError, MemoryError, RuntimeError, EOFError)
-#: Raised by the types' generator for an invalid definition.
-_UNDEFINED = (TypesysError, SyntaxError, KeyError, ValueError, RecursionError)
-
-
 class Ros1Message(NamedTuple):
     """Hold a message as it is in a bag."""
 
     topic: str
     typename: str  # sensor_msgs/msg/Imu
-    record_ns: int  # when the recorder received it
-    definition: str  # of its type, with all parts
+    log_time_ns: int  # when the recorder received it
     data: bytes
+    definition: str  # of its type, with all parts
 
 
 class Ros1Bag:
@@ -159,6 +157,7 @@ class Ros1Bag:
 
     def __init__(self, path: PathLike) -> None:
         self.path = Path(path)
+        self._cdr = Cdr()
         self._losses: dict[str, str] = {}
         self._stores: dict[tuple[str, str], Typestore | None] = {}
         with bounded_memory(), self._opened() as reader:
@@ -210,12 +209,12 @@ class Ros1Bag:
         """Return in one line what could not be read, None if nothing was lost."""
         return "; ".join(self._losses.values()) or None
 
-    def topics(self) -> dict[str, tuple[str, ...]]:
-        """Return every topic in the bag with the names of its types (there should be one)."""
+    def topics(self) -> dict[str, str]:
+        """Return every topic with the name of its type, or of all its types, with commas."""
         found: dict[str, set[str]] = {}
         for connection in self._connections:
             found.setdefault(connection.topic, set()).add(connection.msgtype)
-        return {topic: tuple(sorted(types)) for topic, types in sorted(found.items())}
+        return {topic: ", ".join(sorted(types)) for topic, types in sorted(found.items())}
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[Ros1Message]:
         """Return the messages of these topics in order of the times when they were recorded."""
@@ -233,7 +232,11 @@ class Ros1Bag:
                     late += 1
                     self._losses["late"] = f"{late} {TOO_LATE}"
                     continue
-                yield Ros1Message(one.topic, one.msgtype, record_ns, one.msgdef.data, data)
+                yield Ros1Message(one.topic, one.msgtype, record_ns, data, one.msgdef.data)
+
+    def cdr(self, message: Any) -> bytes:
+        """Return a message as one of ROS 2. Raises MessageError if it is no such message."""
+        return self._cdr.from_ros1(message.data, message.typename, message.topic)
 
     def decoded(self, message: Ros1Message) -> Any:
         """Decode the message by its definition in the bag; times have sec, nanosec.
@@ -253,6 +256,17 @@ class Ros1Bag:
             raise MessageError(
                 f"{message.topic}: {len(message.data)} bytes are no {message.typename}: {error}"
             ) from None
+
+
+#: The bag of either ROS; ``cdr`` makes a message of ROS 2 of what it holds.
+AnyBag: TypeAlias = BagReader | Ros1Bag
+
+
+def any_bag(path: Path) -> AnyBag:
+    """Open a bag, of ROS 1 if the file begins so. Raises BagError if it cannot be read."""
+    if path.is_file() and first_bytes(path, len(MAGIC), BagError) == MAGIC:
+        return Ros1Bag(path)
+    return BagReader(path)
 
 
 def _unpacked(compression: str, packed: bytes) -> bytes:

@@ -20,10 +20,13 @@ from tirgeo_ros.core.ground.dem import GridOf, Terrain
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import ElevationError, MapError
 from tirgeo_ros.io.coordinates.crs import checked_system
-from tirgeo_ros.io.files.memory_bound import bounded_memory
-from tirgeo_ros.io.files.offline_reading import elsewhere, imported_rasterio, read_map
-from tirgeo_ros.io.files.text_file import named_files
-from tirgeo_ros.io.files.whole_files import PathLike, path_of
+from tirgeo_ros.io.files.bounded_reading import (
+    bounded_memory,
+    elsewhere,
+    imported_rasterio,
+    read_map,
+)
+from tirgeo_ros.io.files.whole_files import PathLike, named_files, path_of
 
 #: A larger grid is refused: a quarter of a gigabyte as float32.
 _MOST_NODES = 64_000_000

@@ -1,13 +1,14 @@
-"""Write output files that are either complete or absent."""
+"""Write output files that are either complete or absent; read texts up to a bounded size."""
 
 from __future__ import annotations
 
+import codecs
 import csv
 import io
 import os
 import stat
-from collections.abc import Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from tirgeo_ros.core.types.errors import TirgeoError
@@ -121,3 +122,78 @@ def write_files(contents: Mapping[PathLike, str | bytes], error: type[TirgeoErro
         for part in parts.values():
             with suppress(OSError):  # absent, or with a name that is too long
                 part.unlink()
+
+
+#: Limit for a table or a small document: some hundred thousand lines.
+_MOST_BYTES = 16 << 20
+_PIECE_BYTES = 1 << 20
+UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+#: How ``open`` decodes bytes that are not UTF-8: each as Windows-1252, in which Excel writes
+#: degrees and squares. A damaged byte costs no other.
+WINDOWS = "tirgeo.windows-1252"
+
+
+def _windows(error: UnicodeError) -> tuple[str, int]:
+    assert isinstance(error, UnicodeDecodeError)
+    return error.object[error.start : error.end].decode("cp1252", "replace"), error.end
+
+
+codecs.register_error(WINDOWS, _windows)
+
+
+def read_text(
+    path: PathLike,
+    error: type[TirgeoError],
+    most_bytes: int = _MOST_BYTES,
+    *,
+    damaged: bool = False,
+) -> str:
+    """Return the text of a file in UTF-8.
+
+    What may be ``damaged`` comes of other programs, and may be UTF-16 or Windows-1252 too.
+    Raises ``error``, naming the file, if it cannot be read, is larger than ``most_bytes`` or is no
+    such text.
+    """
+    source, content = path_of(path, error), io.BytesIO()
+    with reading(path, error), source.open("rb") as file:
+        while content.tell() <= most_bytes and (piece := file.read(_PIECE_BYTES)):
+            content.write(piece)
+    if content.tell() > most_bytes:
+        most_mb = most_bytes / 2**20
+        raise error(f"{os.fspath(path)}: larger than {most_mb:g} MB; is it the right file?")
+    encoding = encoding_of(content.getvalue()) if damaged else "utf-8-sig"
+    content.seek(0)
+    try:
+        return io.TextIOWrapper(content, encoding, WINDOWS if damaged else "strict").read()
+    except UnicodeDecodeError:
+        raise error(f"{os.fspath(path)}: not a text file in UTF-8") from None
+
+
+@contextmanager
+def reading(path: PathLike, error: type[TirgeoError]) -> Iterator[None]:
+    """Raise ``error``, which names the file, for an OSError meanwhile."""
+    try:
+        yield
+    except OSError as fault:
+        raise error(f"{os.fspath(path)}: cannot be read: {fault.strerror or fault}") from None
+
+
+def first_bytes(path: PathLike, number: int, error: type[TirgeoError]) -> bytes:
+    """Return a file's first bytes. Raises ``error``, naming it, if it cannot be read."""
+    with reading(path, error), Path(path).open("rb") as file:
+        return file.read(number)
+
+
+def encoding_of(head: bytes) -> str:
+    """Return UTF-16, which has a mark as Excel and PowerShell write it, or UTF-8."""
+    return "utf-16" if head.startswith(UTF16) else "utf-8-sig"
+
+
+def named_files(text: str) -> list[str]:
+    """Return the files of a comma-separated list.
+
+    A text with a comma that is an existing file's name is one file.
+    """
+    if Path(text).is_file():
+        return [text]
+    return [name.strip() for name in text.split(",") if name.strip()]

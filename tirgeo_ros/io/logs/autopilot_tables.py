@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -35,7 +37,39 @@ _FIXES = {3: FixStatus.SINGLE, 4: FixStatus.FLOAT, 5: FixStatus.FLOAT, 6: FixSta
 _RTK_FIXES = (5, 6)
 LEAST_FIX = min(_FIXES)
 #: Why records are refused.
-OTHER_INSTANCE = "of another instance than the one taken"
+_OTHER_INSTANCE = "of another instance than the one taken"
+
+
+class Records:
+    """Hold one message's records by the names of their fields, and their times (us).
+
+    They are of the instance that is taken; ``others`` counts those of its other instances.
+    """
+
+    def __init__(
+        self, name: str, time_us: IntArray, fields: Mapping[str, Any], others: int = 0
+    ) -> None:
+        self.name, self.time_us, self.others = name, time_us, others
+        self._fields = fields
+
+    def __len__(self) -> int:
+        return len(self.time_us)
+
+    def has(self, field: str) -> bool:
+        """Return whether the records have this field."""
+        return field in self._fields
+
+    def column(self, name: str) -> Array:
+        """Return a field (N,), NaN if there is none."""
+        return np.array(self._fields.get(name, np.full(len(self), math.nan)), float)
+
+    def columns(self, *names: str) -> Array:
+        """Return fields beside each other, (N, number of names). Raise KeyError for none."""
+        return np.stack([np.asarray(self._fields[name], float) for name in names], axis=-1)
+
+    def integers(self, name: str) -> IntArray:
+        """Return a field (N,), zeros if there is none."""
+        return np.asarray(self._fields.get(name, np.zeros(len(self))), np.int64)
 
 
 @dataclass(frozen=True)
@@ -59,6 +93,7 @@ class AttitudeTable:
 class GnssTable:
     """Hold N records of a satellite receiver; clock in us; NaN where there is no value."""
 
+    name: str
     time_us: IntArray
     utc_us: IntArray  # Unix time by the receiver; 0 or less: not known yet
     fix: IntArray  # MAVLink's GPS_FIX_TYPE
@@ -72,40 +107,55 @@ class GnssTable:
     heading_sigma_rad: Array
 
 
-@dataclass(frozen=True)
-class AutopilotClock:
-    """Hold what an autopilot's clock lacks to UTC."""
+def count_records(contents: LogContents, tables: Iterable[Records]) -> None:
+    """Count the records that are taken, and those of their other instances."""
+    for table in tables:
+        contents.read[table.name] += len(table) + table.others
+        if table.others:
+            contents.refused[table.name, _OTHER_INSTANCE] += table.others
 
-    shift_us: int
 
-    @classmethod
-    def by_receiver(
-        cls, gnss: GnssTable | None, first_us: int, contents: LogContents
-    ) -> AutopilotClock:
-        """Return the clock by the receiver's UTC; note its spread, or that there is none.
+def add_samples(
+    contents: LogContents,
+    imu: ImuTable,
+    attitude: AttitudeTable | None,
+    gnss: GnssTable | None,
+    air: tuple[IntArray, Array] | None,
+) -> None:
+    """Add the samples of an autopilot's tables; ``air`` are times and pressures (Pa).
 
-        ``first_us`` is a time of the autopilot's clock.
-        """
-        shifts_us = np.empty(0, np.int64)
-        if gnss is not None:
-            shifts_us = (gnss.utc_us - gnss.time_us)[_dated(gnss)]
-        if len(shifts_us):
-            spread_ms = float(np.ptp(shifts_us)) * 1e-3
-            contents.notes.append(
-                f"stamps are the autopilot's clock plus the median of {len(shifts_us)} "
-                f"differences to the receiver's UTC, which spread over {spread_ms:.0f} ms"
-            )
-            return cls(int(np.median(shifts_us)))
+    Stamps are the autopilot's clock plus what it lacks to UTC by the receiver.
+    """
+    shift_us = _clock_shift_us(gnss, int(imu.time_us[0]), contents)
+    contents.samples += _imu_samples(shift_us, imu, attitude)
+    if gnss is not None:
+        _add_gnss(contents, shift_us, gnss)
+    for time_us, pressure_pa in zip(*air, strict=True) if air else ():
+        stamp_ns = (int(time_us) + shift_us) * 1000
+        contents.samples.append(PressureSample(stamp_ns, float(pressure_pa), 0.0))
+
+
+def _clock_shift_us(gnss: GnssTable | None, first_us: int, contents: LogContents) -> int:
+    """Return what the autopilot's clock lacks to UTC; note its spread, or that there is none.
+
+    ``first_us`` is a time of the autopilot's clock.
+    """
+    shifts_us = np.empty(0, np.int64)
+    if gnss is not None:
+        shifts_us = (gnss.utc_us - gnss.time_us)[_dated(gnss)]
+    if len(shifts_us):
+        spread_ms = float(np.ptp(shifts_us)) * 1e-3
         contents.notes.append(
-            "no receiver tells UTC: the autopilot's own clock, a date, is used"
-            if first_us > _UNIX_US
-            else "no receiver tells UTC: times count from the autopilot's start, in 1970"
+            f"stamps are the autopilot's clock plus the median of {len(shifts_us)} "
+            f"differences to the receiver's UTC, which spread over {spread_ms:.0f} ms"
         )
-        return cls(0)
-
-    def unix_ns(self, time_us: IntArray) -> IntArray:
-        """Return ns of Unix time."""
-        return (time_us + self.shift_us) * 1000
+        return int(np.median(shifts_us))
+    contents.notes.append(
+        "no receiver tells UTC: the autopilot's own clock, a date, is used"
+        if first_us > _UNIX_US
+        else "no receiver tells UTC: times count from the autopilot's start, in 1970"
+    )
+    return 0
 
 
 def _dated(gnss: GnssTable) -> BoolArray:
@@ -118,22 +168,14 @@ def _dated(gnss: GnssTable) -> BoolArray:
     return fixed if fixed.any() else dated
 
 
-def imu_samples(
-    clock: AutopilotClock, imu: ImuTable, attitude: AttitudeTable | None
+def _imu_samples(
+    shift_us: int, imu: ImuTable, attitude: AttitudeTable | None
 ) -> Iterator[ImuSample]:
     """Yield the readings of an IMU, each with the autopilot's attitude at its time."""
-    stamps_ns = clock.unix_ns(imu.time_us)
-    known = [None] * len(stamps_ns) if attitude is None else _at(imu.time_us, attitude)
-    rows = zip(stamps_ns.tolist(), imu.force_b, imu.rate_b, known, strict=True)
+    stamps_ns = ((imu.time_us + shift_us) * 1000).tolist()
+    attitudes = [None] * len(stamps_ns) if attitude is None else _at(imu.time_us, attitude)
+    rows = zip(stamps_ns, imu.force_b, imu.rate_b, attitudes, strict=True)
     return (ImuSample(*row) for row in rows)
-
-
-def pressure_samples(
-    clock: AutopilotClock, time_us: IntArray, pressures_pa: Array
-) -> Iterator[PressureSample]:
-    """Yield the readings of a barometer, whose variance is not known."""
-    for stamp_ns, pressure_pa in zip(clock.unix_ns(time_us), pressures_pa, strict=True):
-        yield PressureSample(int(stamp_ns), float(pressure_pa), 0.0)
 
 
 def _at(time_us: IntArray, attitude: AttitudeTable) -> list[Array | None]:
@@ -158,15 +200,15 @@ def _at(time_us: IntArray, attitude: AttitudeTable) -> list[Array | None]:
     return found
 
 
-def add_gnss(contents: LogContents, clock: AutopilotClock, name: str, gnss: GnssTable) -> None:
+def _add_gnss(contents: LogContents, shift_us: int, gnss: GnssTable) -> None:
     """Add a receiver's positions, velocities and headings."""
-    stamps_ns = clock.unix_ns(gnss.time_us).tolist()
+    stamps_ns = ((gnss.time_us + shift_us) * 1000).tolist()
     for row, (stamp_ns, fix) in enumerate(zip(stamps_ns, gnss.fix.tolist(), strict=True)):
         if fix not in _FIXES:
-            contents.refused[name, f"fix type {fix}: no position in three dimensions"] += 1
+            contents.refused[gnss.name, f"fix type {fix}: no position in three dimensions"] += 1
             continue
         contents.samples += _samples_of(gnss, row, stamp_ns, _FIXES[fix])
-    say_receiver(contents, name, is_rtk=bool(np.isin(gnss.fix, _RTK_FIXES).any()))
+    say_receiver(contents, gnss.name, is_rtk=bool(np.isin(gnss.fix, _RTK_FIXES).any()))
 
 
 def _samples_of(

@@ -1,17 +1,22 @@
-"""Convert rows of a table to samples: one class for each quantity of a columns file."""
+"""Convert rows of a table to samples: one function for each quantity of a columns file."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Protocol
+from typing import NamedTuple
 
 import numpy as np
 
+from tirgeo_ros.core.frames.axes import quat_turned_both
+from tirgeo_ros.core.frames.rotations import canonical, quat_from_euler
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
+    FixStatus,
     HeadingSample,
     ImuSample,
     JointSample,
@@ -20,169 +25,261 @@ from tirgeo_ros.core.types.measurements import (
     Source,
     VelocitySample,
 )
-from tirgeo_ros.io.logs.columns_keys import Keys
-from tirgeo_ros.io.logs.columns_parts import (
-    Attitude,
-    Row,
-    Status,
-    covariance,
-    rotation_bi,
-    sigmas,
-    sigmas_if_known,
-    vector,
-)
+from tirgeo_ros.io.logs.columns_keys import Cell, Keys
 from tirgeo_ros.io.logs.log_contents import DATUMS, LogOptions, Refused
 from tirgeo_ros.io.messages import SensedSample
 
+Row = Sequence[str]
+#: Returns the sample of a row at a time (ns); raises Refused if a value is missing.
+Quantity = Callable[[int, Row], SensedSample]
 
-class Quantity(Protocol):
-    """Convert a row with its time to a sample."""
+#: Directions of the body in FRD.
+_DIRECTIONS = {
+    "front": (1.0, 0.0, 0.0),
+    "right": (0.0, 1.0, 0.0),
+    "down": (0.0, 0.0, 1.0),
+    "back": (-1.0, 0.0, 0.0),
+    "left": (0.0, -1.0, 0.0),
+    "up": (0.0, 0.0, -1.0),
+}
+_STATUS = {"fixed": FixStatus.FIXED, "float": FixStatus.FLOAT, "single": FixStatus.SINGLE}
+_AXES = {"flu": ("front", "left", "up"), "frd": ("front", "right", "down")}
 
-    def sample(self, stamp_ns: int, row: Row) -> SensedSample:
-        """Return the sample; raise Refused if a value is missing."""
+
+class Log(NamedTuple):
+    """Hold a table's file, and what it does not say itself."""
+
+    path: Path
+    options: LogOptions
 
 
-class Imu:
-    """Convert specific force, angular rate, and the attitude if the file has it."""
+def _imu(keys: Keys, _source: Source | None, _log: Log) -> Quantity:
+    """Convert specific force, angular rate, and the attitude where the row has one."""
+    force, rate = (_vector(keys, *what) for what in (("accel", "acceleration"), ("gyro", "rate")))
+    turn_bi = _rotation_bi(keys)
+    attitude = _attitude(keys.inner("attitude")) if "attitude" in keys else None
 
-    def __init__(self, keys: Keys, _source: Source | None) -> None:
-        self._force = vector(keys, "accel", "acceleration")
-        self._rate = vector(keys, "gyro", "rate")
-        self._rotation_bi = rotation_bi(keys)
-        self._attitude = Attitude(keys.inner("attitude")) if "attitude" in keys else None
-
-    def sample(self, stamp_ns: int, row: Row) -> ImuSample:
-        """Return the sample; without an attitude where the row has none."""
-        force_b = self._rotation_bi @ [cell.of(row) for cell in self._force]
-        rate_b = self._rotation_bi @ [cell.of(row) for cell in self._rate]
+    def sample(stamp_ns: int, row: Row) -> ImuSample:
+        force_b = turn_bi @ [cell.of(row) for cell in force]
+        rate_b = turn_bi @ [cell.of(row) for cell in rate]
         q_nb = None
-        if self._attitude is not None:
+        if attitude is not None:
             with suppress(Refused):
-                q_nb = self._attitude.of(row)
+                q_nb = attitude(row)
         return ImuSample(stamp_ns, force_b, rate_b, q_nb)
 
+    return sample
 
-class Position:
-    """Convert latitude, longitude and height of an antenna."""
 
-    def __init__(self, keys: Keys, source: Source | None) -> None:
-        assert source is not None
-        self._source = source
-        self._place = keys.cells("latitude longitude", "angle")
-        height = keys.inner("height")
-        self._height = height.cell("column", height.unit("length"))
-        self.datum = height.choice("above", DATUMS)
-        height.finish()
-        self._status = Status(keys)
-        wanted = sigmas if source is Source.RTK_POSITION else sigmas_if_known
-        self._sigma = wanted(keys, "length")
-        self.offset_m = 0.0  # what makes the height ellipsoidal
+def _position(keys: Keys, source: Source | None, log: Log) -> Quantity:
+    """Convert latitude, longitude (also 0 to 360 deg) and height of an antenna."""
+    assert source is not None
+    place = keys.cells("latitude longitude", "angle")
+    inner = keys.inner("height")
+    height = inner.cell("column", inner.unit("length"))
+    datum = inner.choice("above", DATUMS)
+    inner.finish()
+    status = _status(keys)
+    sigma = _sigmas(keys, "length", must=source is Source.RTK_POSITION)
+    offset_m = log.options.to_ellipsoid_m(datum, log.path)
 
-    def sample(self, stamp_ns: int, row: Row) -> PositionSample:
-        """Return the sample; longitudes may be 0 to 360 deg in the table."""
-        latitude_rad, longitude_rad = (cell.of(row) for cell in self._place)
+    def sample(stamp_ns: int, row: Row) -> PositionSample:
+        latitude_rad, longitude_rad = (cell.of(row) for cell in place)
         if math.pi < longitude_rad <= math.tau:
             longitude_rad -= math.tau
-        height_m = self._height.of(row) + self.offset_m
-        covariance_n = covariance(self._sigma, row)
-        status = self._status.of(row)
-        return PositionSample(
-            stamp_ns, self._source, status, latitude_rad, longitude_rad, height_m, covariance_n
-        )
+        geodetic = latitude_rad, longitude_rad, height.of(row) + offset_m
+        covariance_n = _covariance(sigma, row)
+        return PositionSample(stamp_ns, source, status(row), *geodetic, covariance_n)
+
+    return sample
 
 
-class Velocity:
+def _velocity(keys: Keys, source: Source | None, _log: Log) -> Quantity:
     """Convert a velocity north, east and down or up."""
+    assert source is not None
+    third = "up" if "up" in keys else "down"
+    signs = np.array([1.0, 1.0, -1.0 if third == "up" else 1.0])
+    cells = keys.cells(f"north east {third}", "speed")
+    sigma = _sigmas(keys, "speed", must=source is Source.RTK_VELOCITY)
 
-    def __init__(self, keys: Keys, source: Source | None) -> None:
-        assert source is not None
-        self._source = source
-        self._signs = np.array([1.0, 1.0, -1.0 if "up" in keys else 1.0])
-        third = "up" if "up" in keys else "down"
-        self._cells = keys.cells(f"north east {third}", "speed")
-        wanted = sigmas if source is Source.RTK_VELOCITY else sigmas_if_known
-        self._sigma = wanted(keys, "speed")
+    def sample(stamp_ns: int, row: Row) -> VelocitySample:
+        velocity_n = signs * [cell.of(row) for cell in cells]
+        return VelocitySample(stamp_ns, source, velocity_n, _covariance(sigma, row))
 
-    def sample(self, stamp_ns: int, row: Row) -> VelocitySample:
-        """Return the sample."""
-        velocity_n = self._signs * [cell.of(row) for cell in self._cells]
-        return VelocitySample(stamp_ns, self._source, velocity_n, covariance(self._sigma, row))
+    return sample
 
 
-class Heading:
+def _heading(keys: Keys, _source: Source | None, log: Log) -> Quantity:
     """Convert the azimuth of the nose, or of the line between two antennas."""
+    of_baseline = keys.choice("of", ("nose", "baseline")) == "baseline"
+    cell = keys.cell("column", keys.unit("angle"))
+    sigma = _sigmas(keys, "angle")
+    if of_baseline and log.options.baseline_m is None:
+        raise LogError(
+            f"{log.path}: headings of a baseline: set aircraft.rtk_antenna_m and "
+            "aircraft.second_antenna_m in --params"
+        )
+    offset_rad = log.options.baseline_rad if of_baseline else 0.0
 
-    def __init__(self, keys: Keys, _source: Source | None) -> None:
-        self.is_of_baseline = keys.choice("of", ("nose", "baseline")) == "baseline"
-        self._cell = keys.cell("column", keys.unit("angle"))
-        self._sigma = sigmas(keys, "angle")
-        self.baseline_rad = 0.0
+    def sample(stamp_ns: int, row: Row) -> HeadingSample:
+        heading_rad = (cell.of(row) - offset_rad) % math.tau
+        return HeadingSample(stamp_ns, heading_rad, float(_covariance(sigma, row)[0, 0]))
 
-    def sample(self, stamp_ns: int, row: Row) -> HeadingSample:
-        """Return the sample."""
-        heading_rad = (self._cell.of(row) - self.baseline_rad) % math.tau
-        return HeadingSample(stamp_ns, heading_rad, float(covariance(self._sigma, row)[0, 0]))
+    return sample
 
 
-class Pressure:
+def _pressure(keys: Keys, _source: Source | None, _log: Log) -> Quantity:
     """Convert a barometer's pressure; without a sigma its variance is unknown."""
+    cell = keys.cell("column", keys.unit("pressure"))
+    sigma = _sigmas(keys, "pressure", must=False)
 
-    def __init__(self, keys: Keys, _source: Source | None) -> None:
-        self._cell = keys.cell("column", keys.unit("pressure"))
-        self._sigma = sigmas_if_known(keys, "pressure")
+    def sample(stamp_ns: int, row: Row) -> PressureSample:
+        variance = float(_covariance(sigma, row)[0, 0])
+        return PressureSample(stamp_ns, cell.of(row), variance)
 
-    def sample(self, stamp_ns: int, row: Row) -> PressureSample:
-        """Return the sample."""
-        variance = float(covariance(self._sigma, row)[0, 0])
-        return PressureSample(stamp_ns, self._cell.of(row), variance)
+    return sample
 
 
-class GimbalJoints:
+def _gimbal_joints(keys: Keys, _source: Source | None, _log: Log) -> Quantity:
     """Convert encoder angles: yaw, then roll, then pitch, in FLU or FRD axes."""
+    sign = -1.0 if keys.choice("axes", ("flu", "frd")) == "flu" else 1.0
+    cells = keys.cells("yaw roll pitch", "angle")
 
-    def __init__(self, keys: Keys, _source: Source | None) -> None:
-        self._sign = -1.0 if keys.choice("axes", ("flu", "frd")) == "flu" else 1.0
-        self._cells = keys.cells("yaw roll pitch", "angle")
+    def sample(stamp_ns: int, row: Row) -> JointSample:
+        yaw_rad, roll_rad, pitch_rad = (cell.of(row) for cell in cells)
+        return JointSample(stamp_ns, sign * yaw_rad, roll_rad, sign * pitch_rad)
 
-    def sample(self, stamp_ns: int, row: Row) -> JointSample:
-        """Return the sample."""
-        yaw_rad, roll_rad, pitch_rad = (cell.of(row) for cell in self._cells)
-        return JointSample(stamp_ns, self._sign * yaw_rad, roll_rad, self._sign * pitch_rad)
+    return sample
 
 
-class GimbalAttitude:
+def _gimbal_attitude(keys: Keys, _source: Source | None, _log: Log) -> Quantity:
     """Convert the camera's attitude."""
-
-    def __init__(self, keys: Keys, _source: Source | None) -> None:
-        self._attitude = Attitude(keys.inner("attitude"))
-
-    def sample(self, stamp_ns: int, row: Row) -> CameraAttitudeSample:
-        """Return the sample."""
-        return CameraAttitudeSample(stamp_ns, self._attitude.of(row))
+    attitude = _attitude(keys.inner("attitude"))
+    return lambda stamp_ns, row: CameraAttitudeSample(stamp_ns, attitude(row))
 
 
-def prepare(quantity: Quantity, path: Path, options: LogOptions) -> None:
-    """Give a quantity what the file does not tell. Raise LogError if it is not known."""
-    if isinstance(quantity, Position):
-        quantity.offset_m = options.to_ellipsoid_m(quantity.datum, path)
-    elif isinstance(quantity, Heading) and quantity.is_of_baseline:
-        if options.baseline_m is None:
-            raise LogError(
-                f"{path}: headings of a baseline: set aircraft.rtk_antenna_m and "
-                "aircraft.second_antenna_m in --params"
-            )
-        quantity.baseline_rad = options.baseline_rad
-
-
-#: Key of a columns file -> its class, and the source of its samples.
-QUANTITIES: dict[str, tuple[type, Source | None]] = {
-    "imu": (Imu, None),
-    "rtk_position": (Position, Source.RTK_POSITION),
-    "rtk_velocity": (Velocity, Source.RTK_VELOCITY),
-    "rtk_heading": (Heading, None),
-    "gps_position": (Position, Source.GPS_POSITION),
-    "gps_velocity": (Velocity, Source.GPS_VELOCITY),
-    "pressure": (Pressure, None),
-    "gimbal_joints": (GimbalJoints, None),
-    "gimbal_attitude": (GimbalAttitude, None),
+#: Key of a columns file -> what makes its quantity, and the source of its samples.
+QUANTITIES: dict[str, tuple[Callable[[Keys, Source | None, Log], Quantity], Source | None]] = {
+    "imu": (_imu, None),
+    "rtk_position": (_position, Source.RTK_POSITION),
+    "rtk_velocity": (_velocity, Source.RTK_VELOCITY),
+    "rtk_heading": (_heading, None),
+    "gps_position": (_position, Source.GPS_POSITION),
+    "gps_velocity": (_velocity, Source.GPS_VELOCITY),
+    "pressure": (_pressure, None),
+    "gimbal_joints": (_gimbal_joints, None),
+    "gimbal_attitude": (_gimbal_attitude, None),
 }
+
+
+def matching(cell: Cell, values: Sequence[object]) -> Callable[[Row], bool]:
+    """Return whether a cell is one of the values: as numbers where both are, else as text."""
+    wanted = {_normal(str(value)) for value in values}
+    return lambda row: _normal(cell.text(row)) in wanted
+
+
+def _normal(text: str) -> float | str:
+    with suppress(ValueError):
+        return float(text)
+    return text
+
+
+def _attitude(keys: Keys) -> Callable[[Row], Array]:
+    """Return what gives the unit quaternion (4,) wxyz, FRD to NED, of a row, or raises Refused.
+
+    The file has roll, pitch and yaw, or a quaternion; of FRD in NED, or of FLU in ENU.
+    """
+    is_enu = keys.choice("frame", ("ned", "enu")) == "enu"
+    is_quaternion = "wxyz" in keys
+    cells = keys.listed("wxyz", 4) if is_quaternion else keys.cells("roll pitch yaw", "angle")
+    keys.finish()
+
+    def of(row: Row) -> Array:
+        values = np.array([cell.of(row) for cell in cells])
+        if not is_quaternion:
+            values = quat_from_euler(*values)
+        if not math.isclose(float(values @ values), 1.0, abs_tol=0.02):
+            raise Refused("the quaternion's norm is not 1")
+        return canonical(np.array(quat_turned_both(*values)) if is_enu else values)
+
+    return of
+
+
+def _status(keys: Keys) -> Callable[[Row], FixStatus]:
+    """Return what gives the quality of a row's fix, or raises Refused.
+
+    It is the same for all rows, or by a column's values.
+    """
+    inner = keys.inner("status")
+    if "always" in inner:
+        always = _STATUS[inner.choice("always", list(_STATUS))]
+        inner.finish()
+        return lambda _: always
+    cell = inner.cell("column")
+    by_value = [
+        (matching(cell, inner.values(name)), status)
+        for name, status in _STATUS.items()
+        if name in inner
+    ]
+    inner.finish()
+
+    def of(row: Row) -> FixStatus:
+        for fits, status in by_value:
+            if fits(row):
+                return status
+        raise Refused("status is none of those that are a fix")
+
+    return of
+
+
+def _vector(keys: Keys, key: str, dimension: str) -> list[Cell]:
+    """Return the cells of x, y and z: a mapping with their columns and their unit."""
+    inner = keys.inner(key)
+    cells = inner.listed("columns", 3, inner.unit(dimension))
+    inner.finish()
+    return cells
+
+
+def _rotation_bi(keys: Keys) -> Array:
+    """Return the rotation (3, 3) from the file's axes to FRD."""
+    what = f"{', '.join(_AXES)}, or a list of three of {', '.join(_DIRECTIONS)}"
+    given = keys.value("axes", (str, list), what)
+    names = _AXES.get(given, ()) if isinstance(given, str) else given
+    if not isinstance(names, tuple | list) or [n for n in names if n not in _DIRECTIONS]:
+        names = ()
+    rotation = np.array([_DIRECTIONS[name] for name in names]).T
+    if rotation.shape != (3, 3) or not math.isclose(np.linalg.det(rotation), 1.0):
+        raise LogError(f"{keys.place}.axes: {given!r} are not right-handed axes: {what}")
+    return rotation
+
+
+def _sigmas(keys: Keys, dimension: str, *, must: bool = True) -> list[Cell | float]:
+    """Return standard deviations north, east and up: cells, or values; one is for all three.
+
+    Zeros, which are unknown, where the file has none and need not.
+    """
+    if not must and "sigma" not in keys:
+        return [0.0] * 3
+    inner = keys.inner("sigma")
+    factor = inner.unit(dimension)
+    found: list[Cell | float]
+    if "value" in inner:
+        value = inner.value("value", (int, float), "a number")
+        if not 0 < value < math.inf:
+            raise LogError(f"{inner.place}.value: {value!r} is not above zero")
+        found = [value * factor] * 3
+    elif "column" in inner:
+        found = [inner.cell("column", factor)] * 3
+    elif "horizontal" in inner:
+        horizontal = inner.cell("horizontal", factor)
+        found = [horizontal, horizontal, inner.cell("vertical", factor)]
+    else:
+        found = [inner.cell(key, factor) for key in ("north", "east", "up")]
+    inner.finish()
+    return found
+
+
+def _covariance(found: list[Cell | float], row: Row) -> Array:
+    """Return the covariance (3, 3) in NED; zeros: unknown."""
+    values = [sigma if isinstance(sigma, float) else sigma.of(row) for sigma in found]
+    return np.diag(np.square(values))

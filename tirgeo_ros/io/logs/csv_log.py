@@ -1,43 +1,66 @@
-"""Read a table (CSV) whose columns a columns file explains."""
+"""Read a table (CSV) as a columns file says: the YAML that tells what its columns mean."""
 
 from __future__ import annotations
 
 import csv
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from decimal import Decimal
 from itertools import islice
 from pathlib import Path
+from typing import NamedTuple
 
 from tirgeo_ros.core.types.errors import LogError
-from tirgeo_ros.core.types.measurements import ImuSample
-from tirgeo_ros.io.files.text_file import WINDOWS, encoding_of
-from tirgeo_ros.io.logs.columns_file import Columns, Layout, NamedQuantity
-from tirgeo_ros.io.logs.columns_quantities import prepare
-from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions, Refused
+from tirgeo_ros.core.types.measurements import LAST_NS, ImuSample
+from tirgeo_ros.io.files.whole_files import WINDOWS, encoding_of, first_bytes, reading
+from tirgeo_ros.io.logs.columns_keys import Cell, Keys
+from tirgeo_ros.io.logs.columns_quantities import QUANTITIES, Log, Quantity, Row, matching
+from tirgeo_ros.io.logs.log_contents import (
+    GPS_EPOCH_NS,
+    SECOND_NS,
+    LogContents,
+    LogOptions,
+    Refused,
+    agreed,
+    first_count,
+    utc_ns,
+    utc_ns_of_week,
+    written_time,
+)
 from tirgeo_ros.io.messages import SensedSample
+from tirgeo_ros.io.parameters.parameter_file import load_yaml
 
 _ROW = "row"
 _LOOKED_AT = 200  # rows by which the usual number of columns is known
 #: More repeats of an IMU's six values than these are no chance.
 _REPEATS = 0.02
+#: What a column of times counts: since 1970 in UTC or in GPS time, since 1980-01-06 in GPS time,
+#: since the GPS week's or the log's begin; or a written date, in UTC, GPS time or local time.
+_NUMBERS = ("utc", "gpst", "gps", "week", "start")
+_WRITTEN = ("written_utc", "written_gpst", "written_local")
+#: A full week since 1999; receivers that count to 1023 began anew then, and in 2019.
+_LEAST_WEEK = 1024
+_FORM = "2024-06-11 17:44:39.25"
+_SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "space": " "}
 
 
 def read_csv(path: Path, options: LogOptions) -> LogContents:
     """Read a table as ``options.columns`` says. Raise LogError or ConfigError."""
     if options.columns is None:
         raise LogError(f"{path}: say what its columns mean with --columns")
-    columns = Columns(options.columns)
-    if columns.layout.header:
-        columns.bind(next(_rows(path, columns.layout), []), path)
-    width = 0 if columns.layout.ragged else _usual_width(path, columns.layout)
+    columns = Columns(options.columns, Log(path, options))
+    layout = columns.layout
+    if layout.header:
+        columns.bind(next(_rows(path, layout), []), path)
+    width = 0 if layout.ragged else _usual_width(path, layout)
     for time in dict.fromkeys(one.time for one in columns.quantities):
-        whole = (row for row in _values(path, columns.layout) if len(row) >= width)
-        time.prepare(whole, path, options)
-    for one in columns.quantities:
-        prepare(one.quantity, path, options)
+        numbered = enumerate(_values(path, layout))
+        time.prepare((number, row) for number, row in numbered if len(row) >= width)
     table = _Table(columns, width)
-    for row in _values(path, columns.layout):
-        table.take(row)
+    for number, row in enumerate(_values(path, layout)):
+        table.take(number, row)
     table.finish()
     return table.contents
 
@@ -53,20 +76,20 @@ class _Table:
         self._imu_before = b""
         self._imu_rows = self._imu_repeats = 0
 
-    def take(self, row: list[str]) -> None:
+    def take(self, number: int, row: Row) -> None:
         """Take a row."""
         self.contents.read[_ROW] += 1
         if len(row) < self._width:
             self.contents.refused[_ROW, "it has fewer columns than the others"] += 1
             return
         for one in self._columns.quantities:
-            if one.is_in(row):
+            if all(fits(row) for fits in one.where):
                 self._fitting[one.name] += 1
-                self._convert(one, row)
+                self._convert(one, number, row)
 
-    def _convert(self, one: NamedQuantity, row: list[str]) -> None:
+    def _convert(self, one: NamedQuantity, number: int, row: Row) -> None:
         try:
-            sample = self._sample(one, row)
+            sample = self._sample(one, number, row)
         except Refused as why:
             self.contents.refused[one.name, str(why)] += 1
             return
@@ -77,12 +100,12 @@ class _Table:
             self._imu_repeats += values == self._imu_before
             self._imu_before = values
 
-    def _sample(self, one: NamedQuantity, row: list[str]) -> SensedSample:
+    def _sample(self, one: NamedQuantity, number: int, row: Row) -> SensedSample:
         """Return the sample of a row; raise Refused for one that is held from the row before."""
-        stamp_ns = one.time.stamp_ns(row)
+        stamp_ns = one.time.stamp_ns(number, row)
         if stamp_ns == self._newest_ns.get(one.name):
             raise Refused("it has the time of the row before")
-        sample = one.quantity.sample(stamp_ns, row)
+        sample = one.quantity(stamp_ns, row)
         self._newest_ns[one.name] = stamp_ns
         return sample
 
@@ -108,26 +131,23 @@ def _rows(path: Path, layout: Layout) -> Iterator[list[str]]:
     A title in quotes may have several lines. A row has one: a quote that a damaged line does not
     close costs no other.
     """
-    try:
-        with path.open("rb") as binary:
-            encoding = encoding_of(binary.read(2))
-        with path.open(encoding=encoding, errors=WINDOWS, newline="") as file:
-            # csv of Python 3.10 stops at a zero byte; it must not join the digits around it either
-            lines = (line.replace("\0", "?") for line in islice(file, layout.skip, None))
-            lines = (line for line in lines if line.strip())
-            if layout.comment:
-                lines = (line for line in lines if not line.startswith(layout.comment))
-            if layout.separator == " ":
-                yield from (line.split() for line in lines)
-                return
+    encoding = encoding_of(first_bytes(path, 2, LogError))
+    with reading(path, LogError), path.open(encoding=encoding, errors=WINDOWS, newline="") as file:
+        # csv of Python 3.10 stops at a zero byte; it must not join the digits around it either
+        lines = (line.replace("\0", "?") for line in islice(file, layout.skip, None))
+        lines = (line for line in lines if line.strip())
+        if layout.comment:
+            lines = (line for line in lines if not line.startswith(layout.comment))
+        if layout.separator == " ":
+            yield from (line.split() for line in lines)
+            return
+        try:
             if layout.header:
                 yield next(csv.reader(lines, delimiter=layout.separator), [])
             for line in lines:
                 yield next(csv.reader([line], delimiter=layout.separator))
-    except OSError as error:
-        raise LogError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except csv.Error as error:
-        raise LogError(f"{path}: not a table: {error}") from None
+        except csv.Error as error:
+            raise LogError(f"{path}: not a table: {error}") from None
 
 
 def _values(path: Path, layout: Layout) -> Iterator[list[str]]:
@@ -142,3 +162,250 @@ def _usual_width(path: Path, layout: Layout) -> int:
     """Return the number of columns that most of the first rows have."""
     counts = Counter(map(len, islice(_values(path, layout), _LOOKED_AT)))
     return max(counts, key=counts.__getitem__, default=0)
+
+
+class TimeColumns:
+    """Convert the cells of a row to ns of Unix time (UTC), exactly."""
+
+    def __init__(self, keys: Keys, log: Log) -> None:
+        self._log = log
+        self._counts = keys.choice("counts", (*_NUMBERS, *_WRITTEN))
+        self._cell = keys.cell("column", 1.0 if self._is_written else keys.unit("time"))
+        self._week = keys.cell("week") if self._counts == "week" else None
+        has_date = (self._counts == "start" or self._is_written) and "date" in keys
+        self._date = keys.cell("date") if has_date else None
+        self._begun_ns = 0
+        self._contradict = set[int]()  # rows whose dates do not fit those of most
+        keys.finish()
+
+    @property
+    def _is_written(self) -> bool:
+        return self._counts in _WRITTEN
+
+    def prepare(self, rows: Iterable[tuple[int, Row]]) -> None:
+        """Find when a count since the log's start began. Raise LogError if nothing tells it.
+
+        Dates have whole seconds: each bounds the begin to a second, and all of them together to
+        less; the middle of that is taken. What contradicts most of the rows does not count.
+        """
+        if self._counts != "start":
+            return
+        if self._date is None:
+            self._begun_ns = self._begun_by_option(rows)
+            return
+        begins = {n: ns for n, row in rows if (ns := self._begun_by_date(row)) is not None}
+        if not begins:
+            column = f"{self._date.column}: {self._date.label}"
+            raise LogError(f"{self._log.path}: no date in column {column}")
+        first_ns, last_ns = agreed(begins.values())
+        self._begun_ns = (first_ns + last_ns + SECOND_NS) // 2
+        self._contradict = {n for n, ns in begins.items() if not first_ns <= ns <= last_ns}
+
+    def stamp_ns(self, number: int, row: Row) -> int:
+        """Return the time of a row with its number; raise Refused if it has none."""
+        if self._is_written:
+            return self._written_ns(row)
+        count_ns = self._count_ns(row)
+        if self._week is not None:
+            week = int(self._week.of(row))
+            if week < _LEAST_WEEK:
+                raise Refused(f"{self._week.label} is below 1024: name the column of full weeks")
+            return utc_ns_of_week(week, count_ns)
+        if self._counts == "start":
+            if number in self._contradict:
+                raise Refused("its date and count contradict those of most rows")
+            return self._begun_ns + count_ns
+        epoch_ns = GPS_EPOCH_NS if self._counts == "gps" else 0
+        return count_ns if self._counts == "utc" else utc_ns(epoch_ns + count_ns)
+
+    def _count_ns(self, row: Row) -> int:
+        """Return the count of a row, by decimal arithmetic."""
+        with suppress(ArithmeticError):
+            number = Decimal(self._cell.text(row)) * int(self._cell.factor)
+            if number.is_finite() and abs(number) < LAST_NS:
+                return round(number)
+        raise self._cell.no_number(row)
+
+    def _written_ns(self, row: Row) -> int:
+        text = self._cell.text(row)
+        if self._date is not None:
+            text = f"{self._date.text(row).partition(' ')[0]} {text}"
+        written = written_time(text)
+        if written is None:
+            raise Refused(f"{self._cell.label} is not a date with time of day, as {_FORM}")
+        if self._counts == "written_gpst":
+            return utc_ns(written.local_ns)
+        if self._counts == "written_utc" and written.offset_s is None:
+            return written.local_ns
+        return self._log.options.utc_ns(written, self._log.path)
+
+    def _begun_by_option(self, rows: Iterable[tuple[int, Row]]) -> int:
+        if self._log.options.start_ns is None:
+            raise LogError(
+                f"{self._log.path}: its times count from its start: give the UTC of the first row "
+                "as --start-time"
+            )
+        return self._log.options.start_ns - first_count(self._counts_ns(rows))
+
+    def _counts_ns(self, rows: Iterable[tuple[int, Row]]) -> Iterator[int]:
+        for _, row in rows:
+            with suppress(Refused):  # counted when it is read again
+                yield self._count_ns(row)
+
+    def _begun_by_date(self, row: Row) -> int | None:
+        written = self._date and written_time(self._date.text(row))
+        with suppress(Refused):
+            return written.local_ns - self._count_ns(row) if written else None
+        return None
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Hold how a table is written."""
+
+    header: bool = True  # else columns are numbers
+    separator: str = ","
+    skip: int = 0  # lines before the header
+    comment: str = ""  # what begins lines that are passed over; empty: none
+    ragged: bool = False  # rows may be shorter than most
+    decimal_comma: bool = False  # 9,81 is a number
+
+
+class NamedQuantity(NamedTuple):
+    """Hold a quantity with its key, its time, and what the rows that have it fulfil."""
+
+    name: str
+    quantity: Quantity
+    time: TimeColumns
+    where: tuple[Callable[[Row], bool], ...]
+
+
+class Columns:
+    """Hold what a columns file says. Raise LogError or ConfigError naming file and key."""
+
+    def __init__(self, path: Path, log: Log) -> None:
+        self.path, self._log = path, log
+        self.cells: list[Cell] = []
+        keys = Keys(str(path), load_yaml(path), self.cells)
+        self.layout = _layout(keys.inner("table")) if "table" in keys else Layout()
+        self._time = TimeColumns(keys.inner("time"), log) if "time" in keys else None
+        self.quantities = [self._quantity(name, keys) for name in QUANTITIES if name in keys]
+        keys.finish()
+        if not self.quantities:
+            raise LogError(f"{path}: none of {', '.join(QUANTITIES)}; --example shows them")
+        for cell in self.cells:
+            if isinstance(cell.column, int) is self.layout.header:
+                raise LogError(
+                    f"{path}: {cell.label}: {cell.column!r}: a number is for tables without a "
+                    "header (table: {header: false}), a name for those with one"
+                )
+
+    def _quantity(self, name: str, keys: Keys) -> NamedQuantity:
+        inner = keys.inner(name)
+        kind, source = QUANTITIES[name]
+        time = TimeColumns(inner.inner("time"), self._log) if "time" in inner else self._time
+        if time is None:
+            raise LogError(f"{self.path}: time is missing: for all, or {name}.time")
+        where = _where(inner.inner("where")) if "where" in inner else ()
+        made = NamedQuantity(name, kind(inner, source, self._log), time, where)
+        inner.finish()
+        return made
+
+    def bind(self, titles: Sequence[str], path: Path) -> None:
+        """Find the columns by their titles. Raise LogError for one that is absent or twice."""
+        names = [title.strip() for title in titles]
+        for cell in self.cells:
+            number = names.count(str(cell.column))
+            if number != 1:
+                raise LogError(
+                    f"{path}: {number or 'no'} column{'s' * (number > 1)} {cell.column!r} "
+                    f"({self.path}: {cell.label}); it has {', '.join(names)}"
+                )
+            cell.index = names.index(str(cell.column))
+
+
+def _layout(keys: Keys) -> Layout:
+    kinds = {
+        **dict.fromkeys(("header", "ragged"), (bool, "true or false")),
+        "skip": (int, "a number of lines"),
+        "comment": (str, "a text"),
+    }
+    given = {name: keys.value(name, *kinds[name]) for name in kinds if name in keys}
+    if given.get("skip", 0) < 0:
+        raise LogError(f"{keys.place}.skip: {given['skip']} is not a number of lines")
+    separator = _SEPARATORS[keys.choice("separator", list(_SEPARATORS), "comma")]
+    decimal_comma = keys.choice("decimal", ("point", "comma"), "point") == "comma"
+    keys.finish()
+    return Layout(separator=separator, decimal_comma=decimal_comma, **given)
+
+
+def _where(keys: Keys) -> tuple[Callable[[Row], bool], ...]:
+    """Return the conditions of a mapping of columns to values; a number names a column too."""
+    columns = {name: int(name) if name.isdecimal() else name for name in keys.names()}
+    return tuple(matching(keys.added(name, at), keys.values(name)) for name, at in columns.items())
+
+
+#: A flight with everything in one table; a test reads it.
+EXAMPLE = """\
+# What the columns of a table mean, for tirgeo import log.csv --columns THIS.yaml -o flight.mcap
+# Keep what the table has and delete the rest. Each value needs its unit:
+#   acceleration  m/s2, g, mg, ft/s2          rate      rad/s, deg/s, mrad/s, mdeg/s, deg/h
+#   angle         deg, rad, mrad, 1e-7deg     length    m, ft, km, cm, mm
+#   speed         m/s, km/h, mph, knots, ft/s, cm/s, mm/s
+#   pressure      Pa, hPa, mbar, kPa          time      s, ms, 0.1ms, us, ns
+# A column is its title, or its number from 1 in a table without a header.
+
+table:
+  header: true           # false: columns are numbers
+  separator: comma       # comma, semicolon, tab, space
+  decimal: point         # comma: 9,81 is a number
+  skip: 0                # lines before the header
+  comment: "#"           # lines that begin so are passed over
+  ragged: false          # true: rows may be shorter than most
+
+time:                    # any quantity below may have a time of its own instead
+  counts: utc            # utc, gpst: since 1970, in UTC or GPS time; gps: since 1980-01-06;
+                         # week: since the GPS week, which is in column 'week: TITLE';
+                         # start: since the log's start, given by --start-time, or by the dates
+                         # (UTC, whole seconds) in column 'date: TITLE';
+                         # written_utc, written_gpst, written_local (with --utc-offset): dates as
+                         # 2024-06-11 07:44:39.25; with 'date: TITLE' that column has the date, and
+                         # column the time of day
+  column: time
+  unit: s                # not with written dates
+
+imu:
+  accel: {columns: [ax, ay, az], unit: m/s2}     # x, y, z: specific force: with gravity
+  gyro: {columns: [gx, gy, gz], unit: rad/s}
+  axes: flu              # flu, frd, or where x, y and z point, as [right, front, up]
+  attitude:              # the autopilot's own, if there is one; or 'wxyz: [qw, qx, qy, qz]'
+    {roll: roll, pitch: pitch, yaw: yaw, unit: deg, frame: ned}  # FRD in NED; enu: FLU in ENU
+
+rtk_position:            # and gps_position, whose sigma may be left out
+  latitude: lat
+  longitude: lon
+  unit: deg
+  height: {column: height, unit: m, above: ellipsoidal}   # msl: --geoid-undulation; takeoff
+  status: {column: fix, fixed: [4], float: [2, 5], single: [1]}   # others are refused;
+                         # or {always: single}
+  sigma: {north: sn, east: se, up: su, unit: m}  # or horizontal and vertical; or one for all
+                         # three: column, or value: a number
+  where: {valid: [1, 2]} # only rows with these values; any quantity may have it
+
+rtk_velocity:            # and gps_velocity
+  {north: vn, east: ve, up: vu, unit: m/s, sigma: {value: 0.05, unit: m/s}}   # or down
+
+rtk_heading:             # of two antennas; never that of a compass
+  column: heading
+  unit: deg              # from true north, clockwise
+  of: nose               # baseline: first antenna to second, as the aircraft.* parameters say
+  sigma: {column: sheading, unit: deg}
+
+pressure: {column: baro, unit: hPa, sigma: {value: 0.1, unit: hPa}}
+
+gimbal_joints:           # encoders: angles from the body, yaw, then roll, then pitch
+  {yaw: joint_yaw, roll: joint_roll, pitch: joint_pitch, unit: deg, axes: flu}
+
+gimbal_attitude:         # from the world: the camera's own attitude
+  attitude: {roll: cam_roll, pitch: cam_pitch, yaw: cam_yaw, unit: deg, frame: ned}
+"""

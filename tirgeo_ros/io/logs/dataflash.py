@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
-from functools import cached_property
 from io import StringIO
 from mmap import mmap
 from pathlib import Path
@@ -21,25 +20,22 @@ from typing import Any
 import numpy as np
 
 from tirgeo_ros.core.frames.rotations import quat_from_euler
-from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
+from tirgeo_ros.core.types.arrays import Array, IntArray
 from tirgeo_ros.core.types.errors import LogError
-from tirgeo_ros.io.files.memory_bound import bounded_memory
+from tirgeo_ros.io.files.bounded_reading import bounded_memory
 from tirgeo_ros.io.logs.autopilot_tables import (
     LEAST_FIX,
     LOG_BYTES,
-    OTHER_INSTANCE,
     AttitudeTable,
-    AutopilotClock,
     GnssTable,
     ImuTable,
-    add_gnss,
+    Records,
+    add_samples,
     antenna_note,
+    count_records,
     delay_note,
-    imu_samples,
-    pressure_samples,
 )
-from tirgeo_ros.io.logs.log_contents import MSL, LogContents, LogOptions
-from tirgeo_ros.io.logs.log_times import utc_ns_of_week
+from tirgeo_ros.io.logs.log_contents import MSL, LogContents, LogOptions, utc_ns_of_week
 
 #: The first message of a log: a format (FMT, 0x80) that describes a message, mostly itself.
 _BINARY, _TEXT = b"\xa3\x95\x80", b"FMT,"
@@ -64,60 +60,14 @@ def is_dataflash(head: bytes) -> bool:
     return head.startswith((_BINARY, _TEXT))
 
 
-class _Records:
-    """Hold one message's records in the order of the log, by field."""
-
-    def __init__(self, name: str) -> None:
-        self.name = name
-        self.instance: float | None = None  # that is taken; None: the first
-        self._fields = {field: array("d") for field in _FIELDS[name]}
-
-    def add(self, message: Any) -> None:
-        """Append a message of pymavlink. Raise ValueError, TypeError if a field is no number."""
-        row = [float(getattr(message, field, math.nan)) for field in self._fields]
-        for values, value in zip(self._fields.values(), row, strict=True):
-            values.append(value)
-
-    @cached_property
-    def instances(self) -> Array:
-        """Return the instance of each record (N,), infinite for one without a time."""
-        known = np.isfinite(self._fields["TimeUS"])
-        numbers = np.nan_to_num(np.array(self._fields.get("I", np.zeros(len(known)))))
-        return np.where(known, numbers, math.inf)
-
-    @cached_property
-    def taken(self) -> BoolArray:
-        """Return which records (N,) have a time and are of the instance that is taken."""
-        first = self.instances.min(initial=math.inf)
-        taken: BoolArray = self.instances == (first if self.instance is None else self.instance)
-        return taken & np.isfinite(self.instances)
-
-    def field(self, name: str) -> Array:
-        """Return a field (N,) of all records; NaN where it is absent."""
-        return np.array(self._fields[name])
-
-    @property
-    def time_us(self) -> IntArray:
-        """Return the times (n,) since boot."""
-        return self.column("TimeUS").astype(np.int64)
-
-    def column(self, name: str) -> Array:
-        """Return a field (n,) of the instance that is taken; NaN where it is absent."""
-        return self.field(name)[self.taken]
-
-    def columns(self, *names: str) -> Array:
-        """Return fields beside each other, (n, number of names)."""
-        return np.stack([self.column(name) for name in names], axis=-1)
-
-
 @dataclass
 class _Log:
-    """Hold what is taken of a log: records by message, parameters, whether all could be read.
+    """Hold what is taken of a log: fields by message, parameters, whether all could be read.
 
     A log that ends within a record is not ``damaged``: so ends every one whose power was cut.
     """
 
-    records: dict[str, _Records]
+    fields: dict[str, dict[str, array[float]]]
     parameters: dict[str, float]
     damaged: bool = False
     cut: bool = False
@@ -133,29 +83,23 @@ def read_dataflash(path: Path, options: LogOptions) -> LogContents:
     """
     log = _logged(path)
     contents = LogContents(damaged=log.damaged)
-    imu, attitude, receiver, accuracy, air, _ = log.records.values()
-    receiver.instance = accuracy.instance = _used(receiver)
-    if len(imu.taken) and not imu.taken.any():
+    used = _used(log.fields["GPS"])
+    imu, attitude, air = (_records(log, name) for name in ("IMU", "ATT", "BARO"))
+    receiver, accuracy = (_records(log, name, used) for name in ("GPS", "GPA"))
+    if imu.others and not len(imu):
         raise LogError(
             f"{path}: its IMU has no TimeUS: logs with TimeMS, of ArduPilot before 3.3 (2015), "
             "are not supported"
         )
-    if not imu.taken.any():
+    if not len(imu):
         raise LogError(f"{path}: no IMU in this log: set it in the parameter LOG_BITMASK")
     if log.cut:
         contents.refused["record", "cut off at the end of the log"] += 1
-    for records in (imu, attitude, receiver, air):
-        number, taken = len(records.taken), int(records.taken.sum())
-        contents.read[records.name] += number
-        if number > taken:
-            contents.refused[records.name, OTHER_INSTANCE] += number - taken
-    gnss = _gnss(path, receiver, accuracy, options) if receiver.taken.any() else None
-    clock = AutopilotClock.by_receiver(gnss, int(imu.time_us[0]), contents)
-    contents.samples += imu_samples(clock, _imu(imu), _attitude(attitude))
-    if gnss is not None:
-        add_gnss(contents, clock, receiver.name, gnss)
-    contents.samples += pressure_samples(clock, air.time_us, air.column("Press"))
-    contents.notes += _notes(log)
+    count_records(contents, (imu, attitude, receiver, air))
+    gnss = _gnss(path, receiver, accuracy, options) if len(receiver) else None
+    pressures = air.time_us, air.column("Press")
+    add_samples(contents, _imu(imu), _attitude(attitude), gnss, pressures)
+    contents.notes += _notes(log, used)
     return contents
 
 
@@ -182,7 +126,7 @@ def _logged(path: Path) -> _Log:
             log.cut = max(ends, default=0) > self.data_len
 
     said = StringIO()  # it prints each place that it cannot read
-    log = _Log({name: _Records(name) for name in _FIELDS}, {})
+    log = _Log({name: {one: array("d") for one in names} for name, names in _FIELDS.items()}, {})
     try:
         with (
             bounded_memory(LOG_BYTES),
@@ -233,37 +177,58 @@ def _take(log: _Log, message: Any) -> None:
         if message.get_type() == _PARAMETER:
             log.parameters[str(message.Name)] = float(message.Value)
         else:
-            log.records[message.get_type()].add(message)
+            fields = log.fields[message.get_type()]
+            row = [float(getattr(message, name, math.nan)) for name in fields]
+            for values, value in zip(fields.values(), row, strict=True):
+                values.append(value)
     except (TypeError, ValueError, AttributeError):
         log.damaged = True
 
 
-def _used(fixes: _Records) -> float | None:
+def _instances(fields: Mapping[str, array[float]]) -> Array:
+    """Return the instance of each record (N,), infinite for one without a time."""
+    timed = np.isfinite(fields["TimeUS"])
+    numbers = np.nan_to_num(np.array(fields.get("I", np.zeros(len(timed)))))
+    return np.where(timed, numbers, math.inf)
+
+
+def _records(log: _Log, name: str, instance: float | None = None) -> Records:
+    """Return a message's records that have a time, of an instance; None: of the first."""
+    instances = _instances(log.fields[name])
+    first = instances.min(initial=math.inf) if instance is None else instance
+    taken = (instances == first) & np.isfinite(instances)
+    fields = {one: np.array(values)[taken] for one, values in log.fields[name].items()}
+    others = len(taken) - int(taken.sum())
+    return Records(name, fields["TimeUS"].astype(np.int64), fields, others)
+
+
+def _used(fields: Mapping[str, array[float]]) -> float | None:
     """Return the receiver that gave the autopilot most fixes, else the first with one.
 
     The fix type does not tell which is best: a rover's is relative to its moving base.
     """
-    fixed = (fixes.field("Status") >= LEAST_FIX) & np.isfinite(fixes.instances)
+    instances = _instances(fields)
+    fixed = (np.array(fields["Status"]) >= LEAST_FIX) & np.isfinite(instances)
     if not fixed.any():
         return None
-    used = fixed & (fixes.field("U") == 1)
-    numbers, counts = np.unique(fixes.instances[used if used.any() else fixed], return_counts=True)
+    used = fixed & (np.array(fields["U"]) == 1)
+    numbers, counts = np.unique(instances[used if used.any() else fixed], return_counts=True)
     return float(numbers[counts.argmax() if used.any() else 0])
 
 
-def _imu(records: _Records) -> ImuTable:
+def _imu(records: Records) -> ImuTable:
     force_b = records.columns("AccX", "AccY", "AccZ")
     return ImuTable(records.time_us, force_b, records.columns("GyrX", "GyrY", "GyrZ"))
 
 
-def _attitude(records: _Records) -> AttitudeTable | None:
-    if not records.taken.any():
+def _attitude(records: Records) -> AttitudeTable | None:
+    if not len(records):
         return None
     roll, pitch, yaw = np.radians(records.columns("Roll", "Pitch", "Yaw")).T
     return AttitudeTable(records.time_us, quat_from_euler(roll, pitch, yaw))
 
 
-def _gnss(path: Path, fixes: _Records, accuracy: _Records, options: LogOptions) -> GnssTable:
+def _gnss(path: Path, fixes: Records, accuracy: Records, options: LogOptions) -> GnssTable:
     """Return the receiver's table; accuracies are those logged at the same time."""
     try:
         undulation_m = options.to_ellipsoid_m(MSL, path)
@@ -277,6 +242,7 @@ def _gnss(path: Path, fixes: _Records, accuracy: _Records, options: LogOptions) 
     heading_deg = fixes.column("Yaw")
     heading_deg[heading_deg == 0] = math.nan  # what a receiver without a heading has
     return GnssTable(
+        fixes.name,
         fixes.time_us,
         _utc_us(fixes),
         np.nan_to_num(fixes.column("Status")).astype(np.int64),
@@ -291,7 +257,7 @@ def _gnss(path: Path, fixes: _Records, accuracy: _Records, options: LogOptions) 
     )
 
 
-def _logged_undulation(accuracy: _Records) -> str:
+def _logged_undulation(accuracy: Records) -> str:
     """Return what the log says of the undulation, for a person: its sign differs by receiver."""
     logged_m = accuracy.column("Und")
     known = logged_m[np.isfinite(logged_m) & (logged_m != 0)]
@@ -300,7 +266,7 @@ def _logged_undulation(accuracy: _Records) -> str:
     return f" (GPA.Und is {np.median(known):.1f}, of either sign, as the receiver has it)"
 
 
-def _at_fixes(fixes: _Records, accuracy: _Records) -> Array:
+def _at_fixes(fixes: Records, accuracy: Records) -> Array:
     """Return HAcc, VAcc (m), SAcc (m/s), YAcc (deg) and VV of each fix, (n, 5); NaN for none.
 
     VV is 0 where the receiver has no vertical velocity.
@@ -311,7 +277,7 @@ def _at_fixes(fixes: _Records, accuracy: _Records) -> Array:
     return np.array([by_time.get(time_us, unknown) for time_us in fixes.time_us.tolist()])
 
 
-def _utc_us(fixes: _Records) -> IntArray:
+def _utc_us(fixes: Records) -> IntArray:
     """Return UTC (n,) in us of Unix time; 0 where the week is not known."""
     weeks, tows_ms = np.nan_to_num(fixes.columns("GWk", "GMS")).astype(np.int64).T.tolist()
     known = (
@@ -321,9 +287,9 @@ def _utc_us(fixes: _Records) -> IntArray:
     return np.array(list(known), np.int64)
 
 
-def _notes(log: _Log) -> Iterator[str]:
+def _notes(log: _Log, used: float | None) -> Iterator[str]:
     """Yield what the parameters say of the receiver, and what the log lacks."""
-    number = int(log.records["GPS"].instance or 0) + 1
+    number = int(used or 0) + 1
     if number > 1:
         yield f"GPS: receiver {number} is taken"
     for receiver in (f"GPS{number}_POS", f"GPS_POS{number}"):  # from 4.6 on, and before
@@ -331,5 +297,5 @@ def _notes(log: _Log) -> Iterator[str]:
         yield from antenna_note(receiver, place)
     for delay in (f"GPS{number}_DELAY_MS", f"GPS_DELAY_MS{number if number > 1 else ''}"):
         yield from delay_note(delay, log.parameters.get(delay, 0.0))
-    if log.records["MNT"].taken.any():
+    if np.isfinite(log.fields["MNT"]["TimeUS"]).any():
         yield "MNT (gimbal) is left out: what its angles refer to differs by mount and version"

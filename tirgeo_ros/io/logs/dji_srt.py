@@ -22,9 +22,18 @@ from tirgeo_ros.core.types.measurements import (
     PositionSample,
     Source,
 )
-from tirgeo_ros.io.files.text_file import read_text
-from tirgeo_ros.io.logs.log_contents import MSL, TAKEOFF, LogContents, LogOptions
-from tirgeo_ros.io.logs.log_times import SECOND_NS, WrittenTime, agreed, first_count, written_time
+from tirgeo_ros.io.files.whole_files import read_text
+from tirgeo_ros.io.logs.log_contents import (
+    MSL,
+    SECOND_NS,
+    TAKEOFF,
+    LogContents,
+    LogOptions,
+    WrittenTime,
+    agreed,
+    first_count,
+    written_time,
+)
 
 _MOST_BYTES = 1 << 28
 _N = r"\s*([-+]?\d+(?:\.\d+)?)"  # a number

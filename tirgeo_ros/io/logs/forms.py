@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from tirgeo_ros.core.types.errors import LogError
-from tirgeo_ros.io.files.text_file import UTF16
+from tirgeo_ros.io.files.whole_files import UTF16, first_bytes
 from tirgeo_ros.io.logs import dataflash, dji_srt, px4_ulog, rtklib_pos, ubx
 from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions
 
@@ -69,11 +69,7 @@ def form_of(path: Path, *, columns: bool = False) -> Form | None:
     """
     if path.is_dir():
         return None
-    try:
-        with path.open("rb") as file:
-            head = file.read(_HEAD_BYTES)
-    except OSError as error:
-        raise LogError(f"{path}: cannot be read: {error.strerror or error}") from None
+    head = first_bytes(path, _HEAD_BYTES, LogError)
     if head.startswith(UTF16):
         with suppress(UnicodeDecodeError):  # then it is no text
             head = head.decode("utf-16").encode()

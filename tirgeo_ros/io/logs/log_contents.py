@@ -1,15 +1,125 @@
-"""Define what a reader of a foreign log takes and gives."""
+"""Define what a reader of a foreign log takes and gives; convert the times of logs to UTC.
+
+GPS time counts on through leap seconds: it was UTC on 1980-01-06, and is ahead by one second for
+each leap second since (IS-GPS-200, section 3.3.4; the dates are those of IERS Bulletin C).
+"""
 
 from __future__ import annotations
 
+import bisect
+import re
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from datetime import datetime, timezone
+from itertools import islice, pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.measurements import PositionSample, Source, VelocitySample
-from tirgeo_ros.io.logs.log_times import SECOND_NS, WrittenTime
 from tirgeo_ros.io.messages import SensedSample
+
+SECOND_NS = 1_000_000_000
+WEEK_NS = 7 * 86400 * SECOND_NS
+#: 1980-01-06 in Unix time.
+GPS_EPOCH_NS = 315_964_800 * SECOND_NS
+#: Years and months at whose beginning (UTC) GPS time became ahead by one second more.
+_LEAPS = (
+    *((1981, 7), (1982, 7), (1983, 7), (1985, 7), (1988, 1), (1990, 1), (1991, 1), (1992, 7)),
+    *((1993, 7), (1994, 7), (1996, 1), (1997, 7), (1999, 1), (2006, 1), (2009, 1), (2012, 7)),
+    *((2015, 7), (2017, 1)),
+)
+_WRITTEN = re.compile(
+    r"(\d{4})[-./](\d{1,2})[-./](\d{1,2})[T\s]+(\d{1,2}):(\d{2}):(\d{2})"
+    r"(?![\d.,]*\s*[AaPp]\.?[Mm]\b)"  # hours up to 12 are not read
+    r"(?:[.,](\d{1,9})\d*)?(?:,(\d{3}))?"
+    r"[ \t]*(?:(Z|UTC|GMT)\b)?[ \t]*([+-]\d{1,2}(?::?\d{2})?(?![\d:.]))?"
+)
+_OFFSET = re.compile(r"([+-])(\d{1,2})(?::?(\d{2}))?")
+
+
+def _unix_ns(*fields: int) -> int:
+    return round(datetime(*fields, tzinfo=timezone.utc).timestamp()) * SECOND_NS  # type: ignore[misc,arg-type]
+
+
+#: GPS times, counted as if they were Unix times, from which one leap second more holds.
+_FROM_NS = [_unix_ns(*date, 1) + (k + 1) * SECOND_NS for k, date in enumerate(_LEAPS)]
+
+
+def utc_ns(gpst_ns: int) -> int:
+    """Return the Unix time of a GPS time that is counted from 1970 as if it were one."""
+    return gpst_ns - bisect.bisect_right(_FROM_NS, gpst_ns) * SECOND_NS
+
+
+def utc_ns_of_week(week: int, of_week_ns: int) -> int:
+    """Return the Unix time of a full GPS week (2303, not 255) and a time of week."""
+    return utc_ns(GPS_EPOCH_NS + week * WEEK_NS + of_week_ns)
+
+
+def agreed(begins_ns: Iterable[int]) -> tuple[int, int]:
+    """Return the bounds of the most begins that lie within a second, the length of a date."""
+    begins = sorted(begins_ns)
+    ends = [bisect.bisect_right(begins, begin + SECOND_NS) - 1 for begin in begins]
+    first = max(range(len(begins)), key=lambda k: ends[k] - k)
+    return begins[first], begins[ends[first]]
+
+
+def first_count(counts: Iterable[int]) -> int:
+    """Return the first count, or where it would be if it does not fit the eight after it."""
+    head = list(islice(counts, 9)) or [0]
+    steps = sorted(abs(later - before) for before, later in pairwise(head))
+    fits = len(steps) < 3 or abs(head[1] - head[0]) <= 2 * steps[-2]
+    return head[0] if fits else head[1] - steps[len(steps) // 2]
+
+
+class WrittenTime(NamedTuple):
+    """Hold a date and time as they are written, as ns of Unix time without its zone."""
+
+    local_ns: int
+    offset_s: int | None  # of the zone, east positive; None where it is not written
+    whole_seconds: bool
+
+
+def written_time(text: str) -> WrittenTime | None:
+    """Return the first date with time of day in a text, or None; its second may be 60.
+
+    Takes ``2024-06-11T07:44:39.25Z``, ``2025/08/28 17:30:39.749``, DJI's
+    ``2022.8.7 13:40:40,774,808`` and Emlid's ``2022-03-14 13:03:45.8 UTC+03:00``.
+    """
+    found = _WRITTEN.search(text)
+    if found is None:
+        return None
+    *fields, fraction, micros, utc, offset = found.groups()
+    zone = offset or (utc and "Z")
+    year, month, day, hour, minute, second = map(int, fields)
+    try:
+        minutes_ns = _unix_ns(year, month, day, hour, minute)
+        offset_s = zone_offset_s(zone) if zone else None
+    except (ValueError, OverflowError):
+        return None
+    if second > 60:
+        return None
+    digits = f"{fraction or ''}{micros or ''}"[:9]
+    local_ns = minutes_ns + second * SECOND_NS + int(digits.ljust(9, "0"))
+    return WrittenTime(local_ns, offset_s, not digits)
+
+
+def zone_offset_s(text: str) -> int:
+    """Return the offset (s, east positive) of ``+09:00``, ``-0330``, ``+02`` or ``Z``.
+
+    Raise ValueError for another text.
+    """
+    if text == "Z":
+        return 0
+    found = _OFFSET.fullmatch(text)
+    if found is None:
+        raise ValueError(text)
+    hours, minutes = int(found[2]), int(found[3] or 0)
+    if hours > 14 or minutes > 59:
+        raise ValueError(text)
+    return (hours * 3600 + minutes * 60) * (-1 if found[1] == "-" else 1)
+
 
 ELLIPSOIDAL, MSL, TAKEOFF = DATUMS = ("ellipsoidal", "msl", "takeoff")
 

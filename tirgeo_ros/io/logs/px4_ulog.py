@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import struct
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import redirect_stdout
 from io import BufferedReader, FileIO, StringIO
 from pathlib import Path
@@ -18,22 +18,21 @@ from typing import Any
 
 import numpy as np
 
-from tirgeo_ros.core.types.arrays import Array, IntArray
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import LogError
-from tirgeo_ros.io.files.memory_bound import bounded_memory
+from tirgeo_ros.io.files.bounded_reading import bounded_memory
+from tirgeo_ros.io.files.whole_files import reading
 from tirgeo_ros.io.logs.autopilot_tables import (
     LEAST_FIX,
     LOG_BYTES,
-    OTHER_INSTANCE,
     AttitudeTable,
-    AutopilotClock,
     GnssTable,
     ImuTable,
-    add_gnss,
+    Records,
+    add_samples,
     antenna_note,
+    count_records,
     delay_note,
-    imu_samples,
-    pressure_samples,
 )
 from tirgeo_ros.io.logs.log_contents import MSL, LogContents, LogOptions
 
@@ -69,40 +68,6 @@ class _File(BufferedReader):
         return found
 
 
-class _Table:
-    """Hold one topic's records (one instance), by the names of their fields."""
-
-    def __init__(self, name: str, fields: dict[str, Any]) -> None:
-        self.name = name
-        self.others = 0  # records of the topic's other instances
-        self._fields = fields
-
-    def __len__(self) -> int:
-        return len(self._fields["timestamp"])
-
-    def has(self, field: str) -> bool:
-        """Return whether the records have this field."""
-        return field in self._fields
-
-    def column(self, name: str) -> Array:
-        """Return a field (N,), NaN if there is none."""
-        return np.asarray(self._fields.get(name, np.full(len(self), math.nan)), float)
-
-    def columns(self, *names: str) -> Array:
-        """Return fields beside each other, (N, number of names). Raise KeyError for none."""
-        return np.stack([np.asarray(self._fields[name], float) for name in names], axis=-1)
-
-    def integers(self, name: str) -> IntArray:
-        """Return a field (N,), zeros if there is none."""
-        return np.asarray(self._fields.get(name, np.zeros(len(self))), np.int64)
-
-    @property
-    def time_us(self) -> IntArray:
-        """Return the times of measurement, by the clock since boot."""
-        sampled = self.integers("timestamp_sample")
-        return np.where(sampled > 0, sampled, self.integers("timestamp"))
-
-
 @np.errstate(invalid="ignore", over="ignore", divide="ignore")  # samples are judged afterwards
 def read_px4_ulog(path: Path, options: LogOptions) -> LogContents:
     """Read a log, as far as it is whole.
@@ -118,24 +83,20 @@ def read_px4_ulog(path: Path, options: LogOptions) -> LogContents:
     attitude, air = tables.get(_ATTITUDE), tables.get(_AIR)
     if imu is None:
         raise LogError(f"{path}: no IMU in this log: none of {', '.join(_IMUS)} is in it")
-    _count(contents, (imu, attitude, receiver, air))
+    count_records(contents, filter(None, (imu, attitude, receiver, air)))
     try:
         gnss = None if receiver is None else _gnss(path, receiver, options)
-        clock = AutopilotClock.by_receiver(gnss, int(imu.time_us[0]), contents)
-        contents.samples += imu_samples(clock, _imu(imu), _attitude(attitude))
-        if gnss is not None and receiver is not None:
-            add_gnss(contents, clock, receiver.name, gnss)
+        pressures = None if air is None else (air.time_us, air.column("baro_pressure_pa"))
+        add_samples(contents, _imu(imu), _attitude(attitude), gnss, pressures)
+        if receiver is not None:
             contents.notes += _receiver_notes(log.initial_parameters, receiver)
-        if air is not None:
-            pressures_pa = air.column("baro_pressure_pa")
-            contents.samples += pressure_samples(clock, air.time_us, pressures_pa)
     except KeyError as error:
         raise LogError(f"{path}: a topic has no field {error}: a version not known here") from None
     contents.notes += _left_out(log, tables)
     return contents
 
 
-def _first_of(tables: dict[str, _Table], names: Sequence[str]) -> _Table | None:
+def _first_of(tables: dict[str, Records], names: Sequence[str]) -> Records | None:
     return next((tables[name] for name in names if name in tables), None)
 
 
@@ -145,25 +106,35 @@ def _opened(path: Path) -> tuple[Any, bool]:
     from pyulog.exceptions import ULogException  # noqa: PLC0415
 
     try:
-        with _File(FileIO(path)) as file, bounded_memory(LOG_BYTES), redirect_stdout(StringIO()):
+        with (
+            reading(path, LogError),
+            _File(FileIO(path)) as file,
+            bounded_memory(LOG_BYTES),
+            redirect_stdout(StringIO()),
+        ):
             return ULog(file, _WANTED), file.cut
-    except OSError as error:
-        raise LogError(f"{path}: cannot be read: {error.strerror or error}") from None
     except (*_DAMAGED, ULogException) as error:
         why = str(error) or type(error).__name__
         raise LogError(f"{path}: damaged, or not a ULog: {why}") from None
 
 
-def _instances_taken(log: Any) -> dict[str, _Table]:
+def _instances_taken(log: Any) -> dict[str, Records]:
     """Return each topic's table of one instance that has records."""
-    found = defaultdict[str, list[_Table]](list)
+    found = defaultdict[str, list[Records]](list)
     for data in sorted(log.data_list, key=lambda one: int(one.multi_id)):
         if len(data.data.get("timestamp", ())):  # none in a damaged format
-            found[data.name].append(_Table(data.name, data.data))
+            found[data.name].append(_records(data.name, data.data))
     return {name: _taken(instances) for name, instances in found.items()}
 
 
-def _taken(instances: Sequence[_Table]) -> _Table:
+def _records(name: str, fields: dict[str, Any]) -> Records:
+    """Return records with their times of measurement, by the clock since boot."""
+    logged_us = np.asarray(fields["timestamp"], np.int64)
+    sampled_us = np.asarray(fields.get("timestamp_sample", np.zeros(len(logged_us))), np.int64)
+    return Records(name, np.where(sampled_us > 0, sampled_us, logged_us), fields)
+
+
+def _taken(instances: Sequence[Records]) -> Records:
     """Return the first instance with a fix, else the first; count the records of the others."""
     fixed = (one for one in instances if (one.integers("fix_type") >= LEAST_FIX).any())
     taken = next(fixed, instances[0])
@@ -171,15 +142,7 @@ def _taken(instances: Sequence[_Table]) -> _Table:
     return taken
 
 
-def _count(contents: LogContents, tables: Iterable[_Table | None]) -> None:
-    """Count the records of the tables that are taken, and those of their other instances."""
-    for table in filter(None, tables):
-        contents.read[table.name] += len(table) + table.others
-        if table.others:
-            contents.refused[table.name, OTHER_INSTANCE] += table.others
-
-
-def _imu(table: _Table) -> ImuTable:
+def _imu(table: Records) -> ImuTable:
     """Return the IMU: rates and forces, or the steps of angle and velocity by their durations."""
     if table.name == _IMUS[0]:
         force_b, rate_b = _xyz(table, "accelerometer_m_s2"), _xyz(table, "gyro_rad")
@@ -190,17 +153,17 @@ def _imu(table: _Table) -> ImuTable:
     return ImuTable(table.time_us, force_b, rate_b)
 
 
-def _xyz(table: _Table, name: str) -> Array:
+def _xyz(table: Records, name: str) -> Array:
     return table.columns(*(f"{name}[{axis}]" for axis in range(3)))
 
 
-def _attitude(table: _Table | None) -> AttitudeTable | None:
+def _attitude(table: Records | None) -> AttitudeTable | None:
     if table is None:
         return None
     return AttitudeTable(table.time_us, table.columns(*(f"q[{k}]" for k in range(4))))
 
 
-def _gnss(path: Path, table: _Table, options: LogOptions) -> GnssTable:
+def _gnss(path: Path, table: Records, options: LogOptions) -> GnssTable:
     """Return a receiver's table; integers are in 1e-7 deg and mm, doubles in deg and m."""
     degrees = ("latitude_deg", "longitude_deg")
     scaled = not table.has(degrees[0])
@@ -209,6 +172,7 @@ def _gnss(path: Path, table: _Table, options: LogOptions) -> GnssTable:
     velocity_n[table.column("vel_ned_valid") == 0] = math.nan
     unit = math.radians(1e-7 if scaled else 1.0)
     return GnssTable(
+        table.name,
         table.time_us,
         table.integers("time_utc_usec"),
         table.integers("fix_type"),
@@ -223,7 +187,7 @@ def _gnss(path: Path, table: _Table, options: LogOptions) -> GnssTable:
     )
 
 
-def _height_m(path: Path, table: _Table, options: LogOptions, *, scaled: bool) -> Array:
+def _height_m(path: Path, table: Records, options: LogOptions, *, scaled: bool) -> Array:
     """Return ellipsoidal heights (N,): as logged, or by the undulation where none is logged."""
     names = ("alt_ellipsoid", "alt") if scaled else ("altitude_ellipsoid_m", "altitude_msl_m")
     unit = 1e-3 if scaled else 1.0
@@ -233,7 +197,7 @@ def _height_m(path: Path, table: _Table, options: LogOptions, *, scaled: bool) -
     return sea_level_m + options.to_ellipsoid_m(MSL, path)
 
 
-def _receiver_notes(parameters: dict[str, float], receiver: _Table) -> Iterator[str]:
+def _receiver_notes(parameters: dict[str, float], receiver: Records) -> Iterator[str]:
     """Yield what the log's parameters say of the receiver, for the parameters of the flight."""
     place = [float(parameters.get(f"EKF2_GPS_POS_{axis}", 0.0)) for axis in "XYZ"]
     yield from antenna_note("EKF2_GPS_POS", place)
@@ -249,7 +213,7 @@ def _receiver_notes(parameters: dict[str, float], receiver: _Table) -> Iterator[
         )
 
 
-def _left_out(log: Any, tables: dict[str, _Table]) -> Iterator[str]:
+def _left_out(log: Any, tables: dict[str, Records]) -> Iterator[str]:
     """Yield what the log lacks, and what is not taken from it."""
     for name in _GIMBALS:
         if name in tables:

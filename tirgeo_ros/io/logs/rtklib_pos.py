@@ -20,12 +20,16 @@ from tirgeo_ros.core.frames.wgs84 import geodetic_from_ecef, rotation_ecef_from_
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source, VelocitySample
-from tirgeo_ros.io.files.text_file import read_text
-from tirgeo_ros.io.logs.log_contents import ELLIPSOIDAL, MSL, LogContents, LogOptions, say_receiver
-from tirgeo_ros.io.logs.log_times import (
+from tirgeo_ros.io.files.whole_files import read_text
+from tirgeo_ros.io.logs.log_contents import (
+    ELLIPSOIDAL,
     GPS_EPOCH_NS,
+    MSL,
     SECOND_NS,
     WEEK_NS,
+    LogContents,
+    LogOptions,
+    say_receiver,
     utc_ns,
     written_time,
 )

@@ -25,8 +25,16 @@ from tirgeo_ros.core.types.measurements import (
     Source,
     VelocitySample,
 )
-from tirgeo_ros.io.logs.log_contents import LogContents, LogOptions, Refused, say_receiver
-from tirgeo_ros.io.logs.log_times import SECOND_NS, WEEK_NS, written_time
+from tirgeo_ros.io.files.whole_files import reading
+from tirgeo_ros.io.logs.log_contents import (
+    SECOND_NS,
+    WEEK_NS,
+    LogContents,
+    LogOptions,
+    Refused,
+    say_receiver,
+    written_time,
+)
 from tirgeo_ros.io.messages import SensedSample
 
 PVT, RELPOSNED, HPPOSLLH = "NAV-PVT", "NAV-RELPOSNED", "NAV-HPPOSLLH"
@@ -47,10 +55,8 @@ _HEAD, _SUM = 6, 2  # bytes before and behind the payload
 
 def read_ubx(path: Path, options: LogOptions) -> LogContents:
     """Read a log of UBX, alone or among NMEA and RTCM. Raise LogError if it cannot be read."""
-    try:
+    with reading(path, LogError):
         data = path.read_bytes()
-    except OSError as error:
-        raise LogError(f"{path}: cannot be read: {error.strerror or error}") from None
     log = _UbxLog(options)
     for frame in ubx_frames(data):
         log.take(frame)

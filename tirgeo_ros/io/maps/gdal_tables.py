@@ -21,9 +21,8 @@ from numpy.typing import NDArray
 
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 from tirgeo_ros.core.types.errors import ConfigError, MapError, nearest
-from tirgeo_ros.io.files.memory_bound import bounded_time
-from tirgeo_ros.io.files.offline_reading import elsewhere
-from tirgeo_ros.io.maps.property_rules import Wanted, table_names
+from tirgeo_ros.io.files.bounded_reading import bounded_time, elsewhere
+from tirgeo_ros.io.maps.style_sheet import Wanted, table_names
 
 #: Limit for a layer: beyond it, reading takes more than some seconds and more memory than a map
 #: may use.

@@ -14,11 +14,17 @@ from tirgeo_ros.core.map.layers import GeoFeature, LayerStyle, MapLayer
 from tirgeo_ros.core.types.arrays import BoolArray, IntArray
 from tirgeo_ros.core.types.errors import ConfigError, MapError, shown
 from tirgeo_ros.io.coordinates.crs import ASSUMED, in_range, once_around, range_fault, to_wgs84
-from tirgeo_ros.io.files.offline_reading import read_map
-from tirgeo_ros.io.files.text_file import named_files
+from tirgeo_ros.io.files.bounded_reading import read_map
+from tirgeo_ros.io.files.whole_files import named_files
 from tirgeo_ros.io.maps.gdal_tables import NAMES, Shapes, Table, read_tables
-from tirgeo_ros.io.maps.property_rules import LabelRule, Wanted, shown_value, table_names
-from tirgeo_ros.io.maps.style_sheet import SheetLayer, load_style_sheet
+from tirgeo_ros.io.maps.style_sheet import (
+    LabelRule,
+    SheetLayer,
+    Wanted,
+    load_style_sheet,
+    shown_value,
+    table_names,
+)
 
 _LONGEST_NAME = 40  # characters of a bad feature's name in a message
 _MOST_NAMED = 3

@@ -21,7 +21,7 @@ from tirgeo_ros.core.frames.rotations import (
 )
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.ground_point import Located
-from tirgeo_ros.core.navigation.strapdown import cross
+from tirgeo_ros.core.navigation.ins.strapdown import cross
 from tirgeo_ros.core.types.arrays import Array, Quaternion, Vector
 from tirgeo_ros.core.types.finding import Finding
 from tirgeo_ros.core.types.measurements import (

@@ -17,8 +17,7 @@ import yaml
 from tirgeo_ros.core.config import NODE_CONFIGS, RENAMED
 from tirgeo_ros.core.config.schema import config_from, parameters_of
 from tirgeo_ros.core.types.errors import ConfigError, nearest
-from tirgeo_ros.io.files.text_file import read_text
-from tirgeo_ros.io.files.whole_files import PathLike, write_files
+from tirgeo_ros.io.files.whole_files import PathLike, read_text, write_files
 
 T = TypeVar("T")
 #: A file; or several, of which the later take precedence; or none.

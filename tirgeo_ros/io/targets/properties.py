@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from tirgeo_ros.core.ground.ground_point import Refusal
 from tirgeo_ros.core.targets.target import Fixing, Target, fixing_of
-from tirgeo_ros.io.coordinates.written import written
+from tirgeo_ros.io.coordinates.crs import written
 from tirgeo_ros.io.surveys.survey import Answered
 
 #: Line end, zero-width non-joiner, zero-width joiner.

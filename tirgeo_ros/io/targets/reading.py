@@ -14,8 +14,7 @@ from typing import Any
 
 from tirgeo_ros.core.targets.target import KINDS, Fixing, Target
 from tirgeo_ros.core.types.errors import TargetError
-from tirgeo_ros.io.files.text_file import read_text
-from tirgeo_ros.io.files.whole_files import PathLike
+from tirgeo_ros.io.files.whole_files import PathLike, read_text
 from tirgeo_ros.io.surveys.survey import MOST_ROWS
 from tirgeo_ros.io.targets.geopackage import load_targets
 from tirgeo_ros.io.targets.properties import target_of_pixel

@@ -1,15 +1,160 @@
-"""Make the metadata of a picture: what was seen from where, and how sure that is."""
+"""Make the metadata of a picture, what was seen from where, and write it as MISB ST 0601.
+
+A packet is a key, a length and items: tag, length, value, big endian. Numbers are mapped to
+integers. ITEMS holds the items that are known here, with their ranges. An item is left out if its
+value is not known or cannot be expressed: a receiver then knows no more than is known here. The
+error codes that the standard has for some items are not used, because common parsers (klvdata,
+QGIS FMV) lose the whole packet at one.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.ground.frame_geometry import FrameGeometry, Sight, frame_geometry
 from tirgeo_ros.core.types.arrays import Array, Vector
-from tirgeo_ros.io.video.klv import ITEMS, Value, packet
+
+KEY = bytes.fromhex("060e2b34020b01010e01030101000000")
+CHECKSUM, TIME, VERSION = 1, 2, 65
+REVISION = 19  # of ST 0601
+_MOST_TEXT = 127  # bytes
+_SHORT = 128  # the smallest length that takes more than one byte
+
+Value: TypeAlias = float | int | str
+
+
+class Item(NamedTuple):
+    """Hold what an item is; ``low`` and ``high`` are nan for text and integers.
+
+    A range from -m to m is mapped to signed integers, whose lowest stands for an error; any other
+    to unsigned ones.
+    """
+
+    name: str
+    unit: str
+    length: int  # bytes; the largest number of them for text
+    low: float = math.nan
+    high: float = math.nan
+
+    @property
+    def step(self) -> float:
+        """Return the difference between neighbouring values; nan for what is no mapped number."""
+        return (self.high - self.low) / ((1 << 8 * self.length) - (2 if self._signed else 1))
+
+    @property
+    def _signed(self) -> bool:
+        return self.low == -self.high
+
+    def encoded(self, value: Value) -> bytes | None:
+        """Return a value's bytes; None if it is not known (nan) or out of range."""
+        if isinstance(value, str):
+            return value.encode()[:_MOST_TEXT].decode(errors="ignore").encode() or None
+        if math.isnan(self.low):
+            fits = math.isfinite(value) and 0 <= value < 1 << 8 * self.length
+            return int(value).to_bytes(self.length, "big") if fits else None
+        if not self.low <= value <= self.high:
+            return None
+        zero = 0.0 if self._signed else self.low
+        number = round((value - zero) / self.step)
+        return number.to_bytes(self.length, "big", signed=self._signed)
+
+
+def _degrees(name: str, length: int, most: float) -> Item:
+    return Item(name, "deg", length, -most, most)
+
+
+def _turn(name: str, length: int) -> Item:
+    return Item(name, "deg", length, 0.0, 360.0)
+
+
+def _height(name: str) -> Item:
+    return Item(name, "m", 2, -900.0, 19000.0)
+
+
+def _places(first: int, name: str, length: int, most: tuple[float, float]) -> dict[int, Item]:
+    """Return the items of four corners' latitudes and longitudes, the first with tag ``first``."""
+    return {
+        first + 2 * corner + axis: _degrees(name.format(word, corner + 1), length, most[axis])
+        for corner in range(4)
+        for axis, word in enumerate(("Latitude", "Longitude"))
+    }
+
+
+#: The items by tag.
+ITEMS: Mapping[int, Item] = {
+    CHECKSUM: Item("Checksum", "", 2),
+    TIME: Item("Precision Time Stamp", "us", 8),
+    5: _turn("Platform Heading Angle", 2),
+    6: _degrees("Platform Pitch Angle", 2, 20.0),
+    7: _degrees("Platform Roll Angle", 2, 50.0),
+    10: Item("Platform Designation", "text", _MOST_TEXT),
+    11: Item("Image Source Sensor", "text", _MOST_TEXT),
+    12: Item("Image Coordinate System", "text", _MOST_TEXT),
+    13: _degrees("Sensor Latitude", 4, 90.0),
+    14: _degrees("Sensor Longitude", 4, 180.0),
+    15: _height("Sensor True Altitude"),
+    16: Item("Sensor Horizontal Field of View", "deg", 2, 0.0, 180.0),
+    17: Item("Sensor Vertical Field of View", "deg", 2, 0.0, 180.0),
+    18: _turn("Sensor Relative Azimuth Angle", 4),
+    19: _degrees("Sensor Relative Elevation Angle", 4, 180.0),
+    20: _turn("Sensor Relative Roll Angle", 4),
+    21: Item("Slant Range", "m", 4, 0.0, 5e6),
+    22: Item("Target Width", "m", 2, 0.0, 10000.0),
+    23: _degrees("Frame Center Latitude", 4, 90.0),
+    24: _degrees("Frame Center Longitude", 4, 180.0),
+    25: _height("Frame Center Elevation"),
+    **_places(26, "Offset Corner {} Point {}", 2, (0.075, 0.075)),
+    45: Item("Target Error Estimate - CE90", "m", 2, 0.0, 4095.0),
+    46: Item("Target Error Estimate - LE90", "m", 2, 0.0, 4095.0),
+    VERSION: Item("UAS Datalink LS Version Number", "", 1),
+    75: _height("Sensor Ellipsoid Height"),
+    78: _height("Frame Center Height Above Ellipsoid"),
+    **_places(82, "Corner {} Point {} (Full)", 4, (90.0, 180.0)),
+    90: _degrees("Platform Pitch Angle (Full)", 4, 90.0),
+    91: _degrees("Platform Roll Angle (Full)", 4, 90.0),
+}
+
+
+def packet(time_ns: int, values: Mapping[int, Value]) -> bytes:
+    """Return a packet: the time since 1970 first, then version, values by tag and checksum.
+
+    Values are in their items' units, mapped to the nearest step. nan stands for what is not known.
+    """
+    first: dict[int, Value] = {TIME: max(time_ns, 0) // 1000, VERSION: REVISION}
+    items = b""
+    for tag, value in (first | dict(sorted(values.items()))).items():
+        content = ITEMS[tag].encoded(value)
+        if content is not None:
+            items += local_item(tag, content)
+    head = KEY + ber(len(items) + 4) + items + bytes((CHECKSUM, 2))
+    return head + checksum(head).to_bytes(2, "big")
+
+
+def local_item(tag: int, content: bytes) -> bytes:
+    """Return an item of a local set; tags are below 128, which is one byte."""
+    return bytes((tag,)) + ber(len(content)) + content
+
+
+def ber(length: int) -> bytes:
+    """Return a length as BER: one byte below 128, else the number of bytes and the bytes."""
+    if length < _SHORT:
+        return bytes((length,))
+    content = length.to_bytes((length.bit_length() + 7) // 8, "big")
+    return bytes((0x80 + len(content),)) + content
+
+
+def checksum(head: bytes) -> int:
+    """Return the checksum of a packet up to and including the checksum's own tag and length.
+
+    It is the sum of 16-bit words; a last single byte is the high one of its word.
+    """
+    return (256 * sum(head[::2]) + sum(head[1::2])) & 0xFFFF
+
 
 #: Beyond the range of these items, the same angle goes into the item with the larger range.
 _FULL = {6: 90, 7: 91}

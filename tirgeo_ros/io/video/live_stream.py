@@ -19,8 +19,8 @@ from tirgeo_ros.core.ground.frame_geometry import Sight
 from tirgeo_ros.core.types.arrays import Pixels
 from tirgeo_ros.core.types.errors import VideoError, shown
 from tirgeo_ros.io.files.encoded_picture import MOST_OF_VIDEO, unpacked
-from tirgeo_ros.io.video.encoder import Encoder, Form, FrameTimes, require_av
 from tirgeo_ros.io.video.frame_metadata import FrameMetadata
+from tirgeo_ros.io.video.video_file import Encoder, Form, FrameTimes, require_av
 
 #: A viewer that joins waits for a key frame, so they come often. Seven packets of 188 bytes fit
 #: into the datagram that any network carries whole.

@@ -7,12 +7,11 @@ from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
-from tirgeo_ros.core.aircraft_calibration.filter_run import FlightRuns, Recorded, longest_piece
-from tirgeo_ros.core.aircraft_calibration.fit import PARTS, AircraftFit, fit
-from tirgeo_ros.core.aircraft_calibration.mounting_level import LEVEL, mounting_level
-from tirgeo_ros.core.aircraft_calibration.parameters import ANTENNA, PARAMETERS
+from tirgeo_ros.core.calibration.aircraft_fit import LEVEL, PARTS, AircraftFit, fit, mounting_level
+from tirgeo_ros.core.calibration.aircraft_parameters import ANTENNA, PARAMETERS
+from tirgeo_ros.core.calibration.aircraft_run import FlightRuns, Recorded, longest_piece
 from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding
-from tirgeo_ros.core.navigation.duplicates import DuplicateDetector, Same
+from tirgeo_ros.core.navigation.timeline.duplicates import DuplicateDetector, Same
 from tirgeo_ros.core.streams.sanity_checks import fault_of
 from tirgeo_ros.core.types.errors import BagError, CalibrationError
 from tirgeo_ros.core.types.measurements import (

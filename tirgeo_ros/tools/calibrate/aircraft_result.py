@@ -8,14 +8,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.aircraft_calibration.fit import AircraftFit
-from tirgeo_ros.core.aircraft_calibration.mounting_level import (
+from tirgeo_ros.core.calibration.aircraft_fit import (
     LEVEL,
     LEVEL_ADVICE,
     LEVEL_LIMIT_RAD,
+    AircraftFit,
     MountingLevel,
 )
-from tirgeo_ros.core.aircraft_calibration.parameters import (
+from tirgeo_ros.core.calibration.aircraft_parameters import (
     ANTENNA,
     AZIMUTH,
     PARAMETERS,

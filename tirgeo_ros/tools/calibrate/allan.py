@@ -9,9 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from tirgeo_ros.core.calibration.allan.deviation import AllanCurve, allan_curve
-from tirgeo_ros.core.calibration.allan.noise_fit import NoiseFit, fit_noise
-from tirgeo_ros.core.calibration.allan.stillness import Seconds, drifts, seconds_of
+from tirgeo_ros.core.calibration.allan import (
+    AllanCurve,
+    NoiseFit,
+    allan_curve,
+    fit_noise,
+)
+from tirgeo_ros.core.calibration.imu_record import Seconds, drifts, seconds_of
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files

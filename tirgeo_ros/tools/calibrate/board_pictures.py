@@ -11,14 +11,13 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from tirgeo_ros.core.calibration.checkerboard.board import RefusalReason, Refused
-from tirgeo_ros.core.calibration.checkerboard.detection import grey_of
+from tirgeo_ros.core.calibration.board_detection import grey_of
+from tirgeo_ros.core.calibration.checkerboard import RefusalReason, Refused
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.arrays import RawPixels
 from tirgeo_ros.core.types.errors import BagError, CalibrationError, TirgeoError
 from tirgeo_ros.io import messages as convert
-from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
-from tirgeo_ros.io.bags.bag_files import by_numbers, is_bag
+from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr, by_numbers, is_bag
 from tirgeo_ros.io.files.encoded_picture import MOST_OF_FILE, unpacked
 from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.tools.presentation.progress import Report

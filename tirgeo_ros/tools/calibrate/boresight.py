@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Collection, Sequence
 
-from tirgeo_ros.core.calibration.boresight.fit import BoresightFit, fit, foreseen
-from tirgeo_ros.core.calibration.boresight.observability import (
+from tirgeo_ros.core.calibration.boresight_fit import (
     UNASKED_SHARE,
     Ambiguity,
+    BoresightFit,
     check_numbers,
     doubt,
+    fit,
+    foreseen,
 )
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader
@@ -53,7 +55,7 @@ def calibrate_boresight(
 ) -> dict[str, object]:
     """Estimate parameters from a flight over surveyed points and write them; return a summary.
 
-    ``estimate`` are names of ``core.calibration.boresight.model.PARAMETERS``; None: USUAL, and
+    ``estimate`` are names of ``core.calibration.boresight_model.PARAMETERS``; None: USUAL, and
     IF_TOLD if the flight can determine it. Those in ``hold`` keep the values in ``params``.
     ``smooth``: camera poses from all measurements, also later ones. Raise
     CalibrationError if what is asked for is not determined, BagError, ConfigError, SurveyError.

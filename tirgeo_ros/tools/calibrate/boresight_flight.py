@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tirgeo_ros.core.calibration.boresight.model import (
+from tirgeo_ros.core.calibration.boresight_model import (
     PARAMETERS,
     PointSighting,
     SightedFlight,

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.calibration.boresight.fit import BoresightFit, ground_errors, rmse_m
-from tirgeo_ros.core.calibration.boresight.model import PARAMETERS
+from tirgeo_ros.core.calibration.boresight_fit import BoresightFit, ground_errors, rmse_m
+from tirgeo_ros.core.calibration.boresight_model import PARAMETERS
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig, OverlayConfig
 from tirgeo_ros.core.config.schema import config_from, values_of
 from tirgeo_ros.core.frames.rotations import rotation_z

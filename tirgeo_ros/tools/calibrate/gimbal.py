@@ -12,14 +12,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.calibration.checkerboard.board import (
+from tirgeo_ros.core.calibration.board_detection import find_board
+from tirgeo_ros.core.calibration.checkerboard import (
     BoardSighting,
+    BoardTracker,
     Checkerboard,
     RefusalReason,
     Refused,
+    camera_angles,
 )
-from tirgeo_ros.core.calibration.checkerboard.board_pose import BoardTracker, camera_angles
-from tirgeo_ros.core.calibration.checkerboard.detection import find_board
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from tirgeo_ros.core.calibration.allan.flight_noise import PIECE_S, Pieces, pieces_of
-from tirgeo_ros.core.calibration.allan.record import ImuRecord
+from tirgeo_ros.core.calibration.flight_noise import PIECE_S, Pieces, pieces_of
+from tirgeo_ros.core.calibration.imu_record import ImuRecord
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.filter import ImuConfig
-from tirgeo_ros.core.navigation.imu_clipping import Clipping
+from tirgeo_ros.core.navigation.timeline.imu_clipping import Clipping
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.core.types.measurements import ImuSample

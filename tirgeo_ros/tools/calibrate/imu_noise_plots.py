@@ -7,9 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from tirgeo_ros.core.calibration.allan.deviation import AllanCurve
-from tirgeo_ros.core.calibration.allan.flight_noise import MOTION_HZ, Pieces
-from tirgeo_ros.core.calibration.allan.noise_fit import FLICKER_FLOOR, NoiseFit, deviation_band
+from tirgeo_ros.core.calibration.allan import (
+    FLICKER_FLOOR,
+    AllanCurve,
+    NoiseFit,
+    deviation_band,
+)
+from tirgeo_ros.core.calibration.flight_noise import MOTION_HZ, Pieces
 from tirgeo_ros.io.files.whole_files import csv_text
 from tirgeo_ros.tools.calibrate.imu_noise_result import DENSITIES, HIGH, LOW
 from tirgeo_ros.tools.calibrate.imu_record import CHANNELS, UNITS

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from tirgeo_ros.core.calibration.allan.flight_noise import Pieces
-from tirgeo_ros.core.calibration.allan.noise_fit import FLICKER_FLOOR, NoiseFit, Term
+from tirgeo_ros.core.calibration.allan import FLICKER_FLOOR, NoiseFit, Term
+from tirgeo_ros.core.calibration.flight_noise import Pieces
 from tirgeo_ros.core.config.filter import ImuConfig
-from tirgeo_ros.core.navigation.imu_clipping import CHANNELS as CLIPPED
+from tirgeo_ros.core.navigation.timeline.imu_clipping import CHANNELS as CLIPPED
 from tirgeo_ros.tools.calibrate.imu_record import CHANNELS, UNITS
 
 Axis = Mapping[str, Any]

@@ -7,9 +7,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from tirgeo_ros.core.calibration.allan.flight_noise import MOTION_HZ, PIECE_S, Pieces, pieces_of
-from tirgeo_ros.core.calibration.allan.noise_fit import NoiseFit
-from tirgeo_ros.core.calibration.allan.stillness import (
+from tirgeo_ros.core.calibration.allan import NoiseFit
+from tirgeo_ros.core.calibration.flight_noise import MOTION_HZ, PIECE_S, Pieces, pieces_of
+from tirgeo_ros.core.calibration.imu_record import (
     Interval,
     Seconds,
     drifts,

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.calibration.allan.record import ImuRecord, record_of
+from tirgeo_ros.core.calibration.imu_record import ImuRecord, record_of
 from tirgeo_ros.core.types.arrays import Array, IntArray
 from tirgeo_ros.core.types.errors import BagError, CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader

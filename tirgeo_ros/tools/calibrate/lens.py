@@ -9,14 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from tirgeo_ros.core.calibration.checkerboard.board import (
+from tirgeo_ros.core.calibration.board_detection import find_board
+from tirgeo_ros.core.calibration.checkerboard import (
     BoardSighting,
     Checkerboard,
     RefusalReason,
     Refused,
 )
-from tirgeo_ros.core.calibration.checkerboard.detection import find_board
-from tirgeo_ros.core.calibration.checkerboard.lens_fit import (
+from tirgeo_ros.core.calibration.lens_fit import (
     LensFit,
     LensModel,
     doubtful_views,

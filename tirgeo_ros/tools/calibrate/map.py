@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from tirgeo_ros.core.accuracy.ground_errors import rms
-from tirgeo_ros.core.calibration.orthophoto.polynomial_transform import (
+from tirgeo_ros.core.calibration.polynomial_transform import (
     PolynomialTransform,
     Residuals,
     fit_polynomial,
@@ -20,10 +20,10 @@ from tirgeo_ros.core.calibration.orthophoto.polynomial_transform import (
 from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.core.types.errors import CalibrationError, MapError
 from tirgeo_ros.io.coordinates.crs import Plane
-from tirgeo_ros.io.files.memory_bound import bounded_memory
+from tirgeo_ros.io.files.bounded_reading import bounded_memory
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, csv_text, write_files
-from tirgeo_ros.io.pictures.geotiff_output import write_warped
-from tirgeo_ros.io.surveys.control_points import ControlPoints, downward, load_control_points
+from tirgeo_ros.io.pictures.geotiff import write_warped
+from tirgeo_ros.io.surveys.survey import ControlPoints, downward, load_control_points
 from tirgeo_ros.tools.calibrate.residual_plots import orthophoto_png
 
 #: What reading coordinates raises where there are none.

@@ -7,19 +7,19 @@ from typing import Any
 
 import numpy as np
 
-from tirgeo_ros.core.aircraft_calibration.fit import AircraftFit
-from tirgeo_ros.core.calibration.boresight.fit import BoresightFit
-from tirgeo_ros.core.calibration.boresight.model import PointSighting
-from tirgeo_ros.core.calibration.checkerboard.board import BoardSighting
-from tirgeo_ros.core.calibration.checkerboard.lens_fit import LensFit
-from tirgeo_ros.core.calibration.orthophoto.polynomial_transform import (
+from tirgeo_ros.core.calibration.aircraft_fit import AircraftFit
+from tirgeo_ros.core.calibration.boresight_fit import BoresightFit
+from tirgeo_ros.core.calibration.boresight_model import PointSighting
+from tirgeo_ros.core.calibration.checkerboard import BoardSighting
+from tirgeo_ros.core.calibration.lens_fit import LensFit
+from tirgeo_ros.core.calibration.polynomial_transform import (
     PolynomialTransform,
     Residuals,
 )
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.core.types.measurements import Source
-from tirgeo_ros.io.surveys.control_points import ControlPoints
+from tirgeo_ros.io.surveys.survey import ControlPoints
 from tirgeo_ros.tools.presentation.plots import COLOURS, arrows, figure, png
 
 #: Length of a usual arrow of the lens, and of the longest of an orthophoto, as shares of the

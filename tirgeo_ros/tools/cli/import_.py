@@ -48,7 +48,7 @@ from tirgeo_ros.tools.presentation.results import table
 
 def offset_s(text: str) -> int:
     """Return seconds of an offset from UTC, as +02:00; a type of option."""
-    from tirgeo_ros.io.logs.log_times import zone_offset_s  # noqa: PLC0415 --help stays quick
+    from tirgeo_ros.io.logs.log_contents import zone_offset_s  # noqa: PLC0415 --help stays quick
 
     try:
         return zone_offset_s(text)
@@ -179,7 +179,7 @@ def _write_example(args: argparse.Namespace) -> int:
     """Write the template of a columns file, to a new file or stdout."""
     from tirgeo_ros.core.types.errors import LogError  # noqa: PLC0415 heavy
     from tirgeo_ros.io.files.whole_files import write_files  # noqa: PLC0415 heavy
-    from tirgeo_ros.io.logs.columns_example import EXAMPLE  # noqa: PLC0415 heavy
+    from tirgeo_ros.io.logs.csv_log import EXAMPLE  # noqa: PLC0415 heavy
 
     if args.output is None:
         print(EXAMPLE, end="")

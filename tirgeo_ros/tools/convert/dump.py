@@ -17,6 +17,7 @@ from tirgeo_ros.dji.protocol.package_table import package_table
 from tirgeo_ros.dji.protocol.subscription import PackageTable, Push, decode_push
 from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
+from tirgeo_ros.tools.presentation.progress import Report, silent
 
 _STATUS_BITS = ("mounted", "busy", "pitch_limited", "roll_limited", "yaw_limited", "calibrating")
 #: Fields that are 64 bits wide.
@@ -138,6 +139,23 @@ Record = dict[str, Any]
 _CHUNK_BYTES = 1 << 16
 
 
+def packages_of(file: PathLike | None) -> PackageTable:
+    """Return the packages of a YAML file, else the usual ones. Raise DjiError, ConfigError."""
+    return package_table(load_yaml(file), str(file)) if file else PackageTable()
+
+
+def frames_in(
+    path: Path, reader: FrameReader, progress: Report = silent
+) -> Iterator[ProtocolFrame]:
+    """Yield the frames of a capture; ``reader`` counts them."""
+    total = path.stat().st_size
+    with path.open("rb") as file:
+        while chunk := file.read(_CHUNK_BYTES):
+            yield from reader.feed(chunk)
+            progress(file.tell() * 1e-6, total * 1e-6)
+    yield from reader.rescan()
+
+
 class CaptureDump:
     """Read a capture of any size; ``records`` yields its frames in order.
 
@@ -149,8 +167,7 @@ class CaptureDump:
 
     def __init__(self, path: Path, packages: PathLike | None = None, key: str = "") -> None:
         self._path = path
-        table = package_table(load_yaml(packages), str(packages)) if packages else PackageTable()
-        self._packages = table
+        self._packages = packages_of(packages)
         self._reader = FrameReader(parse_key(key))
         self.kinds: Counter[str] = Counter()
         self.unreadable = 0
@@ -162,10 +179,7 @@ class CaptureDump:
 
     def records(self) -> Iterator[Record]:
         """Yield a record for each frame. Raise DjiError without any, OSError if unreadable."""
-        with self._path.open("rb") as file:
-            while chunk := file.read(_CHUNK_BYTES):
-                yield from map(self._record, self._reader.feed(chunk))
-        yield from map(self._record, self._reader.rescan())
+        yield from map(self._record, frames_in(self._path, self._reader))
         counts = self._reader.counts
         if not counts["bytes"]:
             raise DjiError(f"{self._path}: empty")

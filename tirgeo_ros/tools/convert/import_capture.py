@@ -26,15 +26,13 @@ from tirgeo_ros.dji.clocks.running_counter import LONG_TICK_NS, MILLISECOND_NS
 from tirgeo_ros.dji.link.encryption import parse_key
 from tirgeo_ros.dji.link.framing import FrameReader, ProtocolFrame
 from tirgeo_ros.dji.protocol.broadcast import decode_broadcast
-from tirgeo_ros.dji.protocol.package_table import package_table
 from tirgeo_ros.dji.protocol.subscription import PackageTable, decode_push
 from tirgeo_ros.dji.sources.readings import Reading
 from tirgeo_ros.dji.sources.serial_readings import Clocks, Telemetry
-from tirgeo_ros.io.parameters.parameter_file import load_yaml
+from tirgeo_ros.tools.convert.dump import frames_in, packages_of
 from tirgeo_ros.tools.convert.import_sink import ImportSink
 from tirgeo_ros.tools.presentation.progress import Report, silent
 
-_CHUNK_BYTES = 1 << 16
 _HOUR_NS = 3_600_000_000_000
 #: This many new seconds give the time of the capture to some milliseconds.
 _SECONDS = 60
@@ -60,8 +58,7 @@ class _Pass:
     def __init__(
         self, path: Path, options: CaptureOptions, timeline: CaptureTimeline, tick_ns: int
     ) -> None:
-        file = options.packages
-        self.table = package_table(load_yaml(file), file) if file else PackageTable()
+        self.table = packages_of(options.packages)
         self.frames = FrameReader(parse_key(options.key))
         sync = timeline.clock(LONG_TICK_NS, resets_alone=True)
         clocks = Clocks(timeline.clock(tick_ns), timeline.clock(), sync)
@@ -71,20 +68,13 @@ class _Pass:
 
     def readings(self, progress: Report) -> Iterator[tuple[ProtocolFrame, list[Reading]]]:
         """Yield each frame and its readings. Raise DjiError without any frame."""
-        total = self._path.stat().st_size
-        with self._path.open("rb") as file:
-            while chunk := file.read(_CHUNK_BYTES):
-                yield from map(self._read, self.frames.feed(chunk))
-                progress(file.tell() * 1e-6, total * 1e-6)
-        yield from map(self._read, self.frames.rescan())
+        for frame in frames_in(self._path, self.frames, progress):
+            yield frame, self.telemetry.read(frame, self.timeline.now_ns)
         if not self.frames.counts["frames"]:
             raise DjiError(
-                f"{self._path}: no frame in {total} bytes: neither a ROS 1 bag nor what an "
-                "aircraft's serial port sent at the right baud rate"
+                f"{self._path}: no frame in {self.frames.counts['bytes']} bytes: neither a ROS 1 "
+                "bag nor what an aircraft's serial port sent at the right baud rate"
             )
-
-    def _read(self, frame: ProtocolFrame) -> tuple[ProtocolFrame, list[Reading]]:
-        return frame, self.telemetry.read(frame, self.timeline.now_ns)
 
     def warnings(self, *, has_key: bool) -> Iterator[str]:
         """Yield what of the capture could not be used."""

@@ -8,12 +8,9 @@ from pathlib import Path
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.errors import BagError
-from tirgeo_ros.io.bags.bag import BagWriter
-from tirgeo_ros.io.bags.bag_files import is_bag
-from tirgeo_ros.io.bags.mcap_contents import MAGIC as MCAP
-from tirgeo_ros.io.bags.sqlite_file import MAGIC as SQLITE
-from tirgeo_ros.io.bags.storage import ZSTD_MAGIC
-from tirgeo_ros.io.files.whole_files import PathLike, check_outputs
+from tirgeo_ros.io.bags.bag import ROS2_MAGICS, BagWriter, is_bag
+from tirgeo_ros.io.bags.ros1_bag import MAGIC as ROS1_MAGIC
+from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, first_bytes
 from tirgeo_ros.io.logs.log_contents import LogOptions
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.convert.import_capture import CaptureOptions, import_capture
@@ -27,8 +24,6 @@ from tirgeo_ros.tools.convert.import_ros1 import Pictures, import_ros1
 from tirgeo_ros.tools.convert.import_sink import ImportSink
 from tirgeo_ros.tools.presentation.progress import Report, silent
 
-_ROS1 = b"#ROSBAG V2.0"
-_ROS2 = (MCAP, SQLITE, ZSTD_MAGIC)
 _OTHERS = {
     b"#ROSBAG": "a ROS 1 bag of an older version; make it 2.0 with rosbag fix",
     b"\x1f\x8b": "packed with gzip; unpack it",
@@ -106,16 +101,12 @@ def _is_ros1(path: Path, namespace: str) -> bool:
     if path.is_dir():
         other = "a directory; give a ROS 1 bag or a capture of the serial port"
         raise BagError(f"{path}: {_of_ros2(path, namespace) if is_bag(path) else other}")
-    try:
-        with path.open("rb") as file:
-            head = file.read(_HEAD)
-    except OSError as error:
-        raise BagError(f"{path}: cannot be read: {error.strerror or error}") from None
+    head = first_bytes(path, _HEAD, BagError)
     if not head:
         raise BagError(f"{path}: the file is empty")
-    if head.startswith(_ROS1):
+    if head.startswith(ROS1_MAGIC):
         return True
-    if head.startswith(_ROS2):
+    if head.startswith(ROS2_MAGICS):
         raise BagError(f"{path}: {_of_ros2(path, namespace)}")
     for mark, kind in _OTHERS.items():
         if head.startswith(mark):

@@ -5,37 +5,164 @@ from __future__ import annotations
 import math
 from array import array
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from statistics import median
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from tirgeo_ros.core.config import AircraftConfig
 from tirgeo_ros.core.frames.axes import flu_from_frd
-from tirgeo_ros.core.frames.rotations import quat_conjugate, quat_from_matrix, quat_multiply
-from tirgeo_ros.core.navigation.imu_checks import in_body_axes
+from tirgeo_ros.core.frames.rotations import (
+    matrix_from_quat,
+    quat_conjugate,
+    quat_from_matrix,
+    quat_multiply,
+)
+from tirgeo_ros.core.navigation.timeline.imu_checks import in_body_axes
 from tirgeo_ros.core.streams.lone_stamps import lone_stamps
-from tirgeo_ros.core.streams.sanity_checks import fault_of
+from tirgeo_ros.core.streams.sanity_checks import fault_of, usable_attitude
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import BagError, MessageError
-from tirgeo_ros.core.types.measurements import ImuSample, Source
+from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, Source, VelocitySample
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, Cdr
 from tirgeo_ros.io.bags.cdr import header_stamp_ns
-from tirgeo_ros.io.bags.ros1_bag import MAGIC, Ros1Bag
-from tirgeo_ros.io.messages import SENSED_SAMPLES, TOPIC_TYPES
-from tirgeo_ros.tools.convert.import_sink import ImportSink
-from tirgeo_ros.tools.convert.topic_types import (
-    CONVERTERS,
-    asked_topics,
-    remark_on,
-    suggested,
-)
+from tirgeo_ros.io.bags.ros1_bag import Ros1Bag, Ros1Message, any_bag
+from tirgeo_ros.io.messages import SENSED_SAMPLES, TOPIC_TYPES, SensedSample, stamp_ns
+from tirgeo_ros.tools.convert.import_sink import ImportSink, TopicCount
 from tirgeo_ros.tools.presentation.progress import Report
-from tirgeo_ros.tools.replay.flight_topics import resolved
+from tirgeo_ros.tools.replay.flight_topics import CAMERA_INFO, PICTURES, resolved
+
+#: What is suggested where a topic has a fitting type and one of the words in its name.
+_SUGGESTED: Mapping[str, tuple[str, ...]] = {
+    "imu/data": ("",),
+    "rtk/fix": ("rtk",),
+    "rtk/vel": ("rtk",),
+    "rtk/heading": ("heading",),
+    "gps/fix": ("",),
+    "gps/vel": ("gps", "gnss", "fix"),
+    "baro/pressure": ("",),
+    "gimbal/joint_states": ("gimbal", "mount"),
+    "gimbal/attitude": ("gimbal", "mount"),
+    **dict.fromkeys((*PICTURES, CAMERA_INFO), ("",)),
+}
+
+#: Returns the sample of a message that was recorded at a time (ns).
+Converter = Callable[[Any, int], SensedSample]
+
+
+def _twist(source: Source) -> Converter:
+    """Convert ``geometry_msgs/TwistStamped``, ENU; its covariance is unknown."""
+
+    def convert(msg: Any, _: int) -> VelocitySample:
+        linear = msg.twist.linear
+        velocity_n = np.array([linear.y, linear.x, -linear.z])
+        return VelocitySample(stamp_ns(msg), source, velocity_n, np.zeros((3, 3)))
+
+    return convert
+
+
+def _odometry(source: Source) -> Converter:
+    """Convert ``nav_msgs/Odometry``: its twist is in the body's axes, its pose in ENU."""
+
+    def convert(msg: Any, _: int) -> VelocitySample:
+        q, linear = msg.pose.pose.orientation, msg.twist.twist.linear
+        attitude = np.array([q.w, q.x, q.y, q.z])
+        if not usable_attitude(attitude):
+            raise MessageError("its orientation is not a unit quaternion")
+        turn = _NED_ENU @ matrix_from_quat(attitude)
+        velocity_n = turn @ np.array([linear.x, linear.y, linear.z])
+        covariance = np.reshape(msg.twist.covariance, (6, 6))[:3, :3]
+        return VelocitySample(stamp_ns(msg), source, velocity_n, turn @ covariance @ turn.T)
+
+    return convert
+
+
+def _compass(msg: Any, log_time_ns: int) -> HeadingSample:
+    """Convert ``std_msgs/Float64``: degrees, clockwise from north, without a time of its own."""
+    return HeadingSample(log_time_ns, math.radians(float(msg.data) % 360.0), 0.0)
+
+
+_NED_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+_VELOCITIES = (Source.RTK_VELOCITY, Source.GPS_VELOCITY)
+#: Topic -> type of other messages than its own -> their converter.
+CONVERTERS: Mapping[str, Mapping[str, Converter]] = {
+    **{
+        source.topic: {
+            "geometry_msgs/msg/TwistStamped": _twist(source),
+            "nav_msgs/msg/Odometry": _odometry(source),
+        }
+        for source in _VELOCITIES
+    },
+    Source.RTK_HEADING.topic: {"std_msgs/msg/Float64": _compass},
+}
+#: What a person should know of messages that are converted, or taken as they are.
+_REMARKS = {
+    "geometry_msgs/msg/TwistStamped": "it has no covariance, and is taken as east, north, up",
+    "nav_msgs/msg/Odometry": (
+        "its velocity is turned by its orientation, whose frame is taken as east, north, up: a "
+        "wheel's odometry, which begins with heading 0, is none"
+    ),
+    "std_msgs/msg/Float64": (
+        "degrees, clockwise from north, stamped when recorded; an autopilot's own compass is no "
+        "heading of two antennas"
+    ),
+}
+
+
+def types_of(topic: str) -> tuple[str, ...]:
+    """Return the types that fit a topic of the contract, its own first."""
+    return TOPIC_TYPES[topic], *CONVERTERS.get(topic, ())
+
+
+def remark_on(typename: str) -> str:
+    """Return what a person should know of a type's conversion, or an empty string."""
+    return _REMARKS.get(typename, "")
+
+
+def asked_topics(
+    given: Iterable[tuple[str, str]], there: Mapping[str, str], where: str
+) -> dict[str, list[str]]:
+    """Return the bag's topic -> topics of the contract, for pairs (topic, topic of the contract).
+
+    ``there`` are the bag's topics with their types. Raise BagError for a topic that is absent or
+    does not fit, or two for one.
+    """
+    by_name = {name.strip("/"): name for name in there}
+    found: dict[str, list[str]] = {}
+    for asked, topic in given:
+        name = by_name.get(asked.strip("/"))
+        if name is None or there[name] not in types_of(topic):
+            kind = "not there" if name is None else f"of type {there[name]}"
+            fitting = [one for one, typename in there.items() if typename in types_of(topic)]
+            raise BagError(
+                f"{where}: {asked} is {kind}; {topic} takes {' or '.join(types_of(topic))}: "
+                f"{', '.join(fitting) or 'no topic of the bag'}"
+            )
+        if any(topic in topics for topics in found.values()):
+            raise BagError(f"{where}: two topics for {topic}: give one")
+        found.setdefault(name, []).append(topic)
+    return found
+
+
+def suggested(there: Mapping[str, str]) -> str:
+    """Return options that map a bag's topics, as far as types and names tell; else "".
+
+    Each topic is suggested once: for the one of the contract that is named as it, or the first.
+    """
+    left, options = dict(there), []
+    for topic, words in _SUGGESTED.items():
+        named = {name: kind for name, kind in left.items() if any(w in name for w in words)}
+        fitting = [name for name, kind in named.items() if kind in types_of(topic)]
+        best = min(fitting, key=lambda name: (not name.endswith(topic), name), default=None)
+        if best is not None:
+            options.append(f"--map-topic {best}={topic}")
+            del left[best]
+    return " ".join(options)
+
 
 #: Gravity is seen in the mean of the first seconds: an aircraft begins at rest, or flies steadily.
 _SEEN_NS = 2_000_000_000
@@ -100,55 +227,6 @@ class ImuMounting:
         )
 
 
-class _Ros2(BagReader):
-    """Read a bag of ROS 2."""
-
-    def cdr(self, message: BagMessage) -> bytes:
-        """Return a message's CDR, which it is."""
-        return message.data
-
-
-class _Ros1:
-    """Read a bag of ROS 1."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._bag = Ros1Bag(path)
-        self._cdr = Cdr()
-        self.span_ns = self._bag.span_ns
-
-    @property
-    def damage(self) -> str | None:
-        """Return what could not be read, complete after an iteration over all topics."""
-        return self._bag.damage
-
-    def topics(self) -> dict[str, str]:
-        """Return every topic with the name of its type, or of all its types."""
-        return {topic: ", ".join(types) for topic, types in self._bag.topics().items()}
-
-    def messages(self, topics: Collection[str]) -> Iterator[BagMessage]:
-        """Return messages in the order of their record; the data are of ROS 1."""
-        for one in self._bag.messages(topics):
-            yield BagMessage(one.topic, one.typename, one.record_ns, one.data)
-
-    def cdr(self, message: BagMessage) -> bytes:
-        """Return a message's CDR. Raise MessageError if it is no such message."""
-        return self._cdr.from_ros1(message.data, message.typename, message.topic)
-
-
-#: The bag of either ROS; messages are of ROS 2 in whatever ROS they were recorded.
-AnyBag: TypeAlias = _Ros1 | _Ros2
-
-
-def any_bag(path: Path) -> AnyBag:
-    """Open a bag, of ROS 1 if the file begins so. Raise BagError if it cannot be read."""
-    if path.is_file():
-        with path.open("rb") as file:
-            if file.read(len(MAGIC)) == MAGIC:
-                return _Ros1(path)
-    return _Ros2(path)
-
-
 _FIX = "sensor_msgs/msg/NavSatFix"
 #: Stamps further from the times of recording belong to another clock.
 _FAR_S = 1.0
@@ -166,15 +244,9 @@ class MappedTopics(NamedTuple):
 
 
 @dataclass
-class _Stream:
+class _Stream(TopicCount):
     """Count the messages of a topic that become those of one of the contract."""
 
-    topic: str
-    typename: str
-    contract: str
-    messages: int = 0
-    refused: int = 0
-    reason: str = ""  # of the first refused message
     without_stamp: int = 0
     lags_ns: array[int] = field(default_factory=partial(array, "q"))  # stamp to log time
     statuses: Counter[tuple[int, int]] = field(default_factory=Counter)  # status, covariance type
@@ -191,22 +263,14 @@ class _Stream:
         else:
             self.without_stamp += 1
 
-    def refuse(self, reason: str) -> None:
-        """Count a message that cannot be used."""
-        self.refused += 1
-        self.reason = self.reason or reason
+    @property
+    def contract(self) -> str:
+        """Return the topic of the contract."""
+        return self.feeds[0]
 
     def result(self) -> dict[str, object]:
         """Return the row of the summary."""
-        return {
-            "topic": self.topic,
-            "type": self.typename,
-            "messages": self.messages,
-            "refused": self.refused,
-            "because": self.reason or None,
-            "to": [self.contract],
-            "lag_s": self.lag_s,
-        }
+        return super().result() | {"because": self.reason or None, "lag_s": self.lag_s}
 
     def notes(self, undulation_m: float | None) -> Iterator[str]:
         """Yield what the messages leave open, and how they are taken."""
@@ -230,8 +294,8 @@ class _Stream:
 
     def warnings(self) -> Iterator[str]:
         """Yield what is wrong."""
-        if self.refused:
-            yield f"{self.topic}: {self.refused} of {self.messages} refused ({self.reason})"
+        if self.complaint:
+            yield self.complaint
         if not self.messages:
             yield f"{self.topic}: no message"
         if jumps := lone_stamps(self.lags_ns).sum():
@@ -248,12 +312,16 @@ class _Import:
     """Convert a bag's messages and pass them to a sink."""
 
     def __init__(
-        self, bag: AnyBag, sink: ImportSink, mapped: MappedTopics, aircraft: AircraftConfig
+        self,
+        bag: BagReader | Ros1Bag,
+        sink: ImportSink,
+        mapped: MappedTopics,
+        aircraft: AircraftConfig,
     ) -> None:
         types = bag.topics()
         names = asked_topics(mapped.pairs, types, str(bag.path))
         self.streams = {
-            topic: [_Stream(topic, types[topic], contract) for contract in contracts]
+            topic: [_Stream(topic, types[topic], (contract,)) for contract in contracts]
             for topic, contracts in names.items()
         }
         self.mounting = ImuMounting(mapped.imu_rpy_deg, aircraft)
@@ -270,9 +338,9 @@ class _Import:
                 try:
                     self._pass(message, stream)
                 except MessageError as error:
-                    stream.refuse(str(error).removeprefix(f"{message.topic}: "))
+                    stream.refuse(error)
 
-    def _pass(self, message: BagMessage, stream: _Stream) -> None:
+    def _pass(self, message: BagMessage | Ros1Message, stream: _Stream) -> None:
         """Write a message to its topic of the contract. Raise MessageError."""
         data, log_time_ns = self._bag.cdr(message), message.log_time_ns
         convert = CONVERTERS.get(stream.contract, {}).get(stream.typename)

@@ -12,11 +12,10 @@ from typing import Any, NamedTuple
 from tirgeo_ros.core.types.errors import BagError, MessageError
 from tirgeo_ros.dji.sources.ros1 import WRAPPERS, Ros1Decoder, survey
 from tirgeo_ros.dji.sources.ros1_messages import NEEDED, TOPICS
-from tirgeo_ros.io.bags.bag import Cdr
 from tirgeo_ros.io.bags.ros1_bag import Ros1Bag, Ros1Message
 from tirgeo_ros.io.messages import TOPIC_TYPES
-from tirgeo_ros.tools.convert.import_sink import ImportSink
-from tirgeo_ros.tools.convert.topic_types import suggested
+from tirgeo_ros.tools.convert.import_mapped import suggested
+from tirgeo_ros.tools.convert.import_sink import ImportSink, TopicCount
 from tirgeo_ros.tools.presentation.progress import Report
 
 #: Number of messages that are inspected before the import begins.
@@ -33,37 +32,21 @@ class Pictures(NamedTuple):
 
 
 @dataclass
-class _Topic:
+class _Topic(TopicCount):
     """Count a topic's messages of one type."""
 
-    topic: str
-    typename: str
-    expected: str  # type
-    feeds: tuple[str, ...]  # topics of the contract
-    messages: int = 0
-    refused: int = 0
-    reason: str = ""  # of the first refused message
+    expected: str = ""  # type
 
     @property
     def complaint(self) -> str | None:
         """Return what is wrong with the topic, in words, or None."""
-        if not self.refused:
-            return None
-        if self.typename != self.expected:  # the wrapper never publishes it so
+        if self.refused and self.typename != self.expected:  # the wrapper never publishes it so
             return f"{self.topic}: {self.refused} of type {self.typename}, not {self.expected}"
-        return f"{self.topic}: {self.refused} of {self.messages} refused ({self.reason})"
+        return super().complaint
 
     def result(self) -> dict[str, object]:
         """Return the row of the summary."""
-        return {
-            "topic": self.topic,
-            "type": self.typename,
-            "expected": self.expected,
-            "messages": self.messages,
-            "refused": self.refused,
-            "because": self.complaint,
-            "to": list(self.feeds),
-        }
+        return super().result() | {"expected": self.expected}
 
 
 class _Import:
@@ -76,7 +59,6 @@ class _Import:
     def __init__(self, bag: Ros1Bag, namespace: str, pictures: Pictures) -> None:
         self.bag = bag
         self.topics: dict[tuple[str, str], _Topic] = {}
-        self._cdr = Cdr()
         self.passed = _passed(bag, pictures)  # topic -> topic of the contract
         self.names = _wrapper_topics(bag, namespace)  # topic -> its name in the wrapper
         self.decoder = Ros1Decoder(survey(self._first()))
@@ -87,20 +69,19 @@ class _Import:
             name = self.names[message.topic]
             if message.typename == TOPICS[name].typename:
                 with suppress(MessageError):  # counted when it is read again
-                    yield name, self.bag.decoded(message), message.record_ns
+                    yield name, self.bag.decoded(message), message.log_time_ns
 
     def run(self, sink: ImportSink, progress: Report) -> None:
         """Read the whole bag."""
         begun_ns, ended_ns = self.bag.span_ns
         for message in self.bag.messages({*self.names, *self.passed}):
-            progress((message.record_ns - begun_ns) * 1e-9, (ended_ns - begun_ns) * 1e-9)
+            progress((message.log_time_ns - begun_ns) * 1e-9, (ended_ns - begun_ns) * 1e-9)
             topic = self._topic(message)
             topic.messages += 1
             try:
                 self._take(message, sink)
             except MessageError as error:
-                topic.refused += 1
-                topic.reason = topic.reason or str(error).removeprefix(f"{message.topic}: ")
+                topic.refuse(error)
         for arrived in self.decoder.flush():
             sink.take(*arrived)
 
@@ -108,14 +89,14 @@ class _Import:
         """Convert a message. Raise MessageError if it cannot be used."""
         contract = self.passed.get(message.topic)
         if contract is not None:
-            data = self._cdr.from_ros1(message.data, TOPIC_TYPES[contract], message.topic)
-            sink.pass_on(self.decoder.arrival_ns(message.record_ns), contract, data)
+            arrival_ns = self.decoder.arrival_ns(message.log_time_ns)
+            sink.pass_on(arrival_ns, contract, self.bag.cdr(message))
             return
         name = self.names[message.topic]
         if message.typename != TOPICS[name].typename:
             raise MessageError("of another type")
         decoded = self.bag.decoded(message)
-        for arrived in self.decoder.take(name, decoded, message.record_ns):
+        for arrived in self.decoder.take(name, decoded, message.log_time_ns):
             sink.take(*arrived)
 
     def _topic(self, message: Ros1Message) -> _Topic:
@@ -126,7 +107,7 @@ class _Import:
                 typename, feeds, _ = TOPICS[self.names[message.topic]]
             else:
                 typename, feeds = TOPIC_TYPES[contract], (contract,)
-            self.topics[key] = _Topic(*key, typename, feeds)
+            self.topics[key] = _Topic(*key, feeds, expected=typename)
         return self.topics[key]
 
     def warnings(self) -> list[str]:
@@ -163,7 +144,7 @@ def _wrapper_topics(bag: Ros1Bag, namespace: str) -> dict[str, str]:
 
 def _how_to_map(bag: Ros1Bag) -> str:
     """Return the options with which another bag's topics are imported; else ""."""
-    options = suggested({topic: ", ".join(types) for topic, types in bag.topics().items()})
+    options = suggested(bag.topics())
     return f"; say what its topics are, as {options}" if options else ""
 
 
@@ -175,14 +156,14 @@ def _passed(bag: Ros1Bag, pictures: Pictures) -> dict[str, str]:
             continue
         wanted = {TOPIC_TYPES[contract]: contract for contract in contracts}
         topic = next((name for name in topics if name.strip("/") == asked.strip("/")), asked)
-        types = topics.get(topic, ())
-        if len(types) != 1 or types[0] not in wanted:
-            there = [name for name, given in topics.items() if set(given) & set(wanted)]
+        typename = topics.get(topic, "")
+        if typename not in wanted:
+            there = [name for name, types in topics.items() if {*types.split(", ")} & {*wanted}]
             raise BagError(
-                f"{bag.path}: {asked} is {', '.join(types) or 'not there'}; of type "
+                f"{bag.path}: {asked} is {typename or 'not there'}; of type "
                 f"{' or '.join(wanted)} are: {', '.join(there) or 'none'}"
             )
-        found[topic] = wanted[types[0]]
+        found[topic] = wanted[typename]
     return found
 
 
@@ -197,9 +178,7 @@ def import_ros1(
     return {
         "kind": "ros1",
         "topics": [topic.result() for _, topic in sorted(run.topics.items())],
-        "not_read": {
-            topic: ", ".join(types) for topic, types in bag.topics().items() if topic not in taken
-        },
+        "not_read": {topic: kind for topic, kind in bag.topics().items() if topic not in taken},
         "warnings": run.warnings(),
         "error": None if bag.damage is None else f"{path}: {bag.damage}",
     }

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from tirgeo_ros.core.config import DjiConfig
-from tirgeo_ros.core.types.errors import BagError
+from tirgeo_ros.core.types.errors import BagError, MessageError
 from tirgeo_ros.dji.interpret import Interpreter
 from tirgeo_ros.dji.sources.readings import Reading
 from tirgeo_ros.io.bags.bag import BagWriter, Cdr
@@ -25,6 +25,41 @@ class Written:
     messages: int
     first_ns: int
     last_ns: int
+
+
+@dataclass
+class TopicCount:
+    """Count the messages of a bag's topic that become those of topics of the contract."""
+
+    topic: str
+    typename: str
+    feeds: tuple[str, ...]
+    messages: int = 0
+    refused: int = 0
+    reason: str = ""  # of the first refused message
+
+    def refuse(self, error: MessageError) -> None:
+        """Count a message that cannot be used."""
+        self.refused += 1
+        self.reason = self.reason or str(error).removeprefix(f"{self.topic}: ")
+
+    @property
+    def complaint(self) -> str | None:
+        """Return what is wrong with the topic, in words, or None."""
+        if not self.refused:
+            return None
+        return f"{self.topic}: {self.refused} of {self.messages} refused ({self.reason})"
+
+    def result(self) -> dict[str, object]:
+        """Return the row of the summary."""
+        return {
+            "topic": self.topic,
+            "type": self.typename,
+            "messages": self.messages,
+            "refused": self.refused,
+            "because": self.complaint,
+            "to": list(self.feeds),
+        }
 
 
 class ImportSink:

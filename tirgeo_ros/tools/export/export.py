@@ -18,7 +18,7 @@ from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.config.overlay import ConfidenceConfig
 from tirgeo_ros.core.types.errors import ConfigError, MapError
 from tirgeo_ros.io.bags.bag import BagReader
-from tirgeo_ros.io.files.offline_reading import imported_rasterio
+from tirgeo_ros.io.files.bounded_reading import imported_rasterio
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, made_folder, write_files
 from tirgeo_ros.io.parameters.parameter_file import Files, ParameterFile, paths_of
 from tirgeo_ros.tools.export import PRODUCTS, RASTERS

@@ -15,9 +15,9 @@ import numpy.typing as npt
 
 from tirgeo_ros.core.types.arrays import BoolArray, Pixels
 from tirgeo_ros.core.types.errors import MapError
-from tirgeo_ros.io.files.offline_reading import imported_rasterio
+from tirgeo_ros.io.files.bounded_reading import imported_rasterio
 from tirgeo_ros.io.files.whole_files import PathLike, made_folder, write_files
-from tirgeo_ros.io.pictures.cog_output import CACHE_MB
+from tirgeo_ros.io.pictures.geotiff import CACHE_MB
 from tirgeo_ros.tools.export.frames import ExportFrame
 from tirgeo_ros.tools.export.rasters import RasterSetup, TiledRaster
 

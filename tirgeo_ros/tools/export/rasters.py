@@ -28,7 +28,7 @@ from tirgeo_ros.core.orthorectification.mosaic_tile import LevelMatch, MosaicTil
 from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.coordinates.crs import Plane
-from tirgeo_ros.io.pictures.cog_output import RasterForm, RasterPart, write_cog
+from tirgeo_ros.io.pictures.geotiff import RasterForm, RasterPart, write_cog
 from tirgeo_ros.tools.export.frames import ExportFrame
 
 #: Ground that is seen flatter than this is left out: there, 1 m of height moves it by 3.7 m.

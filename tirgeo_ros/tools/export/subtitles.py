@@ -17,7 +17,7 @@ from tirgeo_ros.core.ground.camera_place import camera_place, height_above_m
 from tirgeo_ros.core.overlay.scale_bar_compass import camera_heading_rad
 from tirgeo_ros.core.types.errors import ExportError
 from tirgeo_ros.io.files.whole_files import check_place, part_of
-from tirgeo_ros.io.video.encoder import FrameTimes
+from tirgeo_ros.io.video.video_file import FrameTimes
 from tirgeo_ros.tools.export.frames import ExportFrame
 
 

@@ -15,8 +15,7 @@ import cv2
 from tirgeo_ros.core.accuracy.ground_errors import rms
 from tirgeo_ros.core.types.errors import BagError, GraphError
 from tirgeo_ros.io.bags.bag import BagReader
-from tirgeo_ros.io.files.text_file import named_files
-from tirgeo_ros.io.files.whole_files import check_outputs, write_files
+from tirgeo_ros.io.files.whole_files import check_outputs, named_files, write_files
 from tirgeo_ros.io.maps import map_files
 from tirgeo_ros.io.surveys.survey import load_survey
 from tirgeo_ros.io.video.video_file import VideoFile

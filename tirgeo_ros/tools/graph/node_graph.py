@@ -18,7 +18,7 @@ from typing import NoReturn
 from tirgeo_ros.core.config.viewer import TOKEN_SEED
 from tirgeo_ros.core.types.errors import GraphError
 from tirgeo_ros.io.bags.bag import BagReader
-from tirgeo_ros.io.files.child_python import stop_signals
+from tirgeo_ros.io.files.child_process import stop_signals
 from tirgeo_ros.io.messages import DJI_TOPICS
 from tirgeo_ros.tools.graph import find_resource
 from tirgeo_ros.tools.graph.localhost import localhost_environment

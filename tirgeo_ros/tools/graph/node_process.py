@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tirgeo_ros.core.types.errors import GraphError
-from tirgeo_ros.io.files.child_python import node_command, stop_signals
+from tirgeo_ros.io.files.child_process import node_command, stop_signals
 
 _POLL_S = 0.02
 _TICKS_PER_S = os.sysconf("SC_CLK_TCK")

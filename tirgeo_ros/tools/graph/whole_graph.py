@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import NoReturn
 
 from tirgeo_ros.core.types.errors import ConfigError, GraphError
-from tirgeo_ros.io.files.child_python import node_command, stop_signals
-from tirgeo_ros.io.files.text_file import named_files
-from tirgeo_ros.io.files.whole_files import PathLike
+from tirgeo_ros.io.files.child_process import node_command, stop_signals
+from tirgeo_ros.io.files.whole_files import PathLike, named_files
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
 from tirgeo_ros.tools.graph import find_resource
 from tirgeo_ros.tools.graph.localhost import localhost_environment, video_environment

@@ -17,7 +17,7 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import Miss
 from tirgeo_ros.core.ground.frame_geometry import Sight
 from tirgeo_ros.core.ground.ground_point import Located
-from tirgeo_ros.core.navigation.track import Track
+from tirgeo_ros.core.navigation.estimator.track import Track
 from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.overlay.picture_painter import Unpainted
 from tirgeo_ros.core.streams.arrivals import exposure_ns

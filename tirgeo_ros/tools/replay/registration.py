@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.composer import GimbalComposer
-from tirgeo_ros.core.navigation.estimator import Navigation
+from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.navigation.smoothing.smoothed_navigation import (
     RecordingNavigation,
     SmoothedNavigation,

@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from tirgeo_ros.core.types.errors import SeasonError
-from tirgeo_ros.io.files.text_file import read_text
-from tirgeo_ros.io.files.whole_files import write_files
+from tirgeo_ros.io.files.whole_files import read_text, write_files
 from tirgeo_ros.tools.presentation.results import plain
 from tirgeo_ros.tools.season.flight_task import FlightTask, Stamp, place_of
 

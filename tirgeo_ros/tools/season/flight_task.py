@@ -11,7 +11,7 @@ from typing import Any
 
 from tirgeo_ros import __version__
 from tirgeo_ros.core.types.errors import BagError
-from tirgeo_ros.io.bags.bag_files import bag_files
+from tirgeo_ros.io.bags.bag import bag_files
 from tirgeo_ros.io.files.whole_files import PathLike
 
 _PIECE = 1 << 20  # bytes of a file that are read at once

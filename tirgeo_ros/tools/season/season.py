@@ -17,7 +17,7 @@ from typing import Any
 
 from tirgeo_ros.core.types.errors import BagError, SeasonError
 from tirgeo_ros.core.types.finding import NO_GO
-from tirgeo_ros.io.bags.bag_files import METADATA
+from tirgeo_ros.io.bags.bag import METADATA
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, made_folder
 from tirgeo_ros.io.maps import map_files
 from tirgeo_ros.io.parameters.parameter_file import paths_of

@@ -15,7 +15,7 @@ from filter_states import (
     ZERO,
     antenna_fix,
     armed_config,
-    belief_of,
+    estimate_of,
     heard,
     ns,
     state_of,
@@ -23,12 +23,14 @@ from filter_states import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import rotation_of
 from tirgeo_ros.core.navigation.aiding.aid_status import EASE_STEPS, AidStatus, AidTrack, Receivers
 from tirgeo_ros.core.navigation.aiding.aids import AIDS
-from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline, HeadingAid
+from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import HeadingAid
+from tirgeo_ros.core.navigation.aiding.gnss_antenna import Baseline
 from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate
-from tirgeo_ros.core.navigation.ins_error_model import (
+from tirgeo_ros.core.navigation.ins.ins_error_model import (
     ANTENNA,
     GPS_ERROR,
     feedback,
@@ -36,7 +38,7 @@ from tirgeo_ros.core.navigation.ins_error_model import (
     heading_error,
     states_of,
 )
-from tirgeo_ros.core.navigation.strapdown import matrix
+from tirgeo_ros.core.navigation.ins.strapdown import matrix
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample, Source, VelocitySample
 from tirgeo_ros.core.types.verdicts import Outcome
@@ -60,22 +62,22 @@ def second(baseline_m):
     return tuple(a + b for a, b in zip(ANTENNA_M, baseline_m, strict=True)) if baseline_m else ()
 
 
-def moved(belief: StateEstimate, error: np.ndarray) -> StateEstimate:
-    """The belief with an error of all its states put in, the receivers' too."""
+def moved(estimate: StateEstimate, error: np.ndarray) -> StateEstimate:
+    """The estimate with an error of all its states put in, the receivers' too."""
     at, states = heading_error(len(error)), len(error)
     place_b = error[ANTENNA] if has_antenna(states) else ZERO
     turned = 0.0 if at is None else float(error[at])
-    receivers = belief.control.receivers.changed(error[GPS_ERROR], turned, place_b)
-    control = belief.control._replace(receivers=receivers)
-    return StateEstimate(feedback(belief.state, error), belief.covariance, control)
+    receivers = estimate.aids.receivers.changed(error[GPS_ERROR], turned, place_b)
+    aids = estimate.aids._replace(receivers=receivers)
+    return StateEstimate(feedback(estimate.state, error), estimate.covariance, aids)
 
 
-def differences(innovation, belief: StateEstimate) -> np.ndarray:
+def differences(innovation, estimate: StateEstimate) -> np.ndarray:
     """d(innovation)/d(error) by central differences: what H must be with the opposite sign."""
-    columns, states = [], len(belief.covariance)
+    columns, states = [], len(estimate.covariance)
     steps = [*STEPS, *[1e-2] * 3 * has_antenna(states), 1e-4]  # the last where it is a heading
     for error in np.diag(steps[:states]):
-        plus, minus = innovation(moved(belief, error)), innovation(moved(belief, -error))
+        plus, minus = innovation(moved(estimate, error)), innovation(moved(estimate, -error))
         columns.append((plus - minus) / (2 * error.sum()))
     return np.stack(columns, -1)
 
@@ -89,17 +91,17 @@ def test_position_design(optional, source, roll, pitch, yaw):
     config = armed_config(**optional)
     error = np.zeros(states_of(config))
     error[GPS_ERROR] = 0.5, -0.7, 2.0
-    belief = moved(belief_of(state_of(roll, pitch, yaw), states_of(config)), error)
-    sample = antenna_fix(belief.state, SHIFT_N, source)
+    estimate = moved(estimate_of(state_of(roll, pitch, yaw), states_of(config)), error)
+    sample = antenna_fix(estimate.state, SHIFT_N, source)
     aid = AIDS[source](config)
-    found = aid.measured(sample, belief, ZERO)[0].measurement
+    found = aid.measured(sample, estimate, ZERO)[0].measurement
 
     def innovation(b: StateEstimate) -> np.ndarray:
         return aid.measured(sample, b, ZERO)[0].measurement.innovation
 
     # Rounding of 1.4e-9 m over the step of 1e-4 rad gives 1e-5; metres to radians second order
     # in (3 m + 1 m) / 6.4e6 m.
-    assert found.design == pytest.approx(-differences(innovation, belief), abs=3e-5)
+    assert found.design == pytest.approx(-differences(innovation, estimate), abs=3e-5)
     own_n = error[GPS_ERROR] * (source is Source.GPS_POSITION)
     # Curvature over 4 m: 16 / (2 x 6.4e6) = 1.3e-6 m.
     assert found.innovation == pytest.approx(SHIFT_N - own_n, abs=2e-6)
@@ -111,20 +113,20 @@ def test_position_design(optional, source, roll, pitch, yaw):
 @given(roll=tilts, pitch=tilts, yaw=headings)
 def test_velocity_design(optional, source, roll, pitch, yaw):
     config = armed_config(**optional)
-    belief = belief_of(state_of(roll, pitch, yaw), states_of(config))
+    estimate = estimate_of(state_of(roll, pitch, yaw), states_of(config))
     sample = VelocitySample(NOW_NS, source, np.array([3.1, -0.9, 0.1]), np.eye(3))
     rtk = source is Source.RTK_VELOCITY
 
     def innovation(b: StateEstimate) -> np.ndarray:
         rate = RATE_B - np.array(b.state.gyro_bias_b)  # RATE_B is the reading
-        found_b = np.array(b.control.receivers.antenna_b) * rtk
+        found_b = np.array(b.aids.receivers.antenna_b) * rtk
         swing_n = matrix(rotation_of(b.state.q_nb)) @ np.cross(rate, LEVER_B + found_b)
         return sample.velocity_n - (np.array(b.state.velocity_n) + swing_n)
 
-    found = AIDS[source](config).measured(sample, belief, tuple(RATE_B))[0].measurement
-    assert found.innovation == pytest.approx(innovation(belief), abs=1e-12)
+    found = AIDS[source](config).measured(sample, estimate, tuple(RATE_B))[0].measurement
+    assert found.innovation == pytest.approx(innovation(estimate), abs=1e-12)
     # Second order: lever x rate x step squared is 1e-8 / 2e-4.
-    assert found.design == pytest.approx(-differences(innovation, belief), abs=1e-4)
+    assert found.design == pytest.approx(-differences(innovation, estimate), abs=1e-4)
 
 
 @with_and_without_more_states
@@ -138,31 +140,31 @@ def test_heading_design(optional, baseline_m, roll, pitch, yaw):
     config = armed_config(**optional, aircraft__second_antenna_m=second(baseline_m))
     forward, left, up = baseline_m or (1.0, 0.0, 0.0)
     baseline_b = np.array([forward, -left, -up])
-    belief = belief_of(state_of(roll, pitch, yaw), states_of(config))
+    estimate = estimate_of(state_of(roll, pitch, yaw), states_of(config))
 
     def reported(b: StateEstimate) -> float:
         """What a perfect receiver says: the baseline's azimuth less its own in the body."""
         north, east, _ = matrix(rotation_of(b.state.q_nb)) @ baseline_b
         level = math.atan2(baseline_b[1], baseline_b[0])
-        return math.atan2(east, north) - level + b.control.receivers.heading_error_rad
+        return math.atan2(east, north) - level + b.aids.receivers.heading_error_rad
 
-    measured = reported(belief) + 0.3
+    measured = reported(estimate) + 0.3
     # 0.6 rad of roll and pitch leave a baseline mostly horizontal.
-    found = HeadingAid(config).measured(HeadingSample(NOW_NS, measured, 1e-4), belief, ZERO)[0]
+    found = HeadingAid(config).measured(HeadingSample(NOW_NS, measured, 1e-4), estimate, ZERO)[0]
 
     def innovation(b: StateEstimate) -> np.ndarray:
         return np.array([math.remainder(measured - reported(b), 2 * math.pi)])
 
     assert found.measurement.innovation == pytest.approx([0.3], abs=1e-12)
     # Third order in 1e-4 rad, and rounding 1e-16 over it.
-    numeric = differences(innovation, belief)
+    numeric = differences(innovation, estimate)
     assert found.measurement.design == pytest.approx(-numeric, abs=1e-6)
 
 
 def heading_aid(state, heading_rad, **values):
     config = armed_config(**values)
     sample = HeadingSample(NOW_NS, heading_rad, 1.0)
-    return HeadingAid(config).measured(sample, belief_of(state, states_of(config)), ZERO)[0]
+    return HeadingAid(config).measured(sample, estimate_of(state, states_of(config)), ZERO)[0]
 
 
 @pytest.mark.parametrize("turns", [-1, 0, 1, 2])
@@ -258,18 +260,18 @@ def test_a_step_back_ends_it_and_another_step_begins_anew():
 
 def test_status_holds_for_the_time_out_and_fixed_counts_from_its_begin():
     assert NEW.status_at(ns(0), TIMEOUT_NS) is None
-    control = heard(NEW, 0.0, FixStatus.FLOAT)
-    assert control.status_at(ns(1.0), TIMEOUT_NS) is FixStatus.FLOAT
-    assert control.status_at(ns(1.0) + 1, TIMEOUT_NS) is None
-    control = heard(heard(control, 0.2), 0.4)
-    assert control.fixed_since_ns == ns(0.2)
-    assert heard(heard(control, 0.6, FixStatus.FLOAT), 0.8).fixed_since_ns == ns(0.8)
+    aids = heard(NEW, 0.0, FixStatus.FLOAT)
+    assert aids.status_at(ns(1.0), TIMEOUT_NS) is FixStatus.FLOAT
+    assert aids.status_at(ns(1.0) + 1, TIMEOUT_NS) is None
+    aids = heard(heard(aids, 0.2), 0.4)
+    assert aids.fixed_since_ns == ns(0.2)
+    assert heard(heard(aids, 0.6, FixStatus.FLOAT), 0.8).fixed_since_ns == ns(0.8)
 
 
 def test_fixed_again_is_eased_and_only_the_position():
-    control = heard(heard(NEW, 0.0), 1.0, FixStatus.FLOAT)
-    assert not any(t.ease for t in control.tracks)
-    first, *others = (t.ease for t in heard(control, 2.0).tracks)
+    aids = heard(heard(NEW, 0.0), 1.0, FixStatus.FLOAT)
+    assert not any(t.ease for t in aids.tracks)
+    first, *others = (t.ease for t in heard(aids, 2.0).tracks)
     assert (first, any(others)) == (EASE_STEPS, False)
 
 
@@ -284,39 +286,39 @@ def test_fixed_again_is_eased_and_only_the_position():
         (Source.BAROMETER, 1.5, "offset of baro/pressure changed by 1.50 m"),
     ],
 )
-def test_resets_are_counted_and_told(source, size, text):
-    control = NEW.with_reset(source, ns(0), size)
-    assert sum(control.resets) == 1
-    assert str(control.last_reset) == text
-    assert control.track(source) == AidTrack(ns(0))
+def test_resets_are_counted_and_worded(source, size, text):
+    aids = AIDS[source](EkfConfig()).with_reset(NEW, ns(0), size)
+    assert sum(aids.resets) == 1
+    assert str(aids.last_reset) == text
+    assert aids.track(source) == AidTrack(ns(0))
 
 
 @pytest.mark.parametrize(("last_s", "hopeless"), [(10.0, True), (10.001, False)])
 def test_three_resets_within_ten_seconds_are_hopeless(last_s, hopeless):
-    control = NEW
+    aids = NEW
     for t_s, source in (
         (0.0, Source.RTK_POSITION),
         (4.0, Source.RTK_VELOCITY),
         (5.0, Source.RTK_HEADING),  # neither moves position or velocity
         (5.0, Source.GPS_POSITION),
     ):
-        control = control.with_reset(source, ns(t_s), 1.0)
-        assert control.hopeless(2.0) == ""
-    control = control.with_reset(Source.RTK_POSITION, ns(last_s), 1.0)
-    control = control.with_reset(Source.BAROMETER, ns(last_s), 40.0)  # not the one to name
-    why = "reset repeatedly: position moved by 1.00 m"
-    assert control.hopeless(2.0) == (why if hopeless else "")
+        aids = aids.with_reset(source, ns(t_s), "")
+        assert aids.hopeless(2.0) == ""
+    aids = aids.with_reset(Source.RTK_POSITION, ns(last_s), "position moved")
+    aids = aids.with_reset(Source.BAROMETER, ns(last_s), "offset")  # not the one to name
+    why = "reset repeatedly: position moved"
+    assert aids.hopeless(2.0) == (why if hopeless else "")
 
 
 def denied(sources, times_s):
     """Refusals that do not even agree with each other."""
-    control = NEW
+    aids = NEW
     for source in sources:
         track = AidTrack()
         for k, t_s in enumerate(times_s):
             track = track.refused(ns(t_s), (3.0 * k,), 0.1)
-        control = control.with_track(source, track)
-    return control
+        aids = aids.with_track(source, track)
+    return aids
 
 
 FIVE_A_SECOND = tuple(0.2 * k for k in range(11))
@@ -334,9 +336,9 @@ BOTH = (Source.RTK_POSITION, Source.RTK_VELOCITY)
     ],
 )
 def test_position_and_velocity_that_both_contradict_are_hopeless(sources, times_s, hopeless):
-    control = denied(sources, times_s)
+    aids = denied(sources, times_s)
     why = "rtk/fix and rtk/vel both contradict it"
-    assert control.hopeless(2.0) == (why if hopeless else "")
-    track = control.track(sources[-1]).used(ns(2.1), TIMEOUT_NS)  # a use ends it
+    assert aids.hopeless(2.0) == (why if hopeless else "")
+    track = aids.track(sources[-1]).used(ns(2.1), TIMEOUT_NS)  # a use ends it
     assert (track.denied, track.run) == (0, None)
-    assert control.with_track(sources[-1], track).hopeless(2.0) == ""
+    assert aids.with_track(sources[-1], track).hopeless(2.0) == ""

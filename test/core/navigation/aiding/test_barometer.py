@@ -21,8 +21,8 @@ from tirgeo_ros.core.navigation.aiding.barometer import (
 )
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate
-from tirgeo_ros.core.navigation.estimator import Navigation
-from tirgeo_ros.core.navigation.ins_error_model import states_of
+from tirgeo_ros.core.navigation.estimator.estimator import Navigation
+from tirgeo_ros.core.navigation.ins.ins_error_model import states_of
 from tirgeo_ros.core.types.measurements import PressureSample, Source
 from tirgeo_ros.core.types.verdicts import Outcome
 from tirgeo_ros.io.bags.cdr import Cdr
@@ -45,25 +45,25 @@ def pressure(t_s: float, off_m: float = 0.0, variance_pa2: float = 0.0) -> Press
     return PressureSample(ns(t_s), standard_pressure_pa(height_m), variance_pa2)
 
 
-def belief_of(sigma_m, *, position_s=None, reference=True) -> StateEstimate:
+def estimate_of(sigma_m, *, position_s=None, reference=True) -> StateEstimate:
     """A level state with this sigma of height, RTK used at a time, the offset known at 0 s."""
-    control = used_at({} if position_s is None else {Source.RTK_POSITION: ns(position_s)})
+    aids = used_at({} if position_s is None else {Source.RTK_POSITION: ns(position_s)})
     if reference:
         own = Reference(0, HEIGHT_M + OFFSET_M, OFFSET_M, 0.01, 0)
-        control = control.with_track(Source.BAROMETER, AidTrack(own=own))
+        aids = aids.with_track(Source.BAROMETER, AidTrack(own=own))
     covariance = np.eye(states_of(CONFIG)) * 1e-4
     covariance[DOWN, DOWN] = sigma_m**2
-    return StateEstimate(LEVEL, covariance, control)
+    return StateEstimate(LEVEL, covariance, aids)
 
 
-def beside_rtk(belief: StateEstimate, t_s: float) -> StateEstimate:
-    """The belief with an RTK position used at a time."""
-    control = belief.control.with_track(Source.RTK_POSITION, AidTrack(ns(t_s)))
-    return belief._replace(control=control)
+def beside_rtk(estimate: StateEstimate, t_s: float) -> StateEstimate:
+    """The estimate with an RTK position used at a time."""
+    aids = estimate.aids.with_track(Source.RTK_POSITION, AidTrack(ns(t_s)))
+    return estimate._replace(aids=aids)
 
 
-def reference_of(belief: StateEstimate) -> Reference:
-    return Reference(*belief.control.track(Source.BAROMETER).own)
+def reference_of(estimate: StateEstimate) -> Reference:
+    return Reference(*estimate.aids.track(Source.BAROMETER).own)
 
 
 def lasting_m2(t_s: float, climb_m: float = 0.0) -> float:
@@ -88,41 +88,41 @@ def test_height_is_that_of_the_standard_atmosphere(height_m, pressure_pa):
 
 def test_first_reading_gives_the_reference_only_beside_a_position():
     fusion, sample = Fusion(CONFIG), pressure(10.0)
-    alone = fusion.fuse(sample, belief_of(0.02, reference=False), ZERO)
+    alone = fusion.fuse(sample, estimate_of(0.02, reference=False), ZERO)
     assert alone.verdict.outcome is Outcome.STANDBY
-    assert not alone.belief.control.track(Source.BAROMETER).own
-    beside = fusion.fuse(sample, belief_of(0.02, position_s=9.9, reference=False), ZERO)
+    assert not alone.estimate.aids.track(Source.BAROMETER).own
+    beside = fusion.fuse(sample, estimate_of(0.02, position_s=9.9, reference=False), ZERO)
     assert beside.verdict.outcome is Outcome.STANDBY
-    assert reference_of(beside.belief).offset_m == pytest.approx(OFFSET_M, abs=1e-6)
+    assert reference_of(beside.estimate).offset_m == pytest.approx(OFFSET_M, abs=1e-6)
 
 
 def test_reference_follows_the_state_beside_a_position_and_stays_without():
-    fusion, belief = Fusion(CONFIG), belief_of(0.02, position_s=9.9)
+    fusion, estimate = Fusion(CONFIG), estimate_of(0.02, position_s=9.9)
     for t_s in np.arange(0.1, 10.0, 0.1):
-        fused = fusion.fuse(pressure(t_s, 0.5), beside_rtk(belief, t_s), ZERO)
+        fused = fusion.fuse(pressure(t_s, 0.5), beside_rtk(estimate, t_s), ZERO)
         assert fused.verdict.outcome is Outcome.STANDBY
-        assert fused.belief.covariance is belief.covariance
-        belief = fused.belief
-    found = reference_of(belief)
+        assert fused.estimate.covariance is estimate.covariance
+        estimate = fused.estimate
+    found = reference_of(estimate)
     assert found.offset_m == pytest.approx(OFFSET_M + 0.5, abs=0.01)
     # White noise of 0.2 m that a walk of 0.05 m in 0.1 s limits: sqrt(0.05 x 0.2) m.
     assert math.sqrt(found.variance_m2) == pytest.approx(0.1, abs=0.02)
     for t_s in np.arange(20.0, 30.0, 0.1):  # RTK is gone
-        belief = fusion.fuse(pressure(t_s, 1.0), belief, ZERO).belief
-    assert reference_of(belief)[:4] == found[:4]
+        estimate = fusion.fuse(pressure(t_s, 1.0), estimate, ZERO).estimate
+    assert reference_of(estimate)[:4] == found[:4]
 
 
 @pytest.mark.parametrize("sigma_m", [2.0, 5.0, 30.0])
 @pytest.mark.parametrize("t_s", [5.0, 60.0])
 def test_a_reading_leaves_twice_the_variance_of_what_lasts(sigma_m, t_s):
-    fused = Fusion(CONFIG).fuse(pressure(t_s, 1.0), belief_of(sigma_m), ZERO)
+    fused = Fusion(CONFIG).fuse(pressure(t_s, 1.0), estimate_of(sigma_m), ZERO)
     assert fused.verdict.outcome is Outcome.USED
-    left = fused.belief.covariance[DOWN, DOWN]
+    left = fused.estimate.covariance[DOWN, DOWN]
     assert left == pytest.approx(2 * lasting_m2(t_s, 1.0), rel=1e-9)
     share = 1 - left / sigma_m**2
-    assert fused.belief.state.height_m == pytest.approx(HEIGHT_M + share, abs=1e-6)
-    again = Fusion(CONFIG).fuse(pressure(t_s + 0.1, 1.0), fused.belief, ZERO)
-    assert again.belief.state.height_m == pytest.approx(fused.belief.state.height_m, abs=0.01)
+    assert fused.estimate.state.height_m == pytest.approx(HEIGHT_M + share, abs=1e-6)
+    again = Fusion(CONFIG).fuse(pressure(t_s + 0.1, 1.0), fused.estimate, ZERO)
+    assert again.estimate.state.height_m == pytest.approx(fused.estimate.state.height_m, abs=0.01)
 
 
 def test_innovations_scatter_as_the_filter_says():
@@ -134,7 +134,7 @@ def test_innovations_scatter_as_the_filter_says():
         changed = BAROMETER.sigma_m * ((kept - 1) * slow + math.sqrt(1 - kept**2) * fresh)
         weather = BAROMETER.drift * math.sqrt(t_s) * walk
         off_m = sigma_m * state + 0.1 * known + weather + changed + BAROMETER.noise_m * white
-        found.append(fusion.fuse(pressure(t_s, off_m), belief_of(sigma_m), ZERO).verdict)
+        found.append(fusion.fuse(pressure(t_s, off_m), estimate_of(sigma_m), ZERO).verdict)
     # Chi-square with 400 degrees of freedom: 95 % of the means are in 1 +- 1.96 sqrt(2 / 400).
     assert np.mean([verdict.nis for verdict in found]) == pytest.approx(1.0, abs=0.139)
     assert {verdict.outcome for verdict in found} == {Outcome.USED}
@@ -154,35 +154,35 @@ def test_bad_pressures_are_invalid(value, variance):
 @pytest.mark.parametrize(("sigma_m", "position"), [(0.02, True), (0.02, False), (2.0, False)])
 def test_a_step_is_refused_and_then_becomes_the_reference(sigma_m, position):
     """A door opens: 40 m at once. The height stays in all cases."""
-    fusion, belief, outcomes = Fusion(CONFIG), belief_of(sigma_m), []
+    fusion, estimate, outcomes = Fusion(CONFIG), estimate_of(sigma_m), []
     for t_s in np.arange(5.0, 8.0, 0.1):
-        belief = beside_rtk(belief, t_s) if position else belief
-        verdict, belief = fusion.fuse(pressure(t_s, 40.0), belief, ZERO)
+        estimate = beside_rtk(estimate, t_s) if position else estimate
+        verdict, estimate = fusion.fuse(pressure(t_s, 40.0), estimate, ZERO)
         outcomes.append(verdict.outcome)
-        assert belief.state.height_m == pytest.approx(HEIGHT_M, abs=1e-6)
+        assert estimate.state.height_m == pytest.approx(HEIGHT_M, abs=1e-6)
     assert outcomes[:20] == [Outcome.GATED] * 20  # reset_after_s at 10 Hz
     assert outcomes[20] is Outcome.RESET
     assert set(outcomes[21:]) == {Outcome.STANDBY}
-    assert str(belief.control.last_reset) == "offset of baro/pressure changed by 40.00 m"
-    assert reference_of(belief).offset_m == pytest.approx(OFFSET_M + 40.0, abs=0.1)
+    assert str(estimate.aids.last_reset) == "offset of baro/pressure changed by 40.00 m"
+    assert reference_of(estimate).offset_m == pytest.approx(OFFSET_M + 40.0, abs=0.1)
 
 
 def test_one_reading_that_is_off_changes_nothing():
-    fusion, belief = Fusion(CONFIG), belief_of(2.0)
-    before = reference_of(belief)
-    off = fusion.fuse(pressure(5.0, -60.0), belief, ZERO)
+    fusion, estimate = Fusion(CONFIG), estimate_of(2.0)
+    before = reference_of(estimate)
+    off = fusion.fuse(pressure(5.0, -60.0), estimate, ZERO)
     assert off.verdict.outcome is Outcome.GATED
     assert off.verdict.reason == "60.0 m off"
-    assert reference_of(off.belief)[:4] == before[:4]
-    assert fusion.fuse(pressure(5.1), off.belief, ZERO).verdict.outcome is Outcome.USED
+    assert reference_of(off.estimate)[:4] == before[:4]
+    assert fusion.fuse(pressure(5.1), off.estimate, ZERO).verdict.outcome is Outcome.USED
 
 
 def test_readings_of_less_than_a_tenth_of_a_second_are_skipped():
-    fusion, belief = Fusion(CONFIG), belief_of(2.0)
-    belief = fusion.fuse(pressure(5.0), belief, ZERO).belief
-    skipped = fusion.fuse(pressure(5.05), belief, ZERO)
+    fusion, estimate = Fusion(CONFIG), estimate_of(2.0)
+    estimate = fusion.fuse(pressure(5.0), estimate, ZERO).estimate
+    skipped = fusion.fuse(pressure(5.05), estimate, ZERO)
     assert skipped.verdict.outcome is Outcome.STANDBY
-    assert skipped.belief is belief
+    assert skipped.estimate is estimate
 
 
 def test_message_is_the_sample_both_ways():

@@ -15,8 +15,8 @@ from filter_states import (
     ZERO,
     antenna_fix,
     armed_config,
-    belief_of,
     ekf_config,
+    estimate_of,
     fix,
     ns,
     state_of,
@@ -30,12 +30,13 @@ from hypothesis import strategies as st
 from tirgeo_ros.core.frames.rotations import rotation_of
 from tirgeo_ros.core.navigation.aiding.aid_status import AidTrack, Receivers
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
-from tirgeo_ros.core.navigation.aiding.gnss_position import GpsPositionAid, innovation_n
-from tirgeo_ros.core.navigation.aiding.gnss_velocity import GpsVelocityAid
+from tirgeo_ros.core.navigation.aiding.gnss_antenna import innovation_n
+from tirgeo_ros.core.navigation.aiding.gps_position import GpsPositionAid
+from tirgeo_ros.core.navigation.aiding.gps_velocity import GpsVelocityAid
 from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate, floored
-from tirgeo_ros.core.navigation.estimator import Navigation
-from tirgeo_ros.core.navigation.ins_error_model import GPS_ERROR, POSITION, states_of
-from tirgeo_ros.core.navigation.strapdown import rotate
+from tirgeo_ros.core.navigation.estimator.estimator import Navigation
+from tirgeo_ros.core.navigation.ins.ins_error_model import GPS_ERROR, POSITION, states_of
+from tirgeo_ros.core.navigation.ins.strapdown import rotate
 from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample, PositionSample, Source
 from tirgeo_ros.core.types.verdicts import Outcome
 
@@ -44,9 +45,9 @@ GOOD = ((0.01, 0.0, -0.01), (-0.01, 0.01, 0.0))
 
 
 def fused_position(config: dict, shift: np.ndarray, offsets: tuple = ()):
-    belief = belief_of(LEVEL, covariance=0.01 * np.eye(18))
-    belief = belief._replace(control=belief.control._replace(offsets_n=offsets))
-    return belief, Fusion(armed_config(**config)).fuse(antenna_fix(LEVEL, shift), belief, ZERO)
+    estimate = estimate_of(LEVEL, covariance=0.01 * np.eye(18))
+    estimate = estimate._replace(aids=estimate.aids._replace(offsets_n=offsets))
+    return estimate, Fusion(armed_config(**config)).fuse(antenna_fix(LEVEL, shift), estimate, ZERO)
 
 
 def test_direct_position_is_the_rtk_position():
@@ -56,9 +57,9 @@ def test_direct_position_is_the_rtk_position():
     assert fused.verdict.used
     sample = antenna_fix(before.state, shift)
     lever_n = rotate(rotation_of(before.state.q_nb), tuple(LEVER_B))
-    assert innovation_n(fused.belief.state, sample, lever_n) == pytest.approx(ZERO, abs=2e-6)
-    turned = rotate(rotation_of(fused.belief.state.q_nb), tuple(LEVER_B))
-    moved_m = innovation_n(fused.belief.state, sample, turned)
+    assert innovation_n(fused.estimate.state, sample, lever_n) == pytest.approx(ZERO, abs=2e-6)
+    turned = rotate(rotation_of(fused.estimate.state.q_nb), tuple(LEVER_B))
+    moved_m = innovation_n(fused.estimate.state, sample, turned)
     assert np.abs(moved_m).max() < 0.1  # the lever arm turned with the attitude that was kept
 
 
@@ -70,33 +71,33 @@ def test_median_filter_ignores_one_jump(before):
     assert fused.verdict.used
     middle = np.sort([*before[-2:], shift], axis=0)[1]
     assert fused.verdict.innovation == pytest.approx(middle, abs=2e-6)
-    assert fused.belief.control.offsets_n[:2] == before[-2:]
-    assert fused.belief.control.offsets_n[2] == pytest.approx(shift, abs=2e-6)
+    assert fused.estimate.aids.offsets_n[:2] == before[-2:]
+    assert fused.estimate.aids.offsets_n[2] == pytest.approx(shift, abs=2e-6)
 
 
 def test_velocity_enters_with_its_floor():
     sample = replace(velocity(0.0, (3.5, -1.0, 0.2), variance=0.0), stamp_ns=NOW_NS)
     covariance = np.diag(np.r_[np.zeros(3), np.full(3, 4e-4), np.zeros(12)])
-    fused = Fusion(MEASURED).fuse(sample, belief_of(LEVEL, covariance=covariance), ZERO)
+    fused = Fusion(MEASURED).fuse(sample, estimate_of(LEVEL, covariance=covariance), ZERO)
     # Variance 0.02^2 against the floor 0.02^2: half of the 0.5 m/s, but that is 17 sigma: refused.
     assert fused.verdict.outcome is Outcome.GATED
     near = LEVEL._replace(velocity_n=(3.45, -1.0, 0.2))
-    fused = Fusion(MEASURED).fuse(sample, belief_of(near, covariance=covariance), ZERO)
-    assert fused.belief.state.velocity_n[0] == pytest.approx(3.475, abs=1e-9)
+    fused = Fusion(MEASURED).fuse(sample, estimate_of(near, covariance=covariance), ZERO)
+    assert fused.estimate.state.velocity_n[0] == pytest.approx(3.475, abs=1e-9)
 
 
 def test_gps_error_takes_what_the_state_does_not():
     """Where the position is known, a GPS position says what the receiver is off."""
     covariance = np.diag(np.r_[np.zeros(6), np.full(3, 1e-4), np.zeros(6), np.full(3, 4.0)])
-    belief = belief_of(LEVEL, covariance=covariance)
+    estimate = estimate_of(LEVEL, covariance=covariance)
     sample = antenna_fix(LEVEL, np.array([1.0, -2.0, 3.0]), Source.GPS_POSITION)
     sample = replace(sample, covariance_n=np.zeros((3, 3)))
-    fused = Fusion(armed_config(gps__position_noise_m=0.05)).fuse(sample, belief, ZERO)
+    fused = Fusion(armed_config(gps__position_noise_m=0.05)).fuse(sample, estimate, ZERO)
     assert fused.verdict.used
     # Shares of the innovation: 4 and 1e-4 of 4 + 1e-4 + 0.05^2.
     shift = np.array([1.0, -2.0, 3.0]) / (4 + 1e-4 + 0.05**2)
-    assert fused.belief.control.receivers.gps_error_n == pytest.approx(4 * shift, abs=2e-6)
-    moved = np.subtract(fused.belief.state.correction_n, belief.state.correction_n)
+    assert fused.estimate.aids.receivers.gps_error_n == pytest.approx(4 * shift, abs=2e-6)
+    moved = np.subtract(fused.estimate.state.correction_n, estimate.state.correction_n)
     assert moved == pytest.approx(1e-4 * shift, abs=2e-9)
 
 
@@ -108,8 +109,8 @@ def test_heading_error_is_learned_only_where_there_is_such_a_state(sigma_deg, st
     covariance[-1, -1] = math.radians(sigma_deg) ** 2
     covariance[2, 2] = math.radians(1.0) ** 2
     sample = HeadingSample(NOW_NS, math.radians(3.0), math.radians(0.6) ** 2)
-    fused = Fusion(config).fuse(sample, belief_of(LEVEL, covariance=covariance), ZERO)
-    found = math.degrees(fused.belief.control.receivers.heading_error_rad)
+    fused = Fusion(config).fuse(sample, estimate_of(LEVEL, covariance=covariance), ZERO)
+    found = math.degrees(fused.estimate.aids.receivers.heading_error_rad)
     expected = 3.0 * sigma_deg**2 / (4 + 1 + 0.36)
     assert found == pytest.approx(expected, abs=1e-9)
 
@@ -141,22 +142,22 @@ def test_floor_only_adds(variances, correlation):
 
 def drifted(sigma_m: float = 1.0) -> StateEstimate:
     """After an outage: the position is known to a metre, RTK was used 12 s ago."""
-    control = used_at({Source.RTK_POSITION: ns(0)}, FixStatus.FIXED)
+    aids = used_at({Source.RTK_POSITION: ns(0)}, FixStatus.FIXED)
     covariance = 1e-4 * np.eye(18)
     covariance[2, 2] = math.radians(0.1) ** 2
     covariance[6:9, 6:9] = sigma_m**2 * np.eye(3)
-    return StateEstimate(HOVER, covariance, control)
+    return StateEstimate(HOVER, covariance, aids)
 
 
 def test_position_comes_back_in_equal_steps():
-    fusion, belief = Fusion(MEASURED), drifted()
+    fusion, estimate = Fusion(MEASURED), drifted()
     places, sigmas = [], []
     for k in range(6):
-        found = fusion.fuse(fix(12.0 + 0.2 * k, (0.8, 0, 0)), belief, ZERO)
+        found = fusion.fuse(fix(12.0 + 0.2 * k, (0.8, 0, 0)), estimate, ZERO)
         assert found.verdict.used
-        belief = found.belief
-        places.append(belief.state.correction_n[0])
-        sigmas.append(math.sqrt(belief.covariance[6, 6]))
+        estimate = found.estimate
+        places.append(estimate.state.correction_n[0])
+        sigmas.append(math.sqrt(estimate.covariance[6, 6]))
     # Equal but for the noise's share, 1e-4 of the state's variance, five times.
     assert places[:5] == pytest.approx([0.16, 0.32, 0.48, 0.64, 0.8], abs=5 * 1e-3 * 0.8)
     assert places[5] == pytest.approx(0.8, abs=0.01)
@@ -169,11 +170,11 @@ def test_position_comes_back_in_equal_steps():
 
 
 def test_position_that_was_used_lately_is_not_eased():
-    belief = drifted()
-    control = belief.control.with_track(Source.RTK_POSITION, AidTrack(ns(11.5)))
-    control = control.heard(FixStatus.FIXED, ns(11.5), ns(12) - ns(0))
-    found = Fusion(MEASURED).fuse(fix(12.0, (0.8, 0, 0)), belief._replace(control=control), ZERO)
-    assert found.belief.state.correction_n[0] == pytest.approx(0.8, abs=1e-3)
+    estimate = drifted()
+    aids = estimate.aids.with_track(Source.RTK_POSITION, AidTrack(ns(11.5)))
+    aids = aids.heard(FixStatus.FIXED, ns(11.5), ns(12) - ns(0))
+    found = Fusion(MEASURED).fuse(fix(12.0, (0.8, 0, 0)), estimate._replace(aids=aids), ZERO)
+    assert found.estimate.state.correction_n[0] == pytest.approx(0.8, abs=1e-3)
 
 
 def test_covariance_of_an_eased_position_is_honest():
@@ -181,13 +182,13 @@ def test_covariance_of_an_eased_position_is_honest():
     rng = np.random.default_rng(5)
     ratios = []
     for _ in range(300):
-        belief, fusion = drifted(1.0), Fusion(MEASURED)
+        estimate, fusion = drifted(1.0), Fusion(MEASURED)
         truth = rng.normal()
         for k in range(6):
             sample = fix(12.0 + 0.2 * k, (truth + 0.01 * rng.normal(), 0, 0))
-            belief = fusion.fuse(sample, belief, ZERO).belief
-            left = truth - belief.state.correction_n[0]
-            ratios.append(left / math.sqrt(belief.covariance[6, 6]))
+            estimate = fusion.fuse(sample, estimate, ZERO).estimate
+            left = truth - estimate.state.correction_n[0]
+            ratios.append(left / math.sqrt(estimate.covariance[6, 6]))
     found = np.sqrt(np.mean(np.square(np.reshape(ratios, (-1, 6))), axis=0))
     # 300 draws: 4 % one sigma. On the way it is on the safe side: each fix says more than it may.
     assert (found < 1.16).all()
@@ -204,21 +205,21 @@ def test_float_positions_weigh_what_their_slow_error_leaves():
     rng, step_s, walk = np.random.default_rng(6), 0.2, 0.05
     ratios = []
     for _ in range(20):
-        belief, fusion = drifted(0.01), Fusion(config)
+        estimate, fusion = drifted(0.01), Fusion(config)
         truth = 0.01 * rng.normal()
         error = sigma_m * rng.normal()
         keep = math.exp(-step_s / time_s)
         for k in range(200):
-            covariance = belief.covariance.copy()
+            covariance = estimate.covariance.copy()
             covariance[6, 6] += walk**2 * step_s
-            belief = belief._replace(covariance=covariance)
+            estimate = estimate._replace(covariance=covariance)
             truth += walk * math.sqrt(step_s) * rng.normal()
             error = keep * error + sigma_m * math.sqrt(1 - keep**2) * rng.normal()
             sample = fix(0.2 * (k + 1), (truth + error, 0, 0), status=FixStatus.FLOAT)
-            belief = fusion.fuse(sample, belief, ZERO).belief
+            estimate = fusion.fuse(sample, estimate, ZERO).estimate
             if k >= 50:
-                left = truth - belief.state.correction_n[0]
-                ratios.append(left / math.sqrt(belief.covariance[6, 6]))
+                left = truth - estimate.state.correction_n[0]
+                ratios.append(left / math.sqrt(estimate.covariance[6, 6]))
     # White noise of the same power over long times is what a slow state sees: the estimate of
     # a state that walks as fast as the error is not far from honest on either side.
     assert 0.6 < np.sqrt(np.mean(np.square(ratios))) < 1.4
@@ -235,14 +236,14 @@ def control_of(rtk_s=None, gps_s=None, status=FixStatus.FIXED):
     """RTK's position and velocity and the GPS were used at these times."""
     times = dict.fromkeys((Source.RTK_POSITION, Source.RTK_VELOCITY), rtk_s)
     times[Source.GPS_POSITION] = gps_s
-    control = used_at({source: ns(t_s) for source, t_s in times.items() if t_s is not None})
+    aids = used_at({source: ns(t_s) for source, t_s in times.items() if t_s is not None})
     if rtk_s is not None:
-        control = control.heard(status, ns(rtk_s), ns(1) - ns(0))
-    return control._replace(receivers=Receivers(ns(0)))
+        aids = aids.heard(status, ns(rtk_s), ns(1) - ns(0))
+    return aids._replace(receivers=Receivers(ns(0)))
 
 
 @pytest.mark.parametrize(
-    ("control", "spare"),
+    ("aids", "spare"),
     [
         (control_of(rtk_s=9.9, gps_s=9.05), True),  # a second less the jitter of stamps
         (control_of(rtk_s=9.9, gps_s=9.04), False),
@@ -253,8 +254,8 @@ def control_of(rtk_s=None, gps_s=None, status=FixStatus.FIXED):
         (control_of(gps_s=9.9), False),
     ],
 )
-def test_positions_are_spare_while_rtk_is_fixed_but_for_one_a_second(control, spare):
-    assert GpsPositionAid(CONFIG).spare(gps_fix(10.0), control) is spare
+def test_positions_are_spare_while_rtk_is_fixed_but_for_one_a_second(aids, spare):
+    assert GpsPositionAid(CONFIG).spare(gps_fix(10.0), aids) is spare
 
 
 @pytest.mark.parametrize(("rtk_s", "spare"), [(9.0, True), (8.999, False), (None, False)])
@@ -264,8 +265,8 @@ def test_velocities_are_spare_while_rtk_s_are_used(rtk_s, spare):
 
 
 def test_a_fix_that_is_none_is_not_used():
-    belief = StateEstimate(HOVER, np.eye(18), control_of())
-    found = Fusion(CONFIG).fuse(gps_fix(10.0, status=FixStatus.NONE), belief, ZERO)
+    estimate = StateEstimate(HOVER, np.eye(18), control_of())
+    found = Fusion(CONFIG).fuse(gps_fix(10.0, status=FixStatus.NONE), estimate, ZERO)
     assert (found.verdict.outcome, found.verdict.reason) == (Outcome.NOT_FIXED, "status none")
 
 
@@ -286,17 +287,17 @@ def test_what_the_receiver_admits_beyond_its_slow_error_is_noise(
     """Its variances less those that the state has, not below zero."""
     gps = CONFIG.gps
     known = np.square(gps.position_sigma_m) + gps.position_noise_m**2
-    belief = StateEstimate(HOVER, np.eye(18), control_of(rtk_s, gps_s))
+    estimate = StateEstimate(HOVER, np.eye(18), control_of(rtk_s, gps_s))
     sample = gps_fix(10.0, variances=share * known + more)
-    found = GpsPositionAid(CONFIG).measured(sample, belief, ZERO)[0].measurement.noise
+    found = GpsPositionAid(CONFIG).measured(sample, estimate, ZERO)[0].measurement.noise
     expected = np.eye(3) * (gps.position_noise_m**2 + beyond)
     np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
 def with_error(covariance):
-    """A belief whose GPS error was learned at 0 s."""
-    control = control_of()._replace(receivers=Receivers(ns(0), (3.0, 0.0, -6.0)))
-    return StateEstimate(HOVER, covariance, control)
+    """A estimate whose GPS error was learned at 0 s."""
+    aids = control_of()._replace(receivers=Receivers(ns(0), (3.0, 0.0, -6.0)))
+    return StateEstimate(HOVER, covariance, aids)
 
 
 def fade(t_s):
@@ -306,11 +307,11 @@ def fade(t_s):
 @pytest.mark.parametrize("looked_at_s", [(), (10.0, 20.0)])
 def test_learned_error_fades_with_time_alone(looked_at_s):
     """By a third of its correlation time in 30 s; fixes that are refused do not fade it twice."""
-    fusion, belief = Fusion(CONFIG), with_error(1e-6 * np.eye(18))
+    fusion, estimate = Fusion(CONFIG), with_error(1e-6 * np.eye(18))
     for t_s in looked_at_s:
-        verdict, belief = fusion.fuse(gps_fix(t_s, (50.0, 0.0, 0.0)), belief, ZERO)
+        verdict, estimate = fusion.fuse(gps_fix(t_s, (50.0, 0.0, 0.0)), estimate, ZERO)
         assert verdict.outcome is Outcome.GATED
-    found = fusion.fuse(gps_fix(30.0), belief, ZERO).verdict.innovation
+    found = fusion.fuse(gps_fix(30.0), estimate, ZERO).verdict.innovation
     # Metres through radians at 6.4e6 m: 1e-9.
     assert found == pytest.approx([-3.0 * fade(30), 0.0, 6.0 * fade(30)], abs=1e-6)
 
@@ -318,25 +319,25 @@ def test_learned_error_fades_with_time_alone(looked_at_s):
 def test_fading_does_not_depend_on_how_often_something_is_used():
     """Twenty updates in between or none: the same estimate, if they say nothing of it."""
     covariance = np.diag(np.r_[np.full(15, 1e-6), np.full(3, 1.0)])
-    fusion, belief = Fusion(CONFIG), with_error(covariance)
+    fusion, estimate = Fusion(CONFIG), with_error(covariance)
     for k in range(1, 21):
         sample = velocity(0.5 * k, source=Source.GPS_VELOCITY, variance=0.01)
-        found = fusion.fuse(sample, belief, ZERO)
+        found = fusion.fuse(sample, estimate, ZERO)
         assert found.verdict.used
-        belief = found.belief._replace(covariance=covariance, state=HOVER)
+        estimate = found.estimate._replace(covariance=covariance, state=HOVER)
     expected = (3.0 * fade(10), 0.0, -6.0 * fade(10))
-    assert belief.control.receivers.gps_error_n == pytest.approx(expected, abs=1e-12)
+    assert estimate.aids.receivers.gps_error_n == pytest.approx(expected, abs=1e-12)
 
 
 def test_learned_while_rtk_is_there_to_its_noise():
     """A known position: the error is learned to position_noise_m, and tied to nothing."""
     covariance = np.diag(np.r_[np.full(15, 1e-8), np.square(CONFIG.gps.position_sigma_m)])
-    belief = StateEstimate(HOVER, covariance, control_of(rtk_s=9.9))
+    estimate = StateEstimate(HOVER, covariance, control_of(rtk_s=9.9))
     shift = (0.8, -1.0, 2.5)
-    found = Fusion(CONFIG).fuse(gps_fix(10.0, shift), belief, ZERO).belief
+    found = Fusion(CONFIG).fuse(gps_fix(10.0, shift), estimate, ZERO).estimate
     sigma = np.sqrt(np.diag(found.covariance)[GPS_ERROR])
     assert sigma == pytest.approx([CONFIG.gps.position_noise_m] * 3, rel=0.01)
-    assert found.control.receivers.gps_error_n == pytest.approx(shift, abs=0.02)
+    assert found.aids.receivers.gps_error_n == pytest.approx(shift, abs=0.02)
     assert np.abs(found.state.correction_n).max() < 1e-6
 
 
@@ -386,7 +387,7 @@ def test_position_and_error_start_tied():
             navigation.process(sample)
         if navigation._ekf is not None:
             break
-    covariance = navigation._ekf.belief().covariance
+    covariance = navigation._ekf.estimate().covariance
     both = np.diag(covariance)[POSITION], np.diag(covariance)[GPS_ERROR]
     tie = np.diag(covariance[POSITION, GPS_ERROR]) / np.sqrt(both[0] * both[1])
     assert (tie < -0.9).all()

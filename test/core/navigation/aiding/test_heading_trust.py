@@ -12,8 +12,8 @@ from filter_states import (
     LEVEL,
     SECOND_NS,
     ZERO,
-    belief_of,
     ekf_config,
+    estimate_of,
     heading,
     heard,
     ns,
@@ -28,7 +28,7 @@ from tirgeo_ros.core.frames.rotations import quat_from_euler, quat_multiply
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, Receivers
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate
-from tirgeo_ros.core.navigation.estimator import Navigation
+from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.types.measurements import FixStatus, ImuSample, SetHeading, Source
 from tirgeo_ros.core.types.verdicts import FilterState, Outcome
 
@@ -39,17 +39,17 @@ CONFIG = ekf_config(
 
 def fixed_belief(fixed_s: float, now_s: float) -> StateEstimate:
     """Level, nose north, fixed for so long, headings not used yet."""
-    control, t_s = heard(AidStatus(Receivers(ns(now_s))), now_s - fixed_s), now_s - fixed_s
+    aids, t_s = heard(AidStatus(Receivers(ns(now_s))), now_s - fixed_s), now_s - fixed_s
     while t_s < now_s:  # the receiver says so five times a second
         t_s = min(t_s + 0.2, now_s)
-        control = heard(control, t_s)
+        aids = heard(aids, t_s)
     covariance = 1e-4 * np.eye(18)
     covariance[2, 2] = math.radians(0.1) ** 2
-    return StateEstimate(LEVEL, covariance, control)
+    return StateEstimate(LEVEL, covariance, aids)
 
 
-def fused(belief, sample, q_nb=None):
-    return Fusion(CONFIG).fuse(sample, belief, ZERO, autopilot_q_nb=q_nb)
+def fused(estimate, sample, q_nb=None):
+    return Fusion(CONFIG).fuse(sample, estimate, ZERO, autopilot_q_nb=q_nb)
 
 
 @pytest.mark.parametrize(
@@ -62,20 +62,20 @@ def test_headings_start_after_a_while_of_fixed_positions(fixed_s, reason):
 
 def test_headings_go_on_where_they_were_used_lately():
     """One float fix in between stops them for its own time only."""
-    belief = fused(fixed_belief(3.0, 5.0), heading(5.0)).belief
-    belief = belief._replace(control=heard(belief.control, 5.1, FixStatus.FLOAT))
-    stopped = fused(belief, heading(5.2))
+    estimate = fused(fixed_belief(3.0, 5.0), heading(5.0)).estimate
+    estimate = estimate._replace(aids=heard(estimate.aids, 5.1, FixStatus.FLOAT))
+    stopped = fused(estimate, heading(5.2))
     assert stopped.verdict.reason == "rtk/fix is not fixed"
-    belief = stopped.belief._replace(control=heard(stopped.belief.control, 5.3))
-    assert fused(belief, heading(5.4)).verdict.used
+    estimate = stopped.estimate._replace(aids=heard(stopped.estimate.aids, 5.3))
+    assert fused(estimate, heading(5.4)).verdict.used
 
 
 @pytest.mark.parametrize(("age_s", "reason"), [(1.0, ""), (1.001, "rtk/fix is silent")])
 def test_headings_stop_where_the_status_is_silent(age_s, reason):
-    belief = fused(fixed_belief(3.0, 5.0), heading(5.0)).belief
-    assert fused(belief, heading(5.0 + age_s)).verdict.reason == reason
+    estimate = fused(fixed_belief(3.0, 5.0), heading(5.0)).estimate
+    assert fused(estimate, heading(5.0 + age_s)).verdict.reason == reason
     # A fix of now does not count from before the silence.
-    late = belief._replace(control=heard(belief.control, 65.0))
+    late = estimate._replace(aids=heard(estimate.aids, 65.0))
     assert fused(late, heading(65.0)).verdict.outcome is Outcome.NOT_FIXED
 
 
@@ -83,22 +83,22 @@ def test_headings_stop_where_the_status_is_silent(age_s, reason):
 
 
 def agreed(seconds: float) -> StateEstimate:
-    """A belief that headings of zero have confirmed for so long, five times a second."""
-    belief = fixed_belief(3.0, 0.0)
+    """A estimate that headings of zero have confirmed for so long, five times a second."""
+    estimate = fixed_belief(3.0, 0.0)
     for k in range(round(seconds * 5) + 1):
-        belief = belief._replace(control=heard(belief.control, 0.2 * k))
-        found = fused(belief, heading(0.2 * k))
+        estimate = estimate._replace(aids=heard(estimate.aids, 0.2 * k))
+        found = fused(estimate, heading(0.2 * k))
         assert found.verdict.used
-        belief = with_sigma(found.belief)
-    return belief
+        estimate = with_sigma(found.estimate)
+    return estimate
 
 
-def with_sigma(belief: StateEstimate) -> StateEstimate:
+def with_sigma(estimate: StateEstimate) -> StateEstimate:
     """Its covariance as at first: nothing is learned, nothing drifts."""
-    return belief._replace(covariance=fixed_belief(3.0, 0.0).covariance)
+    return estimate._replace(covariance=fixed_belief(3.0, 0.0).covariance)
 
 
-def given_up_after(belief: StateEstimate, start_s: float, offs_deg, autopilot_deg=None):
+def given_up_after(estimate: StateEstimate, start_s: float, offs_deg, autopilot_deg=None):
     """Seconds from the first refusal until the state is set to headings that are off, or None."""
     q_nb = None
     if autopilot_deg is not None:
@@ -106,9 +106,9 @@ def given_up_after(belief: StateEstimate, start_s: float, offs_deg, autopilot_de
     first_s = None
     for k, degrees in enumerate(offs_deg):
         t_s = start_s + 0.2 * k
-        belief = belief._replace(control=heard(belief.control, t_s))
-        found = fused(belief, heading(t_s, degrees), q_nb)
-        belief = with_sigma(found.belief)
+        estimate = estimate._replace(aids=heard(estimate.aids, t_s))
+        found = fused(estimate, heading(t_s, degrees), q_nb)
+        estimate = with_sigma(found.estimate)
         if found.verdict.outcome is Outcome.RESET:
             return t_s - first_s
         if found.verdict.outcome is Outcome.GATED and first_s is None:
@@ -158,27 +158,27 @@ def test_headings_that_come_late_and_far_off_do_not_win():
 
 def test_contradictions_that_do_not_agree_prove_nothing():
     """A heading that runs round: refused for a minute and more, the state stays."""
-    belief = agreed(10.0)
+    estimate = agreed(10.0)
     for k in range(500):
         t_s = 10.2 + 0.2 * k
-        belief = belief._replace(control=heard(belief.control, t_s))
-        found = fused(belief, heading(t_s, 60.0 + (37.0 * k) % 240.0))
+        estimate = estimate._replace(aids=heard(estimate.aids, t_s))
+        found = fused(estimate, heading(t_s, 60.0 + (37.0 * k) % 240.0))
         assert found.verdict.outcome is Outcome.GATED
-        belief = found.belief
-    assert belief.state.q_nb == pytest.approx(LEVEL.q_nb, abs=1e-6)
+        estimate = found.estimate
+    assert estimate.state.q_nb == pytest.approx(LEVEL.q_nb, abs=1e-6)
 
 
 def test_one_chance_agreement_does_not_spend_the_trust():
     """Headings agreed for a minute; then wrong, once right by chance, and wrong again."""
-    belief = agreed(60.0)
+    estimate = agreed(60.0)
     for k in range(25):  # the mean of the innovations is far away for a while
         t_s = 60.2 + 0.2 * k
-        belief = belief._replace(control=heard(belief.control, t_s))
-        belief = fused(belief, heading(t_s, 90.0 if k < 10 else 0.0)).belief
-        if belief.control.track(Source.RTK_HEADING).run is None and k > 10:
+        estimate = estimate._replace(aids=heard(estimate.aids, t_s))
+        estimate = fused(estimate, heading(t_s, 90.0 if k < 10 else 0.0)).estimate
+        if estimate.aids.track(Source.RTK_HEADING).run is None and k > 10:
             break
-    assert belief.control.track(Source.RTK_HEADING).run is None  # it has agreed
-    assert given_up_after(with_sigma(belief), t_s + 0.2, [90.0] * 400) is None
+    assert estimate.aids.track(Source.RTK_HEADING).run is None  # it has agreed
+    assert given_up_after(with_sigma(estimate), t_s + 0.2, [90.0] * 400) is None
 
 
 SIGMA = math.radians(3.0)
@@ -291,10 +291,10 @@ def test_what_is_refused_says_why(values, outcome, reason):
     [(8.0, 6.0, Outcome.USED), (2.0, 6.0, Outcome.STANDBY), (8.0, 60.0, Outcome.GATED)],
 )
 def test_a_filter_that_runs_takes_it_where_its_own_is_worse(own_deg, off_deg, outcome):
-    belief = belief_of(state_of(0.0, 0.0, 0.0))
-    belief.covariance[2, 2] = math.radians(own_deg) ** 2
+    estimate = estimate_of(state_of(0.0, 0.0, 0.0))
+    estimate.covariance[2, 2] = math.radians(own_deg) ** 2
     told = SetHeading(SECOND_NS, math.radians(off_deg), SIGMA**2)
-    verdict, after = Fusion(EkfConfig()).fuse(told, belief, (0.0, 0.0, 0.0))
+    verdict, after = Fusion(EkfConfig()).fuse(told, estimate, (0.0, 0.0, 0.0))
     assert verdict.outcome is outcome
     turned = math.degrees(heading_of(np.array(after.state.q_nb)))
     # Afterwards it is as certain as was said, 3 deg, and saying it again changes nothing.

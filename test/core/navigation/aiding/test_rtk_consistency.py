@@ -11,7 +11,7 @@ import pytest
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.aiding import rtk_consistency
 from tirgeo_ros.core.navigation.aiding.rtk_consistency import Consistency, distance
-from tirgeo_ros.core.navigation.kalman import chi_square_limit
+from tirgeo_ros.core.navigation.ins.kalman import chi_square_limit
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source, VelocitySample
 
 FIX_M, VELOCITY_M_S = np.array((0.01, 0.01, 0.02)), 0.02

@@ -27,7 +27,7 @@ from tirgeo_ros.core.frames.rotations import euler_from_quat, quat_from_euler, q
 from tirgeo_ros.core.navigation.aiding.aid_status import AidTrack, Receivers
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate
-from tirgeo_ros.core.navigation.ins_error_model import GPS_ERROR, POSITION, states_of
+from tirgeo_ros.core.navigation.ins.ins_error_model import GPS_ERROR, POSITION, states_of
 from tirgeo_ros.core.types.measurements import FixStatus, Source
 from tirgeo_ros.core.types.verdicts import Outcome
 
@@ -46,32 +46,32 @@ def correlated(states: int, seed: int = 3) -> np.ndarray:
     return root @ root.T
 
 
-def belief_of(states: int = 18, *, rtk: bool = True, covariance=None) -> StateEstimate:
+def estimate_of(states: int = 18, *, rtk: bool = True, covariance=None) -> StateEstimate:
     """RTK fixed for five seconds, its three measurements just used or never."""
-    control = used_at(dict.fromkeys(RTK, ns(0)) if rtk else {})
-    control = control._replace(receivers=Receivers(ns(0)))
-    control = control.heard(FixStatus.FIXED, ns(-5), SECOND_NS)
-    return StateEstimate(START, correlated(states) if covariance is None else covariance, control)
+    aids = used_at(dict.fromkeys(RTK, ns(0)) if rtk else {})
+    aids = aids._replace(receivers=Receivers(ns(0)))
+    aids = aids.heard(FixStatus.FIXED, ns(-5), SECOND_NS)
+    return StateEstimate(START, correlated(states) if covariance is None else covariance, aids)
 
 
-def again_and_again(belief, make, seconds=2.0, config=CONFIG):
-    """The verdicts on samples at 5 Hz that all agree; the beliefs before and after the last.
+def again_and_again(estimate, make, seconds=2.0, config=CONFIG):
+    """The verdicts on samples at 5 Hz that all agree; the estimates before and after the last.
 
     The state does not move in between (``make(t_s)`` gives a sample for a state that stands).
     """
-    fusion, verdicts, before = Fusion(config), [], belief
+    fusion, verdicts, before = Fusion(config), [], estimate
     for k in range(round(seconds * 5) + 1):
-        before = belief
-        verdict, belief = fusion.fuse(make(k / 5), before, ZERO)
+        before = estimate
+        verdict, estimate = fusion.fuse(make(k / 5), before, ZERO)
         verdicts.append(verdict)
-    return verdicts, before, belief
+    return verdicts, before, estimate
 
 
 def test_position_is_set_where_it_is_measured():
-    belief = belief_of()
+    estimate = estimate_of()
     receivers = Receivers(ns(0), (0.5, -0.2, 2.0))
-    belief = belief._replace(control=belief.control._replace(receivers=receivers))
-    verdicts, before, after = again_and_again(belief, lambda t_s: fix(t_s, SHIFT_N))
+    estimate = estimate._replace(aids=estimate.aids._replace(receivers=receivers))
+    verdicts, before, after = again_and_again(estimate, lambda t_s: fix(t_s, SHIFT_N))
     assert [v.outcome for v in verdicts] == [Outcome.GATED] * 10 + [Outcome.RESET]
     assert verdicts[-1].reason == "position moved by 5.10 m"
     assert after.state.correction_n == pytest.approx(tuple(SHIFT_N), abs=1e-5)
@@ -83,9 +83,9 @@ def test_position_is_set_where_it_is_measured():
     chosen = np.ix_(others, others)
     np.testing.assert_array_equal(after.covariance[chosen], before.covariance[chosen])
     assert_covariance(after.covariance)
-    assert after.control.resets[0] == sum(after.control.resets) == 1
+    assert after.aids.resets[0] == sum(after.aids.resets) == 1
     # The ordinary GPS stands: its error was against the position that was wrong.
-    found = after.control.receivers.gps_error_n
+    found = after.aids.receivers.gps_error_n
     assert found == pytest.approx((0.5 - 3.0, -0.2 + 4.0, 2.0 - 1.0), abs=0.15)  # 2 s of 45 fade
 
 
@@ -97,7 +97,7 @@ def wandering(t_s):
     ("make", "seconds"), [(lambda t_s: fix(t_s, SHIFT_N), 1.8), (wandering, 20.0)]
 )
 def test_short_runs_and_positions_that_do_not_agree_do_not_set_it(make, seconds):
-    verdicts, _, after = again_and_again(belief_of(), make, seconds)
+    verdicts, _, after = again_and_again(estimate_of(), make, seconds)
     assert {v.outcome for v in verdicts} == {Outcome.GATED}
     assert after.state is START
 
@@ -109,17 +109,17 @@ def off(t_s, source=Source.RTK_VELOCITY):
 
 def test_velocity_is_not_set_while_positions_fit():
     """Positions that fit say that the velocity does too."""
-    belief, fusion = belief_of(), Fusion(CONFIG)
+    estimate, fusion = estimate_of(), Fusion(CONFIG)
     for k in range(100):
-        control = belief.control.with_track(Source.RTK_POSITION, AidTrack(ns(0.2 * k)))
-        verdict, belief = fusion.fuse(off(0.2 * k), belief._replace(control=control), ZERO)
+        aids = estimate.aids.with_track(Source.RTK_POSITION, AidTrack(ns(0.2 * k)))
+        verdict, estimate = fusion.fuse(off(0.2 * k), estimate._replace(aids=aids), ZERO)
         assert verdict.outcome is Outcome.GATED
-    assert belief.state is START
+    assert estimate.state is START
 
 
 @pytest.mark.parametrize("source", [Source.RTK_VELOCITY, Source.GPS_VELOCITY])
 def test_velocity_is_set_without_positions(source):
-    verdicts, _, after = again_and_again(belief_of(rtk=False), lambda t_s: off(t_s, source))
+    verdicts, _, after = again_and_again(estimate_of(rtk=False), lambda t_s: off(t_s, source))
     assert verdicts[-1].outcome is Outcome.RESET
     assert after.state.velocity_n == pytest.approx((5.0, -1.0, 0.2), abs=1e-12)
     assert_covariance(after.covariance)
@@ -133,17 +133,17 @@ def test_gps_reset_changes_its_error_and_says_nothing_of_the_position():
 
     covariance = correlated(18)
     covariance[POSITION, POSITION] += 4.0 * np.eye(3)
-    verdicts, before, after = again_and_again(belief_of(rtk=False, covariance=covariance), gps)
+    verdicts, before, after = again_and_again(estimate_of(rtk=False, covariance=covariance), gps)
     assert verdicts[-1].outcome is Outcome.RESET
     assert after.state is START
-    assert after.control.receivers.gps_error_n == pytest.approx((0.0, 0.0, 60.0), abs=1e-4)
+    assert after.aids.receivers.gps_error_n == pytest.approx((0.0, 0.0, 60.0), abs=1e-4)
     assert_covariance(after.covariance)
     position_m2 = np.diag(before.covariance)[POSITION]
     np.testing.assert_array_equal(np.diag(after.covariance)[POSITION], position_m2)
     # A second one measures the same once more: it finds the sum to the noise of both, no more.
     again = Fusion(CONFIG).fuse(gps(2.2), after, ZERO)
     assert again.verdict.used
-    found = again.belief.covariance
+    found = again.estimate.covariance
     # Of the fix's noise of 0.05 m a part of 1e-3 of the 4 m2 may go to either.
     np.testing.assert_allclose(np.diag(found)[POSITION], position_m2, rtol=5e-3)
     sums = found[POSITION, POSITION] + 2 * found[POSITION, GPS_ERROR] + found[GPS_ERROR, GPS_ERROR]
@@ -156,17 +156,17 @@ def turning(t_s, turn_deg):
     return replace(heading(t_s), heading_rad=yaw + math.radians(turn_deg))
 
 
-def turned(config, degrees, belief=None):
-    """The beliefs before and after the reset to headings that are off, and when it came."""
-    fusion, belief = Fusion(config), belief_of() if belief is None else belief
+def turned(config, degrees, estimate=None):
+    """The estimates before and after the reset to headings that are off, and when it came."""
+    fusion, estimate = Fusion(config), estimate_of() if estimate is None else estimate
     # The autopilot has turned as well: it is the state that is wrong.
     q_nb = quat_multiply(quat_from_euler(0.0, 0.0, math.radians(degrees)), np.array(START.q_nb))
     for k in range(400):
         t_s = 0.2 * k
-        before = belief._replace(control=heard(belief.control, t_s))
-        verdict, belief = fusion.fuse(turning(t_s, degrees), before, ZERO, autopilot_q_nb=q_nb)
+        before = estimate._replace(aids=heard(estimate.aids, t_s))
+        verdict, estimate = fusion.fuse(turning(t_s, degrees), before, ZERO, autopilot_q_nb=q_nb)
         if verdict.outcome is Outcome.RESET:
-            return before, belief, t_s
+            return before, estimate, t_s
         assert not verdict.used
     raise AssertionError("no reset")
 
@@ -205,24 +205,24 @@ def test_heading_reset_with_an_error_state(degrees, error_sigma_deg):
     covariance = correlated(states_of(config))
     covariance[-1, :] = covariance[:, -1] = 0.0
     covariance[-1, -1] = error_rad2
-    _, belief, t_s = turned(config, degrees, belief_of(covariance=covariance))
-    found = belief.covariance
+    _, estimate, t_s = turned(config, degrees, estimate_of(covariance=covariance))
+    found = estimate.covariance
     assert found[2, 2] == pytest.approx(noise_rad2 + error_rad2, rel=1e-6)
     assert found[2, -1] == pytest.approx(-error_rad2, rel=1e-6)
     assert_covariance(found)
-    again = Fusion(config).fuse(turning(t_s + 0.2, degrees), belief, ZERO)
+    again = Fusion(config).fuse(turning(t_s + 0.2, degrees), estimate, ZERO)
     assert again.verdict.used
     # A second one halves the noise; what is the receiver's error stays unknown.
     expected = noise_rad2 / 2 + error_rad2
-    assert again.belief.covariance[2, 2] == pytest.approx(expected, rel=0.02)
+    assert again.estimate.covariance[2, 2] == pytest.approx(expected, rel=0.02)
 
 
 def by_gps(t_s):
     return fix(t_s, (0.0, 0.0, 60.0), Source.GPS_POSITION, FixStatus.SINGLE)
 
 
-def set_by(make, **belief):
-    return again_and_again(belief_of(**belief), make)[1:]
+def set_by(make, **estimate):
+    return again_and_again(estimate_of(**estimate), make)[1:]
 
 
 @pytest.mark.parametrize(
@@ -233,7 +233,7 @@ def set_by(make, **belief):
         (lambda: set_by(by_gps, rtk=False), range(15, 18)),
         (lambda: turned(CONFIG, 52.0)[:2], (0, 1, 2, *range(9, 15))),
         (lambda: turned(ekf_config(heading__reset_after_s=5.0), 4.5)[:2], (2,)),
-        (lambda: turned(ekf_config(heading__bias_sigma_deg=2.0), 52.0, belief_of(19))[:2],
+        (lambda: turned(ekf_config(heading__bias_sigma_deg=2.0), 52.0, estimate_of(19))[:2],
          (0, 1, 2, *range(9, 15))),
     ],
 )  # fmt: skip

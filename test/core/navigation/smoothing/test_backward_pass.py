@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.navigation.kalman import Measurement, update
+from tirgeo_ros.core.navigation.ins.kalman import Measurement, update
+from tirgeo_ros.core.navigation.ins.trail import Change, cut
 from tirgeo_ros.core.navigation.smoothing import smoothed_run
-from tirgeo_ros.core.navigation.smoothing.flight_record import FlightRecord
 from tirgeo_ros.core.navigation.smoothing.smoothed_run import smooth
-from tirgeo_ros.core.navigation.smoothing.trail import Change, cut
+from tirgeo_ros.core.navigation.timeline.flight_record import FlightRecord
 
 STATES = 5
 #: Two solutions of 300 linear equations in doubles; their condition is below 1e5.

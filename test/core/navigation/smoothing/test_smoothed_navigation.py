@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from flights import GPS, RTK, config_for, errors, flight, navigation_samples
 
-from tirgeo_ros.core.navigation.estimator import Navigation
+from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.navigation.smoothing.smoothed_navigation import (
     RecordingNavigation,
     SmoothedNavigation,

@@ -1,4 +1,4 @@
-"""Define what an aid of the filter declares; each aid is a subclass in a module of its own."""
+"""Define what an aid of the filter declares; each aid is a subclass in a file of its own."""
 
 from __future__ import annotations
 
@@ -9,23 +9,33 @@ from typing import Any, ClassVar
 import numpy as np
 
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack
+from tirgeo_ros.core.navigation.aiding.aid_status import STEPPED_S, AidStatus, AidTrack
 from tirgeo_ros.core.navigation.aiding.state_estimate import (
     AidMeasurement,
+    AidSample,
+    Fused,
     Modelled,
     StateEstimate,
 )
-from tirgeo_ros.core.navigation.ins_error_model import states_of
-from tirgeo_ros.core.navigation.kalman import Measurement
-from tirgeo_ros.core.navigation.strapdown import Vector
+from tirgeo_ros.core.navigation.ins.ins_error_model import feedback, states_of
+from tirgeo_ros.core.navigation.ins.kalman import Measurement, Update
+from tirgeo_ros.core.navigation.ins.strapdown import Vector
+from tirgeo_ros.core.navigation.ins.trail import Change, cut
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.core.types.measurements import Source
+from tirgeo_ros.core.types.measurements import ImuSample, Source
+from tirgeo_ros.core.types.verdicts import Verdict
+
+#: Contradiction that any reset needs where the values repeat: most likely a receiver that is
+#: frozen in a hover.
+LONGEST_PATIENCE_S = 60.0
+#: A state is lost only beyond the sigma at which the autopilot's heading is used, with a margin.
+_LOST_SIGMAS = 3.5
 
 
 class Aid:
     """Declare one aid: its source, its measurement with noise and gate, and what refusals do.
 
-    ``aids.AIDS`` lists the subclasses. Whatever changes from sample to sample is in the belief,
+    ``aids.AIDS`` lists the subclasses. Whatever changes from sample to sample is in the estimate,
     so that late samples meet the same decisions as timely ones.
     """
 
@@ -35,12 +45,16 @@ class Aid:
     #: The parameters that may be wrong where innovations are much larger than their sigma.
     look_at: ClassVar[str] = ""
     unit: ClassVar[str] = "m"
+    #: Words for a reset to it, before how much.
+    moved: ClassVar[str] = ""
     #: Whether a step of its innovation counts as its own fault, unlike a drift.
     steps: ClassVar[bool] = False
     #: Whether it is eased in after a silence, since it would move the map in one step.
     eased: ClassVar[bool] = False
     #: The error states that are set to it once it has contradicted them for long.
     resets: ClassVar[slice | None] = None
+    #: Whether its samples come out of the IMU's messages (``of_imu``).
+    in_imu: ClassVar[bool] = False
 
     def __init__(self, config: EkfConfig) -> None:
         """Take the parameters. Raises ConfigError where they are of no use."""
@@ -57,14 +71,23 @@ class Aid:
         """Return stamp minus time of measurement, s; 0 without a parameter."""
         return float(operator.attrgetter(cls.delay)(config)) if cls.delay else 0.0
 
-    def spare(self, _sample: Any, _control: AidStatus) -> bool:
+    @classmethod
+    def useless(cls, _sample: Any, _config: EkfConfig) -> Verdict | None:
+        """Return the verdict on a sample that serves no state, else None."""
+        return None
+
+    def of_imu(self, _imu: ImuSample, _covariance: Array) -> AidSample | None:
+        """Return the sample that an IMU message holds; None where it is of no use."""
+        return None
+
+    def spare(self, _sample: Any, _aids: AidStatus) -> bool:
         """Return whether a sample changes nothing and can be skipped (verdict STANDBY)."""
         return False
 
-    def measured(self, sample: Any, belief: StateEstimate, angular_rate_b: Vector) -> Modelled:
-        """Return the measurement, or the verdict on a sample that is not used, and the belief.
+    def measured(self, sample: Any, estimate: StateEstimate, angular_rate_b: Vector) -> Modelled:
+        """Return the measurement, or the verdict on a sample that is not used, and the estimate.
 
-        ``angular_rate_b`` (rad/s) has its bias removed. Only the aid's record in the belief may
+        ``angular_rate_b`` (rad/s) has its bias removed. Only the records in the estimate may
         change.
         """
         raise NotImplementedError
@@ -78,11 +101,98 @@ class Aid:
         """
         return track, reason
 
+    def correction(
+        self, _measurement: Measurement, result: Update
+    ) -> tuple[Array, tuple[Change, ...]]:
+        """Return the error (n,) to correct by, and the changes of the covariance."""
+        assert result.error is not None
+        assert result.covariance is not None
+        return result.error, (Change(result.covariance, correction=result.correction),)
+
     def off(self, aid: AidMeasurement, track: AidTrack) -> str:
         """Return in words how far a measurement is off; of a step, how large it was."""
         size = math.hypot(*track.step) or float(np.linalg.norm(aid.measurement.innovation))
         return f"{size:.1f} {self.unit} off"
 
-    def after_refusal(self, _aid: AidMeasurement, _belief: StateEstimate) -> StateEstimate | None:
-        """Return the belief after a refusal that led to a reset of the aid's own; else None."""
+    def refused(self, aid: AidMeasurement, track: AidTrack) -> AidTrack:
+        """Return the record after a refusal."""
+        step = self.step(aid, track)
+        return track.refused(aid.stamp_ns, aid.invariant, aid.slack, stale=aid.stale, step=step)
+
+    def step(self, aid: AidMeasurement, track: AidTrack) -> tuple[float, ...]:
+        """Return the step that led to a refusal, empty where it drifted there.
+
+        What returns after a silence meets a state that has drifted: its difference is no step.
+        """
+        lately = track.step or track.denied or track.recent(aid.stamp_ns, self._timeout_ns)
+        return track.stepped(aid.invariant, aid.expected) if self.steps and lately else ()
+
+    def after_step(
+        self, _aid: AidMeasurement, _estimate: StateEstimate, _track: AidTrack
+    ) -> Fused | None:
+        """Return what becomes of a measurement since its aid has stepped; None: a narrow gate."""
         return None
+
+    def after_refusal(
+        self, aid: AidMeasurement, estimate: StateEstimate, autopilot_q_nb: Array | None
+    ) -> StateEstimate | None:
+        """Return the estimate reset to a measurement that was refused for long; None: too early.
+
+        Only measurements that agree with each other count. One position that jumps is forgotten;
+        a receiver that is frozen while the aircraft moves never agrees with itself.
+        """
+        run = estimate.aids.track(aid.source).run
+        if run is None:
+            return None
+        if aid.stale:
+            patience_s = LONGEST_PATIENCE_S
+        else:
+            patience_s = self.patience_s(aid, estimate, autopilot_q_nb)
+        return self.reset(aid, estimate) if run.lasts(patience_s) else None
+
+    def patience_s(
+        self, aid: AidMeasurement, estimate: StateEstimate, _autopilot_q_nb: Array | None
+    ) -> float:
+        """Return how long a run of refusals must last; infinite if it must not cause a reset."""
+        reset_after_s = self._config.rtk.reset_after_s
+        stepped = estimate.aids.track(aid.source).step
+        return max(STEPPED_S, reset_after_s) if stepped else reset_after_s
+
+    def reset(self, aid: AidMeasurement, estimate: StateEstimate) -> StateEstimate | None:
+        """Return the estimate with the states of ``resets`` as measured, and nothing else."""
+        if self.resets is None:
+            return None
+        innovation = aid.measurement.innovation
+        covariance = uncorrelated(estimate.covariance, self.resets)
+        covariance[self.resets, self.resets] = aid.measurement.noise
+        error = np.zeros(len(covariance))
+        error[self.resets] = innovation
+        size = float(np.linalg.norm(innovation))
+        return StateEstimate(
+            feedback(estimate.state, error),
+            covariance,
+            self.with_reset(estimate.aids, aid.stamp_ns, size),
+            (Change(covariance, cut(len(covariance), self.resets)),),
+        )
+
+    def with_reset(self, aids: AidStatus, now_ns: int, size: float) -> AidStatus:
+        """Return the records after a reset by ``size``."""
+        return aids.with_reset(self.source, now_ns, self.reset_text(size))
+
+    def reset_text(self, size: float) -> str:
+        """Return a reset in words; ``size`` in m, m/s or rad."""
+        return f"{self.moved} {size:.2f} {self.unit}"
+
+
+def lost_heading_rad(config: EkfConfig) -> float:
+    """Return the standard deviation of the heading, rad, beyond which a state is lost."""
+    least_deg = _LOST_SIGMAS * config.autopilot.attitude_sigma_deg[2]
+    return math.radians(max(config.trust.lost_heading_sigma_deg, least_deg))
+
+
+def uncorrelated(covariance: Array, block: slice) -> Array:
+    """Return a copy with all variances and covariances of the block's states set to zero."""
+    covariance = covariance.copy()
+    covariance[block, :] = 0.0
+    covariance[:, block] = 0.0
+    return covariance

@@ -1,6 +1,6 @@
 """Record what each aid has done lately: whether it is used or refused, and since when.
 
-The records are part of the filter's belief and are kept at each epoch of the time line. A
+The records are part of the filter's estimate and are kept at each epoch of the time line. A
 measurement that arrives late thus meets the same decisions as one that arrived in time.
 """
 
@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from tirgeo_ros.core.navigation.aiding.rtk_consistency import Consistency
-from tirgeo_ros.core.navigation.strapdown import Vector
+from tirgeo_ros.core.navigation.ins.strapdown import Vector
 from tirgeo_ros.core.types.measurements import FixStatus, Source
 
 #: The sources of measurements, in the order in which those of one instant are used.
@@ -58,7 +58,7 @@ class AidTrack(NamedTuple):
     denied_ns: int = 0  # of the first
     denied_to_ns: int = 0  # of the newest
     denied: int = 0  # their number
-    own: tuple[float, ...] = ()  # what the aid itself keeps from one sample to the next
+    own: Any = None  # what the aid itself keeps from one sample to the next
 
     def recent(self, now_ns: int, timeout_ns: int) -> bool:
         """Return whether it was used within the time-out."""
@@ -157,23 +157,11 @@ class Reset(NamedTuple):
 
     source: Source
     stamp_ns: int
-    size: float  # m, m/s or rad
+    text: str  # what was reset, and by how much
 
     def __str__(self) -> str:
         """Return the reset in words."""
-        if self.source is Source.RTK_HEADING:
-            return f"heading turned by {math.degrees(self.size):+.1f} deg"
-        offset = f"offset of {self.source.topic} changed by", "m"
-        what, unit = _RESET_WORDS.get(self.source, offset)
-        return f"{what} {self.size:.2f} {unit}"
-
-
-_RESET_WORDS = {
-    Source.RTK_POSITION: ("position moved by", "m"),
-    Source.RTK_VELOCITY: ("velocity changed by", "m/s"),
-    Source.GPS_POSITION: ("GPS error changed by", "m"),
-    Source.GPS_VELOCITY: ("velocity changed by", "m/s"),
-}
+        return self.text
 
 
 class AidStatus(NamedTuple):
@@ -198,11 +186,9 @@ class AidStatus(NamedTuple):
         self, source: Source, track: AidTrack, receivers: Receivers | None = None
     ) -> AidStatus:
         """Return a copy with one record changed, and with the receivers' errors if given."""
-        place, tracks = PLACE[source], self.tracks
-        # By places: a named tuple's own _replace takes three times as long.
-        return AidStatus(
-            receivers or self.receivers, (*tracks[:place], track, *tracks[place + 1 :]), *self[2:]
-        )
+        tracks = list(self.tracks)
+        tracks[PLACE[source]] = track
+        return self._replace(receivers=receivers or self.receivers, tracks=tuple(tracks))
 
     def status_at(self, now_ns: int, timeout_ns: int) -> FixStatus | None:
         """Return the receiver's newest fix status; None where it is older than the time-out."""
@@ -216,19 +202,18 @@ class AidStatus(NamedTuple):
         fixed = status is FixStatus.FIXED
         was_fixed = self.status_at(now_ns, timeout_ns) is FixStatus.FIXED
         begun_ns = self.fixed_since_ns if fixed and was_fixed else now_ns
-        told = AidStatus(self.receivers, self.tracks, status, now_ns, begun_ns, *self[5:])
+        after = self._replace(status=status, status_ns=now_ns, fixed_since_ns=begun_ns)
         if not fixed or was_fixed or self.status is None:
-            return told
+            return after
         # The offset has grown while the solution was float.
-        tracks = tuple(t._replace(ease=EASE_STEPS) for t in self.tracks[:1]) + self.tracks[1:]
-        return told._replace(tracks=tracks)
+        track = self.track(Source.RTK_POSITION)._replace(ease=EASE_STEPS)
+        return after.with_track(Source.RTK_POSITION, track)
 
-    def with_reset(self, source: Source, now_ns: int, size: float) -> AidStatus:
-        """Return a copy after a reset by ``size`` (m, m/s or rad): counted, with a new record."""
-        place = PLACE[source]
+    def with_reset(self, source: Source, now_ns: int, text: str) -> AidStatus:
+        """Return a copy after a reset, ``text`` in words: counted, with a new record."""
         counts = list(self.resets)
-        counts[place] += 1
-        newest, rtk = Reset(source, now_ns, size), self.rtk_resets
+        counts[PLACE[source]] += 1
+        newest, rtk = Reset(source, now_ns, text), self.rtk_resets
         if source in {Source.RTK_POSITION, Source.RTK_VELOCITY}:
             rtk = (*rtk, newest)[-_HOPELESS_RESETS:]
         return self.with_track(source, AidTrack(now_ns))._replace(

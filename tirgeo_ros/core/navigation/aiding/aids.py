@@ -10,8 +10,10 @@ from tirgeo_ros.core.navigation.aiding.aid import Aid
 from tirgeo_ros.core.navigation.aiding.autopilot_heading import AutopilotHeadingAid
 from tirgeo_ros.core.navigation.aiding.barometer import BarometerAid
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import HeadingAid
-from tirgeo_ros.core.navigation.aiding.gnss_position import GpsPositionAid, RtkPositionAid
-from tirgeo_ros.core.navigation.aiding.gnss_velocity import GpsVelocityAid, RtkVelocityAid
+from tirgeo_ros.core.navigation.aiding.gps_position import GpsPositionAid
+from tirgeo_ros.core.navigation.aiding.gps_velocity import GpsVelocityAid
+from tirgeo_ros.core.navigation.aiding.rtk_position import RtkPositionAid
+from tirgeo_ros.core.navigation.aiding.rtk_velocity import RtkVelocityAid
 from tirgeo_ros.core.navigation.aiding.set_heading import SetHeadingAid
 from tirgeo_ros.core.types.measurements import Source
 

@@ -20,35 +20,28 @@ from tirgeo_ros.core.navigation.aiding.state_estimate import (
     Modelled,
     StateEstimate,
 )
-from tirgeo_ros.core.navigation.kalman import Measurement
-from tirgeo_ros.core.navigation.strapdown import Vector
+from tirgeo_ros.core.navigation.ins.kalman import Measurement
+from tirgeo_ros.core.navigation.ins.strapdown import Vector
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import AutopilotHeading, ImuSample, SetHeading, Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
-#: It is used where the state's heading sigma exceeds this multiple of its own. A state is lost
-#: only beyond that, with a margin.
-_SIGMAS, _LOST_SIGMAS = 3.0, 3.5
+#: It is used where the state's heading sigma exceeds this multiple of its own.
+_SIGMAS = 3.0
 _GATE_SIGMA = 5.0
 _AGAIN_NS = 1_000_000_000
 
 
-def lost_heading_rad(config: EkfConfig) -> float:
-    """Return the standard deviation of the heading, rad, beyond which a state is lost."""
-    known_deg = _LOST_SIGMAS * config.autopilot.attitude_sigma_deg[2]
-    return math.radians(max(config.trust.lost_heading_sigma_deg, known_deg))
-
-
 def vertical_turn(
-    sample: AutopilotHeading | SetHeading, variance_rad2: float, belief: StateEstimate
+    sample: AutopilotHeading | SetHeading, variance_rad2: float, estimate: StateEstimate
 ) -> AidMeasurement:
     """Return the measurement of the nose's heading: a turn about the vertical alone.
 
     Tilt is known better than from such a heading.
     """
-    off = wrapped(sample.heading_rad - azimuth(rotation_of(belief.state.q_nb)[0::3]))
-    design = np.zeros((1, len(belief.covariance)))
+    off = wrapped(sample.heading_rad - azimuth(rotation_of(estimate.state.q_nb)[0::3]))
+    design = np.zeros((1, len(estimate.covariance)))
     design[0, 2] = 1.0
     noise = np.array(((variance_rad2,),))
     measurement = Measurement(np.array((off,)), design, noise, _GATE_SIGMA)
@@ -60,6 +53,7 @@ class AutopilotHeadingAid(Aid):
 
     source = Source.AUTOPILOT_HEADING
     unit = "rad"
+    in_imu = True
 
     def __init__(self, config: EkfConfig) -> None:
         super().__init__(config)
@@ -75,7 +69,7 @@ class AutopilotHeadingAid(Aid):
         """Return whether the state's heading is uncertain enough for the autopilot's to help."""
         return bool(covariance[2, 2] > self._worth_rad2)
 
-    def sample(self, imu: ImuSample, covariance: Array) -> AutopilotHeading | None:
+    def of_imu(self, imu: ImuSample, covariance: Array) -> AutopilotHeading | None:
         """Return an IMU message's heading, at most one a second; None where it is of no use."""
         q_nb = imu.autopilot_q_nb
         if not self._is_worth(covariance) or not usable_attitude(q_nb) or q_nb is None:
@@ -86,10 +80,10 @@ class AutopilotHeadingAid(Aid):
         return AutopilotHeading(imu.stamp_ns, heading_of(q_nb), self._variance_rad2)
 
     def measured(
-        self, sample: AutopilotHeading, belief: StateEstimate, _rate_b: Vector
+        self, sample: AutopilotHeading, estimate: StateEstimate, _rate_b: Vector
     ) -> Modelled:
         """Return the measurement; STANDBY where the filter's own heading is better."""
-        if not self._is_worth(belief.covariance):
+        if not self._is_worth(estimate.covariance):
             reason = "the filter's heading is more precise"
-            return Verdict(self.source, Outcome.STANDBY, reason), belief
-        return vertical_turn(sample, sample.variance_rad2, belief), belief
+            return Verdict(self.source, Outcome.STANDBY, reason), estimate
+        return vertical_turn(sample, sample.variance_rad2, estimate), estimate

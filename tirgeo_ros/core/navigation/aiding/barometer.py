@@ -22,9 +22,10 @@ from tirgeo_ros.core.navigation.aiding.state_estimate import (
     Modelled,
     StateEstimate,
 )
-from tirgeo_ros.core.navigation.ins_error_model import POSITION
-from tirgeo_ros.core.navigation.kalman import Measurement, chi_square_limit
-from tirgeo_ros.core.navigation.strapdown import Vector
+from tirgeo_ros.core.navigation.ins.ins_error_model import POSITION
+from tirgeo_ros.core.navigation.ins.kalman import Measurement, chi_square_limit
+from tirgeo_ros.core.navigation.ins.strapdown import Vector
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import PressureSample, Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
@@ -75,44 +76,47 @@ class BarometerAid(Aid):
     source = Source.BAROMETER
     delay = "barometer.delay_s"
     look_at = "barometer.sigma_m, barometer.noise_m"
+    moved = "offset of baro/pressure changed by"
 
     def __init__(self, config: EkfConfig) -> None:
         super().__init__(config)
         self._barometer = config.barometer
 
-    def spare(self, sample: PressureSample, control: AidStatus) -> bool:
+    def spare(self, sample: PressureSample, aids: AidStatus) -> bool:
         """Return whether a reading was looked at less than a tenth of a second before."""
-        own = control.track(self.source).own
-        return bool(own) and 0 <= sample.stamp_ns - own[-1] < _LEAST_STEP_NS
+        own = aids.track(self.source).own
+        return own is not None and 0 <= sample.stamp_ns - own.taken_ns < _LEAST_STEP_NS
 
-    def measured(self, sample: PressureSample, belief: StateEstimate, _rate_b: Vector) -> Modelled:
+    def measured(
+        self, sample: PressureSample, estimate: StateEstimate, _rate_b: Vector
+    ) -> Modelled:
         """Return the measurement; STANDBY while the state's height is the better one.
 
         Meanwhile the reference follows the state, as long as a satellite position is in use.
         """
-        control, stamp_ns = belief.control, sample.stamp_ns
-        held = any(control.track(s).recent(stamp_ns, self._timeout_ns) for s in _POSITIONS)
+        aids, stamp_ns = estimate.aids, sample.stamp_ns
+        held = any(aids.track(s).recent(stamp_ns, self._timeout_ns) for s in _POSITIONS)
         height_m = standard_height_m(sample.pressure_pa)
         reported_m2 = sample.variance_pa2 * metres_per_pa(sample.pressure_pa) ** 2
         noise_m2 = max(reported_m2, self._barometer.noise_m**2)
-        own_m2 = float(belief.covariance[_DOWN, _DOWN])
-        before = control.track(self.source)
-        if not before.own and not held:
+        own_m2 = float(estimate.covariance[_DOWN, _DOWN])
+        before = aids.track(self.source)
+        if before.own is None and not held:
             reason = "no satellite position to take the height from"
-            return Verdict(self.source, Outcome.STANDBY, reason), belief
-        if not before.own:
-            offset_m = height_m - belief.state.height_m
+            return Verdict(self.source, Outcome.STANDBY, reason), estimate
+        if before.own is None:
+            offset_m = height_m - estimate.state.height_m
             first = Reference(stamp_ns, height_m, offset_m, noise_m2 + own_m2, stamp_ns)
             verdict = Verdict(self.source, Outcome.STANDBY, "takes its reference")
-            return verdict, _noted(belief, first)
-        reference = Reference._make(before.own)._replace(taken_ns=stamp_ns)
+            return verdict, _noted(estimate, first)
+        reference: Reference = before.own._replace(taken_ns=stamp_ns)
         lasting_m2 = self._offset_m2(reference, stamp_ns, height_m)
-        off_m = belief.state.height_m - (height_m - reference.offset_m)
-        aid = self._measurement(stamp_ns, belief, off_m, (lasting_m2, noise_m2))
+        off_m = estimate.state.height_m - (height_m - reference.offset_m)
+        aid = self._measurement(stamp_ns, estimate, off_m, (lasting_m2, noise_m2))
         nis = off_m * off_m / (own_m2 + lasting_m2 + noise_m2)
         ratio = nis / chi_square_limit(self._barometer.gate_sigma, 1)
         if own_m2 > 2 * lasting_m2 or ratio > 1:
-            return aid, _noted(belief, reference, before)
+            return aid, _noted(estimate, reference, before)
         if held and own_m2 < lasting_m2:
             gain = lasting_m2 / (lasting_m2 + noise_m2 + own_m2)
             offset_m = reference.offset_m - gain * off_m
@@ -126,30 +130,32 @@ class BarometerAid(Aid):
             (off_m,),
             nis,
         )
-        return verdict, _noted(belief, reference)
+        return verdict, _noted(estimate, reference)
 
-    def after_refusal(self, aid: AidMeasurement, belief: StateEstimate) -> StateEstimate | None:
-        """Return the belief with a new reference where the pressure has stepped, else None.
+    def patience_s(
+        self, _aid: AidMeasurement, _estimate: StateEstimate, _autopilot_q_nb: Array | None
+    ) -> float:
+        """Return how long a run of refusals must last."""
+        return self._barometer.reset_after_s
+
+    def reset(self, aid: AidMeasurement, estimate: StateEstimate) -> StateEstimate:
+        """Take a new reference, since the pressure has stepped.
 
         A door, a gust or the canopy has changed the pressure: the state stays, and from here the
         height is continued as before.
         """
-        control = belief.control
-        track = control.track(self.source)
-        if track.run is None or not track.run.lasts(self._barometer.reset_after_s):
-            return None
         off_m = float(aid.measurement.innovation[0])
-        offset_m = Reference._make(track.own).offset_m - off_m
-        variance_m2 = float(belief.covariance[_DOWN, _DOWN]) + self._barometer.noise_m**2
-        height_m = belief.state.height_m + offset_m
+        offset_m = estimate.aids.track(self.source).own.offset_m - off_m
+        variance_m2 = float(estimate.covariance[_DOWN, _DOWN]) + self._barometer.noise_m**2
+        height_m = estimate.state.height_m + offset_m
         reference = Reference(aid.stamp_ns, height_m, offset_m, variance_m2, aid.stamp_ns)
-        control = control.with_reset(self.source, aid.stamp_ns, abs(off_m))
-        return _noted(belief._replace(control=control), reference)
+        aids = self.with_reset(estimate.aids, aid.stamp_ns, abs(off_m))
+        return _noted(estimate._replace(aids=aids), reference)
 
     def _measurement(
         self,
         stamp_ns: int,
-        belief: StateEstimate,
+        estimate: StateEstimate,
         off_m: float,
         variances_m2: tuple[float, float],
     ) -> AidMeasurement:
@@ -159,7 +165,7 @@ class BarometerAid(Aid):
         readings is that of one, and the error of an inertial height that they hold is in it too.
         """
         lasting_m2, noise_m2 = variances_m2
-        own_m2, plain_m2 = float(belief.covariance[_DOWN, _DOWN]), lasting_m2 + noise_m2
+        own_m2, plain_m2 = float(estimate.covariance[_DOWN, _DOWN]), lasting_m2 + noise_m2
         design = np.zeros((1, self._states))
         design[0, _DOWN] = 1.0
         ease = 0.0
@@ -169,7 +175,7 @@ class BarometerAid(Aid):
         measurement = Measurement(
             np.array((off_m,)), design, np.array(((plain_m2,),)), self._barometer.gate_sigma, ease
         )
-        moved_m = belief.state.correction_n[2]
+        moved_m = estimate.state.correction_n[2]
         spread_m = math.sqrt(noise_m2 + self._barometer.sigma_m**2)
         slack_m = 1.5 * self._barometer.gate_sigma * spread_m
         return AidMeasurement(
@@ -190,10 +196,10 @@ class BarometerAid(Aid):
 
 
 def _noted(
-    belief: StateEstimate, reference: Reference, refused: AidTrack | None = None
+    estimate: StateEstimate, reference: Reference, refused: AidTrack | None = None
 ) -> StateEstimate:
-    """Return the belief with a reference; the record of refusals ends unless it is given."""
-    control = belief.control
-    track = refused or AidTrack(control.track(Source.BAROMETER).used_ns)
-    control = control.with_track(Source.BAROMETER, track._replace(own=reference))
-    return belief._replace(control=control)
+    """Return the estimate with a reference; the record of refusals ends unless it is given."""
+    aids = estimate.aids
+    track = refused or AidTrack(aids.track(Source.BAROMETER).used_ns)
+    aids = aids.with_track(Source.BAROMETER, track._replace(own=reference))
+    return estimate._replace(aids=aids)

@@ -6,56 +6,48 @@ The row of H is that of the full attitude, not the printed one.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+import operator
 
 import numpy as np
 
-from tirgeo_ros.core.config import AircraftConfig, EkfConfig
+from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.heading import azimuth, azimuth_row, wrapped
-from tirgeo_ros.core.frames.rotations import rotation_of
-from tirgeo_ros.core.navigation.aiding.aid import Aid
+from tirgeo_ros.core.frames.rotations import euler_from_quat, rotation_of
+from tirgeo_ros.core.navigation.aiding.aid import LONGEST_PATIENCE_S, Aid, uncorrelated
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack
+from tirgeo_ros.core.navigation.aiding.gnss_antenna import LARGE_TURN_RAD, Baseline
 from tirgeo_ros.core.navigation.aiding.state_estimate import (
     AidMeasurement,
     Modelled,
     StateEstimate,
 )
-from tirgeo_ros.core.navigation.ins_error_model import heading_error
-from tirgeo_ros.core.navigation.kalman import Measurement
-from tirgeo_ros.core.navigation.strapdown import Vector, rotate
+from tirgeo_ros.core.navigation.ins.ins_error_model import (
+    ACCEL_BIAS,
+    ATTITUDE,
+    GYRO_BIAS,
+    feedback,
+    heading_error,
+)
+from tirgeo_ros.core.navigation.ins.kalman import Measurement
+from tirgeo_ros.core.navigation.ins.strapdown import NavState, Vector, rotate
+from tirgeo_ros.core.navigation.ins.trail import Change, cut
+from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample, Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 #: Rounding of the error function: a less probable interval cannot be computed from two tails.
 _LEAST_LIKELY = 1e-12
-#: A larger turn is the antennas' fault: no gyroscope misses it and few compasses err by as much.
-LARGE_TURN_RAD = math.radians(20.0)
 #: A baseline with a smaller horizontal share gives no useful heading (75 deg of tilt).
 _LEAST_HORIZONTAL = 0.25
 #: Weight of the newest innovation in the running mean, which averages about twenty.
 _MEAN_SHARE = 0.1
 _MEAN_GATE_SIGMA = 5.0
-
-
-class Baseline(NamedTuple):
-    """Hold the direction from the first antenna to the second, and the heading's offset."""
-
-    direction_b: Vector  # unit vector, FRD
-    reported_less_azimuth_rad: float  # what the receiver has added to the baseline's azimuth
-
-    @classmethod
-    def from_config(cls, aircraft: AircraftConfig) -> Baseline:
-        """Return the baseline of the two antennas; with one antenna, level along the nose.
-
-        The reported heading is the azimuth of the baseline less its direction in a level body.
-        Raises ConfigError where the two antennas give no heading.
-        """
-        baseline_b = aircraft.baseline_b
-        if baseline_b is None:
-            return cls((1.0, 0.0, 0.0), 0.0)
-        x, y, z = (baseline_b / np.linalg.norm(baseline_b)).tolist()
-        return cls((x, y, z), -azimuth((x, y)))
+#: Longest contradiction needed for a turn below one heading's gate.
+_SMALL_LONGEST_S = 10.0
+#: A larger turn follows a wrong initial heading, which has spoiled tilt and biases as well.
+_SPOILING_TURN_RAD = math.radians(5.0)
+_TILT_SIGMA_RAD = math.radians(1.0)
 
 
 def heading_design(states: int, u: Vector) -> Array | None:
@@ -100,6 +92,7 @@ class HeadingAid(Aid):
     source = Source.RTK_HEADING
     delay = "heading.delay_s"
     look_at = "heading.delay_s, aircraft.second_antenna_m"
+    moved = "heading turned by"
     steps = True
 
     def __init__(self, config: EkfConfig) -> None:
@@ -115,30 +108,32 @@ class HeadingAid(Aid):
         own_s = config.heading.delay_s
         return config.rtk.delay_s if math.isnan(own_s) else own_s
 
-    def _obstacle(self, sample: HeadingSample, control: AidStatus) -> str:
+    def _obstacle(self, sample: HeadingSample, aids: AidStatus) -> str:
         """Return why a heading is not used now, or "": RTK must be fixed, at first for a while."""
         now_ns = sample.stamp_ns
-        if control.status is not FixStatus.FIXED:
+        if aids.status is not FixStatus.FIXED:
             return "rtk/fix is not fixed"
-        if now_ns - control.status_ns > self._timeout_ns:
+        if now_ns - aids.status_ns > self._timeout_ns:
             return "rtk/fix is silent"
-        going_on = control.track(Source.RTK_HEADING).recent(now_ns, self._timeout_ns)
-        fixed_s = (now_ns - control.fixed_since_ns) * 1e-9
+        going_on = aids.track(Source.RTK_HEADING).recent(now_ns, self._timeout_ns)
+        fixed_s = (now_ns - aids.fixed_since_ns) * 1e-9
         if not going_on and fixed_s < self._heading.start_after_s:
             return f"rtk/fix has been fixed for only {fixed_s:.1f} s"
         return ""
 
-    def measured(self, sample: HeadingSample, belief: StateEstimate, _rate_b: Vector) -> Modelled:
+    def measured(
+        self, sample: HeadingSample, estimate: StateEstimate, _rate_b: Vector
+    ) -> Modelled:
         """Return the measurement; INVALID where the baseline is near the vertical."""
-        obstacle = self._obstacle(sample, belief.control)
+        obstacle = self._obstacle(sample, estimate.aids)
         if obstacle:
-            return Verdict(self.source, Outcome.NOT_FIXED, obstacle), belief
-        u = rotate(rotation_of(belief.state.q_nb), self._baseline.direction_b)
+            return Verdict(self.source, Outcome.NOT_FIXED, obstacle), estimate
+        u = rotate(rotation_of(estimate.state.q_nb), self._baseline.direction_b)
         design = heading_design(self._states, u)
         if design is None:
             reason = "the antenna baseline is vertical"
-            return Verdict(self.source, Outcome.INVALID, reason), belief
-        reported = sample.heading_rad - belief.control.receivers.heading_error_rad
+            return Verdict(self.source, Outcome.INVALID, reason), estimate
+        reported = sample.heading_rad - estimate.aids.receivers.heading_error_rad
         predicted = azimuth(u) + self._baseline.reported_less_azimuth_rad
         innovation = wrapped(reported - predicted)
         rounding = self._resolution_rad**2 / 12
@@ -146,12 +141,12 @@ class HeadingAid(Aid):
         gate_sigma, noise = self._heading.gate_sigma, np.array(((variance,),))
         measurement = Measurement(np.array((innovation,)), design, noise, gate_sigma)
         if rounding:
-            measurement = self._interval(measurement, belief.covariance)
+            measurement = self._interval(measurement, estimate.covariance)
         invariant = (math.cos(innovation), math.sin(innovation))
         slack = 1.5 * gate_sigma * math.sqrt(variance)
         return AidMeasurement(
             self.source, sample.stamp_ns, measurement, invariant, (1.0, 0.0), slack
-        ), belief
+        ), estimate
 
     def off(self, aid: AidMeasurement, track: AidTrack) -> str:
         """Return in words how far a heading is off; of a step, a chord of the unit circle."""
@@ -193,3 +188,76 @@ class HeadingAid(Aid):
         if not reason and abs(mean) > _MEAN_GATE_SIGMA * scatter:
             reason = f"off by {math.degrees(mean):+.1f} deg on average"
         return track._replace(mean_rad=mean), reason
+
+    def step(self, aid: AidMeasurement, track: AidTrack) -> tuple[float, ...]:
+        """Return the step that led to a refusal, empty where it drifted there.
+
+        A heading that returns after a silence is compared with the gyroscopes, which drift little:
+        its difference is a step.
+        """
+        if track.step or track.denied or track.recent(aid.stamp_ns, self._timeout_ns):
+            return super().step(aid, track)
+        return tuple(map(operator.sub, aid.invariant, aid.expected)) if track.newest else ()
+
+    def patience_s(
+        self, aid: AidMeasurement, estimate: StateEstimate, autopilot_q_nb: Array | None
+    ) -> float:
+        """Return how long a run must last; infinite for a turn that the autopilot has not made."""
+        track = estimate.aids.track(aid.source)
+        measurement, turn = aid.measurement, float(aid.measurement.innovation[0])
+        if track.step or (not track.agreed_ns and abs(turn) > LARGE_TURN_RAD):
+            supported = _supported(turn, estimate.state, autopilot_q_nb)
+            return self._heading.reset_after_s if supported else math.inf
+        # The longer the two have agreed, the less one contradiction says against the state. Where
+        # it is below one heading's gate, the gyroscopes may as well be the cause.
+        gate_rad = measurement.gate_sigma * math.sqrt(measurement.noise[0, 0])
+        longest_s = _SMALL_LONGEST_S if abs(turn) < gate_rad else LONGEST_PATIENCE_S
+        return max(self._heading.reset_after_s, min(track.agreed_ns * 1e-9, longest_s))
+
+    def reset(self, aid: AidMeasurement, estimate: StateEstimate) -> StateEstimate:
+        """Turn the attitude about the vertical to the heading."""
+        state, covariance = estimate.state, estimate.covariance
+        turn = float(aid.measurement.innovation[0])
+        error = np.zeros(len(covariance))
+        error[2], lost = turn, [slice(2, 3)]
+        if abs(turn) > _SPOILING_TURN_RAD:
+            covariance = self._as_at_start(covariance)
+            b, a = state.gyro_bias_b, state.accel_bias_b
+            error[GYRO_BIAS], error[ACCEL_BIAS] = np.negative(b), np.negative(a)
+            lost += [ATTITUDE, GYRO_BIAS, ACCEL_BIAS]
+        covariance, transition = uncorrelated(covariance, lost[0]), cut(len(covariance), *lost)
+        covariance[2, 2] = aid.measurement.noise[0, 0]
+        at = heading_error(len(covariance))
+        if at is not None:  # their sum is measured: correlate heading and heading error
+            covariance[2, :] -= covariance[at, :]
+            covariance[:, 2] -= covariance[:, at]
+            transition[2, at] = -1.0
+        aids = self.with_reset(estimate.aids, aid.stamp_ns, turn)
+        changes = (Change(covariance, transition),)
+        return StateEstimate(feedback(state, error), covariance, aids, changes)
+
+    def _as_at_start(self, covariance: Array) -> Array:
+        """Return a covariance with tilt and biases as uncertain as at the start."""
+        imu = self._config.imu
+        for block, variances in (
+            (ATTITUDE, np.full(3, _TILT_SIGMA_RAD**2)),
+            (GYRO_BIAS, imu.gyro_turn_on_bias**2 + np.square(imu.gyro_bias_instability)),
+            (ACCEL_BIAS, imu.accel_turn_on_bias**2 + np.square(imu.accel_bias_instability)),
+        ):
+            covariance = uncorrelated(covariance, block)
+            covariance[block, block] = np.diag(variances)
+        return covariance
+
+    def reset_text(self, size: float) -> str:
+        """Return a turn in words, degrees."""
+        return f"{self.moved} {math.degrees(size):+.1f} deg"
+
+
+def _supported(turn_rad: float, state: NavState, autopilot_q_nb: Array | None) -> bool:
+    """Return whether the autopilot's heading is nearer to the antennas' than to the state's."""
+    if abs(turn_rad) < LARGE_TURN_RAD or not usable_attitude(autopilot_q_nb):
+        return False
+    assert autopilot_q_nb is not None
+    yaw = euler_from_quat(np.array([state.q_nb, autopilot_q_nb]))[:, 2]
+    apart = math.remainder(float(yaw[1] - yaw[0]), 2 * math.pi)
+    return abs(math.remainder(apart - turn_rad, 2 * math.pi)) < 0.5 * abs(turn_rad)

@@ -18,8 +18,8 @@ from typing import NamedTuple
 import numpy as np
 
 from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
-from tirgeo_ros.core.navigation.kalman import chi_square_limit
-from tirgeo_ros.core.navigation.strapdown import Vector
+from tirgeo_ros.core.navigation.ins.kalman import chi_square_limit
+from tirgeo_ros.core.navigation.ins.strapdown import Vector
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source, VelocitySample
 

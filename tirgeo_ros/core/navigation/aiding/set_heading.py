@@ -9,15 +9,15 @@ from __future__ import annotations
 import math
 
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.navigation.aiding.aid import Aid
+from tirgeo_ros.core.navigation.aiding.aid import Aid, lost_heading_rad
 from tirgeo_ros.core.navigation.aiding.aid_status import AidTrack
-from tirgeo_ros.core.navigation.aiding.autopilot_heading import lost_heading_rad, vertical_turn
+from tirgeo_ros.core.navigation.aiding.autopilot_heading import vertical_turn
 from tirgeo_ros.core.navigation.aiding.state_estimate import (
     AidMeasurement,
     Modelled,
     StateEstimate,
 )
-from tirgeo_ros.core.navigation.strapdown import Vector
+from tirgeo_ros.core.navigation.ins.strapdown import Vector
 from tirgeo_ros.core.types.measurements import SetHeading, Source
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
@@ -32,40 +32,42 @@ def set_variance_rad2(sample: SetHeading, config: EkfConfig) -> float:
     return math.radians(config.heading.set_sigma_deg) ** 2
 
 
-def too_vague(sample: SetHeading, config: EkfConfig) -> Verdict | None:
-    """Return the verdict on a heading with which a state would be lost at once, else None."""
-    sigma_rad, limit_rad = math.sqrt(set_variance_rad2(sample, config)), lost_heading_rad(config)
-    if sigma_rad < limit_rad:
-        return None
-    reason = (
-        f"a sigma of {math.degrees(sigma_rad):.1f} deg is too large: give a variance below "
-        f"{limit_rad**2:.3g} rad2, the {math.degrees(limit_rad):.0f} deg at which a state is lost"
-    )
-    return Verdict(Source.SET_HEADING, Outcome.INVALID, reason)
-
-
 class SetHeadingAid(Aid):
     """Measure the heading of the nose, as it was set."""
 
     source = Source.SET_HEADING
 
-    def measured(self, sample: SetHeading, belief: StateEstimate, _rate_b: Vector) -> Modelled:
+    @classmethod
+    def useless(cls, sample: SetHeading, config: EkfConfig) -> Verdict | None:
+        """Return the verdict on a heading with which a state would be lost at once, else None."""
+        sigma_rad = math.sqrt(set_variance_rad2(sample, config))
+        limit_rad = lost_heading_rad(config)
+        if sigma_rad < limit_rad:
+            return None
+        reason = (
+            f"a sigma of {math.degrees(sigma_rad):.1f} deg is too large: give a variance below "
+            f"{limit_rad**2:.3g} rad2, the {math.degrees(limit_rad):.0f} deg at which a state is "
+            "lost"
+        )
+        return Verdict(cls.source, Outcome.INVALID, reason)
+
+    def measured(self, sample: SetHeading, estimate: StateEstimate, _rate_b: Vector) -> Modelled:
         """Return the measurement; STANDBY where the filter's own heading is better."""
-        vague = too_vague(sample, self._config)
-        if vague is not None:
-            return vague, belief
+        useless = self.useless(sample, self._config)
+        if useless is not None:
+            return useless, estimate
         variance = set_variance_rad2(sample, self._config)
-        own = float(belief.covariance[2, 2])
+        own = float(estimate.covariance[2, 2])
         if own <= _WORTH * variance:
             reason = (
                 f"the filter's own heading is better, {math.degrees(math.sqrt(own)):.1f} deg: "
                 "call ~/reset first if it is wrong"
             )
-            return Verdict(self.source, Outcome.STANDBY, reason), belief
+            return Verdict(self.source, Outcome.STANDBY, reason), estimate
         # With this noise the heading becomes as certain as the person is, and no more: who says it
         # twice knows it no better.
         noise = 1 / (1 / variance - 1 / own)
-        return vertical_turn(sample, noise, belief), belief
+        return vertical_turn(sample, noise, estimate), estimate
 
     def off(self, aid: AidMeasurement, _track: AidTrack) -> str:
         """Return in words how far a heading is off."""

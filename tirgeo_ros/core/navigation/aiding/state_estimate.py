@@ -1,4 +1,4 @@
-"""Define the filter's belief, and a measurement as it is applied to it."""
+"""Define the filter's estimate, and a measurement of an aid as it is applied to it."""
 
 from __future__ import annotations
 
@@ -7,9 +7,16 @@ from typing import NamedTuple
 import numpy as np
 
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus
-from tirgeo_ros.core.navigation.kalman import Measurement
-from tirgeo_ros.core.navigation.smoothing.trail import Change
-from tirgeo_ros.core.navigation.strapdown import NavState, Vector
+from tirgeo_ros.core.navigation.ins.ins_error_model import (
+    ANTENNA,
+    GPS_ERROR,
+    feedback,
+    has_antenna,
+    heading_error,
+)
+from tirgeo_ros.core.navigation.ins.kalman import Measurement, chi_square_limit
+from tirgeo_ros.core.navigation.ins.strapdown import NavState, Vector
+from tirgeo_ros.core.navigation.ins.trail import Change
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import (
     AutopilotHeading,
@@ -36,15 +43,24 @@ class StateEstimate(NamedTuple):
 
     state: NavState
     covariance: Array
-    control: AidStatus
+    aids: AidStatus
     changes: tuple[Change, ...] = ()
+
+    def corrected(self, error: Array, changes: tuple[Change, ...]) -> StateEstimate:
+        """Return the estimate with the state and the receivers corrected by an error (n,)."""
+        at = heading_error(len(error))
+        turned = 0.0 if at is None else float(error[at])
+        moved = error[ANTENNA].tolist() if has_antenna(len(error)) else (0.0, 0.0, 0.0)
+        receivers = self.aids.receivers.changed(error[GPS_ERROR].tolist(), turned, moved)
+        aids = self.aids._replace(receivers=receivers)
+        return StateEstimate(feedback(self.state, error), changes[-1].covariance, aids, changes)
 
 
 class Fused(NamedTuple):
-    """Hold the verdict on a sample and the belief after it."""
+    """Hold the verdict on a sample and the estimate after it."""
 
     verdict: Verdict
-    belief: StateEstimate
+    estimate: StateEstimate
 
 
 class AidMeasurement(NamedTuple):
@@ -58,19 +74,21 @@ class AidMeasurement(NamedTuple):
     slack: float  # by which two of them with one cause may differ
     stale: bool = False  # the sample repeats the value of the one before
 
+    def verdict(self, outcome: Outcome, reason: str, ratio: float) -> Verdict:
+        """Return the verdict on it, with its numbers; ``ratio`` is that of its test."""
+        innovation = tuple(self.measurement.innovation.tolist())
+        degrees = len(innovation)
+        limit = chi_square_limit(self.measurement.gate_sigma, degrees)
+        return Verdict(self.source, outcome, reason, ratio, innovation, ratio * limit / degrees)
 
-#: A measurement, or the verdict on a sample that is not used; and the belief.
+
+#: A measurement, or the verdict on a sample that is not used; and the estimate.
 Modelled = tuple[AidMeasurement | Verdict, StateEstimate]
 
 
 def not_fixed(source: Source, status: FixStatus) -> Verdict:
     """Return the verdict on a sample of a receiver without a good enough fix."""
     return Verdict(source, Outcome.NOT_FIXED, f"status {status.name.lower()}")
-
-
-def source_of(sample: AidSample) -> Source:
-    """Return the source of an aiding sample."""
-    return sample.source
 
 
 def added(a: Vector, b: Vector) -> Vector:

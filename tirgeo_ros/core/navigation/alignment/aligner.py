@@ -28,10 +28,10 @@ from tirgeo_ros.core.navigation.alignment.consistency_checks import (
     furthest,
 )
 from tirgeo_ros.core.navigation.alignment.imu_preintegration import Biases
+from tirgeo_ros.core.navigation.alignment.turn_on_bias import TurnOnBiases
 from tirgeo_ros.core.navigation.alignment.window_estimate import Fitted, Measured
-from tirgeo_ros.core.navigation.strapdown import NavState
-from tirgeo_ros.core.navigation.turn_on_bias import TurnOnBiases
-from tirgeo_ros.core.navigation.vibration_noise import STILL, Powers
+from tirgeo_ros.core.navigation.ins.strapdown import NavState
+from tirgeo_ros.core.navigation.ins.vibration_noise import STILL, Powers
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import (

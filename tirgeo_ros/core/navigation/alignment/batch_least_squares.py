@@ -27,7 +27,7 @@ import numpy.typing as npt
 from tirgeo_ros.core.frames.heading import wrap_pi
 from tirgeo_ros.core.frames.rotations import matrix_from_rotvec, skew
 from tirgeo_ros.core.navigation.alignment.imu_preintegration import Biases, PreintegratedImu
-from tirgeo_ros.core.navigation.vibration_noise import Powers
+from tirgeo_ros.core.navigation.ins.vibration_noise import Powers
 from tirgeo_ros.core.types.arrays import Array
 
 _NOISE_STEP_NS = 20_000_000

@@ -21,7 +21,7 @@ from tirgeo_ros.core.frames.heading import azimuth, wrap_pi
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_matrix, rotvec_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.frames.wgs84 import gravity_down
-from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline
+from tirgeo_ros.core.navigation.aiding.gnss_antenna import Baseline
 from tirgeo_ros.core.navigation.aiding.set_heading import set_variance_rad2
 from tirgeo_ros.core.navigation.aiding.state_estimate import floored
 from tirgeo_ros.core.navigation.alignment.batch_least_squares import (
@@ -40,8 +40,8 @@ from tirgeo_ros.core.navigation.alignment.imu_preintegration import (
     PreintegratedImu,
     integrate,
 )
-from tirgeo_ros.core.navigation.ins_error_model import NoisePowers
-from tirgeo_ros.core.navigation.vibration_noise import Powers, mean_powers
+from tirgeo_ros.core.navigation.ins.ins_error_model import NoisePowers
+from tirgeo_ros.core.navigation.ins.vibration_noise import Powers, mean_powers
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import (

@@ -7,10 +7,10 @@ import bisect
 import numpy as np
 
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.navigation.ins_error_model import ANTENNA, feedback, has_antenna
-from tirgeo_ros.core.navigation.published_solution import SolutionMaker, unsure_by
-from tirgeo_ros.core.navigation.smoothing.flight_record import CORRECTED, MOVED, FlightRecord
-from tirgeo_ros.core.navigation.strapdown import NavState, Vector
+from tirgeo_ros.core.navigation.ins.ins_error_model import ANTENNA, feedback, has_antenna
+from tirgeo_ros.core.navigation.ins.strapdown import NavState, Vector
+from tirgeo_ros.core.navigation.timeline.flight_record import CORRECTED, MOVED, FlightRecord
+from tirgeo_ros.core.navigation.timeline.published_solution import SolutionMaker, unsure_by
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.poses import NavSolution
 

@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     """Measure the attitudes; return a summary."""
     if not args.rate_hz > 0:
         raise UsageError("--rate must be positive")
-    from tirgeo_ros.core.calibration.checkerboard.board import board_of  # noqa: PLC0415 heavy
+    from tirgeo_ros.core.calibration.checkerboard import board_of  # noqa: PLC0415 heavy
     from tirgeo_ros.tools.calibrate.gimbal import calibrate_gimbal  # noqa: PLC0415 heavy
 
     args.board = board_of(args.board, args.square)

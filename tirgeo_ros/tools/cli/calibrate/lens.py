@@ -43,8 +43,8 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         raise UsageError("--every must be positive")
     if args.k3 and args.model == "rational":
         raise UsageError("--k3 is part of --model rational already")
-    from tirgeo_ros.core.calibration.checkerboard.board import board_of  # noqa: PLC0415 heavy
-    from tirgeo_ros.core.calibration.checkerboard.lens_fit import FEWEST_VIEWS, LensModel  # noqa: PLC0415 heavy
+    from tirgeo_ros.core.calibration.checkerboard import board_of  # noqa: PLC0415 heavy
+    from tirgeo_ros.core.calibration.lens_fit import FEWEST_VIEWS, LensModel  # noqa: PLC0415 heavy
     from tirgeo_ros.tools.calibrate.lens import calibrate_lens  # noqa: PLC0415 heavy
 
     if args.max_views < FEWEST_VIEWS:

@@ -1,0 +1,172 @@
+"""Boresight and latency from sightings: derivatives, the fit, its covariance, what it refuses."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from imu_noise import gauss_markov
+from sighted_paths import LATENCY_S, POSE_SIGMA, STEP, USUAL, Path, flight_of, seen_by
+
+from tirgeo_ros.core.calibration.boresight_fit import check_numbers, doubt, fit, foreseen
+from tirgeo_ros.core.calibration.boresight_model import PARAMETERS, PointSighting, Stepped, sights
+from tirgeo_ros.core.types.errors import CalibrationError
+
+
+def test_the_derivatives_are_those_of_differences():
+    rng = np.random.default_rng(1)
+    path = Path(tilts_deg=(-30, -50), rpy_deg=(3, -2, 4))
+    flight = flight_of(path, (3, -2, 4), north=True)
+    seen = seen_by(path, rng, count=12)
+    at = np.array([0.01, -0.02, 0.015, 0.01, 0.02, 0.0, 0.3])
+    design = sights(flight, seen, at).design
+    for k, name in enumerate(PARAMETERS):
+        step = np.zeros(7)
+        step[k] = 2e-3 if name == "latency" else 1e-4  # a stamp is whole nanoseconds
+        after, before = (sights(flight, seen, at + sign * step).residual for sign in (1, -1))
+        # the residual is observed less expected; a curve of 800 px/rad bends by less than 1e-3
+        slope = (before - after) / (2 * step[k])
+        scale = np.abs(slope).max() + 1e-9
+        # rates are means of 20 ms, in which the heading's own curve is 1e-3 of its slope
+        np.testing.assert_allclose(design[:, :, k] / scale, slope / scale, atol=5e-3)
+
+
+@settings(max_examples=5)
+@given(
+    present=st.tuples(*[st.floats(-8, 8)] * 3),
+    off=st.tuples(*[st.floats(-4, 4)] * 3),
+    late_s=st.floats(-0.1, 0.2),
+)
+def test_without_noise_the_truth_comes_out(present, off, late_s):
+    rng = np.random.default_rng(2)
+    true_rpy = np.add(present, off)
+    truth, now = Path(rpy_deg=true_rpy), Path(rpy_deg=present)
+    seen = seen_by(truth, rng, count=24, latency_s=LATENCY_S + late_s, sigma_px=0.0)
+    found = fit(flight_of(now, present), seen, USUAL)
+    assert found.used.all()
+    # the fit stops at a thousandth of its limits, and its last step is quadratic in that
+    np.testing.assert_allclose(
+        np.add(present, np.degrees(found.correction[:3])), true_rpy, atol=1e-3
+    )
+    assert found.correction[3] == pytest.approx(late_s, abs=1e-4)
+    assert np.abs(found.after).max() < 0.02  # px
+    assert not found.correction[4:].any()
+
+
+def errors_that_last(rng):
+    """Gauss-Markov errors of POSE_SIGMA that last 4 s, as functions of time."""
+    values = np.stack([gauss_markov(rng, 1000, 1.0, 4.0, 0.1) for _ in range(6)], axis=1)
+    return lambda t_s: POSE_SIGMA * values[int(t_s * 10)]
+
+
+@pytest.mark.slow
+def test_errors_are_as_large_as_the_covariance_says():
+    squares = []
+    for seed in range(16):
+        rng = np.random.default_rng(100 + seed)
+        now = Path()
+        seen = seen_by(Path(rpy_deg=(1.0, -0.8, 1.5)), rng, count=30, latency_s=0.07)
+        now.errors = errors_that_last(rng)
+        found = fit(flight_of(now), seen, USUAL)
+        error = found.correction[:4] - [*np.radians([1.0, -0.8, 1.5]), 0.02]
+        squares.append(error @ np.linalg.solve(found.covariance, error) / 4)
+    # A mean of 64 squares has a sigma of sqrt(2 / 64) = 0.18: three of them. The errors last 4 s
+    # and are taken for such of 5 s, by which the mean is a little less than 1.
+    assert 0.4 < float(np.mean(squares)) < 1.55
+
+
+def test_wrong_clicks_are_left_out_and_change_nothing():
+    rng = np.random.default_rng(5)
+    truth, flight = Path(rpy_deg=(1, -1, 2)), flight_of(Path())
+    seen = seen_by(truth, rng, latency_s=0.08)
+    wrong = list(seen)
+    wrong[4] = dataclasses.replace(seen[4], uv=seen[4].uv + np.array([45.0, -30.0]))  # a mis-click
+    wrong[17] = dataclasses.replace(seen[17], point_n=seen[50].point_n)  # another point's id
+    wrong[30] = dataclasses.replace(seen[30], stamp_ns=seen[30].stamp_ns + 1_500_000_000)
+    behind = seen[40].point_n - [300.0, 0, 0]
+    wrong[40] = dataclasses.replace(seen[40], point_n=behind)  # never in view
+    found, clean = fit(flight, wrong, USUAL), fit(flight, seen, USUAL)
+    assert np.flatnonzero(~found.used).tolist() == [4, 17, 30, 40]
+    assert np.isnan(found.after[40]).all() or np.abs(found.after[40]).max() > 100
+    # four of sixty left out: the estimate moves by less than a sigma
+    apart = (found.correction - clean.correction)[:4] / np.sqrt(np.diag(clean.covariance))
+    assert np.abs(apart).max() < 1
+    assert np.isfinite(found.covariance).all()
+
+
+def test_too_many_wrong_clicks_are_refused():
+    rng = np.random.default_rng(6)
+    seen = seen_by(Path(), rng)
+    for k in range(0, 60, 2):
+        seen[k] = dataclasses.replace(seen[k], uv=rng.uniform([0, 0], [640, 512]))
+    with pytest.raises(CalibrationError, match=r"agree with each other|does not settle"):
+        fit(flight_of(Path()), seen, USUAL)
+
+
+@pytest.mark.slow
+def test_the_estimate_without_a_point_is_the_fit_without_it():
+    rng = np.random.default_rng(7)
+    flight, seen = flight_of(Path()), seen_by(Path(rpy_deg=(1, -1, 2)), rng, latency_s=0.07)
+    found = fit(flight, seen, USUAL)
+    for name in ("P0", "P7", "P19"):
+        others = fit(flight, [one for one in seen if one.id != name], USUAL)
+        sigma = np.sqrt(np.diag(others.covariance))
+        apart = (found.by_point[name] - others.correction)[:4] / sigma
+        assert np.abs(apart).max() < 0.05  # one step from a place a fraction of a sigma away
+        assert np.abs(found.by_point[name] - found.correction).max() > 0
+
+
+def doubt_of(path, seen, names):
+    flight = flight_of(path, north="gimbal_north" in names)
+    return doubt(names, foreseen(flight, seen, names))
+
+
+@pytest.mark.slow
+def test_norths_at_one_tilt_are_refused_and_told_at_two():
+    rng = np.random.default_rng(9)
+    names = (*USUAL, "gimbal_north")
+    found = doubt_of(Path(), seen_by(Path(), rng), names)
+    assert found is not None
+    assert set(found.names) == {"roll", "yaw", "gimbal_north"}
+    assert "tilt hardly varied" in str(found)
+    assert "--hold it" in str(found)
+    two = {"tilts_deg": (-30.0, -60.0)}
+    now, truth = Path(**two), Path(**two, rpy_deg=(1, -1, 2))
+    seen = seen_by(truth, rng, count=120)
+    assert doubt_of(now, seen, names) is None
+    turned = flight_of(now, north=True)
+    # the flight as read is turned by 2 deg of north that the truth does not have
+    turned = dataclasses.replace(
+        turned,
+        poses=lambda t: now.at(t, 2 * STEP),
+        stepped={"gimbal_north": Stepped(lambda t: now.at(t, STEP), STEP)},
+    )
+    result = fit(turned, seen, names)
+    error = np.degrees(result.correction[[0, 1, 2, 4]]) - [1, -1, 2, 2]
+    sigma = np.degrees(np.sqrt(np.diag(result.covariance))[[0, 1, 2, 4]])
+    assert (np.abs(error) < 4 * sigma).all()
+    assert (sigma < 0.3).all()
+
+
+def test_a_hover_that_does_not_turn_shows_no_latency():
+    path = Path(turning=False, speed_m_s=0.0)
+    found = doubt_of(path, seen_by(path, np.random.default_rng(10)), USUAL)
+    assert found is not None
+    assert found.names == ("latency",)
+    assert "latency cannot be found: the camera moved in the same way in all pictures" in str(
+        found
+    )
+    assert doubt_of(path, seen_by(path, np.random.default_rng(10)), USUAL[:3]) is None
+
+
+@pytest.mark.parametrize(("points", "pictures"), [(1, 60), (2, 60), (20, 1), (20, 2)])
+def test_few_points_or_pictures_are_refused(points, pictures):
+    seen = [
+        PointSighting(f"P{k % points}", 10**9 * (k % pictures), np.zeros(2), np.zeros(3))
+        for k in range(60)
+    ]
+    with pytest.raises(CalibrationError, match=f"{points} surveyed points in {pictures} pictures"):
+        check_numbers(seen)

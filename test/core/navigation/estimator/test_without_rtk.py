@@ -1,0 +1,142 @@
+"""Flights without RTK: they start on ordinary GPS and stay, whatever its receiver admits."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from filter_states import SECOND_NS, ZERO, estimate_of, state_of
+from flights import GPS, RTK, filtered, flight, without
+
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.frames.rotations import quat_from_euler
+from tirgeo_ros.core.navigation.aiding.autopilot_heading import AutopilotHeadingAid
+from tirgeo_ros.core.navigation.aiding.fusion import Fusion
+from tirgeo_ros.core.types.measurements import AutopilotHeading, ImuSample, PositionSample, Source
+from tirgeo_ros.core.types.verdicts import FilterState, Outcome
+from tirgeo_ros.tools.simulate.flight import fly
+from tirgeo_ros.tools.simulate.scenario import scenario_from
+
+
+def poor(sigma_m=None, begin_s=1e9, end_s=1e9):
+    """No RTK, and no GPS in between; ``sigma_m`` (3,) in every gps/fix, zeros as of none told."""
+    silent = without(*GPS, begin_s=begin_s, end_s=end_s)
+
+    def change(sample, t_s):
+        if sample.source in RTK:
+            return None
+        if sigma_m is not None and isinstance(sample, PositionSample):
+            sample = replace(sample, covariance_n=np.diag(np.square(sigma_m)))
+        return silent(sample, t_s)
+
+    return change
+
+
+@pytest.mark.parametrize("method", ["ekf", "ekf_heading"])
+@pytest.mark.parametrize(
+    ("sigma_m", "said"),
+    [
+        (None, ""),
+        (ZERO, ""),
+        ((0.9, 1.3, 100.0), "; gps/fix has a sigma of 100 m in height"),  # as import has it
+        ((15.0, 15.0, 30.0), "; gps/fix has a sigma of 15 m, 30 m in height"),
+        ((10.0, 10.0, 1000.0), "; gps/fix has a sigma of 1000 m in height"),  # of a 2D fix
+    ],
+)
+def test_it_starts_after_its_wait_and_stays_degraded(method, sigma_m, said):
+    found, states, navigation = filtered(
+        flight(44, 40.0), poor(sigma_m), watched=True, method=method
+    )
+    # alignment.wait_s and max_delay_s: 5.5 s
+    assert {state for t_s, state in states if t_s > 5.7} == {FilterState.DEGRADED}
+    heading = ", rtk/heading" if method == "ekf_heading" else ""
+    assert navigation.status().reason == f"no rtk/fix, rtk/vel{heading}{said}"
+    late = found.after(15.0)
+    assert (np.abs(late.state / late.sigma)[:, :3] < 4.0).all()
+    assert (late.sigma[:, :3] > 0.5 * np.array(EkfConfig().gps.position_sigma_m)).all()
+    assert (np.abs(late.state[:, :2]) < 5.0).all()  # four of the receiver's true 1.28 m
+    if sigma_m and sigma_m[2] >= 30:
+        assert late.sigma[-1, 2] > 0.5 * sigma_m[2]  # what lasts is not averaged away
+
+
+def test_it_outlasts_a_silence_of_a_poor_receiver():
+    """Five seconds on velocities alone: dead reckoning, not lost; what was poor is so still."""
+    change = poor((0.9, 1.3, 100.0), 20.0, 25.0)
+    states = filtered(flight(44, 40.0), change, watched=True, method="ekf").states
+    seen = Counter(state for _, state in states)
+    assert seen[FilterState.DEAD_RECKONING] > 300
+    assert FilterState.LOST not in seen
+    assert states[-1][1] is FilterState.DEGRADED
+
+
+CALM = {"wind.gust_m_s": 0.0, "wind.mean_m_s": [0.0, 0.0], "route.hold_error_m": 0.0}
+
+
+@pytest.mark.slow
+def test_the_autopilots_heading_serves_where_nothing_holds_it():
+    """Hovering in still air for three minutes: poses all the time, within their sigma."""
+    values = CALM | {"duration_s": 180.0, "route.hover_s": 180.0}
+    flown = fly(scenario_from(values), 1)
+    found, states, navigation = filtered(flown, poor(), watched=True, method="ekf")
+    assert {state for t_s, state in states if t_s > 5.7} == {FilterState.DEGRADED}
+    assert navigation.status().counts["autopilot_heading", "used"] >= 1
+    late = found.after(10.0)
+    sigma_deg = np.degrees(late.sigma[:, 5])
+    limit_deg = 3 * EkfConfig().autopilot.attitude_sigma_deg[2]
+    assert (sigma_deg < 1.1 * limit_deg).all()  # it is looked at ten times a second
+    # Three sigmas of the autopilot in the state, one in its own word: three of both.
+    assert (np.abs(np.degrees(late.rpy[:, 2])) < 3 * limit_deg).all()
+
+
+def test_no_flight_with_antennas_takes_it():
+    counts = filtered(flight(duration_s=40.0)).status.counts
+    assert not [key for key in counts if key[0] == "autopilot_heading"]
+
+
+# One measurement
+
+
+def uncertain(heading_sigma_deg):
+    sigmas = np.full(18, 1e-3)
+    sigmas[2] = math.radians(heading_sigma_deg)
+    return estimate_of(state_of(0.0, 0.0, math.radians(30.0)), covariance=np.diag(sigmas**2))
+
+
+@pytest.mark.parametrize(
+    ("sigma_deg", "off_deg", "outcome"),
+    [
+        (5.3, 1.0, Outcome.STANDBY),  # three of its 1.7972 deg are 5.39
+        (5.5, 1.0, Outcome.USED),
+        (5.5, -90.0, Outcome.GATED),  # five of 5.8 deg are 29
+        (9.0, 180.0, Outcome.GATED),
+    ],
+)
+def test_it_is_taken_where_it_tells_more_and_refused_where_it_contradicts(
+    sigma_deg, off_deg, outcome
+):
+    variance = math.radians(1.8) ** 2
+    sample = AutopilotHeading(SECOND_NS, math.radians(30.0 + off_deg), variance)
+    config = EkfConfig()
+    verdict, after = Fusion(config).fuse(sample, uncertain(sigma_deg), ZERO)
+    assert (verdict.source, verdict.outcome) == (Source.AUTOPILOT_HEADING, outcome)
+    if outcome is Outcome.USED:
+        expected = 1 / (1 / math.radians(sigma_deg) ** 2 + 1 / variance)
+        assert after.covariance[2, 2] == pytest.approx(expected, rel=1e-6)
+
+
+def test_it_is_offered_once_a_second():
+    headings = AutopilotHeadingAid(EkfConfig())
+    covariance = uncertain(6.0).covariance
+    q_nb = quat_from_euler(0.1, -0.2, math.radians(-50.0))
+
+    def imu(t_s, q=q_nb):
+        return ImuSample(round(t_s * 1e9), np.zeros(3), np.zeros(3), q)
+
+    assert headings.of_imu(imu(0.5, None), covariance) is None
+    assert math.degrees(headings.of_imu(imu(1.0), covariance).heading_rad) == pytest.approx(-50)
+    assert headings.of_imu(imu(1.9), covariance) is None
+    assert headings.of_imu(imu(2.0), uncertain(1.0).covariance) is None
+    assert headings.of_imu(imu(2.1), covariance) is not None

@@ -1,0 +1,113 @@
+"""A measurement that is sent again at a polling rate is one measurement."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from filter_states import fix, heading, ns, velocity
+
+from tirgeo_ros.core.navigation.timeline.duplicates import DuplicateDetector, Same
+from tirgeo_ros.core.types.measurements import FixStatus, Source
+
+NEW, AGAIN, VALUE = Same.NOTHING, Same.MEASUREMENT, Same.VALUE
+
+
+def position(t_s, north_m, source=Source.RTK_POSITION):
+    return fix(t_s, (north_m, 0.0, 0.0), source)
+
+
+def moving(t_s, north_m_s, source=Source.RTK_VELOCITY):
+    return velocity(t_s, (north_m_s, 0.0, 0.0), source)
+
+
+def polled(seconds, poll_hz=50.0, receiver_hz=5.0, jitter_s=0.0, seed=1):
+    """(poll time, epoch of the receiver) of a driver that asks faster than there is news."""
+    rng = np.random.default_rng(seed)
+    for k in range(round(seconds * poll_hz)):
+        t_s = k / poll_hz
+        yield t_s + jitter_s * rng.uniform(-1, 1), math.floor(t_s * receiver_hz + 1e-6)
+
+
+@pytest.mark.parametrize("jitter_s", [0.0, 0.005])
+@pytest.mark.parametrize(
+    ("make", "source"),
+    [
+        (position, Source.RTK_POSITION),
+        (position, Source.GPS_POSITION),
+        (moving, Source.RTK_VELOCITY),
+        (moving, Source.GPS_VELOCITY),
+    ],
+)
+def test_polled_positions_and_velocities_are_taken_once(make, source, jitter_s):
+    repeats = DuplicateDetector()
+    found = [
+        repeats.compared(make(t_s, 0.6 * epoch, source))
+        for t_s, epoch in polled(10.0, jitter_s=jitter_s)
+    ]
+    # With the first stamp, which is the one nearest to the measurement.
+    assert found == [NEW, *[AGAIN] * 9] * 50
+
+
+@pytest.mark.parametrize(("jitter_s", "burst"), [(0.0, False), (0.004, False), (0.0, True)])
+def test_polled_headings_in_whole_degrees_are_taken_once(jitter_s, burst):
+    """They say the same for many epochs; the positions with them tell when there is news.
+
+    A burst is a serial line that held one fix back: it does not make a fast receiver.
+    """
+    repeats, taken = DuplicateDetector(), []
+    for t_s, epoch in polled(20.0, jitter_s=jitter_s):
+        repeats.compared(position(t_s, 0.6 * epoch))
+        if burst and t_s == pytest.approx(10.06):
+            repeats.compared(position(t_s + 0.005, 0.6 * epoch + 0.3))  # one in between
+            repeats.compared(position(t_s + 0.006, 0.6 * epoch))
+        same = repeats.compared(heading(t_s, 20.0 + epoch // 7))
+        if epoch >= 10 and same is not AGAIN:  # eight positions tell the receiver's rate
+            taken.append(epoch)
+    assert taken == list(range(10, 100))
+
+
+def test_at_rest_with_constant_values_something_is_taken():
+    """A test bench, a receiver that rounds: about one a second, so that aids are not missing."""
+    repeats = DuplicateDetector()
+    taken = [t for t, _ in polled(20.0) if repeats.compared(position(t, 0.0)) is not AGAIN]
+    gaps = np.diff(taken)
+    assert 0.8 < gaps.min() <= gaps.max() <= 1.0
+
+
+@pytest.mark.parametrize("worse", [FixStatus.FLOAT, FixStatus.SINGLE, FixStatus.NONE])
+def test_the_same_position_with_a_worse_fix_is_news(worse):
+    """Whoever learns of it with the next position only believes centimetres until then."""
+    repeats, fixed = DuplicateDetector(), position(0.0, 1.0)
+    repeats.compared(fixed)
+    fallen = replace(fixed, stamp_ns=ns(0.02), status=worse)
+    assert repeats.compared(fallen) is NEW
+    assert repeats.compared(replace(fallen, stamp_ns=ns(0.04))) is AGAIN
+    # Fixed again with the old place: it was no fixed one.
+    assert repeats.compared(replace(fixed, stamp_ns=ns(0.06))) is AGAIN
+
+
+@pytest.mark.parametrize(
+    ("samples", "expected"),
+    [
+        ([position(0.0, 1.0), position(0.2, 2.0), position(0.4, 1.0)], [NEW, NEW, NEW]),
+        # Each source by itself.
+        (
+            [position(0.0, 1.0), position(0.01, 1.0, Source.GPS_POSITION), position(0.02, 1.0)],
+            [NEW, NEW, AGAIN],
+        ),
+        # The same stamp: what was held or refused may come again; the time line judges that.
+        ([position(0.0, 1.0), position(0.0, 1.0)], [NEW, VALUE]),
+        ([heading(0.0, 20.0), heading(0.02, 20.0 + 1e-9)], [NEW, NEW]),
+        # Whole degrees of a receiver that is not polled: every heading is a new one.
+        (
+            [one for k in range(9) for one in (position(0.2 * k, k), heading(0.2 * k, 20.0))],
+            [NEW, NEW, *[NEW, VALUE] * 8],
+        ),
+    ],
+)
+def test_sequences(samples, expected):
+    repeats = DuplicateDetector()
+    assert [repeats.compared(sample) for sample in samples] == expected

@@ -1,0 +1,192 @@
+"""The filter over simulated flights: accuracy, a slow error of the headings, any disorder."""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from flights import config_for, errors, flight, navigation_samples, rms, solutions
+
+from tirgeo_ros.core.navigation.estimator.estimator import Navigation
+from tirgeo_ros.core.types.measurements import FixStatus, HeadingSample, ImuSample, PositionSample
+from tirgeo_ros.core.types.verdicts import FilterState
+from tirgeo_ros.tools.simulate.flight import fly
+
+SIGMA_DEG = 2.0
+FAULTS_S, END_S = 12.0, 24.0
+
+
+def test_paper_flight_after_20_s():
+    """The figures that the method is held to: 0.12 deg and 2 cm."""
+    flown = flight()
+    late = errors(flown, solutions(flown, config_for(flown))).after(20.0)
+    assert np.degrees(rms(late.rpy)).max() <= 0.12
+    assert rms(late.state[:, :3]).max() <= 0.02
+
+
+@pytest.mark.slow
+def test_direct_position_flies_too():
+    """The paper's own cycle, with its median filter: within the RTK's noise in position."""
+    flown = flight()
+    config = config_for(flown, position_update="rtk_direct", rtk__median_window=3)
+    late = errors(flown, solutions(flown, config)).after(20.0)
+    assert np.degrees(rms(late.rpy)).max() <= 0.12
+    assert (rms(late.state[:, :3]) <= 1.5 * np.array([0.01, 0.01, 0.02])).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rate_hz", [50.0, 400.0])
+def test_other_imu_rates(rate_hz):
+    base = flight(duration_s=40.0).scenario
+    flown = fly(replace(base, imu=replace(base.imu, rate_hz=rate_hz)), 3)
+    late = errors(flown, solutions(flown, config_for(flown))).after(20.0)
+    assert np.degrees(rms(late.rpy)).max() <= 0.15  # a short flight: fewer turns to learn from
+    assert rms(late.state[:, :3]).max() <= 0.02
+
+
+def test_angular_rate_is_within_its_own_sigma():
+    """The rate's variance: white noise of one sample and the bias's; per axis over a flight."""
+    flown = flight(duration_s=40.0)
+    index = {stamp: i for i, stamp in enumerate(flown.truth.stamp_ns)}
+    found = [s for s in solutions(flown, config_for(flown)) if index[s.stamp_ns] > 2000]
+    error = [s.angular_rate_b - flown.truth.angular_rate_b[index[s.stamp_ns]] for s in found]
+    ratio = rms(np.array(error) / np.sqrt([s.rate_variance_b for s in found]))
+    # 2000 white samples: 1.6 % one sigma; the slow bias adds little beside the white noise.
+    assert ratio == pytest.approx([1.0] * 3, abs=0.08)
+
+
+# A slow error of the headings
+
+
+@functools.lru_cache(maxsize=16)
+def flown_with(error_deg, shape, seed, duration_s=60.0):
+    """Errors of the filter, and the estimated error of the headings with its sigma (N, 2)."""
+    flown = flight(seed, duration_s, shape)
+    config = config_for(flown, heading__bias_sigma_deg=SIGMA_DEG, publish_rate_hz=2.0)
+    navigation, found, angles = Navigation(config), [], []
+    for given in navigation_samples(flown):
+        sample = given
+        if isinstance(given, HeadingSample):
+            sample = replace(given, heading_rad=given.heading_rad + math.radians(error_deg))
+        solution = navigation.process(sample).solution
+        if solution is not None:
+            found.append(solution)
+            estimate = navigation._ekf.estimate()
+            angle = estimate.aids.receivers.heading_error_rad
+            angles.append((angle, math.sqrt(estimate.covariance[18, 18])))
+    return errors(flown, found), np.degrees(angles), navigation.status()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("error_deg", [2.0, -3.0])
+def test_found_in_turns(error_deg):
+    """Accelerations and RTK velocities tell the heading too."""
+    found, angles, status = flown_with(error_deg, "figure_eight", 61)
+    assert status.resets == {}
+    angle, sigma = angles[-1]
+    assert sigma < 0.2 * SIGMA_DEG
+    assert angle == pytest.approx(error_deg, abs=3 * sigma)
+    assert np.degrees(np.abs(found.rpy[-20:, 2])).max() < 0.8
+    plain_error = np.abs(found.state[-20:, 5] / found.sigma[-20:, 5])
+    assert plain_error.max() < 3.0
+
+
+@pytest.mark.slow
+def test_error_over_sigma_of_heading_and_its_error():
+    """Monte Carlo: errors drawn as the parameter says, over three shapes."""
+    rng = np.random.default_rng(11)
+    headings, estimated = [], []
+    for seed in range(9):
+        shape = ["figure_eight", "lawnmower", "hover"][seed % 3]
+        error_deg = SIGMA_DEG * float(rng.normal())
+        found, angles, _ = flown_with(error_deg, shape, 70 + seed, 30.0)
+        late = found.t_s > 5.0
+        headings.append(np.mean(np.square(found.state[late, 5] / found.sigma[late, 5])))
+        left = (error_deg - angles[late, 0]) / angles[late, 1]
+        estimated.append(np.mean(np.square(left)))
+    # Nine flights, each hardly more than one draw: 24 % one sigma.
+    assert 0.5 < math.sqrt(np.mean(headings)) < 1.6
+    assert 0.5 < math.sqrt(np.mean(estimated)) < 1.6
+
+
+# Disorder
+
+
+def disordered(rng, sample):
+    """What becomes of a sample: lost, doubled, under another stamp, or with another value."""
+    kind = rng.integers(0, 6)
+    if kind == 0:
+        return []
+    if kind == 1:
+        return [sample, sample]
+    if kind == 2:
+        far_ns = int(rng.choice([-1, 1]) * 10 ** rng.uniform(6, 18))
+        return [replace(sample, stamp_ns=sample.stamp_ns + far_ns)]
+    if kind == 3:
+        return [replace(sample, stamp_ns=sample.stamp_ns + int(rng.normal() * 1e8))]
+    return [spoilt(rng, sample)]
+
+
+def spoilt(rng, sample):
+    bad = float(rng.choice([np.nan, np.inf, 1e300, -1e18]))
+    if isinstance(sample, ImuSample):
+        off = rng.normal(size=3) * 10 ** rng.uniform(-1, 3)
+        values = [sample.specific_force_b + off, np.full(3, bad)]
+        return replace(sample, specific_force_b=values[rng.integers(0, 2)])
+    if isinstance(sample, HeadingSample):
+        angle = sample.heading_rad + rng.uniform(-4, 4)
+        changes = [{"heading_rad": angle}, {"heading_rad": bad}, {"variance_rad2": bad}]
+        return replace(sample, **changes[rng.integers(0, 3)])
+    wild = np.diag(10.0 ** rng.uniform(-300, 29, 3))
+    if isinstance(sample, PositionSample):
+        changes = [
+            {"latitude_rad": rng.uniform(-1.57, 1.57), "longitude_rad": rng.uniform(-6, 6)},
+            {"height_m": sample.height_m + rng.normal() * 1e3},
+            {"height_m": bad},
+            {"status": FixStatus(int(rng.integers(-1, 3)))},
+            {"covariance_n": wild},
+        ]
+        return replace(sample, **changes[rng.integers(0, 5)])
+    off = rng.normal(size=3) * 10 ** rng.uniform(-1, 3)
+    changes = [{"velocity_n": sample.velocity_n + off}, {"covariance_n": wild}]
+    return replace(sample, **changes[rng.integers(0, 2)])
+
+
+def flown_through(seed, aid_share, imu_share):
+    flown = flight(duration_s=END_S)
+    start_ns, rng = flown.truth.stamp_ns[0], np.random.default_rng(seed)
+    navigation, found = Navigation(config_for(flown, publish_rate_hz=20.0)), []
+    for given in navigation_samples(flown):
+        share = imu_share if isinstance(given, ImuSample) else aid_share
+        faulty = (given.stamp_ns - start_ns) * 1e-9 < FAULTS_S and rng.random() < share
+        for sample in disordered(rng, given) if faulty else [given]:
+            solution = navigation.process(sample).solution
+            if solution is not None:
+                found.append(solution)
+    return flown, navigation, found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("aid_share", "imu_share"), [(0.02, 0.02), (0.2, 0.0), (0.6, 0.0), (0.2, 0.2), (0.6, 0.6)]
+)
+def test_disorder_ends_in_running(aid_share, imu_share):
+    for seed in range(5):
+        flown, navigation, found = flown_through(seed, aid_share, imu_share)
+        for solution in found:
+            place = solution.latitude_rad, solution.longitude_rad, solution.height_m
+            assert np.isfinite([*place, *solution.velocity_n, *solution.q_nb]).all()
+            covariance = solution.covariance
+            assert np.isfinite(covariance).all()
+            scales = np.sqrt(np.diag(covariance))
+            scaled = covariance / np.outer(scales, scales)
+            # Of 9 x 9 entries up to one, rounded by 1e-16 over a few hundred updates.
+            assert np.linalg.eigvalsh(scaled)[0] > -1e-10
+        assert navigation.status().state is FilterState.RUNNING
+        known = set(flown.truth.stamp_ns)
+        late = errors(flown, [s for s in found if s.stamp_ns in known]).after(FAULTS_S + 10.0)
+        assert len(late.t_s) > 30
+        assert np.abs(late.state[:, :3]).max() < 0.1  # five sigma of RTK's height

@@ -1,1 +1,0 @@
-"""Estimate the aircraft's lever arms, angles and delays from the filter's innovations."""

@@ -1,0 +1,349 @@
+"""Fit the aircraft's parameters so that the filter's innovations of a flight are smallest.
+
+Maximum likelihood by Gauss-Newton over whitened innovations and their slopes (``aircraft_run``),
+with Huber's weights. The first steps use larger noise floors, so that the filter also runs with
+values that are far off.
+
+The IMU's mounting angles follow from the mean difference between the filter's vertical in the
+IMU's axes and the autopilot's in the body's, by a small turn ``phi``:
+``d_body - d_imu = phi x d_imu``. An error of the autopilot's heading does not enter.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from tirgeo_ros.core.calibration.aircraft_parameters import (
+    AZIMUTH,
+    DELAYS,
+    LIMITS,
+    PARAMETERS,
+    PRIOR_SIGMA,
+    Floors,
+    reported_direction_rad,
+    values_of_config,
+)
+from tirgeo_ros.core.calibration.aircraft_run import (
+    FilterRun,
+    FlightRuns,
+    huber_weight,
+    squared,
+)
+from tirgeo_ros.core.frames.rotations import euler_from_quat, matrix_from_quat
+from tirgeo_ros.core.streams.sanity_checks import usable_attitude
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.errors import CalibrationError
+from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, Source
+
+PARTS = 6  # of a flight: each is left out in turn
+#: Noise floors of the coarse steps, and the largest number of steps with each.
+_COARSE = ((Floors(0.5, 0.5, math.radians(5)), 3), (Floors(0.1, 0.1, math.radians(1.5)), 2))
+_MOST_STEPS = 8
+_SETTLED = 0.02  # of LIMITS
+_LARGEST_STEP = np.array([1.0, 1.0, 1.0, 0.5, 0.2, 0.2, 0.2])  # m, rad, s
+_HEADING = [AZIMUTH, DELAYS[Source.RTK_HEADING]]
+_TRIED_DELAYS_S = np.arange(-0.5, 0.501, 0.02)
+
+#: Called after each run of the filter with the number of runs so far.
+Told = Callable[[int], None]
+
+_TURNS = "turns of the nose through 180 deg or more, right and left"
+_SPEED = "legs in several directions with brisk starts, stops and turns, at 5 m/s or more"
+_LEANS = "starts and stops that tilt the aircraft by 10 deg or more, in several directions"
+#: What to fly for each of PARAMETERS.
+ADVICE = {
+    "antenna_forward": _TURNS,
+    "antenna_left": _TURNS,
+    "antenna_up": _LEANS,
+    "baseline_azimuth": _SPEED,
+    "position_delay": _SPEED,
+    "velocity_delay": _SPEED,
+    "heading_delay": "turns at 20 deg/s or more, right and left, with rests between",
+}
+_BY_SPEED = ("antenna_up", "baseline_azimuth", "position_delay", "velocity_delay")
+_LEAST_TURNED_RAD = math.radians(90)
+_LEAST_TILT_RAD = math.radians(1.5)  # rms about the mean
+_LEAST_SPEED_M_S = 1.0  # rms about the mean
+_LEAST_TURN_RATE_RAD_S = math.radians(3.0)  # rms
+
+
+@dataclass(frozen=True)
+class AircraftFit:
+    """Hold the values of PARAMETERS that a flight has determined."""
+
+    values: Array  # (7,) as found; those that were held or not observed are as given
+    sigma: Array  # (7,) nan where held
+    left_out: Array  # (7,) rms change where a part of the flight is left out
+    told: tuple[str, ...]
+    untold: dict[str, str]  # parameter -> why, and what to fly
+    first: Array  # (7,) as given
+    before: FilterRun
+    after: FilterRun
+
+
+@dataclass
+class _Search:
+    """Search the values by runs of the filter; measurements keep their weights from run to run."""
+
+    runs: FlightRuns
+    anchor: Array  # (7,) the prior's means
+    told: Told
+    weights: Array = field(init=False)
+    done: int = 0
+
+    def __post_init__(self) -> None:
+        self.weights = np.ones(len(self.runs.recorded.aids))
+
+    def run(self, values: Array, floors: Floors, *, without: Source | None = None) -> FilterRun:
+        recorded = self.runs.recorded
+        by_antennas = not recorded.has_attitude and recorded.has(Source.RTK_HEADING)
+        start = self.runs.aligned(values, by_antennas=by_antennas)
+        found = self.runs.run(values, start, floors, self.weights, without)
+        self.done += 1
+        self.told(self.done)
+        return found
+
+    def weigh(self, run: FilterRun) -> None:
+        """Set the weights for the next run."""
+        before = self.weights[[one.number for one in run.white]]
+        plain = np.sqrt([squared(one) for one in run.white] / before)
+        scale = max(1.0, float(np.median(plain)))
+        for one, off in zip(run.white, plain, strict=True):
+            self.weights[one.number] = huber_weight(float(off), scale)
+
+    def step(self, run: FilterRun, free: list[int], keep: Array | None = None) -> Array:
+        """Return the change (7,) that a run asks for; ``keep`` (M,) selects the rows to use."""
+        rows = slice(None) if keep is None else keep
+        slope, error = run.slope[rows][:, free], run.error[rows]
+        prior = PRIOR_SIGMA[free] ** -2
+        off = run.values[free] - self.anchor[free]
+        change = np.zeros(len(PARAMETERS))
+        information = slope.T @ slope + np.diag(prior)
+        change[free] = -np.linalg.solve(information, slope.T @ error + prior * off)
+        return change
+
+    def scale(self, run: FilterRun, free: list[int]) -> Array:
+        """Return the changes (7,) that matter: LIMITS, or the sigma of what is less certain."""
+        found = LIMITS.copy()
+        found[free] = np.maximum(LIMITS[free], np.sqrt(_covariance(run, free).diagonal()))
+        return found
+
+    def settled(self, values: Array, free: list[int], floors: Floors, most: int) -> FilterRun:
+        """Return the run at the values that no step changes any more, or after ``most`` steps."""
+        for _ in range(most):
+            run = self.run(values, floors)
+            self.weigh(run)
+            change = self.step(run, free)
+            if np.max(np.abs(change / self.scale(run, free))) < _SETTLED:
+                break
+            change /= max(1.0, float(np.max(np.abs(change) / _LARGEST_STEP)))
+            values = values + change
+        return self.run(values, floors)
+
+
+def fit(runs: FlightRuns, hold: Collection[str], heard: Told = lambda _: None) -> AircraftFit:
+    """Fit all parameters that the flight observes, without those in ``hold``.
+
+    Raises CalibrationError where the filter cannot run, or the fit does not converge.
+    """
+    first = values_of_config(runs.config)
+    untold = _missing_topics(runs)
+    search = _Search(runs, first, heard)
+    free = [k for k in range(len(PARAMETERS)) if k not in untold and PARAMETERS[k] not in hold]
+    values = first.copy()
+    if AZIMUTH in free and runs.recorded.has_attitude:
+        values[_HEADING] = _heading_guess(search, first)
+        values = np.where(np.isin(np.arange(len(first)), free), values, first)
+        search.anchor = values
+    for floors, most in _COARSE:
+        values = search.settled(values, free, floors, most).values
+    run = search.settled(values, free, Floors(), _MOST_STEPS)
+    if free and np.max(np.abs(search.step(run, free) / search.scale(run, free))) > 1.0:
+        raise CalibrationError(
+            "the fit does not converge: are the topics those of one aircraft, and the IMU's axes "
+            "those of base_link?"
+        )
+    sigma, left_out = _sigma(search, run, free)
+    why_not = _unobserved(run, free, sigma)
+    told = [k for k in free if k not in why_not]
+    untold |= {k: _with_advice(k, why) for k, why in why_not.items()}
+    return AircraftFit(
+        np.where(np.isin(np.arange(len(first)), told), run.values, first),
+        sigma,
+        left_out,
+        tuple(PARAMETERS[k] for k in told),
+        {PARAMETERS[k]: reason for k, reason in sorted(untold.items())},
+        first,
+        search.run(first, Floors()),
+        run,
+    )
+
+
+def _heading_guess(search: _Search, values: Array) -> tuple[float, float]:
+    """Return azimuth and delay with which headings scatter least about a yaw without them."""
+    run = search.run(values, _COARSE[0][0], without=Source.RTK_HEADING)
+    headings = [s for s in search.runs.recorded.aids if isinstance(s, HeadingSample)]
+    first_ns = run.attitude_ns[0]
+    times_s = np.array([sample.stamp_ns - first_ns for sample in headings]) * 1e-9
+    azimuths = np.array([sample.heading_rad for sample in headings])
+    azimuths += reported_direction_rad(search.runs.config)
+    yaw_s = np.array([stamp_ns - first_ns for stamp_ns in run.attitude_ns]) * 1e-9
+    yaw = np.unwrap(euler_from_quat(run.attitude_q_nb)[:, 2])
+    found = []
+    for delay_s in _TRIED_DELAYS_S.tolist():
+        off = np.exp(1j * (azimuths - np.interp(times_s - delay_s, yaw_s, yaw)))
+        middle = complex(np.mean(off))
+        scatter = float(np.median(np.abs(np.angle(off * middle.conjugate()))))
+        found.append((scatter, float(np.angle(middle)), delay_s))
+    return min(found)[1:]
+
+
+def _missing_topics(runs: FlightRuns) -> dict[int, str]:
+    """Return the parameters that belong to topics missing in the bag, with the reason."""
+    found: dict[int, str] = {}
+    if not runs.recorded.has(Source.RTK_VELOCITY):
+        found[DELAYS[Source.RTK_VELOCITY]] = "no rtk/vel in the bag"
+    if not runs.recorded.has(Source.RTK_HEADING):
+        found |= dict.fromkeys(_HEADING, "no rtk/heading in the bag")
+    return found
+
+
+def _with_advice(k: int, why: str) -> str:
+    return f"{why}; fly {ADVICE[PARAMETERS[k]]}"
+
+
+def _unobserved(run: FilterRun, free: list[int], sigma: Array) -> dict[int, str]:
+    """Return the parameters that the flight does not observe, and why.
+
+    They stay in the fit as unknowns: one held at a wrong value would make the others wrong with a
+    small sigma.
+    """
+    motion = not_flown(run)
+    found = {k: motion[PARAMETERS[k]] for k in free if PARAMETERS[k] in motion}
+    poor = [k for k in free if k not in found and not sigma[k] <= LIMITS[k]]
+    return found | {k: f"known to {_sigma_text(k, sigma[k])} only" for k in poor}
+
+
+def _sigma_text(k: int, sigma: float) -> str:
+    if k == AZIMUTH:
+        return f"{math.degrees(sigma):.2g} deg"
+    return f"{1e3 * sigma:.2g} ms" if k in DELAYS.values() else f"{sigma:.2g} m"
+
+
+def _covariance(run: FilterRun, free: list[int]) -> Array:
+    """Return the covariance (p, p) of the free parameters, if the filter's noise is right."""
+    slope = run.slope[:, free]
+    return np.asarray(np.linalg.inv(slope.T @ slope + np.diag(PRIOR_SIGMA[free] ** -2)))
+
+
+def _sigma(search: _Search, run: FilterRun, free: list[int]) -> tuple[Array, Array]:
+    """Return sigmas, and rms changes without a part of the flight, each (7,); nan if held.
+
+    A sigma is the larger of two: that of the information matrix, enlarged where the innovations
+    are larger than predicted, and that of the differences between the flight's parts (the
+    jackknife).
+    """
+    sigma, left_out = np.full((2, len(PARAMETERS)), np.nan)
+    if not free:
+        return sigma, left_out
+    foreseen = _covariance(run, free).diagonal() * max(1.0, float(np.mean(run.error**2)))
+    part = np.minimum((PARTS * run.row_ns / (run.row_ns.max() + 1)).astype(int), PARTS - 1)
+    changes = np.array([search.step(run, free, part != k)[free] for k in range(PARTS)])
+    jackknife = (PARTS - 1) * np.var(changes, axis=0)
+    sigma[free] = np.sqrt(np.maximum(foreseen, jackknife))
+    left_out[free] = np.sqrt(np.mean(changes**2, axis=0))
+    return sigma, left_out
+
+
+def not_flown(run: FilterRun) -> dict[str, str]:
+    """Return the parameters that the motion of a flight cannot observe, with what was missing.
+
+    Standard deviations alone do not show that: over a hover that drifts by centimetres they shrink
+    with time, for they assume that the receiver's error has no memory.
+    """
+    yaw = np.unwrap(euler_from_quat(run.attitude_q_nb)[:, 2])
+    turned_rad = float(np.ptp(yaw))
+    times_s = np.array([stamp - run.attitude_ns[0] for stamp in run.attitude_ns]) * 1e-9
+    rate_rad_s = float(np.sqrt(np.mean(np.gradient(yaw, times_s) ** 2)))
+    tilt_rad = _rms_about_mean(matrix_from_quat(run.attitude_q_nb)[:, 2, :2])
+    speed_m_s = _rms_about_mean(run.velocity_n[:, :2])
+    found: dict[str, str] = {}
+    if turned_rad < _LEAST_TURNED_RAD:
+        said = f"the nose turned through {math.degrees(turned_rad):.0f} deg only"
+        found |= dict.fromkeys(PARAMETERS[:2], said)
+    if tilt_rad < _LEAST_TILT_RAD:
+        found["antenna_up"] = f"the tilt varied by {math.degrees(tilt_rad):.1f} deg rms only"
+    if speed_m_s < _LEAST_SPEED_M_S:
+        said = f"the velocity varied by {speed_m_s:.1f} m/s rms only"
+        found |= dict.fromkeys(_BY_SPEED, said)
+    if rate_rad_s < _LEAST_TURN_RATE_RAD_S:
+        found["heading_delay"] = f"it turned at {math.degrees(rate_rad_s):.1f} deg/s rms only"
+    return found
+
+
+def _rms_about_mean(vectors: Array) -> float:
+    """Return the root mean square distance of (N, 2) from their mean."""
+    return float(np.sqrt(np.mean(np.sum((vectors - vectors.mean(0)) ** 2, axis=1))))
+
+
+LEVEL = ("level_roll", "level_pitch")
+LEVEL_LIMIT_RAD = math.radians(0.3)
+LEVEL_ADVICE = (
+    "three minutes with orientation in imu/data, legs in several directions and rests between"
+)
+_LEAST_PART = 20  # attitudes
+_NEAR_NS = 30_000_000
+
+
+class MountingLevel(NamedTuple):
+    """Hold roll and pitch of the IMU's axes against the body's, FRD, rad."""
+
+    angles_rad: Array  # (2,)
+    sigma_rad: Array  # (2,)
+    left_out_rad: Array  # (2,) rms change where a part of the flight is left out
+
+
+def mounting_level(run: FilterRun, imu: Sequence[ImuSample], parts: int) -> MountingLevel | None:
+    """Return roll and pitch of the mounting; None where there are too few autopilot attitudes.
+
+    The flight is divided in ``parts`` to find the standard deviations.
+    """
+    stamps = np.array([sample.stamp_ns for sample in imu])
+    at = np.searchsorted(stamps, run.attitude_ns).clip(0, len(imu) - 1)
+    pairs = [
+        (imu[k].autopilot_q_nb, q)
+        for k, stamp_ns, q in zip(at, run.attitude_ns, run.attitude_q_nb, strict=True)
+        if abs(int(stamps[k]) - stamp_ns) < _NEAR_NS and usable_attitude(imu[k].autopilot_q_nb)
+    ]
+    if len(pairs) < parts * _LEAST_PART:
+        return None
+    body_down = matrix_from_quat(np.array([a for a, _ in pairs]))[:, 2, :]
+    imu_down = matrix_from_quat(np.array([b for _, b in pairs]))[:, 2, :]
+    groups = np.array_split(np.arange(len(pairs)), parts)
+    whole = _turn(body_down, imu_down)
+    each = np.array([_turn(body_down[rows], imu_down[rows]) for rows in groups])
+    others = np.array(
+        [
+            _turn(np.delete(body_down, rows, 0), np.delete(imu_down, rows, 0)) - whole
+            for rows in groups
+        ]
+    )
+    sigma = each.std(axis=0, ddof=1) / math.sqrt(parts)
+    sigma = np.hypot(sigma, run.tilt_sigma_rad)
+    return MountingLevel(whole, sigma, np.sqrt(np.mean(others**2, axis=0)))
+
+
+def _turn(body_down: Array, imu_down: Array) -> Array:
+    """Return the least-squares turn (2,) about the first two axes; directions are (N, 3)."""
+    x, y, z = imu_down.T
+    zero = np.zeros_like(x)
+    # phi x d = (phi_y z, -phi_x z, phi_x y - phi_y x) for phi_z = 0
+    by_roll = np.stack([zero, -z, y], axis=-1).ravel()
+    by_pitch = np.stack([z, zero, -x], axis=-1).ravel()
+    design = np.stack([by_roll, by_pitch], axis=-1)
+    return np.asarray(np.linalg.lstsq(design, (body_down - imu_down).ravel(), rcond=None)[0])

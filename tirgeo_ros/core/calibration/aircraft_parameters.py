@@ -1,0 +1,119 @@
+"""Define the parameters that a flight observes, and apply their values to the filter and samples.
+
+A set of values is a vector (7,) in the order of PARAMETERS: m, rad and s. The antenna is counted
+from the IMU in the axes of ``base_link``; the baseline points ``azimuth`` clockwise from the nose,
+at the elevation of the configured antennas; the delays are counted from the IMU's own.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from tirgeo_ros.core.config import AircraftConfig, EkfConfig
+from tirgeo_ros.core.frames.axes import flu_from_frd
+from tirgeo_ros.core.navigation.aiding.gnss_antenna import Baseline
+from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import HeadingSample, Source
+
+PARAMETERS = (
+    "antenna_forward",
+    "antenna_left",
+    "antenna_up",
+    "baseline_azimuth",
+    "position_delay",
+    "velocity_delay",
+    "heading_delay",
+)
+ANTENNA, AZIMUTH = slice(0, 3), 3
+#: Index of the delay of each source.
+DELAYS = {Source.RTK_POSITION: 4, Source.RTK_VELOCITY: 5, Source.RTK_HEADING: 6}
+#: Largest standard deviation at which a flight has determined a parameter.
+LIMITS = np.array([0.05, 0.05, 0.05, math.radians(0.5), 0.01, 0.01, 0.01])
+#: Prior sigmas: just tight enough to keep unobserved parameters where they are.
+PRIOR_SIGMA = np.array([2.0, 2.0, 2.0, math.radians(90), 0.5, 0.5, 0.5])
+
+
+class Floors(NamedTuple):
+    """Hold the smallest standard deviations that the filter assumes for measurements."""
+
+    position_m: float = 0.0
+    velocity_m_s: float = 0.0
+    heading_rad: float = 0.0
+
+
+def values_of_config(config: EkfConfig) -> Array:
+    """Return the values (7,) of the configured parameters; delays less the IMU's own."""
+    x, y, _ = Baseline.from_config(config.aircraft).direction_b
+    lever_m = flu_from_frd(config.aircraft.rtk_lever_b)
+    position_s, heading_s = config.rtk.delay_s, config.heading.delay_s
+    velocity_s = position_s + config.rtk.velocity_delay_s
+    delays_s = np.array(
+        [position_s, velocity_s, position_s if math.isnan(heading_s) else heading_s]
+    )
+    return np.array([*lever_m, math.atan2(y, x), *(delays_s - config.imu.delay_s)])
+
+
+def reported_direction_rad(config: EkfConfig) -> float:
+    """Return the baseline's azimuth in the body that was subtracted from the bag's headings."""
+    return -Baseline.from_config(config.aircraft).reported_less_azimuth_rad
+
+
+def baseline_b(config: EkfConfig, azimuth_rad: float) -> Array:
+    """Return the baseline's unit vector (3,), FRD, turned to an azimuth."""
+    x, y, z = Baseline.from_config(config.aircraft).direction_b
+    level = math.hypot(x, y)
+    return np.array([level * math.cos(azimuth_rad), level * math.sin(azimuth_rad), z])
+
+
+def configured(config: EkfConfig, values: Array, floors: Floors) -> EkfConfig:
+    """Return the filter's parameters with the values applied, for ``restamped`` samples."""
+    antenna_m = values[ANTENNA]
+    second_m = antenna_m + flu_from_frd(baseline_b(config, float(values[AZIMUTH])))
+    rtk, heading = config.rtk, config.heading
+    return replace(
+        config,
+        position_update="fused",
+        aircraft=AircraftConfig(
+            rtk_antenna_m=tuple(antenna_m.tolist()),
+            rtk_antenna_sigma_m=(0.0, 0.0, 0.0),
+            second_antenna_m=tuple(second_m.tolist()),
+        ),
+        rtk=replace(
+            rtk,
+            median_window=1,
+            delay_s=0.0,
+            position_sigma_floor_m=max(rtk.position_sigma_floor_m, floors.position_m),
+            velocity_sigma_floor_m_s=max(rtk.velocity_sigma_floor_m_s, floors.velocity_m_s),
+        ),
+        heading=replace(
+            heading,
+            resolution_deg=0.0,
+            bias_sigma_deg=0.0,
+            sigma_floor_deg=max(heading.sigma_floor_deg, math.degrees(floors.heading_rad)),
+        ),
+    )
+
+
+def restamped(aids: Sequence[Aiding], values: Array, reported_rad: float) -> list[Aiding]:
+    """Return the measurements with the stamps at which they were made.
+
+    Headings become those that the receiver would have given with the baseline azimuth of
+    ``values`` subtracted in place of ``reported_rad``.
+    """
+    delays_ns = {source: round(float(values[k]) * 1e9) for source, k in DELAYS.items()}
+    turn_rad = reported_rad - float(values[AZIMUTH])
+    found: list[Aiding] = []
+    for sample in aids:
+        stamp_ns = sample.stamp_ns - delays_ns[sample.source]
+        if isinstance(sample, HeadingSample):
+            heading_rad = sample.heading_rad + turn_rad
+            found.append(replace(sample, stamp_ns=stamp_ns, heading_rad=heading_rad))
+        else:
+            found.append(replace(sample, stamp_ns=stamp_ns))
+    return found

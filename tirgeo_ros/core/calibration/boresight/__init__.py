@@ -1,1 +1,0 @@
-"""Estimate a camera's boresight and latency from sightings of surveyed points."""

@@ -1,0 +1,115 @@
+"""Estimate an IMU's white noise under vibration, from densities between its spectral lines.
+
+Motion of the aircraft is below 8 Hz, vibration above. The power there, by Welch's method (1967:
+Hann windows, overlapping by half), consists of lines on a floor. The median over frequency gives
+the floor and is not changed by lines, also not by those of a walker's steps. A one-sided power
+``S`` belongs to white noise of the density ``sqrt(S / 2)``.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tirgeo_ros.core.calibration.imu_record import ImuRecord
+from tirgeo_ros.core.types.arrays import Array, BoolArray
+
+#: Frequency that separates motion, below, from vibration, above.
+MOTION_HZ = 8.0
+#: Length of a piece: the averaging time of the filter's own vibration meter.
+PIECE_S = 3
+_PRESENT = 0.98  # share of a piece's samples that must be present
+_WINDOWS = 2 * PIECE_S - 1  # of a second each, overlapping by half
+#: Degrees of freedom of the power at one frequency (Welch, for Hann windows).
+DEGREES = 36 * _WINDOWS**2 / (19 * _WINDOWS - 1)
+#: Median over mean of a chi-square variable of so many (Wilson and Hilferty 1931).
+_MEDIAN_OF_MEAN = (1 - 2 / (9 * DEGREES)) ** 3
+_STANDS_OUT = 4.0  # times the median power: does not happen by chance in 20 s of pieces
+# Limits at rest with motors off, for any sensor on sale: change of the means of seconds, scatter
+# within a second, and mean rate, which is then only bias (gyroscope rad/s, accelerometer m/s2).
+_STILL_CHANGE = np.repeat([0.01, 0.1], 3)
+_STILL_SCATTER = np.repeat([0.02, 0.5], 3)
+_STILL_RATE = 0.1
+
+
+class SpectralLine(NamedTuple):
+    """Hold a vibration of one channel: the sine with the power of all the excess in one place."""
+
+    frequency_hz: float
+    amplitude: float  # in the unit of the channel
+
+
+class Pieces(NamedTuple):
+    """Hold the measurements of a record's pieces; gyroscope x, y, z, accelerometer x, y, z."""
+
+    at_rest: BoolArray  # (n,)
+    floors: Array  # (n, 6) density between the lines, unit/sqrt(Hz)
+    differences: Array  # (n, 6) density by second differences
+    spectra: Array  # (n, f, 6) density at each frequency
+    frequencies_hz: Array  # (f,)
+
+    def where(self, these: BoolArray) -> Pieces:
+        """Return the pieces selected by a mask (n,)."""
+        chosen: Any = [column[these] for column in self[:-1]]
+        return Pieces._make([*chosen, self.frequencies_hz])
+
+    def above_motion(self) -> BoolArray:
+        """Return (f,) which frequencies are used; the last one's band is only half as wide."""
+        hz = self.frequencies_hz
+        return np.asarray((hz > MOTION_HZ) & (hz < hz[-1]))
+
+    def lines(self, channel: int) -> list[SpectralLine]:
+        """Return what exceeds the mean spectrum's floor above motion, strongest first."""
+        inside = self.above_motion()
+        hz, power = self.frequencies_hz[inside], (self.spectra[:, inside, channel] ** 2).mean(0)
+        floor = np.median(power)
+        excess = 2 * np.maximum(power - floor, 0.0) * self.frequencies_hz[1]
+        out = np.concatenate([[False], power > _STANDS_OUT * floor, [False]])
+        edges = np.flatnonzero(np.diff(out.astype(int))).reshape(-1, 2).tolist()
+        found = [
+            SpectralLine(
+                float(hz[begin:end] @ excess[begin:end] / excess[begin:end].sum()),
+                float(np.sqrt(2 * excess[begin:end].sum())),
+            )
+            for begin, end in edges
+            if begin or excess[0] < excess[:end].max()  # else it is a remainder of motion
+        ]
+        return sorted(found, key=lambda line: -line.amplitude)
+
+
+def pieces_of(record: ImuRecord, most: int | None = None) -> Pieces:
+    """Return the pieces with enough of their samples, or ``most`` of them, evenly spaced.
+
+    There are none at less than 19 samples a second, which show nothing above motion.
+    """
+    from scipy import signal  # noqa: PLC0415  slow to import
+
+    second = 2 * round(0.5 / record.step_s)
+    blocks = [block for _, block in record.blocks(PIECE_S * second, _PRESENT)]
+    if not blocks or second <= 2 * (MOTION_HZ + 1):  # no frequency above motion
+        empty, spectra = np.zeros((0, 6)), np.zeros((0, 0, 6))
+        return Pieces(np.zeros(0, bool), empty, empty, spectra, np.zeros(0))
+    if most is not None:
+        blocks = blocks[:: -(-len(blocks) // most)]
+    values = np.stack([_filled(block) for block in blocks])  # (n, samples, 6)
+    hz, power = signal.welch(values, 1 / record.step_s, nperseg=second, axis=1)
+    floors = np.median(power[:, (hz > MOTION_HZ) & (hz < hz[-1])], axis=1) / _MEDIAN_OF_MEAN
+    differences = (np.diff(values, 2, axis=1) ** 2).mean(axis=1) * record.step_s / 6
+    seconds = values.reshape(len(values), PIECE_S, second, 6)
+    means, scatters = seconds.mean(axis=2), seconds.std(axis=2)  # (n, seconds, 6)
+    at_rest = (
+        (np.ptp(means, axis=1) < _STILL_CHANGE).all(axis=1)
+        & (scatters < _STILL_SCATTER).all(axis=(1, 2))
+        & (np.abs(means[:, :, :3]) < _STILL_RATE).all(axis=(1, 2))
+    )
+    return Pieces(at_rest, np.sqrt(floors / 2), np.sqrt(differences), np.sqrt(power / 2), hz)
+
+
+def _filled(block: Array) -> Array:
+    """Return samples (n, 6) with missing ones interpolated linearly."""
+    there = np.isfinite(block[:, 0])
+    if there.all():
+        return block
+    places = np.arange(len(block))
+    return np.stack([np.interp(places, places[there], c[there]) for c in block.T], axis=1)

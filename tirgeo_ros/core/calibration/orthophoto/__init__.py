@@ -1,1 +1,0 @@
-"""Fit polynomials that take pixels of an orthophoto to a plane of metres."""

@@ -1,0 +1,106 @@
+"""Aid the filter with the satellite velocity of an antenna: the model, and RTK's own."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.frames.rotations import rotation_of, skew
+from tirgeo_ros.core.navigation.aiding.aid import Aid
+from tirgeo_ros.core.navigation.aiding.gnss_antenna import velocity_design
+from tirgeo_ros.core.navigation.aiding.state_estimate import (
+    AidMeasurement,
+    Modelled,
+    StateEstimate,
+    added,
+    floored,
+    not_fixed,
+)
+from tirgeo_ros.core.navigation.ins.ins_error_model import ANTENNA, VELOCITY, has_antenna
+from tirgeo_ros.core.navigation.ins.kalman import Measurement
+from tirgeo_ros.core.navigation.ins.strapdown import Vector, cross, matrix, rotate
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import FixStatus, Source, VelocitySample
+from tirgeo_ros.core.types.verdicts import Outcome, Verdict
+
+
+class VelocityAid(Aid):
+    """Make measurements of the velocities of one receiver."""
+
+    unit = "m/s"
+    moved = "velocity changed by"
+    resets = VELOCITY
+
+    def __init__(self, config: EkfConfig) -> None:
+        """Take the parameters of the receiver, and its antenna's place."""
+        super().__init__(config)
+        rtk = self.source is Source.RTK_VELOCITY
+        receiver = config.rtk if rtk else config.gps
+        self._lever_b: Vector = tuple(config.aircraft.antenna_b(self.source).tolist())
+        self._estimates_antenna = rtk and has_antenna(self._states)
+        self._floor_m_s = receiver.velocity_sigma_floor_m_s
+        self._gate_sigma = receiver.gate_sigma
+
+    def measured(
+        self, sample: VelocitySample, estimate: StateEstimate, angular_rate_b: Vector
+    ) -> Modelled:
+        """Return the measurement and the estimate."""
+        state = estimate.state
+        rotation = rotation_of(state.q_nb)
+        lever_b = self._lever_b
+        if self._estimates_antenna:
+            lever_b = added(lever_b, estimate.aids.receivers.antenna_b)
+        swing = rotate(rotation, cross(angular_rate_b, lever_b))  # against the IMU, NED m/s
+        (north, east, down), (vn, ve, vd) = sample.velocity_n.tolist(), state.velocity_n
+        innovation = north - vn - swing[0], east - ve - swing[1], down - vd - swing[2]
+        noise = floored(sample.covariance_n, self._floor_m_s)
+        design = velocity_design(self._states, rotation, swing, lever_b)
+        if self._estimates_antenna:
+            design[:, ANTENNA] = matrix(rotation) @ skew(np.array(angular_rate_b))
+        measurement = Measurement(np.array(innovation), design, noise, self._gate_sigma)
+        scatter = math.sqrt(noise[0, 0] + noise[1, 1] + noise[2, 2])
+        slack = 1.5 * self._gate_sigma * scatter
+        return AidMeasurement(
+            sample.source, sample.stamp_ns, measurement, innovation, (0.0,) * 3, slack
+        ), estimate
+
+    def patience_s(
+        self, aid: AidMeasurement, estimate: StateEstimate, autopilot_q_nb: Array | None
+    ) -> float:
+        """Return how long it must be refused; for ever while positions that fit confirm it."""
+        if estimate.aids.track(Source.RTK_POSITION).recent(aid.stamp_ns, self._timeout_ns):
+            return math.inf
+        return super().patience_s(aid, estimate, autopilot_q_nb)
+
+
+class RtkVelocityAid(VelocityAid):
+    """Use velocities of RTK from float on, unless the fixes contradict them for long."""
+
+    source = Source.RTK_VELOCITY
+    delay = "rtk.delay_s"
+    look_at = "rtk.velocity_delay_s, aircraft.rtk_antenna_m"
+    steps = True
+    eased = True
+
+    @classmethod
+    def delay_s(cls, config: EkfConfig) -> float:
+        """Return the delay of positions plus that of velocities, s."""
+        return config.rtk.delay_s + config.rtk.velocity_delay_s
+
+    def measured(
+        self, sample: VelocitySample, estimate: StateEstimate, angular_rate_b: Vector
+    ) -> Modelled:
+        """Return the measurement, or NOT_FIXED by the newest status of ``rtk/fix``."""
+        status = estimate.aids.status_at(sample.stamp_ns, self._timeout_ns)
+        if status is not None and status < FixStatus.FLOAT:
+            return not_fixed(self.source, status), estimate
+        aid, estimate = super().measured(sample, estimate, angular_rate_b)
+        assert isinstance(aid, AidMeasurement)
+        north, east, down = aid.invariant
+        against_imu_n = added((north, east, down), estimate.state.push_n)
+        rtk = estimate.aids.rtk.with_velocity(sample, aid.measurement.noise, against_imu_n)
+        estimate = estimate._replace(aids=estimate.aids._replace(rtk=rtk))
+        reason = rtk.reason(self.source)
+        return (Verdict(self.source, Outcome.GATED, reason) if reason else aid), estimate

@@ -1,0 +1,1 @@
+"""Estimate: samples in, verdicts and solutions out; the one entrance to the filter."""

@@ -1,0 +1,341 @@
+"""Run the chosen estimator: take any sample, return a verdict, and a solution when one is due.
+
+``ekf_node`` and ``tirgeo process`` both drive this class, so their results cannot differ.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.navigation.aiding.aid_status import AID_SOURCES
+from tirgeo_ros.core.navigation.aiding.aids import AIDS, METHOD_SOURCES, Delays
+from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding
+from tirgeo_ros.core.navigation.alignment.aligner import Biases
+from tirgeo_ros.core.navigation.estimator.filter_status import FilterHealth, VerdictLog
+from tirgeo_ros.core.navigation.estimator.start_up import StartUp
+from tirgeo_ros.core.navigation.estimator.unfiltered_solution import UnfilteredSolution
+from tirgeo_ros.core.navigation.ins.strapdown import NavState
+from tirgeo_ros.core.navigation.ins.vibration_noise import densities
+from tirgeo_ros.core.navigation.timeline.aid_clocks import AidClocks
+from tirgeo_ros.core.navigation.timeline.duplicates import DuplicateDetector, Same
+from tirgeo_ros.core.navigation.timeline.ekf import Ekf
+from tirgeo_ros.core.navigation.timeline.imu_checks import ImuClock, in_body_axes
+from tirgeo_ros.core.navigation.timeline.imu_clipping import Clipping
+from tirgeo_ros.core.streams.rates import RateLimit
+from tirgeo_ros.core.streams.sanity_checks import LARGEST_HEIGHT_M, fault_of
+from tirgeo_ros.core.types.errors import ConfigError
+from tirgeo_ros.core.types.measurements import (
+    FixStatus,
+    ImuSample,
+    NavigationInput,
+    PositionSample,
+    Source,
+)
+from tirgeo_ros.core.types.poses import NavSolution
+from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus, Outcome, Verdict
+
+#: Interval between two checks of the filter's health.
+_WATCH_NS = 100_000_000
+_IMU_USED = Verdict(Source.IMU, Outcome.USED)
+_IMU_KEY = (Source.IMU, Outcome.USED)
+
+
+class Step(NamedTuple):
+    """Hold the verdict on one sample, and the solution where it is due to be published."""
+
+    verdict: Verdict
+    solution: NavSolution | None = None
+
+
+class Navigation:
+    """Run the configured method on samples in the order of their arrival.
+
+    ``heard`` is called with every verdict but that on an IMU sample that was used. A sample that
+    was held has a second one. Raises ConfigError for an origin of ``map`` that is not on earth.
+    """
+
+    def __init__(self, config: EkfConfig, heard: Callable[[Verdict], None] | None = None) -> None:
+        self._config = config
+        self._log = VerdictLog(heard)
+        self._filtering = config.method in {"ekf", "ekf_heading"}
+        gps = config.method == "raw"
+        self._position_source = Source.GPS_POSITION if gps else Source.RTK_POSITION
+        self._delays = Delays.from_config(config)
+        self._rotation_bi = config.aircraft.rotation_bi
+        self._health = FilterHealth(config)
+        self._clipping = Clipping()
+        self._resets: Counter[Source] = Counter()  # of all filters before the current one
+        self._last_reset = ""
+        self._origin = MapOrigin(config, self._position_source)
+        self._ekf: Ekf | None = None
+        self.reset()
+
+    def reset(self) -> None:
+        """Start again from alignment. The origin of ``map`` stays where it is."""
+        self._imu_clock = ImuClock(self._config.max_imu_gap_s)
+        self._entered: tuple[FilterState, int] = (FilterState.WAITING, 0)
+        self._begin("", None, None)
+
+    def _begin(self, why: str, cause: Outcome | None, prior: Biases | None) -> None:
+        """Discard the state and align; ``cause`` is RESTART of a lost one.
+
+        ``prior`` is of the IMU's biases.
+        """
+        self._resets, self._last_reset = self._reset_counts()
+        self._ekf = None
+        self._why_again, self._began_again = why, cause if self._filtering else None
+        self._start_up = StartUp(self._config, prior)
+        self._passthrough = UnfilteredSolution(self._config, self._position_source)
+        self._repeats = DuplicateDetector()
+        self._rate = RateLimit(self._config.publish_rate_hz)
+        self._log.begin()
+        self._health.forget_rtk()
+        self._newest: NavSolution | None = None
+        self._clocks = AidClocks(self._config, self._imu_clock.newest_ns)
+        self._in_imu = [aid(self._config) for aid in AIDS.values() if aid.in_imu]
+        self._watched_ns = 0
+
+    def configure(self, config: EkfConfig) -> None:
+        """Use other parameters from the next sample on; those that are not live must be the same.
+
+        A filter that runs keeps its state. Measurements of the last ``max_delay_s`` that a late
+        one makes it compute again meet the new ones. An alignment begins again.
+        """
+        if config.publish_rate_hz != self._config.publish_rate_hz:
+            self._rate = RateLimit(config.publish_rate_hz)
+        self._config = config
+        self._delays = Delays.from_config(config)
+        self._imu_clock.configure(config.max_imu_gap_s)
+        for part in (self._health, self._clocks, self._passthrough):
+            part.configure(config)
+        for aid in self._in_imu:
+            aid.configure(config)
+        if self._ekf is not None:
+            self._ekf.configure(config)
+        else:
+            self._start_up = StartUp(config, self._start_up.prior)
+
+    @property
+    def plane(self) -> TangentPlane | None:
+        """Return the plane of ``map``: as configured, or at the first accepted position."""
+        return self._origin.plane
+
+    def process(self, sample: NavigationInput) -> Step:
+        """Take one sample, whatever is in it; return its verdict, and a solution if one is due."""
+        fault = fault_of(sample)
+        if fault:
+            step = Step(Verdict(sample.source, Outcome.INVALID, fault))
+        elif isinstance(sample, ImuSample):
+            step = self._process_imu(sample)
+            if step.verdict is _IMU_USED:  # nearly always
+                self._log.counts[_IMU_KEY] += 1
+                return step
+        else:
+            step = Step(self._process_aiding(sample))
+        self._count(step.verdict)
+        return step
+
+    def status(self) -> NavigationStatus:
+        """Return the estimator's state and its diagnostics."""
+        state, reason = self._state()
+        self._enter(state)
+        resets, last_reset = self._reset_counts()
+        now_ns, newest = self._clocks.now_ns, self._newest
+        variance_rad2 = newest.covariance[5, 5] if newest and state.navigating else math.nan
+        return NavigationStatus(
+            self._config.method,
+            state,
+            reason,
+            self._health.rtk_status(now_ns),
+            math.sqrt(variance_rad2),
+            {(a.value, b.value): number for (a, b), number in self._log.counts.items()},
+            {source.value: ratio for source, ratio in self._log.test_ratios.items()},
+            (now_ns - self._entered[1]) * 1e-9,
+            {source.value: number for source, number in resets.items()},
+            last_reset,
+            dict(self._clipping.counts),
+            (*self._clipping.warnings(now_ns), *self._log.warnings(now_ns)),
+            self._log.nis(now_ns),
+            self._ekf.process_noise if self._ekf else "",
+            densities(self._ekf.vibration) if self._ekf else (),
+            self._began_again,
+        )
+
+    def state_and_resets(self) -> tuple[FilterState, int]:
+        """Return the state and the number of resets, at a tenth of what ``status`` costs."""
+        state, _ = self._state()
+        self._enter(state)
+        of_this = sum(self._ekf.aids.resets) if self._ekf else 0
+        return state, self._resets.total() + of_this
+
+    def _reset_counts(self) -> tuple[Counter[Source], str]:
+        """Return the number of resets by source, over all filters so far, and the newest reset."""
+        if self._ekf is None:
+            return self._resets, self._last_reset
+        aids = self._ekf.aids
+        counts = Counter(dict(zip(AID_SOURCES, aids.resets, strict=True)))
+        last = str(aids.last_reset) if aids.last_reset else self._last_reset
+        return self._resets + counts, last  # the sum is of those above zero
+
+    def _enter(self, state: FilterState) -> None:
+        now_ns = self._clocks.now_ns
+        if state is not self._entered[0] or now_ns < self._entered[1]:
+            self._entered = (state, now_ns)
+
+    def _state(self) -> tuple[FilterState, str]:
+        clocks, offsets = self._clocks, self._clocks.offsets
+        if clocks.imu_ns is not None and clocks.silence_ns:
+            return FilterState.WAITING, f"no imu/data for {clocks.silence_ns * 1e-9:.1f} s"
+        if not self._filtering:
+            reason = self._passthrough.reason
+            return (FilterState.WAITING if reason else FilterState.RUNNING), reason
+        if self._ekf is not None:
+            aids, newest_ns = self._ekf.aids, self._ekf.newest_ns
+            state, reason = self._health.state(aids, newest_ns, self._log.unused)
+            return state, f"{reason}; {offsets}" if reason and offsets else reason
+        lacks = offsets or self._start_up.aligner.reason
+        reason = "; ".join(filter(None, (self._why_again, lacks)))
+        if self._began_again is Outcome.RESTART:
+            return FilterState.LOST, reason
+        begun = clocks.imu_ns is not None and clocks.aid_ns
+        return (FilterState.ALIGNING if begun else FilterState.WAITING), reason
+
+    def _process_imu(self, sample: ImuSample) -> Step:
+        if self._delays.imu_ns:
+            sample = replace(sample, stamp_ns=sample.stamp_ns - self._delays.imu_ns)
+        self._clipping.add(sample)  # in the sensor's own axes
+        sample = in_body_axes(sample, self._rotation_bi)
+        checked_outcome, why, use, begins = self._imu_clock.check(sample)
+        if not use:
+            return Step(Verdict(Source.IMU, checked_outcome, why))
+        begins = begins and (self._filtering or checked_outcome is Outcome.TIME_JUMP)
+        if begins:
+            self._begin(why, checked_outcome, self._ekf.biases() if self._ekf else None)
+        self._clocks.hear_imu(sample.stamp_ns)
+        for held in use:
+            outcome, reason = self._take_imu(held)
+        if begins:
+            outcome, reason = checked_outcome, why
+        solution = self._due_solution(sample.stamp_ns)
+        if outcome is Outcome.USED:
+            return tuple.__new__(Step, (_IMU_USED, solution))
+        return Step(Verdict(Source.IMU, outcome, reason), solution)
+
+    def _take_imu(self, sample: ImuSample) -> tuple[Outcome, str]:
+        """Take a checked sample that continues the time line."""
+        if self._ekf is not None:
+            clipped = self._clipping.newest_ns and self._clipping.active(sample.stamp_ns)
+            for verdict in self._ekf.add_imu(sample, clipped=bool(clipped)):
+                self._count(verdict)
+            if sample.stamp_ns - self._watched_ns >= _WATCH_NS:
+                self._watch(self._ekf, sample)
+            return Outcome.USED, ""
+        if self._filtering:
+            self._align(sample)
+            return Outcome.WAITING, ""
+        return self._passthrough.add_imu(sample)
+
+    def _process_aiding(self, sample: Aiding) -> Verdict:
+        source = sample.source
+        delay_ns = self._delays.aid_ns.get(source, 0)
+        if delay_ns:
+            sample = replace(sample, stamp_ns=sample.stamp_ns - delay_ns)
+        self._clocks.hear_aid(source, sample.stamp_ns)
+        if source not in METHOD_SOURCES[self._config.method]:
+            return Verdict(source, Outcome.UNUSED)
+        if isinstance(sample, PositionSample):
+            self._health.hear(sample)
+        same = self._repeats.compared(sample)
+        if same is Same.MEASUREMENT:
+            return Verdict(source, Outcome.REPEATED, "the same value as the previous sample")
+        if not self._filtering:
+            verdict = self._passthrough.add_aiding(sample)
+        elif self._ekf is not None:
+            verdict = self._ekf.add_aiding(sample, stale=same is Same.VALUE)
+        elif refused := self._start_up.refused(sample):
+            verdict = refused
+        else:
+            self._align(sample)
+            verdict = Verdict(source, Outcome.WAITING, "not aligned yet")
+        self._clocks.judge(verdict, sample.stamp_ns)
+        self._origin.see(sample, verdict)
+        return verdict
+
+    def _align(self, sample: NavigationInput) -> None:
+        """Give a sample to the alignment; once it succeeds, run the filter."""
+        verdicts = self._start_up.add(sample)
+        self._ekf = self._start_up.ekf
+        if self._ekf is not None and self._start_up.first_state is not None:
+            self._why_again, self._began_again = "", None
+            self._origin.start_at(self._start_up.first_state)
+        for verdict in verdicts:
+            self._count(verdict)
+
+    def _watch(self, ekf: Ekf, sample: ImuSample) -> None:
+        """Check the filter's health, aided by the IMU's message if need be; restart if lost."""
+        self._watched_ns = ekf.newest_ns
+        for aid in self._in_imu:
+            held = aid.of_imu(sample, ekf.estimate().covariance)
+            if held is not None:
+                self._count(ekf.add_aiding(held))
+        _, covariance, aids, _ = ekf.estimate()
+        self._enter(self._health.state(aids, ekf.newest_ns, self._log.unused)[0])
+        why = self._health.lost(aids, covariance)
+        if why:
+            spoiled = self._health.spoiled(aids, covariance)
+            self._begin(why, Outcome.RESTART, None if spoiled else ekf.biases())
+            self._enter(FilterState.LOST)
+            self._count(Verdict(Source.IMU, Outcome.RESTART, why))
+
+    def _due_solution(self, stamp_ns: int) -> NavSolution | None:
+        """Return a solution, at most ``publish_rate_hz`` times a second, else None."""
+        if not self._rate.due(stamp_ns):
+            return None
+        source = self._ekf if self._filtering else self._passthrough
+        solution = source.solution() if source else None
+        self._newest = solution or self._newest
+        return solution
+
+    def _count(self, verdict: Verdict) -> None:
+        self._log.add(verdict, self._clocks.imu_ns or self._clocks.aid_ns)
+
+
+class MapOrigin:
+    """Hold the tangent plane of ``map``; once set, it stays.
+
+    Without a configured origin ``source`` will set it. Raises ConfigError for an origin that is
+    not on earth.
+    """
+
+    def __init__(self, config: EkfConfig, source: Source) -> None:
+        self.plane: TangentPlane | None = None
+        self._source = source
+        gps = source is Source.GPS_POSITION
+        self._least_status = FixStatus.SINGLE if gps else FixStatus.FLOAT
+        if config.origin_lat_lon_h:
+            lat, lon, height_m = config.origin_lat_lon_h
+            wrong = "" if abs(height_m) < LARGEST_HEIGHT_M else f"{height_m:g} m is no height"
+            if abs(lat) > 90 or abs(lon) > 180:
+                wrong = f"{lat:g}, {lon:g} deg is not a latitude and longitude"
+            if wrong:
+                raise ConfigError(f"parameter origin_lat_lon_h: {wrong} on earth")
+            self.plane = TangentPlane(math.radians(lat), math.radians(lon), height_m)
+
+    def see(self, sample: NavigationInput, verdict: Verdict) -> None:
+        """Set the origin to the first good position: RTK from float on, GPS from single on."""
+        if not isinstance(sample, PositionSample) or sample.source is not self._source:
+            return
+        accepted = verdict.outcome in {Outcome.USED, Outcome.WAITING}
+        if accepted and sample.status >= self._least_status:
+            self.start_at(sample)
+
+    def start_at(self, place: NavState | PositionSample) -> None:
+        """Set the origin to a place, where none is set."""
+        if self.plane is None:
+            self.plane = TangentPlane(place.latitude_rad, place.longitude_rad, place.height_m)

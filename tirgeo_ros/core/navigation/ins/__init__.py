@@ -1,0 +1,1 @@
+"""Propagate state and covariance with the IMU: strapdown, error model, Kalman update."""

@@ -1,0 +1,1 @@
+"""Run the filter along its time line of IMU samples and measurements, late ones included."""

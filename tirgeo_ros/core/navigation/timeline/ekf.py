@@ -1,0 +1,294 @@
+"""Estimate the aircraft's state with an error-state Kalman filter on the IMU, with a history.
+
+Epochs (IMU samples) and measurements lie on one time line (``delayed_measurements``). Each epoch
+keeps the filter's state after all measurements up to its stamp. A late measurement is inserted in
+its place and the later epochs are computed again, so the result equals that of timely arrival.
+"""
+
+from __future__ import annotations
+
+import bisect
+import math
+import operator
+from typing import NamedTuple
+
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.navigation.aiding.aid_status import PLACE, AidStatus
+from tirgeo_ros.core.navigation.aiding.aids import longest_hold_s
+from tirgeo_ros.core.navigation.aiding.fusion import Fusion
+from tirgeo_ros.core.navigation.aiding.state_estimate import AidSample, StateEstimate
+from tirgeo_ros.core.navigation.alignment.aligner import Alignment, Biases
+from tirgeo_ros.core.navigation.alignment.initial_state import initial_estimate
+from tirgeo_ros.core.navigation.ins.ins_error_model import GYRO_BIAS, NoisePowers
+from tirgeo_ros.core.navigation.ins.propagation import Propagated, Propagation, between
+from tirgeo_ros.core.navigation.ins.trail import Change, Mark
+from tirgeo_ros.core.navigation.ins.vibration_noise import Powers, VibrationMeter, clipped_powers
+from tirgeo_ros.core.navigation.timeline.delayed_measurements import (
+    FilterEpoch,
+    HistoryRecord,
+    put,
+)
+from tirgeo_ros.core.navigation.timeline.flight_record import FlightRecord
+from tirgeo_ros.core.navigation.timeline.published_solution import SolutionMaker, unsure_by
+from tirgeo_ros.core.types.arrays import Array, Vector
+from tirgeo_ros.core.types.measurements import ImuSample, Source
+from tirgeo_ros.core.types.poses import NavSolution
+from tirgeo_ros.core.types.verdicts import Outcome, Verdict
+
+_STANDBY = {source: Verdict(source, Outcome.STANDBY, "not needed") for source in Source}
+_MOST_HZ = 500  # bound on the measurements held for each second
+_RTK_POSITION = PLACE[Source.RTK_POSITION]
+_stamp_of = operator.attrgetter("stamp_ns")
+
+
+class _Progress(NamedTuple):
+    """Hold the filter's state after the newest measurement of an interval.
+
+    A receiver's position, velocity and heading have one stamp. From here each is added to those
+    before it without computing them again.
+    """
+
+    end_ns: int  # stamp of the epoch that ends the interval
+    order: tuple[int, int]  # sort key of the newest measurement in ``propagated``
+    applied: int  # number of the interval's records up to that measurement
+    propagated: Propagated
+    aids: AidStatus
+
+
+class Ekf:
+    """Run the filter from the end of its alignment. Samples must be finite (see ``estimator``).
+
+    ``mechanisation`` and ``fusion`` replace those that ``config`` gives (see
+    ``calibration/aircraft_run``). ``record`` takes what a smoother needs.
+    """
+
+    def __init__(
+        self,
+        config: EkfConfig,
+        alignment: Alignment,
+        mechanisation: Propagation | None = None,
+        fusion: Fusion | None = None,
+        record: FlightRecord | None = None,
+    ) -> None:
+        self.configure(config, mechanisation, fusion)
+        self._meter = VibrationMeter(alignment.vibration, alignment.vibration_s)
+        self._form = SolutionMaker(config)
+        estimate = initial_estimate(config, alignment)
+        first = FilterEpoch.of_start(alignment.stamp_ns, alignment.imu[0], estimate)
+        if record is not None:
+            first.propagated = first.propagated._replace(trail=Mark(Change(estimate.covariance)))
+        self._epochs, self._record = [first], record
+        self._held: list[HistoryRecord] = []
+        self._resolved: list[Verdict] = []
+        self._progress: _Progress | None = None
+        self._done = 0  # index of the newest epoch that is computed
+
+    def configure(
+        self,
+        config: EkfConfig,
+        mechanisation: Propagation | None = None,
+        fusion: Fusion | None = None,
+    ) -> None:
+        """Take the parameters, also others in flight, with the same error states."""
+        self._mechanisation = mechanisation or Propagation(config)
+        self._fusion = fusion or Fusion(config)
+        self._noise_powers = NoisePowers(config.imu)
+        self._keep_ns = round(config.max_delay_s * 1e9)
+        self._hold_ns = round(longest_hold_s(config) * 1e9)
+        self._most_held = math.ceil(longest_hold_s(config) * _MOST_HZ)
+
+    @property
+    def newest_ns(self) -> int:
+        """Return the time stamp of the newest IMU sample."""
+        return self._epochs[-1].stamp_ns
+
+    def add_imu(self, sample: ImuSample, *, clipped: bool = False) -> list[Verdict]:
+        """Propagate the state to an IMU sample, which must be newer than all before.
+
+        ``clipped``: the IMU was at full scale within the last second, so the process noise is
+        enlarged. Returns the verdicts on measurements that were held until this sample.
+        """
+        epoch = FilterEpoch.of_sample(self._epochs[-1], sample, self._meter)
+        if clipped:
+            epoch.vibration = clipped_powers(epoch.vibration)
+        while self._held and self._held[0].stamp_ns <= epoch.stamp_ns:
+            epoch.records.append(self._held.pop(0))
+        epochs = self._epochs
+        epochs.append(epoch)
+        self._catch_up(len(epochs) - 1)
+        if len(epochs) > 64 and epochs[64].stamp_ns < epoch.stamp_ns - self._keep_ns:
+            self._forget()
+        found, self._resolved = self._resolved, []
+        return found
+
+    def add_aiding(self, sample: AidSample, *, stale: bool = False) -> Verdict:
+        """Insert a measurement in its place; one that the IMU has not reached yet is held.
+
+        ``stale``: it repeats the value of the one before, so a refusal of it proves nothing.
+        """
+        stamp_ns, newest_ns = sample.stamp_ns, self._epochs[-1].stamp_ns
+        if stamp_ns <= self._epochs[0].stamp_ns or stamp_ns < newest_ns - self._keep_ns:
+            reason = "older than max_delay_s or the alignment"
+            return Verdict(sample.source, Outcome.TOO_OLD, reason)
+        if stamp_ns > newest_ns + self._hold_ns:
+            return Verdict(sample.source, Outcome.TOO_NEW, "newer than imu/data")
+        record = HistoryRecord.of(sample, stale=stale)
+        if stamp_ns > newest_ns:
+            return self._hold(record)
+        index = bisect.bisect_left(self._epochs, stamp_ns, key=_stamp_of)
+        if not put(self._epochs[index].records, record):
+            return Verdict(record.source, Outcome.REPEATED)
+        return self._revised(index, record)
+
+    def _hold(self, record: HistoryRecord) -> Verdict:
+        if len(self._held) >= self._most_held:
+            reason = f"{self._most_held} others wait for imu/data"
+            return Verdict(record.source, Outcome.TOO_MANY, reason)
+        record.held = True
+        if not put(self._held, record):
+            return Verdict(record.source, Outcome.REPEATED)
+        return Verdict(record.source, Outcome.WAITING, "held until imu/data reaches it")
+
+    def _revised(self, index: int, record: HistoryRecord) -> Verdict:
+        """Return the verdict on a new record in the interval that ends with epoch ``index``."""
+        if self._progress is not None and self._progress.order > record.order:
+            self._progress = None
+        self._catch_up(index - 1)
+        aids = self._control_before(index, record)
+        if aids is not None and self._fusion.spare(record.sample, aids):
+            record.verdict = _STANDBY[record.source]
+            return record.verdict  # nothing changes, so the later epochs remain valid
+        self._done = min(self._done, index - 1)
+        self._catch_up(index)
+        assert record.verdict is not None
+        return record.verdict
+
+    def _control_before(self, index: int, record: HistoryRecord) -> AidStatus | None:
+        """Return the aid records just before ``record``, or None where they are not at hand."""
+        records, progress = self._epochs[index].records, self._progress
+        before = [r.order for r in records if r.order < record.order and r.applied]
+        if not before:
+            return self._epochs[index - 1].aids
+        return progress.aids if progress and progress.order == before[-1] else None
+
+    def solution(self) -> NavSolution:
+        """Return the solution at the newest IMU sample; its covariance may be 50 ms older."""
+        self._catch_up(len(self._epochs) - 1)
+        epoch = self._epochs[-1]
+        state, covariance = epoch.propagated.state, epoch.propagated.covariance
+        form, antenna_b = self._form, epoch.aids.receivers.antenna_b
+        white_b = self._white_b(epoch)
+        made = form.made(epoch.stamp_ns, state, covariance, epoch.rate_b, white_b, antenna_b)
+        return unsure_by(made, epoch.aids.tracks[_RTK_POSITION].step)
+
+    def _white_b(self, epoch: FilterEpoch) -> Vector:
+        """Return the variances of the white noise of one angular rate in ``b``, (rad/s)^2."""
+        first, last, count = self._epochs[0], self._epochs[-1], len(self._epochs) - 1
+        x, y, z, *_ = self._noise_powers.under(epoch.vibration)
+        # With one sample there is no sampling rate.
+        rate_hz = count / ((last.stamp_ns - first.stamp_ns) * 1e-9) if count else 0.0
+        return x * rate_hz, y * rate_hz, z * rate_hz
+
+    def estimate(self) -> StateEstimate:
+        """Return the estimate at the newest IMU sample; its covariance may be 50 ms older."""
+        self._catch_up(len(self._epochs) - 1)
+        return self._epochs[-1].estimate
+
+    @property
+    def aids(self) -> AidStatus:
+        """Return the records of the aids at the newest IMU sample."""
+        return self.estimate().aids
+
+    @property
+    def vibration(self) -> Powers:
+        """Return the noise densities that the IMU's latest readings show."""
+        return self._epochs[-1].vibration
+
+    @property
+    def process_noise(self) -> str:
+        """Return the source of the process noise: "parameters", or "vibration" if larger."""
+        return "vibration" if self._noise_powers.exceeded(self.vibration) else "parameters"
+
+    def biases(self) -> Biases:
+        """Return the estimated IMU biases and their covariance (6, 6), to start again from."""
+        state, covariance = self.estimate()[:2]
+        rows = slice(GYRO_BIAS.start, GYRO_BIAS.start + 6)
+        return Biases(state.gyro_bias_b, state.accel_bias_b, covariance[rows, rows].copy())
+
+    def _catch_up(self, index: int) -> None:
+        while self._done < index:
+            self._advance(self._epochs[self._done], self._epochs[self._done + 1])
+            self._done += 1
+
+    def _advance(self, start: FilterEpoch, end: FilterEpoch) -> None:
+        """Compute the state and aid records of ``end`` from ``start`` and its measurements."""
+        if not end.records:
+            end.propagated = self._mechanisation.whole(start.propagated, start, end)
+            end.aids = start.aids
+            return
+        progress = self._progress
+        if progress is None or progress.end_ns != end.stamp_ns:
+            order = start.stamp_ns, 0
+            progress = _Progress(end.stamp_ns, order, 0, start.propagated, start.aids)
+        now, aids, now_ns = progress.propagated, progress.aids, progress.order[0]
+        for number, record in enumerate(end.records[progress.applied :], progress.applied + 1):
+            if self._fusion.spare(record.sample, aids):
+                self._set_verdict(record, _STANDBY[record.source])
+                continue
+            now = self._mechanisation.part(now, start, end, now_ns, record.stamp_ns)
+            now_ns = record.stamp_ns
+            rate_b = between(start, end, now_ns)[1]
+            now, aids = self._applied(record, now, aids, rate_b, end.autopilot_q_nb)
+            progress = _Progress(end.stamp_ns, record.order, number, now, aids)
+        self._progress = progress
+        end.aids = aids
+        if now_ns == start.stamp_ns:
+            end.propagated = self._mechanisation.whole(now, start, end)
+        else:
+            end.propagated = self._mechanisation.part(now, start, end, now_ns, end.stamp_ns)
+
+    def _applied(
+        self,
+        record: HistoryRecord,
+        now: Propagated,
+        aids: AidStatus,
+        rate_b: Vector,
+        autopilot_q_nb: Array | None,
+    ) -> tuple[Propagated, AidStatus]:
+        now = self._mechanisation.followed(now)
+        x, y, z = now.state.gyro_bias_b
+        verdict, after = self._fusion.fuse(
+            record.sample,
+            StateEstimate(now.state, now.covariance, aids),
+            (rate_b[0] - x, rate_b[1] - y, rate_b[2] - z),
+            stale=record.stale,
+            autopilot_q_nb=autopilot_q_nb,
+        )
+        self._set_verdict(record, verdict)
+        trail = now.trail and now.trail.followed_by(after.changes)
+        return Propagated(after.state, after.covariance, trail=trail), after.aids
+
+    def _set_verdict(self, record: HistoryRecord, verdict: Verdict) -> None:
+        """Store a verdict; the first on a measurement that was held also goes to the caller."""
+        if record.held and record.verdict is None:
+            self._resolved.append(verdict)
+        record.verdict = verdict
+
+    def _forget(self) -> None:
+        """Drop the epochs that no measurement can reach any more, in batches: that is faster."""
+        oldest_ns = self.newest_ns - self._keep_ns
+        drop = bisect.bisect_right(self._epochs, oldest_ns, key=_stamp_of) - 1
+        self._keep(drop)
+        del self._epochs[:drop]
+        self._done -= drop
+
+    def finish(self) -> None:
+        """Record what is left, once no more samples come."""
+        self._catch_up(len(self._epochs) - 1)
+        self._keep(len(self._epochs))
+
+    def _keep(self, number: int) -> None:
+        """Record the first epochs, which no measurement can reach any more."""
+        if self._record is not None:
+            for epoch in self._epochs[:number]:
+                self._record.keep(epoch, self._white_b(epoch))

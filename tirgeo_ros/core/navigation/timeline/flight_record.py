@@ -1,0 +1,139 @@
+"""Record the filter's steps of one run in compact arrays, as they become final."""
+
+from __future__ import annotations
+
+from array import array
+
+import numpy as np
+import numpy.typing as npt
+
+from tirgeo_ros.core.navigation.aiding.aid_status import PLACE
+from tirgeo_ros.core.navigation.ins.trail import Change, Correction, Mark
+from tirgeo_ros.core.navigation.timeline.delayed_measurements import FilterEpoch
+from tirgeo_ros.core.types.arrays import Array, Vector
+from tirgeo_ros.core.types.measurements import Source
+
+#: How a change's error follows from the one before it.
+SAME, MOVED, CORRECTED = range(3)
+#: Rows of a measurement; what has fewer is filled up with zeros.
+MOST_ROWS = 3
+_RTK_POSITION = PLACE[Source.RTK_POSITION]
+_NO_STEP = (0.0, 0.0, 0.0)
+#: Numbers of an epoch (see ``FlightRecord._noted``).
+EPOCH_NUMBERS = 29
+
+
+class FlightRecord:
+    """Hold the changes of the covariance, and the states at the IMU samples, of one run.
+
+    A symmetric matrix is stored as its lower triangle. An hour at 100 Hz takes about 0.6 GB.
+    """
+
+    def __init__(self, states: int) -> None:
+        self.states = states
+        self.lower = np.tril_indices(states)
+        self.kinds = array("b")
+        self.steps_s = array("d")
+        self.stamps_ns, self.marks = array("q"), array("q")  # by epoch; its newest change
+        self._covariances, self._transitions = array("d"), array("d")
+        self._corrections, self._epochs = array("d"), array("d")
+        self._last: Mark | None = None
+
+    def keep(self, epoch: FilterEpoch, white_b: Vector) -> None:
+        """Take an epoch that is final, in their order, and the changes that led to it.
+
+        ``white_b`` are the variances of the white noise of one angular rate, (rad/s)^2.
+        """
+        newest = epoch.propagated.trail
+        assert newest is not None
+        self._take(newest)
+        self.stamps_ns.append(epoch.stamp_ns)
+        self.marks.append(newest.number)
+        self._epochs.extend(_noted(epoch, white_b))
+
+    def _take(self, newest: Mark) -> None:
+        """Take the changes since the last epoch's."""
+        new, mark = [], newest
+        while mark.number < 0:
+            new.append(mark)
+            if mark.before is None:
+                break
+            mark = mark.before
+        for mark in reversed(new):
+            mark.number = len(self.kinds)
+            self.add(mark.change)
+            mark.before = None  # what is recorded can be forgotten
+
+    def add(self, change: Change) -> None:
+        """Take a change; ``keep`` does so with those of an epoch."""
+        self._covariances.frombytes(change.covariance[self.lower].tobytes())
+        self.steps_s.append(change.step_s)
+        kind = SAME
+        if change.transition is not None:
+            kind = MOVED
+            self._transitions.frombytes(change.transition.tobytes())
+        elif change.correction is not None:
+            kind = CORRECTED
+            self._corrections.frombytes(_whitened(change.correction).tobytes())
+        self.kinds.append(kind)
+
+    @property
+    def covariances(self) -> Array:
+        """Return the lower triangles of the covariances (changes, n (n + 1) / 2), as a view."""
+        return _rows(self._covariances, len(self.lower[0]))
+
+    @property
+    def square(self) -> npt.NDArray[np.intp]:
+        """Return the places (n, n) of a symmetric matrix's entries in its lower triangle."""
+        found = np.zeros((self.states, self.states), np.intp)
+        found[self.lower] = found.T[self.lower] = range(len(self.lower[0]))
+        return found
+
+    @property
+    def transitions(self) -> Array:
+        """Return the transitions (moves, n, n), as a view."""
+        return _rows(self._transitions, self.states**2).reshape(-1, self.states, self.states)
+
+    @property
+    def corrections(self) -> Array:
+        """Return the whitened measurements (corrections, 3, n + 1), as a view."""
+        width = self.states + 1
+        return _rows(self._corrections, MOST_ROWS * width).reshape(-1, MOST_ROWS, width)
+
+    @property
+    def epochs(self) -> Array:
+        """Return the numbers of the epochs (epochs, EPOCH_NUMBERS), as a view."""
+        return _rows(self._epochs, EPOCH_NUMBERS)
+
+
+def _rows(numbers: array[float], width: int) -> Array:
+    return np.frombuffer(numbers).reshape(-1, width)
+
+
+def _whitened(correction: Correction) -> Array:
+    """Return H and innovation, side by side (3, n + 1), scaled so that the weight is identity."""
+    design, weight, innovation = correction
+    root = np.linalg.cholesky(weight).T
+    found = np.zeros((MOST_ROWS, design.shape[1] + 1))
+    found[: len(design), :-1] = root @ design
+    found[: len(design), -1] = root @ innovation
+    return found
+
+
+def _noted(epoch: FilterEpoch, white_b: Vector) -> tuple[float, ...]:
+    """Return lag, state, angular rate and the rest of what a solution takes of an epoch."""
+    state, aids = epoch.propagated.state, epoch.aids
+    return (
+        epoch.propagated.lag_s,
+        *state.q_nb,
+        *state.velocity_n,
+        state.latitude_rad,
+        state.longitude_rad,
+        state.height_m,
+        *state.gyro_bias_b,
+        *state.accel_bias_b,
+        *epoch.rate_b,
+        *white_b,
+        *aids.receivers.antenna_b,
+        *(aids.tracks[_RTK_POSITION].step or _NO_STEP),
+    )

@@ -1,0 +1,167 @@
+"""Bound what a file from outside may take: memory, time, and no network whatever it asks for.
+
+GDAL follows what a file names: ``/vsicurl/`` in a VRT, the service in a description of a WMS or
+WFS, and a dozen more, which no single option turns off. So it works in a thread for which the
+kernel opens no socket (seccomp, Linux); where that is impossible, GDAL is not used. PROJ is told
+not to fetch its grids.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import importlib
+import math
+import os
+import platform
+import re
+import resource
+import struct
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pyproj.network import set_network_enabled  # type: ignore[attr-defined]
+
+from tirgeo_ros.core.types.errors import ConfigError, TirgeoError
+
+#: A GeoJSON of two million vertices just fits. Together with the program it stays below 1 GB.
+MOST_BYTES = 720 << 20
+#: Seconds of computing: GDAL reads the largest map that is drawn in one or two.
+MOST_S = 7
+
+
+@contextmanager
+def bounded_memory(most_bytes: int = MOST_BYTES) -> Iterator[None]:
+    """Limit the process's additional memory; an allocation beyond it gets a MemoryError.
+
+    The kernel (Linux) enforces the limit, so it holds in libraries too, and while it is open for
+    every thread.
+    """
+    before, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    used = _used_bytes()
+    most = [used + most_bytes, *(each for each in (before, hard) if each >= 0)]
+    if used:
+        resource.setrlimit(resource.RLIMIT_DATA, (min(most), hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_DATA, (before, hard))
+
+
+def _used_bytes() -> int:
+    """Return the process's private memory in bytes, as the limit counts it.
+
+    Returns 0 if the system does not tell.
+    """
+    with suppress(OSError, StopIteration):
+        lines = Path("/proc/self/status").read_text().splitlines()
+        said = next(line for line in lines if line.startswith("VmData:"))
+        return int(said.split()[1]) << 10
+    return 0
+
+
+@contextmanager
+def bounded_time(most_s: int = MOST_S) -> Iterator[None]:
+    """Limit the process's additional seconds of computing; SIGXCPU ends it beyond them."""
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    before, hard = resource.getrlimit(resource.RLIMIT_CPU)
+    most = [math.ceil(used.ru_utime + used.ru_stime) + most_s]
+    limit = min(most + [each for each in (before, hard) if each >= 0])
+    resource.setrlimit(resource.RLIMIT_CPU, (limit, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_CPU, (before, hard))
+
+
+T = TypeVar("T")
+
+#: Marks of a place that is not on this machine, in a path or in a message of GDAL's.
+_ELSEWHERE = re.compile(r"://|/vsi|curl|resolve host|\.vrt\b", re.IGNORECASE)
+HINT = " (over the network only with the parameter network: true)"
+
+_SET_NO_NEW_PRIVS, _SET_SECCOMP, _FILTER = 38, 22, 2  # of prctl (linux/prctl.h)
+#: Machine to its number in a filter (linux/audit.h) and the numbers of socket and io_uring_setup.
+_MACHINES = {"x86_64": (0xC000003E, 41, 425), "aarch64": (0xC00000B7, 198, 425)}
+_LOAD, _JUMP_IF, _RETURN = 0x20, 0x15, 0x06  # instructions of a filter (linux/bpf_common.h)
+_ALLOW, _REFUSE = 0x7FFF0000, 0x00050000 | errno.EACCES
+
+
+def read_map(work: Callable[[], T], *, network: bool) -> T:
+    """Return what ``work`` returns, or raise what it raises.
+
+    Without ``network`` it runs in a thread that has no network. Raises ConfigError where a thread
+    cannot be cut off from it.
+    """
+    set_network_enabled(active=network)
+    if network:
+        return work()
+    found: list[T] = []
+    raised: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            why = _close_network()
+            if why:
+                raise ConfigError(  # noqa: TRY301
+                    f"GDAL cannot be kept from the network here ({why}); set network: true"
+                )
+            found.append(work())
+        except BaseException as error:  # noqa: BLE001  raised again below
+            raised.append(error)
+
+    thread = threading.Thread(target=run, name="without network", daemon=True)
+    thread.start()
+    thread.join()
+    if raised:
+        raise raised[0]
+    return found[0]
+
+
+def imported_rasterio(need: str, error: type[TirgeoError]) -> Any:
+    """Return the module; raise ``error``, which begins with ``need``, where it is absent."""
+    try:
+        return importlib.import_module("rasterio")
+    except ImportError:
+        raise error(f"{need} rasterio: pip install 'tirgeo[dem]'") from None
+
+
+def elsewhere(text: str) -> str:
+    """Return the hint for a message that names a place on the network; else ""."""
+    return HINT if _ELSEWHERE.search(text) else ""
+
+
+def _close_network() -> str:
+    """Let the kernel refuse sockets to this thread and its children.
+
+    Returns "", or the reason why that is impossible.
+    """
+    if platform.system() != "Linux" or platform.machine() not in _MACHINES:
+        return f"{platform.system()} on {platform.machine()}"
+    program = _program(*_MACHINES[platform.machine()])
+    steps = ctypes.create_string_buffer(program, len(program))
+    # struct sock_fprog: number of instructions, and their address.
+    head = struct.pack("HxxxxxxP", len(program) // 8, ctypes.addressof(steps))
+    whole = ctypes.create_string_buffer(head, len(head))
+    libc = ctypes.CDLL(None, use_errno=True)
+    libc.prctl.argtypes = [ctypes.c_int, *[ctypes.c_ulong] * 4]
+    for words in ((_SET_NO_NEW_PRIVS, 1, 0), (_SET_SECCOMP, _FILTER, ctypes.addressof(whole))):
+        if libc.prctl(*words, 0, 0):
+            return os.strerror(ctypes.get_errno())
+    return ""
+
+
+def _program(machine: int, *calls: int) -> bytes:
+    """Return the filter: refuse those of this machine's calls that begin a connection."""
+    steps = [
+        (_LOAD, 0, 0, 4),  # seccomp_data.arch
+        (_JUMP_IF, 0, len(calls) + 1, machine),
+        (_LOAD, 0, 0, 0),  # seccomp_data.nr
+        *((_JUMP_IF, len(calls) - i, 0, call) for i, call in enumerate(calls)),
+        (_RETURN, 0, 0, _ALLOW),
+        (_RETURN, 0, 0, _REFUSE),
+    ]
+    return b"".join(struct.pack("HBBI", *step) for step in steps)
