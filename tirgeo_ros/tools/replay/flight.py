@@ -241,22 +241,19 @@ class Flight:
         wanted = [CAMERA_INFO, *self._takers, *(PICTURES if self._pictures else ())]
         return {resolved(name, self._namespace): name for name in wanted if self.has(name)}
 
-    def _is_wanted(self, topic: str) -> bool:
-        return self._sink is None or self._sink.wants(topic)
-
     def _content(self, topic: str, message: BagMessage) -> object | None:
         """Return the content, why there is none, or None where it is not needed.
 
         Of what only the checks want, each tenth is decoded; of pictures without a sink, none.
         """
-        if self._sink is None and topic in PICTURES:
-            return None
-        if not self._is_wanted(topic):
+        if self._sink is None:
+            return None if topic in PICTURES else self._decoded(message)
+        if not self._sink.wants(topic):
             self._unwanted += 1
             if self._unwanted % _LOOKED_AT:
                 return None
         content = self._decoded(message)
-        if topic in PICTURES and self._sink and not isinstance(content, MessageError):
+        if topic in PICTURES and not isinstance(content, MessageError):
             self._sink.expect(topic, content)
         return content
 
@@ -273,51 +270,23 @@ class Flight:
         self.now_ns = message.log_time_ns
         if self.begun_ns is None:
             self.begun_ns = self.now_ns
-        if not self._is_wanted(topic):
+        if self._sink is not None and not self._sink.wants(topic):
             self._look_at(topic, content)
             return
-        if self._sink is None and topic in PICTURES:
-            self._try(topic, lambda: self._take_picture(topic, message))
-            return
-        content = self._decoded(message) if content is None else content
-        if isinstance(content, MessageError):
-            self.undecoded[message.topic] += 1
-            if self._sink is None and self._checks is not None:
-                self._checks.refused(topic, str(content))
-            return
-        self.read[message.topic] += 1
-        if topic in SAMPLES:
-            self._pass_on(topic, content)
-        else:
-            self._try(topic, lambda: self._take_other(topic, content))
+        if self._sink is not None or topic not in PICTURES:
+            content = self._decoded(message) if content is None else content
+            if isinstance(content, MessageError):
+                self.undecoded[message.topic] += 1
+                if self._sink is None and self._checks is not None:
+                    self._checks.refused(topic, str(content))
+                return
+            self.read[message.topic] += 1
+        sample = self._sample(topic, message, content)
+        if sample is not None:
+            for take in self._takers[topic]:
+                take(sample)
         if self._sink is not None:
             self._sink.proceed(self.now_ns)
-
-    def _try(self, topic: str, take: Callable[[], None]) -> None:
-        """Let a message be taken; count one that cannot be used."""
-        try:
-            take()
-        except TirgeoError as error:
-            self._refuse(topic, error)
-
-    def _refuse(self, topic: str, error: TirgeoError) -> None:
-        self.unreadable[topic] += 1
-        self.unreadable_because[topic] = str(error)
-        if self._checks is not None:
-            self._checks.refused(topic, str(error))
-
-    def _pass_on(self, topic: str, content: object) -> None:
-        """Pass a sample to all that take it."""
-        try:
-            sample = SAMPLES[topic](content)
-        except TirgeoError as error:
-            self._refuse(topic, error)
-            return
-        if self._checks is not None:
-            self._checks.sample(topic, sample, self.now_ns)
-        sample = self.arrivals.stamped(topic, sample, self.now_ns)
-        for take in self._takers[topic]:
-            take(sample)
 
     def _look_at(self, topic: str, content: object | None) -> None:
         """Pass a sample that nobody but the checks wants to them, if it was decoded."""
@@ -326,17 +295,34 @@ class Flight:
         with suppress(TirgeoError):
             self._checks.sample(topic, SAMPLES[topic](content), self.now_ns)
 
-    def _take_other(self, topic: str, content: object) -> None:
-        """Take a calibration, or what only the sink takes."""
-        if topic != CAMERA_INFO:
+    def _sample(self, topic: str, message: BagMessage, content: object | None) -> Sample | None:
+        """Return a message's sample; what is none is taken here. Count what cannot be used."""
+        try:
+            if topic in SAMPLES:
+                sample = SAMPLES[topic](content)
+                if self._checks is not None:
+                    self._checks.sample(topic, sample, self.now_ns)
+                return self.arrivals.stamped(topic, sample, self.now_ns)
+            self._take_other(topic, message, content)
+        except TirgeoError as error:
+            self.unreadable[topic] += 1
+            self.unreadable_because[topic] = str(error)
+            if self._checks is not None:
+                self._checks.refused(topic, str(error))
+        return None
+
+    def _take_other(self, topic: str, message: BagMessage, content: object | None) -> None:
+        """Take a calibration, a picture, or what only the sink takes."""
+        if topic == CAMERA_INFO:
+            self._camera = self._given_camera or convert.camera(content)
+            if self._checks is not None:
+                self._checks.camera(self._camera, self.now_ns)
             if self._sink is not None:
-                self._sink.take(topic, content, self.now_ns)
-            return
-        self._camera = self._given_camera or convert.camera(content)
-        if self._checks is not None:
-            self._checks.camera(self._camera, self.now_ns)
-        if self._sink is not None:
-            self._sink.set_camera(self._camera)
+                self._sink.set_camera(self._camera)
+        elif self._sink is not None:
+            self._sink.take(topic, content, self.now_ns)
+        else:
+            self._take_picture(topic, message)
 
     def _take_picture(self, topic: str, message: BagMessage) -> None:
         """Keep a picture's stamp, and pass the picture to the checks."""
