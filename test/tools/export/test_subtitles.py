@@ -10,7 +10,7 @@ from itertools import pairwise
 import av
 import numpy as np
 import pytest
-from exported_flight import GROUND_M, UNDULATION_M, exported
+from exported_flight import GROUND_M, UNDULATION_M
 from srt_reader import cues_of
 
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
@@ -22,11 +22,6 @@ from tirgeo_ros.tools.export.subtitles import Subtitles
 from tirgeo_ros.tools.replay.process import process
 
 ABOVE = "20 m above the ground, 40 m above sea level, camera to 200 deg, 30 deg down"
-
-
-@pytest.fixture(scope="module")
-def flight(sample):
-    return exported(sample)
 
 
 @pytest.fixture

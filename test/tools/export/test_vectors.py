@@ -9,7 +9,7 @@ from xml.etree import ElementTree as ET
 import cv2
 import numpy as np
 import pytest
-from exported_flight import GROUND_M, exported
+from exported_flight import GROUND_M
 from layers_by_gdal import layers_in, rows_of
 from numpy.testing import assert_allclose
 from scenes import graticule
@@ -34,11 +34,6 @@ LAYERS = [
 ]
 EAST_20_M = np.array([0.0, 20.0, 0.0])
 SYMBOLS = {"Point": "marker", "LineString": "line", "Polygon": "fill"}
-
-
-@pytest.fixture(scope="module")
-def flight(sample):
-    return exported(sample)
 
 
 @pytest.fixture(scope="module")
