@@ -91,6 +91,7 @@ setup(
     packages=find_packages(include=["tirgeo_ros", "tirgeo_ros.*"]),
     package_data={
         "tirgeo_ros": ["__init__.pyi", "py.typed"],
+        "tirgeo_ros.tools.many_flights": ["*.html"],
         "tirgeo_ros.page": ["static/*", "static/*/*", "static/*/*/*"],
     },
     python_requires=">=3.10",
@@ -119,7 +120,7 @@ setup(
     ],
     extras_require={
         "ros": [
-            "ros-jazzy-rclpy",
+            "ros-jazzy-rclpy<8",  # test_ekf_node.py says why
             "ros-jazzy-common-interfaces",
             "ros-jazzy-rmw-fastrtps-cpp",
         ],

@@ -9,7 +9,6 @@ in 4 s; it says GO again; targets, *Record* and *Share* stay. What is missed has
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import os
 import signal
@@ -24,10 +23,9 @@ from typing import Any
 
 from playwright.sync_api import Page
 
+from dev.flights import make_soak_flight
+from dev.graphs import chromium, listening_team, node_pid, shown_demo
 from dev.judging import MarkedTable
-from dev.page_load.in_browser import chromium
-from dev.shown_demo import listening_team, node_pid, shown_demo
-from dev.soak.flight import make_flight
 
 _NODES = ("ekf_node", "gimbal_node", "overlay_node", "viewer_node", "bag_player")
 #: What happens to each node: the share of its time that it gets, and for how long (s).
@@ -38,7 +36,8 @@ _WELL = [3, True, True]  # targets, records, shares
 _MOST = {"go_s": 1.5, "changes": math.inf, "alarms_in_4_s": 1, "go_again_s": _LIMIT_S, "lost": 0}
 _MOST_SLOW = _MOST | {"go_s": math.inf}  # it still gives something: the GO may be right
 _MOST_ALONE = _MOST_SLOW | {"changes": 0, "alarms_in_4_s": 0}
-#: Writes down each change of what the page says (s since 1970), and each sound of the alarm.
+#: Writes down each change of what the page says (s since 1970; verdict, banner, words on the
+#: video), and each sound of the alarm.
 _WATCH = """(() => {
   const now = () => (performance.timeOrigin + performance.now()) / 1000;
   Object.assign(window, { said: [], sounds: [] });
@@ -106,7 +105,6 @@ class Watched:
             "alarms_in_4_s": max(map(sum, near), default=0),
             "go_again_s": again_s,
             "lost": sum(a != b for a, b in zip(before, self.kept(), strict=True)) + (not lives),
-            "said": [[round(at - begin_s, 2), *words] for at, *words in self._said(begin_s)],
         }
 
     def kept(self) -> list[Any]:
@@ -114,15 +112,11 @@ class Watched:
         return list(self.page.evaluate(_KEPT))
 
     def verdicts(self, begin_s: float = 0.0) -> list[list[Any]]:
-        """Return what of ``_said`` has another verdict than the one before."""
-        said = self._said(begin_s)
-        return said[:1] + [new for old, new in pairwise(said) if old[1] != new[1]]
-
-    def _said(self, begin_s: float) -> list[list[Any]]:
-        """Return what the page said from a time on: time (s), verdict, banner, words on video."""
+        """Return the changes of the verdict from a time on: time (s), verdict, other words."""
         said = self.page.evaluate("() => window.said") or [[0.0, "", "", ""]]
         first = [[begin_s, *words] for at, *words in said if at < begin_s][-1:]
-        return first + [one for one in said if one[0] >= begin_s]
+        said = first + [one for one in said if one[0] >= begin_s]
+        return said[:1] + [new for old, new in pairwise(said) if old[1] != new[1]]
 
     def _go_again_s(self, begin_s: float) -> float:
         """Wait for a GO that stays; return when it came, s from a time on; inf if it did not."""
@@ -175,7 +169,7 @@ def results(minutes: float, only: str) -> Iterator[dict[str, Any]]:
         ExitStack() as stack,
     ):
         page.add_init_script(_WATCH)
-        flight = make_flight(Path(name) / "flight")
+        flight = make_soak_flight(Path(name) / "flight")
         lasts_s = 60 * minutes + 60 * len(happen) + 2 * _LIMIT_S
         bag = flight.write_rounds(Path(name) / "rounds.mcap", lasts_s)
         beside = "--params", flight.folder / "params.yaml", "--map", flight.folder / "map.geojson"
@@ -193,10 +187,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m dev.blind_page", description=__doc__)
     parser.add_argument("--minutes", type=float, default=10.0, help="that it is left alone")
     parser.add_argument("--only", default="", metavar="WORDS", help="as: overlay_node stopped")
-    parser.add_argument("--json", type=Path, help="file for all that the page said")
     args = parser.parse_args(argv)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # so that nothing is left running
-    table, done = MarkedTable(46, 15), []
+    table = MarkedTable(46, 15)
     sys.stdout.write(table.row("", list(_MOST)) + "\n")
     for one in results(args.minutes, args.only):
         alone, slow = one["event"].startswith(" "), "%" in one["event"]
@@ -204,9 +197,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         cells = [table.cell(one[name], high=high, digits=1) for name, high in most.items()]
         sys.stdout.write(table.row(one["event"].strip(), cells) + "\n")
         sys.stdout.flush()
-        done.append(one)
-        if args.json:
-            args.json.write_text(json.dumps(done, indent=1))
     return 1 if table.missed else 0
 
 

@@ -1,7 +1,8 @@
-"""Run the filter over a simulated flight and find its errors against the truth."""
+"""Run the filter over a simulated flight and compare its solutions with the truth."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -10,12 +11,12 @@ import numpy.typing as npt
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.config.schema import config_from, values_of
-from tirgeo_ros.core.frames.heading import wrap_pi
 from tirgeo_ros.core.frames.rotations import (
     euler_from_quat,
     quat_conjugate,
     quat_multiply,
     rotvec_from_quat,
+    wrap_pi,
 )
 from tirgeo_ros.core.frames.wgs84 import ecef_from_geodetic, rotation_ecef_from_ned
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
@@ -56,12 +57,12 @@ def solutions(
     flight: SimulatedFlight, config: EkfConfig, samples: Iterable[NavigationInput] | None = None
 ) -> list[NavSolution]:
     """Return what the filter publishes over a flight, or over ``samples`` if given."""
-    return published(config, navigation_samples(flight) if samples is None else samples)
+    given = navigation_samples(flight) if samples is None else samples
+    return published(Navigation(config), given)
 
 
-def published(config: EkfConfig, samples: Iterable[NavigationInput]) -> list[NavSolution]:
-    """Return what a new filter publishes over samples."""
-    navigation = Navigation(config)
+def published(navigation: Navigation, samples: Iterable[NavigationInput]) -> list[NavSolution]:
+    """Return what a filter publishes over samples."""
     steps = [navigation.process(sample) for sample in samples]
     return [step.solution for step in steps if step.solution is not None]
 
@@ -91,6 +92,34 @@ class Errors:
         """Return the errors later than ``t_s``."""
         keep = self.t_s > t_s
         return Errors(self.t_s[keep], self.state[keep], self.sigma[keep], self.rpy[keep])
+
+
+@dataclass(frozen=True)
+class Squares:
+    """Hold mean squares of a flight's errors between two times."""
+
+    rpy: Array  # (3,) roll, pitch, heading, rad2
+    position: Array  # (3,) north, east, down, m2
+    ratio: Array  # (9,) error over sigma
+    largest: tuple[float, float]  # distance, m, and heading error, rad
+
+    @classmethod
+    def of(cls, every: Errors, begin_s: float, end_s: float = math.inf) -> Squares:
+        """Return those of the errors from ``begin_s`` to ``end_s``."""
+        inside = (every.t_s > begin_s) & (every.t_s < end_s)
+        rpy, state, sigma = every.rpy[inside], every.state[inside], every.sigma[inside]
+        largest_m = float(np.linalg.norm(state[:, :3], axis=1).max())
+        return cls(
+            np.mean(rpy**2, axis=0),
+            np.mean(state[:, :3] ** 2, axis=0),
+            np.mean((state / sigma) ** 2, axis=0),
+            (largest_m, float(np.abs(rpy[:, 2]).max())),
+        )
+
+
+def rms_of(flights: Sequence[Squares], name: str) -> Array:
+    """Return the root of the mean over flights of one of their mean squares."""
+    return np.asarray(np.sqrt(np.mean([getattr(squares, name) for squares in flights], axis=0)))
 
 
 def errors(flight: SimulatedFlight, found: Sequence[NavSolution]) -> Errors:

@@ -1,18 +1,27 @@
-"""Measure in several processes, and lay figures out in tables that mark what is missed."""
+"""Judge figures: measure in several processes, print tables, and mark what is missed."""
 
 from __future__ import annotations
 
 import math
 import multiprocessing
-from collections.abc import Callable, Sequence
+import operator
+import sys
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from typing import NamedTuple, TypeVar
 
+import numpy as np
+import numpy.typing as npt
+
+from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.io.files.child_process import safe_workers
+from tirgeo_ros.tools.cli.main import INTERRUPTED
 from tirgeo_ros.tools.presentation.progress import Report, silent
 
 _Job = TypeVar("_Job")
 _Result = TypeVar("_Result")
+
+_COMPARED = {">=": operator.ge, "<=": operator.le, "=": operator.eq}
 
 
 def in_processes(
@@ -31,6 +40,56 @@ def in_processes(
         return [future.result() for future in futures]
 
 
+class Figure(NamedTuple):
+    """Hold one line of a table; ``wanted`` is what is asked, as ``>= 6``, ``<= 4`` or ``= 0``."""
+
+    what: str
+    value: float
+    unit: str = ""
+    wanted: str = ""
+
+    @property
+    def missed(self) -> bool:
+        """Return whether it is not as asked; what is not a number is not."""
+        sign, _, limit = self.wanted.partition(" ")
+        return sign in _COMPARED and not _COMPARED[sign](self.value, float(limit))
+
+    @property
+    def line(self) -> str:
+        """Return the line."""
+        digits = 0 if float(self.value).is_integer() else 2 if self.value >= 1 else 3
+        text = f"{self.what:<64}{self.value:>10.{digits}f}  {self.unit:<12}{self.wanted}"
+        return text.rstrip() + (" !" if self.missed else "")
+
+
+def print_figures(figures: Iterable[Figure]) -> list[Figure]:
+    """Print each figure when it is there, the missed ones marked; return all."""
+    printed = []
+    for figure in figures:
+        printed.append(figure)
+        sys.stdout.write(f"{figure.line}\n")
+        sys.stdout.flush()
+    return printed
+
+
+def percentile(values: npt.ArrayLike, share: float) -> float:
+    """Return a percentile (``share`` in percent), nan of nothing."""
+    every = np.asarray(values, float)
+    return float(np.percentile(every, share)) if every.size else math.nan
+
+
+def exit_code(name: str, work: Callable[[], int]) -> int:
+    """Return the exit code of a command's work; what it raises becomes a line and a code."""
+    try:
+        return work()
+    except (TirgeoError, OSError) as error:
+        sys.stderr.write(f"{name}: {error}\n")
+        return 1
+    except KeyboardInterrupt:
+        sys.stderr.write(f"{name}: interrupted\n")
+        return INTERRUPTED
+
+
 class MarkedTable:
     """Make lines of text, and count how many of their figures are missed."""
 
@@ -38,7 +97,7 @@ class MarkedTable:
         self.missed = 0
         self._widths = name_width, cell_width
 
-    def row(self, name: str, cells: Sequence[str]) -> str:
+    def row(self, name: str, cells: Sequence[object]) -> str:
         """Return a line."""
         wide, narrow = self._widths
         return (f"{name:<{wide}}" + "".join(f"{cell:>{narrow}}" for cell in cells)).rstrip()
@@ -56,16 +115,9 @@ class MarkedTable:
         return text + (" " if good else "!")
 
 
-class Figure(NamedTuple):
-    """Hold one line of the table."""
-
-    what: str
-    value: float
-    unit: str
-    wanted: str = ""
-
-
-def line(figure: Figure) -> str:
-    """Return one line of the table."""
-    digits = 2 if figure.value >= 1 else 3
-    return f"{figure.what:<44}{figure.value:>9.{digits}f}  {figure.unit:<12}{figure.wanted}"
+def print_report(lines: Iterable[str], missed: int) -> int:
+    """Print lines, then how many figures are missed; return the exit code."""
+    sys.stdout.write("".join(f"{line}\n" for line in lines))
+    if missed:
+        sys.stdout.write(f"{missed} figures are missed: marked with !\n")
+    return 1 if missed else 0

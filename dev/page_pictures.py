@@ -19,8 +19,7 @@ from pathlib import Path
 from PIL import Image
 from playwright.sync_api import Page
 
-from dev.page_load.in_browser import chromium
-from dev.shown_demo import end_demo, listening_team, shown_demo
+from dev.graphs import chromium, end_demo, listening_team, shown_demo
 
 _RATE = 0.5
 _LIMIT_S = 120.0

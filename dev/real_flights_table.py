@@ -19,13 +19,15 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from dev.judging import MarkedTable
-from dev.real_flights import CUT_S, SETTLED_S, Miss
-from dev.real_flights_judged import (
+from dev.judging import MarkedTable, exit_code, print_report
+from dev.real_flights import (
+    CUT_S,
     MOVED_AT_SHARES,
     MOVED_FOR_S,
     MOVED_M,
+    SETTLED_S,
     Judged,
+    Miss,
     beyond,
     groups,
     judge_all,
@@ -214,18 +216,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     if args.workers < 1:
         parser.error("at least one worker")
-    try:
-        values, bags = values_from(args.set), bags_in(args.folder)
-        with Progress("flying", "bags") as bar:
-            found = judge_all(bags, values, args.workers, bar)
-    except TirgeoError as error:
-        sys.stderr.write(f"real_flights_table: {error}\n")
-        return 1
-    lines, missed = report(found)
-    sys.stdout.write("\n".join([*lines, ""]))
-    if missed:
-        sys.stdout.write(f"{missed} figures are missed: marked with !\n")
-    return 1 if missed else 0
+    return exit_code("real_flights_table", lambda: _run(args))
+
+
+def _run(args: argparse.Namespace) -> int:
+    values, bags = values_from(args.set), bags_in(args.folder)
+    with Progress("flying", "bags") as bar:
+        found = judge_all(bags, values, args.workers, bar)
+    return print_report(*report(found))
 
 
 if __name__ == "__main__":

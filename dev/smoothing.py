@@ -2,7 +2,7 @@
 
 Prints errors over seeded flights of three shapes, over outages of RTK, and at fixes that are
 hidden from recorded flights, the smoother's beside the required figures. If a figure is missed,
-it is marked and the exit code is 1.
+it is marked and the exit code is 1. ``--plot`` draws one outage: ``docs/smoothing.png``.
 """
 
 from __future__ import annotations
@@ -12,30 +12,142 @@ import math
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from dev.flight_errors import STATE_NAMES
-from dev.judging import MarkedTable, in_processes
-from dev.monte_carlo import SETTLED_S, cases
-from dev.real_flights import CUT_S, Miss
-from dev.real_flights_judged import median
-from dev.real_flights_table import bags_in
-from dev.smoothed_flights import (
-    END_S,
-    FILTER,
-    SMOOTHER,
-    Hidden,
-    Pair,
+from dev.consistency import (
+    SETTLED_S,
+    Case,
+    cases,
+    error_head,
+    error_limits,
+    error_row,
+    flight_of,
+    ratio_head,
+    ratio_row,
+)
+from dev.flight_errors import (
+    Errors,
     Squares,
-    fly_hidden,
-    fly_outage,
-    fly_pair,
+    errors,
+    fitting_config,
+    navigation_samples,
+    published,
     rms_of,
 )
-from tirgeo_ros.core.types.errors import TirgeoError
+from dev.judging import MarkedTable, exit_code, in_processes, print_report
+from dev.real_flights import CUT_S, Miss, config_of, hidden_fixes, median, samples_of
+from dev.real_flights_table import bags_in
+from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.navigation.estimator.estimator import Navigation
+from tirgeo_ros.core.navigation.smoothing.smoothed_navigation import smoothed
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.measurements import NavigationInput, Source
+from tirgeo_ros.tools.presentation.plots import COLOURS, figure, png
 from tirgeo_ros.tools.presentation.progress import Progress
+from tirgeo_ros.tools.simulate.flight import SimulatedFlight, fly
+from tirgeo_ros.tools.simulate.scenario import Scenario
+
+FILTER, SMOOTHER = "filter", "smoother"
+#: Before the end of a flight a smoother, too, has measurements from one side only.
+END_S = 10.0
+#: Twelve seconds without RTK's position, velocity and heading; ordinary GPS goes on.
+LOST_S, FOUND_S, OUTAGE_FLIGHT_S = 22.0, 34.0, 50.0
+_RTK = (Source.RTK_POSITION, Source.RTK_VELOCITY, Source.RTK_HEADING)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Hold a flight's errors under both."""
+
+    case: Case
+    whole: dict[str, Squares]  # later than SETTLED_S
+    inner: dict[str, Squares]  # the same up to END_S before the end
+
+
+def fly_pair(case: Case) -> Pair:
+    """Fly one case with the defaults."""
+    flight = flight_of(case)
+    found = both(flight, fitting_config(flight), navigation_samples(flight))
+    spans = ((SETTLED_S, math.inf), (SETTLED_S, case.duration_s - END_S))
+    whole, inner = (
+        {name: Squares.of(one, *span) for name, one in found.items()} for span in spans
+    )
+    return Pair(case, whole, inner)
+
+
+def both(
+    flight: SimulatedFlight, config: EkfConfig, samples: Sequence[NavigationInput]
+) -> dict[str, Errors]:
+    """Return the errors of the filter and of the smoother."""
+    return {
+        FILTER: errors(flight, published(Navigation(config), samples)),
+        SMOOTHER: errors(flight, published(smoothed(config, samples), samples)),
+    }
+
+
+def outage_flight(seed: int) -> SimulatedFlight:
+    """Return a flight of legs of 85 m and turns of 7.5 m radius, all at 4 m/s."""
+    base = Scenario()
+    route = replace(
+        base.route,
+        speed_m_s=4.0,
+        acceleration_m_s2=2.5,  # 4 m/s in a turn of 7.5 m take 2.1
+        turn_radius_m=7.5,
+        leg_length_m=85.0,
+    )
+    return fly(replace(base, duration_s=OUTAGE_FLIGHT_S, route=route), seed)
+
+
+def outage_errors(seed: int) -> dict[str, Errors]:
+    """Return the errors of a flight with RTK lost from LOST_S to FOUND_S."""
+    flight = outage_flight(seed)
+    start_ns = flight.truth.stamp_ns[0]
+    samples = [
+        sample
+        for sample in navigation_samples(flight)
+        if sample.source not in _RTK or not LOST_S <= (sample.stamp_ns - start_ns) * 1e-9 < FOUND_S
+    ]
+    return both(flight, fitting_config(flight), samples)
+
+
+def fly_outage(seed: int) -> dict[str, Squares]:
+    """Return the errors during the outage of a seeded flight."""
+    found = outage_errors(seed)
+    return {name: Squares.of(one, LOST_S, FOUND_S) for name, one in found.items()}
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """Hold the errors at the fixes that were hidden from a recorded flight, by cut."""
+
+    name: str
+    misses: dict[str, list[list[Miss]]]
+
+    def last(self, kind: str) -> Iterator[Miss]:
+        """Yield the miss at the last hidden fix of each cut: where the filter has drifted most."""
+        return (misses[-1] for misses in self.misses[kind])
+
+    def worst(self, kind: str) -> Iterator[Miss]:
+        """Yield the largest miss of each cut: a smoother's is in its middle."""
+        return (max(misses, key=lambda one: one.error_m) for misses in self.misses[kind])
+
+    def every(self, kind: str) -> Iterator[Miss]:
+        """Yield the misses at all hidden fixes."""
+        return (one for misses in self.misses[kind] for one in misses)
+
+
+def fly_hidden(path: Path) -> Hidden:
+    """Fly a recorded flight with RTK hidden again and again."""
+    samples = samples_of(path)
+    config = config_of(samples, {})
+    kinds = {FILTER: False, SMOOTHER: True}
+    misses = {name: hidden_fixes(config, samples, smooth=smooth) for name, smooth in kinds.items()}
+    return Hidden(path.stem, misses)
+
 
 #: Largest rms of the smoother: roll, pitch, heading in deg; position by axis in m.
 ASKED_RPY_DEG, ASKED_POSITION_M = (0.025, 0.025, 0.035), 0.006
@@ -50,38 +162,30 @@ KINDS = (FILTER, SMOOTHER)
 def shapes(table: MarkedTable, found: Sequence[Pair]) -> Iterator[str]:
     """Yield the lines of the flights of three shapes."""
     yield f"rms error later than {SETTLED_S:g} s and up to {END_S:g} s before the end"
-    yield table.row("", ["roll", "pitch", "heading", "north", "east", "down"])
-    yield table.row("", ["deg"] * 3 + ["cm"] * 3)
-    limits = [*ASKED_RPY_DEG, *(100 * ASKED_POSITION_M for _ in range(3))]
+    yield from error_head(table)
+    limits = error_limits(ASKED_RPY_DEG, ASKED_POSITION_M)
     yield table.row("asked of the smoother", [f"{limit:.3f} " for limit in limits])
-    names = list(dict.fromkeys(one.case.shape for one in found))
+    names = list(dict.fromkeys(pair.case.shape for pair in found))
     for name in (*names, "all"):
-        flights = [one for one in found if name in {"all", one.case.shape}]
+        flights = [pair for pair in found if name in {"all", pair.case.shape}]
         for kind in KINDS:
             asked = limits if kind == SMOOTHER and name == "all" else [math.inf] * 6
-            yield _rms(table, f"{name}, {kind}", [one.inner[kind] for one in flights], asked)
+            yield error_row(
+                table, f"{name}, {kind}", [pair.inner[kind] for pair in flights], asked
+            )
     for kind in KINDS:
-        squares = [one.whole[kind] for one in found]
-        yield _rms(table, f"all to the end, {kind}", squares, [math.inf] * 6)
-
-
-def _rms(table: MarkedTable, name: str, squares: Sequence[Squares], asked: Sequence[float]) -> str:
-    values = [*np.degrees(rms_of(squares, "rpy")), *(100 * rms_of(squares, "position"))]
-    cells = zip(values, asked, strict=True)
-    return table.row(name, [table.cell(value, high=limit, digits=3) for value, limit in cells])
+        squares = [pair.whole[kind] for pair in found]
+        yield error_row(table, f"all to the end, {kind}", squares, [math.inf] * 6)
 
 
 def ratios(table: MarkedTable, found: Sequence[Pair]) -> Iterator[str]:
     """Yield error over sigma by state, over all flights, to their ends."""
     low, high = ASKED_RATIO
     yield f"error over sigma, rms, to the end (asked of the smoother: {low:g} to {high:g})"
-    yield table.row(
-        "", [f"{what[:3]} {axis[0].upper()} " for what, axis in map(str.split, STATE_NAMES)]
-    )
+    yield ratio_head(table)
     for kind in KINDS:
         bounds = ASKED_RATIO if kind == SMOOTHER else (-math.inf, math.inf)
-        values = rms_of([one.whole[kind] for one in found], "ratio")
-        yield table.row(kind, [table.cell(value, *bounds) for value in values])
+        yield ratio_row(table, kind, [pair.whole[kind] for pair in found], *bounds)
 
 
 def outages(table: MarkedTable, found: Sequence[dict[str, Squares]]) -> Iterator[str]:
@@ -134,34 +238,73 @@ def _misses(table: MarkedTable, misses: Sequence[Miss], *, judged: bool) -> list
     ]
 
 
+_FROM_S, _TO_S = 16.0, 42.0
+_PLOTTED_SEED = 1
+#: Title, unit of the axis, and error and sigma in that unit.
+_PANELS: tuple[tuple[str, Callable[[Errors], Array], Callable[[Errors], Array]], ...] = (
+    ("north, cm", lambda e: 100 * e.state[:, 0], lambda e: 100 * e.sigma[:, 0]),
+    ("east, cm", lambda e: 100 * e.state[:, 1], lambda e: 100 * e.sigma[:, 1]),
+    ("heading, deg", lambda e: np.degrees(e.rpy[:, 2]), lambda e: np.degrees(e.sigma[:, 5])),
+)
+
+
+def outage_png(found: dict[str, Errors]) -> bytes:
+    """Return a PNG: errors as lines in bands of two sigmas, filter and smoother."""
+    made, panels = figure(8.0, 6.4, len(_PANELS), 1, sharex=True)
+    for panel, (title, error, sigma) in zip(panels, _PANELS, strict=True):
+        panel.axvspan(LOST_S, FOUND_S, color="#f0f0f0", zorder=0)
+        for name, colour in zip((FILTER, SMOOTHER), COLOURS[1::-1], strict=True):
+            _draw(panel, found[name], error, sigma, name, colour)
+        panel.set_ylabel(f"error {title}")
+    panels[0].set_title(f"RTK and heading are missing from {LOST_S:g} to {FOUND_S:g} s (grey)")
+    panels[0].legend(loc="upper left", ncols=2)
+    panels[-1].set_xlabel("time, s; bands: two sigmas")
+    return png(made)
+
+
+def _draw(
+    panel: Any,
+    found: Errors,
+    error: Callable[[Errors], Array],
+    sigma: Callable[[Errors], Array],
+    name: str,
+    colour: str,
+) -> None:
+    inside = (found.t_s >= _FROM_S) & (found.t_s <= _TO_S)
+    t_s, two = found.t_s[inside], 2 * sigma(found)[inside]
+    panel.fill_between(t_s, -two, two, color=colour, alpha=0.18, linewidth=0)
+    panel.plot(t_s, error(found)[inside], color=colour, label=name)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
-    """Fly everything and print the report."""
+    """Fly everything and print the report, or draw one outage."""
     parser = argparse.ArgumentParser(prog="python -m dev.smoothing")
     parser.add_argument("folder", type=Path, nargs="?", help="bags (*.mcap) of recorded flights")
     parser.add_argument("--seeds", type=int, default=10, help="flights of each kind")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes")
+    parser.add_argument("--plot", type=Path, metavar="PNG", help="only draw one outage")
     args = parser.parse_args(argv)
     if args.seeds < 1 or args.workers < 1:
         parser.error("at least one seed and one worker")
-    table, lines = MarkedTable(26, 9), []
-    try:
-        with Progress("three shapes", "flights") as bar:
-            pairs = in_processes(fly_pair, cases(args.seeds, (100.0,), 107.0), args.workers, bar)
-        lines += [*shapes(table, pairs), "", *ratios(table, pairs), ""]
-        with Progress("outages", "flights") as bar:
-            lost = in_processes(fly_outage, range(1, 1 + args.seeds), args.workers, bar)
-        lines += [*outages(table, lost), ""]
-        if args.folder is not None:
-            with Progress("hidden fixes", "bags") as bar:
-                bags = in_processes(fly_hidden, bags_in(args.folder), args.workers, bar)
-            lines += [*hidden(table, bags), ""]
-    except TirgeoError as error:
-        sys.stderr.write(f"smoothing: {error}\n")
-        return 1
-    sys.stdout.write("\n".join(lines))
-    if table.missed:
-        sys.stdout.write(f"{table.missed} figures are missed: marked with !\n")
-    return 1 if table.missed else 0
+    if args.plot is not None:
+        args.plot.write_bytes(outage_png(outage_errors(_PLOTTED_SEED)))
+        return 0
+    return exit_code("smoothing", lambda: _run(args.folder, args.seeds, args.workers))
+
+
+def _run(folder: Path | None, seeds: int, workers: int) -> int:
+    table = MarkedTable(26, 9)
+    with Progress("three shapes", "flights") as bar:
+        pairs = in_processes(fly_pair, cases(seeds, (100.0,), 107.0), workers, bar)
+    lines = [*shapes(table, pairs), "", *ratios(table, pairs), ""]
+    with Progress("outages", "flights") as bar:
+        lost = in_processes(fly_outage, range(1, 1 + seeds), workers, bar)
+    lines += outages(table, lost)
+    if folder is not None:
+        with Progress("hidden fixes", "bags") as bar:
+            bags = in_processes(fly_hidden, bags_in(folder), workers, bar)
+        lines += ["", *hidden(table, bags)]
+    return print_report(lines, table.missed)
 
 
 if __name__ == "__main__":

@@ -18,11 +18,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dev.judging import exit_code
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import euler_from_quat
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
-from tirgeo_ros.core.streams.rates import RateLimit
-from tirgeo_ros.core.types.errors import BagError, TirgeoError
+from tirgeo_ros.core.streams.stamps import RateLimit
+from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import csv_text
@@ -35,14 +36,14 @@ RATE_HZ = 10.0
 
 
 class Column(NamedTuple):
-    """A number in the table; written with so many decimals."""
+    """Hold the name of a number in the table, and its decimals."""
 
     name: str
     decimals: int
 
     @property
     def tolerance(self) -> float:
-        """One in the last digit, for values at a tie that round apart.
+        """Return one in the last digit, for values at a tie that round apart.
 
         The values themselves differ by 6e-14 at the most between NumPy 1.26 and 2.4 and between
         BLAS kernels with and without fused multiplication.
@@ -66,7 +67,7 @@ _TURN_DEG = 360.0
 
 
 def states_text(bag: Path, params: Path) -> str:
-    """The table of a bag under the parameters of a file. Raises BagError, ConfigError."""
+    """Return the table of a bag under the parameters of a file. Raises BagError, ConfigError."""
     return csv_text([HEADER, *_rows(bag, params)])
 
 
@@ -84,7 +85,7 @@ def _rows(bag: Path, params: Path) -> Iterator[list[str]]:
 
 
 def _values(solution: NavSolution) -> Iterator[float]:
-    """In the order of COLUMNS."""
+    """Yield the values in the order of COLUMNS."""
     roll, pitch, heading = np.degrees(euler_from_quat(solution.q_nb)).tolist()
     sigma = np.sqrt(solution.covariance.diagonal())
     sigma[3:6] = np.degrees(sigma[3:6])
@@ -98,7 +99,7 @@ def _values(solution: NavSolution) -> Iterator[float]:
 
 
 def changes(old: str, new: str) -> list[str]:
-    """What a new table says otherwise than an old one, a line for each column; [] where nothing.
+    """Return what a new table says otherwise than an old one, a line for each column.
 
     Raises BagError where either is no such table.
     """
@@ -120,7 +121,7 @@ def changes(old: str, new: str) -> list[str]:
 
 
 def _moved(column: Column, apart: list[float], rows: list[list[str]]) -> str:
-    """A line on a column that moved by more than rounding, or nothing."""
+    """Return a line on a column that moved by more than rounding, or nothing."""
     beyond = [k for k, x in enumerate(apart) if not abs(x) <= column.tolerance]
     if not beyond:
         return ""
@@ -151,16 +152,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("folder", type=Path, help="with flight.mcap and params.yaml")
     parser.add_argument("table", type=Path, help="the CSV file to write")
     args = parser.parse_args(argv)
-    try:
-        text = states_text(args.folder / "flight.mcap", args.folder / "params.yaml")
-        if args.table.is_file():
-            lines = changes(args.table.read_text(encoding="ascii"), text) or ["nothing moved"]
-            sys.stdout.write("\n".join([*lines, ""]))
-        args.table.parent.mkdir(parents=True, exist_ok=True)
-        args.table.write_text(text, encoding="ascii")
-    except (TirgeoError, OSError) as error:
-        sys.stderr.write(f"states: {error}\n")
-        return 1
+    return exit_code("states", lambda: _write(args.folder, args.table))
+
+
+def _write(folder: Path, table: Path) -> int:
+    text = states_text(folder / "flight.mcap", folder / "params.yaml")
+    if table.is_file():
+        lines = changes(table.read_text(encoding="ascii"), text) or ["nothing moved"]
+        sys.stdout.write("\n".join([*lines, ""]))
+    table.parent.mkdir(parents=True, exist_ok=True)
+    table.write_text(text, encoding="ascii")
     return 0
 
 

@@ -31,10 +31,10 @@ from launch_ros.parameter_descriptions import ParameterValue
 
 from tirgeo_ros.core.config import NODE_CONFIGS
 from tirgeo_ros.core.config.schema import parameters_of
-from tirgeo_ros.core.config.viewer import TOKEN_SEED, address_of
+from tirgeo_ros.core.config.viewer_parameters import TOKEN_SEED, address_of
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.io.files.whole_files import named_files
-from tirgeo_ros.tools.graph.localhost import localhost_environment, video_environment
+from tirgeo_ros.tools.graph.node_graph import localhost_environment, video_environment
 from tirgeo_ros.tools.graph.whole_graph import read_remaps
 
 SHARE = Path(__file__).resolve().parents[1]  # share/tirgeo when installed, else the source tree

@@ -1,4 +1,4 @@
-"""Send an IMU and receivers without end, for ``python -m dev.imu_load``.
+"""Send an IMU and receivers without end, for ``python -m dev.bench.imu_load``.
 
 Each IMU sample is sent at its stamp. At the end stamps and times of sending (ns) are written as
 JSON to the file of the parameter ``output``.
@@ -14,16 +14,16 @@ from functools import partial
 from itertools import chain
 from pathlib import Path
 
-from dev.looped_flight import LoopedFlight
+from dev.flights import LoopedFlight
 from tirgeo_ros.core.types.measurements import ImuSample, NavigationInput
 from tirgeo_ros.io.messages import NAVIGATION_INPUTS, sensed
-from tirgeo_ros.nodes.graph_node import GraphNode
-from tirgeo_ros.nodes.qos import STREAM_DEPTH, output
+from tirgeo_ros.io.messages.sensor_messages import STREAM_DEPTH
+from tirgeo_ros.nodes.graph_node import GraphNode, output
 from tirgeo_ros.nodes.runner import run
 
 
 class ImuSource(GraphNode):
-    """One minute of hover, again and again."""
+    """Send one minute of hover, again and again."""
 
     def __init__(self) -> None:
         super().__init__("bench_imu")

@@ -5,23 +5,21 @@ When it ends it writes the stamps of its frames as JSON to the file of its param
 
 from __future__ import annotations
 
-import json
 import math
-import threading
 import time
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from dev.nodes.bench_listener import until_over
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.frames.axes import Q_BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import quat_from_euler, quat_multiply
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.types.poses import CameraPose
-from tirgeo_ros.nodes.graph_node import GraphNode
-from tirgeo_ros.nodes.qos import IMAGE_DEPTH, latched, output
+from tirgeo_ros.io.messages.sensor_messages import IMAGE_DEPTH
+from tirgeo_ros.nodes.graph_node import GraphNode, latched, output
 from tirgeo_ros.nodes.runner import run
 
 FRAME_HZ, POSE_HZ = 30.0, 50.0
@@ -37,10 +35,10 @@ def scaled(camera: Camera, times: int) -> Camera:
 
 
 class VideoSource(GraphNode):
-    """Frames, camera poses, camera info and origin, each stamped as it is sent."""
+    """Send frames, camera poses, camera info and origin, each stamped as it is sent."""
 
-    def __init__(self, node_name: str = "bench_video") -> None:
-        super().__init__(node_name)
+    def __init__(self) -> None:
+        super().__init__("bench_video")
         parameter = self.declare_parameter
         self.duration_s = parameter("duration_s", 10.0).value
         self.output = parameter("output", "").value
@@ -78,15 +76,8 @@ class VideoSource(GraphNode):
         self._pose.publish(self.messages.camera_pose(pose))
 
     def found(self) -> dict[str, Any]:
-        """What is written at the end."""
+        """Return what is written at the end."""
         return {"sent": self._sent}
-
-
-def until_over(node: Any, stop: threading.Event) -> int:
-    """Let a node work for its ``duration_s``, then write what it found to its ``output``."""
-    stop.wait(node.duration_s)
-    Path(node.output).write_text(json.dumps(node.found()))
-    return 0
 
 
 main = partial(run, "bench_video", VideoSource, until_over)

@@ -19,13 +19,12 @@ from pathlib import Path
 
 from rclpy.publisher import Publisher
 
-from dev.soak.flight import stamped
+from dev.flights import stamped
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.bags.cdr import header_stamp_ns
-from tirgeo_ros.nodes.bag_player import PlayClock
-from tirgeo_ros.nodes.graph_node import GraphNode, message_class
-from tirgeo_ros.nodes.playlist import await_readers
-from tirgeo_ros.nodes.qos import STREAM_DEPTH, output
+from tirgeo_ros.io.messages.sensor_messages import STREAM_DEPTH
+from tirgeo_ros.nodes.bag_player import PlayClock, await_readers
+from tirgeo_ros.nodes.graph_node import GraphNode, message_class, output
 from tirgeo_ros.nodes.runner import run
 
 _MS, _LEAD_NS = 1_000_000, 500_000_000

@@ -9,8 +9,7 @@ from rclpy.qos import QoSProfile
 
 from tirgeo_ros.io.bags.bag import BagWriter
 from tirgeo_ros.io.messages import TOPIC_TYPES
-from tirgeo_ros.nodes.graph_node import GraphNode, message_class
-from tirgeo_ros.nodes.qos import latched, output
+from tirgeo_ros.nodes.graph_node import GraphNode, latched, message_class, output
 from tirgeo_ros.nodes.runner import run
 
 TOPICS = ("tirgeo/odometry", "tirgeo/camera_pose", "tirgeo/origin")
@@ -25,7 +24,6 @@ class FleetWitness(GraphNode):
         super().__init__("fleet_witness")
         aircraft = self.declare_parameter("aircraft", "").value.split(",")
         self.resources = BagWriter(Path(self.declare_parameter("output", "").value))
-        self._record("/diagnostics", TOPIC_TYPES["/diagnostics"], output(_DEPTH))
         for name in aircraft:
             for topic in TOPICS:
                 qos = latched() if topic == "tirgeo/origin" else output(_DEPTH)

@@ -8,8 +8,7 @@ import rclpy
 from rclpy.node import Node
 
 from tirgeo_ros.io.messages import TOPIC_TYPES
-from tirgeo_ros.nodes.graph_node import message_class
-from tirgeo_ros.nodes.qos import output
+from tirgeo_ros.nodes.graph_node import message_class, output
 from tirgeo_ros.nodes.runner import run
 
 TOPICS = (

@@ -19,14 +19,12 @@ from functools import partial
 from itertools import count, cycle
 from pathlib import Path
 
-from dev.soak.flight import stamped
+from dev.flights import stamped
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.bags.cdr import header_stamp_ns
-from tirgeo_ros.nodes.bag_player import PlayClock
-from tirgeo_ros.nodes.graph_node import GraphNode
-from tirgeo_ros.nodes.playlist import await_readers, publishers_for
-from tirgeo_ros.nodes.qos import output
+from tirgeo_ros.nodes.bag_player import PlayClock, await_readers, publishers_for
+from tirgeo_ros.nodes.graph_node import GraphNode, output
 from tirgeo_ros.nodes.runner import run
 
 #: What the clock jumps by, in turn.

@@ -18,10 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from tirgeo_ros.core.overlay.text_boxes import status_box
+from tirgeo_ros.core.overlay.status_and_notices import status_box
 from tirgeo_ros.io.messages import camera_pose, image_pixels, stamp_ns
-from tirgeo_ros.nodes.graph_node import GraphNode
-from tirgeo_ros.nodes.qos import output
+from tirgeo_ros.nodes.graph_node import GraphNode, output
 from tirgeo_ros.nodes.runner import run
 
 #: A busy machine must lose nothing on this side.

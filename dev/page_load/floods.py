@@ -6,12 +6,10 @@ measure without end; the operator's own address holds, asks and has that viewer 
 
 from __future__ import annotations
 
-import argparse
 import asyncio
 import contextlib
 import json
 import multiprocessing
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Coroutine, Iterator, Sequence
@@ -24,9 +22,10 @@ import aiohttp
 import cv2
 import numpy as np
 
-from dev.judging import Figure, line
+from dev.judging import Figure, percentile
 from dev.page_load.served import ServedPage
-from tirgeo_ros.core.config.viewer import ViewerConfig
+from dev.page_load.viewers import click_text, oversleep
+from tirgeo_ros.core.config.viewer_parameters import ViewerConfig
 
 _OPERATOR, _VIEWER = "operator-of-a-flood", "viewer-of-a-flood"
 _CONFIG = replace(ViewerConfig(), listen="127.0.0.1:0", token=_OPERATOR, viewer_token=_VIEWER)
@@ -36,10 +35,10 @@ _NEW = [f"127.0.2.{1 + k}" for k in range(10)]
 _IDLE, _ASKING, _SOCKETS = 120, 10, 10  # connections of one address; sockets of the viewer
 _PAUSE_S = 0.01  # between two requests of one connection: a bound, not a courtesy
 _CHANGES, _MOST_TRIES, _GIVE_UP_S = 40, 20, 5.0
-_CALM_S, _SETTLE_S, _LONGEST_S, _SLEEP_S = 4.0, 3.0, 60.0, 0.05
+_CALM_S, _SETTLE_S, _LONGEST_S = 4.0, 3.0, 60.0
 
 
-def figures(seconds: float) -> Iterator[Figure]:
+def flood_figures(seconds: float) -> Iterator[Figure]:
     """Yield the figures of a page under all floods at once."""
     with tempfile.TemporaryDirectory() as folder:
         pictures = Path(folder) / "pictures"
@@ -47,7 +46,7 @@ def figures(seconds: float) -> Iterator[Figure]:
         noise = np.random.default_rng(1).integers(0, 90, (512, 640), np.uint8)
         cv2.imwrite(str(pictures / "0.jpg"), noise)
         with ServedPage(pictures, Path(folder), _CONFIG) as page:
-            yield from asyncio.run(_measured(page, seconds))
+            yield from asyncio.run(_measured(page, min(seconds, _LONGEST_S)))
 
 
 async def _measured(page: ServedPage, seconds: float) -> list[Figure]:
@@ -61,24 +60,25 @@ async def _measured(page: ServedPage, seconds: float) -> list[Figure]:
             flood.start()
             await asyncio.sleep(_SETTLE_S)
             begun_s, used_s = time.monotonic(), page.cpu_s()
-            found = await asyncio.gather(
+            late_ms: list[float] = []
+            sleeping = asyncio.create_task(oversleep(late_ms))
+            answers_ms, answered, tries, beside, mistyped_s = await asyncio.gather(
                 _press(state, seconds / _CHANGES),
                 _ask_anew(session, page.url, seconds / _CHANGES),
                 _come(page.url, seconds / len(_NEW), _NEW),
                 _come(page.url, seconds / len(_NEW), [_FLOODING[0]] * len(_NEW)),
                 _mistype(page.url),
-                _oversleep(seconds),
             )
+            sleeping.cancel()
             cores = (page.cpu_s() - used_s) / (time.monotonic() - begun_s)
             flood.join(seconds)
             flood.terminate()
-    answers_ms, answered, tries, beside, mistyped_s, late_ms = found
     return [
-        Figure("own sleep late, 95 %", _percentile(late_ms, 95), "ms"),
-        Figure("press to answer before the floods, 95 %", _percentile(before_ms, 95), "ms"),
+        Figure("own sleep late, 95 %", percentile(late_ms, 95), "ms"),
+        Figure("press to answer before the floods, 95 %", percentile(before_ms, 95), "ms"),
         Figure("operator's changes", len(answers_ms), f"of {_CHANGES}", "= 40"),
-        Figure("press to answer, median", _percentile(answers_ms, 50), "ms"),
-        Figure("press to answer, 95 %", _percentile(answers_ms, 95), "ms", "<= 300"),
+        Figure("press to answer, median", percentile(answers_ms, 50), "ms"),
+        Figure("press to answer, 95 %", percentile(answers_ms, 95), "ms", "<= 300"),
         Figure("operator's GETs on new connections", answered, f"of {_CHANGES}", "= 40"),
         Figure("new honest user in after, most", max(tries), "tries", "<= 3"),
         Figure("the same at a flooding address, most", max(beside), "tries", "<= 3"),
@@ -92,10 +92,8 @@ async def _press(state: aiohttp.ClientWebSocketResponse, every_s: float) -> list
     answers_ms = []
     for k in range(_CHANGES):
         name, begun_s = f"press {k}", time.monotonic()
-        click = {"type": "click", "request": name, "aircraft": "", "kind": "person"}
-        place = {"stamp_ns": str(time.time_ns()), "u": 320.0, "v": 256.0, "refine": None}
         with contextlib.suppress(OSError, asyncio.TimeoutError, TypeError, aiohttp.ClientError):
-            await state.send_str(json.dumps(click | place))
+            await state.send_str(click_text(name, time.time_ns()))
             if await asyncio.wait_for(_is_good(state, name), _GIVE_UP_S):
                 answers_ms.append((time.monotonic() - begun_s) * 1e3)
         await asyncio.sleep(max(0.0, begun_s + every_s - time.monotonic()))
@@ -104,9 +102,9 @@ async def _press(state: aiohttp.ClientWebSocketResponse, every_s: float) -> list
 
 async def _is_good(state: aiohttp.ClientWebSocketResponse, name: str) -> bool:
     while True:
-        told = json.loads((await state.receive()).data)
-        if told.get("request") == name:
-            return bool(told["ok"])
+        answer = json.loads((await state.receive()).data)
+        if answer.get("request") == name:
+            return bool(answer["ok"])
 
 
 async def _ask_anew(session: aiohttp.ClientSession, url: str, every_s: float) -> int:
@@ -154,15 +152,6 @@ async def _mistype(url: str) -> float:
                     return time.monotonic() - begun_s
             await asyncio.sleep(0.5)
     return float("inf")
-
-
-async def _oversleep(seconds: float) -> list[float]:
-    """Return how late short sleeps end (ms): what a busy machine alone does to all figures."""
-    late_ms, end_s = [], time.monotonic() + seconds
-    while (begun_s := time.monotonic()) < end_s:
-        await asyncio.sleep(_SLEEP_S)
-        late_ms.append((time.monotonic() - begun_s - _SLEEP_S) * 1e3)
-    return late_ms
 
 
 def _session(
@@ -249,21 +238,3 @@ async def _measure(session: aiohttp.ClientSession, url: str) -> None:
                     await state.receive()
                     await asyncio.sleep(_PAUSE_S)
         await asyncio.sleep(_PAUSE_S * 10)
-
-
-def _percentile(values: Sequence[float], share: float) -> float:
-    return float(np.percentile(values, share)) if values else float("nan")
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Print the table."""
-    parser = argparse.ArgumentParser(prog="python -m dev.page_load.floods", description=__doc__)
-    parser.add_argument("--seconds", type=float, default=20.0, help="of flooding, 60 at most")
-    args = parser.parse_args(argv)
-    for figure in figures(min(args.seconds, _LONGEST_S)):
-        sys.stdout.write(line(figure) + "\n")
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -12,8 +12,8 @@ from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from tirgeo_ros.core.config.viewer import ViewerConfig
-from tirgeo_ros.core.targets.target import Fixing
+from tirgeo_ros.core.config.viewer_parameters import ViewerConfig
+from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.targets.store import TargetStore
 from tirgeo_ros.page.backend import Click, Pixel
@@ -40,7 +40,7 @@ class ServedPage:
         self._ours, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(pictures, work, config, theirs))
 
-    def __enter__(self) -> ServedPage:  # noqa: PYI034 Self is of Python 3.11
+    def __enter__(self) -> ServedPage:
         """Start, and wait until the page can be opened."""
         self._process.start()
         self.url = str(self._ours.recv())
@@ -73,10 +73,10 @@ class _Level:
     def __init__(self, targets: TargetStore) -> None:
         self.targets = targets
 
-    async def click(self, click: Click) -> Fixing | str:
+    async def click(self, click: Click) -> Located | str:
         await asyncio.sleep(_ANSWER_S)
         place = (39.85 + click.v * 1e-6, 116.7 + click.u * 1e-6, 30.0)
-        return Fixing(click.stamp_ns, *place, (0.1, 0, 0, 0, 0.1, 0, 0, 0, 0.1))
+        return Located(click.stamp_ns, *place, (0.1, 0, 0, 0, 0.1, 0, 0, 0, 0.1))
 
     async def where(self, aircraft: str, latitude_deg: float, longitude_deg: float) -> Pixel | str:
         return f"{aircraft} does not see {latitude_deg} {longitude_deg}"
@@ -91,8 +91,8 @@ class _Level:
         return b"" if aircraft else b"{}"
 
 
-def draw_pictures(flight: Path, work: Path, pictures: Path) -> None:
-    """Write the overlay's pictures of a flight."""
+def draw_pictures(flight: Path, work: Path, pictures: Path) -> Path:
+    """Write the overlay's pictures of a flight to a folder; return it."""
     bag = work / "overlay.mcap"
     process(
         flight / "flight.mcap",
@@ -106,6 +106,7 @@ def draw_pictures(flight: Path, work: Path, pictures: Path) -> None:
     for count, message in enumerate(BagReader(bag).messages([topic])):
         jpeg = bytes(message.data)
         (pictures / f"{count:05}.jpg").write_bytes(jpeg[jpeg.index(_JPEG_START) :])
+    return pictures
 
 
 def pictures_in(folder: Path) -> list[bytes]:

@@ -11,8 +11,7 @@ from statistics import median
 from typing import Any
 
 from dev.planted_faults.faults import FAULTS, Fault
-from dev.planted_faults.ground_errors import flight_times
-from dev.planted_faults.live import CLEAN, Live, live_table, outcomes
+from dev.planted_faults.live import CLEAN, Live, flight_times, live_table, outcomes
 from dev.planted_faults.planting import FlightFiles
 from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.tools.presentation.progress import Progress

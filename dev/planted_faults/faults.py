@@ -8,12 +8,17 @@ from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 
-from dev.planted_faults.changes import (
+from dev.planted_faults.planting import (
+    FlightFiles,
+    Planter,
+    altered,
+    both,
     changed_map,
     half_size,
     heading_off,
     joints,
     late,
+    left_out,
     level_dem,
     longer_lens,
     lowered,
@@ -22,24 +27,17 @@ from dev.planted_faults.changes import (
     ned_velocity,
     next_zone,
     no_covariance,
+    parameters,
     pictures,
     points,
+    restamped,
+    rewritten,
     scaled,
     swapped,
     swapped_tilt,
-    yaw_from_north,
-)
-from dev.planted_faults.planting import (
-    FlightFiles,
-    Planter,
-    altered,
-    both,
-    left_out,
-    parameters,
-    restamped,
-    rewritten,
     turned_yaw,
     with_map,
+    yaw_from_north,
 )
 
 #: Height of the geoid above the ellipsoid in central Europe: heights above sea level are less.

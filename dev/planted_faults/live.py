@@ -12,17 +12,199 @@ from pathlib import Path
 import numpy as np
 
 from dev.planted_faults.faults import Fault, ShownFrom
-from dev.planted_faults.ground_errors import eyes_of, times_of_ellipse
-from dev.planted_faults.live_reading import Picture, Report, read_reports, seen
 from dev.planted_faults.planting import FlightFiles
+from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.camera.projection_covariance import CHI2_95, CameraRates
+from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseBuffer
+from tirgeo_ros.core.ground.backprojection import Ground
+from tirgeo_ros.core.ground.ground_point import Located, place
 from tirgeo_ros.core.overlay.scale_bar_compass import camera_heading_rad
+from tirgeo_ros.core.overlay.status_and_notices import VERDICT_BGR, status_box
+from tirgeo_ros.core.overlay.text_rendering import line_px, text_px
+from tirgeo_ros.core.streams.arrivals import exposure_ns
+from tirgeo_ros.core.types.arrays import Pixels
 from tirgeo_ros.core.types.errors import BagError, TirgeoError
+from tirgeo_ros.core.types.finding import Finding, Severity
+from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
+from tirgeo_ros.io.bags.cdr import header_stamp_ns
+from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.parameters.parameter_file import Value, write_parameters
 from tirgeo_ros.tools.graph.node_graph import GraphRun, GraphSetup, free_domain, run_graph
 from tirgeo_ros.tools.presentation.progress import Report as Progress
 from tirgeo_ros.tools.replay.graph_outputs import read_outputs, read_pictures
+from tirgeo_ros.tools.replay.node_configs import node_configs
+
+_WHOLE_FLIGHT_S = 1e9
+_RATES_NS = 100_000_000
+#: Of the picture's width and height: the middle, and a quarter from the edges.
+_PLACES = ((0.5, 0.5), (0.25, 0.5), (0.75, 0.5), (0.5, 0.75))
+
+
+@dataclass
+class Eye:
+    """What locates pixels: poses of a bag, a lens, a latency and a ground."""
+
+    poses: PoseBuffer[CameraPose]
+    plane: TangentPlane
+    camera: Camera
+    ground: Ground
+    config: OverlayConfig
+
+    def locate(self, stamp_ns: int, uv: tuple[float, float]) -> Located | None:
+        """Return the place at a pixel of a picture; None where there is none."""
+        exposed_ns = exposure_ns(stamp_ns, self.config.video_latency_s)
+        pose, before = self.poses.at(exposed_ns), self.poses.at(exposed_ns - _RATES_NS)
+        if isinstance(pose, Miss):
+            return None
+        rates = None if isinstance(before, Miss) else CameraRates.between(before, pose)
+        found = place(
+            self.camera, pose, uv, self.plane, self.ground, self.config.confidence, rates
+        )
+        return found if isinstance(found, Located) else None
+
+
+def eye_of(poses_bag: Path, camera: Camera, ground: Ground, config: OverlayConfig) -> Eye | None:
+    """Return the eye of a bag with camera poses; None where it has none."""
+    outputs = read_outputs(poses_bag)
+    if outputs.plane is None or not outputs.cameras:
+        return None
+    poses: PoseBuffer[CameraPose] = PoseBuffer(_WHOLE_FLIGHT_S)
+    for pose in outputs.cameras:
+        poses.add(pose)
+    return Eye(poses, outputs.plane, camera, ground, config)
+
+
+def camera_of(bag: Path) -> Camera | None:
+    """Return the first calibration in a bag; None where it has none."""
+    for item in BagReader(bag).messages(["/thermal/camera_info"]):
+        return convert.camera(Cdr().deserialize(item.data, item.typename))
+    return None
+
+
+def times_of_ellipse(
+    believed: Eye,
+    true: Eye,
+    stamp_ns: int,
+    true_ns: int | None = None,
+    flipped: Sequence[int] = (),
+) -> float:
+    """Return the largest error of a picture's pixels over its ellipse; nan: none is located.
+
+    1 is on the ellipse of 95 %. A pixel that the truth has nowhere counts as infinitely wrong.
+    ``true_ns``: the picture's stamp in the good flight; ``flipped``: its axes, 0 down, 1 across.
+    """
+    true_ns = stamp_ns if true_ns is None else true_ns
+    size = true.camera.width - 1, true.camera.height - 1
+    worst = math.nan
+    for across, down in _PLACES:
+        uv = across * size[0], down * size[1]
+        told = believed.locate(stamp_ns, uv)
+        if told is None:
+            continue
+        was = (
+            size[0] - uv[0] if 1 in flipped else uv[0],
+            size[1] - uv[1] if 0 in flipped else uv[1],
+        )
+        actual = true.locate(true_ns, was)
+        times = math.inf if actual is None else _times(told, actual, believed.plane)
+        worst = times if math.isnan(worst) else max(worst, times)
+    return worst
+
+
+def eyes_of(good: FlightFiles, planted: FlightFiles, poses: Path) -> tuple[Eye, Eye] | None:
+    """Return how poses of a planted flight locate pixels, and how they lie in truth; or None."""
+    believed, true = _eye(planted, poses), _eye(good, good.bag.with_name("truth.mcap"))
+    return (believed, true) if believed and true else None
+
+
+def _eye(flight: FlightFiles, poses: Path) -> Eye | None:
+    overlay = node_configs(flight.params, dem=flight.options.get("dem")).overlay
+    camera, ground = camera_of(flight.bag), ground_of(overlay)
+    return None if camera is None or ground is None else eye_of(poses, camera, ground, overlay)
+
+
+def flight_times(
+    good: FlightFiles, planted: FlightFiles, poses: Path, flipped: Sequence[int]
+) -> list[float]:
+    """Return the times of the ellipse of all pictures that are located."""
+    eyes = eyes_of(good, planted, poses)
+    if eyes is None:
+        return []
+    stamps = zip(_picture_stamps_ns(planted.bag), _picture_stamps_ns(good.bag), strict=True)
+    times = [times_of_ellipse(*eyes, told, actual, flipped) for told, actual in stamps]
+    return [one for one in times if not math.isnan(one)]
+
+
+def _picture_stamps_ns(bag: Path) -> list[int]:
+    items = BagReader(bag).messages(["/thermal/image_raw/compressed"])
+    return [header_stamp_ns(item.data) for item in items]
+
+
+def _times(told: Located, actual: Located, plane: TangentPlane) -> float:
+    place_n = plane.ned_from_geodetic(actual.latitude_rad, actual.longitude_rad, actual.height_m)
+    off = (told.point_n - place_n)[:2]
+    squared = float(off @ np.linalg.solve(told.covariance_n[:2, :2], off))
+    return math.sqrt(squared / CHI2_95)
+
+
+_WORSE = (Severity.CAUTION, Severity.STOP)
+#: Under words the picture is darkened to a seventh. JPEG leaves the colour of a letter's middle
+#: this near, and grey ones greyer than that; a word has hundreds of such pixels.
+_DARK, _NEAR, _COLOURED, _FEWEST_PX = 45, 60, 90, 30
+
+
+@dataclass(frozen=True)
+class Report:
+    """A finding that a node reported, worse than a note."""
+
+    at_s: float  # of the recording's clock
+    node: str
+    finding: Finding
+
+    def names(self, parameters: Iterable[str]) -> bool:
+        """Return whether one of these is in the parameter that it names."""
+        return any(name in self.finding.parameter for name in parameters)
+
+
+@dataclass(frozen=True)
+class Picture:
+    """An overlay picture: when it was taken, and what it says."""
+
+    at_s: float
+    notice: bool  # at its top, from the checks
+    green: bool  # neither that, nor anything in colour in the status line
+
+
+def read_reports(recording: Path, begin_ns: int) -> list[Report]:
+    """Return what the nodes' checks found, in order; seconds count from ``begin_ns``."""
+    cdr = Cdr()
+    reports: list[Report] = []
+    for item in BagReader(recording).messages(["/tirgeo/findings"]):
+        node, stamp_ns, findings = convert.findings_of(cdr.deserialize(item.data, item.typename))
+        at_s = (stamp_ns - begin_ns) * 1e-9
+        worse = [one for one in findings if one.severity is not Severity.NOTE]
+        reports += [Report(at_s, node.strip("/"), one) for one in worse]
+    return reports
+
+
+def seen(at_s: float, pixels: Pixels) -> Picture:
+    """Return what an overlay picture (h, w, 3) BGR says of the checks and the filter."""
+    top = pixels[: line_px(text_px(pixels)), : pixels.shape[1] // 2]
+    strip = float(np.median(top)) < _DARK
+    notice = strip and any(_count(top, VERDICT_BGR[one]) > _FEWEST_PX for one in _WORSE)
+    status = pixels[status_box(pixels).top :].astype(np.int16)
+    coloured = np.count_nonzero(np.ptp(status, axis=2) > _COLOURED) > _FEWEST_PX
+    return Picture(at_s, notice, green=not (notice or coloured))
+
+
+def _count(pixels: Pixels, colour: Sequence[int]) -> int:
+    off = np.abs(pixels.astype(np.int16) - np.array(colour, np.int16)).max(axis=2)
+    return int(np.count_nonzero(off < _NEAR))
+
 
 #: A fault is named so soon after the data can show it.
 WITHIN_S = 10.0

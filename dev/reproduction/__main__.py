@@ -17,9 +17,17 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from dev.reproduction.ground import askew, located, p_values
-from dev.reproduction.tables import Results, boards, ground_factors, imu_noise
-from tirgeo_ros.core.types.errors import CalibrationError, TirgeoError
+from dev.judging import exit_code
+from dev.reproduction.tables import (
+    Results,
+    askew,
+    boards,
+    ground_factors,
+    imu_noise,
+    located,
+    p_values,
+)
+from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.files.whole_files import write_files
 from tirgeo_ros.tools.cli.main import parser_of, verbs
 from tirgeo_ros.tools.presentation.results import plain
@@ -115,14 +123,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     template = TEMPLATE.read_text(encoding="utf-8")
     for usual, quick in _QUICK.items() if args.quick else ():
         template = template.replace(usual, quick)
-    try:
-        with tempfile.TemporaryDirectory() as folder:
-            found = carried_out(template, args.work or Path(folder))
-        write_files({args.output: page(template, found)}, CalibrationError)
-    except (TirgeoError, OSError) as error:
-        sys.stderr.write(f"reproduction: {error}\n")
-        return 1
-    sys.stdout.write(f"wrote {args.output}\n")
+    return exit_code("reproduction", lambda: _write(template, args.work, args.output))
+
+
+def _write(template: str, work: Path | None, output: Path) -> int:
+    with tempfile.TemporaryDirectory() as folder:
+        results = carried_out(template, work or Path(folder))
+    write_files({output: page(template, results)}, CalibrationError)
+    sys.stdout.write(f"wrote {output}\n")
     return 0
 
 

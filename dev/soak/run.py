@@ -1,30 +1,43 @@
-"""Runs the graph on the soak's flight while the schedule's events happen to it."""
+"""Run the graph on the soak's flight while processes are killed and stopped, and clocks jump.
+
+What happens when is drawn from a seed, each kind in each round once. Each life of each node is
+noted with its memory, and what it leaves behind.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
+import random
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from enum import Enum
 from pathlib import Path
 
-from dev.bench_dds import busy
-from dev.soak.flight import PERIOD_S, SoakFlight
-from dev.soak.lives import Lives
-from dev.soak.records import EPOCHS
-from dev.soak.schedule import GUEST, NODES, Event, Kind
-from tirgeo_ros.tools.graph.node_graph import (
-    GraphSetup,
-    await_words,
-    graph_environment,
-    node_processes,
-)
+from dev.flights import SOAK_PERIOD_S, SoakFlight
+from dev.graphs import Graph, busy, started_graph
+from dev.soak.account import EPOCHS
+from tirgeo_ros.tools.graph.node_graph import NodeProcess, await_words
 from tirgeo_ros.tools.presentation.progress import Report, silent
 
-RATE = 2.0
+#: What every soak starts; the witness is not touched.
+NODES = ("ekf_node", "gimbal_node", "overlay_node", "soak_mute", "soak_player")
 WITNESS = "soak_witness"
+#: A second soak_mute, which lives to be killed in the minute in which others settle.
+GUEST = "soak_guest"
+RATE = 2.0
+
+#: All nodes settle before the first, and after the last.
+_QUIET_S, _END_S = 12.0, 8.0
+_APART_S = (8.0, 16.0)
+#: The queues of 800 messages (``nodes.qos``) are full after 4 s of the IMU at twice real time; a
+#: reader that stands still for 5 s is given up by its senders (``config/fastdds.xml``).
+_RUN_IN_STOP_S, _RUN_IN_APART_S = 4.2, 4.0
+
 _TICK_S, _SAMPLE_S = 0.05, 1.0
 #: After the last frame: the last report of each node comes within a second.
 _SETTLE_S, _STOP_S = 5.0, 15.0
@@ -34,10 +47,224 @@ _AWAITED = "imu/data,thermal/camera_info,thermal/image_raw/compressed"
 #: So deep that the witness sees every pose.
 _DEEP = {"/tirgeo/camera_pose": {"publisher": {"depth": 300}}}
 
+_SHARED = Path("/dev/shm")  # noqa: S108 where Fast DDS puts its files
+#: Names the soak in the environment of all that it starts, their children too.
+_MARK = "TIRGEO_SOAK"
+
+
+class Kind(Enum):
+    """Say what happens."""
+
+    KILL = "killed by SIGKILL, started again"
+    STOP = "stopped by SIGSTOP, continued"
+    JUMP = "the clock jumps"
+    BUSY = "two busy processes"
+
+
+_LASTS_S = {
+    Kind.KILL: (0.5, 3.0),
+    Kind.STOP: (0.5, 8.0),
+    Kind.JUMP: (0.0, 0.0),
+    Kind.BUSY: (5.0, 25.0),
+}
+
+
+@dataclass(frozen=True)
+class Event:
+    """Hold one thing that happens; seconds since the graph was ready."""
+
+    at_s: float
+    kind: Kind
+    node: str = ""  # the one it happens to
+    lasts_s: float = 0.0  # until it is started again, continued, or quiet again
+
+
+def schedule(seed: int, duration_s: float) -> list[Event]:
+    """Return the events of a soak, in order of time; a short one has closer ones."""
+    rng = random.Random(seed)  # noqa: S311 no secret
+    closer = min(1.0, duration_s / 120.0)
+    events: list[Event] = []
+    at_s = _QUIET_S * closer
+    for kind, node, lasts_s, apart_s in _happenings(rng):
+        end_s = at_s + closer * lasts_s
+        if end_s > duration_s - _END_S * closer:
+            return events
+        events.append(Event(at_s, kind, node, closer * lasts_s))
+        at_s = end_s + closer * apart_s
+    raise AssertionError("the rounds have no end")
+
+
+_Happening = tuple[Kind, str, float, float]  # and for how long, and how long it is quiet then
+
+
+def _happenings(rng: random.Random) -> Iterator[_Happening]:
+    """Yield all that can happen, in a new order each round; what has just begun is run in."""
+    yield from _run_in("ekf_node", "gimbal_node", "overlay_node")
+    everything = [(kind, node) for kind in (Kind.KILL, Kind.STOP) for node in NODES]
+    everything += [(Kind.JUMP, ""), (Kind.JUMP, ""), (Kind.BUSY, ""), (Kind.BUSY, "")]
+    while True:
+        for kind, node in rng.sample(everything, len(everything)):
+            killed = kind is Kind.KILL
+            quiet_s = _QUIET_S if killed else rng.uniform(*_APART_S)
+            yield kind, node, rng.uniform(*_LASTS_S[kind]), quiet_s
+            if killed:
+                yield from _run_in(node)
+
+
+def _run_in(*nodes: str) -> Iterator[_Happening]:
+    """Yield one of each kind within the first minute of a life.
+
+    The longest queue, and the most peers at a time of which DDS must know, take memory that is
+    kept and used again: a mark that is reached once. docs/soak.md has the figures.
+    """
+    for node in nodes:
+        yield Kind.STOP, node, _RUN_IN_STOP_S, _RUN_IN_APART_S
+    yield Kind.KILL, GUEST, 0.5, _RUN_IN_APART_S
+    yield Kind.JUMP, "", 0.0, _RUN_IN_APART_S
+    yield Kind.KILL, GUEST, 0.5, _RUN_IN_APART_S
+    yield Kind.BUSY, "", 5.0, _QUIET_S
+
+
+@dataclass
+class Life:
+    """Hold one process of a node, from its start to its end; times by the steady clock."""
+
+    node: str
+    process: NodeProcess
+    began_s: float
+    killed: bool = False
+    ended_s: float | None = None
+    #: Seconds of life; bytes resident in all, and those of them that are shared with others.
+    memory: list[tuple[float, int, int]] = field(default_factory=list)
+
+
+class Lives:
+    """Start nodes again and again, and note what each life takes of memory."""
+
+    def __init__(self, graph: Graph, arguments: Mapping[str, Sequence[str]]) -> None:
+        """Take a graph without nodes, and the arguments by node."""
+        self.all: list[Life] = []
+        self.by_themselves: list[str] = []  # last words of those that ended without being asked
+        self._graph, self._arguments = graph, arguments
+        graph.environment[_MARK] = str(os.getpid())
+        self._before = set(shared_files())
+        self._own: set[str] = set()
+
+    def start(self, node: str, *more: str) -> Life:
+        """Begin a life."""
+        number = sum(life.node == node for life in self.all)
+        program = "soak_mute" if node == GUEST else node
+        words = [*self._arguments[node], *more]
+        process = self._graph.start(program, words=words, log=f"{node}.{number}")
+        self.all.append(Life(node, process, time.monotonic()))
+        return self.all[-1]
+
+    def current(self, node: str) -> Life:
+        """Return the newest life of a node."""
+        return next(life for life in reversed(self.all) if life.node == node)
+
+    def kill(self, node: str) -> None:
+        """End a life with no chance to say a word."""
+        life = self.current(node)
+        life.killed = True
+        life.process.signal(signal.SIGKILL)
+        life.process.wait(5.0)
+        life.ended_s = time.monotonic()
+
+    def sample(self) -> None:
+        """Note the memory of all that live, and the shared memory that they hold."""
+        now_s = time.monotonic()
+        for life in self.all:
+            if life.ended_s is None and life.process.poll() is None:
+                with contextlib.suppress(OSError):
+                    life.memory.append((now_s - life.began_s, *_resident(life.process.pid)))
+                    self._own |= held_by(life.process.pid)
+
+    def ended(self) -> list[Life]:
+        """Note and return those that have ended by themselves since the last call."""
+        new = [
+            life for life in self.all if life.ended_s is None and life.process.poll() is not None
+        ]
+        for life in new:
+            life.ended_s = time.monotonic()
+            self.by_themselves.append(f"{life.node}: {life.process.why_ended()}")
+        return new
+
+    def stop(self, timeout_s: float) -> None:
+        """End all that live as a user would, and note those that do not end well."""
+        living = [life for life in self.all if life.ended_s is None]
+        for life in living:
+            life.process.signal(signal.SIGCONT)
+            life.process.signal(signal.SIGINT)
+        for life in living:
+            ended = life.process.wait(timeout_s)
+            life.ended_s = time.monotonic()
+            if ended is None or ended.exit_code:
+                how = f"exit code {ended.exit_code}" if ended else f"not in {timeout_s:g} s"
+                self.by_themselves.append(f"{life.node}: asked to stop: {how}")
+
+    def left_files(self) -> list[str]:
+        """Return the files of shared memory that lives have made or used, and nobody uses now.
+
+        The ports from 7000 on are shared by all domains: another program may have them.
+        """
+        used = {_segment(name) for pid in _processes() for name in held_by(pid)}
+        left = (self._own - self._before) & set(shared_files())
+        return sorted(name for name in left if _segment(name) not in used)
+
+    def left_processes(self) -> list[int]:
+        """Return processes that bear the mark of this soak and still run."""
+        mark = f"{_MARK}={os.getpid()}".encode()
+        return [pid for pid in _processes() if mark in _environment(pid)]
+
+
+def shared_files() -> list[str]:
+    """Return the files of Fast DDS in shared memory, of everybody on this machine."""
+    return [path.name for path in _SHARED.glob("*fastrtps*")]
+
+
+def held_by(pid: int) -> set[str]:
+    """Return the files in shared memory that a process has mapped or open."""
+    mapped, links = set(), []
+    with contextlib.suppress(OSError):  # it may have ended, or be another user's
+        maps = Path(f"/proc/{pid}/maps").read_text()
+        mapped = {line.partition("/")[2] for line in maps.splitlines() if f"{_SHARED}/" in line}
+        for entry in Path(f"/proc/{pid}/fd").iterdir():
+            with contextlib.suppress(OSError):
+                links.append(str(entry.readlink()).lstrip("/"))
+    names = {Path(name.removesuffix(" (deleted)")).name for name in (*mapped, *links)}
+    return {name for name in names if "fastrtps" in name}
+
+
+def _segment(name: str) -> str:
+    """Return the segment or port that a file is of: itself, its locks, its mutex."""
+    name = name.removeprefix("sem.").removesuffix("_mutex")
+    return name.removesuffix("_el").removesuffix("_sl")
+
+
+def _resident(pid: int) -> tuple[int, int]:
+    """Return bytes resident in all, and those of shared memory (proc(5), status)."""
+    status = Path(f"/proc/{pid}/status").read_text()
+    all_kib, shared_kib = (
+        int(status.partition(f"{name}:")[2].split()[0]) for name in ("VmRSS", "RssShmem")
+    )
+    return 1024 * all_kib, 1024 * shared_kib
+
+
+def _processes() -> list[int]:
+    return [int(path.name) for path in Path("/proc").glob("[0-9]*")]
+
+
+def _environment(pid: int) -> list[bytes]:
+    try:
+        return Path(f"/proc/{pid}/environ").read_bytes().split(b"\0")
+    except OSError:
+        return []
+
 
 @dataclass(frozen=True)
 class SoakRun:
-    """What is left of a soak: its files, and its processes' lives."""
+    """Hold what is left of a soak: its files, and its processes' lives."""
 
     lives: Lives
     ledger: Path
@@ -57,16 +284,13 @@ def run_soak(
 
     Raises GraphError for a node that does not start.
     """
-    environment = graph_environment(GraphSetup(flight.bag, folder))
-    (folder / "logs").mkdir(parents=True, exist_ok=True)
     ledger, record = folder / "ledger.txt", folder / "record.jsonl"
     ledger.unlink(missing_ok=True)
-    lives = Lives(_arguments(flight, folder, ledger, record), environment, folder / "logs")
-    with node_processes() as processes:
-        lives.processes = processes
+    with started_graph(folder / "logs") as graph:
+        lives = Lives(graph, _arguments(flight, folder, ledger, record))
         for node in (WITNESS, *NODES, GUEST):
             lives.start(node)
-        await_words(processes, "ready")
+        await_words(graph.processes, "ready")
         await_words([lives.current("soak_player").process], "playing")
         _Soak(lives, events).last(duration_s, progress)
         _stop(lives)
@@ -80,7 +304,7 @@ def _arguments(
     deep.write_text(f"/**: {json.dumps({'ros__parameters': {'qos_overrides': _DEEP}})}\n")
     sim = ["-p", "use_sim_time:=true"]
     common = [*sim, "--params-file", str(flight.folder / "params.yaml")]
-    player = {"bag": flight.bag, "rate": RATE, "period_s": PERIOD_S, "ledger": ledger}
+    player = {"bag": flight.bag, "rate": RATE, "period_s": SOAK_PERIOD_S, "ledger": ledger}
     player |= {"wait_for": _AWAITED}
     return {
         "ekf_node": common,
@@ -105,7 +329,7 @@ def _stop(lives: Lives) -> None:
 
 
 class _Soak:
-    """The time between the first and the last message."""
+    """Do what is due between the first and the last message."""
 
     def __init__(self, lives: Lives, events: list[Event]) -> None:
         self._lives = lives
@@ -132,7 +356,7 @@ class _Soak:
                 time.sleep(_TICK_S)
 
     def _steps(self, event: Event) -> list[tuple[float, Callable[[], object]]]:
-        """What is to be done when: the begin of an event, and its end."""
+        """Return what is to be done when: the begin of an event, and its end."""
         node, end_s = event.node, event.at_s + event.lasts_s
         if event.kind is Kind.JUMP:
             return [(event.at_s, self._jump)]

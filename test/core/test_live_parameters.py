@@ -16,7 +16,7 @@ from flights import RTK, config_for, flight, navigation_samples
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.checks.navigation_checks import NavigationChecks
 from tirgeo_ros.core.config import DjiConfig, EkfConfig, GimbalConfig, NorthConfig, OverlayConfig
-from tirgeo_ros.core.config.filter import AlignmentConfig
+from tirgeo_ros.core.config.filter_parameters import AlignmentConfig
 from tirgeo_ros.core.config.schema import (
     Parameter,
     changed_in_flight,

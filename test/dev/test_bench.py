@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from project import PROJECT
 
-from dev import bench_dji, bench_filter, bench_smoother
-from dev.bench_cores import core_figures
-from dev.bench_dds import times_of
-from dev.bench_pyins import pyins_is_installed, pyins_run
-from dev.bench_pyins_smoother import pyins_smoother_errors, smoothed_pyins
+from dev.bench import dji as bench_dji
+from dev.bench import filters
+from dev.bench.cores import core_figures
+from dev.bench.graph import times_of
+from dev.bench.pyins import pyins_is_installed, pyins_run, pyins_smoother_errors, smoothed_pyins
 from tirgeo_ros.core.accuracy.ground_errors import rms
 from tirgeo_ros.core.types.errors import GraphError
 from tirgeo_ros.dji.link.framing import FrameReader
@@ -24,10 +24,10 @@ from tirgeo_ros.tools.simulate.scenario import scenario_from
 
 
 def test_without_pyins_the_filter_is_measured_alone(monkeypatch):
-    monkeypatch.setattr(bench_filter, "_RUNS", 1)
-    monkeypatch.setattr(bench_filter, "_FLIGHT_S", 25.0)
-    monkeypatch.setattr(bench_filter, "pyins_is_installed", lambda: False)
-    own, rival = bench_filter.filter_times()
+    monkeypatch.setattr(filters, "_RUNS", 1)
+    monkeypatch.setattr(filters, "_FLIGHT_S", 25.0)
+    monkeypatch.setattr(filters, "pyins_is_installed", lambda: False)
+    own, rival = filters.filter_times()
     assert rival is None
     assert 1e-6 < own.cost_s < 1e-2  # per sample, not per flight
     assert 0 < own.tilt_deg < 0.3
@@ -38,10 +38,10 @@ def test_without_pyins_the_filter_is_measured_alone(monkeypatch):
 @pytest.mark.slow
 @pytest.mark.long
 def test_a_long_flight_is_measured_at_both_ends(monkeypatch):
-    monkeypatch.setattr(bench_filter, "_HOUR_MINUTES", 3)
-    monkeypatch.setattr(bench_filter, "_COMPARED_MINUTES", 1)
+    monkeypatch.setattr(filters, "_HOUR_MINUTES", 3)
+    monkeypatch.setattr(filters, "_COMPARED_MINUTES", 1)
     told = []
-    times = bench_filter.long_times(lambda done, total: told.append((done, total)))
+    times = filters.long_times(lambda done, total: told.append((done, total)))
     assert told == [(0, 3), (1, 3), (2, 3)]
     assert 1e-6 < times.first_s < 1e-2
     # Of the same samples; a busy machine makes CPU times differ, though not threefold.
@@ -63,10 +63,10 @@ def test_pyins_is_given_what_it_needs_to_be_good():
 
 @pytest.mark.slow
 def test_without_pyins_the_smoother_is_measured_alone(monkeypatch):
-    monkeypatch.setattr(bench_smoother, "_RUNS", 1)
-    monkeypatch.setattr(bench_filter, "_FLIGHT_S", 25.0)
-    monkeypatch.setattr(bench_smoother, "pyins_is_installed", lambda: False)
-    own, rival = bench_smoother.smoother_times()
+    monkeypatch.setattr(filters, "_RUNS", 1)
+    monkeypatch.setattr(filters, "_FLIGHT_S", 25.0)
+    monkeypatch.setattr(filters, "pyins_is_installed", lambda: False)
+    own, rival = filters.smoother_times()
     assert rival is None
     assert 1e-6 < own.cost_s < 1e-2  # per sample, not per flight
     assert 0 < own.tilt_deg < 0.2
@@ -76,7 +76,7 @@ def test_without_pyins_the_smoother_is_measured_alone(monkeypatch):
 @pytest.mark.slow
 @pytest.mark.long
 def test_the_cost_of_an_hour_is_that_of_its_passes():
-    cost = bench_smoother._hour_cost(2)
+    cost = filters.hour_cost(2)
     assert 1e6 < cost.peak_bytes < 1e9
     assert cost.ratio > 1.0  # the second pass alone is the filter and more
     assert 0 < cost.backward_s < cost.first_s
@@ -86,7 +86,7 @@ def test_the_cost_of_an_hour_is_that_of_its_passes():
 @pytest.mark.long
 @pytest.mark.skipif(not pyins_is_installed(), reason="pyins is not installed: make bench does")
 def test_pyins_is_better_smoothed_than_filtered():
-    flight = bench_filter.bench_flight()
+    flight = filters.bench_flight()
     run = pyins_run(flight)
     filtered = run.errors(run.run()).after(20.0)
     smoothed = pyins_smoother_errors(run, smoothed_pyins(run)).after(20.0)
@@ -148,7 +148,8 @@ COUNTED = [stamp for stamp in SENT if stamp > START + 5_000_000_000]
 
 def run(shown, *, lines=True, inside_ms=6.5, node="overlay_node", spent_s=1.8):
     """As read from the files."""
-    words = {"shown": shown, "lines": lines, "inside_ms": inside_ms}
+    arrivals = [[stamp, stamp + age] for stamp, age in shown]
+    words = {"arrivals": {"image": arrivals}, "lines": lines, "inside_ms": inside_ms}
     return times_of({"sent": SENT}, json.loads(json.dumps(words)), node, spent_s)
 
 

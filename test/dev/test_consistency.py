@@ -6,21 +6,20 @@ The half of ``make consistency`` with the IMU at 100 Hz, and the statistics them
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from dev.consistency import (
-    groups,
-    report,
-)
-from dev.monte_carlo import (
     Case,
     cases,
     chi_square_bounds,
     fly_all,
     fly_case,
+    groups,
     pooled_nis,
+    report,
 )
 from tirgeo_ros.core.types.measurements import Source
 
@@ -69,9 +68,8 @@ def test_a_filter_that_is_wrong_about_its_noise_is_found_out(one, values, source
 def test_report_marks_what_is_missed(one):
     lines, missed = report([one])
     assert missed == sum(line.count("!") for line in lines)
-    bad = type(one)(
-        one.case, np.full(3, 1e-2), one.position_ms, np.full(9, 4.0), math.nan, one.nis
-    )
+    squares = replace(one.squares, rpy=np.full(3, 1e-2), ratio=np.full(9, 4.0))
+    bad = replace(one, squares=squares, nees=math.nan)
     lines, now_missed = report([bad])
     text = "\n".join(lines)
     assert "5.730!" in text  # 0.1 rad

@@ -9,9 +9,8 @@ import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
-from dev.fleet.__main__ import FleetRun, faults, run_fleet, table
-from dev.fleet.flights import make_fleet
-from dev.fleet.judge import Heard, judge
+from dev.fleet import FleetRun, Outputs, judge, report, run_fleet
+from dev.flights import make_fleet
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.frames.wgs84 import geodetic_from_ecef
 from tirgeo_ros.io.bags.bag import BagReader
@@ -25,7 +24,7 @@ def flights(tmp_path_factory):
     return make_fleet(tmp_path_factory.mktemp("fleet"), 2, 5.0)
 
 
-def perfect(flight) -> Heard:
+def perfect(flight) -> Outputs:
     """What a graph without error and loss gives."""
     plane = TangentPlane(*map(float, geodetic_from_ecef(flight.place_e[0])))
     joints = [
@@ -37,7 +36,7 @@ def perfect(flight) -> Heard:
         "tirgeo/camera_pose": joints,
     }
     places = [plane.ned_from_geodetic(*geodetic_from_ecef(place)) for place in flight.place_e]
-    return Heard(stamps, places, plane)
+    return Outputs(stamps, places, plane)
 
 
 def test_nothing_is_lost_or_crossed_where_all_came(flights):
@@ -45,7 +44,7 @@ def test_nothing_is_lost_or_crossed_where_all_came(flights):
     assert (one.odometry_lost, one.poses_lost, one.crossed) == (0, 0, 0)
     assert one.odometry == one.imu_sent == 501
     assert one.error_m < 1e-6
-    assert faults(FleetRun({"ekf_node": 0.2, "fleet_player": 9.0}, 1.0, [one]), 0.3) == []
+    assert report(FleetRun({"ekf_node": 0.2, "fleet_player": 9.0}, 1.0, [one]), 0.3)[1] == 0
 
 
 def test_what_is_lost_is_counted(flights):
@@ -55,8 +54,9 @@ def test_what_is_lost_is_counted(flights):
     del heard.place_n[10]
     one = judge(flights[0], SHIFT_NS, heard)
     assert (one.odometry_lost, one.poses_lost, one.crossed) == (1, 1, 0)
-    told = faults(FleetRun({"ekf_node": 0.5}, 1.0, [one]), 0.3)
-    assert told == ["the nodes use more than 0.3 cores", "uav1: 2 samples without a pose"]
+    lines, missed = report(FleetRun({"ekf_node": 0.5}, 1.0, [one]), 0.3)
+    assert missed == 3
+    assert [line.count("!") for line in lines] == [0, 2, 0, 1]  # of uav1, and of all nodes
 
 
 def test_another_aircrafts_samples_and_places_are_crossed(flights):
@@ -80,10 +80,11 @@ def test_three_aircraft_lose_and_cross_nothing(tmp_path):
         patient = "/*/gimbal_node: {ros__parameters: {max_wait_s: 5.0}}\n"
         flight.params.write_text(flight.params.read_text() + patient)
     run = run_fleet(tmp_path, flights, rate=0.5)
-    assert faults(run, 99.0) == []
+    lines, missed = report(run, 99.0)
+    assert not missed, lines
     for one in run.judged:
         assert one.imu_sent == 1001
         assert one.odometry > 700
         assert one.poses > 300
-    assert "uav3" in table(run)
+    assert lines[3].startswith("uav3")
     assert run.node_cores > 0

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dev import fuzz
-from dev.dji_damage import KEY, damaged_stream
+from dev.fuzz import KEY, damaged_stream
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, ImuSample, PositionSample
 from tirgeo_ros.dji.interpret.interpreter import Interpreter
 from tirgeo_ros.dji.link.framing import HEADER_BYTES, FrameReader, ProtocolFrame, encode_frame

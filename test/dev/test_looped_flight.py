@@ -10,8 +10,8 @@ from types import FunctionType, ModuleType
 import numpy as np
 import pytest
 
-from dev.imu_load import figures, load_of
-from dev.looped_flight import LoopedFlight
+from dev.bench.imu_load import figures, load_of
+from dev.flights import LoopedFlight
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.types.errors import GraphError
 from tirgeo_ros.core.types.measurements import HeadingSample

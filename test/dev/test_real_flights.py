@@ -6,19 +6,20 @@ import math
 
 import numpy as np
 import pytest
-from aircraft_flights import write_samples
 from flights import flight, navigation_samples
+from process_bags import write_samples
 
 from dev.flight_errors import fitting_config
 from dev.real_flights import (
     CUT_S,
     Flown,
+    Judged,
     Miss,
     cuts_of,
     fly,
+    groups,
     moved_east,
 )
-from dev.real_flights_judged import Judged, groups
 from dev.real_flights_table import ASKED, main, report
 from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, PositionSample, Source
 

@@ -8,7 +8,8 @@ import pytest
 from project import PROJECT
 
 import dev.reproduction.__main__ as reproduction
-from dev.paper_tables import (
+from dev.reproduction.__main__ import TEMPLATE, carried_out, commands, main, parsed
+from dev.reproduction.paper import (
     TABLE_1,
     TABLE_2_M,
     TABLE_6_AVERAGE_M,
@@ -16,7 +17,6 @@ from dev.paper_tables import (
     TABLE_8_DEG,
     TABLE_9,
 )
-from dev.reproduction.__main__ import TEMPLATE, carried_out, commands, main, parsed
 from tirgeo_ros.core.types.errors import BagError, CalibrationError
 
 

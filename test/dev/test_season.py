@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+import math
 
 import pytest
 
 from dev.judging import Figure
-from dev.season import different, missed, scenario_of
+from dev.season import different, scenario_of
 from tirgeo_ros.tools.simulate.scenario import load_scenario
 
 
@@ -27,13 +28,15 @@ def test_its_flights_are_scenarios_that_all_differ(tmp_path):
     [
         (1.71, ">= 1.7", False),
         (1.69, ">= 1.7", True),
-        (0.0, "0", False),
-        (1.0, "0", True),
+        (0.0, "= 0", False),
+        (1.0, "= 0", True),
+        (math.nan, "<= 4", True),
+        (5.0, "about 0", False),
         (5.0, "", False),
     ],
 )
 def test_what_is_missed(value, wanted, expected):
-    assert missed(Figure("a figure", value, "", wanted)) == expected
+    assert Figure("a figure", value, "", wanted).missed == expected
 
 
 def test_lost_flights_and_other_bytes_count(tmp_path):

@@ -9,22 +9,25 @@ import numpy as np
 import pytest
 from project import PROJECT
 
+from dev.consistency import Case
+from dev.flight_errors import Squares
 from dev.judging import MarkedTable
-from dev.monte_carlo import Case
 from dev.real_flights import Miss
-from dev.smoothed_flights import (
+from dev.smoothing import (
     FILTER,
     SMOOTHER,
     Hidden,
     Pair,
-    Squares,
     fly_hidden,
     fly_outage,
     fly_pair,
+    hidden,
     outage_errors,
+    outage_png,
+    outages,
+    ratios,
+    shapes,
 )
-from dev.smoothing import hidden, outages, ratios, shapes
-from dev.smoothing_plot import outage_png
 
 FLIGHT = "p4rtk_vertical_03.mcap"
 

@@ -12,13 +12,12 @@ pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
 from overlays import GREY, LATENCY, MS, START, WAIT, pose_at, ready, status
 
+from dev.flights import SOAK_SCENARIO, make_soak_flight
 from dev.nodes.soak_witness import line_pixels
 from dev.soak.__main__ import soak
-from dev.soak.flight import SCENARIO, make_flight
-from dev.soak.run import RATE
-from dev.soak.schedule import Event, Kind, schedule
+from dev.soak.run import RATE, Event, Kind, schedule
 from tirgeo_ros.core.types.verdicts import FilterState
-from tirgeo_ros.nodes.qos import STREAM_DEPTH
+from tirgeo_ros.io.messages.sensor_messages import STREAM_DEPTH
 from tirgeo_ros.tools.graph import find_resource
 from tirgeo_ros.tools.simulate.scenario import Scenario
 
@@ -64,8 +63,10 @@ def test_lives_are_run_in_with_full_queues():
 def test_a_short_soak_misses_nothing(tmp_path):
     """Twenty seconds: two stops, a jump of the clock, a kill; of memory it cannot tell."""
     few = tmp_path / "few_pictures.yaml"
-    few.write_text(find_resource(SCENARIO).read_text().replace("rate_hz: 10.0", "rate_hz: 2.5"))
-    flight = make_flight(tmp_path / "flight", scenario=few)
+    few.write_text(
+        find_resource(SOAK_SCENARIO).read_text().replace("rate_hz: 10.0", "rate_hz: 2.5")
+    )
+    flight = make_soak_flight(tmp_path / "flight", scenario=few)
     events = [
         Event(2.0, Kind.STOP, "gimbal_node", 0.5),
         Event(4.0, Kind.JUMP),

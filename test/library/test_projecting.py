@@ -56,8 +56,9 @@ def test_what_is_projected_is_located_again():
     latitude, longitude, height = pose.plane.geodetic_from_ned(points_n)
     assert height == pytest.approx(0.0, abs=1e-6)  # where the iteration is accepted
     assert {one.stamp_ns for one in answers} == {7}
-    assert latitude.tolist() == [one.latitude_rad for one in answers]
-    assert longitude.tolist() == [one.longitude_rad for one in answers]
+    # the answers hold degrees: one rounding
+    assert latitude == pytest.approx([one.latitude_rad for one in answers], rel=1e-15)
+    assert longitude == pytest.approx([one.longitude_rad for one in answers], rel=1e-15)
 
 
 def crowd(pose, count=1500):

@@ -1,16 +1,17 @@
-"""What is heard of an aircraft and said to the page: unknown is None, silence is said."""
+"""What is heard of an aircraft and said to the page, and the one verdict on it."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
+from dataclasses import replace
 
-import numpy as np
 import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
-from message_samples import BODY, CAMERA_POSE, FINDING, PLANE, SOLUTION, STATUS
+import numpy as np
+from message_samples import BODY, CAMERA_POSE, FINDING, PLANE, SOLUTION, STATE, STATUS
 from overlays import PLANE as FIELD
 from overlays import SQUARE_N, pose_at
 
@@ -19,14 +20,24 @@ from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.gimbal.pose_buffer import Miss
 from tirgeo_ros.core.ground.frame_geometry import Sight
 from tirgeo_ros.core.types.errors import MessageError
+from tirgeo_ros.core.types.finding import Severity
+from tirgeo_ros.core.types.verdicts import FilterState, Outcome
 from tirgeo_ros.io.bags.cdr import Cdr
-from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, camera_pose, finding_row, navigation_item
+from tirgeo_ros.io.messages import (
+    TOPIC_TYPES,
+    Messages,
+    NodeState,
+    TopicState,
+    camera_pose,
+    finding_row,
+)
 from tirgeo_ros.nodes import aircraft_view as view
-from tirgeo_ros.nodes.aircraft_topics import SILENT_S, PoseTape, Reports, level_of, number
+from tirgeo_ros.nodes.aircraft_topics import SILENT_S, PoseTape, Reports, level_of
+from tirgeo_ros.nodes.aircraft_view import STREAMS, Judge
 
 CDR = Cdr()
 MESSAGES = Messages(CDR.types)
-POSE = TOPIC_TYPES["tirgeo/camera_pose"]
+POSE_TYPE = TOPIC_TYPES["tirgeo/camera_pose"]
 MS = 1_000_000
 START_NS = 10**18
 SIGHT = Sight(XT2, pose_at(0), FIELD, 25.0)
@@ -35,8 +46,8 @@ SIGHT = Sight(XT2, pose_at(0), FIELD, 25.0)
 def test_the_estimators_state_is_passed_on_until_it_is_silent():
     reports = Reports()
     assert view.navigation_fields(reports, 0.0)["navigation"]["state"] == "waiting"
-    (status,) = MESSAGES.diagnostics(0, [navigation_item("", STATUS)]).status
-    reports.take(100.0, "ekf_node: navigation", status)
+    state = MESSAGES.state(NodeState("/uav1/ekf_node", 0, 1, navigation=STATUS))
+    reports.take_state(100.0, state)
     fields = view.navigation_fields(reports, 101.0)
     assert fields["navigation"] == {"state": "aligning", "reason": "too slow"}
     assert fields["rtk"] == "float"
@@ -44,6 +55,21 @@ def test_the_estimators_state_is_passed_on_until_it_is_silent():
     silent = view.navigation_fields(reports, 100.1 + SILENT_S)
     assert silent["navigation"] == {"state": "lost", "reason": "nothing is heard of ekf_node"}
     assert silent["rtk"] is None
+
+
+def test_the_videos_delay_is_known_from_the_first_report_on_and_the_notice_while_it_is_said():
+    """A recording's first pictures and its last ones had no place, as a diagnostic was awaited."""
+    reports = Reports()
+    assert reports.picture() is None
+    reports.take_state(100.0, MESSAGES.state(STATE))
+    assert reports.picture().video_latency_s == 0.05
+    assert reports.picture().confidence.latency_sigma_s == 0.01
+    assert reports.picture(101.0).notice == "NO MAP: no pose"
+    assert reports.picture(100.1 + SILENT_S) is None
+    assert reports.picture() is not None
+    age_s = reports.input_age_s("overlay_node", "tirgeo/camera_pose", 101.0)
+    assert age_s == pytest.approx(1.02)
+    assert reports.input_age_s("overlay_node", "imu/data", 101.0) is None
 
 
 def test_findings_reach_the_page_part_by_part():
@@ -59,11 +85,13 @@ def test_findings_reach_the_page_part_by_part():
         reports.take_findings(100.0, message)
 
 
-@pytest.mark.parametrize(
-    ("text", "value"), [("0.25", 0.25), ("nan", None), ("", None), ("fast", None)]
-)
-def test_numbers_that_are_none_are_none(text, value):
-    assert number(text) == value
+def test_nobody_is_heard_where_only_the_page_itself_and_a_player_report():
+    reports = Reports("/uav1/viewer_node")
+    for node in ("viewer_node", "bag_player"):
+        reports.take_findings(100.0, MESSAGES.findings(f"/uav1/{node}", 5, [FINDING]))
+    assert reports.findings(100.0) is None
+    reports.take_findings(100.0, MESSAGES.findings("/uav1/ekf_node", 5, []))
+    assert reports.findings(100.0) == [FINDING]  # the player's
 
 
 def test_the_position_is_that_of_the_odometry():
@@ -106,7 +134,7 @@ def tape():
 
     def decode(data):
         decoded.append(data)
-        return camera_pose(CDR.deserialize(data, POSE))
+        return camera_pose(CDR.deserialize(data, POSE_TYPE))
 
     made = PoseTape(decode)
     for k in range(50):
@@ -116,7 +144,7 @@ def tape():
 
 def posed(stamp_ns):
     pose = dataclasses.replace(CAMERA_POSE, stamp_ns=stamp_ns)
-    return CDR.serialize(MESSAGES.camera_pose(pose), POSE)
+    return CDR.serialize(MESSAGES.camera_pose(pose), POSE_TYPE)
 
 
 def test_poses_around_an_instant_alone_are_decoded(tape):
@@ -164,3 +192,134 @@ def test_the_ground_has_a_height_where_it_is_level():
     slope_n[2:, 2] = 3.0
     assert math.isnan(level_of(slope_n, FIELD))
     assert math.isnan(level_of(np.empty((0, 3)), FIELD))
+
+
+TICK_S = 0.2
+ODOMETRY, POSE, PICTURE, _ = (stream.topic for stream in STREAMS)
+NODES = {
+    "ekf_node": ("imu/data",),
+    "gimbal_node": ("gimbal/joint_states", "gimbal/attitude"),
+    "overlay_node": ("thermal/image_raw", "thermal/camera_info"),
+}
+#: Each topic's node; the sensors' have none here.
+MADE_BY = {topic: "" for topics in NODES.values() for topic in topics}
+MADE_BY |= {stream.topic: stream.node for stream in STREAMS}
+NOTE = Severity.NOTE
+WENT_BACK = {"state": FilterState.ALIGNING, "began_again": Outcome.TIME_JUMP}
+RUNNING = replace(STATUS, state=FilterState.RUNNING, reason="", began_again=None)
+
+
+class Graph:
+    """What reaches the page of a graph, second by second; ``stopped`` holds what is silent."""
+
+    def __init__(self) -> None:
+        self.now_s, self.status, self.worst, self.no_map = 1000.0, RUNNING, NOTE, ""
+        self.stopped: set[str] = set()
+        self.last_s: dict[str, float] = {}
+        self.reports = Reports()
+        self.judge = Judge(self.reports, self.last_s.get)
+
+    def runs(self, seconds: float):
+        """Every verdict until then, with the time since the start of the call."""
+        start_s = self.now_s
+        while self.now_s < start_s + seconds - 1e-6:
+            self.now_s += TICK_S
+            yield self.now_s - start_s, self.look()
+
+    def look(self):
+        for topic, node in MADE_BY.items():
+            if self.stopped.isdisjoint((topic, node)):
+                self.last_s[topic] = self.now_s
+        for node in NODES.keys() - self.stopped:
+            self.report(node)
+        return self.judge.look(self.now_s, self.worst, self.no_map)
+
+    def report(self, node):
+        if int(self.now_s / TICK_S) % 5 != len(node) % 5:  # once a second, each at its own time
+            return
+        heard_s = {topic: self.last_s[topic] for topic in NODES[node] if topic in self.last_s}
+        topics = {topic: TopicState(10.0, self.now_s - s) for topic, s in heard_s.items()}
+        status = self.status if node == "ekf_node" else None
+        state = NodeState(f"/{node}", 0, 1, topics, navigation=status)
+        self.reports.take_state(self.now_s, MESSAGES.state(state))
+
+
+@pytest.fixture
+def flight():
+    graph = Graph()
+    assert [*graph.runs(5)][-1][1].word == "GO"
+    return graph
+
+
+@pytest.mark.parametrize(
+    ("stopped", "text", "more"),
+    [
+        (["ekf_node", POSE, PICTURE], "The filter does not answer", "ekf_node silent for"),
+        (["gimbal_node"], "The gimbal program does not answer", "gimbal_node silent for"),
+        (["overlay_node"], "The overlay program does not answer", "overlay_node silent for"),
+        (["imu/data", ODOMETRY, POSE], "The IMU is silent for 7 s", "imu/data silent for 7 s"),
+        (
+            ["gimbal/joint_states", POSE],
+            "The gimbal is silent",
+            "gimbal/joint_states silent for 7",
+        ),
+        (["thermal/image_raw", PICTURE], "The camera is silent", "thermal/image_raw silent for 7"),
+        ([*NODES, *NODES["ekf_node"]], "The filter does not answer", "ekf_node silent for"),
+    ],
+)
+def test_silence_ends_go_within_a_second_and_its_cause_is_named(flight, stopped, text, more):
+    flight.stopped |= {*stopped}
+    verdicts = [*flight.runs(7)]
+    # A look each 0.2 s, of which the last before the limit may still say GO.
+    assert all(verdict.word != "GO" for since_s, verdict in verdicts if since_s > 1.2 + 1e-6)
+    assert verdicts[-1][1].text.startswith(text)
+    assert verdicts[-1][1].more.startswith(more)
+    alarms = {verdict.kind for _, verdict in verdicts if verdict.alarm}
+    assert len(alarms) == 1  # one alarm, however the words change
+    flight.stopped.clear()
+    back_s = next(since_s for since_s, verdict in flight.runs(9) if verdict.word == "GO")
+    assert 1.9 < back_s < 3.5  # not at the first sample: no flapping
+
+
+def test_the_first_in_the_order_is_the_cause_of_what_ends_together(flight):
+    flight.stopped |= {PICTURE}  # the last picture came 0.4 s before the last of the others
+    assert {verdict.word for _, verdict in flight.runs(0.4)} == {"GO"}
+    flight.stopped |= {"imu/data", ODOMETRY, POSE, "thermal/image_raw"}
+    kinds = [verdict.kind for _, verdict in flight.runs(5) if verdict.word != "GO"]
+    assert {*kinds} == {"position"}
+
+
+def test_a_halt_of_this_node_is_no_silence_of_others(flight):
+    for _ in range(10):
+        flight.now_s += 2.0  # it did not run: the first look is before what waits is taken
+        assert flight.judge.look(flight.now_s, NOTE, "").word == "GO"
+        assert {verdict.word for _, verdict in flight.runs(2)} == {"GO"}
+
+
+def test_there_is_no_go_before_the_first_picture():
+    graph = Graph()
+    graph.stopped |= {PICTURE, "thermal/image_raw"}
+    verdicts = [verdict for _, verdict in graph.runs(12)]
+    assert {verdict.word for verdict in verdicts} == {"NO DATA"}
+    assert verdicts[-1].text == "No picture"
+    assert not any(verdict.alarm for verdict in verdicts)  # it has not begun
+
+
+@pytest.mark.parametrize(
+    ("status", "worst", "no_map", "word", "text"),
+    [
+        ({"state": FilterState.DEGRADED, "reason": "no rtk/fix"}, NOTE, "", "CAUTION", "Less"),
+        ({"state": FilterState.LOST}, NOTE, "NO MAP: x", "LOST", "No position"),
+        ({"state": FilterState.ALIGNING}, NOTE, "NO MAP: x", "WAIT", "No position yet"),
+        (WENT_BACK, NOTE, "", "LOST", "No position, as the IMU's time went back"),
+        ({}, Severity.CAUTION, "NO MAP: no pose", "NO GO", "NO MAP: no pose"),
+        ({}, Severity.STOP, "NO MAP: x", "NO GO", ""),
+        ({}, Severity.CAUTION, "", "CAUTION", ""),
+        ({}, None, "", "NO DATA", "No check"),
+    ],
+)
+def test_the_gravest_alone_is_shown(flight, status, worst, no_map, word, text):
+    flight.status, flight.worst, flight.no_map = replace(RUNNING, **status), worst, no_map
+    verdict = [*flight.runs(3)][-1][1]
+    assert (verdict.word, verdict.text[: len(text)]) == (word, text)
+    assert verdict.more == flight.status.reason or verdict.kind != "position"

@@ -1,14 +1,16 @@
 # ruff: noqa: E402 what follows imports ROS, which may be absent
-"""The player over DDS, against a plain subscriber."""
+"""The player over DDS, against a plain subscriber; bag time against real time."""
 
 from __future__ import annotations
 
 import contextlib
 import os
+import re
 import signal
-import time
+import threading
 
 import pytest
+from project import wait_until
 
 rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
@@ -19,15 +21,19 @@ from recorded_bags import record
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, NavSatFix
 
-from tirgeo_ros.core.types.errors import BagError
+from tirgeo_ros.core.types.errors import BagError, TirgeoError
 from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
 from tirgeo_ros.dji.protocol.commands import GET_VERSION, decode_version_ack
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
 from tirgeo_ros.io.messages import stamp_ns
-from tirgeo_ros.nodes.bag_player import move_stamps
-from tirgeo_ros.nodes.playlist import aircraft_topics, publishers_for
-
-pytestmark = pytest.mark.graph
+from tirgeo_ros.nodes import bag_player as module
+from tirgeo_ros.nodes.bag_player import (
+    BagPlayer,
+    PlayClock,
+    aircraft_topics,
+    move_stamps,
+    publishers_for,
+)
 
 
 def seconds(stamp) -> float:
@@ -43,6 +49,7 @@ def split_bag(flight_bag, tmp_path):
 
 
 @pytest.mark.parametrize("form", ["flight_bag", "split_bag"])
+@pytest.mark.graph
 def test_every_message_arrives_with_the_clock(spawn, meet, form, request):
     flight_bag = request.getfixturevalue(form)
     stranger = meet(imu__data=Imu, rtk__fix=NavSatFix, clock=Clock)
@@ -64,6 +71,7 @@ def test_every_message_arrives_with_the_clock(spawn, meet, form, request):
 
 
 @pytest.mark.slow
+@pytest.mark.graph
 def test_a_loop_goes_on_until_it_is_stopped(spawn, meet, flight_bag):
     stranger = meet(rtk__fix=NavSatFix)
     player = spawn(
@@ -76,6 +84,7 @@ def test_a_loop_goes_on_until_it_is_stopped(spawn, meet, flight_bag):
 
 
 @pytest.mark.slow
+@pytest.mark.graph
 def test_a_truncated_bag_plays_what_is_left_and_fails(spawn, meet, flight_bag, tmp_path):
     cut = tmp_path / "cut.mcap"
     whole = flight_bag.read_bytes()
@@ -91,6 +100,7 @@ def test_a_truncated_bag_plays_what_is_left_and_fails(spawn, meet, flight_bag, t
     stranger.spin_until(lambda: len(stranger.received["imu/data"]) == left)
 
 
+@pytest.mark.graph
 def test_nobody_listens_and_it_says_so(spawn, flight_bag):
     given = (f"bag:={flight_bag}", "rate:=50.0", "wait_timeout_s:=0.5", "wait_for:=imu/data")
     player = spawn("bag_player", *(word for one in given for word in ("-p", one)))
@@ -99,6 +109,7 @@ def test_nobody_listens_and_it_says_so(spawn, flight_bag):
 
 
 @pytest.mark.slow
+@pytest.mark.graph
 def test_the_aircraft_speaks_on_a_port_and_not_on_topics(spawn, meet, flight_bag, tmp_path):
     port = tmp_path / "aircraft"
     stranger = meet(imu__data=Imu)
@@ -115,10 +126,7 @@ def test_the_aircraft_speaks_on_a_port_and_not_on_topics(spawn, meet, flight_bag
         return player.poll() is not None
 
     os.write(host, encode_frame(GET_VERSION.data, session=2, sequence=5))
-    end_s = time.monotonic() + 60
-    while not listen():
-        assert time.monotonic() < end_s
-        time.sleep(0.002)
+    wait_until(listen)
     listen()
     os.close(host)
     assert player.ended.exit_code == 0, player.text()
@@ -141,19 +149,20 @@ WRONG = [
 ]
 
 
-def test_what_the_bag_lacks_is_named(spawn, flight_bag):
-    players = [
-        spawn(
-            "bag_player", *(w for one in [f"bag:={flight_bag}", *p.split()] for w in ("-p", one))
-        )
-        for p, _ in WRONG
-    ]
-    for player, (_, message) in zip(players, WRONG, strict=True):
-        assert player.wait(60.0).exit_code == 1
-        assert message in player.last_line()
+@pytest.mark.parametrize(("given", "message"), WRONG)
+@pytest.mark.graph
+def test_what_the_bag_lacks_is_named(environment, flight_bag, given, message):
+    words = [w for one in (f"bag:={flight_bag}", *given.split()) for w in ("-p", one)]
+    rclpy.init(args=["--ros-args", *words], domain_id=int(environment["ROS_DOMAIN_ID"]))
+    try:
+        with pytest.raises(TirgeoError, match=re.escape(message)):
+            BagPlayer().play(threading.Event())
+    finally:
+        rclpy.try_shutdown()
 
 
 @pytest.mark.slow
+@pytest.mark.graph
 def test_an_unknown_type_is_passed_over(spawn, meet, tmp_path, flight_bag):
     """A bag may hold topics of packages that are not installed here."""
     path = tmp_path / "more.mcap"
@@ -176,6 +185,7 @@ class _Publishing:
         return (kind.__name__, topic, qos.durability.name)
 
 
+@pytest.mark.graph
 def test_outputs_of_the_graph_are_not_played_unless_asked():
     topics = {
         "/uav1/imu/data": "sensor_msgs/msg/Imu",
@@ -193,6 +203,7 @@ def test_outputs_of_the_graph_are_not_played_unless_asked():
     assert asked == {"/uav1/tirgeo/origin": ("NavSatFix", "uav1/tirgeo/origin", "TRANSIENT_LOCAL")}
 
 
+@pytest.mark.graph
 def test_the_aircrafts_topics_are_told_apart():
     topics = {"/imu/data": "sensor_msgs/msg/Imu", "/thermal/image_raw": "sensor_msgs/msg/Image"}
     pressure = {"/baro/pressure": "sensor_msgs/msg/FluidPressure"}  # DJI sends none
@@ -204,6 +215,7 @@ def test_the_aircrafts_topics_are_told_apart():
         aircraft_topics(topics, "thermal/image_raw")
 
 
+@pytest.mark.graph
 def test_stamps_are_moved_wherever_they_stand():
     path = PathMessage(poses=[PoseStamped(), PoseStamped()])
     path.header.stamp.sec = 1
@@ -219,3 +231,56 @@ def test_stamps_are_moved_wherever_they_stand():
     imu.header.stamp.sec = 7
     move_stamps(imu, -1)
     assert stamp_ns(imu) == 6_999_999_999
+
+
+MS = 1_000_000
+START = 1_700_000_000_000_000_000
+
+
+class TurnedTime(threading.Event):
+    """Real time that passes in waits alone: a busy machine has no part in it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.now_s = 1000.0
+
+    def wait(self, timeout: float | None = None) -> bool:
+        assert timeout is not None
+        self.now_s += max(timeout, 0.0)
+        return self.is_set()
+
+
+@pytest.fixture
+def turned(monkeypatch):
+    turned = TurnedTime()
+    monkeypatch.setattr(module.time, "monotonic", lambda: turned.now_s)
+    return turned
+
+
+@pytest.mark.parametrize("rate", [0.5, 1.0, 4.0])
+def test_messages_are_due_at_the_rate(turned, rate):
+    clock = PlayClock(rate, 100.0, lambda _: None)
+    for k in range(5):
+        assert clock.wait_until(START + k * 50 * MS, turned)
+        assert turned.now_s - 1000.0 == pytest.approx(k * 0.05 / rate, abs=1e-9)
+
+
+def test_ticks_go_on_between_messages_and_never_back(turned):
+    ticks: list[int] = []
+    clock = PlayClock(1.0, 100.0, ticks.append)
+    assert clock.wait_until(START, turned)
+    assert clock.wait_until(START + 300 * MS, turned)
+    assert ticks == sorted(ticks)
+    assert ticks[0] == START
+    # A tick every 10 ms; the sums of floating numbers may leave the last one to the next message.
+    assert len(ticks) in {30, 31}
+    assert START + 289 * MS <= ticks[-1] <= START + 300 * MS
+
+
+def test_a_stall_leaves_ticks_out_and_none_passes_the_message_that_is_due(turned):
+    ticks: list[int] = []
+    clock = PlayClock(1.0, 1000.0, ticks.append)
+    clock.wait_until(START, turned)
+    turned.now_s += 0.05  # the publisher stalls
+    clock.wait_until(START + 10 * MS, turned)
+    assert ticks == [START, START + 10 * MS]

@@ -13,9 +13,14 @@ from project import PROJECT
 
 from tirgeo_ros.core.config import NODE_CONFIGS
 from tirgeo_ros.core.config.schema import parameters_of
-from tirgeo_ros.io.messages import DJI_TOPICS, NAVIGATION_INPUTS, TOPIC_TYPES
-from tirgeo_ros.nodes.help import TOPICS, as_yaml, help_text
-from tirgeo_ros.nodes.parameters_page import parameters_page
+from tirgeo_ros.io.messages import (
+    DJI_TOPICS,
+    FINDINGS_TOPIC,
+    NAVIGATION_INPUTS,
+    STATE_TOPIC,
+    TOPIC_TYPES,
+)
+from tirgeo_ros.nodes.help import TOPICS, as_yaml, help_text, parameters_page
 
 BLOCKED = """
 import sys
@@ -24,6 +29,7 @@ from tirgeo_ros.nodes.start import start
 sys.exit(start(sys.argv.pop(1), sys.argv.pop(1)))
 """
 TF = ("/tf", "/tf_static")
+REPORTS = {STATE_TOPIC, FINDINGS_TOPIC, "/diagnostics"}
 #: Topics that the node's module has by another name, or through another module.
 ELSEWHERE = {
     "dji_node": {*DJI_TOPICS},
@@ -78,7 +84,7 @@ def test_topics_are_those_that_the_node_has(name):
     tree = ast.parse((PROJECT / "tirgeo_ros" / "nodes" / f"{name}.py").read_text())
     constants = {node.value for node in ast.walk(tree) if isinstance(node, ast.Constant)}
     inputs, outputs = TOPICS[name]
-    assert {*inputs, *outputs} == constants & {*TOPIC_TYPES} | ELSEWHERE[name] | {"/diagnostics"}
+    assert {*inputs, *outputs} == constants & {*TOPIC_TYPES} | ELSEWHERE[name] | REPORTS
 
 
 def test_the_page_is_current_and_has_every_parameter():

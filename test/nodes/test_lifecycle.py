@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import random
 import re
@@ -9,17 +10,19 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
 
-from tirgeo_ros.io.bags.bag import BagReader
-
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
-from graph_helpers import await_words
+from graph_helpers import await_words, sockets
+from launch_stand_ins import environment_of, launched, loaded, ros_arguments_of
+from project import NODES, PROJECT
 
-pytestmark = pytest.mark.graph
+from dev.soak.run import held_by, shared_files
+from tirgeo_ros.core.config import NODE_CONFIGS
+from tirgeo_ros.io.bags.bag import BagReader
+from tirgeo_ros.nodes.runner import remove_dead
 
 #: The executor's half second, what DDS takes to say goodbye, and a machine that does other work.
 STOP_S = 15.0
@@ -32,15 +35,6 @@ PORT_TAKEN = re.compile(r".*Failed init_port .*fastrtps_port\d+: open_and_lock_f
 
 #: What the checks of the set-up say, of errors of the map among others.
 CAUTION = re.compile(r".*: CAUTION: .*\n")
-
-
-def arguments_of(name: str, folder: Path, bag: Path) -> list[str]:
-    return {
-        "recorder": ["-p", f"output:={folder / 'out.mcap'}", "-p", "topics:=tirgeo/odometry"],
-        "video_writer": ["-p", f"output:={folder / 'out.ts'}"],
-        "viewer_node": ["-p", "listen:=127.0.0.1:0", "-p", f"targets:={folder / 'out.gpkg'}"],
-        "bag_player": ["-p", f"bag:={bag}", "-p", "wait_timeout_s:=100.0"],
-    }.get(name, [])
 
 
 @pytest.fixture
@@ -60,23 +54,21 @@ def ended_cleanly(process, within_s: float = STOP_S) -> None:
     assert "rror" not in said
 
 
-NODES = [
-    *("dji_node", "ekf_node", "gimbal_node", "overlay_node", "viewer_node", "bag_player"),
-    *("recorder", "video_writer"),
-]
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_running_nodes_stop_on_a_signal(spawn, tmp_path, flight_bag, hangs_up, number):
-    names = ["recorder"] if number is signal.SIGHUP else NODES
-    processes = [spawn(name, *arguments_of(name, tmp_path, flight_bag)) for name in names]
+@pytest.mark.graph
+def test_running_nodes_are_reached_from_here_alone_and_stop_on_a_signal(start_idle, hangs_up):
+    """The runner takes every signal of every node; each kind is sent to some."""
+    processes = [start_idle(name) for name in NODE_CONFIGS]
     for process in processes:
         await_words(process, "ready")
-    if number is signal.SIGTERM:
-        halt(processes)
-    for process in processes:
+        addresses = sockets(process.pid)
+        assert addresses, f"{process.name}: no socket seen: is /proc read right?"
+        assert all(one.is_loopback for one in addresses), f"{process.name}: {addresses}"
+    halt(processes)
+    numbers = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP] * len(processes)
+    sent = list(zip(processes, numbers, strict=False))
+    for process, number in sent:
         process.signal(number)
-    for process in processes:
+    for process, number in sent:
         ended_cleanly(process)
         # Who ended a node is worth knowing where several share a machine.
         assert process.said(f"stopped by {number.name} from process {os.getpid()}")
@@ -94,12 +86,13 @@ def halt(processes) -> None:
 
 
 @pytest.mark.slow
-def test_signals_at_any_moment_also_twice(spawn, tmp_path, flight_bag):
+@pytest.mark.graph
+def test_signals_at_any_moment_also_twice(start_idle):
     """Start-up takes about a second: the moments lie before, in and after it."""
     moments = random.Random(7)
     processes = []
     for name in ["ekf_node", "gimbal_node", "overlay_node", "bag_player"] * 3:
-        process = spawn(name, *arguments_of(name, tmp_path, flight_bag))
+        process = start_idle(name)
         time.sleep(moments.uniform(0.0, 1.5))
         number = moments.choice([signal.SIGINT, signal.SIGTERM])
         process.signal(number)
@@ -132,6 +125,7 @@ WRONG = [
 
 
 @pytest.mark.slow
+@pytest.mark.graph
 def test_wrong_arguments_end_in_one_line(spawn):
     started = [(spawn(name, *words.split()), message) for name, words, message in WRONG]
     for process, message in started:
@@ -156,6 +150,7 @@ def test_wrong_arguments_end_in_one_line(spawn):
         ("mcap", "jazzy", "pip install mcap"),
     ],
 )
+@pytest.mark.graph
 def test_a_node_names_the_package_that_is_missing(missing, distribution, remedy, monkeypatch):
     monkeypatch.setenv("ROS_DISTRO", distribution)
     program = (
@@ -170,6 +165,7 @@ def test_a_node_names_the_package_that_is_missing(missing, distribution, remedy,
 
 
 @pytest.mark.slow
+@pytest.mark.graph
 def test_the_recorder_leaves_a_whole_bag(spawn, tmp_path, flight_bag):
     output = tmp_path / "out.mcap"
     recorder = spawn(
@@ -190,3 +186,117 @@ def test_the_recorder_leaves_a_whole_bag(spawn, tmp_path, flight_bag):
     # What comes before the first tick of the clock has no time to be written down with.
     assert len(recorded) >= len(played) - 3
     assert reader.damage is None
+
+
+DEAD, LIVE = "fastrtps_0123456789abcdef", "fastrtps_fedcba9876543210"
+
+
+def made(folder, *names, age_s=60.0):
+    for name in names:
+        (folder / name).touch()
+        os.utime(folder / name, (time.time() - age_s,) * 2)
+
+
+def left(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_only_a_segment_without_a_lock_goes(tmp_path):
+    """Ports stay: the next process may take a dead port's name at any moment."""
+    ports = ["fastrtps_port7411", "fastrtps_port7411_el", "sem.fastrtps_port7411_mutex"]
+    others = ["fastrtps_0123", "fastrtps_porthole", "sem.other", "lttng-ust-wait-6"]
+    held = [LIVE, f"{LIVE}_el"]
+    made(tmp_path, DEAD, f"{DEAD}_el", *ports, *others, *held)
+    with (tmp_path / f"{LIVE}_el").open() as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        assert remove_dead(tmp_path) == [DEAD]
+        assert left(tmp_path) == sorted([*ports, *others, *held])
+
+
+def test_what_is_being_made_stays(tmp_path):
+    made(tmp_path, DEAD, age_s=0.0)
+    made(tmp_path, f"{LIVE}_el", age_s=0.0)
+    assert remove_dead(tmp_path) == []
+
+
+def test_links_are_not_followed(tmp_path):
+    made(tmp_path, DEAD, "target")
+    (tmp_path / f"{DEAD}_el").symlink_to(tmp_path / "target")
+    assert remove_dead(tmp_path) == []
+    assert left(tmp_path) == sorted([DEAD, f"{DEAD}_el", "target"])
+
+
+@pytest.mark.graph
+@pytest.mark.slow
+def test_a_killed_node_leaves_its_memory_to_the_next_one_to_remove(spawn):
+    before = set(shared_files())
+    killed, stays = spawn("gimbal_node"), spawn("ekf_node")
+    for node in (killed, stays):
+        await_words(node, "ready")
+    own = held_by(killed.pid) - before
+    segments = {name for name in own if name + "_el" in own and "port" not in name}
+    assert segments
+    time.sleep(2.5)  # what is younger may be in the making
+    killed.signal(signal.SIGKILL)
+    killed.wait(5)
+    assert segments & set(shared_files())
+    kept = held_by(stays.pid) - own
+    after = spawn("gimbal_node")
+    await_words(after, "ready")
+    assert not segments & set(shared_files())
+    assert kept <= set(shared_files()) | before  # those of the living are still there
+    for node in (after, stays):
+        node.signal(signal.SIGINT)
+        assert node.wait(15) is not None
+    # The ports from 7000 on are shared by all domains: another program may have them by now.
+    made = {name for name in own | kept if "port" not in name} - before
+    assert made
+    assert not made & set(shared_files())
+
+
+#: rviz2 is no part of the wheels; ``params`` is another word for ``params_file``.
+UNTRIED = {"rviz", "params_file", "respawn"}
+BY_LAUNCH = {
+    "params": f"{PROJECT / 'config' / 'm300_h20t.yaml'},own.yaml",
+    "dji": "true",
+    "use_sim_time": "false",
+    "localhost_only": "true",
+    "image": "/flir/image_raw",
+    "camera_info": "/flir/info",
+    "remap": str(PROJECT / "config" / "mavros.yaml"),
+}
+ON_BAG = {"params": "own.yaml", "bag": "flight.mcap", "namespace": "uav1"}
+BOTH = {
+    "map": str(PROJECT / "bags" / "sample" / "map.geojson"),
+    "frames": "uav1/",
+    "page": "127.0.0.1:0",
+    "log_level": "info",
+}
+
+
+@pytest.mark.parametrize("given", [BY_LAUNCH | BOTH, ON_BAG | BOTH])
+@pytest.mark.graph
+def test_nodes_run_and_end_with_every_launch_argument(
+    given, spawn, flight_bag, tmp_path, monkeypatch
+):
+    own = f"/**/viewer_node: {{ros__parameters: {{targets: {tmp_path / 'targets.gpkg'}}}}}"
+    (tmp_path / "own.yaml").write_text(own)
+    (tmp_path / "flight.mcap").symlink_to(flight_bag)
+    monkeypatch.chdir(tmp_path)
+    launch_file = loaded(monkeypatch)
+    assert set(launch_file["ARGUMENTS"]) == {*BY_LAUNCH, *ON_BAG, *BOTH, *UNTRIED}
+    profiles = {n: v for n, v in environment_of(launch_file, **given).items() if v is not None}
+    nodes = launched(launch_file, **given)
+    assert set(nodes) == NODES - {"dji_node" if "bag" in given else "bag_player"}
+    processes = {
+        name: spawn(name, *ros_arguments_of(node, tmp_path), **profiles)
+        for name, node in nodes.items()
+    }
+    for name, process in processes.items():
+        await_words(process, "played" if name == "bag_player" else "ready")
+    for process in processes.values():
+        process.signal(signal.SIGINT)
+    for process in processes.values():
+        ended = process.wait(60.0)
+        assert ended is not None, f"{process.name} runs on"
+        assert ended.exit_code == 0, process.text()

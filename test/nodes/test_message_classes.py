@@ -53,9 +53,9 @@ def test_both_kinds_give_the_same_bytes(name):
         ("bgr8", messages.image_pixels),
         ("plumb_bob", messages.camera),
         ("rational", messages.camera),
-        ("answer", messages.click_answer),
-        ("targets", lambda m: messages.marked_places(m)[0]),
-        ("diagnostics", lambda m: messages.navigation_status(m.status[0])),
+        ("answer", messages.answer_of),
+        ("targets", lambda m: messages.targets_of(m)[0]),
+        ("state", messages.node_state),
     ],
 )
 def test_both_kinds_are_read_alike(name, decode):

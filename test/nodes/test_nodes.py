@@ -1,5 +1,5 @@
 # ruff: noqa: E402 what follows imports ROS, which may be absent
-"""Single nodes over DDS: bad messages, the reset service, the latched origin, notices."""
+"""Single nodes over DDS: bad messages, reset, latched origin, notices, other names."""
 
 from __future__ import annotations
 
@@ -7,20 +7,28 @@ import math
 import time
 from itertools import groupby, pairwise
 
-import numpy as np
 import pytest
 
 rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import QuaternionStamped
 from graph_helpers import await_words
-from rclpy.qos import DurabilityPolicy, QoSProfile
-from sensor_msgs.msg import CompressedImage, Image, Imu, JointState, NavSatFix
+from nav_msgs.msg import Odometry
+from overlay_flight import Flight, write_map
+from overlays import SQUARE_N
+from project import PROJECT
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from rclpy.serialization import deserialize_message
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, Imu, JointState, NavSatFix
 from std_srvs.srv import Trigger
 
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.messages import Messages, navigation_status
 from tirgeo_ros.nodes.graph_node import message_class
+from tirgeo_ros.tools.graph.whole_graph import read_remaps
 
 pytestmark = pytest.mark.graph
 
@@ -142,3 +150,143 @@ def states_of(stranger) -> list[str]:
 
 def state_of(stranger) -> str:
     return (states_of(stranger) or [""])[-1]
+
+
+STEP_NS = 100_000_000
+ITEM, TOPICS = "/gimbal_node: camera pose", "/gimbal_node: topics"
+
+
+class Aircraft:
+    """Publishes a hover; its clock goes a tenth of a second with each step."""
+
+    def __init__(self, stranger) -> None:
+        kinds = {
+            "imu/data": Imu,
+            "gimbal/attitude": QuaternionStamped,
+            "tirgeo/odometry": Odometry,
+            "gimbal/joint_states": JointState,
+        }
+        node = stranger.node
+        self._publishers = {t: node.create_publisher(kind, t, 10) for t, kind in kinds.items()}
+        self._kinds = kinds
+        self._now_ns = 1_700_000_000_000_000_000
+
+    def step(self, *, joints: bool) -> None:
+        self._now_ns += STEP_NS
+        for topic, kind in self._kinds.items():
+            message = kind()
+            message.header.stamp.sec, message.header.stamp.nanosec = divmod(self._now_ns, 10**9)
+            if kind is JointState:
+                message.name = [f"gimbal_{axis}_joint" for axis in ("yaw", "roll", "pitch")]
+                message.position = [0.0, 0.0, 0.5]
+            if joints or kind is not JointState:
+                self._publishers[topic].publish(message)
+
+
+@pytest.mark.slow
+def test_it_goes_back_to_the_reported_attitude_when_joints_fall_silent(spawn, meet):
+    gimbal, observer = spawn("gimbal_node"), meet(**{"/diagnostics": DiagnosticArray})
+    await_words(gimbal, "ready")
+    aircraft = Aircraft(observer)
+
+    def says(composition: str, listens: bool, joints: bool) -> bool:
+        aircraft.step(joints=joints)
+        heard = "imu/data age [s]" in observer.diagnostic(TOPICS)
+        told = observer.diagnostic(ITEM).get("")
+        return told == f"composition: {composition}" and heard == listens
+
+    observer.spin_until(lambda: says("encoders", listens=False, joints=True))
+    observer.spin_until(lambda: says("paper", listens=True, joints=False))
+    values = observer.diagnostic(ITEM)
+    assert (values["joints_steady"], values["joints_silent"]) == ("1", "1")
+    assert float(values["north_sigma_deg"]) > 0
+    assert math.isfinite(float(values["north_bias_deg"]))
+    gimbal.check_running()
+
+
+CLOCK = ["-r", "__ns:=/uav1", "-r", "/clock:=clock"]
+CAMERA = {
+    "thermal/image_raw": "/flir/image_raw",
+    "thermal/image_raw/compressed": "/flir/image_raw/compressed",
+    "thermal/camera_info": "/flir/camera_info",
+}
+
+
+@pytest.mark.slow
+def test_a_bags_clock_stays_in_its_namespace(spawn, meet, flight_bag):
+    """Two launches with bags in one domain: each graph has the time of its own flight."""
+    heard = {"/uav1/clock": Clock, "/clock": Clock, "/diagnostics": DiagnosticArray}
+    stranger = meet(**heard)
+    await_words(spawn("gimbal_node", "-p", "use_sim_time:=true", *CLOCK), "ready")
+    spawn("bag_player", "-p", f"bag:={flight_bag}", "-p", "loop:=true", *CLOCK)
+
+    def in_time() -> bool:
+        clock = stranger.received["/uav1/clock"]
+        return clock and any(
+            clock[0].clock.sec <= array.header.stamp.sec <= clock[-1].clock.sec
+            for array in stranger.received["/diagnostics"]
+            if array.status[0].name.startswith("/uav1/gimbal_node")
+        )
+
+    stranger.spin_until(in_time)
+    assert not stranger.received["/clock"]
+    second = spawn("bag_player", "-p", f"bag:={flight_bag}", *CLOCK)
+    await_words(second, "/uav1/clock has another publisher too: give each bag its own namespace")
+
+
+def test_a_camera_of_another_name_and_a_map_that_is_not_there_yet(spawn, meet, tmp_path):
+    """The video goes on and says which file is missing, from the first frame on."""
+    path = tmp_path / "park.geojson"
+    remaps = [word for pair in CAMERA.items() for word in ("-r", ":=".join(pair))]
+    levels = ["--log-level", "overlay_node:=warn"]
+    node = spawn(
+        *("overlay_node", "-p", f"map:={path}", "-p", "reload_s:=0.2"),
+        *("-p", "ground_height_m:=20.0", *remaps, *levels),
+    )
+    stranger = meet(**{"tirgeo/overlay/image": Image, "/diagnostics": DiagnosticArray})
+    flown = Flight(stranger)
+    flown.image = stranger.node.create_publisher(Image, "/flir/image_raw", 1)
+    flown.info = stranger.node.create_publisher(CameraInfo, "/flir/camera_info", 1)
+    flown.until(lambda: stranger.received["tirgeo/overlay/image"])
+    flown.until(lambda: "there is no such map" in flown.diagnostics().get("", ""))
+    flown.until(lambda: "map_unreadable" in flown.diagnostics("/overlay_node: set-up"))
+    set_up = flown.diagnostics("/overlay_node: set-up")
+    assert not any("topic" in check or "camera" in check for check in set_up)
+    write_map(path, SQUARE_N)
+    flown.shown()
+    assert node.said(f"there is no map: {path}")
+    assert not node.said("ready")  # it is said at the level info
+
+
+@pytest.mark.slow
+def test_mavros_topics_reach_the_filter_by_the_file(spawn, meet, flight_bag):
+    """As the launch file and tirgeo run give it, in a namespace, with MAVROS's quality of service.
+
+    MAVROS publishes its sensors best effort.
+    """
+    pairs = read_remaps(PROJECT / "config" / "mavros.yaml")
+    words = [word for pair in pairs for word in ("-r", ":=".join(pair))]
+    node = spawn("ekf_node", "-r", "__ns:=/uav1", *words, "-p", "method:=raw")
+    await_words(node, "ready")
+    stranger = meet(**{"/uav1/tirgeo/odometry": Odometry})
+    kinds = {"/imu/data": Imu, "/gps/fix": NavSatFix}
+    sent = {
+        name: stranger.node.create_publisher(
+            kinds[f"/{own}"], f"/uav1/{name}", qos_profile_sensor_data
+        )
+        for own, name in pairs
+        if f"/{own}" in kinds
+    }
+    topics = {f"/{own}": name for own, name in pairs}
+    read = [
+        (topics[one.topic], deserialize_message(one.data, kinds[one.topic]))
+        for one in BagReader(flight_bag).messages(kinds)
+    ]
+    stranger.spin_until(lambda: all(one.get_subscription_count() for one in sent.values()))
+
+    def heard() -> bool:
+        for topic, message in read:
+            sent[topic].publish(message)
+        return bool(stranger.received["/uav1/tirgeo/odometry"])
+
+    stranger.spin_until(heard)

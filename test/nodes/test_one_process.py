@@ -19,10 +19,11 @@ import pytest
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
 from diagnostic_msgs.msg import DiagnosticArray
+from free_addresses import free_address
 from graph_helpers import deep_queues, stamps_of
 from nav_msgs.msg import Odometry
 from page_clients import Page
-from project import child_of, reader_of
+from project import child_of, reader_of, wait_until
 from sensor_msgs.msg import CompressedImage
 
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter
@@ -47,19 +48,13 @@ class Run:
             self.process = subprocess.Popen(command, stdout=file, stderr=file, cwd=folder)
 
     def await_ready(self, nodes: int = 4) -> None:
-        end_s = time.monotonic() + 60
-        while self.log.read_text().count("]: ready") < nodes:
-            assert self.process.poll() is None, self.log.read_text()
-            assert time.monotonic() < end_s, self.log.read_text()
-            time.sleep(0.05)
+        self._await(lambda: self.log.read_text().count("]: ready") >= nodes)
 
     def await_line(self, pattern: str) -> str:
-        end_s = time.monotonic() + 60
-        while not (found := re.search(pattern, self.log.read_text())):
-            assert self.process.poll() is None, self.log.read_text()
-            assert time.monotonic() < end_s, self.log.read_text()
-            time.sleep(0.05)
-        return found[1]
+        return self._await(lambda: re.search(pattern, self.log.read_text()))[1]
+
+    def _await(self, done):
+        return wait_until(done, running=self.process, tell=self.log.read_text)
 
     @property
     def page(self) -> str:
@@ -122,14 +117,13 @@ def test_a_bag_goes_through_and_others_see_each_message_once(
     first_ns, last_ns = BagReader(short_bag).span_ns
     newest = {a.status[0].name: stamp_ns(a) for a in stranger.received["/diagnostics"]}
     nodes = {name.partition(":")[0] for name in newest}
-    assert nodes == {"/ekf_node", "/gimbal_node", "/overlay_node"}
+    assert nodes == {"/ekf_node", "/gimbal_node", "/overlay_node", "/bag_player"}
     assert all(first_ns < stamp <= last_ns for stamp in newest.values())
 
 
 @pytest.mark.slow
 def test_a_page_that_is_killed_is_started_again_and_takes_nothing_along(start, meet):
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        address = f"0.0.0.0:{free.getsockname()[1]}"
+    address = free_address("0.0.0.0")
     stranger = meet(**{"/diagnostics": DiagnosticArray})
     run = start("--no-dji", "--page", address)
     run.await_ready()
@@ -138,16 +132,12 @@ def test_a_page_that_is_killed_is_started_again_and_takes_nothing_along(start, m
         items = (one for array in stranger.received["/diagnostics"] for one in array.status)
         return sum(one.name == "/viewer_node: topics" for one in items)
 
-    stranger.spin_until(lambda: reports_of_the_page() > 5)  # overlay_node has some of them too
+    stranger.spin_until(lambda: reports_of_the_page() > 5)  # overlay_node has heard it too
     os.kill(child_of(run.process.pid, "'viewer_node'"), signal.SIGKILL)
     run.await_ready(5)
     first, second = re.findall(r"the page is at (\S+)", run.log.read_text())
     assert first == second  # with its token
     assert "viewer_node ended (exit code -9): started again in 2 s" in run.log.read_text()
-    check = "restarts_of_viewer_node"
-    stranger.spin_until(lambda: check in stranger.diagnostic("/overlay_node: set-up"))
-    line = stranger.diagnostic("/overlay_node: set-up")[check]
-    assert line.startswith("CAUTION: viewer_node ended and was started again; restarts so far: 1")
     run.process.send_signal(signal.SIGINT)
     assert run.ended() == 0, run.log.read_text()
 

@@ -1,4 +1,4 @@
-"""overlay_node over DDS: pictures, clicks, and a map that changes while the video runs."""
+"""overlay_node over DDS: pictures, clicks, missed frames, a map that changes meanwhile."""
 
 from __future__ import annotations
 
@@ -7,25 +7,33 @@ import math
 import os
 import signal
 import time
+from functools import partial
 
-import numpy as np
 import pytest
-from project import reader_of
 
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from graph_helpers import await_words
+from message_samples import STATUS
 from overlay_flight import MESSAGES, Flight, has_lines, write_map
 from overlays import PLANE, SQUARE_N, distances, ink_on, pose_at, true_outline
+from project import reader_of
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import Image, NavSatFix
+from std_msgs.msg import Header, String
 
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
-from tirgeo_ros.io.messages import ground_point, image_pixels, stamp_ns
-
-pytestmark = pytest.mark.graph
+from tirgeo_ros.core.types.verdicts import FilterState
+from tirgeo_ros.io.messages import STATE_TOPIC, NodeState, ground_point, image_pixels, stamp_ns
+from tirgeo_ros.nodes.graph_node import GraphNode, latched, output, sensor_input
+from tirgeo_ros.nodes.overlay_node import FrameStatistics
+from tirgeo_ros.nodes.runner import make_executor
 
 NORTH_N = np.array([3.0, 0.0, 0.0])
 
@@ -100,6 +108,7 @@ def a_click_becomes_a_point_on_the_ground(flown, _):
 
 
 @pytest.mark.slow
+@pytest.mark.graph
 def test_a_map_that_changes_is_read_again_and_a_wrong_one_is_not(flight):
     flown, node, path = flight
     assert off_px(flown.shown(), SQUARE_N) < 1.5
@@ -122,6 +131,7 @@ def test_a_map_that_changes_is_read_again_and_a_wrong_one_is_not(flight):
 
 
 @pytest.mark.parametrize("content", [None, "{ no map"], ids=["none given", "broken"])
+@pytest.mark.graph
 def test_a_click_without_a_map_becomes_a_point(spawn, take_off, tmp_path, content):
     """None given is no alarm; a broken one is a finding, and the picture says so."""
     path = tmp_path / "map.geojson"
@@ -140,6 +150,7 @@ def test_a_click_without_a_map_becomes_a_point(spawn, take_off, tmp_path, conten
     assert broken is (content is not None)
 
 
+@pytest.mark.graph
 def test_the_video_goes_on_while_the_first_map_is_laid(overlay, take_off):
     node, _ = overlay
     reader = reader_of(node.pid)
@@ -157,6 +168,7 @@ def test_the_video_goes_on_while_the_first_map_is_laid(overlay, take_off):
     assert flown.diagnostics()["reloads"] == "0"
 
 
+@pytest.mark.graph
 def test_a_reader_that_dies_is_told_and_a_changed_map_is_read_all_the_same(overlay, take_off):
     node, path = overlay
     os.kill(reader_of(node.pid), signal.SIGKILL)
@@ -185,27 +197,27 @@ def messages_that_cannot_be_are_counted_and_the_video_goes_on(flown, node):
     flown.shown()
     far = pose_at(0)
     far.position_n[0] = 1e200
-    reason = DiagnosticStatus(
-        name="/ekf_node: navigation",
-        values=[
-            KeyValue(key="state", value="lost"),
-            KeyValue(key="reason", value="\x1b[2Jno \n" * 20_000),
-        ],
+    lost = dataclasses.replace(
+        STATUS, state=FilterState.LOST, began_again=None, reason="\x1b[2Jno \n" * 5_000
     )
-    status = flown.stranger.node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+    report = MESSAGES.state(NodeState("/ekf_node", 0, 1, navigation=lost))
+    longer = String(data="{" * 200_000)
+    state = flown.stranger.node.create_publisher(String, STATE_TOPIC, latched())
     for height_m in (math.inf, math.nan, 1e9):
         flown.origin.publish(MESSAGES.origin(dataclasses.replace(PLANE, height_m=height_m), 0))
     wide = MESSAGES.camera_info(XT2, 0)
     wide.width = 10**9
     told = {}
-    counts = ("tirgeo/origin unreadable", "thermal/camera_info unreadable", "too_large")
+    topics = ("tirgeo/origin", "thermal/camera_info", STATE_TOPIC)
+    counts = (*(f"{topic} unreadable" for topic in topics), "too_large")
 
     def counted() -> bool:
         time.sleep(0.05)  # without it, 500 texts a second of 140 kB take two processors
         flown.info.publish(wide)
         flown.image.publish(MESSAGES.image(time.time_ns(), np.zeros((1, 70_000), np.uint8)))
         flown.pose.publish(MESSAGES.camera_pose(dataclasses.replace(far, stamp_ns=time.time_ns())))
-        status.publish(DiagnosticArray(status=[reason]))
+        state.publish(report)
+        state.publish(longer)
         told.update(flown.diagnostics("/overlay_node: topics") | flown.diagnostics())
         return all(told.get(count, "0") != "0" for count in (*counts, "poses_invalid"))
 
@@ -214,7 +226,7 @@ def messages_that_cannot_be_are_counted_and_the_video_goes_on(flown, node):
     assert "not on the Earth" in told["poses_invalid_because"]
     flown.shown()  # lines, on the origin that was there before
     node.check_running()
-    assert "\x1b" not in node.text().replace("\x1b[33m", "").replace("\x1b[0m", "")
+    assert "\x1b[2J" not in node.text()
     assert "Traceback" not in node.text()
 
 
@@ -235,6 +247,7 @@ def frames_without_a_stamp_take_the_time_of_their_arrival(flown, _):
 
 
 @pytest.mark.slow
+@pytest.mark.graph
 def test_one_flight_after_the_other(flight):
     flown, node, _ = flight
     a_click_becomes_a_point_on_the_ground(flown, node)
@@ -244,6 +257,7 @@ def test_one_flight_after_the_other(flight):
 
 
 @pytest.mark.slow
+@pytest.mark.graph
 def test_frames_that_the_transport_loses_are_counted(overlay, meet):
     """Pictures of 24 MB, which do not fit into the 16 MB that the profile gives."""
     stranger = meet(**{"/diagnostics": DiagnosticArray})
@@ -257,3 +271,64 @@ def test_frames_that_the_transport_loses_are_counted(overlay, meet):
         return any(p.key == "thermal/image_raw lost" and int(p.value) > 0 for p in values)
 
     stranger.spin_until(lost)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "sent", "missed"),
+    [
+        ((1, 2, 3), 3, 0),
+        ((1, 4, 5, 9), 9, 5),
+        ((500, 501, 503), 4, 1),  # what was sent before the first is not of this life
+        ((500, 501, 1, 2, 4), 6, 1),  # a number that goes back is a new sender's
+    ],
+)
+def test_gaps_are_missed(numbers, sent, missed):
+    found = FrameStatistics()
+    for number in numbers:
+        found.heard("x", number)
+    assert (found.sent, found.missed) == (sent, missed)
+
+
+def test_a_message_without_a_number_is_passed_on_all_the_same():
+    taken, numbers = [], FrameStatistics()
+    take = numbers.listening("x", taken.append)
+    take("one", {"publication_sequence_number": None})
+    take(("two", None))
+    assert taken == ["one", "two"]
+    assert numbers.sent == 0
+
+
+@pytest.mark.graph
+@pytest.mark.parametrize("executor_of", [make_executor, SingleThreadedExecutor])
+def test_what_gives_way_in_a_shallow_queue_is_counted(environment, executor_of):
+    context = Context()
+    rclpy.init(context=context, args=[], domain_id=int(environment["ROS_DOMAIN_ID"]))
+    node = GraphNode("numbered", context=context)
+    executor = None
+    try:
+        numbers, taken = FrameStatistics(), []
+        counted, kind = partial(numbers.listening, "x"), "std_msgs/msg/Header"
+        node.listen("x", taken.append, sensor_input(1), kind, counted)
+        sender = node.create_publisher(Header, "x", output(100))
+        executor = executor_of(context=context)
+        executor.add_node(node)
+        end_s = time.monotonic() + 20
+        while not taken:  # until they have found each other
+            assert time.monotonic() < end_s
+            sender.publish(Header(frame_id="before"))
+            executor.spin_once(timeout_sec=0.1)
+        begun = numbers.sent
+        for number in range(50):
+            sender.publish(Header(frame_id=str(number)))
+        while taken[-1].frame_id != "49":
+            assert time.monotonic() < end_s
+            executor.spin_once(timeout_sec=0.1)
+    finally:
+        if executor is not None:
+            executor.shutdown()
+        node.destroy_node()
+        context.try_shutdown()
+    after = [message for message in taken if message.frame_id != "before"]
+    assert numbers.sent == len(taken) + numbers.missed
+    assert 50 <= numbers.sent - begun + 1 <= 52
+    assert len(after) < 50

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import math
+import dataclasses
 import threading
 
 import pytest
@@ -13,8 +13,8 @@ pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 from graph_helpers import KeptLog
 
 from tirgeo_ros.core.config import ViewerConfig
-from tirgeo_ros.core.targets.target import Fixing
-from tirgeo_ros.io.messages import ClickAnswer
+from tirgeo_ros.core.ground.backprojection import Reason
+from tirgeo_ros.core.ground.ground_point import Located, Refusal
 from tirgeo_ros.nodes.page_backend import PageBackend
 from tirgeo_ros.nodes.recordings import Recordings
 from tirgeo_ros.page.backend import Click
@@ -49,32 +49,31 @@ def backend_with(aircraft, *answers):
 
 
 def located(**fields):
-    return ClickAnswer(7, 1.5, 2.5, "", *PLACE)._replace(**fields)
+    return dataclasses.replace(Located(7, *PLACE, uv=(1.5, 2.5)), **fields)
 
 
 def test_a_click_gets_the_answer_of_its_stamp_pixel_and_aircraft():
     others = [
         ("uav2", located(latitude_deg=1.0)),
         ("uav1", located(stamp_ns=8, latitude_deg=2.0)),
-        ("uav1", located(u=1.25, latitude_deg=3.0)),
+        ("uav1", located(uv=(1.25, 2.5), latitude_deg=3.0)),
     ]
     backend = backend_with(Aircraft(), *others, ("uav1", located()))
-    assert asyncio.run(backend.click(CLICK)) == Fixing(7, *PLACE)
+    assert asyncio.run(backend.click(CLICK)) == located()
 
 
 def test_a_click_that_is_lost_is_sent_again_once():
     aircraft = Aircraft(after=2)
     backend = backend_with(aircraft, ("uav1", located()))
-    assert asyncio.run(backend.click(CLICK)) == Fixing(7, *PLACE)
+    assert asyncio.run(backend.click(CLICK)) == located()
     assert aircraft.clicks == [(7, 1.5, 2.5)] * 2
 
 
 def test_a_refusal_says_why():
     aircraft = Aircraft()
-    refused = located(refused="the pixel is outside the picture")
-    assert asyncio.run(backend_with(aircraft, ("uav1", refused)).click(CLICK)) == refused.refused
-    impossible = backend_with(Aircraft(), ("uav1", located(height_m=math.inf)))
-    assert "not a located point" in asyncio.run(impossible.click(CLICK))
+    refused = Refusal(7, (1.5, 2.5), Reason.OUTSIDE_PICTURE)
+    words = asyncio.run(backend_with(aircraft, ("uav1", refused)).click(CLICK))
+    assert words == "the pixel is outside the picture"
     silent = backend_with(Aircraft(after=9))
     assert "did not answer" in asyncio.run(silent.click(CLICK))
     absent = backend_with(Aircraft(after=9, listens=False))
@@ -87,7 +86,7 @@ def test_two_who_click_the_same_get_the_same():
     async def both():
         return await asyncio.gather(backend.click(CLICK), backend.click(CLICK))
 
-    assert asyncio.run(both()) == [Fixing(7, *PLACE)] * 2
+    assert asyncio.run(both()) == [located()] * 2
 
 
 def test_without_an_address_nothing_is_shared():

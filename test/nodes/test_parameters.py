@@ -1,24 +1,43 @@
 # ruff: noqa: E402 what follows imports ROS, which may be absent
-"""Parameters of nodes: declared with description and range, refused in one line."""
+"""Parameters: declared, read from files, dumped, set in flight; secrets that nobody reads back."""
 
 from __future__ import annotations
 
+import math
+import re
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
+import yaml
+from rcl_interfaces.msg import ParameterType
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    ListParameters,
+    SetParametersAtomically,
+)
 from rclpy.context import Context
 from rclpy.node import Node
-from rclpy.parameter import Parameter
+from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rosgraph_msgs.msg import Clock
 
-from tirgeo_ros.core.config import NODE_CONFIGS, AircraftConfig, EkfConfig, OverlayConfig
-from tirgeo_ros.core.config.schema import parameters_of
+from tirgeo_ros.core.config import (
+    NODE_CONFIGS,
+    AircraftConfig,
+    EkfConfig,
+    OverlayConfig,
+    ViewerConfig,
+)
+from tirgeo_ros.core.config.schema import config_from, parameters_of
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile, overridden_topic
+from tirgeo_ros.nodes.graph_node import GraphNode
 from tirgeo_ros.nodes.parameters import (
     check_arguments,
     declare,
@@ -26,6 +45,7 @@ from tirgeo_ros.nodes.parameters import (
     idle_overrides,
     parameter_files,
 )
+from tirgeo_ros.nodes.viewer_node import with_secrets
 from tirgeo_ros.tools.graph.node_graph import parameter_words
 
 
@@ -174,3 +194,180 @@ def test_the_names_that_somebody_set(make_node):
     node = make_node(publish_rate_hz=50, aircraft__rtk_antenna_m=[0.0, 0.0, 0.0], port="/dev/tty")
     assert given_names(node, EkfConfig) == {"publish_rate_hz", "aircraft.rtk_antenna_m"}
     assert given_names(make_node(), EkfConfig) == frozenset()
+
+
+TYPES = {
+    bool: ParameterType.PARAMETER_BOOL,
+    int: ParameterType.PARAMETER_INTEGER,
+    float: ParameterType.PARAMETER_DOUBLE,
+    str: ParameterType.PARAMETER_STRING,
+    tuple: ParameterType.PARAMETER_DOUBLE_ARRAY,
+}
+
+
+def dumped(stranger, node: str) -> dict[str, Any]:
+    """All parameters of a node, in one request each, with what was declared checked."""
+    names = stranger.ask(f"/{node}/list_parameters", ListParameters).result.names
+    values = stranger.ask(f"/{node}/get_parameters", GetParameters, names=names).values
+    told = stranger.ask(f"/{node}/describe_parameters", DescribeParameters, names=names)
+    assert len(names) == len(values) == len(told.descriptors)
+    own = {parameter.name: parameter for parameter in parameters_of(NODE_CONFIGS[node])}
+    assert own.keys() <= set(names)
+    for name, value, descriptor in zip(names, values, told.descriptors, strict=True):
+        assert value.type == descriptor.type != ParameterType.PARAMETER_NOT_SET
+        if name in own:
+            assert value.type == TYPES[type(own[name].default)]
+            assert descriptor.read_only is not own[name].live
+    return {n: parameter_value_to_python(v) for n, v in zip(names, values, strict=True)}
+
+
+def nested(values: dict[str, Any]) -> dict[str, Any]:
+    """Dotted names as ``ros2 param dump`` writes them: a group in a group."""
+    tree: dict[str, Any] = {}
+    for name, value in values.items():
+        *groups, last = name.split(".") if "/" not in name else [name]
+        inner = tree
+        for group in groups:
+            inner = inner.setdefault(group, {})
+        inner[last] = value
+    return tree
+
+
+@pytest.mark.parametrize("node", NODE_CONFIGS)
+@pytest.mark.graph
+def test_what_param_dump_writes_loads_again(idle_nodes, meet, tmp_path, node):
+    """Every parameter has a value of its type, the empty lists too, and rcl reads the file."""
+    idle_nodes[node].check_running()
+    values = dumped(meet(), node)
+    assert "use_sim_time" in values
+    path = tmp_path / "dump.yaml"
+    path.write_text(yaml.dump({f"/{node}": {"ros__parameters": nested(values)}}))
+    kind = NODE_CONFIGS[node]
+    own = {parameter.name for parameter in parameters_of(kind)}
+    flown = config_from(kind, {name: value for name, value in values.items() if name in own})
+    assert repr(ParameterFile(path).config(node, kind)) == repr(flown)
+    context = Context()
+    rclpy.init(context=context, args=["--ros-args", "--params-file", str(path)], domain_id=99)
+    try:
+        loaded = Node(node, context=context, enable_rosout=False)
+        assert repr(declare(loaded, kind)) == repr(flown)
+        loaded.destroy_node()
+    finally:
+        context.try_shutdown()
+
+
+@pytest.mark.graph
+def test_parameters_are_set_in_flight_or_refused_with_the_reason(idle_nodes, meet):
+    process = idle_nodes["ekf_node"]
+    stranger = meet()
+
+    def put(**values: Any) -> tuple[bool, str]:
+        given = [Parameter(n.replace("__", "."), *value_of(v)) for n, v in values.items()]
+        result = stranger.ask(
+            "/ekf_node/set_parameters_atomically",
+            SetParametersAtomically,
+            parameters=[one.to_parameter_msg() for one in given],
+        ).result
+        return result.successful, result.reason
+
+    def floor() -> float:
+        (value,) = stranger.ask(
+            "/ekf_node/get_parameters", GetParameters, names=["rtk.position_sigma_floor_m"]
+        ).values
+        return value.double_value
+
+    def value_of(value: Any) -> tuple[Parameter.Type, Any]:
+        # ``ros2 param set`` takes a list without numbers for one of truth values.
+        kind = Parameter.Type.BOOL_ARRAY if value == [] else None
+        return (kind or Parameter.Type.from_parameter_value(value)), value
+
+    assert put(rtk__position_sigma_floor_m=0.05) == (True, "")
+    assert put(rtk__gate_sigma=6, use_sim_time=False) == (True, "")  # a whole number for a double
+    # As it is: a dump is loaded again, with what was read at start.
+    assert put(method="ekf_heading", aircraft__second_antenna_m=[]) == (True, "")
+    for values, reason in (
+        ({"method": "ekf"}, "method is read at start alone: .* restart the node"),
+        (
+            {"aircraft__rtk_antenna_m": [0.0, 1.0, 0.0]},
+            "measured before flight.* restart them all",
+        ),
+        ({"rtk__gate_sigma": 0.5}, "rtk.gate_sigma: 0.5 is outside 1 to 1e"),
+        ({"rtk__gate_sgma": 5.0}, "unknown parameter rtk.gate_sgma .did you mean rtk.gate_sigma"),
+        ({"gps__position_sigma_m": [1.0, 2.0]}, "gps.position_sigma_m: needs 3 numbers, has 2"),
+        ({"rtk__position_sigma_floor_m": math.nan}, "nan m is outside"),
+        ({"rtk__position_sigma_floor_m": 0.2, "rtk__gate_sigma": "5"}, "not of type double"),
+        ({"rtk__position_sigma_floor_m": 0.2, "use_sim_time": 3}, "Wrong parameter type"),
+    ):
+        done, why = put(**values)
+        assert not done
+        assert re.search(reason, why), why
+    assert floor() == 0.05  # a refused group has changed nothing
+    told = [line for line in process.text().splitlines() if "set in flight" in line]
+    assert [line.partition("flight: ")[2] for line in told] == [
+        "rtk.position_sigma_floor_m: 0.01 -> 0.05",
+        "rtk.gate_sigma: 5.0 -> 6.0",
+    ]
+
+
+SECRETS = {
+    "token": "an-operators-secret",
+    "viewer_token": "a-viewers-secret",
+    "cot_password": "a key's secret",
+}
+
+
+@pytest.fixture
+def node():
+    context = Context()
+    rclpy.init(context=context, args=[], domain_id=99)
+    given = [Parameter(name, value=value) for name, value in SECRETS.items()]
+    made = GraphNode(
+        "viewer_node", context=context, parameter_overrides=given, enable_rosout=False
+    )
+    yield made
+    made.destroy_node()
+    context.try_shutdown()
+
+
+def test_a_secret_is_used_and_read_back_as_stars(node):
+    config = node.configured(ViewerConfig)
+    assert {name: getattr(config, name) for name in SECRETS} == SECRETS
+    assert [one.value for one in node.get_parameters([*SECRETS])] == ["***"] * 3
+
+
+def test_what_a_dump_has_instead_of_a_secret_changes_nothing(node):
+    node.configured(ViewerConfig)
+    stars = [Parameter(name, value="***") for name in SECRETS]
+    assert node.set_parameters_atomically(stars).successful
+    assert node.set_parameters_atomically([Parameter("token", value=SECRETS["token"])]).successful
+    refused = node.set_parameters_atomically([Parameter("token", value="another-secret")])
+    assert "token is read at start alone" in refused.reason
+    assert [one.value for one in node.get_parameters([*SECRETS])] == ["***"] * 3
+
+
+@pytest.mark.parametrize("name", [*SECRETS])
+def test_a_secret_comes_from_a_file(name, tmp_path):
+    file = tmp_path / "secret"
+    file.write_text(f"{SECRETS[name]}\n")
+    config = with_secrets(replace(ViewerConfig(), **{f"{name}_file": str(file)}))
+    assert getattr(config, name) == SECRETS[name]
+    both = replace(config, **{name: SECRETS[name]})
+    with pytest.raises(ConfigError, match=f"^parameter {name}_file: {name} is given too"):
+        with_secrets(both)
+
+
+@pytest.mark.parametrize("held", [None, b"", b"\n", b"two\nlines\n", b"\xff\xfe"])
+def test_a_file_without_a_secret_is_named(held, tmp_path):
+    file = tmp_path / "secret"
+    if held is not None:
+        file.write_bytes(held)
+    for name in SECRETS:
+        with pytest.raises(ConfigError, match=re.escape(str(file))):
+            with_secrets(replace(ViewerConfig(), **{f"{name}_file": str(file)}))
+
+
+def test_a_wrong_token_in_a_file_is_refused_and_not_shown(tmp_path):
+    file = tmp_path / "secret"
+    file.write_text("too short")
+    with pytest.raises(ConfigError, match=r"^parameter token: \*\*\* is no token"):
+        with_secrets(replace(ViewerConfig(), token_file=str(file)))

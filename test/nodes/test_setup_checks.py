@@ -1,28 +1,29 @@
-"""What a node's checks find: in its diagnostics, its log, and in the picture.
-
-A topic that nobody publishes, or of another type, is found by the node that needs it.
-"""
+"""What a node's checks find of its set-up and its graph: in reports, log and picture."""
 
 from __future__ import annotations
 
+import signal
 import time
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from graph_helpers import KeptLog, await_words
+from nav_msgs.msg import Odometry
 from overlay_flight import MESSAGES, Flight, has_lines, write_map
 from overlays import PLANE, SQUARE_N
-from sensor_msgs.msg import Image
+from sensor_msgs.msg import Image, Imu
+from std_msgs.msg import String
 
 from tirgeo_ros.core.types.finding import Finding, Severity
-from tirgeo_ros.io.messages import DiagnosticItem, findings_of, image_pixels
+from tirgeo_ros.io.messages import STATE_TOPIC, NodeState, image_pixels
+from tirgeo_ros.nodes import setup_checks
 from tirgeo_ros.nodes.monitor import ERROR, OK, WARN, Monitor
-from tirgeo_ros.nodes.setup_checks import InputChecks, SetupChecks
+from tirgeo_ros.nodes.setup_checks import InputChecks, OtherPublishers, Restarts, SetupChecks
 
 WITHIN_S = 10.0  # of stamps, from the first message to the item and the notice
 AMBER_BGR, ORANGE_BGR = (80, 200, 255), (60, 140, 255)
@@ -38,9 +39,9 @@ def setup_of(*found: list[Finding]) -> tuple[SetupChecks, KeptLog]:
 
 
 def test_the_item_has_the_worst_level_and_every_finding():
-    setup, node = setup_of([CAUTION, NOTE], [STOP])
-    item = setup.item()
-    assert findings_of(node.published[0]) == ("/uav1/ekf_node", 0, [STOP, CAUTION, NOTE])
+    setup, _ = setup_of([CAUTION, NOTE], [STOP])
+    item = setup.report()
+    assert setup.findings() == [STOP, CAUTION, NOTE]
     assert item.name == "/uav1/ekf_node: set-up"
     assert item.level == ERROR
     assert item.message == "NO GO: 1.00 m/s2 at rest: imu/data (and 1 more)"
@@ -50,18 +51,18 @@ def test_the_item_has_the_worst_level_and_every_finding():
         "levers": f"NOTE: {NOTE.line}",
     }
     for found, level in ((NOTE, OK), (CAUTION, WARN)):
-        assert setup_of([found])[0].item().level == level
+        assert setup_of([found])[0].report().level == level
 
 
 def test_a_finding_stays_until_it_has_been_read_and_its_numbers_are_the_newest():
     found = [STOP]
     setup, _ = setup_of(found)
-    setup.item()
+    setup.report()
     newer = Finding("g", Severity.STOP, "1.01 m/s2 at rest", "imu/data", "give m/s2")
     found[:] = [newer]
-    assert setup.item().values == {"g": f"STOP: {newer.line}"}
+    assert setup.report().values == {"g": f"STOP: {newer.line}"}
     found.clear()
-    levels = [setup.item().level for _ in range(12)]
+    levels = [setup.report().level for _ in range(12)]
     assert levels[:10] == [ERROR] * 10
     assert levels[-1] == OK
 
@@ -70,15 +71,15 @@ def test_go_and_no_go_are_logged_once_each():
     found = []
     setup, logger = setup_of(found)
     for _ in range(20):
-        setup.item()
+        setup.report()
     assert logger.lines == []  # nothing has come yet: nobody knows
     logger.monitor.received("imu/data")
     for _ in range(20):
-        setup.item()
+        setup.report()
     assert logger.lines == [("info", "set-up: GO")]
     for found[:] in ([CAUTION], [CAUTION, NOTE], [CAUTION, STOP], []):
         for _ in range(20):
-            setup.item()
+            setup.report()
     assert [level for level, _ in logger.lines[1:]] == ["warning", "error", "info"]
     assert logger.lines[2][1].startswith("set-up: NO GO: 1.00 m/s2 at rest: imu/data")
 
@@ -87,11 +88,11 @@ def test_a_fault_in_a_check_leaves_the_node_and_what_was_found():
     check = SimpleNamespace(findings=lambda: [STOP])
     node = KeptLog()
     setup = SetupChecks(node, check)
-    setup.item()
+    setup.report()
     check.findings = lambda: 1 / 0
-    assert setup.item().level == ERROR
+    assert setup.report().level == ERROR
     assert not setup.take(lambda _: 1 / 0, "a sample")
-    assert node.monitor.item("topics").values["set-up failed"] == "2"
+    assert node.monitor.report("topics").values["set-up failed"] == "2"
 
 
 def written(image: Image, bgr) -> int:
@@ -137,13 +138,14 @@ def test_a_ground_47_m_too_high_is_told_in_diagnostics_log_and_picture(flight):
 @pytest.mark.graph
 def test_the_picture_tells_what_another_node_of_its_namespace_found(flight):
     aircraft, _ = flight(PLANE.height_m)
-    publisher = aircraft.stranger.node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+    create = aircraft.stranger.node.create_publisher
+    others = {name: create(String, f"{name}/tirgeo/findings", 10) for name in ("", "/uav2")}
     pictures = aircraft.stranger.received["tirgeo/overlay/image"]
 
-    def tells(name: str, level: int, bgr) -> bool:
-        item = DiagnosticItem(name, level, "CAUTION: heading 90 deg off: ekf_node aircraft", {})
-        publisher.publish(MESSAGES.diagnostics(time.time_ns(), [item]))
-        return bool(pictures) and written(pictures[-1], bgr) > 100
+    def tells(aircraft: str, *found: Finding) -> bool:
+        message = MESSAGES.findings(f"{aircraft}/ekf_node", time.time_ns(), found)
+        others[aircraft].publish(message)
+        return bool(pictures) and written(pictures[-1], AMBER_BGR) > 100
 
     aircraft.shown()  # before there was NO MAP YET, in amber too
     enough = len(pictures) + 30
@@ -151,12 +153,12 @@ def test_the_picture_tells_what_another_node_of_its_namespace_found(flight):
     def passed() -> bool:
         return len(pictures) > enough
 
-    aircraft.until(lambda: tells("/uav2/ekf_node: set-up", WARN, AMBER_BGR) or passed())
+    aircraft.until(lambda: tells("/uav2", CAUTION) or passed())
     assert passed()  # of another aircraft
-    aircraft.until(lambda: tells("/ekf_node: set-up", WARN, AMBER_BGR))
+    aircraft.until(lambda: tells("", CAUTION))
     assert has_lines(pictures[-1])  # the map stays
     pictures.clear()
-    aircraft.until(lambda: not tells("/ekf_node: set-up", OK, AMBER_BGR) and pictures)
+    aircraft.until(lambda: not tells("") and pictures)
 
 
 JOINTS, ATTITUDE = "gimbal/joint_states", "gimbal/attitude"
@@ -209,5 +211,79 @@ def test_what_nobody_publishes_is_waited_for_from_the_first_message_on():
 
 
 def test_what_other_nodes_say_of_themselves_is_no_message_of_a_flight():
-    checks = checks_of(FakeNode(), "/diagnostics")
+    checks = checks_of(FakeNode(), STATE_TOPIC)
     assert not any(checks.findings() for _ in range(20))
+
+
+ODOMETRY, POSE = "/tirgeo/odometry", "/tirgeo/camera_pose"
+
+
+@pytest.mark.graph
+def test_a_second_publisher_is_a_finding_that_names_it_once_it_lasts(meet):
+    stranger, other = meet(), meet().node
+    own = stranger.node
+    own.create_publisher(Odometry, "tirgeo/odometry", 1)
+    own.create_subscription(Imu, "imu/data", print, 1)
+    watch = OtherPublishers(own)
+    assert not any(watch.findings() for _ in range(100))
+    for topic, kind in (("tirgeo/odometry", Odometry), ("imu/data", Imu), ("imu/data", Imu)):
+        other.create_publisher(kind, topic, 1)
+
+    def named(topic):  # DDS brings a node's name after its publishers
+        return [one.node_name for one in own.get_publishers_info_by_topic(topic)]
+
+    twice = (ODOMETRY, "/imu/data")
+    stranger.spin_until(lambda: all(named(topic) == ["stranger"] * 2 for topic in twice))
+    (twin,) = watch.findings()
+    assert (twin.severity, twin.parameter) == (Severity.STOP, "tirgeo/odometry")
+    assert twin.evidence == "/tirgeo/odometry has 2 publishers: /stranger, /stranger"
+    counts = [len(watch.findings()) for _ in range(30)]
+    assert counts == [1] * 24 + [2] * 6
+    assert watch.findings()[1].severity is Severity.CAUTION
+    # At a node's start the other may be what its killed predecessor left.
+    fresh = OtherPublishers(own)
+    assert [len(fresh.findings()) for _ in range(30)] == [0] * 25 + [2] * 5
+
+
+@pytest.mark.slow
+@pytest.mark.graph
+def test_a_second_filter_is_found_and_a_killed_node_is_not(spawn, meet):
+    stranger = meet(**{"/diagnostics": DiagnosticArray})
+    ekf, gimbal = spawn("ekf_node"), spawn("gimbal_node")
+    await_words(ekf, "ready")
+    await_words(gimbal, "ready")
+    stranger.spin_until(lambda: stranger.node.count_publishers(POSE) == 1)
+    gimbal.signal(signal.SIGKILL)
+    gimbal.wait(10.0)
+    spawn("gimbal_node")
+    stranger.spin_until(lambda: stranger.node.count_publishers(POSE) == 2)
+    stranger.spin_until(lambda: stranger.node.count_publishers(POSE) == 1)  # the lease is over
+    await_words(spawn("ekf_node"), "ready")
+
+    check = "publishers_of_tirgeo_odometry"
+    stranger.spin_until(lambda: check in stranger.diagnostic("/ekf_node: set-up"))
+    line = stranger.diagnostic("/ekf_node: set-up")[check]
+    assert line.startswith("STOP: /tirgeo/odometry has 2 publishers: /ekf_node, /ekf_node: ")
+    heard = [one for array in stranger.received["/diagnostics"] for one in array.status]
+    checks = {item.key for one in heard for item in one.values}
+    assert "publishers_of_tirgeo_camera_pose" not in checks
+
+
+@pytest.mark.graph
+def test_each_new_start_of_a_node_counts_once(monkeypatch):
+    clock, restarts = [100.0], Restarts()
+    monkeypatch.setattr(setup_checks, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+
+    def said(node, started_ns):
+        restarts.take(NodeState(f"/uav1/{node}", 0, started_ns))
+
+    for started_ns in (1, 1, 2, 1, 3):
+        said("ekf_node", started_ns)
+    said("overlay_node", 4)
+    said("video_writer", 5)
+    said("video_writer", 6)  # each recording starts one
+    (found,) = restarts.findings()
+    assert found.evidence == "ekf_node ended and was started again; restarts so far: 2"
+    assert found.severity is Severity.CAUTION
+    clock[0] += 61.0
+    assert [one.severity for one in restarts.findings()] == [Severity.NOTE]

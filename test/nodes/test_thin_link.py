@@ -13,6 +13,7 @@ import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
+from free_addresses import free_port
 from graph_helpers import await_words
 from overlay_flight import Flight, write_map
 from overlays import SQUARE_N
@@ -21,7 +22,7 @@ from sensor_msgs.msg import CompressedImage, Image
 from tirgeo_ros.io.files.child_process import python_command
 from tirgeo_ros.io.messages import stamp_ns
 from tirgeo_ros.tools.graph import find_resource
-from tirgeo_ros.tools.graph.node_process import NodeProcess
+from tirgeo_ros.tools.graph.node_graph import NodeProcess
 
 pytestmark = pytest.mark.graph
 
@@ -52,17 +53,11 @@ def test_compressed_pictures_come_at_their_own_rate(spawn, meet, tmp_path):
     assert set(stamps[1:-1]) <= {stamp_ns(one) for one in pictures}
 
 
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("", 0))
-        return int(probe.getsockname()[1])
-
-
 @pytest.fixture
 def remote(environment, tmp_path) -> dict[str, str]:
     """The environment of a launch that others may reach, as a client of a server on this host."""
     theirs = {k: v for k, v in environment.items() if not k.startswith(("ROS_AUTO", "SKIP"))}
-    port = free_port()
+    port = free_port(socket.SOCK_DGRAM)
     profile = find_resource("config/fastdds_server.xml").read_text()
     (tmp_path / "server.xml").write_text(profile.replace("<port>11811<", f"<port>{port}<"))
     return theirs | {

@@ -17,8 +17,9 @@ import pytest
 pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
 from diagnostic_msgs.msg import DiagnosticArray
+from free_addresses import free_udp_address
 from graph_helpers import await_words
-from klv_reader import free_udp_address, live_packet
+from klv_reader import live_packet
 from overlay_flight import MESSAGES, Flight, write_map
 from overlays import PLANE, SQUARE_N, pose_at
 from page_clients import Page, next_picture

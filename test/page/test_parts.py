@@ -1,8 +1,11 @@
-"""Small parts of the page: limits, codes, tiles, the video's pictures."""
+"""Parts of the page's server: connections, pace, files, tiles, exports, invitations."""
 
 from __future__ import annotations
 
 import asyncio
+import hashlib
+import heapq
+import re
 import sqlite3
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -12,17 +15,16 @@ import numpy as np
 import pytest
 from page_backend import HEIGHT, WIDTH, Pictures
 from page_clients import tile_file
+from project import PROJECT
 
+from tirgeo_ros.core.targets.target import KINDS
 from tirgeo_ros.core.types.errors import PageError
-from tirgeo_ros.page import connections
-from tirgeo_ros.page import tiles as tiles_module
-from tirgeo_ros.page.access import OPERATOR
+from tirgeo_ros.page import connections, content
+from tirgeo_ros.page.access import OPERATOR, Allowance, Shares, WrongTokens
 from tirgeo_ros.page.connections import Door
-from tirgeo_ros.page.limits import Allowance, Shares, WrongTokens
-from tirgeo_ros.page.pace import LEVELS
+from tirgeo_ros.page.content import Tiles
 from tirgeo_ros.page.routes import invitation
-from tirgeo_ros.page.tiles import Tiles
-from tirgeo_ros.page.video_feed import VideoFeed
+from tirgeo_ros.page.video import LEVELS, Pace, VideoFeed
 
 URL = "https://192.168.1.20:8080/?token=abcdefghijklmnopqrstuvwx"
 
@@ -40,7 +42,7 @@ def test_owners_have_each_their_own_and_are_forgotten():
     assert not many.take(OPERATOR, "a", 0.0)
     for k in range(5000):
         assert many.take(OPERATOR, str(k), 0.0)
-    assert len(many._known) == 1000
+    assert len(many._allowances) == 1000
 
 
 def test_each_wrong_token_costs_twice_the_time():
@@ -55,41 +57,43 @@ def test_each_wrong_token_costs_twice_the_time():
     assert wrong.wait_s("a", now_s - 60) == 0
 
 
-class Task:
+class Held:
+    """A connection that is held."""
+
     ended = False
 
-    def cancel(self):
+    def abort(self):
         self.ended = True
 
 
 def test_of_a_crowd_the_oldest_that_has_asked_nothing_goes_first(monkeypatch):
     monkeypatch.setattr(connections, "MOST", {None: (9, 3)})
-    door, crowd = Door(None, None, None), [Task() for _ in range(5)]
-    for task in crowd[:3]:
-        door._come(task, "crowd")
-    door._hear(crowd[0], None, "crowd")  # an honest user's, of the same address
-    for task in crowd[3:]:
-        door._come(task, "crowd")
+    door, crowd = Door(), [Held() for _ in range(5)]
+    for one in crowd[:3]:
+        door.come(one, "crowd")
+    door.hear(crowd[0], None, "crowd")  # an honest user's, of the same address
+    for one in crowd[3:]:
+        door.come(one, "crowd")
     assert [one.ended for one in crowd] == [False, True, True, False, False]
-    for task in (crowd[3], crowd[4]):
-        door._hear(task, None, "crowd")
-    door._come(Task(), "crowd")  # the newest has had no time to ask
+    for one in (crowd[3], crowd[4]):
+        door.hear(one, None, "crowd")
+    door.come(Held(), "crowd")  # the newest has had no time to ask
     assert [one.ended for one in crowd] == [True, True, True, False, False]
 
 
 def test_in_a_full_house_the_oldest_of_whoever_holds_most_goes(monkeypatch):
     monkeypatch.setattr(connections, "MOST", {None: (6, 4), "operator": (2, 2)})
-    door, crowd, few = Door(None, None, None), [], []
+    door, crowd, few = Door(), [], []
     for k in range(5):
-        crowd.append(Task())
+        crowd.append(Held())
         door._seat(crowd[k], None, "crowd")
     for k in range(3):
-        few.append(Task())
+        few.append(Held())
         door._seat(few[k], None, "few")
     assert [one.ended for one in crowd + few] == [True, True] + [False] * 6
     for _ in range(2):  # who enters takes no stranger's place any more
         door._seat(few[0], "operator", "few")
-    door._seat(Task(), None, "other")
+    door._seat(Held(), None, "other")
     assert [one.ended for one in crowd + few] == [True, True] + [False] * 6
     assert (door.refused, door.connections) == (2, 7)
 
@@ -145,7 +149,7 @@ def with_views(path, **views):
     ],
 )
 def test_tables_without_an_end_are_refused_in_time(tmp_path, monkeypatch, views):
-    monkeypatch.setattr(tiles_module, "_OPENED_S", 0.2)
+    monkeypatch.setattr(content, "_OPENED_S", 0.2)
     path = with_views(tmp_path / "a.mbtiles", **views)
     with pytest.raises(PageError, match=r"a\.mbtiles: its tables take too long to read: give an"):
         Tiles(path)
@@ -248,3 +252,157 @@ def test_a_cut_out_is_around_the_pixel(u, v, size):
         assert cv2.imdecode(np.frombuffer(found, np.uint8), 1).shape[:2] == size
         assert feed.cut_out(8, u, v)() is None
         assert feed.cut_out(7, 5000, -5000)() is None
+
+
+FULL = 95_000  # bytes of an untouched picture
+HZ = 30.0
+
+
+class Link:
+    """A link in simulated time: so many bytes a second, after one another, and a delay."""
+
+    def __init__(self, bytes_a_s, delay_s=0.02):
+        self.bytes_a_s, self.delay_s = bytes_a_s, delay_s
+        self._free_s = 0.0
+
+    def arrival(self, now_s, size):
+        self._free_s = max(self._free_s, now_s) + size / self.bytes_a_s
+        return self._free_s + self.delay_s
+
+
+def watched(link, seconds, change=None):
+    """(time, age, level) of each picture as it is shown."""
+    pace, answers, shown, last = Pace(), [], [], 0
+    for step in range(round(seconds * 1000)):
+        now_s = step * 1e-3
+        if change and now_s >= change[0]:
+            link.bytes_a_s, change = change[1], None
+        while answers and answers[0][0] <= now_s:
+            at_s, number, taken_s, level = heapq.heappop(answers)
+            assert pace.shown(number, at_s)
+            shown.append((now_s, now_s - taken_s - link.delay_s, level))
+        newest = int(now_s * HZ) + 1
+        if newest != last and pace.may_send(now_s):
+            last, size = newest, FULL * LEVELS[pace.level].share
+            pace.sent(newest, now_s)
+            at_s = link.arrival(now_s, size) + link.delay_s  # the answer's way back
+            heapq.heappush(answers, (at_s, newest, (newest - 1) / HZ, pace.level))
+    return np.array(shown)
+
+
+def test_a_good_link_has_untouched_pictures_at_full_rate_at_once():
+    seen = watched(Link(50e6, 0.002), 10)
+    assert (seen[seen[:, 0] > 0.2][:, 2] == 0).all()
+    assert len(seen) > 290
+
+
+# The ages asked for, of 500 ms, with room for what the simulated link leaves out.
+@pytest.mark.parametrize("megabits", [0.5, 1.0, 2.0, 4.0])
+def test_a_thin_link_has_young_pictures_that_use_it(megabits):
+    seen = watched(Link(megabits * 125e3), 60)
+    settled = seen[seen[:, 0] > 3]
+    assert np.percentile(settled[:, 1], 95) < 0.4
+    assert len(settled) / 57 > 3
+    used = sum(LEVELS[int(level)].share for level in settled[:, 2]) * FULL / 57
+    assert used > 0.5 * megabits * 125e3
+    if megabits >= 1:
+        assert np.median(settled[:, 2]) <= 5  # a person can be seen
+
+
+def test_a_long_way_alone_makes_no_small_pictures():
+    seen = watched(Link(10e6, 0.06), 30)
+    assert np.median(seen[seen[:, 0] > 10][:, 2]) == 0
+
+
+def test_pictures_follow_a_link_that_breaks_down_and_one_that_recovers():
+    down = watched(Link(10e6), 20, change=(10, 125e3))
+    assert (down[(down[:, 0] > 5) & (down[:, 0] < 10)][:, 2] == 0).all()
+    assert (down[down[:, 0] > 12.5][:, 1] < 0.5).all()
+    up = watched(Link(125e3), 60, change=(20, 10e6))
+    assert (up[up[:, 0] > 55][:, 2] == 0).all()
+
+
+def test_attempts_at_larger_pictures_become_rare():
+    seen = watched(Link(125e3), 100)
+    late = seen[seen[:, 0] > 50]
+    assert (late[:, 1] > 0.4).mean() < 0.01
+
+
+def test_fewer_than_two_are_on_the_way_and_lost_ones_are_given_up():
+    pace = Pace()
+    pace.sent(1, 0.0)
+    assert pace.may_send(0.0)
+    pace.sent(2, 0.0)
+    assert not pace.may_send(1.0)
+    assert pace.may_send(4.0)
+
+
+def test_an_answer_counts_for_those_before_it_and_only_once():
+    pace = Pace()
+    pace.sent(1, 0.0)
+    pace.sent(2, 0.01)
+    assert pace.shown(2, 0.02)
+    assert not pace.shown(1, 0.02)
+    assert not pace.shown(2, 0.02)
+    assert not pace.shown(77, 0.02)
+
+
+STATIC = PROJECT / "tirgeo_ros/page/static"
+INDEX = (STATIC / "index.html").read_text()
+OWN = sorted([*STATIC.glob("js/**/*.js"), *STATIC.glob("style/*.css")])
+#: Of Leaflet 1.9.4 as npm and PyPI have it.
+LEAFLET = "db49d009c841f5ca34a888c96511ae936fd9f5533e90d8b2c4d57596f4e5641a"
+
+
+def name(path):
+    return str(path.relative_to(STATIC))
+
+
+@pytest.mark.parametrize("module", STATIC.glob("js/**/*.js"), ids=name)
+def test_imports_lead_to_files(module):
+    imports = re.findall(r'(?:from|^import) "([^"]+)";', module.read_text(), re.MULTILINE)
+    assert [one for one in imports if not (module.parent / one).is_file()] == []
+
+
+def test_every_module_is_reached():
+    reached, waiting = set(), {STATIC / "js/main.js"}
+    while waiting:
+        module = waiting.pop().resolve()
+        reached.add(module)
+        imports = re.findall(r'(?:from|^import) "([^"]+)";', module.read_text(), re.MULTILINE)
+        waiting |= {(module.parent / one).resolve() for one in imports} - reached
+    assert {path.resolve() for path in STATIC.glob("js/**/*.js")} <= reached
+
+
+def test_the_page_names_files_that_exist():
+    named = re.findall(r'(?:href|src)="/static/([^"]+)"', INDEX)
+    assert named
+    assert [one for one in named if not (STATIC / one).is_file()] == []
+    assert {f"style/{path.name}" for path in STATIC.glob("style/*.css")} <= set(named)
+
+
+def test_the_page_has_no_inline_script_or_style():
+    assert re.findall(r"<style|\sstyle=|\son[a-z]+=|<script(?![^>]*\ssrc=)", INDEX) == []
+
+
+@pytest.mark.parametrize("path", OWN, ids=name)
+def test_data_never_become_markup_and_nothing_comes_from_elsewhere(path):
+    text = path.read_text().replace("http://www.w3.org/2000/svg", "")
+    refused = (
+        r"\.(?:innerHTML|outerHTML)\b|insertAdjacentHTML|document\.write|\beval\(|https?://\w"
+    )
+    assert re.findall(refused, text) == []
+    assert len(text.splitlines()) <= 300
+
+
+def test_every_kind_and_button_has_its_symbol():
+    symbols = set(re.findall(r'<symbol id="icon-(\w+)"', INDEX))
+    text = "".join(path.read_text() for path in STATIC.glob("js/**/*.js"))
+    used = set(re.findall(r'\b(?:icon|button)\(\s*"(\w+)"', text))
+    assert used | set(KINDS) <= symbols
+
+
+def test_leaflet_is_unchanged_and_has_its_licence():
+    folder = STATIC / "vendor/leaflet"
+    assert hashlib.sha256((folder / "leaflet.js").read_bytes()).hexdigest() == LEAFLET
+    assert "BSD 2-Clause" in (folder / "LICENSE").read_text()

@@ -13,8 +13,8 @@ import pytest
 from page_backend import Pictures, pixel_of, place_at
 from page_clients import Page, Served, next_picture, tile_file
 
-from tirgeo_ros.core.config.viewer import ViewerConfig
-from tirgeo_ros.core.targets.target import Fixing
+from tirgeo_ros.core.config.viewer_parameters import ViewerConfig
+from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.types.errors import PageError
 from tirgeo_ros.page.server import PageServer
 
@@ -276,7 +276,7 @@ def test_an_edit_sends_the_targets_that_changed_alone(tmp_path):
             return last, edited, gone, await state.until("targets")
 
     with Served(tmp_path) as one:
-        place = Fixing(1, 48.0, 16.0, 190.0, (1.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0))
+        place = Located(1, 48.0, 16.0, 190.0, (1.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0))
         for now_ns in range(60):
             one.backend.targets.add(place, now_ns=now_ns)
         one.server.targets_changed()
@@ -297,7 +297,7 @@ def test_undo_is_answered_whatever_the_journal_holds(tmp_path):
 
     with Served(tmp_path) as one:
         store = one.backend.targets
-        edited = store.add(Fixing(1, 48.0, 16.0, 190.0, (1.0,) * 9), now_ns=1)
+        edited = store.add(Located(1, 48.0, 16.0, 190.0, (1.0,) * 9), now_ns=1)
         store.edit(edited.id, 2, name="Anna")
         store._db.execute("UPDATE tirgeo_changes SET before = substr(before, 2)")
         damaged, again, fault = asyncio.run(ask())

@@ -9,7 +9,7 @@ import math
 
 import pytest
 
-from dev.real_flights_judged import groups, judge_all
+from dev.real_flights import groups, judge_all
 from dev.real_flights_table import ASKED, bags_in, report
 
 pytestmark = pytest.mark.slow

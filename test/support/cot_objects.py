@@ -10,14 +10,15 @@ from collections.abc import Iterator
 import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import XT2
-from tirgeo_ros.core.config.overlay import ConfidenceConfig
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.axes import BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import matrix_from_euler, quat_from_matrix
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.frame_geometry import Sight, frame_geometry
-from tirgeo_ros.core.targets.target import Fixing, Target
+from tirgeo_ros.core.ground.ground_point import Located
+from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.poses import CameraPose
-from tirgeo_ros.io.cot.aircraft_events import AircraftState
+from tirgeo_ros.io.cot.events import AircraftState
 from tirgeo_ros.page.cot.address import CotParameters
 from tirgeo_ros.page.cot.link import CotLink
 
@@ -27,7 +28,7 @@ ROUND = (4.0, 0, 0, 0, 4.0, 0, 0, 0, 0.25)
 
 def target(number: int, name: str = "", latitude_deg: float = 48.20817425) -> Target:
     now_ns = time.time_ns()
-    click = Fixing(now_ns, latitude_deg, 16.37381885, 211.25, ROUND)
+    click = Located(now_ns, latitude_deg, 16.37381885, 211.25, ROUND)
     return Target(f"{number:032x}", number, name, "person", "", "", now_ns, now_ns, (click,))
 
 

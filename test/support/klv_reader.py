@@ -5,7 +5,6 @@ klvdata reads them too, but neither checks sums nor takes every value at a range
 
 from __future__ import annotations
 
-import socket
 from typing import NamedTuple
 
 import av
@@ -151,10 +150,3 @@ def live_packet(address: str) -> dict[int, str]:
                 if 23 in values:
                     return values
     raise AssertionError("the stream ended")
-
-
-def free_udp_address() -> str:
-    """Return where to send a stream that nobody else receives."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
-        free.bind(("127.0.0.1", 0))
-        return f"udp://127.0.0.1:{free.getsockname()[1]}"

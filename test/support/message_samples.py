@@ -6,11 +6,14 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numpy.testing import assert_allclose
 
 from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import canonical
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.ground_point import Located, MarkedPlace
+from tirgeo_ros.core.ground.ground_point import Located, enu_of
+from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
@@ -24,7 +27,14 @@ from tirgeo_ros.core.types.measurements import (
 )
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus, Outcome
-from tirgeo_ros.io.messages import Messages, answer_item, navigation_item
+from tirgeo_ros.io.bags.cdr import Cdr
+from tirgeo_ros.io.messages import (
+    Messages,
+    NodeState,
+    PictureState,
+    TopicState,
+    navigation_item,
+)
 
 STAMP_NS = 1_700_000_000_123_456_789
 Q = canonical(np.array([0.8, -0.3, 0.2, 0.4]))
@@ -62,10 +72,16 @@ CAMERA_POSE = CameraPose(STAMP_NS, np.array([11.0, -21.0, -29.0]), Q, covariance
 PLANE = TangentPlane(0.55, -2.1, 100.0)
 BROWN = Camera(640, 512, 803.5, 797.6, 349.3, 251.8, (0.054, 0.3462, -0.0037, 0.0076))
 RATIONAL = Camera(64, 48, 60.0, 61.0, 31.0, 23.0, (0.1, 0.02, 1e-3, 2e-3, 0.01, 0.2, 0.03, 0.01))
-TARGET = MarkedPlace("1 fire: barn", 0.55001, -2.10002, 95.5, covariance(3, 4))
 LOCATED = Located(
-    STAMP_NS, (12.25, 200.5), np.array([1.0, 2.0, 3.0]), covariance(3, 5), 0.55, -2.1, 99.5
+    STAMP_NS,
+    31.5126787532,
+    -120.32113697,
+    99.5,
+    enu_of(covariance(3, 5)),
+    (12.25, 200.5),
+    np.array([1.0, 2.0, 3.0]),
 )
+TARGET = Target("0" * 31 + "1", 1, "barn", "fire", "", "uav1", 7, STAMP_NS, (LOCATED,))
 FINDING = Finding("rtk_vel_up", Severity.STOP, "up: 1 m/s", "rtk/vel", "ENU: z up; psdk: its key")
 STATUS = NavigationStatus(
     "ekf_heading",
@@ -81,6 +97,19 @@ STATUS = NavigationStatus(
     clipped={"accelerometer x": 12},
     warnings=("imu/data: accelerometer x clipped", "another"),
     began_again=Outcome.GAP,
+)
+STATE = NodeState(
+    "/uav1/overlay_node",
+    STAMP_NS,
+    STAMP_NS - 7,
+    {
+        "tirgeo/camera_pose": TopicState(50.0, 0.02, None, 3, 1, 2),
+        "tirgeo/overlay/image": TopicState(9.0, None, 12.5),
+    },
+    {"drawn": 7},
+    STATUS,
+    "encoders",
+    PictureState("NO MAP: no pose", 0.05, ConfidenceConfig(latency_sigma_s=0.01)),
 )
 _GREY = np.arange(6 * 5, dtype=np.uint8).reshape(6, 5)
 _COLOUR = np.arange(6 * 5 * 3, dtype=np.uint8).reshape(6, 5, 3)
@@ -129,15 +158,34 @@ EVERY_MESSAGE: dict[str, tuple[str, Callable[[Messages], Any]]] = {
         lambda m: m.footprint(STAMP_NS, np.arange(12.0).reshape(4, 3)),
     ),
     "path": ("nav_msgs/msg/Path", lambda m: m.path(STAMP_NS, [m.track_point(BODY)] * 2)),
-    "targets": ("visualization_msgs/msg/MarkerArray", lambda m: m.targets(PLANE, [TARGET] * 2)),
-    "answer": (
-        "diagnostic_msgs/msg/DiagnosticArray",
-        lambda m: m.diagnostics(STAMP_NS, [answer_item("/overlay_node", LOCATED)]),
-    ),
+    "targets": ("std_msgs/msg/String", lambda m: m.targets([TARGET] * 2)),
+    "answer": ("std_msgs/msg/String", lambda m: m.answer(LOCATED)),
     "clock": ("rosgraph_msgs/msg/Clock", lambda m: m.clock(STAMP_NS)),
     "findings": ("std_msgs/msg/String", lambda m: m.findings("/ekf_node", STAMP_NS, [FINDING])),
+    "state": ("std_msgs/msg/String", lambda m: m.state(STATE)),
     "diagnostics": (
         "diagnostic_msgs/msg/DiagnosticArray",
         lambda m: m.diagnostics(STAMP_NS, [navigation_item("ekf_node: state", STATUS)]),
     ),
 }
+
+
+# The only arithmetic between a sample and its twin is a rotation by 180 deg: a few roundings.
+EXACT = 1e-14
+
+
+cdr = Cdr()
+
+
+made = Messages(cdr.types)
+
+
+def through_cdr(message):
+    typename = message.__msgtype__
+    return cdr.deserialize(cdr.serialize(message, typename), typename)
+
+
+def assert_same_rotation(p, q, tolerance=EXACT):
+    p, q = canonical(p), canonical(q)
+    # Of a half turn both signs are canonical.
+    assert_allclose(p * np.sign(p @ q), q, rtol=0, atol=tolerance)

@@ -8,12 +8,12 @@ from scenes import camera_pose
 
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.config.overlay import ConfidenceConfig
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.map.layers import GeoFeature, MapLayer
+from tirgeo_ros.core.map.map_layers import GeoFeature, MapLayer
 from tirgeo_ros.core.overlay.overlay import Overlay
-from tirgeo_ros.core.overlay.text_boxes import status_box
+from tirgeo_ros.core.overlay.status_and_notices import status_box
 from tirgeo_ros.core.types.measurements import FixStatus
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 

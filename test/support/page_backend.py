@@ -19,8 +19,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tirgeo_ros.core.config.viewer import ViewerConfig
-from tirgeo_ros.core.targets.target import Fixing
+from tirgeo_ros.core.config.viewer_parameters import ViewerConfig
+from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.io.targets.store import TargetStore
 from tirgeo_ros.page.backend import Click, Pixel
 from tirgeo_ros.page.routes import invitation
@@ -88,14 +88,14 @@ class SimulatedBackend:
         found = {"type": "FeatureCollection", "features": features}
         self._map = json.dumps(found).encode()
 
-    async def click(self, click: Click) -> Fixing | str:
+    async def click(self, click: Click) -> Located | str:
         await asyncio.sleep(self._answer_s)
         if not (0 <= click.u < WIDTH and 0 <= click.v < HEIGHT):
             return "the pixel is outside the picture"
         if click.v < SKY_ROWS:
             return "the ray does not meet the ground"
         place = place_at(click.stamp_ns, click.u, click.v)
-        return Fixing(click.stamp_ns, *place, GROUND_M, tuple(np.diag(SIGMA_M).ravel() ** 2))
+        return Located(click.stamp_ns, *place, GROUND_M, tuple(np.diag(SIGMA_M).ravel() ** 2))
 
     async def where(self, aircraft, latitude_deg, longitude_deg) -> Pixel | str:
         stamp_ns = self.newest_ns.get(aircraft)

@@ -13,7 +13,7 @@ from urllib.parse import urlsplit
 import aiohttp
 from page_backend import HZ, SimulatedBackend, SimulatedFlight
 
-from tirgeo_ros.core.config.viewer import ViewerConfig
+from tirgeo_ros.core.config.viewer_parameters import ViewerConfig
 from tirgeo_ros.io.targets.store import TargetStore
 from tirgeo_ros.page.server import PageServer
 

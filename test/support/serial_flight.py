@@ -9,7 +9,7 @@ from tirgeo_ros.dji.interpret import Interpreter
 from tirgeo_ros.dji.link.framing import FrameReader
 from tirgeo_ros.dji.protocol.subscription import PackageTable
 from tirgeo_ros.dji.simulator import frames_of
-from tirgeo_ros.dji.sources.serial_readings import Clocks, Telemetry
+from tirgeo_ros.dji.sources.serial import Clocks, Telemetry
 
 BYTE_NS = 10 * 1_000_000_000 // 921_600
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Reason
 from tirgeo_ros.core.ground.ground_point import Located, Refusal
-from tirgeo_ros.core.targets.target import Fixing, Target
+from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.io.surveys.survey import Answered
 
 STAMP_NS = 1_634_731_235_605_555_556  # 2021-10-20, 12:00:35.605 UTC
@@ -25,7 +26,7 @@ COVARIANCE[2, 2] = 0.01
 def click(east_m=0.0, north_m=0.0, up_m=0.0, *, after_s=0.0, covariance=COVARIANCE, plane=PLACE):
     """A click at some metres from a place."""
     latitude, longitude, height_m = plane.geodetic_from_ned(np.array([north_m, east_m, -up_m]))
-    return Fixing(
+    return Located(
         STAMP_NS + round(after_s * 1e9),
         math.degrees(latitude),
         math.degrees(longitude),
@@ -38,26 +39,17 @@ def target(number=1, *clicks, **said):
     """A target, at the place unless there are clicks."""
     said = {"name": "", "kind": "person", "note": "", "aircraft": ""} | said
     times = {"created_ns": STAMP_NS, "changed_ns": STAMP_NS + number}
-    return Target(f"{number:032x}", number, **said, **times, fixings=clicks or (click(),))
+    return Target(f"{number:032x}", number, **said, **times, clicks=clicks or (click(),))
 
 
-def east_north_up(fixing, plane=PLACE):
+def east_north_up(one, plane=PLACE):
     """Where a click is (3,), in the axes at the place, m."""
-    place = np.radians([fixing.latitude_deg, fixing.longitude_deg])
-    north, east, down = plane.ned_from_geodetic(*place, fixing.height_m)
+    place = np.radians([one.latitude_deg, one.longitude_deg])
+    north, east, down = plane.ned_from_geodetic(*place, one.height_m)
     return np.array([east, north, -down])
 
 
-_NED = np.array([[0, 1.0, 0], [1, 0, 0], [0, 0, -1]])
-FOUND = Located(
-    STAMP_NS,
-    (320.5, 256.25),
-    np.zeros(3),
-    _NED @ COVARIANCE @ _NED,
-    PLACE.latitude_rad,
-    PLACE.longitude_rad,
-    PLACE.height_m,
-)
+FOUND = dataclasses.replace(click(), uv=(320.5, 256.25))
 REFUSED = Refusal(STAMP_NS + 5, (1.0, 2.0), Reason.ABOVE_HORIZON)
 ANSWERS = [Answered("sheep <1> & \x07Ü", FOUND), Answered("cloud", REFUSED)]
 TARGETS = [

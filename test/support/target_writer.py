@@ -31,7 +31,7 @@ def edit(store, number):
         one = rng.choice(known)
         if what == "delete":
             store.delete(one.id, number)
-        elif what == "edit" or len(one.fixings) > 9:
+        elif what == "edit" or len(one.clicks) > 9:
             store.edit(one.id, number, name=f"name {number}", note="n" * rng.randrange(2000))
         else:
             store.refine(one.id, click(number, 2, after_s=number), number)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from tirgeo_ros.core.checks.imu_checks import imu_findings
+from tirgeo_ros.core.checks.inertial_checks import imu_findings
 from tirgeo_ros.core.frames.rotations import euler_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseBuffer

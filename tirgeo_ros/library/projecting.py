@@ -26,14 +26,14 @@ from tirgeo_ros.core.frames.rotations import quat_from_euler, quat_multiply
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.ground.ground_point import Located, Refusal, place
+from tirgeo_ros.core.ground.ground_point import Answer, Located, Refusal, place
 from tirgeo_ros.core.streams.sanity_checks import place_fault, pose_fault
 from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.core.types.errors import PoseError, SurveyError, TableError
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.files.whole_files import PathLike, path_of, write_files
 from tirgeo_ros.io.surveys.survey import Answered
-from tirgeo_ros.io.targets.exports import exported_answers, form_of
+from tirgeo_ros.io.targets.formats import exported_answers, form_of
 from tirgeo_ros.library.tables import check_unmasked
 from tirgeo_ros.tools.replay.node_configs import Config, load_config
 
@@ -146,7 +146,7 @@ def locate(
     ground: Ground,
     *,
     config: Config = None,
-) -> list[Located | Refusal]:
+) -> list[Answer]:
     """Locate pixels (N, 2), column and row, on the ground: a Located or a Refusal for each.
 
     ``ground`` is the ellipsoidal height of level ground, m, or an elevation model of
@@ -167,7 +167,7 @@ def locate(
 
 
 def save_located(
-    path: PathLike, answers: Sequence[Located | Refusal], ids: Sequence[str] | None = None
+    path: PathLike, answers: Sequence[Answer], ids: Sequence[str] | None = None
 ) -> None:
     """Write what ``locate`` returned, as ``tirgeo locate`` does: points with 95 % ellipses.
 

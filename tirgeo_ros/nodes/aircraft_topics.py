@@ -7,14 +7,14 @@ import threading
 import time
 from bisect import bisect_left
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any, Generic
 
 import numpy as np
 
-from tirgeo_ros.core.config.overlay import POINT_SIGMAS, ConfidenceConfig
-from tirgeo_ros.core.config.viewer import GroundConfig
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
+from tirgeo_ros.core.config.viewer_parameters import GroundConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, P, PoseBuffer
 from tirgeo_ros.core.ground.dem import Terrain
@@ -22,29 +22,34 @@ from tirgeo_ros.core.ground.frame_geometry import Sight
 from tirgeo_ros.core.overlay.camera_motion import RATES_S, rates_up_to
 from tirgeo_ros.core.streams.arrivals import exposure_ns
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.core.types.errors import cut
 from tirgeo_ros.core.types.finding import Finding
 from tirgeo_ros.core.types.verdicts import NavigationStatus
 from tirgeo_ros.io.bags.cdr import header_stamp_ns
 from tirgeo_ros.io.elevation.elevation_model import load_terrain
 from tirgeo_ros.io.messages import (
+    STATE_TOPIC,
     TOPIC_TYPES,
+    NodeState,
+    PictureState,
     body_pose,
     camera,
     camera_pose,
     findings_of,
-    navigation_status,
+    node_state,
     stamp_ns,
     tangent_plane,
 )
-from tirgeo_ros.nodes.graph_node import GraphNode
-from tirgeo_ros.nodes.graph_watch import Restarts
-from tirgeo_ros.nodes.qos import IMAGE_DEPTH, STREAM_DEPTH, latched, output
+from tirgeo_ros.io.messages.sensor_messages import IMAGE_DEPTH, STREAM_DEPTH
+from tirgeo_ros.nodes.graph_node import GraphNode, latched, output
+from tirgeo_ros.nodes.setup_checks import Restarts
 
 VIDEO, INFO = "tirgeo/overlay/image/compressed", "tirgeo/overlay/camera_info"
 ODOMETRY, POSE, FOOTPRINT = "tirgeo/odometry", "tirgeo/camera_pose", "tirgeo/footprint"
-#: Diagnostics that are older count as silence: each node reports once a second.
+#: Reports that are older count as silence: each node reports once a second.
 SILENT_S = 3.5
+_MOST_NODES = 20  # of one aircraft
+#: Those whose checks a flight needs.
+_CHECKED = ("ekf_node", "gimbal_node", "overlay_node")
 _BACK_NS = 1_000_000_000  # stamps that go back by more are those of a new flight
 _POSES = 400  # a second of the fastest stream
 #: A footprint whose heights differ by more lies on no level ground. The Earth's bend makes 8 cm
@@ -53,43 +58,52 @@ _LEVEL_M = 1.0
 
 
 class Reports:
-    """Hold the newest diagnostics and findings of one aircraft's nodes."""
+    """Hold what the nodes of one aircraft report; ``own`` is the node that listens."""
 
-    def __init__(self) -> None:
-        self._items: dict[str, tuple[float, dict[str, str]]] = {}
-        self._overlay: tuple[float, dict[str, str]] = -math.inf, {}
+    def __init__(self, own: str = "") -> None:
+        self._own = own
+        self._states: dict[str, tuple[float, NodeState]] = {}  # by name
         self._navigation: tuple[float, NavigationStatus] | None = None
-        self.restarts = Restarts()  # of overlay_node, which counts those of the others
+        self._picture: tuple[float, PictureState] | None = None
+        self.restarts = Restarts()
         self._findings: dict[str, tuple[float, list[Finding]]] = {}  # by node
 
-    def take(self, now_s: float, name: str, status: Any) -> None:
-        """Take a ``DiagnosticStatus``, named ``NODE: SUBJECT`` without the namespace.
-
-        Raises MessageError for a status of the estimator that is none.
-        """
-        item = now_s, {pair.key: cut(pair.value) for pair in status.values}
-        self._items[name] = item
-        if name.endswith(": navigation"):
-            self._navigation = now_s, navigation_status(status)
-        elif name.endswith(": overlay"):
-            self._overlay = item
-        elif name == "overlay_node: topics":
-            self.restarts.take(status)
+    def take_state(self, now_s: float, message: Any) -> None:
+        """Take ``tirgeo/state`` of a node. Raises MessageError for another text."""
+        state = node_state(message)
+        if state.name not in self._states and len(self._states) >= _MOST_NODES:
+            return
+        self._states[state.name] = now_s, state
+        self.restarts.take(state)
+        if state.navigation is not None:
+            self._navigation = now_s, state.navigation
+        if state.picture is not None:
+            self._picture = now_s, state.picture
 
     def take_findings(self, now_s: float, message: Any) -> None:
-        """Take ``tirgeo/findings`` of a node. Raises MessageError for another text."""
+        """Take ``tirgeo/findings`` of another node. Raises MessageError for another text."""
         node, _, findings = findings_of(message)
-        self._findings[node] = now_s, findings
+        if node != self._own and (node in self._findings or len(self._findings) < _MOST_NODES):
+            self._findings[node] = now_s, findings
 
     def findings(self, now_s: float) -> list[Finding] | None:
-        """Return what the nodes' checks have found; None while all are silent."""
-        newest = [*self._findings.values()]
-        heard = [findings for then_s, findings in newest if now_s - then_s <= SILENT_S]
-        return [one for findings in heard for one in findings] if heard else None
+        """Return what the nodes' checks have found; None while those of the flight are silent."""
+        heard = {
+            n: findings for n, (s, findings) in self._findings.items() if now_s - s <= SILENT_S
+        }
+        if not any(node.endswith(_CHECKED) for node in heard):
+            return None
+        return [finding for findings in heard.values() for finding in findings]
 
-    def newest(self, name: str) -> tuple[float, dict[str, str]]:
-        """Return when an item came, and its values; never, and none, if it did not."""
-        return self._items.get(name, (-math.inf, {}))
+    def state(self, node: str) -> tuple[float, NodeState | None]:
+        """Return when a node's newest state came (s), and the state: -inf, None without one."""
+        return self._states.get(node, (-math.inf, None))
+
+    def input_age_s(self, node: str, topic: str, now_s: float) -> float | None:
+        """Return the time since a node got a message of an input; None if it has got none."""
+        then_s, state = self.state(node)
+        age_s = state.topics[topic].age_s if state and topic in state.topics else None
+        return None if age_s is None else age_s + now_s - then_s
 
     def navigation(self, now_s: float) -> tuple[NavigationStatus | None, bool]:
         """Return the estimator's status, None if it is silent, and whether it ever spoke."""
@@ -98,16 +112,18 @@ class Reports:
         then_s, status = self._navigation
         return status if now_s - then_s <= SILENT_S else None, True
 
-    def overlay(self, now_s: float) -> dict[str, str]:
-        """Return what overlay_node says of its pictures; nothing while it is silent."""
-        then_s, values = self._overlay
-        return values if now_s - then_s <= SILENT_S else {}
+    def picture(self, now_s: float | None = None) -> PictureState | None:
+        """Return what overlay_node says of its pictures; at ``now_s``, None if it is silent."""
+        if self._picture is None:
+            return None
+        then_s, picture = self._picture
+        return picture if now_s is None or now_s - then_s <= SILENT_S else None
 
 
 class PoseTape(Generic[P]):
     """Keep messages of the last second by their stamps as bytes; decode those that are wanted.
 
-    ``decode`` makes a pose of one. Any thread may call it.
+    ``decode`` makes a pose of a message. Any thread may call it.
     """
 
     def __init__(self, decode: Callable[[bytes], P]) -> None:
@@ -116,7 +132,7 @@ class PoseTape(Generic[P]):
         self._kept: deque[tuple[int, bytes]] = deque(maxlen=_POSES)
 
     def add(self, data: bytes) -> None:
-        """Add a message; one whose stamp goes back begins anew. Raises MessageError."""
+        """Add a message; where its stamp goes back, drop those before. Raises MessageError."""
         stamp_ns = header_stamp_ns(data)
         with self._lock:
             if self._kept and stamp_ns < self._kept[-1][0]:
@@ -154,7 +170,7 @@ class AircraftTopics:
         self.plane: TangentPlane | None = None
         self.map_frame = node.messages.frames.map
         self.namespace = f"/{aircraft}" if aircraft else node.get_namespace().rstrip("/")
-        self.reports = Reports()
+        self.reports = Reports(node.get_fully_qualified_name())
         self.newest_ns = 0  # stamp of the newest picture
         self._node, self._prefix, self._show = node, f"/{aircraft}/" if aircraft else "", show
         self._newest: dict[str, tuple[float, bytes]] = {}  # topic -> steady time, message
@@ -166,24 +182,31 @@ class AircraftTopics:
         for topic in (INFO, FOOTPRINT):
             self.listen(topic, partial(self._keep, topic), 1, decoded=False)
         self.listen(VIDEO, self._take_picture, IMAGE_DEPTH)
-        self.listen("tirgeo/origin", self._take_origin)
+        self.listen("tirgeo/origin", self._take_origin, latch=1)
+        self.listen(STATE_TOPIC, self._take_state, latch=_MOST_NODES)
 
     def listen(
-        self, topic: str, take: Callable[[Any], None], depth: int = 0, *, decoded: bool = True
+        self,
+        topic: str,
+        take: Callable[[Any], None],
+        depth: int = 0,
+        *,
+        latch: int = 0,
+        decoded: bool = True,
     ) -> None:
-        """Have each message of a topic of the contract taken; of depth 0 also the latched one."""
-        name, qos = f"{self._prefix}{topic}", output(depth) if depth else latched()
+        """Have each message of a topic of the contract taken; ``latch`` is the latched depth."""
+        name, qos = f"{self._prefix}{topic}", latched(latch) if latch else output(depth)
         self._node.listen(name, take, qos, TOPIC_TYPES[topic], raw=True, decoded=decoded)
 
     def newest(self, topic: str) -> Any:
         """Return the newest message of a kept topic, or None."""
-        found = self._newest.get(topic)
-        return self._node.decoded(found[1], topic) if found else None
+        newest = self._newest.get(topic)
+        return self._node.decoded(newest[1], topic) if newest else None
 
     def came_s(self, topic: str) -> float | None:
         """Return when the newest message of a topic came, steady clock; None without one."""
-        found = self._newest.get(topic)
-        return found[0] if found else None
+        newest = self._newest.get(topic)
+        return newest[0] if newest else None
 
     def age_s(self, topic: str) -> float | None:
         """Return the time since the newest message of a topic; None without one."""
@@ -205,6 +228,9 @@ class AircraftTopics:
         self._keep(VIDEO, b"")
         self._show(stamp, bytes(message.data))
 
+    def _take_state(self, message: Any) -> None:
+        self.reports.take_state(time.monotonic(), message)
+
     def _take_origin(self, message: Any) -> None:
         self.plane, self.map_frame = tangent_plane(message), message.header.frame_id
 
@@ -215,20 +241,18 @@ class AircraftTopics:
         return points if np.isfinite(points).all() else points[:0]
 
     def exposure_ns(self, stamp: int) -> int | None:
-        """Return when a picture was exposed; None while overlay_node does not say the delay."""
-        values = self.reports.overlay(time.monotonic())
-        latency_s = number(values.get("video_latency_s", ""))
-        return None if latency_s is None else exposure_ns(stamp, latency_s)
+        """Return when a picture was exposed; None until overlay_node has said the delay."""
+        picture = self.reports.picture()
+        return None if picture is None else exposure_ns(stamp, picture.video_latency_s)
 
     @property
     def confidence(self) -> ConfidenceConfig:
         """Return the sigmas of located points, as overlay_node says them; else their defaults."""
-        values = self.reports.overlay(time.monotonic())
-        sigmas = {name: number(values.get(name, "")) for name in POINT_SIGMAS}
-        return ConfidenceConfig(**{name: x for name, x in sigmas.items() if x is not None})
+        picture = self.reports.picture()
+        return ConfidenceConfig() if picture is None else picture.confidence
 
     def sight(self, stamp: int, *, last_pose_s: float = 0.0) -> Sight | None:
-        """Return from where a picture was taken; None if that is not known.
+        """Return camera and pose of a picture; None without a pose at its exposure.
 
         The last pose will do where it is no older than ``last_pose_s``. Without an elevation model
         the ground is known where it is level, by the newest footprint.
@@ -253,21 +277,6 @@ def terrain_of(config: GroundConfig) -> Terrain | None:
     return load_terrain(config.dem, config.dem_undulation_m) if config.dem else None
 
 
-def listen_to_diagnostics(node: GraphNode, aircraft: Sequence[AircraftTopics]) -> None:
-    """Give each aircraft the diagnostics of the nodes in its namespace."""
-    by_namespace = {one.namespace: one.reports for one in aircraft}
-
-    def take(message: Any) -> None:
-        now_s = time.monotonic()
-        for status in message.status:
-            name, _, subject = status.name.partition(": ")
-            namespace, _, short = name.rpartition("/")
-            if namespace in by_namespace:
-                by_namespace[namespace].take(now_s, f"{short}: {subject}", status)
-
-    node.listen("/diagnostics", take, output(), raw=True)
-
-
 def level_of(footprint_n: Array, plane: TangentPlane) -> float:
     """Return the ellipsoidal height (m) of a footprint (N, 3), NED; nan if it is not level."""
     if len(footprint_n) < 3:
@@ -279,12 +288,3 @@ def level_of(footprint_n: Array, plane: TangentPlane) -> float:
 def places_n(points: Iterable[Any]) -> Array:
     """Return points of a message in ``map`` as (N, 3), NED."""
     return np.array([(p.y, p.x, -p.z) for p in points], float).reshape(-1, 3)
-
-
-def number(text: str) -> float | None:
-    """Return a finite number of a text; None for any other."""
-    try:
-        found = float(text)
-    except ValueError:
-        return None
-    return found if math.isfinite(found) else None

@@ -1,4 +1,7 @@
-"""Say one aircraft's state to the operator's page, pass on clicks, find places in its video."""
+"""Say one aircraft's state to the operator's page: whether it can be relied on, and where it is.
+
+Clicks are passed on, and places are sought in its video.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from statistics import median
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from rclpy.publisher import Publisher
@@ -19,15 +22,15 @@ from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.frame_geometry import Sight
-from tirgeo_ros.core.ground.ground_point import MarkedPlace
+from tirgeo_ros.core.ground.ground_point import Answer
+from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding, Severity
+from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 from tirgeo_ros.io.messages import (
     TOPIC_TYPES,
-    ClickAnswer,
-    Messages,
+    answer_of,
     body_pose,
-    click_answer,
     finding_row,
 )
 from tirgeo_ros.nodes.aircraft_topics import (
@@ -36,12 +39,168 @@ from tirgeo_ros.nodes.aircraft_topics import (
     VIDEO,
     AircraftTopics,
     Reports,
-    number,
     places_n,
 )
-from tirgeo_ros.nodes.aircraft_verdict import Judge
-from tirgeo_ros.nodes.graph_node import GraphNode, message_class
-from tirgeo_ros.nodes.qos import latched, output
+from tirgeo_ros.nodes.graph_node import GraphNode, latched, output
+from tirgeo_ros.nodes.target_markers import target_markers
+
+#: Silence (s) of what is needed, or time without a map, that ends GO; good time that restores it.
+_SILENT_S, _GOOD_S = 1.0, 2.0
+#: Silence of what may be the cause, an earlier stream or an input, beside a stream that has ended.
+_ALSO_SILENT_S = 0.5
+#: A node whose reports, one a second, end for so long does not answer.
+_ANSWER_S = 1.6
+#: The longest step of time that counts: in a longer one this node did not run and heard nothing.
+_STEP_S = 0.4
+
+
+class Verdict(NamedTuple):
+    """Hold what the page shows: ``text`` is for the operator, ``more`` for the engineer.
+
+    ``kind`` says what it is about, and stays the same while the text counts seconds.
+    """
+
+    word: str
+    tone: str  # good, caution, bad, or empty
+    kind: str = ""
+    text: str = ""
+    more: str = ""
+    alarm: bool = False
+
+
+class Stream(NamedTuple):
+    """Name a topic that is needed, the node that publishes it, and that node's inputs."""
+
+    topic: str
+    kind: str
+    node: str
+    program: str
+    inputs: dict[str, str]  # by topic; the first one that the node has heard counts
+
+
+_CAMERA = {"thermal/image_raw": "The camera", "thermal/image_raw/compressed": "The camera"}
+_GIMBAL = {"gimbal/joint_states": "The gimbal", "gimbal/attitude": "The gimbal"}
+_INFO = {"thermal/camera_info": "The camera's calibration"}
+_OVERLAY = "overlay_node", "The overlay program"
+#: In the order in which each depends on the ones before.
+STREAMS = (
+    Stream("tirgeo/odometry", "position", "ekf_node", "The filter", {"imu/data": "The IMU"}),
+    Stream("tirgeo/camera_pose", "camera pose", "gimbal_node", "The gimbal program", _GIMBAL),
+    Stream("tirgeo/overlay/image/compressed", "picture", *_OVERLAY, _CAMERA),
+    Stream("tirgeo/overlay/camera_info", "calibration", *_OVERLAY, _INFO),
+)
+_GO = Verdict("GO", "good")
+_CHECKS = {
+    None: Verdict("NO DATA", "caution", "checks", "No check has reported"),
+    Severity.CAUTION: Verdict("CAUTION", "caution", "checks"),
+    Severity.STOP: Verdict("NO GO", "bad", "checks"),
+}
+
+
+class Judge:
+    """Judge one aircraft at each call of ``look``, by a steady clock.
+
+    ``came_s`` returns when the newest message of a topic came; None without one.
+    """
+
+    def __init__(self, reports: Reports, came_s: Callable[[str], float | None]) -> None:
+        self._reports, self._newest_s = reports, came_s
+        self._now_s = math.inf  # of the last look
+        self._came_s: dict[str, float] = {}  # when the newest of a topic came, if one has
+        self._silence_s = dict.fromkeys((stream.topic for stream in STREAMS), 0.0)
+        self._no_map_s = self._good_s = 0.0
+        self._shown = Verdict("NO DATA", "")
+
+    def look(self, now_s: float, worst: Severity | None, no_map: str) -> Verdict:
+        """Return the verdict.
+
+        ``worst`` is that of the checks' findings, None while they are silent; ``no_map`` is the
+        notice in the picture.
+        """
+        step_s = min(max(now_s - self._now_s, 0.0), _STEP_S)
+        self._now_s = now_s
+        for topic in self._silence_s:
+            self._count(topic, self._newest_s(topic), step_s)
+        navigation = navigation_verdict(self._reports.navigation(now_s)[0])
+        upstream = self._upstream(navigation)
+        self._no_map_s = self._no_map_s + step_s if no_map and not upstream else 0.0
+        verdict = upstream or self._downstream(_CHECKS.get(worst), no_map) or navigation or _GO
+        self._good_s = self._good_s + step_s if verdict == _GO else 0.0
+        if verdict != _GO or self._good_s >= _GOOD_S:
+            self._shown = verdict
+        return self._shown
+
+    def _count(self, topic: str, at_s: float | None, step_s: float) -> None:
+        """Add up how long a topic is silent while this node listens; None counts as silent."""
+        if at_s is None or at_s == self._came_s.get(topic):
+            self._silence_s[topic] += step_s
+        else:
+            self._came_s[topic], self._silence_s[topic] = at_s, min(self._now_s - at_s, step_s)
+
+    def _silent(self, stream: Stream, limit_s: float) -> bool:
+        """Return whether a stream is silent for so long, or has not begun."""
+        return stream.topic not in self._came_s or self._silence_s[stream.topic] > limit_s
+
+    def _upstream(self, navigation: Verdict | None) -> Verdict | None:
+        """Return the first fault on the way from the sensors to the picture."""
+        odometry, pose, picture, _ = STREAMS
+        no_position = navigation if navigation and navigation.word != "CAUTION" else None
+        if no_position or self._silent(odometry, _SILENT_S):
+            self._silence_s[pose.topic] = 0.0  # it cannot come yet
+        # What ends together does not end at one instant: the first in the order is the cause.
+        ended = any(self._silent(stream, _SILENT_S) for stream in (odometry, pose, picture))
+        limit_s = _ALSO_SILENT_S if ended else _SILENT_S
+        if self._silent(odometry, limit_s):
+            return self._no_data(odometry, no_position)
+        silent = [stream for stream in (pose, picture) if self._silent(stream, limit_s)]
+        return no_position or (self._no_data(silent[0]) if silent else None)
+
+    def _downstream(self, checks: Verdict | None, no_map: str) -> Verdict | None:
+        """Return what is wrong although all streams come; a caution of the checks comes last."""
+        if checks and checks.word != "CAUTION":
+            return checks
+        if self._no_map_s > _SILENT_S:
+            return Verdict("NO GO", "bad", "map", no_map, alarm=True)
+        calibration = STREAMS[-1]  # it need not come again
+        if not no_map and self._silent(calibration, math.inf):
+            return self._no_data(calibration)
+        return checks
+
+    def _no_data(self, stream: Stream, otherwise: Verdict | None = None) -> Verdict:
+        """Return the verdict on a silent stream: its cause; ``otherwise`` where none shows."""
+        silence_s, began = self._silence_s[stream.topic], stream.topic in self._came_s
+        cause = self._cause(stream, silence_s)
+        if cause is None and otherwise is not None:
+            return otherwise
+        text, name, for_s = cause or (f"No {stream.kind}", stream.topic, silence_s)
+        more = f"{name} silent for {for_s:.0f} s"
+        return Verdict("NO DATA", "bad" if began else "caution", stream.kind, text, more, began)
+
+    def _cause(self, stream: Stream, silence_s: float) -> tuple[str, str, float] | None:
+        """Return the silent node or input: words, name and seconds; None if none is silent."""
+        then_s, state = self._reports.state(stream.node)
+        ago_s = self._now_s - then_s
+        if min(ago_s, silence_s) >= _ANSWER_S:
+            return f"{stream.program} does not answer", stream.node, min(ago_s, silence_s)
+        ages = {name: input_.age_s for name, input_ in state.topics.items()} if state else {}
+        topic = next((topic for topic in stream.inputs if ages.get(topic) is not None), "")
+        age_s = ages.get(topic)
+        if age_s is None or age_s <= _ALSO_SILENT_S:
+            return None
+        return f"{stream.inputs[topic]} is silent for {age_s + ago_s:.0f} s", topic, age_s + ago_s
+
+
+def navigation_verdict(status: NavigationStatus | None) -> Verdict | None:
+    """Return the verdict on the filter by its own status; None while it runs well."""
+    if status is None:
+        return Verdict("NO DATA", "caution", "position", "The filter has not reported", "ekf_node")
+    if status.state is FilterState.RUNNING:
+        return None
+    if status.state is FilterState.LOST or status.began_again:
+        return Verdict("LOST", "bad", "position", status.for_operator, status.reason, alarm=True)
+    word = "CAUTION" if status.state.navigating else "WAIT"
+    return Verdict(word, "caution", "position", status.for_operator, status.reason)
+
 
 Place = list[float]  # latitude, longitude (deg)
 
@@ -50,6 +209,8 @@ _PICTURES = 200
 #: A picture that was drawn with a predicted pose has none on its other side.
 _LAST_POSE_S = 0.2
 _SIGMA_OF_ELLIPSE = math.sqrt(-2 * math.log(0.05))
+#: Markers of 2000 targets take 0.4 s of a processor.
+_MARKERS_S = 2.0
 _DIGITS = 8  # of degrees: a millimetre
 _NO_POSITION: Mapping[str, None] = dict.fromkeys(
     ("stamp_ns", "position", "heading_deg", "position_sigma_m", "speed_m_s", "above_ground_m")
@@ -57,7 +218,7 @@ _NO_POSITION: Mapping[str, None] = dict.fromkeys(
 
 
 class AircraftView(AircraftTopics):
-    """Be one aircraft of the page. ``answered`` takes the answers to clicks."""
+    """Give the page the state of one aircraft; ``answered`` takes the answers to clicks."""
 
     def __init__(
         self,
@@ -65,7 +226,7 @@ class AircraftView(AircraftTopics):
         aircraft: str,
         terrain: Terrain | None,
         show: Callable[[int, bytes], None],
-        answered: Callable[[ClickAnswer], None],
+        answered: Callable[[Answer], None],
     ) -> None:
         self._pictures: deque[tuple[float, float]] = deque(maxlen=_PICTURES)  # time, latency; s
         self._pass_on = show
@@ -73,23 +234,26 @@ class AircraftView(AircraftTopics):
         self._track, self._sent = list[Place](), list[Place]()
         self.listen("tirgeo/path", self._take_path, 1)
         self.listen("tirgeo/findings", self._take_findings, 10)
-        self.listen("tirgeo/locate/answer", lambda m: answered(click_answer(m)), 20)
+        self.listen("tirgeo/locate/answer", lambda m: answered(answer_of(m)), 20)
         self._pixel = self._advertise("tirgeo/locate/pixel", output())
-        self._targets = self._advertise("tirgeo/targets", latched())
+        self.targets = self._advertise("tirgeo/targets", latched())
+        self._markers = self._advertise("tirgeo/targets/markers", latched())
         self._judge = Judge(self.reports, self.came_s)
-        self._drawn: tuple[object, ...] = ()  # revision of the targets, plane and frame
+        self._marked: tuple[object, ...] = ()  # revision of the targets, plane and frame
+        self._marked_s = -math.inf
 
     def _advertise(self, topic: str, qos: QoSProfile) -> Publisher:
         return self._node.advertise(f"{self._prefix}{topic}", qos, TOPIC_TYPES[topic])
 
-    def draw(self, targets: Sequence[MarkedPlace], revision: int) -> None:
-        """Have these targets drawn in the video, unless they are already, in the same plane."""
-        drawn = revision, self.plane, self.map_frame
-        if self.plane is None or drawn == self._drawn:
+    def mark(self, targets: Sequence[Target], revision: int) -> None:
+        """Show these targets in RViz while it listens, unless it shows them in the same plane."""
+        marked, now_s = (revision, self.plane, self.map_frame), time.monotonic()
+        soon = now_s - self._marked_s < _MARKERS_S
+        if self.plane is None or soon or marked == self._marked:
             return
-        frames = self._node.messages.frames._replace(map=self.map_frame)
-        self._targets.publish(Messages(message_class, frames).targets(self.plane, targets))
-        self._drawn = drawn
+        if self._markers.get_subscription_count():
+            self._markers.publish(target_markers(self.map_frame, self.plane, targets))
+            self._marked, self._marked_s = marked, now_s
 
     def _count(self, stamp: int, jpeg: bytes) -> None:
         self._pictures.append((time.monotonic(), 1e-9 * (self._node.now_ns - stamp)))
@@ -100,7 +264,7 @@ class AircraftView(AircraftTopics):
 
     def _take_path(self, message: Any) -> None:
         if self.plane is not None:
-            points_n = places_n(one.pose.position for one in message.poses)
+            points_n = places_n(pose.pose.position for pose in message.poses)
             self._track = places(points_n, self.plane)
 
     def click(self, stamp: int, u: float, v: float) -> bool:
@@ -120,21 +284,21 @@ class AircraftView(AircraftTopics):
         state |= track_fields(sent, self._sent)
         state["footprint"] = places(footprint_n, plane) if plane else []
         state |= self._judged(now_s, more_findings)
-        then_s, topics = self.reports.newest("ekf_node: topics")
-        rtk_s = number(topics.get("rtk/fix age [s]", ""))
         streams = {"video": VIDEO, "pose": ODOMETRY, "camera": POSE}
         ages = {name: self.age_s(topic) for name, topic in streams.items()}
-        state["ages_s"] = ages | {"rtk": None if rtk_s is None else rtk_s + now_s - then_s}
+        state["ages_s"] = ages | {"rtk": self.reports.input_age_s("ekf_node", "rtk/fix", now_s)}
         state["video_hz"], state["latency_ms"] = self._video(now_s)
         return state
 
     def _judged(self, now_s: float, more: Sequence[Finding]) -> dict[str, Any]:
-        heard, overlay = self.reports.findings(now_s), self.reports.overlay(now_s)
-        no_map = overlay.get("notice", "") if overlay else None  # the picture's notice
-        findings = sorted(nearest_causes([*(heard or ()), *more]), key=lambda one: -one.severity)
-        worst = max((one.severity for one in findings), default=Severity.NOTE)
+        heard, picture = self.reports.findings(now_s), self.reports.picture(now_s)
+        no_map = picture.notice if picture else None
+        findings = sorted(
+            nearest_causes([*(heard or ()), *more]), key=lambda finding: -finding.severity
+        )
+        worst = max((finding.severity for finding in findings), default=Severity.NOTE)
         verdict = self._judge.look(now_s, None if heard is None else worst, no_map or "")
-        rows = [finding_row(one) for one in findings]
+        rows = [finding_row(finding) for finding in findings]
         judged = {"verdict": verdict._asdict(), "no_map": no_map, "findings": rows}
         if verdict.kind == "position" and verdict.word == "NO DATA":
             judged |= dict.fromkeys(("rtk", "heading_sigma_deg"))  # the filter's clock stands
@@ -209,7 +373,7 @@ def velocity_n(odometry: Any) -> Array:
 
 
 def track_fields(sent: list[Place], track: list[Place]) -> dict[str, Any]:
-    """Return the points of a track from the first one that was not sent so, and its index."""
+    """Return the points of a track from the first that differs from ``sent``, and its index."""
     same = len(sent)
     while same and sent[same - 1 : same] != track[same - 1 : same]:
         same -= 1
@@ -219,7 +383,7 @@ def track_fields(sent: list[Place], track: list[Place]) -> dict[str, Any]:
 def places(points_n: Array, plane: TangentPlane) -> list[Place]:
     """Return latitude and longitude (deg) of points (N, 3), NED in the plane."""
     latitude, longitude, _ = plane.geodetic_from_ned(points_n)
-    return [_degrees(*one) for one in zip(latitude.tolist(), longitude.tolist(), strict=True)]
+    return [_degrees(*place) for place in zip(latitude.tolist(), longitude.tolist(), strict=True)]
 
 
 def _degrees(latitude_rad: float, longitude_rad: float) -> Place:
@@ -239,7 +403,7 @@ def on_ground(
 def pixel_of(sight: Sight, point_n: Array) -> tuple[float, float] | None:
     """Return column and row of a point (3,), NED, in a picture; None outside it."""
     offset_n, camera = point_n - sight.pose.position_n, sight.camera
-    uv, seen = camera.project(offset_n[None] @ matrix_from_quat(sight.pose.q_nc))
+    uv, visible = camera.project(offset_n[None] @ matrix_from_quat(sight.pose.q_nc))
     u, v = uv[0].tolist()
-    inside = seen[0] and -0.5 <= u < camera.width - 0.5 and -0.5 <= v < camera.height - 0.5
+    inside = visible[0] and -0.5 <= u < camera.width - 0.5 and -0.5 <= v < camera.height - 0.5
     return (u, v) if inside else None

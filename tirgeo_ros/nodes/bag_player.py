@@ -9,26 +9,203 @@ from __future__ import annotations
 import heapq
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import Header
 
-from tirgeo_ros.core.config import BagPlayerConfig
-from tirgeo_ros.core.types.errors import BagError, ConfigError, shown
+from tirgeo_ros.core.config import AircraftConfig, BagPlayerConfig, SimulatedAircraftConfig
+from tirgeo_ros.core.streams.arrivals import Arrivals
+from tirgeo_ros.core.types.errors import BagError, ConfigError, MessageError, shown
+from tirgeo_ros.core.types.finding import Finding, Severity
+from tirgeo_ros.dji.simulator import Aircraft, frames_of
+from tirgeo_ros.dji.simulator.pseudo_terminal import PseudoTerminal
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader
-from tirgeo_ros.io.messages import stamp_ns
-from tirgeo_ros.nodes.graph_node import GraphNode, message_class
+from tirgeo_ros.io.messages import DJI_TOPICS, SENSED_SAMPLES, SensedSample, stamp_ns
+from tirgeo_ros.io.messages.sensor_messages import offered_qos
+from tirgeo_ros.nodes.graph_node import (
+    GraphNode,
+    latched,
+    message_class,
+    output,
+    topic_names,
+)
 from tirgeo_ros.nodes.monitor import OK, WARN
-from tirgeo_ros.nodes.playlist import aircraft_topics, await_readers, publishers_for
-from tirgeo_ros.nodes.qos import output
 from tirgeo_ros.nodes.runner import run
-from tirgeo_ros.nodes.simulated_serial_aircraft import SerialAircraft
+
+_DEPTH = 100
+_STEADY_S = 1.0
+_POLL_S = 0.05
+#: Topics that the running graph publishes itself; the recorded ones would conflict with them.
+_OUTPUTS = (
+    *("tirgeo/odometry", "tirgeo/fix", "tirgeo/origin", "tirgeo/camera_pose"),
+    *("tirgeo/footprint", "tirgeo/path", "tirgeo/state", "tirgeo/findings", "tf", "tf_static"),
+)
+_OUTPUT_FOLDERS = ("tirgeo/overlay/", "tirgeo/locate/fix", "tirgeo/locate/point")
+_INFRASTRUCTURE = ("clock", "rosout", "parameter_events", "diagnostics")
+
+
+def publishers_for(
+    node: Node, topics: Mapping[str, str], wanted: str, otherwise: Collection[str] = ()
+) -> dict[str, Publisher]:
+    """Return a publisher for each topic of a bag (name -> type) that is to be played.
+
+    ``wanted`` names topics, separated by commas; empty = all that the graph does not publish
+    itself. ``otherwise`` names topics of the bag that are played in another way. Topics are
+    published with relative names, so the node's namespace applies. A type that is not installed is
+    skipped with a warning. Raise BagError for a wanted topic that the bag lacks, or if there is
+    nothing to play.
+    """
+    publishers = {}
+    for topic in _chosen(topics, topic_names(wanted)):
+        if topic in otherwise:
+            continue
+        relative = topic.lstrip("/")
+        offered = offered_qos(relative)
+        qos = latched() if offered.latched else output(max(offered.depth, _DEPTH))
+        try:
+            publishers[topic] = node.create_publisher(message_class(topics[topic]), relative, qos)
+        except ConfigError as error:
+            node.get_logger().warning(shown(f"{topic} is not played: {error}"))
+    if not publishers and not otherwise:
+        raise BagError(f"the bag has no topic to play (it has: {', '.join(topics) or 'none'})")
+    return publishers
+
+
+def aircraft_topics(topics: Mapping[str, str], wanted: str) -> dict[str, str]:
+    """Return which of the bag's topics to play a DJI aircraft sends: name -> type.
+
+    Raise BagError if there is none.
+    """
+    chosen = _chosen(topics, topic_names(wanted))
+    types = {topic: topics[topic] for topic in chosen if topic.lstrip("/") in DJI_TOPICS}
+    if not types:
+        raise BagError(f"the bag has none of the aircraft's topics: {', '.join(DJI_TOPICS)}")
+    return types
+
+
+def _chosen(topics: Mapping[str, str], wanted: Sequence[str]) -> list[str]:
+    if not wanted:
+        return [topic for topic in topics if not _made_by_graph(topic.lstrip("/"))]
+    by_name = {topic.lstrip("/"): topic for topic in topics}
+    absent = [name for name in wanted if name not in by_name]
+    if absent:
+        raise BagError(f"the bag has no {', '.join(absent)} (it has: {', '.join(topics)})")
+    return [by_name[name] for name in wanted]
+
+
+def _made_by_graph(name: str) -> bool:
+    # A bag recorded in a namespace has the namespace as a prefix of each name.
+    own = name[name.find("tirgeo/") :] if "tirgeo/" in name else name
+    return own in _OUTPUTS or own.startswith(_OUTPUT_FOLDERS) or name in _INFRASTRUCTURE
+
+
+def await_readers(
+    node: Node,
+    publishers: Collection[Publisher],
+    awaited: str,
+    timeout_s: float,
+    stop: threading.Event,
+    attend: Callable[[], str] = lambda: "",
+) -> str:
+    """Wait until the awaited subscribers are there and none came or went for a second.
+
+    ``awaited`` names topics that need a subscriber, separated by commas; empty = any. ``attend``
+    is called repeatedly and returns what else is missing. Return what is missing after
+    ``timeout_s``, else an empty text, also when ``stop`` is set. Raise ConfigError for an awaited
+    topic that is not played.
+    """
+    wanted = {node.resolve_topic_name(name) for name in topic_names(awaited)}
+    unknown = wanted - {publisher.topic_name for publisher in publishers}
+    if unknown:
+        raise ConfigError(f"parameter wait_for: {', '.join(sorted(unknown))} is not played")
+    begin = changed = time.monotonic()
+    counts: dict[str, int] = {}
+    while not stop.wait(_POLL_S):
+        now = time.monotonic()
+        before, counts = counts, {p.topic_name: p.get_subscription_count() for p in publishers}
+        changed = now if counts != before else changed
+        absent = ", ".join(sorted(name for name in wanted if not counts[name]))
+        missing = attend() or (f"a subscriber of {absent}" if absent else "")
+        heard = any(counts.values()) or not counts
+        if heard and not missing and now - changed >= _STEADY_S:
+            return ""
+        if now - begin >= timeout_s:
+            return missing or "any steady subscriber"
+    return ""
+
+
+class SerialAircraft:
+    """Simulate an aircraft on a pseudo-terminal, for one program that reads it."""
+
+    def __init__(
+        self,
+        path: str,
+        config: SimulatedAircraftConfig,
+        places: AircraftConfig,
+        topics: Mapping[str, str],
+    ) -> None:
+        """Open the port; ``topics`` of the bag, name -> type. Raise DjiError if that fails."""
+        self.terminal = PseudoTerminal(path)
+        self._topics = topics
+        self._arrivals = Arrivals()
+        self._unreadable: Counter[str] = Counter()
+        self._aircraft = Aircraft(config, places=places)
+
+    def attend(self) -> bool:
+        """Answer what the host has asked; return whether it has the port open."""
+        self.terminal.write(self._aircraft.answer(self.terminal.read()))
+        return self.terminal.is_open
+
+    def _send(self, data: bytes) -> None:
+        """Write a frame, as far as a program reads it, and answer the host."""
+        self.terminal.write(data)
+        self.attend()
+
+    def frames(
+        self, reader: BagReader, start_ns: int, shift_ns: int
+    ) -> Iterator[tuple[int, Callable[[], None]]]:
+        """Yield the bag times (ns) at which frames are due, and the calls that send them.
+
+        Their stamps are shifted.
+        """
+        for time_ns, data in frames_of(self._aircraft, self._samples(reader, start_ns, shift_ns)):
+            yield time_ns - shift_ns, partial(self._send, data)
+
+    @property
+    def losses(self) -> str:
+        """Return what of the flight was not transmitted, in one line, or an empty string."""
+        counts = dict(self._aircraft.counts)
+        losses = {"invalid samples": counts.get("invalid", 0)}
+        losses["of imu/data not later than the one before"] = counts.get("imu_not_later", 0)
+        losses |= {f"unreadable messages of {topic}": n for topic, n in self._unreadable.items()}
+        losses[f"bytes not read by anybody from {self.terminal.path}"] = self.terminal.dropped
+        return ", ".join(f"{number} {what}" for what, number in losses.items() if number)
+
+    def _samples(
+        self, reader: BagReader, start_ns: int, shift_ns: int
+    ) -> Iterator[tuple[int, SensedSample]]:
+        for item in reader.messages(self._topics, start_ns):
+            topic = item.topic.lstrip("/")
+            try:
+                message = deserialize_message(item.data, message_class(item.typename))
+                sample = SENSED_SAMPLES[topic](message)
+            # RuntimeError: rclpy raises it for truncated bytes.
+            except (MessageError, RuntimeError):
+                self._unreadable[topic] += 1
+                continue
+            sample = self._arrivals.stamped(topic, sample, item.log_time_ns)
+            moved = replace(sample, stamp_ns=sample.stamp_ns + shift_ns)
+            yield item.log_time_ns + shift_ns, moved
 
 
 class PlayClock:
@@ -110,6 +287,8 @@ class BagPlayer(GraphNode):
         config = self._config.simulated_aircraft, self._config.aircraft
         self._aircraft = SerialAircraft(port, *config, spoken) if port else None
         self.resources = self._aircraft.terminal if self._aircraft else None
+        self._findings_now: list[Finding] = []
+        self.report_each_second(list, lambda: self._findings_now)
 
     def play(self, stop: threading.Event) -> int:
         """Wait for subscribers, play, wait for acknowledgement; return the exit code."""
@@ -133,7 +312,12 @@ class BagPlayer(GraphNode):
     def _look_for_rivals(self, clock: str) -> None:
         """Warn, once, of another publisher of the clock."""
         if self.count_publishers(clock) > 1:
-            self.log(WARN, f"{clock} has another publisher too: give each bag its own namespace")
+            evidence = f"{clock} has another publisher too"
+            remedy = "give each bag its own namespace"
+            self._findings_now = [
+                Finding("clock", Severity.CAUTION, evidence, "bag_player", remedy)
+            ]
+            self.log(WARN, f"{evidence}: {remedy}")
             self._rival_timer.cancel()
 
     def _attend(self) -> str:

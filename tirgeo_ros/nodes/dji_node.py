@@ -1,19 +1,257 @@
-"""Read the aircraft: its serial link or psdk_ros2's topics in; the graph's input topics out."""
+"""Read the aircraft: its serial link or psdk_ros2's topics in; the graph's input topics out.
+
+Two topics of psdk_ros2 need its own message package, psdk_interfaces, and are used only if it is
+installed. The other topics have standard types.
+"""
 
 from __future__ import annotations
 
 import threading
+import time
+from collections.abc import Callable
 from functools import partial
+from operator import attrgetter
+from typing import Any
+
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.validate_topic_name import validate_topic_name
 
 from tirgeo_ros.core.config import DjiConfig
+from tirgeo_ros.core.types.errors import ConfigError
+from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.dji.interpret import Interpreter
-from tirgeo_ros.dji.sources.readings import Reading
-from tirgeo_ros.io.messages import DJI_TOPICS, DiagnosticItem, SensedSample, sensed
-from tirgeo_ros.nodes.dji_sources import PsdkSource, SerialSource
-from tirgeo_ros.nodes.graph_node import GraphNode
-from tirgeo_ros.nodes.monitor import OK, WARN
-from tirgeo_ros.nodes.qos import STREAM_DEPTH, output
+from tirgeo_ros.dji.link.serial_link import LinkState, LinkWatch, SerialLink
+from tirgeo_ros.dji.protocol.subscription import PackageTable, package_table
+from tirgeo_ros.dji.sources.psdk import PsdkDecoder
+from tirgeo_ros.dji.sources.readings import Quaternion, Reading, Vector
+from tirgeo_ros.dji.sources.serial import SerialDecoder
+from tirgeo_ros.io.messages import DJI_TOPICS, DiagnosticItem, SensedSample, sensed, stamp_ns
+from tirgeo_ros.io.messages.sensor_messages import STREAM_DEPTH
+from tirgeo_ros.io.parameters.parameter_file import load_yaml
+from tirgeo_ros.nodes.graph_node import GraphNode, message_class, output, sensor_input
+from tirgeo_ros.nodes.monitor import OK, SILENT_S, WARN
 from tirgeo_ros.nodes.runner import run
+
+#: Longest wait for bytes (s), so the period at which a silent link is checked.
+_WAIT_S = 0.02
+#: Period (s) of the check for RTK values that wait for their flags.
+_DUE_S = 0.01
+Values = Callable[[Any], Any]
+
+_vector: Values = attrgetter("x", "y", "z")
+_quaternion: Values = attrgetter("w", "x", "y", "z")
+_place: Values = attrgetter("latitude", "longitude", "altitude")
+_sigmas: Values = attrgetter("horizontal_accuracy", "vertical_accuracy", "speed_accuracy")
+
+
+def _imu(m: Any) -> tuple[Quaternion, Vector, Vector]:
+    rates, forces = _vector(m.angular_velocity), _vector(m.linear_acceleration)
+    return _quaternion(m.orientation), rates, forces
+
+
+#: Topic name -> its type, and the function that extracts the values for PsdkDecoder.
+_TOPICS: dict[str, tuple[str, Values]] = {
+    "attitude": ("geometry_msgs/msg/QuaternionStamped", lambda m: _quaternion(m.quaternion)),
+    "imu": ("sensor_msgs/msg/Imu", _imu),
+    "gimbal_angles": ("geometry_msgs/msg/Vector3Stamped", lambda m: _vector(m.vector)),
+    "gps_position": ("sensor_msgs/msg/NavSatFix", _place),
+    "gps_velocity": ("geometry_msgs/msg/TwistStamped", lambda m: _vector(m.twist.linear)),
+    "gps_position_fused": ("sensor_msgs/msg/NavSatFix", _place),
+    "velocity_ground_fused": ("geometry_msgs/msg/Vector3Stamped", lambda m: _vector(m.vector)),
+    "rtk_position": ("sensor_msgs/msg/NavSatFix", _place),
+    "rtk_velocity": ("geometry_msgs/msg/TwistStamped", lambda m: _vector(m.twist.linear)),
+    "rtk_position_info": ("std_msgs/msg/UInt8", lambda m: m.data),
+    "rtk_yaw_info": ("std_msgs/msg/UInt8", lambda m: m.data),
+    "rtk_yaw": ("psdk_interfaces/msg/RTKYaw", lambda m: m.yaw),
+    "gps_details": ("psdk_interfaces/msg/GPSDetails", lambda m: (m.fix_state, _sigmas(m))),
+}
+_WITHOUT_HEADER = {"rtk_position_info", "rtk_yaw_info"}
+#: What is missing without a topic whose message type may not be installed.
+_LOST = {"rtk_yaw": "no rtk/heading", "gps_details": "no accuracy and no kind of fix on gps/fix"}
+#: Without these topics no map can be drawn on the picture.
+_NEEDED = ("imu", "rtk_position", "rtk_position_info", "gimbal_angles")
+_INSTALL = (
+    "{lost}, as psdk_interfaces is not installed here: source the workspace that psdk_ros2 was "
+    "built in, or build its package psdk_interfaces, and start again"
+)
+_SILENT = (
+    "nothing comes from psdk_ros2 on {prefix}*: is its node running and active (it is a lifecycle "
+    "node), and is psdk_prefix right?"
+)
+
+
+class SerialSource:
+    """Read one port, decode its bytes, and send the host's requests."""
+
+    def __init__(
+        self, node: GraphNode, config: DjiConfig, take: Callable[[list[Reading]], None]
+    ) -> None:
+        """Raise DjiError for a key or a table of packages that cannot be used."""
+        self._node = node
+        self._turn = node.guarded("serial link", self._read)
+        self._take = take
+        packages = PackageTable()
+        if config.packages:
+            packages = package_table(load_yaml(config.packages), config.packages)
+        self._decoder = SerialDecoder(config, packages)
+        self._link = SerialLink(config.port, config.baud)
+        self._watch = LinkWatch(config.port, config.baud, has_key=bool(config.key.strip()))
+        self._openings = 0
+        self._lock = threading.Lock()  # the diagnostics read what the reading thread changes
+        self._host_message = ""
+
+    def serve(self, stop: threading.Event) -> None:
+        """Read until ``stop`` is set. No cable fault and no received data ends the loop."""
+        try:
+            while not stop.is_set():
+                if not self._turn():
+                    stop.wait(_WAIT_S)
+        finally:
+            self._link.close()
+
+    def _read(self) -> None:
+        data = self._link.read(_WAIT_S)
+        arrival_ns = self._node.now_ns
+        now_s = time.monotonic()
+        readings: list[Reading] = []
+        decoder = self._decoder
+        with self._lock:
+            if self._link.openings != self._openings:
+                self._openings = self._link.openings
+                readings += decoder.reopened(arrival_ns, now_s)
+            readings += decoder.take(data, arrival_ns, now_s, round(self._link.gathered_s * 1e9))
+            # On a closed port a request would only count as unanswered.
+            is_open = self._link.state is LinkState.OPEN
+            to_send = decoder.host.due(now_s) if is_open else b""
+            counts = decoder.counts["bytes"], decoder.counts["frames"], decoder.locked
+            report = self._watch.look(now_s, self._link.state, self._link.message, *counts)
+        if to_send:
+            self._link.write(to_send)
+        self._take(readings)
+        if report is not None:
+            self._node.log(min(report.level, WARN), report.message)
+        if decoder.host.message != self._host_message:
+            self._host_message = decoder.host.message
+            self._node.log(OK, self._host_message)
+
+    def findings(self) -> list[Finding]:
+        """Return a finding while the link brings no data, or none that can be read."""
+        with self._lock:
+            report = self._watch.report
+        if report is None or not report.level:
+            return []
+        remedy = "look at the aircraft, the cable, and port, baud and key"
+        evidence = report.message
+        return [Finding("serial_link", Severity.CAUTION, evidence, "dji_node port", remedy)]
+
+    def report(self) -> DiagnosticItem:
+        """Return the diagnostic item of the link: its state and counts of its traffic."""
+        with self._lock:
+            report = self._watch.report
+            values = self._decoder.diagnostics
+        if report is None:
+            return self._node.item("link", values, "not opened yet", WARN)
+        state = {
+            "state": report.condition,
+            "state_time_s": f"{time.monotonic() - report.since_s:.1f}",
+            "bytes_per_s": f"{report.bytes_per_s:.0f}",
+            "frames_per_s": f"{report.frames_per_s:.1f}",
+            "openings": str(self._openings),
+        }
+        return self._node.item("link", state | values, report.message, int(report.level))
+
+
+class PsdkSource:
+    """Subscribe to psdk_ros2 and pass the readings of its messages to ``take``."""
+
+    def __init__(
+        self, node: GraphNode, config: DjiConfig, take: Callable[[list[Reading]], None]
+    ) -> None:
+        """Raise ConfigError for a prefix that is no valid topic name."""
+        self._node, self._take = node, take
+        self._decoder = PsdkDecoder()
+        self._prefix = _checked(config.psdk_prefix)
+        self._heard_s = time.monotonic()
+        self._logged: list[str] = []
+        missing = [topic for topic in _LOST if not _is_installed(_TOPICS[topic][0])]
+        self._lost = _INSTALL.format(lost=", ".join(_LOST[t] for t in missing)) if missing else ""
+        for topic in _TOPICS:
+            if topic not in missing:
+                name, typename = self._prefix + topic, _TOPICS[topic][0]
+                take = partial(self.handle, topic)
+                node.listen(name, take, sensor_input(), typename)
+        for topic in _NEEDED:
+            node.monitor.expects(self._prefix + topic)
+        self._timer = node.steady_timer("waiting for flags", _DUE_S, self._due)
+        self._log_changes()
+
+    @staticmethod
+    def serve(stop: threading.Event) -> None:
+        """Wait until ``stop`` is set: the node's executor does the work."""
+        stop.wait()
+
+    def findings(self) -> list[Finding]:
+        """Return a finding while topics of psdk_ros2 do not come."""
+        evidence = "; ".join(self._logged)
+        remedy = "look at psdk_ros2's node and at psdk_interfaces"
+        finding = Finding("psdk_ros2", Severity.NOTE, evidence, "dji_node psdk_prefix", remedy)
+        return [finding] if evidence else []
+
+    def report(self) -> DiagnosticItem:
+        """Log any change of the warnings, and return the source's diagnostic item."""
+        warnings = self._log_changes()
+        values = {name: str(number) for name, number in self._decoder.counts.items()}
+        level, message = (WARN, "; ".join(warnings)) if warnings else (OK, "ok")
+        return self._node.item("psdk", values, message, level)
+
+    def handle(self, topic: str, message: Any) -> None:
+        """Handle a message of psdk_ros2; ``topic`` is its name without the prefix."""
+        self._heard_s = time.monotonic()
+        values = _TOPICS[topic][1](message)
+        arrival_ns = self._node.now_ns
+        sent_ns = 0 if topic in _WITHOUT_HEADER else stamp_ns(message)
+        self._give(self._decoder.take(topic, values, sent_ns, arrival_ns))
+
+    def _due(self) -> None:
+        self._give(self._decoder.due(self._node.now_ns))
+
+    def _give(self, readings: list[Reading]) -> None:
+        if readings:
+            self._take(readings)
+
+    def _log_changes(self) -> list[str]:
+        """Return the current warnings; log each when it begins and when it is over."""
+        silent = time.monotonic() - self._heard_s > SILENT_S
+        warnings = [_SILENT.format(prefix=self._prefix)] if silent else []
+        warnings += [self._lost] if self._lost else []
+        for text in warnings:
+            if text not in self._logged:
+                self._node.log(WARN, text)
+        for text in self._logged:
+            if text not in warnings:
+                self._node.log(OK, f"over: {text}")
+        self._logged = warnings
+        return warnings
+
+
+def _is_installed(typename: str) -> bool:
+    try:
+        message_class(typename)
+    except ConfigError:
+        return False
+    return True
+
+
+def _checked(prefix: str) -> str:
+    """Return the prefix with its slash; raise ConfigError if it makes no valid topic name."""
+    topics = f"{prefix.rstrip('/')}/" if prefix else ""
+    try:
+        validate_topic_name(f"{topics}imu")
+    except InvalidTopicNameException:
+        raise ConfigError(
+            f"psdk_prefix: {prefix!r} is not a valid prefix of topic names"
+        ) from None
+    return topics
 
 
 class DjiNode(GraphNode):
@@ -28,7 +266,7 @@ class DjiNode(GraphNode):
         self._warned: set[str] = set()
         source = SerialSource if config.source == "serial" else PsdkSource
         self._source = source(self, config, self._take)
-        self.report_each_second(self._items)
+        self.report_each_second(self._items, self._findings_of_aircraft)
 
     def serve(self, stop: threading.Event) -> int:
         """Read the source until ``stop`` is set; return the exit code."""
@@ -50,6 +288,13 @@ class DjiNode(GraphNode):
         self._topics[topic].publish(message)
         self.monitor.published(topic, 1e-9 * (self.now_ns - sample.stamp_ns))
 
+    def _findings_of_aircraft(self) -> list[Finding]:
+        with self._lock:
+            warnings = "; ".join(self._interpreter.warnings)
+        remedy = "look at its parameters and at the aircraft's settings"
+        own = Finding("aircraft_data", Severity.NOTE, warnings, "dji_node", remedy)
+        return [*self._source.findings(), *([own] if warnings else [])]
+
     def _items(self) -> list[DiagnosticItem]:
         with self._lock:
             warnings = list(self._interpreter.warnings)
@@ -60,7 +305,7 @@ class DjiNode(GraphNode):
                 self._warned.add(warning)
                 self.log(WARN, warning)
         level, message = (WARN, "; ".join(warnings)) if warnings else (OK, "ok")
-        return [self._source.item(), self.item("aircraft", values, message, level)]
+        return [self._source.report(), self.item("aircraft", values, message, level)]
 
 
 main = partial(run, "dji_node", DjiNode, DjiNode.serve)

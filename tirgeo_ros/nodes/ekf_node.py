@@ -6,6 +6,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
 from tirgeo_ros.core.checks.navigation_checks import NavigationChecks
@@ -14,22 +15,104 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.aiding.aids import METHOD_SOURCES
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.navigation.estimator.track import Track
-from tirgeo_ros.core.streams.arrivals import Arrivals
-from tirgeo_ros.core.streams.rates import RateLimit
+from tirgeo_ros.core.streams.arrivals import ArrivalOrder, Arrivals
+from tirgeo_ros.core.streams.stamps import RateLimit
 from tirgeo_ros.core.types.errors import MessageError
 from tirgeo_ros.core.types.measurements import NavigationInput, Source
 from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus, Outcome, Verdict
 from tirgeo_ros.io.messages import NAVIGATION_INPUTS, TOPIC_TYPES, DiagnosticItem, navigation_item
-from tirgeo_ros.nodes.graph_node import GraphNode
-from tirgeo_ros.nodes.graph_watch import RECENT_S, OtherPublishers
-from tirgeo_ros.nodes.inbox import Inbox
+from tirgeo_ros.io.messages.sensor_messages import STREAM_DEPTH
+from tirgeo_ros.nodes.graph_node import GraphNode, latched, output, sensor_input, with_info
 from tirgeo_ros.nodes.monitor import OK, WARN
 from tirgeo_ros.nodes.parameters import given_names
-from tirgeo_ros.nodes.qos import STREAM_DEPTH, latched, output, sensor_input
 from tirgeo_ros.nodes.runner import run
-from tirgeo_ros.nodes.setup_checks import InputChecks, SetupChecks
+from tirgeo_ros.nodes.setup_checks import RECENT_S, InputChecks, OtherPublishers, SetupChecks
 from tirgeo_ros.nodes.transforms import Transforms
+
+#: Number of messages handled before the executor runs again: timers, services, more messages.
+_AT_ONCE = 4
+
+
+#: A function that takes a message, the message, and the node's time (ns) at which it came. It
+#: waits as bytes: an IMU message takes 1.8 kB as an object and 0.6 kB as bytes, and the process
+#: keeps the memory of its longest queue.
+_Waiting = tuple[Callable[[Any], None], bytes, int]
+
+
+class Inbox:
+    """Subscribe for a node and take all waiting messages, whichever topic the executor serves.
+
+    Each topic keeps as many waiting messages as its queue holds; older ones are dropped and
+    counted.
+    """
+
+    def __init__(self, node: GraphNode) -> None:
+        self._node = node
+        self._order: ArrivalOrder[_Waiting] = ArrivalOrder()
+        # For each topic: its depth, the function that takes a message with its info, and the
+        # callback that puts it into the order.
+        self._sources: list[tuple[int, Callable[[], Any], Callable[..., None]]] = []
+        self._taking = self._resumes = False
+        self.taken_ns = 0
+
+    @property
+    def diagnostics(self) -> dict[str, str]:
+        """Return how many messages of each topic were dropped, as values of a diagnostic."""
+        return {f"given_up.{topic}": str(n) for topic, n in self._order.given_up.items()}
+
+    def subscribe(
+        self, topic: str, handle: Callable[[Any], None], qos: QoSProfile, typename: str = ""
+    ) -> None:
+        """Have ``handle`` called with each message in its turn; ``taken_ns`` is its arrival.
+
+        ``typename`` as in ``GraphNode.listen``.
+        """
+        deferred = partial(self._deferred, topic)
+        made = self._node.listen(topic, handle, qos, typename, wrapped=deferred, raw=True)
+        depth = made.qos_profile.depth
+        self._order.open(topic, depth)
+        # Not public, so setup.py bounds the version of rclpy: test_ekf_node.py says why.
+        take = partial(made.handle.take_message, made.msg_type, made.raw)
+        self._sources.append((depth, take, made.callback))
+
+    def _deferred(self, topic: str, receive: Callable[[Any], None]) -> Callable[..., None]:
+        def put(data: bytes, info: Any) -> None:
+            # Not every middleware gives the time of reception.
+            arrived_ns = info["received_timestamp"] or info["source_timestamp"]
+            self._order.put(topic, arrived_ns, (receive, data, self._node.now_ns))
+            if not (self._taking or self._resumes):
+                self._work()
+
+        return with_info(put)
+
+    def _work(self) -> None:
+        """Handle the messages that arrived first, and schedule another call if more wait."""
+        self._resumes = False
+        self._take()
+        for _ in range(_AT_ONCE):
+            waiting = self._order.pop()
+            if waiting is None:
+                return
+            receive, data, self.taken_ns = waiting
+            receive(data)
+        if self._order and self._node.executor is not None:
+            self._resumes = True
+            self._node.executor.create_task(self._work)
+
+    def _take(self) -> None:
+        """Take the messages that wait in the queues of the middleware."""
+        self._taking = True
+        try:
+            for most, take, put in self._sources:
+                for _ in range(most):
+                    message = take()
+                    if message is None:
+                        break
+                    put(*message)
+        finally:
+            self._taking = False
+
 
 Decode = Callable[[Any], NavigationInput]
 _IMU = NAVIGATION_INPUTS[Source.IMU][0]
@@ -84,7 +167,7 @@ class EkfNode(GraphNode):
         self._navigation = Navigation(config, self._heard)
         self._checks = NavigationChecks(config, given_names(self, EkfConfig), RECENT_S)
         sources = METHOD_SOURCES[config.method]
-        positions = [NAVIGATION_INPUTS[one][0] for one in sources if one in _POSITIONS]
+        positions = [NAVIGATION_INPUTS[source][0] for source in sources if source in _POSITIONS]
         inputs = InputChecks(self, (_IMU,), positions)
         self._setup = SetupChecks(self, inputs, OtherPublishers(self), self._checks)
         self._arrivals = Arrivals()
@@ -116,7 +199,9 @@ class EkfNode(GraphNode):
         self.monitor.expects(_IMU)
         self._restart = self.guarded("reset", self._navigation.reset)
         self.create_service(Trigger, "~/reset", self._reset)
-        self.report_each_second(self._items)
+        self.report_each_second(
+            self._items, self._setup.findings, navigation=self._navigation.status
+        )
 
     def _reconfigure(self, config: EkfConfig) -> None:
         self._navigation.configure(config)
@@ -135,19 +220,21 @@ class EkfNode(GraphNode):
 
     def _note_state(self) -> None:
         """Log and report a change at once; asked at each sample, so the whole status waits."""
-        found = self._navigation.state_and_resets()
-        if found == self._noted:
+        state = self._navigation.state_and_resets()
+        if state == self._noted:
             return
-        self._noted = found
+        self._noted = state
         status = self._navigation.status()
         if self._state_log.note(status):
             self.report([self._item(status)])
 
     def _in_map(self, take: Callable[[Any], None], message: Any) -> None:
         """Take a heading in the axes of ``map``; raise MessageError for any other frame."""
-        frame, known = message.header.frame_id, self.messages.frames.map
-        if frame not in {"", known}:
-            raise MessageError(f"its frame is {frame!r}: give it in {known} (RViz: Fixed Frame)")
+        frame, own_frame = message.header.frame_id, self.messages.frames.map
+        if frame not in {"", own_frame}:
+            raise MessageError(
+                f"its frame is {frame!r}: give it in {own_frame} (RViz: Fixed Frame)"
+            )
         take(message)
 
     def _heard(self, verdict: Verdict) -> None:
@@ -178,7 +265,7 @@ class EkfNode(GraphNode):
     def _items(self) -> list[DiagnosticItem]:
         status = self._navigation.status()
         self._state_log.note(status, reasons=True)
-        return [self._item(status), self._setup.item()]
+        return [self._item(status), self._setup.report()]
 
     def _item(self, status: NavigationStatus) -> DiagnosticItem:
         item = navigation_item(self.item_name("navigation"), status)

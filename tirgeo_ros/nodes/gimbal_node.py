@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any
 
 from tirgeo_ros.core.checks.gimbal_checks import GimbalChecks
-from tirgeo_ros.core.checks.parameter_checks import parameter_findings
+from tirgeo_ros.core.checks.input_checks import parameter_findings
 from tirgeo_ros.core.config import GimbalConfig
 from tirgeo_ros.core.gimbal.composer import GimbalComposer
 from tirgeo_ros.core.streams.arrivals import Arrivals
@@ -18,13 +18,12 @@ from tirgeo_ros.io.messages import (
     imu_sample,
     joint_sample,
 )
-from tirgeo_ros.nodes.graph_node import GraphNode
-from tirgeo_ros.nodes.graph_watch import OtherPublishers
+from tirgeo_ros.io.messages.sensor_messages import STREAM_DEPTH
+from tirgeo_ros.nodes.graph_node import GraphNode, output, sensor_input
 from tirgeo_ros.nodes.monitor import OK
 from tirgeo_ros.nodes.parameters import given_names
-from tirgeo_ros.nodes.qos import STREAM_DEPTH, output, sensor_input
 from tirgeo_ros.nodes.runner import run
-from tirgeo_ros.nodes.setup_checks import InputChecks, SetupChecks
+from tirgeo_ros.nodes.setup_checks import InputChecks, OtherPublishers, SetupChecks
 from tirgeo_ros.nodes.transforms import Transforms
 
 
@@ -35,11 +34,13 @@ class GimbalNode(GraphNode):
         super().__init__("gimbal_node")
         config = self.configured(GimbalConfig, self._reconfigure)
         self._composer = GimbalComposer(config)
-        given = given_names(self, GimbalConfig)
-        self._checks = GimbalChecks(config, given)
-        known = parameter_findings(given, (), "", pictures=True, option="--params-file")
+        set_names = given_names(self, GimbalConfig)
+        self._checks = GimbalChecks(config, set_names)
+        at_start = parameter_findings(set_names, (), "", pictures=True, option="--params-file")
         inputs = InputChecks(self, ("gimbal/joint_states", "gimbal/attitude"))
-        self._setup = SetupChecks(self, inputs, OtherPublishers(self), self._checks, known=known)
+        self._setup = SetupChecks(
+            self, inputs, OtherPublishers(self), self._checks, at_start=at_start
+        )
         self._arrivals = Arrivals()
         stream = output(STREAM_DEPTH)
         self._camera_pose = self.advertise("tirgeo/camera_pose", stream)
@@ -52,7 +53,12 @@ class GimbalNode(GraphNode):
         self._imu: Any = None  # the subscription, or None while there is none
         self._listen_for_paper()
         self._logged_composition = ""
-        self.report_each_second(self._items)
+        self.report_each_second(
+            self._items,
+            self._setup.findings,
+            composition=lambda: self._composer.composition,
+            counts=lambda: self._composer.counts,
+        )
 
     def _reconfigure(self, config: GimbalConfig) -> None:
         self._composer.configure(config)
@@ -98,7 +104,7 @@ class GimbalNode(GraphNode):
         self._listen_for_paper()
         values = self._composer.diagnostics | self._arrivals.diagnostics
         item = self.item("camera pose", values, f"composition: {composition}")
-        return [item, self._setup.item()]
+        return [item, self._setup.report()]
 
     def _listen_for_paper(self) -> None:
         """Listen to the IMU, which the composition "paper" needs, unless encoders are used."""

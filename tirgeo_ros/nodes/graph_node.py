@@ -1,4 +1,7 @@
-"""Define what the nodes of the graph share: topics, guarded callbacks, a log, diagnostics."""
+"""Define what nodes share: topics with their QoS, guarded callbacks, a log, reports.
+
+Sensor data are best effort, outputs reliable, and what late readers need is latched.
+"""
 
 from __future__ import annotations
 
@@ -17,18 +20,49 @@ from rclpy.event_handler import SubscriptionEventCallbacks, UnsupportedEventType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
-from tirgeo_ros.core.config.frames import FramesConfig
+from tirgeo_ros.core.config.frame_names import FramesConfig
 from tirgeo_ros.core.types.errors import ConfigError, TirgeoError, shown
+from tirgeo_ros.core.types.finding import Finding
 from tirgeo_ros.io.bags.cdr import Cdr
-from tirgeo_ros.io.messages import TOPIC_TYPES, DiagnosticItem, Messages
+from tirgeo_ros.io.messages import (
+    FINDINGS_TOPIC,
+    STATE_TOPIC,
+    TOPIC_TYPES,
+    DiagnosticItem,
+    Messages,
+    NodeState,
+)
+from tirgeo_ros.io.messages.sensor_messages import (
+    OUTPUT_DEPTH,
+    STREAM_DEPTH,
+)
 from tirgeo_ros.nodes.monitor import OK, WARN, Monitor
 from tirgeo_ros.nodes.parameters import LiveParameters, unchanging
-from tirgeo_ros.nodes.qos import output
+
+
+def sensor_input(depth: int = STREAM_DEPTH) -> QoSProfile:
+    """Return the profile for a topic from a sensor, compatible with any publisher."""
+    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+def output(depth: int = OUTPUT_DEPTH) -> QoSProfile:
+    """Return the profile for a topic that this package publishes, or reads without loss."""
+    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE)
+
+
+def latched(depth: int = 1) -> QoSProfile:
+    """Return the profile for a topic whose last message a late subscriber still gets."""
+    return QoSProfile(
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    )
+
 
 T = TypeVar("T")
 _REPORT_S = 1.0
@@ -47,6 +81,11 @@ def message_class(typename: str) -> type:
         return getattr(importlib.import_module(f"{package}.msg"), name)  # type: ignore[no-any-return]
     except (ImportError, AttributeError):
         raise ConfigError(f"message type {typename} is not installed") from None
+
+
+def topic_names(listed: str) -> list[str]:
+    """Return the relative names in a list separated by commas."""
+    return [name.strip().lstrip("/") for name in listed.split(",") if name.strip()]
 
 
 class GraphNode(Node):
@@ -85,7 +124,7 @@ class GraphNode(Node):
 
     def set_parameters(self, parameter_list: Sequence[Parameter]) -> list[SetParametersResult]:
         """Set parameters one by one."""
-        return [self.set_parameters_atomically([one]) for one in parameter_list]
+        return [self.set_parameters_atomically([parameter]) for parameter in parameter_list]
 
     @property
     def now_ns(self) -> int:
@@ -190,10 +229,10 @@ class GraphNode(Node):
         options = QoSOverridingOptions.with_default_policies()
 
         def create(**events: Callable[[Any], None]) -> Subscription:
-            given = {"raw": raw, "qos_overriding_options": options}
+            options_of_all = {"raw": raw, "qos_overriding_options": options}
             counted = SubscriptionEventCallbacks(**events)
             return self.create_subscription(
-                kind, topic, callback, qos, event_callbacks=counted, **given
+                kind, topic, callback, qos, event_callbacks=counted, **options_of_all
             )
 
         with _overrides():
@@ -217,29 +256,48 @@ class GraphNode(Node):
         """Return ``/namespace/node: subject``, as diagnostic aggregators expect."""
         return f"{self.get_fully_qualified_name()}: {subject}"
 
-    def report_each_second(self, items: Callable[[], list[DiagnosticItem]]) -> None:
-        """Publish ``items()`` and the monitor's item once a second of real time.
+    def report_each_second(
+        self,
+        items: Callable[[], list[DiagnosticItem]],
+        findings: Callable[[], Sequence[Finding]] = tuple,
+        **state: Callable[[], Any],
+    ) -> None:
+        """Publish diagnostics, ``tirgeo/findings`` and ``tirgeo/state`` each second of real time.
 
-        Real time also under ``use_sim_time``: a stopped simulation clock must not stop the
-        diagnostics.
+        ``items()`` and the monitor's are the diagnostics; ``state`` has the fields of NodeState
+        that are this node's own. Real time also under ``use_sim_time``: a stopped simulation
+        clock must not stop the reports.
         """
         self._diagnostics = self.advertise("/diagnostics", output())
+        self._findings = self.advertise(FINDINGS_TOPIC, output())
+        self._state, self._state_fields = self.advertise(STATE_TOPIC, latched()), state
 
         def report() -> None:
-            found: list[DiagnosticItem] = []
+            own: list[DiagnosticItem] = []
             try:
-                found = items()
+                own = items()
             finally:  # if ``items()`` raises, the monitor's item reports it
-                self.report([*found, self.monitor.item(self.item_name("topics"))])
+                own = [*own, self.monitor.report(self.item_name("topics"))]
+                self._diagnostics.publish(self.messages.diagnostics(self.now_ns, own))
+            name = self.get_fully_qualified_name()
+            self._findings.publish(self.messages.findings(name, self.now_ns, findings()))
+            self._publish_state()
 
         self._report_timer = self.steady_timer("diagnostics", _REPORT_S, report)
 
     def report(self, items: list[DiagnosticItem]) -> None:
-        """Publish items at once, without the monitor's: its rates need a full period."""
+        """Publish items and the state at once; the monitor's item needs a full period."""
         self._diagnostics.publish(self.messages.diagnostics(self.now_ns, items))
+        self._publish_state()
+
+    def _publish_state(self) -> None:
+        own = {name: field() for name, field in self._state_fields.items()}
+        node, started_ns = self.get_fully_qualified_name(), self.monitor.started_ns
+        state = NodeState(node, self.now_ns, started_ns, self.monitor.topics(), **own)
+        self._state.publish(self.messages.state(state))
 
 
-def told(work: Callable[[Any, Any], None]) -> Callable[..., None]:
+def with_info(work: Callable[[Any, Any], None]) -> Callable[..., None]:
     """Return ``work(message, info)`` as the callback of a subscription, for any executor."""
 
     def take(message: Any, info: Any = None) -> None:

@@ -1,55 +1,182 @@
-"""Print ``NODE --help`` without ROS: what a node does, its topics, its parameters, their use."""
+"""Print ``NODE --help`` and docs/parameters.md: what a node does, its topics, its parameters.
+
+``make parameters``, or ``python -m tirgeo_ros.nodes.help docs/parameters.md``, writes the page. It
+needs no ROS.
+"""
 
 from __future__ import annotations
 
 import ast
+import inspect
 import math
+import sys
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import reduce
 from importlib.resources import files
+from itertools import groupby
+from pathlib import Path
 
-from tirgeo_ros.core.config import NODE_CONFIGS
+from tirgeo_ros.core.config import NODE_CONFIGS, AircraftConfig, EkfConfig, FramesConfig
 from tirgeo_ros.core.config.schema import Parameter, Value, parameters_of
-from tirgeo_ros.io.messages import DJI_TOPICS, NAVIGATION_INPUTS, SENSED_TOPICS, TOPIC_TYPES
+from tirgeo_ros.io.messages import (
+    DJI_TOPICS,
+    FINDINGS_TOPIC,
+    NAVIGATION_INPUTS,
+    SENSED_TOPICS,
+    STATE_TOPIC,
+    TOPIC_TYPES,
+)
+
+_HEAD = """\
+# Parameters
+
+Made from the code by `make parameters`: do not edit this page, but the descriptions in
+`tirgeo_ros/core/config`.
+
+No file needs them all: a parameter that no file sets has its default. An owner edits the lines of
+[m600_xt2.yaml](../config/m600_xt2.yaml), [m300_h20t.yaml](../config/m300_h20t.yaml) or
+[generic.yaml](../config/generic.yaml), which is for an aircraft that is not DJI's. Any other
+parameter goes into the same file, or into a second one, under the name of its node, and the block
+`aircraft` and the frames' names under `/**`, for all nodes:
+
+```yaml
+/**/ekf_node:
+  ros__parameters:
+    rtk.delay_s: 0.08
+```
+
+Give files to the launch file (`params_file:=a.yaml,b.yaml`), to a node (`--ros-args
+--params-file`) and to the commands (`--params`); the last two may be repeated. Later files
+override earlier ones. An unknown name, a wrong type or a value out of range is refused at start.
+
+Where *in flight* says `yes`, a running node takes another value too, within the same range,
+from its next sample on, and logs the change: `ros2 param set /ekf_node
+rtk.position_sigma_floor_m 0.05`. The filter keeps its state; an alignment begins again. What
+was set is gone when the node ends: write it into the file. The others are read at start: they
+are measured before flight (`aircraft.*`), are opened once, or decide how the node is built.
+Setting one is refused with the reason. `ros2 param dump NODE` writes a file that loads again, once
+the secrets that it has as `***` are written into it.
+
+- Write a double with its point, also with an exponent: `5.0`, `1.0e-3`.
+- *unset* is `.nan`, *empty* is `""` for a string and `[]` for a list.
+- Standard deviations are one sigma. Angles are in degrees where the name ends in `_deg`.
+- Three numbers along the aircraft's or the camera's axes are forward, left, up.
+- `NODE --help` prints the same for one node.
+"""
+_COLUMNS = """\
+| parameter | type | unit | range | default | in flight | meaning |
+| --- | --- | --- | --- | --- | --- | --- |"""
+_KINDS = {bool: "bool", int: "int", float: "double", str: "string"}
+#: What is written once, for all nodes: a group, and names.
+_AIRCRAFT = "aircraft"
+_FRAMES = {parameter.name for parameter in parameters_of(FramesConfig)}
+
+
+def parameters_page() -> str:
+    """Return the page: the aircraft's group, then a section per node and a table per group."""
+    links = ", ".join(f"[{node}](#{node})" for node in NODE_CONFIGS)
+    parts = [_HEAD, f"[All nodes](#all-nodes), {links}\n", "## All nodes\n"]
+    shared = (
+        parameter for parameter in parameters_of(EkfConfig) if _group_name(parameter) == _AIRCRAFT
+    )
+    parts += _group(_AIRCRAFT, AircraftConfig, "", shared)
+    parts += ["### Frames\n\n[Outputs](outputs.md#the-frames) draws them.\n"]
+    parts += _group("", None, "", parameters_of(FramesConfig))
+    for node, kind in NODE_CONFIGS.items():
+        parts.append(f"## {node}\n")
+        other = (parameter for parameter in parameters_of(kind) if parameter.name not in _FRAMES)
+        for name, own in groupby(other, _group_name):
+            if name != _AIRCRAFT:
+                holder = type(reduce(getattr, name.split("."), kind())) if name else None
+                parts += _group(name, holder, f" of {node}", own)
+    return "\n".join(parts)
+
+
+def _group_name(parameter: Parameter) -> str:
+    return parameter.name.rpartition(".")[0]
+
+
+def _group(name: str, holder: type | None, whose: str, own: Iterable[Parameter]) -> Iterator[str]:
+    """Yield a group's heading and its dataclass's docstring, then its table."""
+    if holder:
+        text = " ".join((inspect.getdoc(holder) or "").split()).replace("``", "`")
+        yield f"### `{name}.*`{whose}\n\n{text}\n"
+    yield "\n".join([_COLUMNS, *map(_row, own)]) + "\n"
+
+
+def _row(parameter: Parameter) -> str:
+    kind = (
+        _KINDS.get(type(parameter.default)) or f"{' or '.join(map(str, parameter.sizes))} doubles"
+    )
+    text = as_yaml(parameter.default)
+    default = f"*{text}*" if text in ("unset", "empty") else f"`{text}`"
+    live = "yes" if parameter.live else ""
+    cells = [
+        f"`{parameter.name}`",
+        kind,
+        parameter.unit,
+        _range(parameter),
+        default,
+        live,
+        parameter.description,
+    ]
+    return f"| {' | '.join(cells)} |"
+
+
+def _range(parameter: Parameter) -> str:
+    if parameter.choices:
+        return ", ".join(parameter.choices)
+    if math.isinf(parameter.low) or math.isinf(parameter.high):
+        return ""
+    return f"{_bound(parameter.low)} to {_bound(parameter.high)}"
+
+
+def _bound(value: float) -> str:
+    """Return a bound as text, without an exponent if it is a whole number below 1e7."""
+    whole = value == int(value) and (abs(value) < 1e7 or isinstance(value, int))
+    return str(int(value)) if whole else f"{value:g}"
+
 
 _NONE = _UNSET, _EMPTY = "unset", "empty"
 _PICTURES = ("thermal/image_raw", "thermal/image_raw/compressed", "thermal/camera_info")
+_REPORTS = (STATE_TOPIC, FINDINGS_TOPIC, "/diagnostics")
 
 #: Topics of the contract by node: inputs, then outputs.
 TOPICS: Mapping[str, tuple[Sequence[str], Sequence[str]]] = {
-    "dji_node": ((), (*DJI_TOPICS, "/diagnostics")),
+    "dji_node": ((), (*DJI_TOPICS, *_REPORTS)),
     "ekf_node": (
         [topic for topic, _ in NAVIGATION_INPUTS.values()],
         (
             *("tirgeo/odometry", "tirgeo/fix", "tirgeo/origin", "tirgeo/path"),
-            *("/tf", "/tf_static", "/diagnostics"),
+            *("/tf", "/tf_static", *_REPORTS),
         ),
     ),
     "gimbal_node": (
         ("tirgeo/odometry", "gimbal/joint_states", "gimbal/attitude", "imu/data"),
-        ("tirgeo/camera_pose", "/tf", "/diagnostics"),
+        ("tirgeo/camera_pose", "/tf", *_REPORTS),
     ),
     "overlay_node": (
         (
-            *(*_PICTURES, "tirgeo/camera_pose", "tirgeo/origin", "/diagnostics"),
+            *(*_PICTURES, "tirgeo/camera_pose", "tirgeo/origin", STATE_TOPIC, FINDINGS_TOPIC),
             *("tirgeo/locate/pixel", "tirgeo/targets"),
         ),
         (
             *("tirgeo/overlay/image", "tirgeo/overlay/image/compressed"),
             *("tirgeo/overlay/camera_info", "tirgeo/footprint"),
             *("tirgeo/locate/fix", "tirgeo/locate/point", "tirgeo/locate/answer"),
-            "/diagnostics",
+            *_REPORTS,
         ),
     ),
     "viewer_node": (
         (
             *("tirgeo/overlay/image/compressed", "tirgeo/overlay/camera_info"),
             *("tirgeo/odometry", "tirgeo/origin", "tirgeo/camera_pose", "tirgeo/footprint"),
-            *("tirgeo/path", "tirgeo/locate/answer", "/diagnostics"),
+            *("tirgeo/path", "tirgeo/locate/answer", STATE_TOPIC, FINDINGS_TOPIC),
         ),
-        ("tirgeo/locate/pixel", "tirgeo/targets", "/diagnostics"),
+        ("tirgeo/locate/pixel", "tirgeo/targets", "tirgeo/targets/markers", *_REPORTS),
     ),
-    "bag_player": ((), ("/clock", *SENSED_TOPICS, *_PICTURES)),
+    "bag_player": ((), ("/clock", *SENSED_TOPICS, *_PICTURES, *_REPORTS)),
 }
 
 
@@ -68,15 +195,15 @@ def help_text(name: str, package: str = "tirgeo_ros.nodes") -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def _parameter(one: Parameter) -> str:
-    value = as_yaml(one.default)
-    unit = f" {one.unit}" if one.unit and value not in _NONE else ""
-    live = "  [in flight]" if one.live else ""
-    choices = f" ({', '.join(one.choices)})" if one.choices else ""
+def _parameter(parameter: Parameter) -> str:
+    value = as_yaml(parameter.default)
+    unit = f" {parameter.unit}" if parameter.unit and value not in _NONE else ""
+    live = "  [in flight]" if parameter.live else ""
+    choices = f" ({', '.join(parameter.choices)})" if parameter.choices else ""
     text = textwrap.fill(
-        one.description + choices, 99, initial_indent=" " * 6, subsequent_indent=" " * 6
+        parameter.description + choices, 99, initial_indent=" " * 6, subsequent_indent=" " * 6
     )
-    return f"  {one.name}  {value}{unit}{live}\n{text}"
+    return f"  {parameter.name}  {value}{unit}{live}\n{text}"
 
 
 def as_yaml(value: Value) -> str:
@@ -92,7 +219,9 @@ def as_yaml(value: Value) -> str:
 
 def _usage(name: str) -> str:
     own = parameters_of(NODE_CONFIGS[name])
-    some = next((one for one in own if as_yaml(one.default) not in _NONE), own[0])
+    some = next(
+        (parameter for parameter in own if as_yaml(parameter.default) not in _NONE), own[0]
+    )
     value = as_yaml(some.default)
     return (
         "How to set them, and to put the topics into a namespace:\n"
@@ -101,3 +230,7 @@ def _usage(name: str) -> str:
         "where aircraft.yaml contains\n"
         f"  /**/{name}:\n    ros__parameters: {{{some.name}: {value}}}"
     )
+
+
+if __name__ == "__main__":
+    Path(sys.argv[1]).write_text(parameters_page(), encoding="utf-8")

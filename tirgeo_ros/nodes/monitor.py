@@ -6,12 +6,15 @@ import threading
 import time
 from collections import Counter
 from datetime import datetime, timezone
+from typing import Final
 
-from tirgeo_ros.io.messages import DiagnosticItem
+from tirgeo_ros.io.messages import FINDINGS_TOPIC, STATE_TOPIC, DiagnosticItem, TopicState
 
 OK, WARN, ERROR = 0, 1, 2
 #: A needed input that is silent for longer than this is named in the diagnostics.
 SILENT_S = 2.0
+#: What nodes report of themselves is no data of a flight.
+_REPORTS = frozenset({STATE_TOPIC, FINDINGS_TOPIC})
 
 
 class Monitor:
@@ -19,10 +22,12 @@ class Monitor:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._started = datetime.now(timezone.utc).isoformat()
+        self.started_ns: Final = time.time_ns()
         self._since_s = time.monotonic()
         self._expected_s: dict[str, float] = {}  # steady time of registration
         self._window: Counter[str] = Counter()
+        self._rates_hz: dict[str, float] = {}  # of the last whole window
+        self._medians_ms: dict[str, float] = {}  # of the latencies of the last whole window
         self._refused: Counter[str] = Counter()
         self._reasons: dict[str, str] = {}  # reason of the newest refusal
         self._failures: Counter[tuple[str, str]] = Counter()  # by topic and kind
@@ -41,13 +46,14 @@ class Monitor:
         A fault of the program on this topic stays in the diagnostics.
         """
         with self._lock:
-            for table in (self._window, self._last_s, self._refused, self._reasons, self._lost):
+            counts = self._window, self._refused, self._reasons, self._lost
+            for table in (self._last_s, self._rates_hz, *counts):
                 table.pop(topic, None)  # type: ignore[attr-defined]
 
     def heard(self) -> frozenset[str]:
-        """Return the topics from which a message has come."""
+        """Return the topics of data from which a message has come."""
         with self._lock:
-            return frozenset(self._last_s)
+            return frozenset(self._last_s) - _REPORTS
 
     def received(self, topic: str) -> None:
         """Count a message that came."""
@@ -78,38 +84,69 @@ class Monitor:
             self._window[topic] += 1
             self._latency_s.setdefault(topic, []).append(latency_s)
 
-    def item(self, name: str) -> DiagnosticItem:
-        """Return the diagnostic item for the time since the last call, and begin a new window."""
+    def report(self, name: str) -> DiagnosticItem:
+        """End the window of rates and latencies, and return its diagnostic item."""
         with self._lock:
             now = time.monotonic()
-            values = self._values(now)
+            self._end_window(now)
             level, message = self._judged(now)
-            self._since_s = now
-            self._window.clear()
-            self._latency_s.clear()
-        return DiagnosticItem(name, level, message, values)
+            return DiagnosticItem(name, level, message, self._values(now))
+
+    def topics(self) -> dict[str, TopicState]:
+        """Return how each topic runs: rates and latencies of the last whole window, ages now."""
+        with self._lock:
+            now = time.monotonic()
+            topics = {*self._expected_s, *self._last_s, *self._rates_hz}
+            return {topic: self._topic_state(topic, now) for topic in sorted(topics)}
+
+    def _end_window(self, now_s: float) -> None:
+        span = max(now_s - self._since_s, 1e-3)
+        topics = sorted({*self._expected_s, *self._last_s, *self._window})
+        self._rates_hz = {topic: self._window[topic] / span for topic in topics}
+        self._medians_ms = {
+            topic: 1e3 * sorted(latencies)[len(latencies) // 2]
+            for topic, latencies in self._latency_s.items()
+        }
+        self._since_s = now_s
+        self._window.clear()
+        self._latency_s.clear()
+
+    def _topic_state(self, topic: str, now_s: float) -> TopicState:
+        last_s, latency_ms = self._last_s.get(topic), self._medians_ms.get(topic)
+        return TopicState(
+            round(self._rates_hz.get(topic, 0.0), 1),
+            None if last_s is None else round(now_s - last_s, 2),
+            None if latency_ms is None else round(latency_ms, 1),
+            self._refused[topic],
+            self._failed().get(topic, 0),
+            self._lost.get(topic, 0),
+        )
+
+    def _failed(self) -> Counter[str]:
+        """Return the number of faults of the program by topic."""
+        failed: Counter[str] = Counter()
+        for (topic, _), number in self._failures.items():
+            failed[topic] += number
+        return failed
 
     def _judged(self, now_s: float) -> tuple[int, str]:
         """Return level and message: faults since the start, and inputs that are silent now."""
-        heard = {t: self._last_s.get(t, since) for t, since in self._expected_s.items()}
-        silent = sorted(t for t, last in heard.items() if now_s - last > SILENT_S)
+        last_s = {t: self._last_s.get(t, since) for t, since in self._expected_s.items()}
+        silent = sorted(t for t, last in last_s.items() if now_s - last > SILENT_S)
         parts = [f"failed: {t}: {kind}, see the log" for t, kind in self._failures]
         parts += [f"silent: {', '.join(silent)}"] if silent else []
         level = ERROR if self._failures else WARN if silent else OK
         return level, "; ".join(parts) or "ok"
 
     def _values(self, now_s: float) -> dict[str, str]:
-        span = max(now_s - self._since_s, 1e-3)
-        topics = sorted({*self._expected_s, *self._last_s, *self._window})
-        values = {"started": self._started}
-        values |= {f"{topic} rate [Hz]": f"{self._window[topic] / span:.1f}" for topic in topics}
+        started = datetime.fromtimestamp(1e-9 * self.started_ns, timezone.utc)
+        values = {"started": started.isoformat()}
+        values |= {f"{topic} rate [Hz]": f"{hz:.1f}" for topic, hz in self._rates_hz.items()}
         for topic, last in sorted(self._last_s.items()):
             values[f"{topic} age [s]"] = f"{now_s - last:.2f}"
-        for topic, found in self._latency_s.items():
-            values[f"{topic} latency [ms]"] = f"{1e3 * sorted(found)[len(found) // 2]:.1f}"
+        for topic, median_ms in self._medians_ms.items():
+            values[f"{topic} latency [ms]"] = f"{median_ms:.1f}"
         values |= {f"{topic} unreadable": str(n) for topic, n in self._refused.items()}
         values |= {f"{topic} unreadable because": why for topic, why in self._reasons.items()}
-        for topic in {topic for topic, _ in self._failures}:
-            faults = sum(n for (failed, _), n in self._failures.items() if failed == topic)
-            values[f"{topic} failed"] = str(faults)
+        values |= {f"{topic} failed": str(n) for topic, n in self._failed().items()}
         return values | {f"{topic} lost": str(n) for topic, n in self._lost.items()}

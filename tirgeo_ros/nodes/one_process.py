@@ -20,7 +20,7 @@ import time
 from functools import partial
 from typing import Any
 
-from tirgeo_ros.core.config.viewer import TOKEN_SEED
+from tirgeo_ros.core.config.viewer_parameters import TOKEN_SEED
 from tirgeo_ros.io.files.child_process import node_command
 from tirgeo_ros.nodes.bag_player import BagPlayer
 from tirgeo_ros.nodes.dji_node import DjiNode
@@ -56,14 +56,14 @@ def main() -> int:
 def _beside_the_page(arguments: list[str], overlay: OverlayNode, stop: threading.Event) -> int:
     """Run viewer_node in its own process, again and again, until ``stop`` is set.
 
-    Return its last exit code, 0 or 1. An error of its own before it was ever heard is one of the
-    set-up: then all ends.
+    Return its last exit code, 0 or 1. If it ends with an error before it has reported, its set-up
+    is wrong: then all nodes end.
     """
     wait_s = _RESTART_S
     while not stop.is_set():
         begin_s = time.monotonic()
         code = _run_page(arguments, stop)
-        if stop.is_set() or (code > 0 and "viewer_node" not in overlay.restarts.starts):
+        if stop.is_set() or (code > 0 and "viewer_node" not in overlay.heard_nodes):
             return int(code != 0)
         soon = time.monotonic() - begin_s < _SOON_S
         overlay.log(ERROR, f"viewer_node ended (exit code {code}): started again in {wait_s:g} s")

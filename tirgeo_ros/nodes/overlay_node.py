@@ -13,45 +13,46 @@ import cv2
 import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import Camera
-from tirgeo_ros.core.checks.map_checks import MapChecks
+from tirgeo_ros.core.checks.ground_checks import MapChecks
 from tirgeo_ros.core.checks.picture_checks import PictureChecks
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.config.overlay import POINT_SIGMAS
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.overlay.map_renderer import DrawingVerdict
 from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.overlay.picture_painter import OverlayResult
 from tirgeo_ros.core.streams.arrivals import Arrivals
-from tirgeo_ros.core.streams.rates import RateLimit
-from tirgeo_ros.core.types.errors import cut
-from tirgeo_ros.core.types.finding import Severity
+from tirgeo_ros.core.streams.stamps import RateLimit
+from tirgeo_ros.core.types.errors import shown
+from tirgeo_ros.core.types.finding import Severity, sorted_findings, verdict_line
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.messages import (
+    FINDINGS_TOPIC,
+    STATE_TOPIC,
     DiagnosticItem,
-    answer_item,
+    PictureState,
     camera,
     camera_pose,
     compressed_pixels,
-    diagnostic_level,
+    findings_of,
     image_pixels,
-    marked_places,
-    navigation_status,
+    node_state,
     pixel,
     stamp_ns,
     tangent_plane,
+    targets_of,
 )
+from tirgeo_ros.io.messages.sensor_messages import IMAGE_DEPTH
 from tirgeo_ros.io.pictures.camera_file import given_camera
-from tirgeo_ros.nodes.graph_node import GraphNode, told
-from tirgeo_ros.nodes.graph_watch import OtherPublishers, Restarts
+from tirgeo_ros.nodes.graph_node import GraphNode, latched, output, sensor_input, with_info
 from tirgeo_ros.nodes.map_watch import MapWatch
 from tirgeo_ros.nodes.monitor import OK, WARN
 from tirgeo_ros.nodes.parameters import given_names
-from tirgeo_ros.nodes.qos import IMAGE_DEPTH, latched, output, sensor_input
 from tirgeo_ros.nodes.runner import run, unless_stopped
-from tirgeo_ros.nodes.setup_checks import SUBJECT, InputChecks, SetupChecks
+from tirgeo_ros.nodes.setup_checks import InputChecks, OtherPublishers, SetupChecks
 
 _CLICKS = 10
+_NODES = 10  # of an aircraft, whose states come at once when this one starts
 #: Period (s) of the timer that checks frames that wait for their poses.
 _RELEASE_PERIOD_S = 0.02
 #: Only the newest of the frames that arrive during drawing is wanted.
@@ -82,11 +83,11 @@ class OverlayNode(GraphNode):
         )
         info = [] if self._config.camera else [(_INFO,)]
         inputs = InputChecks(self, (_RAW, _COMPRESSED), *info)
-        self.restarts = Restarts()
-        checks = inputs, OtherPublishers(self), self.restarts
-        self._setup = SetupChecks(self, *checks, self._map_checks, self._picture_checks)
+        checks = inputs, OtherPublishers(self), self._map_checks, self._picture_checks
+        self._setup = SetupChecks(self, *checks)
         self._notice = ""  # of the newest picture: why it has no map
-        self._verdicts: dict[str, DrawingVerdict] = {}  # of the nodes, by the names of their items
+        self._verdicts: dict[str, DrawingVerdict] = {}  # by node
+        self.heard_nodes: set[str] = set()  # those of its namespace, by name
         self._camera = given_camera(self._config)
         if self._camera is not None:
             self._set_camera(self._camera)
@@ -107,7 +108,9 @@ class OverlayNode(GraphNode):
         self._timer = self.steady_timer("drawing", _RELEASE_PERIOD_S, self._release)
         self._timer.cancel()
         self._subscribe()
-        self.report_each_second(self._items)
+        self.report_each_second(
+            self._items, self._setup.findings, picture=self._picture_state, counts=self._counts
+        )
         gc.freeze()  # keep a large map out of garbage collection while the video runs
 
     def _reconfigure(self, config: OverlayConfig) -> None:
@@ -115,6 +118,7 @@ class OverlayNode(GraphNode):
         self._jpeg_rate = RateLimit(config.compressed_rate_hz)
         self._overlay.configure(config)
         self._setup.take(self._picture_checks.configure, config)
+        self.report([self._overlay_item()])
 
     def _subscribe(self) -> None:
         frames, info = sensor_input(_FRAME_DEPTH), sensor_input(1)
@@ -126,8 +130,9 @@ class OverlayNode(GraphNode):
         for topic, take, qos in (
             ("tirgeo/camera_pose", self._take_pose, output()),
             ("tirgeo/origin", self._take_origin, latched()),
-            ("tirgeo/targets", lambda m: set_targets(marked_places(m)), latched()),
-            ("/diagnostics", self._take_diagnostics, output()),
+            ("tirgeo/targets", lambda m: set_targets(targets_of(m)), latched()),
+            (STATE_TOPIC, self._take_state, latched(_NODES)),
+            (FINDINGS_TOPIC, self._take_findings, output()),
             # Best effort, so that any publisher is compatible.
             ("tirgeo/locate/pixel", self._take_click, sensor_input(_CLICKS)),
         ):
@@ -153,9 +158,9 @@ class OverlayNode(GraphNode):
         self._release()
         self._setup.take(self._picture_checks.pose, pose)
 
-    def _set_camera(self, found: Camera) -> None:
-        self._setup.take(self._picture_checks.camera, found)
-        self._overlay.set_camera(found)
+    def _set_camera(self, camera_model: Camera) -> None:
+        self._setup.take(self._picture_checks.camera, camera_model)
+        self._overlay.set_camera(camera_model)
 
     def _take_origin(self, message: Any) -> None:
         before = self._overlay.plane
@@ -170,8 +175,7 @@ class OverlayNode(GraphNode):
         clicked_ns, u, v = pixel(message)
         answer = self._overlay.clicks.locate((u, v), clicked_ns)
         if self._answer.get_subscription_count():
-            item = answer_item(self.get_fully_qualified_name(), answer)
-            self._answer.publish(self.messages.diagnostics(answer.stamp_ns, [item]))
+            self._answer.publish(self.messages.answer(answer))
         if isinstance(answer, Located):
             self._fix.publish(self.messages.located_fix(answer))
             self._point.publish(self.messages.located_point(answer))
@@ -181,24 +185,20 @@ class OverlayNode(GraphNode):
         text = f"tirgeo/locate/pixel: no point at ({u:.0f}, {v:.0f}): {self._click_refused}"
         self.get_logger().warning(text, throttle_duration_sec=1.0)
 
-    def _take_diagnostics(self, message: Any) -> None:
-        for status in message.status:
-            subject = self._subject(status.name)
-            if subject == "navigation":
-                self._overlay.set_status(navigation_status(status))
-            elif subject == "topics":
-                self.restarts.take(status)
-            elif subject == SUBJECT:
-                severity = Severity(min(diagnostic_level(status), Severity.STOP))
-                self._verdicts[status.name] = DrawingVerdict(severity, cut(status.message))
-                worst = max(self._verdicts.values(), key=lambda verdict: verdict.severity)
-                self._overlay.set_verdict(worst)
+    def _take_state(self, message: Any) -> None:
+        state = node_state(message)
+        self.heard_nodes.add(state.name)
+        if state.navigation is not None:
+            self._overlay.set_status(state.navigation)
 
-    def _subject(self, name: str) -> str:
-        """Return the subject of an item of a node in this namespace; empty for any other item."""
-        node, _, subject = name.partition(": ")
-        namespace = self.get_namespace().rstrip("/")
-        return subject if node.rpartition("/")[0] == namespace else ""
+    def _take_findings(self, message: Any) -> None:
+        node, _, findings = findings_of(message)
+        worst = sorted_findings(findings)[:1]
+        severity = worst[0].severity if worst else Severity.NOTE
+        self._verdicts[node] = DrawingVerdict(severity, shown(verdict_line(findings)))
+        self._overlay.set_verdict(
+            max(self._verdicts.values(), key=lambda verdict: verdict.severity)
+        )
 
     def _release(self) -> None:
         if not self._overlay.frames:
@@ -251,52 +251,33 @@ class OverlayNode(GraphNode):
 
     def _items(self) -> list[DiagnosticItem]:
         self._renew_map()
-        return [self._overlay_item(), self._setup.item()]
+        return [self._overlay_item(), self._setup.report()]
+
+    def _counts(self) -> dict[str, int]:
+        overlay, clicks = self._overlay, self._overlay.clicks.counts
+        counts = overlay.counts | {"waiting": len(overlay.frames)} | self.resources.counts
+        counts |= {f"clicks_{name}": number for name, number in sorted(clicks.items())}
+        return counts | self._frames.counts
+
+    def _picture_state(self) -> PictureState:
+        config = self._config
+        return PictureState(self._notice, config.video_latency_s, config.confidence)
 
     def _overlay_item(self) -> DiagnosticItem:
-        watch = self.resources
-        overlay, clicks = self._overlay, self._overlay.clicks.counts
-        numbers = overlay.counts | {"waiting": len(overlay.frames)} | watch.counts
-        numbers |= {f"clicks_{name}": number for name, number in sorted(clicks.items())}
-        values = {name: str(number) for name, number in numbers.items()}
+        watch, overlay = self.resources, self._overlay
+        values = {name: str(number) for name, number in self._counts().items()}
         texts = {
             "poses_invalid_because": overlay.poses.fault,
             "last_click_refused": self._click_refused,
             "notice": self._notice,
         }
         values |= {name: text for name, text in texts.items() if text}
-        values["video_latency_s"] = repr(self._config.video_latency_s)
-        confidence = self._config.confidence
-        values |= {name: repr(getattr(confidence, name)) for name in POINT_SIGMAS}
         values["frame rate [Hz]"] = f"{overlay.frames.rate_hz:.1f}"
-        values |= self._frames.values | self._arrivals.diagnostics
+        values |= self._frames.latencies | self._arrivals.diagnostics
         waits = f"no map yet: {overlay.no_map_yet}" if overlay.no_map_yet else ""
         fine = "ok" if self._config.map else "ok; no map is given"
         level, message = (WARN, watch.error) if watch.error else (OK, waits or fine)
         return self.item("overlay", values, message, level)
-
-
-class PictureGeometry:
-    """Publish ``tirgeo/overlay/camera_info`` and ``tirgeo/footprint``, while someone listens."""
-
-    def __init__(self, node: GraphNode, overlay: Overlay, footprint_rate_hz: float) -> None:
-        self._messages, self._overlay = node.messages, overlay
-        self._rate = RateLimit(footprint_rate_hz)
-        self._info = node.advertise("tirgeo/overlay/camera_info", output(IMAGE_DEPTH))
-        self._footprint = node.advertise("tirgeo/footprint", output())
-
-    def publish(self, result: OverlayResult) -> None:
-        """Publish a picture's calibration, and its footprint if that is due.
-
-        The footprint of a picture without a trusted pose is empty, so that no viewer keeps an old
-        one.
-        """
-        stamp_ns = result.stamp_ns
-        if result.camera is not None and self._info.get_subscription_count():
-            self._info.publish(self._messages.camera_info(result.camera, stamp_ns))
-        if self._footprint.get_subscription_count() and self._rate.due(stamp_ns):
-            outline_n = self._overlay.footprint(result.pose)
-            self._footprint.publish(self._messages.footprint(stamp_ns, outline_n))
 
 
 class FrameStatistics:
@@ -331,7 +312,7 @@ class FrameStatistics:
                 self.heard(topic, number)
             receive(message)
 
-        return told(take)
+        return with_info(take)
 
     def arrived(self, stamp_ns: int) -> None:
         """Record the arrival of a frame."""
@@ -345,15 +326,20 @@ class FrameStatistics:
         return took_s
 
     @property
-    def values(self) -> dict[str, str]:
-        """Return the counts, median and 95th percentile (ms), and the newest frame's stamp (s)."""
-        found = {"frames_sent": str(self.sent), "frames_missed": str(self.missed)}
+    def counts(self) -> dict[str, int]:
+        """Return the counts of frames."""
+        return {"frames_sent": self.sent, "frames_missed": self.missed}
+
+    @property
+    def latencies(self) -> dict[str, str]:
+        """Return median and 95th percentile (ms), and the newest frame's stamp (s), as texts."""
+        values = {}
         if self._arrived_s:
             seconds = divmod(self._arrived_s[-1][0], 1_000_000_000)
-            found["newest_frame"] = "{}.{:09d}".format(*seconds)
+            values["newest_frame"] = "{}.{:09d}".format(*seconds)
         for share in (50, 95) if self._took_s else ():
-            found[f"latency p{share} [ms]"] = f"{1e3 * np.percentile(self._took_s, share):.1f}"
-        return found
+            values[f"latency p{share} [ms]"] = f"{1e3 * np.percentile(self._took_s, share):.1f}"
+        return values
 
 
 main = partial(run, "overlay_node", OverlayNode)

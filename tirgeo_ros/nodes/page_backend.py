@@ -1,4 +1,8 @@
-"""Answer the operator's page by way of the graph: clicks, places, recordings, the map."""
+"""Answer the operator's page by way of the graph, and give its targets and aircraft to the team.
+
+The page asks for clicks, places, recordings and the map. The team gets Cursor-on-Target, once the
+page switches that on.
+"""
 
 from __future__ import annotations
 
@@ -6,17 +10,121 @@ import asyncio
 import math
 import threading
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any, final
 
-from tirgeo_ros.core.targets.target import Fixing
+from tirgeo_ros.core.config import ViewerConfig
+from tirgeo_ros.core.ground.frame_geometry import frame_geometry
+from tirgeo_ros.core.ground.ground_point import (
+    Answer,
+    Located,
+    Refusal,
+    circular_error_90,
+    linear_error_90,
+)
+from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.errors import TargetError
-from tirgeo_ros.io.messages import ClickAnswer
+from tirgeo_ros.core.types.finding import Finding, Severity
+from tirgeo_ros.io.cot.events import AircraftState
+from tirgeo_ros.io.messages import body_pose
 from tirgeo_ros.io.targets.store import TargetStore
-from tirgeo_ros.nodes.aircraft_view import AircraftView
+from tirgeo_ros.nodes.aircraft_topics import ODOMETRY
+from tirgeo_ros.nodes.aircraft_view import AircraftView, velocity_n
+from tirgeo_ros.nodes.graph_node import GraphNode
 from tirgeo_ros.nodes.map_watch import PageMap
+from tirgeo_ros.nodes.monitor import OK
 from tirgeo_ros.nodes.recordings import Recordings
 from tirgeo_ros.page.backend import Click, Pixel
+from tirgeo_ros.page.cot.address import CotParameters
 from tirgeo_ros.page.cot.link import CotLink
+
+#: Of a position that is older, the team has heard already.
+_NEW_S = 2.0
+
+
+@final
+class TeamLink:
+    """Hold the link to the team, a context manager; without the parameter cot there is none.
+
+    Raises ConfigError for parameters that cannot work.
+    """
+
+    def __init__(
+        self, node: GraphNode, config: ViewerConfig, aircraft: Mapping[str, AircraftView]
+    ) -> None:
+        self._aircraft = aircraft
+        self.link: CotLink | None = None
+        self.findings: list[Finding] = []
+        if config.cot:
+            files = config.cot_certificate, config.cot_key, config.cot_ca
+            parameters = CotParameters(config.cot, *files, config.cot_password)
+            self.link = CotLink(parameters, partial(node.log, OK))
+
+    def __enter__(self) -> TeamLink:
+        """Begin; nothing is sent before the page says so."""
+        if self.link is not None:
+            self.link.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End the connection."""
+        if self.link is not None:
+            self.link.stop()
+
+    def go_on(self) -> None:
+        """Share again, as before the last run was killed; without a link, find that it ended."""
+        if self.link is not None:
+            self.link.share(True)
+            return
+        evidence = "sharing does not go on: it was on when viewer_node was killed; cot is not set"
+        mend = "set it to where it sent to, and start again"
+        self.findings = [Finding("sharing", Severity.CAUTION, evidence, "viewer_node cot", mend)]
+
+    @property
+    def state(self) -> dict[str, Any] | None:
+        """Return what the page shows; None without a link."""
+        if self.link is None:
+            return None
+        status = self.link.status
+        fields = {"on": status.on, "connected": status.connected, "queued": status.queued}
+        return fields | {"error": status.error}
+
+    def targets(self, targets: Sequence[Target]) -> None:
+        """Take the whole list of targets, at each change."""
+        if self.link is not None:
+            self.link.targets(targets)
+
+    def send(self) -> None:
+        """Take the aircraft as they are now; call each second."""
+        if self.link is None or not self.link.status.on:
+            return
+        for name, view in self._aircraft.items():
+            state = aircraft_state(name or "aircraft", view)
+            if state is not None:
+                self.link.aircraft(name, state)
+
+
+def aircraft_state(name: str, aircraft: AircraftView) -> AircraftState | None:
+    """Return what the team sees of an aircraft; None without a present position."""
+    odometry, plane, age_s = aircraft.newest(ODOMETRY), aircraft.plane, aircraft.age_s(ODOMETRY)
+    if odometry is None or plane is None or age_s is None or age_s > _NEW_S:
+        return None
+    pose, moving_n = body_pose(odometry), velocity_n(odometry)
+    latitude, longitude, height_m = (float(x) for x in plane.geodetic_from_ned(pose.position_n))
+    sight = aircraft.sight(aircraft.newest_ns)
+    return AircraftState(
+        name,
+        math.degrees(latitude),
+        math.degrees(longitude),
+        height_m,
+        circular_error_90(pose.covariance[:3, :3]),
+        linear_error_90(pose.covariance[:3, :3]),
+        math.degrees(math.atan2(moving_n[1], moving_n[0])) % 360,
+        math.hypot(moving_n[0], moving_n[1]),
+        frame_geometry(sight, aircraft.confidence) if sight else None,
+    )
+
 
 #: Within a second an answer comes, or a refusal. A click may be lost on its way, as overlay_node
 #: takes clicks of any publisher, best effort: then it is sent once more.
@@ -26,7 +134,7 @@ _Key = tuple[str, int, float, float]  # aircraft, stamp, column, row
 
 
 class PageBackend:
-    """Be the page's ``Backend``. ``answered`` is for the thread that hears the graph."""
+    """Serve as the page's ``Backend``. The thread that hears the graph calls ``answered``."""
 
     def __init__(
         self,
@@ -39,17 +147,17 @@ class PageBackend:
         self._aircraft, self._targets, self._map = aircraft, targets, page_map
         self._recordings, self._cot = recordings, cot
         self._lock = threading.Lock()
-        self._asked: defaultdict[_Key, list[asyncio.Future[ClickAnswer]]] = defaultdict(list)
+        self._asked: defaultdict[_Key, list[asyncio.Future[Answer]]] = defaultdict(list)
 
     @property
     def targets(self) -> TargetStore:
         """Return the store of targets."""
         return self._targets
 
-    async def click(self, click: Click) -> Fixing | str:
+    async def click(self, click: Click) -> Located | str:
         """Return the ground point at a pixel, or why there is none; within a second."""
         key = click.aircraft, click.stamp_ns, click.u, click.v
-        asked: asyncio.Future[ClickAnswer] = asyncio.get_running_loop().create_future()
+        asked: asyncio.Future[Answer] = asyncio.get_running_loop().create_future()
         with self._lock:
             self._asked[key].append(asked)
         try:
@@ -57,7 +165,8 @@ class PageBackend:
                 heard = self._aircraft[click.aircraft].click(*key[1:])
                 done, _ = await asyncio.wait([asked], timeout=wait_s)
                 if done:
-                    return _fixing(asked.result())
+                    answer = asked.result()
+                    return answer.reason.value if isinstance(answer, Refusal) else answer
         finally:
             with self._lock:
                 self._asked[key].remove(asked)
@@ -66,17 +175,17 @@ class PageBackend:
         lacks = "did not answer within a second: press again" if heard else "does not run"
         return f"the overlay program {lacks}"
 
-    def answered(self, aircraft: str, answer: ClickAnswer) -> None:
+    def answered(self, aircraft: str, answer: Answer) -> None:
         """Pass an answer to whoever clicked there."""
         with self._lock:
-            for asked in self._asked.get((aircraft, *answer[:3]), ()):
+            for asked in self._asked.get((aircraft, answer.stamp_ns, *answer.uv), ()):
                 asked.get_loop().call_soon_threadsafe(_settle, asked, answer)
 
     async def where(self, aircraft: str, latitude_deg: float, longitude_deg: float) -> Pixel | str:
         """Return where a place is in the newest picture, or why it isn't there."""
         place = math.radians(latitude_deg), math.radians(longitude_deg)
-        found = await asyncio.to_thread(self._aircraft[aircraft].where, *place)
-        return found if isinstance(found, str) else Pixel(*found)
+        pixel = await asyncio.to_thread(self._aircraft[aircraft].where, *place)
+        return pixel if isinstance(pixel, str) else Pixel(*pixel)
 
     async def record(self, aircraft: str, on: bool) -> str:
         """Begin or end a recording; return words for the operator."""
@@ -103,16 +212,6 @@ class PageBackend:
         return self._map.read()
 
 
-def _settle(asked: asyncio.Future[ClickAnswer], answer: ClickAnswer) -> None:
+def _settle(asked: asyncio.Future[Answer], answer: Answer) -> None:
     if not asked.done():
         asked.set_result(answer)
-
-
-def _fixing(answer: ClickAnswer) -> Fixing | str:
-    if answer.refused:
-        return answer.refused
-    place = answer.latitude_deg, answer.longitude_deg, answer.height_m
-    try:
-        return Fixing(answer.stamp_ns, *place, answer.covariance_enu)
-    except TargetError as error:
-        return str(error)

@@ -12,10 +12,15 @@ from tirgeo_ros.core.config import RecorderConfig
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.io.bags.bag import BagWriter
 from tirgeo_ros.io.messages import SENSED_TOPICS, TOPIC_TYPES
-from tirgeo_ros.io.messages.offered_qos import offered_qos
-from tirgeo_ros.nodes.graph_node import GraphNode, message_class
-from tirgeo_ros.nodes.playlist import names
-from tirgeo_ros.nodes.qos import latched, output, sensor_input
+from tirgeo_ros.io.messages.sensor_messages import offered_qos
+from tirgeo_ros.nodes.graph_node import (
+    GraphNode,
+    latched,
+    message_class,
+    output,
+    sensor_input,
+    topic_names,
+)
 from tirgeo_ros.nodes.runner import run
 
 #: Deep enough for a pause of the disk.
@@ -33,12 +38,12 @@ class Recorder(GraphNode):
         config = self.configured(RecorderConfig)
         if not config.output:
             raise ConfigError("parameter output: no bag given: set it to the MCAP file to write")
-        topics = names(config.topics)
+        topics = topic_names(config.topics)
         unknown = [name for name in topics if name not in _CONTRACT]
         if unknown or not topics:
-            known = ", ".join(_CONTRACT)
+            names = ", ".join(_CONTRACT)
             raise ConfigError(
-                f"parameter topics: {', '.join(unknown) or 'nothing'} to record (known: {known})"
+                f"parameter topics: {', '.join(unknown) or 'nothing'} to record (known: {names})"
             )
         for name in topics:
             self._record(_CONTRACT[name])
@@ -54,7 +59,7 @@ class Recorder(GraphNode):
             if now_ns > 0:  # before the first /clock message there is no valid time
                 self.resources.write(resolved, typename, data, now_ns)
 
-        qos = latched() if offered_qos(topic).latched else output(_DEPTH)
+        qos = latched(_DEPTH) if offered_qos(topic).latched else output(_DEPTH)
         if topic in _SENSED:
             qos = sensor_input(_DEPTH)  # of drivers that are not ours
         self.create_subscription(message_class(typename), topic, write, qos, raw=True)

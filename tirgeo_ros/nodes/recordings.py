@@ -1,8 +1,16 @@
-"""Begin and end recordings: a bag of the aircraft's topics, and its video, by child processes."""
+"""Record aircraft: a bag of the topics, and the video, each by a child process of viewer_node.
+
+A live stream is a child process too.
+"""
 
 from __future__ import annotations
 
+import json
+import math
+import os
 import shutil
+import signal
+import subprocess
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -12,11 +20,83 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tirgeo_ros.core.config import ViewerConfig
+from tirgeo_ros.core.config.schema import parameters_of
+from tirgeo_ros.core.config.viewer_parameters import GroundConfig
 from tirgeo_ros.core.types.finding import Finding, Severity
+from tirgeo_ros.io.files.child_process import node_command
 from tirgeo_ros.io.messages import SENSED_TOPICS
-from tirgeo_ros.nodes.child_node import ChildNode, ground_values
 from tirgeo_ros.nodes.graph_node import GraphNode, message_class
 from tirgeo_ros.nodes.monitor import OK, WARN
+
+_END_S = 20.0
+
+
+class ChildNode:
+    """Hold a node's process, in a namespace and by the clock of ``node``.
+
+    It ends when the thread ends that started it.
+    """
+
+    def __init__(
+        self, node: GraphNode, name: str, values: Mapping[str, object], namespace: str
+    ) -> None:
+        self.name = name
+        simulated = node.get_parameter("use_sim_time").value
+        words = [word for pair in values.items() for word in _assignment(*pair)]
+        words += [
+            "-p",
+            f"use_sim_time:={json.dumps(simulated)}",
+            "-r",
+            f"__ns:={namespace or '/'}",
+        ]
+        self._process = subprocess.Popen(  # noqa: S603  this very Python
+            node_command(name, words, ends_with=os.getpid()),
+            stdin=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            errors="replace",
+        )
+        self._line = "it said nothing"
+        self._reader = threading.Thread(target=self._read, name=f"{name}'s log", daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self._process.stderr is not None
+        for line in self._process.stderr:
+            self._line = line.strip() or self._line
+
+    @property
+    def fault(self) -> str:
+        """Return why it has ended by itself; empty while it runs."""
+        if self._process.poll() is None:
+            return ""
+        self._reader.join(1.0)
+        return f"{self.name} ended (exit code {self._process.returncode}): {self._line}"
+
+    def end(self) -> str:
+        """End it; return the fault, or an empty text."""
+        for number in (signal.SIGINT, signal.SIGKILL):
+            self._process.send_signal(number)
+            with suppress(subprocess.TimeoutExpired):
+                return self.fault if self._process.wait(_END_S) else ""
+        return f"{self.name} does not end"
+
+
+def ground_values(config: GroundConfig) -> dict[str, object]:
+    """Return the parameters of the ground, for a child."""
+    return {
+        parameter.name: getattr(config, parameter.name)
+        for parameter in parameters_of(GroundConfig)
+    }
+
+
+def _assignment(name: str, value: object) -> list[str]:
+    """Return the arguments that set a parameter; none for nan, which is unset."""
+    if isinstance(value, float):
+        return [] if math.isnan(value) else ["-p", f"{name}:={value!r}"]
+    # ROS reads the value as YAML: a file named 7 would be a number without its quotes.
+    return ["-p", f"{name}:={json.dumps(str(value), ensure_ascii=False)}"]
+
 
 _BEGIN_S = 30.0
 _POLL_S = 0.05
@@ -29,7 +109,8 @@ TOPICS = (
     *("thermal/camera_info", "tirgeo/odometry", "tirgeo/fix", "tirgeo/origin", "tirgeo/path"),
     *("tirgeo/camera_pose", "tirgeo/overlay/image/compressed", "tirgeo/overlay/camera_info"),
     *("tirgeo/footprint", "tirgeo/locate/pixel", "tirgeo/locate/fix", "tirgeo/locate/point"),
-    *("tirgeo/locate/answer", "tirgeo/targets", "tirgeo/findings", "/diagnostics"),
+    *("tirgeo/locate/answer", "tirgeo/targets", "tirgeo/state", "tirgeo/findings"),
+    "/diagnostics",
 )
 #: Of a type that not every installation has.
 _TF = {"/tf": "tf2_msgs/msg/TFMessage", "/tf_static": "tf2_msgs/msg/TFMessage"}
@@ -201,5 +282,5 @@ def _not_begun(made: Recording) -> str:
 
 
 def _ended(made: Recording) -> str:
-    """End all processes; return what did not go well."""
+    """End all processes; return the faults in one text."""
     return "; ".join(filter(None, [child.end() for child in made.children]))

@@ -7,7 +7,11 @@ two signals come within a tenth of a second. Here they are off: the signals stay
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
+import fcntl
+import os
+import re
 import signal
 import sys
 import threading
@@ -15,6 +19,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
+from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import rclpy
@@ -25,8 +30,60 @@ from rclpy.signals import SignalHandlerOptions
 
 from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.nodes.parameters import check_arguments, explained, idle_overrides
-from tirgeo_ros.nodes.stale_shared_memory import remove_dead
 from tirgeo_ros.nodes.start import STOP_SIGNALS
+
+FOLDER = Path("/dev/shm")  # noqa: S108 Fast DDS puts them there
+_SEGMENT = re.compile(r"fastrtps_[0-9a-f]{16}")
+_LOCK = "_el"
+#: A younger file may still be in creation, and not locked yet.
+_YOUNG_S = 2.0
+
+
+def remove_dead(folder: Path = FOLDER) -> list[str]:
+    """Remove the segments whose owners are dead; return their names.
+
+    Files of other users, and files that disappear meanwhile, are skipped.
+    """
+    names = {path.name.removesuffix(_LOCK) for path in folder.glob("fastrtps_*")}
+    segments = filter(_SEGMENT.fullmatch, names)
+    dead = []
+    for name in sorted(segments):
+        lock = folder / (name + _LOCK)
+        if not (_young(folder / name) or _young(lock) or _locked(lock)):
+            dead.append(name)
+    for name in dead:
+        for file in (name, name + _LOCK):
+            with contextlib.suppress(OSError):
+                (folder / file).unlink()
+    return dead
+
+
+def _young(path: Path) -> bool:
+    try:
+        return time.time() - path.lstat().st_mtime < _YOUNG_S
+    except OSError:
+        return False
+
+
+def _locked(path: Path) -> bool:
+    """Return whether some process holds the lock of a file.
+
+    A file that cannot be opened counts as held.
+    """
+    try:
+        file = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+    except FileNotFoundError:
+        return False
+    except OSError:
+        return True
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return True
+    finally:
+        os.close(file)
+    return False
+
 
 _POLL_S, _START_POLL_S = 0.1, 0.05
 _RELEASE_PERIOD_S = 10.0
@@ -35,7 +92,7 @@ Work = Callable[[Any, threading.Event], int]
 
 
 class Part(NamedTuple):
-    """Say how a node is made, and what it does beside its callbacks, if anything."""
+    """Hold how a node is built, and the work that it does beside its callbacks, if any."""
 
     build: Callable[[], Node]
     work: Work | None = None

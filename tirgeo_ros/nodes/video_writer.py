@@ -11,14 +11,14 @@ import cv2
 import numpy as np
 
 from tirgeo_ros.core.config import VideoWriterConfig
-from tirgeo_ros.core.config.overlay import ConfidenceConfig
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.types.errors import ConfigError, VideoError
-from tirgeo_ros.io.files.encoded_picture import MOST_OF_VIDEO, unpacked
 from tirgeo_ros.io.messages import DiagnosticItem
+from tirgeo_ros.io.messages.pictures import MOST_OF_VIDEO, unpacked
 from tirgeo_ros.io.video.frame_metadata import FrameMetadata
 from tirgeo_ros.io.video.live_stream import LiveStream
 from tirgeo_ros.io.video.video_file import VideoFile
-from tirgeo_ros.nodes.aircraft_topics import AircraftTopics, listen_to_diagnostics, terrain_of
+from tirgeo_ros.nodes.aircraft_topics import AircraftTopics, terrain_of
 from tirgeo_ros.nodes.graph_node import GraphNode
 from tirgeo_ros.nodes.monitor import OK, WARN
 from tirgeo_ros.nodes.runner import run
@@ -34,12 +34,11 @@ class VideoWriter(GraphNode):
             raise ConfigError(
                 "parameter output: nothing to write: set it to a file, or set stream"
             )
-        known = ConfidenceConfig(), config.geoid_undulation_m, config.platform
-        self._metadata = FrameMetadata(*known)
+        fixed = ConfidenceConfig(), config.geoid_undulation_m, config.platform
+        self._metadata = FrameMetadata(*fixed)
         self._film = VideoFile(Path(config.output), growing=True) if config.output else None
         self._stream = LiveStream(config.stream, self._metadata) if config.stream else None
         self._aircraft = AircraftTopics(self, "", terrain_of(config), self._take)
-        listen_to_diagnostics(self, [self._aircraft])
         self.resources = self._open()
         self.report_each_second(self._items)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,26 +13,23 @@ from urllib.parse import urlsplit
 
 from tirgeo_ros.core.config import ViewerConfig
 from tirgeo_ros.core.config.schema import config_from, parameters_of, values_of
-from tirgeo_ros.core.config.viewer import split_namespaces
-from tirgeo_ros.core.ground.ground_point import MarkedPlace
+from tirgeo_ros.core.config.viewer_parameters import split_namespaces
 from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.errors import ConfigError, shown
-from tirgeo_ros.core.types.finding import Finding, Severity
+from tirgeo_ros.core.types.finding import Finding, Severity, sorted_findings
 from tirgeo_ros.io.files.child_process import parent_ended
 from tirgeo_ros.io.files.whole_files import read_text
 from tirgeo_ros.io.messages import DiagnosticItem
 from tirgeo_ros.io.targets.store import TargetStore
 from tirgeo_ros.io.video.live_stream import stream_url
-from tirgeo_ros.nodes.aircraft_topics import listen_to_diagnostics, terrain_of
+from tirgeo_ros.nodes.aircraft_topics import terrain_of
 from tirgeo_ros.nodes.aircraft_view import AircraftView
-from tirgeo_ros.nodes.child_node import ChildNode, ground_values
 from tirgeo_ros.nodes.graph_node import GraphNode
 from tirgeo_ros.nodes.map_watch import PageMap
 from tirgeo_ros.nodes.monitor import OK, WARN
-from tirgeo_ros.nodes.page_backend import PageBackend
-from tirgeo_ros.nodes.recordings import Recordings
+from tirgeo_ros.nodes.page_backend import PageBackend, TeamLink
+from tirgeo_ros.nodes.recordings import ChildNode, Recordings, ground_values
 from tirgeo_ros.nodes.runner import run
-from tirgeo_ros.nodes.team_link import TeamLink
 from tirgeo_ros.page.routes import invitation
 from tirgeo_ros.page.server import PageServer
 
@@ -68,7 +64,7 @@ class PageStreams:
             child.end()
 
     def watch(self) -> None:
-        """Start what does not run; call each second, in a thread that lasts."""
+        """Start each stream that does not run; call it each second, in a thread that lasts."""
         if not self._config.stream or time.monotonic() < self._retry_s:
             return
         for number, (name, namespace) in enumerate(self._namespaces.items()):
@@ -114,8 +110,7 @@ class ViewerNode(GraphNode):
             )
             for name in names
         }
-        listen_to_diagnostics(self, [*self._aircraft.values()])
-        namespaces = {name: one.namespace for name, one in self._aircraft.items()}
+        namespaces = {name: view.namespace for name, view in self._aircraft.items()}
         self._recordings = Recordings(self, config, namespaces)
         self._streams = PageStreams(self, config, namespaces)
         self._team = TeamLink(self, config, self._aircraft)
@@ -127,7 +122,7 @@ class ViewerNode(GraphNode):
         )
         titles = {name: name or "aircraft" for name in names}
         self._server = PageServer(self._backend, config, titles)
-        self._revision, self._marked = -1, list[MarkedPlace]()
+        self._revision, self._drawn = -1, list[Target]()
         self.resources = self._serve()
         self._timers = [
             # One each: what cannot be read of one aircraft takes nothing from the others.
@@ -135,7 +130,7 @@ class ViewerNode(GraphNode):
             self.steady_timer("targets", _LOOK_S, self._draw_targets),
             self.steady_timer("recordings", _WATCH_S, self._watch),
         ]
-        self.report_each_second(self._items)
+        self.report_each_second(self._items, self._all_findings)
 
     @contextmanager
     def _serve(self) -> Iterator[None]:
@@ -155,7 +150,7 @@ class ViewerNode(GraphNode):
                     self._targets.switch(what, on=False)
 
     def _go_on(self) -> None:
-        """Go on with what was on when the last run was killed."""
+        """Record and share again what was on when the last run was killed."""
         for what in self._targets.switched_on():
             kind, _, aircraft = what.partition(" ")
             if kind == "share":
@@ -181,23 +176,31 @@ class ViewerNode(GraphNode):
         self._backend.answered(aircraft, answer)
 
     def _report(self, aircraft: str) -> None:
-        one = self._aircraft[aircraft]
-        ours = [*self._recordings.findings(aircraft), *self._team.findings, *self._lost]
-        state = one.state([*ours, *one.reports.restarts.findings()])
+        state = self._aircraft[aircraft].state(self._findings_of(aircraft))
         state["recording"], state["sharing"] = self._recordings.is_on(aircraft), self._team.state
         self._server.report(aircraft, state)
 
+    def _findings_of(self, aircraft: str) -> list[Finding]:
+        own = [*self._recordings.findings(aircraft), *self._team.findings, *self._lost]
+        return [*own, *self._aircraft[aircraft].reports.restarts.findings()]
+
+    def _all_findings(self) -> list[Finding]:
+        names = self._aircraft
+        return sorted_findings(finding for name in names for finding in self._findings_of(name))
+
     def _draw_targets(self) -> None:
-        """Publish the targets where they or the plane have changed, and tell pages and team."""
+        """Publish the targets where they have changed, and tell pages and team."""
         revision = self._targets.revision
         if revision != self._revision:
-            targets = self._targets.all()
-            self._marked = [marked_place(target) for target in targets]
+            self._drawn = self._targets.all()
+            message = self.messages.targets(self._drawn)
+            for view in self._aircraft.values():
+                view.targets.publish(message)
             self._server.targets_changed()
             self._team.targets(self._targets.for_others())
             self._revision = revision
-        for one in self._aircraft.values():
-            one.draw(self._marked, revision)
+        for view in self._aircraft.values():
+            view.mark(self._drawn, revision)
 
     def _watch(self) -> None:
         self._recordings.watch()
@@ -205,29 +208,17 @@ class ViewerNode(GraphNode):
         self._team.send()
 
     def _items(self) -> list[DiagnosticItem]:
-        values = {"targets": str(len(self._marked)), "listen": self._config.listen}
+        values = {"targets": str(len(self._drawn)), "listen": self._config.listen}
         values |= {name: str(count) for name, count in self._server.counts.items()}
         values |= {f"stream {name}": trouble for name, trouble in self._streams.troubles.items()}
+        values |= {finding.check: shown(finding.line) for finding in self._all_findings()}
         trouble = self._map.error or next(iter(self._streams.troubles.values()), "")
         return [self.item("page", values, trouble or "ok", WARN if trouble else OK)]
 
 
 def taken_ns(stamp_ns: int, now_ns: int) -> int:
-    """Return when a picture was taken by this computer's clock: now, if the stamp's is another."""
+    """Return a picture's time by this computer's clock: now if the stamp is of another."""
     return stamp_ns if 0 <= now_ns - stamp_ns < _SAME_CLOCK_NS else now_ns
-
-
-def marked_place(target: Target) -> MarkedPlace:
-    """Return a target as it is drawn in the pictures."""
-    place = target.place
-    name = f": {target.name}" if target.name else ""
-    return MarkedPlace(
-        f"{target.number} {target.kind}{name}",
-        math.radians(place.latitude_deg),
-        math.radians(place.longitude_deg),
-        place.height_m,
-        place.covariance_n,
-    )
 
 
 def with_secrets(config: ViewerConfig) -> ViewerConfig:
@@ -245,11 +236,11 @@ def with_secrets(config: ViewerConfig) -> ViewerConfig:
 
 
 def lost_clicks(numbers: Sequence[int]) -> list[Finding]:
-    """Return the finding that targets, by their numbers, lack clicks in their file, if any do."""
+    """Return a finding if the file has lost clicks of targets, which are named by ``numbers``."""
     evidence = f"their file has lost clicks of targets {shown(', '.join(map(str, numbers)), 60)}"
     mend = "look at their places, which are of what is left, and click them again"
-    found = Finding("targets", Severity.CAUTION, evidence, "viewer_node targets", mend)
-    return [found] if numbers else []
+    finding = Finding("targets", Severity.CAUTION, evidence, "viewer_node targets", mend)
+    return [finding] if numbers else []
 
 
 def check(config: ViewerConfig) -> None:

@@ -1,4 +1,4 @@
-"""Decide who may use the page: addressed name, origin, token, session and role."""
+"""Decide who may use the page, and how much: name, origin, token, session, role, shares."""
 
 from __future__ import annotations
 
@@ -11,10 +11,91 @@ import re
 import secrets
 import socket
 import time
+from collections import OrderedDict
+from typing import Any
 
 from aiohttp import web
 
-from tirgeo_ros.core.config.viewer import TOKEN_SEED, ViewerConfig, address_of
+from tirgeo_ros.core.config.viewer_parameters import TOKEN_SEED, ViewerConfig, address_of
+
+_MOST_ADDRESSES = 1000  # that are remembered
+_FIRST_WAIT_S, _LONGEST_WAIT_S = 0.5, 60.0
+_ERRORS = 2  # of an honest user's typing
+_TOGETHER = 4  # shares that all viewers have in common, or all strangers
+
+
+class Allowance:
+    """Allow ``rate`` units a second, and ``burst`` at once."""
+
+    __slots__ = ("_burst", "_left", "_rate", "_then_s")
+
+    def __init__(self, rate: float, burst: float) -> None:
+        self._rate, self._burst = rate, burst
+        self._left, self._then_s = burst, 0.0
+
+    def take(self, now_s: float, amount: float = 1.0) -> bool:
+        """Return whether ``amount`` is allowed; if so it is taken."""
+        grown = self._left + (now_s - self._then_s) * self._rate
+        self._left, self._then_s = min(self._burst, grown), now_s
+        if self._left < amount:
+            return False
+        self._left -= amount
+        return True
+
+
+class Shares:
+    """Hold an allowance for each owner, a session or an address; the longest unused is forgotten.
+
+    Viewers have a common one too, however many sessions one of them takes; so have strangers.
+    """
+
+    def __init__(self, rate: float, burst: float) -> None:
+        self._rate, self._burst = rate, burst
+        self._allowances: OrderedDict[str, Allowance] = OrderedDict()
+        together = _TOGETHER * rate, _TOGETHER * burst
+        self._common = {role: Allowance(*together) for role in (None, VIEWER)}
+
+    def take(self, role: str | None, owner: str, now_s: float) -> bool:
+        """Return whether the owner may have one more."""
+        allowance = self._allowances.setdefault(owner, Allowance(self._rate, self._burst))
+        _keep(self._allowances, owner)
+        common = self._common.get(role)
+        return allowance.take(now_s) and (common is None or common.take(now_s))
+
+
+class WrongTokens:
+    """Make an address that gives wrong tokens wait longer each time, to a minute.
+
+    While many guess, that minute comes after a typing error or two.
+    """
+
+    def __init__(self) -> None:
+        self._waits: OrderedDict[str, tuple[int, float]] = OrderedDict()
+        self._all = Allowance(5.0, 50.0)  # of all addresses: one guesser may have many
+
+    def wait_s(self, address: str, now_s: float) -> float:
+        """Return how long the address must wait before its next token is looked at."""
+        return max(0.0, self._waits.get(address, (0, 0.0))[1] - now_s)
+
+    def add(self, address: str, now_s: float) -> None:
+        """Note a wrong token."""
+        count = self._waits.get(address, (0, 0.0))[0]
+        wait_s = min(_FIRST_WAIT_S * 2.0 ** min(count, 20), _LONGEST_WAIT_S)
+        if not self._all.take(now_s) and count >= _ERRORS:
+            wait_s = _LONGEST_WAIT_S
+        self._waits[address] = count + 1, now_s + wait_s
+        _keep(self._waits, address)
+
+    def forget(self, address: str) -> None:
+        """Note a right token."""
+        self._waits.pop(address, None)
+
+
+def _keep(table: OrderedDict[str, Any], address: str) -> None:
+    table.move_to_end(address)
+    while len(table) > _MOST_ADDRESSES:
+        table.popitem(last=False)
+
 
 OPERATOR, VIEWER = "operator", "viewer"
 _SESSION_S = 3 * 24 * 3600
@@ -30,7 +111,7 @@ def _made_token(role: str) -> str:
 
 
 class Access:
-    """Know names, tokens and sessions of one server.
+    """Check names, tokens and sessions of one server.
 
     A session is role, end and a random number, signed with the role's token: it outlives a
     restart with the same tokens, takes no memory, and tells nothing of the other role's token.
@@ -69,10 +150,10 @@ class Access:
 
         Another name may be one that an attacker's name server leads here (DNS rebinding).
         """
-        found = _HOST.fullmatch(host)
-        if found is None or int(found[2] or 0) > 65535:
+        match = _HOST.fullmatch(host)
+        if match is None or int(match[2] or 0) > 65535:
             return False
-        name = found[1].strip("[]").lower()
+        name = match[1].strip("[]").lower()
         return name in self._names or _is_address(name)
 
     def role(self, request: web.Request) -> str | None:
@@ -115,8 +196,8 @@ class Access:
     @staticmethod
     def cookie(request: web.Request) -> str:
         """Return the cookie's name: servers on other ports of a computer get the same cookies."""
-        found = _HOST.fullmatch(request.headers.get("Host", ""))
-        return f"tirgeo_{(found and found[2]) or ''}"
+        match = _HOST.fullmatch(request.headers.get("Host", ""))
+        return f"tirgeo_{(match and match[2]) or ''}"
 
     def _signature(self, role: str, signed: str) -> str:
         key = b"tirgeo session " + self.tokens[role].encode()
@@ -149,8 +230,8 @@ def _is_address(host: str) -> bool:
     return True
 
 
-def _same(own: str, given: str) -> bool:
-    return hmac.compare_digest(_bytes(own), _bytes(given))
+def _same(own: str, offered: str) -> bool:
+    return hmac.compare_digest(_bytes(own), _bytes(offered))
 
 
 def _bytes(text: str) -> bytes:

@@ -1,4 +1,7 @@
-"""Do what a page's request asks, and say what came of it; write targets as pages get them."""
+"""Read what a page asks, do it and say what came of it; write targets as pages get them.
+
+A request is a JSON text, each field of its type and in its range, and nothing else.
+"""
 
 from __future__ import annotations
 
@@ -14,13 +17,160 @@ from typing import Any, TypeVar
 
 import pyproj
 
-from tirgeo_ros.core.targets.target import Target
-from tirgeo_ros.core.types.errors import TirgeoError
+from tirgeo_ros.core.targets.target import KINDS, Target
+from tirgeo_ros.core.types.errors import TirgeoError, shown
 from tirgeo_ros.io.coordinates.crs import written
-from tirgeo_ros.io.targets.store import TargetStore
+from tirgeo_ros.io.messages.json_codec import target_row
+from tirgeo_ros.io.targets.store import MOST_MARK, MOST_NAME, MOST_NOTE, TargetStore
 from tirgeo_ros.page.backend import Backend, Click, Pixel
-from tirgeo_ros.page.requests import FOR_VIEWERS, RequestError
-from tirgeo_ros.page.video_feed import VideoFeed
+from tirgeo_ros.page.video import VideoFeed
+
+Check = Callable[[Any], Any]  # returns the value, or raises ValueError with what it must be
+_MOST_PIXEL = 1e5
+
+
+class RequestError(ValueError):
+    """Report what is wrong with a request, in words for the page's author."""
+
+    def __init__(self, words: str, request: str = "") -> None:
+        super().__init__(words)
+        self.request = request
+
+
+def _text(most: int, least: int = 0) -> Check:
+    def check(value: Any) -> str:
+        if not isinstance(value, str) or not least <= len(value) <= most:
+            raise ValueError(f"a text of {least} to {most} characters")
+        if any((ord(c) < 32 and c not in "\n\r\t") or 0xD800 <= ord(c) < 0xE000 for c in value):
+            raise ValueError("a text without control characters")
+        return value
+
+    return check
+
+
+def _number(low: float, high: float) -> Check:
+    def check(value: Any) -> float:
+        right = isinstance(value, (int, float)) and not isinstance(value, bool)
+        if not right or not low <= value <= high:  # nan is in no range
+            raise ValueError(f"a number from {low:g} to {high:g}")
+        return float(value)
+
+    return check
+
+
+def _stamp(value: Any) -> int:
+    right = isinstance(value, str) and value.isascii() and value.isdigit() and len(value) <= 19
+    if not right or int(value) >= 1 << 63:
+        raise ValueError("a text of digits: nanoseconds")
+    return int(value)
+
+
+def _flag(value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise ValueError("true or false")  # noqa: TRY004 all faults are of one kind
+    return value
+
+
+def _kind(value: Any) -> str:
+    if value not in KINDS:
+        raise ValueError(f"one of {', '.join(KINDS)}")
+    return str(value)
+
+
+def _id(value: Any) -> str:
+    right = isinstance(value, str) and len(value) == 32 and {*value} <= {*"0123456789abcdef"}
+    if not right:
+        raise ValueError("the id of a target")
+    return str(value)
+
+
+def _place(value: Any) -> tuple[float, float]:
+    if not isinstance(value, list) or len(value) != 2:
+        raise ValueError("[latitude, longitude]")
+    return _latitude(value[0]), _longitude(value[1])
+
+
+def _texts(value: Any) -> dict[str, str]:
+    if not isinstance(value, dict) or not all(isinstance(text, str) for text in value.values()):
+        raise ValueError("an object of texts: what each field was")
+    return value
+
+
+def _or_none(check: Check) -> Check:
+    return lambda value: None if value is None else check(value)
+
+
+_latitude, _longitude = _number(-90, 90), _number(-180, 180)
+_pixel, _aircraft = _number(-_MOST_PIXEL, _MOST_PIXEL), _text(100)
+#: Type -> the fields that a request must have.
+_MUST: Mapping[str, Mapping[str, Check]] = {
+    "click": {
+        "aircraft": _aircraft,
+        "stamp_ns": _stamp,
+        "u": _pixel,
+        "v": _pixel,
+        "kind": _kind,
+        "refine": _or_none(_id),
+    },
+    "edit": {"id": _id, "was": _texts},
+    "leave_out": {"id": _id, "field": _text(4), "text": _text(MOST_NOTE)},
+    "delete": {"id": _id, "was": _texts},
+    "undo": {},
+    "record": {"aircraft": _aircraft, "on": _flag},
+    "mark": {"text": _text(MOST_MARK)},
+    "share": {"on": _flag},
+    "where": {"aircraft": _aircraft, "latitude_deg": _latitude, "longitude_deg": _longitude},
+    "measure": {"from": _place, "to": _place},
+}
+#: And those that it may have.
+_MAY: Mapping[str, Mapping[str, Check]] = {
+    "edit": {"name": _text(MOST_NAME), "kind": _kind, "note": _text(MOST_NOTE)},
+    "undo": {"id": _id},
+}
+#: What somebody who may only look may ask.
+FOR_VIEWERS = frozenset({"where", "measure"})
+_request_name = _text(40, 1)
+
+
+def read_request(text: str) -> tuple[str, str, dict[str, Any]]:
+    """Return a request's own name, its type and its fields; raises RequestError."""
+    try:
+        fields = json.loads(text, parse_constant=_refuse_constant)
+    except (ValueError, RecursionError):
+        raise RequestError("a request is JSON") from None
+    if not isinstance(fields, dict):
+        raise RequestError("a request is a JSON object")
+    try:
+        name = _request_name(fields.pop("request", None))
+    except ValueError as error:
+        raise RequestError(f"request must be {error}") from None
+    kind = fields.pop("type", None)
+    if not isinstance(kind, str) or kind not in _MUST:
+        raise RequestError(f"type must be one of {', '.join(_MUST)}", name)
+    return name, kind, _checked(name, kind, fields)
+
+
+def _checked(name: str, kind: str, fields: dict[str, Any]) -> dict[str, Any]:
+    must, may = _MUST[kind], _MAY.get(kind, {})
+    absent = [field for field in must if field not in fields]
+    unknown = [field for field in fields if field not in must and field not in may]
+    if absent or unknown:
+        fault = f"lacks {absent[0]}" if absent else f"has no field {shown(unknown[0], 40)}"
+        raise RequestError(f"{kind} {fault}", name)
+    return {field: _value(name, kind, field, value) for field, value in fields.items()}
+
+
+def _value(name: str, kind: str, field: str, value: Any) -> Any:
+    check = _MUST[kind].get(field) or _MAY[kind][field]
+    try:
+        return check(value)
+    except ValueError as error:
+        raise RequestError(f"{kind}: {field} must be {error}", name) from None
+
+
+def _refuse_constant(name: str) -> float:
+    raise ValueError(name)
+
 
 _T = TypeVar("_T")
 _Was = dict[str, str]  # what each field was to whoever changes it
@@ -53,7 +203,7 @@ class Actions:
         self._in_turn = asyncio.Lock()  # changes of the store happen in the order of requests
 
     async def answer(self, name: str, kind: str, fields: dict[str, Any]) -> dict[str, Any]:
-        """Return the answer to a request; to one that was sent again, the same one."""
+        """Return the answer to a request; one that was sent again gets the same answer."""
         if len(name) < _UNIQUE_NAME or kind in FOR_VIEWERS:  # these change nothing
             return await self._done(kind, fields)
         if name not in self._answers:
@@ -65,13 +215,13 @@ class Actions:
     async def _done(self, kind: str, fields: dict[str, Any]) -> dict[str, Any]:
         arguments = {"from_" if name == "from" else name: v for name, v in fields.items()}
         try:
-            found = await getattr(self, f"_{kind}")(**arguments)
+            answer = await getattr(self, f"_{kind}")(**arguments)
         except (RequestError, TirgeoError) as error:
             return {"ok": False, "reason": str(error)}
         except Exception:  # noqa: BLE001 whoever asked waits for an answer
             _LOG.exception("%s: a fault in this program", kind)
             return {"ok": False, "reason": "a fault in this program: its log says where"}
-        return {"ok": True, **found}
+        return {"ok": True, **answer}
 
     async def _click(
         self, aircraft: str, stamp_ns: int, u: float, v: float, kind: str, refine: str | None
@@ -80,24 +230,30 @@ class Actions:
         cut_out = feed.cut_out(stamp_ns, u, v)  # now: the picture may soon be gone
         click = Click(aircraft, stamp_ns, u, v)
         try:
-            fixing = await asyncio.wait_for(self._backend.click(click), _CLICK_S)
+            place = await asyncio.wait_for(self._backend.click(click), _CLICK_S)
         except asyncio.TimeoutError:
-            fixing = "no answer from overlay_node: does it run?"
-        if isinstance(fixing, str):
-            raise RequestError(fixing)
+            place = "no answer from overlay_node: does it run?"
+        if isinstance(place, str):
+            raise RequestError(place)
         store, now_ns = self._backend.targets, time.time_ns()
         if refine:
-            return await self._stored(lambda: self._told(store.refine(refine, fixing, now_ns)))
-        add = functools.partial(store.add, fixing, aircraft=aircraft, kind=kind, now_ns=now_ns)
-        return await self._stored(lambda: self._told(add(picture=cut_out())))
+            return await self._stored(
+                lambda: self._target_answer(store.refine(refine, place, now_ns))
+            )
+        add = functools.partial(store.add, place, aircraft=aircraft, kind=kind, now_ns=now_ns)
+        return await self._stored(lambda: self._target_answer(add(picture=cut_out())))
 
     async def _edit(self, id: str, was: _Was, **words: str) -> dict[str, Any]:  # noqa: A002
         edit = self._backend.targets.edit
-        return await self._stored(lambda: self._told(edit(id, time.time_ns(), was, **words)))
+        return await self._stored(
+            lambda: self._target_answer(edit(id, time.time_ns(), was, **words))
+        )
 
     async def _leave_out(self, id: str, field: str, text: str) -> dict[str, Any]:  # noqa: A002
         leave_out = self._backend.targets.leave_out
-        return await self._stored(lambda: self._told(leave_out(id, field, text, time.time_ns())))
+        return await self._stored(
+            lambda: self._target_answer(leave_out(id, field, text, time.time_ns()))
+        )
 
     async def _delete(self, id: str, was: _Was) -> dict[str, Any]:  # noqa: A002 as sent
         await self._stored(lambda: self._backend.targets.delete(id, time.time_ns(), was))
@@ -122,10 +278,10 @@ class Actions:
         self, aircraft: str, latitude_deg: float, longitude_deg: float
     ) -> dict[str, Any]:
         self._feed(aircraft)
-        found = await self._backend.where(aircraft, latitude_deg, longitude_deg)
-        if not isinstance(found, Pixel):
-            raise RequestError(found)
-        return {"stamp_ns": str(found.stamp_ns), "u": found.u, "v": found.v}
+        pixel = await self._backend.where(aircraft, latitude_deg, longitude_deg)
+        if not isinstance(pixel, Pixel):
+            raise RequestError(pixel)
+        return {"stamp_ns": str(pixel.stamp_ns), "u": pixel.u, "v": pixel.v}
 
     async def _measure(
         self, from_: tuple[float, float], to: tuple[float, float]
@@ -138,36 +294,36 @@ class Actions:
             raise RequestError("there is no such aircraft")
         return self._feeds[aircraft]
 
-    def _told(self, target: Target) -> dict[str, Any]:
+    def _target_answer(self, target: Target) -> dict[str, Any]:
         open_ = self._backend.targets.alternatives()[target.id]
         return {"target": target_fields(target, self._undulation_m) | {"alternatives": open_}}
 
     async def _stored(self, call: Callable[[], _T]) -> _T:
         """Change the store, and tell all pages."""
         async with self._in_turn:
-            found = await asyncio.to_thread(call)
+            result = await asyncio.to_thread(call)
         self._changed()
-        return found
+        return result
 
 
 #: A target and its alternatives, by id.
-Told = dict[str, tuple[Target, list[list[str]]]]
+Sent = dict[str, tuple[Target, list[list[str]]]]
 
 
-def changed_targets(store: TargetStore, undulation_m: float, told: Told) -> dict[str, str]:
-    """Return the JSON, by id, of each target that is not as ``told``; "" of one that is gone.
+def changed_targets(store: TargetStore, undulation_m: float, sent: Sent) -> dict[str, str]:
+    """Return the JSON, by id, of each target that differs from ``sent``; "" of one that is gone.
 
-    Then ``told`` is what the store holds.
+    Then ``sent`` is what the store holds.
     """
     open_ = store.alternatives()
     now = {one.id: (one, open_.get(one.id, [])) for one in store.all()}
-    changed = [one for id_, one in now.items() if told.get(id_) != one]
-    texts = dict.fromkeys(told.keys() - now.keys(), "")
+    changed = [one for id_, one in now.items() if sent.get(id_) != one]
+    texts = dict.fromkeys(sent.keys() - now.keys(), "")
     for target, others in changed:
         fields = target_fields(target, undulation_m) | {"alternatives": others}
         texts[target.id] = json.dumps(fields)
-    told.clear()
-    told.update(now)
+    sent.clear()
+    sent.update(now)
     return texts
 
 
@@ -175,20 +331,9 @@ def target_fields(target: Target, undulation_m: float) -> dict[str, Any]:
     """Return a target as the page gets it; without ``undulation_m`` no height above sea level."""
     place = target.place
     ellipse = place.ellipse
-    known = math.isfinite(undulation_m)
-    return {
-        "id": target.id,
-        "number": target.number,
-        "name": target.name,
-        "kind": target.kind,
+    return target_row(target) | {
         "note": target.note,
-        "aircraft": target.aircraft,
-        "created_ns": str(target.created_ns),
-        "changed_ns": str(target.changed_ns),
-        "latitude_deg": place.latitude_deg,
-        "longitude_deg": place.longitude_deg,
-        "height_m": place.height_m,
-        "height_msl_m": place.height_m - undulation_m if known else None,
+        "height_msl_m": place.height_m - undulation_m if math.isfinite(undulation_m) else None,
         "coordinates": written(place.latitude_deg, place.longitude_deg)._asdict(),
         "ellipse": {
             "major_m": ellipse.major_m,
@@ -196,6 +341,4 @@ def target_fields(target: Target, undulation_m: float) -> dict[str, Any]:
             "azimuth_deg": math.degrees(ellipse.azimuth_rad),
         },
         "outline": [[round(x, 8) for x in corner] for corner in place.outline(_CORNERS)],
-        "clicks": len(target.fixings),
-        "clicks_agree": target.clicks_agree,
     }

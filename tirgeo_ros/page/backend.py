@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from tirgeo_ros.core.targets.target import Fixing
+from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.io.targets.store import TargetStore
 
 
@@ -35,7 +35,7 @@ class Backend(Protocol):
     coroutine is called in threads. A refusal is its words, for the operator.
     """
 
-    async def click(self, click: Click) -> Fixing | str:
+    async def click(self, click: Click) -> Located | str:
         """Return the ground point at a pixel, or why there is none; within a second."""
         ...
 

@@ -12,9 +12,16 @@ from typing import TYPE_CHECKING
 from aiohttp import web
 
 from tirgeo_ros.core.types.errors import TirgeoError
-from tirgeo_ros.page.access import OPERATOR, Access, is_websocket, plain_host
-from tirgeo_ros.page.connections import Connection
-from tirgeo_ros.page.limits import Allowance, Shares, WrongTokens
+from tirgeo_ros.page.access import (
+    OPERATOR,
+    Access,
+    Allowance,
+    Shares,
+    WrongTokens,
+    is_websocket,
+    plain_host,
+)
+from tirgeo_ros.page.connections import Connection, Door
 
 if TYPE_CHECKING:
     from aiohttp.typedefs import Middleware
@@ -40,8 +47,8 @@ _LOG = logging.getLogger("tirgeo.page")
 class Guard:
     """Refuse requests from elsewhere, too many of them, and those without a session."""
 
-    def __init__(self, access: Access) -> None:
-        self._access = access
+    def __init__(self, access: Access, door: Door) -> None:
+        self._access, self._door = access, door
         self._requests = Shares(_REQUESTS_A_S, _REQUESTS_AT_ONCE)
         self._wrong = WrongTokens()
         self._lines, self._unlogged = Allowance(1 / 60, 1), 0  # lines of the log
@@ -51,21 +58,27 @@ class Guard:
 
         @web.middleware
         async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
+            connection = self._door.connection(request)
             try:
-                refused = await self._refused(request)
+                refused = await self._refused(request, connection)
                 # Not "or": an answer counts as false where aiohttp has it as an empty mapping.
                 return await handler(request) if refused is None else refused
             except web.HTTPException as error:
                 return refusal(error.status, error.reason.lower())
             except TirgeoError as error:
                 return refusal(500, str(error))
+            finally:
+                if connection is not None:
+                    connection.answered()
 
         return guard
 
-    async def _refused(self, request: web.Request) -> web.Response | None:
+    async def _refused(
+        self, request: web.Request, connection: Connection | None
+    ) -> web.Response | None:
         role, owner = self._access.user(request)
-        if isinstance(request.protocol, Connection):
-            request.protocol.asked(role, owner, websocket=is_websocket(request))
+        if connection is not None:
+            connection.asked(role, owner, websocket=is_websocket(request))
         if not self._requests.take(role, owner, time.monotonic()):
             await asyncio.sleep(_PAUSE_S)
             if role is not None:  # a stranger may share a flood's address: he only has to wait
@@ -142,8 +155,8 @@ async def _token(request: web.Request) -> str | None:
     if len(body) > _TOKEN_BYTES:
         return None
     try:
-        given = json.loads(body)
+        document = json.loads(body)
     except ValueError:
-        given = None
-    token = given.get("token") if isinstance(given, dict) else None
+        document = None
+    token = document.get("token") if isinstance(document, dict) else None
     return token if isinstance(token, str) else ""

@@ -15,18 +15,17 @@ from typing import Any
 
 from aiohttp import web
 
-from tirgeo_ros.core.config.viewer import ViewerConfig, address_of
+from tirgeo_ros.core.config.viewer_parameters import ViewerConfig, address_of
 from tirgeo_ros.core.types.errors import PageError, TargetError
 from tirgeo_ros.page.access import OPERATOR, VIEWER, Access
-from tirgeo_ros.page.actions import Actions, Told, changed_targets
+from tirgeo_ros.page.actions import Actions, Sent, changed_targets
 from tirgeo_ros.page.backend import Backend
-from tirgeo_ros.page.connections import Door, listening_socket
+from tirgeo_ros.page.connections import Door, http_runner, listening_socket
+from tirgeo_ros.page.content import Tiles, read_static
 from tirgeo_ros.page.guard import Guard, mark
 from tirgeo_ros.page.routes import Routes
 from tirgeo_ros.page.state_hub import plain
-from tirgeo_ros.page.static_files import read_static
-from tirgeo_ros.page.tiles import Tiles
-from tirgeo_ros.page.video_feed import VideoFeed
+from tirgeo_ros.page.video import VideoFeed
 
 STATIC = Path(__file__).parent / "static"
 _BODY_BYTES = 2048
@@ -52,7 +51,7 @@ class PageServer:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._stale, self._ending = asyncio.Event(), asyncio.Event()
         self._port = 0
-        self._door: Door | None = None
+        self._door = Door()
 
     def start(self) -> None:
         """Return when the page can be opened; raises PageError if it cannot be served."""
@@ -80,10 +79,10 @@ class PageServer:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Return what diagnostics say of the page."""
+        """Return counts of the page, for diagnostics."""
         return {
-            "connections": self._door.connections if self._door else 0,
-            "connections refused": self._door.refused if self._door else 0,
+            "connections": self._door.connections,
+            "connections refused": self._door.refused,
             "damaged pictures": sum(feed.damaged for feed in self._feeds.values()),
         }
 
@@ -99,8 +98,8 @@ class PageServer:
 
     def report(self, aircraft: str, state: Mapping[str, Any]) -> None:
         """Show a state; numbers that are not finite become null; ``track``: new points alone."""
-        given = {str(key): plain(value) for key, value in state.items()}
-        self._call(lambda: self._routes.hub.report(aircraft, given))
+        fields = {str(key): plain(value) for key, value in state.items()}
+        self._call(lambda: self._routes.hub.report(aircraft, fields))
 
     def targets_changed(self) -> None:
         """Show the targets as they are now in the store."""
@@ -143,24 +142,22 @@ class PageServer:
         runner = await self._runner(tiles)
         server = runner.server
         assert server is not None
-        self._door = Door(self._listening, server, tls)
-        tasks = [
-            asyncio.create_task(self._door.accept()),
-            asyncio.create_task(self._keep_targets()),
-        ]
+        accepting = await self._door.open(self._listening, server, tls)
+        targets = asyncio.create_task(self._keep_targets())
         self._stale.set()
         self._started.set_result(asyncio.get_running_loop())
         try:
             await self._ending.wait()
         finally:
-            for task in tasks:
-                task.cancel()
+            accepting.close()
+            targets.cancel()
             await runner.cleanup()
+            self._door.close()
             if tiles:
                 tiles.close()
 
     async def _runner(self, tiles: Tiles | None) -> web.AppRunner:
-        guard = Guard(self._access)
+        guard = Guard(self._access, self._door)
         static = read_static(STATIC)
         self._routes = Routes(
             self._backend, self._aircraft, self._feeds, static, tiles, self._access.user
@@ -171,25 +168,25 @@ class PageServer:
         app.add_routes(self._routes.table(guard, actions))
         app.on_response_prepare.append(mark)
         app.on_shutdown.append(self._routes.close)
-        runner = web.AppRunner(app, access_log=None, shutdown_timeout=1.0)
+        runner = http_runner(app)
         await runner.setup()
         return runner
 
     async def _keep_targets(self) -> None:
         """Send the targets that have changed; changes meanwhile go together."""
-        given, told = (self._backend.targets, self._config.geoid_undulation_m), Told()
+        source, sent = (self._backend.targets, self._config.geoid_undulation_m), Sent()
         while True:
             await self._stale.wait()
             self._stale.clear()
             try:
-                changed = await asyncio.to_thread(changed_targets, *given, told)
+                changed = await asyncio.to_thread(changed_targets, *source, sent)
                 self._routes.hub.change_targets(changed)
             except TargetError as error:
                 _LOG.warning("the pages do not get the targets: %s", error)
 
 
 def tls_context(config: ViewerConfig) -> ssl.SSLContext | None:
-    """Return what https needs; None without a certificate. Raises PageError."""
+    """Return the TLS context of https; None without a certificate. Raises PageError."""
     if not config.certificate:
         return None
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)

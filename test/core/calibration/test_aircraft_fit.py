@@ -40,7 +40,7 @@ def found(flight):
 
 
 def errors(result):
-    told = [PARAMETERS.index(name) for name in result.told]
+    told = [PARAMETERS.index(name) for name in result.determined]
     return ((result.values - truth()) / result.sigma)[told]
 
 
@@ -66,9 +66,9 @@ def test_slopes_are_those_of_runs_apart(flight):
 def test_without_headings_and_velocities_the_rest_is_found(flight):
     aids = [s for s in flight.aids if getattr(s, "source", None) is Source.RTK_POSITION]
     result = fit(FlightRuns(replace(flight, aids=aids), EkfConfig()), ())
-    assert set(result.told) == {*PARAMETERS[:3], "position_delay"}
-    assert "no rtk/heading" in result.untold["baseline_azimuth"]
-    assert "no rtk/vel" in result.untold["velocity_delay"]
+    assert set(result.determined) == {*PARAMETERS[:3], "position_delay"}
+    assert "no rtk/heading" in result.undetermined["baseline_azimuth"]
+    assert "no rtk/vel" in result.undetermined["velocity_delay"]
     assert np.abs(errors(result)).max() < SETTLED
 
 
@@ -79,7 +79,7 @@ def test_an_outlier_hardly_moves_it(flight, found):
         if not isinstance(aids[k], HeadingSample) and aids[k].source is Source.RTK_POSITION:
             aids[k] = replace(aids[k], height_m=aids[k].height_m + 3.0)
     result = fit(FlightRuns(replace(flight, aids=aids), EkfConfig()), ())
-    told = [PARAMETERS.index(name) for name in found.told]
+    told = [PARAMETERS.index(name) for name in found.determined]
     assert (np.abs(result.values - found.values)[told] < 2 * found.sigma[told]).all()
 
 
@@ -89,8 +89,8 @@ def test_turns_on_the_spot_tell_the_antenna_though_the_baseline_is_unknown():
     """Held at 25 deg off, the baseline would turn the antenna's place by as much: 13 cm."""
     samples = aircraft_samples(3, 90.0, **{"route.shape": "hover"})
     result = fit(FlightRuns(recorded(samples), EkfConfig()), ())
-    assert {"antenna_forward", "antenna_left", "heading_delay"} <= set(result.told)
-    assert "baseline_azimuth" in result.untold
+    assert {"antenna_forward", "antenna_left", "heading_delay"} <= set(result.determined)
+    assert "baseline_azimuth" in result.undetermined
     assert np.abs(errors(result)).max() < SETTLED
 
 
@@ -102,7 +102,7 @@ def test_the_autopilots_attitude_is_not_needed():
         for s in aircraft_samples(4, 60.0, **TURNS)
     ]
     result = fit(FlightRuns(recorded(samples), EkfConfig()), ())
-    assert "baseline_azimuth" in result.told
+    assert "baseline_azimuth" in result.determined
     assert np.abs(errors(result)).max() < SETTLED
 
 

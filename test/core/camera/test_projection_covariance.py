@@ -21,7 +21,7 @@ from tirgeo_ros.core.camera.projection_covariance import (
     rays_to,
     timed_covariance,
 )
-from tirgeo_ros.core.config.overlay import ConfidenceConfig
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, matrix_from_rotvec, quat_from_matrix
 
 PINHOLE = Camera(640, 512, 880.0, 880.0, 319.5, 255.5)

@@ -9,9 +9,8 @@ from checked_flights import checked_flight
 
 from tirgeo_ros.core.checks.gimbal_checks import GimbalChecks
 from tirgeo_ros.core.config import GimbalConfig
-from tirgeo_ros.core.frames.heading import heading_of, wrapped
-from tirgeo_ros.core.frames.rotations import matrix_from_quat
-from tirgeo_ros.core.gimbal.joint_geometry import camera_turn, joint_angles
+from tirgeo_ros.core.frames.rotations import heading_of, matrix_from_quat, wrapped
+from tirgeo_ros.core.gimbal.camera_pose import camera_turn, joint_angles
 from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.core.types.measurements import JointSample
 

@@ -11,12 +11,11 @@ from checked_flights import Arrived, changed, checked, lost, recorded, simulated
 
 from dev.flight_errors import fitting_config
 from tirgeo_ros.core.checks.heading_checks import HeadingChecks
-from tirgeo_ros.core.checks.imu_checks import ImuMean
+from tirgeo_ros.core.checks.inertial_checks import ImuMean
 from tirgeo_ros.core.checks.navigation_checks import NavigationChecks
-from tirgeo_ros.core.checks.velocity_checks import VelocityChecks
+from tirgeo_ros.core.checks.receiver_checks import VelocityChecks
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.frames.heading import wrapped
-from tirgeo_ros.core.frames.rotations import matrix_from_quat
+from tirgeo_ros.core.frames.rotations import matrix_from_quat, wrapped
 from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, Source, VelocitySample
 from tirgeo_ros.tools.replay.node_configs import node_configs

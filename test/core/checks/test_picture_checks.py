@@ -11,7 +11,7 @@ from scenes import graticule
 
 from tirgeo_ros.core.checks.motion_fit import MotionFit
 from tirgeo_ros.core.checks.picture_checks import FrameStamps, PictureChecks, motion_findings
-from tirgeo_ros.core.checks.picture_tracks import PictureTracker
+from tirgeo_ros.core.checks.picture_motion import PictureTracker
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.types.finding import Severity
@@ -256,7 +256,7 @@ def test_sixteen_bits_and_colours_are_followed_too(flight, change):
 
 
 def test_a_latency_that_nobody_gave_is_a_note(flight):
-    checks = PictureChecks(OverlayConfig(), math.nan, given=())
+    checks = PictureChecks(OverlayConfig(), math.nan, explicit=())
     for kind, what, at in flight.events[:3000]:
         if kind == "frame":
             checks.frame(*what, at)

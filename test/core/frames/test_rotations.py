@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from tirgeo_ros.core.frames import axes
 from tirgeo_ros.core.frames import rotations as att
-from tirgeo_ros.core.frames.heading import wrap_pi
+from tirgeo_ros.core.frames.rotations import wrap_pi
 
 #: Products of a few numbers of order one: some tens of roundings of 1.1e-16.
 ROUNDING = 5e-15

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from tirgeo_ros.core.config import AircraftConfig, GimbalConfig
 from tirgeo_ros.core.frames.axes import BODY_OPTICAL
-from tirgeo_ros.core.frames.heading import wrap_pi
 from tirgeo_ros.core.frames.rotations import (
     euler_from_matrix,
     matrix_from_quat,
@@ -24,15 +23,17 @@ from tirgeo_ros.core.frames.rotations import (
     rotation_y,
     rotation_z,
     rotvec_from_quat,
+    wrap_pi,
 )
 from tirgeo_ros.core.gimbal.camera_pose import (
     Mount,
     YawBias,
+    chain,
     from_computed,
     from_joints,
     from_reported,
+    joint_angles,
 )
-from tirgeo_ros.core.gimbal.joint_geometry import chain, joint_angles
 from tirgeo_ros.core.types.joint_orders import JOINT_ORDERS
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
 from tirgeo_ros.core.types.poses import BodyPose

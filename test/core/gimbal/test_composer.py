@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from tirgeo_ros.core.config import GimbalConfig, NorthConfig
 from tirgeo_ros.core.frames.axes import BODY_OPTICAL
-from tirgeo_ros.core.frames.heading import wrap_pi
-from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler
+from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_euler, wrap_pi
 from tirgeo_ros.core.gimbal.composer import GimbalComposer
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
 from tirgeo_ros.core.types.poses import BodyPose

@@ -12,9 +12,9 @@ import pytest
 from tirgeo_ros.core.config import GimbalConfig
 from tirgeo_ros.core.config.schema import config_from, values_of
 from tirgeo_ros.core.frames.axes import BODY_OPTICAL
-from tirgeo_ros.core.frames.heading import wrap_pi
 from tirgeo_ros.core.frames.rotations import (
     matrix_from_quat,
+    wrap_pi,
 )
 from tirgeo_ros.core.gimbal.composer import GimbalComposer
 from tirgeo_ros.core.types.measurements import ImuSample, JointSample

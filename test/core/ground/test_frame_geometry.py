@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 from scenes import PLANE, camera_pose
 
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
-from tirgeo_ros.core.config.overlay import ConfidenceConfig
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.axes import BODY_OPTICAL, Q_BODY_OPTICAL
 from tirgeo_ros.core.frames.rotations import (
     matrix_from_euler,

@@ -13,7 +13,7 @@ from scenes import camera_pose, graticule
 
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
 from tirgeo_ros.core.camera.projection_covariance import CHI2_95, CameraRates, pixel_jacobian
-from tirgeo_ros.core.config.overlay import ConfidenceConfig
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import (
     matrix_from_quat,
     quat_from_rotvec,

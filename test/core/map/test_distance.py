@@ -11,14 +11,14 @@ from overlays import PLANE, geo
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.map.distance import likely_mistake, nearest_feature
-from tirgeo_ros.core.map.layers import GeoFeature, MapLayer
-from tirgeo_ros.core.overlay.map_renderer import lay_layers
+from tirgeo_ros.core.map.map_layers import GeoFeature, MapLayer
+from tirgeo_ros.core.overlay.map_renderer import drape_layers
 
 HERE = TangentPlane(math.radians(48.1), math.radians(11.5), 500.0)  # UTM zone 32
 
 
 def map_of(*features):
-    return lay_layers([MapLayer("m", features)], PLANE, 25.0).map
+    return drape_layers([MapLayer("m", features)], PLANE, 25.0).map
 
 
 def place_n(latitude_deg, longitude_deg, plane=HERE):
@@ -56,7 +56,7 @@ def test_a_map_90_degrees_away_is_10_000_km_away():
     """Along the Earth, not through it; a sphere of the equator's radius is wrong by 0.5 %."""
     south_rad = HERE.latitude_rad - math.pi / 2
     point = GeoFeature("", False, np.array([[south_rad, HERE.longitude_rad, 0.0]]))
-    laid = lay_layers([MapLayer("m", [point])], HERE, 0.0)
+    laid = drape_layers([MapLayer("m", [point])], HERE, 0.0)
     found = nearest_feature(laid.map, np.zeros(3))
     assert nearest_feature(map_of(), np.zeros(3)) is None
     assert found.distance_m == pytest.approx(10_002_000, rel=5e-3)

@@ -7,8 +7,8 @@ import pytest
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.map import draping
-from tirgeo_ros.core.map.layers import GeoFeature, LayerStyle, MapLayer
+from tirgeo_ros.core.map import vector_map as map_module
+from tirgeo_ros.core.map.map_layers import GeoFeature, LayerStyle, MapLayer
 from tirgeo_ros.core.map.vector_map import VectorMap
 from tirgeo_ros.core.types.errors import ConfigError
 
@@ -137,7 +137,7 @@ def test_too_fine_a_model_is_touched_less_often_and_the_operator_is_told(monkeyp
     line = feature([[-450, 0], [450, 0]])
     every_cell = draped(line)
     assert not every_cell.notes
-    monkeypatch.setattr(draping, "MOST_VERTICES", 50)
+    monkeypatch.setattr(map_module, "MOST_VERTICES", 50)
     got = draped(line)
     assert 40 < got.lines.points.shape[1] < 70
     [note] = got.notes

@@ -9,10 +9,10 @@ import pytest
 from scenes import camera_pose
 
 from tirgeo_ros.core.camera.camera_model import XT2, Camera
-from tirgeo_ros.core.config.overlay import ConfidenceConfig
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Reason
-from tirgeo_ros.core.ground.ground_point import Located, MarkedPlace, Refusal
+from tirgeo_ros.core.ground.ground_point import Located, Refusal
 from tirgeo_ros.core.overlay.clicks import (
     MARKER_S,
     MARKERS,
@@ -22,6 +22,7 @@ from tirgeo_ros.core.overlay.clicks import (
     PlacedMarkers,
 )
 from tirgeo_ros.core.overlay.line_renderer import LineRenderer
+from tirgeo_ros.core.targets.target import Target
 
 PLANE = TangentPlane(0.6955, 2.0368, 30.0)
 S = 1_000_000_000
@@ -145,10 +146,16 @@ def test_the_ellipse_holds_95_percent(sigma_m):
     assert painted(sigma_m).max() == pytest.approx(2.4477 * sigma_m * 40, abs=4)
 
 
+def target_at(*place):
+    """A target at a place: latitude, longitude (deg), height (m)."""
+    clicks = (Located(S, *place, (1.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0)),)
+    return Target("0" * 32, 1, "", "fire", "", "", S, S, clicks)
+
+
 def test_targets_take_the_place_of_clicks_and_stay_in_another_plane(clicks):
     answer = clicks.locate(CENTRE, S)
     place = answer.latitude_rad, answer.longitude_rad, answer.height_m
-    clicks.set_targets([MarkedPlace("1 fire", *place, np.eye(3))])
+    clicks.set_targets([target_at(answer.latitude_deg, answer.longitude_deg, answer.height_m)])
     (marker,) = clicks.markers()
     assert marker.label == "1 fire"
     np.testing.assert_allclose(marker.point_n, answer.point_n, atol=1e-6)
@@ -165,8 +172,7 @@ def test_targets_take_the_place_of_clicks_and_stay_in_another_plane(clicks):
 
 def test_targets_wait_for_the_plane():
     made = Clicks(ConfidenceConfig())
-    place = PLANE.latitude_rad, PLANE.longitude_rad, PLANE.height_m
-    made.set_targets([MarkedPlace("1 fire", *place, np.eye(3))])
+    made.set_targets([target_at(39.85, 116.7, 30.0)])
     assert made.markers() == []
     made.set_plane(PLANE)
     assert [marker.label for marker in made.markers()] == ["1 fire"]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tirgeo_ros.core.map.layers import LayerStyle
+from tirgeo_ros.core.map.map_layers import LayerStyle
 from tirgeo_ros.core.map.polylines import Polylines
 from tirgeo_ros.core.overlay.line_renderer import FADES, LineRenderer
 

@@ -32,8 +32,8 @@ from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Reason
-from tirgeo_ros.core.map.layers import MapLayer
-from tirgeo_ros.core.overlay.map_renderer import lay_layers
+from tirgeo_ros.core.map.map_layers import MapLayer
+from tirgeo_ros.core.overlay.map_renderer import drape_layers
 from tirgeo_ros.core.overlay.overlay import Frame, FrameQueue, Overlay
 from tirgeo_ros.core.types.verdicts import FilterState
 
@@ -76,7 +76,7 @@ def test_another_map_while_running():
     overlay = ready()
     overlay.add_pose(pose_at(START))
     overlay.add_pose(pose_at(START + 200 * MS))
-    ready_map = lay_layers([MapLayer("moved", [geo(SQUARE_N + MOVED_N)])], PLANE, math.nan)
+    ready_map = drape_layers([MapLayer("moved", [geo(SQUARE_N + MOVED_N)])], PLANE, math.nan)
     overlay.add_frame(START + LATENCY, GREY, START)
     assert_on(overlay.take(START).image, pose_at(START))
     overlay.set_map(ready_map)
@@ -100,9 +100,9 @@ def test_a_map_that_is_laid_elsewhere_is_waited_for_in_each_plane():
         assert result.notice == "NO MAP YET: reading"
         assert not (ink_on(result.image)[:, 1] > 150).any()  # the notice stands above
         assert overlay.no_map_yet == "reading"
-        overlay.set_map(lay_layers(layers, other, math.nan))  # not for this plane
+        overlay.set_map(drape_layers(layers, other, math.nan))  # not for this plane
         assert pictured(overlay, start + MS).notice == "NO MAP YET: reading"
-        overlay.set_map(lay_layers(layers, plane, math.nan))
+        overlay.set_map(drape_layers(layers, plane, math.nan))
         result = pictured(overlay, start + 2 * MS)
         assert (result.notice, overlay.no_map_yet) == ("", "")
         assert distances(ink_on(result.image), true_outline(pose_at(START), ring_n)).max() < 1.5
@@ -112,7 +112,7 @@ def test_a_map_that_fails_to_come_is_told_and_one_that_is_drawn_stays():
     overlay = ready(layers=None, told=False)
     overlay.map_failed("park.geojson not found")
     assert pictured(overlay, START + MS).notice == "NO MAP: park.geojson not found"
-    overlay.set_map(lay_layers([MapLayer("map", [geo(SQUARE_N)])], PLANE, math.nan))
+    overlay.set_map(drape_layers([MapLayer("map", [geo(SQUARE_N)])], PLANE, math.nan))
     overlay.map_failed("its reading failed")
     assert_on(pictured(overlay, START + 2 * MS).image, pose_at(START))
 
@@ -206,7 +206,7 @@ NORTH_N = np.array([1.0, 0.0, 0.0])
 def test_a_located_point_stays_drawn_with_its_ellipse():
     overlay = ready(ground_height_m=25.0, confidence=PLAIN)
     far = [MapLayer("far", [geo(SQUARE_N + 500 * NORTH_N)])]
-    overlay.set_map(lay_layers(far, PLANE, 25.0))
+    overlay.set_map(drape_layers(far, PLANE, 25.0))
     pictures = []
     for k in range(2):
         result = pictured(overlay, START + 100 * MS * k, START + 100 * MS * k, yaw_deg=2.0 * k)

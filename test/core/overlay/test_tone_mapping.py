@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from overlays import luminance
 
-from tirgeo_ros.core.config.overlay import PALETTES, PictureConfig
+from tirgeo_ros.core.config.overlay_parameters import PALETTES, PictureConfig
 from tirgeo_ros.core.overlay.tone_mapping import ToneMapper
 
 FRAME_NS = 33_333_333

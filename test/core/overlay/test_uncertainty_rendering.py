@@ -10,15 +10,17 @@ from scenes import camera_pose
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import FrameConfidence, rays_to
-from tirgeo_ros.core.config.overlay import ConfidenceConfig
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.map.visibility import VisibleLines
-from tirgeo_ros.core.overlay.line_sampling import STEP_PX, cut, sampled
 from tirgeo_ros.core.overlay.uncertainty_rendering import (
     FAINTEST,
     MOST_ELLIPSES,
+    STEP_PX,
     Anchors,
+    cut,
     marked,
+    sampled,
     with_marks,
 )
 

@@ -13,11 +13,16 @@ from hypothesis import strategies as st
 from overlays import PLANE, SQUARE_N, geo, luminance
 from PIL import Image, ImageDraw, ImageFont
 
-from tirgeo_ros.core.map.layers import MapLayer
+from tirgeo_ros.core.map.map_layers import MapLayer
 from tirgeo_ros.core.overlay import text_rendering as text
-from tirgeo_ros.core.overlay.map_renderer import lay_layers
-from tirgeo_ros.core.overlay.status_text import status_line
-from tirgeo_ros.core.overlay.text_boxes import Field, fitted, paint_notice, paint_status
+from tirgeo_ros.core.overlay.map_renderer import drape_layers
+from tirgeo_ros.core.overlay.status_and_notices import (
+    Field,
+    fitted,
+    paint_notice,
+    paint_status,
+    status_line,
+)
 from tirgeo_ros.core.overlay.text_rendering import TEXT_BGR, coverage, passing_stamp, stamp
 from tirgeo_ros.core.types.measurements import FixStatus
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
@@ -229,7 +234,7 @@ def test_what_cannot_be_written_is_left_out(monkeypatch, words, written):
     assert stamp(words, 24, TEXT_BGR).ink.any() == bool(written)
     assert passing_stamp(f"NO MAP: {words}", 24, TEXT_BGR).size[0] > 90
     layer = MapLayer("m", [geo(SQUARE_N, words), geo(SQUARE_N, "plain")])
-    laid = lay_layers([layer], PLANE, 25.0).map
+    laid = drape_layers([layer], PLANE, 25.0).map
     assert laid.labelled.tolist() == [bool(written), True]
     assert ("map: labels not drawn: 1, as" in str(laid.notes)) is not bool(written)
 

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from target_samples import COVARIANCE, PLACE, STAMP_NS, click, east_north_up, target
+from target_samples import COVARIANCE, PLACE, click, east_north_up, target
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.ground_point import Located
-from tirgeo_ros.core.targets.target import COMMON, MEMORY_S, averaged, disagreement, fixing_of
+from tirgeo_ros.core.targets.target import COMMON, MEMORY_S, averaged, disagreement
 from tirgeo_ros.core.types.errors import TargetError
 
 CHI2_95 = 5.991464547  # two degrees of freedom
@@ -181,16 +180,6 @@ def test_a_poor_click_hardly_moves_a_good_one():
     assert averaged([good, poor]).covariance_enu[0] < 1.15
 
 
-def test_a_located_point_is_a_click_with_east_first():
-    covariance_n = np.array([[4.0, 0.5, 0.1], [0.5, 1.0, 0.2], [0.1, 0.2, 0.3]])
-    place = (PLACE.latitude_rad, PLACE.longitude_rad, PLACE.height_m)
-    found = Located(STAMP_NS, (1.0, 2.0), np.zeros(3), covariance_n, *place)
-    one = fixing_of(found)
-    assert one.covariance_enu == (1.0, 0.5, -0.2, 0.5, 4.0, -0.1, -0.2, -0.1, 0.3)
-    assert one.ellipse == found.ellipse
-    np.testing.assert_array_equal(one.covariance_n, covariance_n)
-
-
 def test_the_outline_is_the_ellipse():
     """Closed, anticlockwise on a map, its longest towards 30 deg."""
     ring = click().outline()
@@ -226,7 +215,7 @@ def test_the_outline_is_the_ellipse():
 )
 def test_what_is_no_place_is_refused(changed):
     with pytest.raises(TargetError, match="not a located point"):
-        dataclasses.replace(click(), **changed)
+        target(1, click(), dataclasses.replace(click(), **changed))
 
 
 def turned(covariance, angle_deg):

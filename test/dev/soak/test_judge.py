@@ -9,13 +9,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dev.soak.balance import FATES, OVERLAY, TOPICS, Balance, balance
-from dev.soak.flight import SoakFlight
-from dev.soak.judge import frame_figures, growth, memory_figures, pose_figures
-from dev.soak.lives import Life
-from dev.soak.records import Ledger, Picture, Record, Report, poses_of, read_ledger, read_record
-from dev.soak.schedule import GUEST, NODES, Kind, schedule
-from dev.soak.truth import deviations, lines_without_pose, witnessed
+from dev.flights import SoakFlight
+from dev.soak.__main__ import frame_figures, growth, memory_figures, pose_figures
+from dev.soak.account import (
+    FATES,
+    OVERLAY,
+    TOPICS,
+    Balance,
+    Ledger,
+    Picture,
+    Record,
+    Report,
+    balance,
+    deviations,
+    lines_without_pose,
+    poses_of,
+    read_ledger,
+    read_record,
+    witnessed,
+)
+from dev.soak.run import GUEST, NODES, Kind, Life, schedule
 from tirgeo_ros.core.frames.rotations import quat_from_rotvec, quat_multiply
 from tirgeo_ros.core.types.poses import CameraPose
 
@@ -274,7 +287,7 @@ def test_a_sender_that_is_killed_takes_frames_with_it():
     counts = [(2.0, 39, 40), (4.0, 79, 75), (5.5, 99, 95)]  # 5 of 80: the last, or the first
     reports = [report(*each, player_from=60, drawn=each[-1]) for each in counts]
     found = balance(ledger(60), reports, LIVED)
-    assert (found.changed, found.unaccounted, found.told) == (5, 0, 100)
+    assert (found.changed, found.unaccounted, found.accounted) == (5, 0, 100)
 
 
 def test_what_could_not_be_read_or_used_is_refused():

@@ -12,7 +12,6 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from tirgeo_ros.core.config import DjiConfig
-from tirgeo_ros.core.frames.heading import wrap_pi
 from tirgeo_ros.core.frames.rotations import (
     euler_from_quat,
     matrix_from_quat,
@@ -22,10 +21,11 @@ from tirgeo_ros.core.frames.rotations import (
     rotation_x,
     rotation_y,
     rotation_z,
+    wrap_pi,
 )
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
 from tirgeo_ros.dji.interpret import Interpreter
-from tirgeo_ros.dji.interpret.accelerometer_unit import G_M_S2
+from tirgeo_ros.dji.interpret.imu_samples import G_M_S2
 from tirgeo_ros.dji.sources.readings import AccelerationUnit, ImuOrigin
 
 NAN, INF = math.nan, math.inf

@@ -18,8 +18,7 @@ from serial_flight import heard
 
 from dev.flight_errors import NAVIGATION_SAMPLES, solutions
 from tirgeo_ros.core.config import DjiConfig, EkfConfig
-from tirgeo_ros.core.frames.heading import wrap_pi
-from tirgeo_ros.core.frames.rotations import euler_from_quat
+from tirgeo_ros.core.frames.rotations import euler_from_quat, wrap_pi
 from tirgeo_ros.dji.simulator import Aircraft
 from tirgeo_ros.io.parameters.parameter_file import ParameterFile
 from tirgeo_ros.tools.simulate.flight import fly

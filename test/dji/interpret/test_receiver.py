@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tirgeo_ros.core.config import AircraftConfig, DjiConfig
-from tirgeo_ros.core.config.dji import DjiDelayConfig
-from tirgeo_ros.core.frames.heading import wrap_pi
+from tirgeo_ros.core.config.dji_parameters import DjiDelayConfig
+from tirgeo_ros.core.frames.rotations import wrap_pi
 from tirgeo_ros.core.streams.sanity_checks import fault_of
 from tirgeo_ros.core.types.measurements import (
     FixStatus,

@@ -12,7 +12,7 @@ import pytest
 from aircraft_on_port import hovering
 
 from tirgeo_ros.core.config import DjiConfig, SimulatedAircraftConfig
-from tirgeo_ros.core.config.dji import DjiHostConfig
+from tirgeo_ros.core.config.dji_parameters import DjiHostConfig
 from tirgeo_ros.core.frames.rotations import quat_from_euler
 from tirgeo_ros.core.types.errors import DjiError
 from tirgeo_ros.core.types.measurements import (

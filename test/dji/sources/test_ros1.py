@@ -19,10 +19,10 @@ from tirgeo_ros.dji.sources.readings import (
     GeodeticPlace,
     GimbalReading,
     ImuReading,
+    RtkEpochs,
     RtkReading,
 )
 from tirgeo_ros.dji.sources.ros1 import Ros1Decoder, Ros1Setup, survey
-from tirgeo_ros.dji.sources.rtk_epochs import RtkEpochs
 
 MS = 1_000_000
 SECOND = 1_000 * MS

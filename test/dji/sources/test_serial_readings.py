@@ -9,8 +9,7 @@ import pytest
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.dji.link.framing import FrameReader, encode_frame
-from tirgeo_ros.dji.link.link_watch import LinkLevel, LinkWatch
-from tirgeo_ros.dji.link.serial_link import LinkState
+from tirgeo_ros.dji.link.serial_link import LinkLevel, LinkState, LinkWatch
 from tirgeo_ros.dji.protocol import broadcast_parts as parts
 from tirgeo_ros.dji.protocol.broadcast import Broadcast, Layout, encode_broadcast
 from tirgeo_ros.dji.protocol.broadcast_parts import Time
@@ -31,8 +30,7 @@ from tirgeo_ros.dji.sources.readings import (
     ImuReading,
     RtkReading,
 )
-from tirgeo_ros.dji.sources.serial import SerialDecoder
-from tirgeo_ros.dji.sources.serial_readings import Clocks, Telemetry
+from tirgeo_ros.dji.sources.serial import Clocks, SerialDecoder, Telemetry
 
 ARRIVAL_NS = 77_000_000_000
 BERN = (46.948, 7.4474)  # lat, lon in deg: far enough apart to tell them from each other

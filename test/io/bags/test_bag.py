@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import os
-import re
 import signal
-from pathlib import Path
 
 import message_samples as given
 import numpy as np
@@ -259,25 +257,6 @@ def test_foreign_encoding_matters_where_it_is_asked_for(tmp_path, encoding, sche
 def test_bytes_that_are_no_message(data):
     with pytest.raises(MessageError, match=r"/imu/data: .* sensor_msgs/msg/Imu"):
         cdr.deserialize(data, IMU, "/imu/data")
-
-
-def test_a_long_bag_takes_no_more_memory_than_a_short_one(tmp_path):
-    """What was read of the file is not kept mapped: 30 MB that do not compress."""
-    kind = "std_msgs/msg/Header"
-    rng = np.random.default_rng(1)
-    with BagWriter(tmp_path / "a.mcap") as bag:
-        for number in range(300):
-            bag.write("/a", kind, rng.bytes(100_000), number)
-    begun, most = mapped_bytes(), 0
-    for _ in BagReader(tmp_path / "a.mcap").messages():
-        most = max(most, mapped_bytes() - begun)
-    assert most < 10 << 20  # a chunk of a megabyte, and what the library itself loads meanwhile
-
-
-def mapped_bytes():
-    """Of files, in this process's memory."""
-    status = Path("/proc/self/status").read_text()
-    return int(re.search(r"RssFile:\s+(\d+) kB", status)[1]) << 10
 
 
 @pytest.mark.parametrize("little_endian", [True, False])

@@ -8,8 +8,8 @@ from datetime import datetime, timezone
 
 import numpy as np
 import pytest
+from autopilot_logs import DataflashFile
 from damaged_files import read_damaged
-from dataflash_files import DataflashFile
 from foreign_logs import by_source
 
 from tirgeo_ros.core.types.errors import TirgeoError
@@ -140,16 +140,6 @@ def test_the_receiver_is_taken_that_the_autopilot_used(tmp_path, fixes, used, ta
     assert f"at [{(0.5, 0.25)[taken]}, 0, 0]" in " ".join(contents.notes)
 
 
-def test_utc_is_that_of_records_with_a_fix(tmp_path):
-    log = small_log()
-    for at_us in (80_100_000, 80_200_000, 80_300_000):
-        fix(log, at_us, 1, 0.0, week=1024)  # what the receiver's own clock says
-    fix(log, 80_400_000, 3, 0.0)
-    found = by_source(read_dataflash(log.write(tmp_path / "a.BIN"), OPTIONS))
-    utc = datetime(2017, 10, 29, 1, 47, 10, 400_000, tzinfo=timezone.utc)
-    assert [s.stamp_ns for s in found[Source.GPS_POSITION]] == [round(utc.timestamp() * 1e9)]
-
-
 def test_a_log_as_text_gives_the_same(tmp_path):
     """As a ground station writes it: each record's values, scaled, behind its name."""
     from pymavlink.DFReader import DFReader_binary  # noqa: PLC0415  an extra
@@ -224,11 +214,6 @@ def test_a_damaged_log_is_known_and_one_that_ends_within_a_record(tmp_path):
         contents = read_dataflash(path, OPTIONS)
         found.append((contents.damaged, cut.items() <= contents.refused.items()))
     assert found == [(False, False), (True, False), (False, True)]
-
-
-def test_it_is_known_by_its_first_bytes(tmp_path):
-    assert is_dataflash(small_log().write(tmp_path / "a.BIN").read_bytes()[:64])
-    assert not is_dataflash(b"\xa3\x95")
 
 
 def test_damaged_logs_give_a_line_or_what_can_be_read(tmp_path, capfd):

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from project import PROJECT
 
-from tirgeo_ros.core.streams.lone_stamps import lone_stamps
+from tirgeo_ros.core.streams.stamps import lone_stamps
 from tirgeo_ros.core.types.measurements import (
     FixStatus,
     HeadingSample,

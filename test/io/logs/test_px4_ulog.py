@@ -6,14 +6,14 @@ import math
 
 import numpy as np
 import pytest
+from autopilot_logs import UlogFile
 from damaged_files import read_damaged
 from foreign_logs import by_source
-from ulog_files import UlogFile
 
 from tirgeo_ros.core.types.errors import TirgeoError
 from tirgeo_ros.core.types.measurements import FixStatus, Source
 from tirgeo_ros.io.logs.log_contents import LogOptions
-from tirgeo_ros.io.logs.px4_ulog import is_px4_ulog, read_px4_ulog
+from tirgeo_ros.io.logs.px4_ulog import read_px4_ulog
 
 pytest.importorskip("pyulog")
 NAMES = ("cubeorange_airframe", "fmu_v6c", "sitl_epoch_clock", "made_heading")
@@ -253,12 +253,6 @@ def test_a_log_without_imu_is_refused(tmp_path):
     log.add("vehicle_attitude", 20_000_000, 1.0, 0.0, 0.0, 0.0)
     with pytest.raises(TirgeoError, match=r"no IMU in this log: none of sensor_combined"):
         read_px4_ulog(log.write(tmp_path / "none.ulg"), LogOptions())
-
-
-def test_it_is_known_by_its_first_bytes(tmp_path):
-    path = small_log().write(tmp_path / "a.ulg")
-    assert is_px4_ulog(path.read_bytes()[:64])
-    assert not is_px4_ulog(b"ULog text")
 
 
 def test_a_log_that_is_cut_off_or_damaged_is_known(tmp_path):

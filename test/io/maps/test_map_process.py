@@ -18,8 +18,8 @@ from project import reader_of
 
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.map.layers import GeoFeature, MapLayer
-from tirgeo_ros.core.overlay.map_renderer import lay_layers
+from tirgeo_ros.core.map.map_layers import GeoFeature, MapLayer
+from tirgeo_ros.core.overlay.map_renderer import drape_layers
 from tirgeo_ros.core.types.errors import ConfigError, MapError
 from tirgeo_ros.io.maps import load_layers
 from tirgeo_ros.io.maps import map_process as module
@@ -51,7 +51,7 @@ def child():
 def test_the_map_is_the_one_that_this_process_would_lay(child, config):
     contents = child.read(config)
     assert (contents.features, contents.left_out) == (1, ())
-    found, own = child.lay(PLANE), lay_layers(load_layers(config.map), PLANE, 30.0)
+    found, own = child.lay(PLANE), drape_layers(load_layers(config.map), PLANE, 30.0)
     np.testing.assert_array_equal(found.map.lines.points, own.map.lines.points)
     assert (found.plane, found.features) == (PLANE, contents.features)
     # Half and a whole thousandth of a degree to the north, at 110.85 km a degree there (WGS84).

@@ -13,7 +13,10 @@ import numpy as np
 import pytest
 from map_files import HOLE, RING
 from wild_map_files import (
+    ELSEWHERE,
     LINE,
+    READ,
+    REFUSED,
     collection,
     feature,
     geopackage,
@@ -24,7 +27,6 @@ from wild_map_files import (
     shapefile,
     text,
 )
-from wild_maps import ELSEWHERE, READ, REFUSED
 
 from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.io.maps import load_layers

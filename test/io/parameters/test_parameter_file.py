@@ -120,7 +120,6 @@ def test_texts_that_look_like_something_else(write):
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        (ekf("ekf_node", "publish_rate: 50.0"), "unknown parameter publish_rate of /ekf_node"),
         (ekf("ekf_node", "publish_rate: 50.0"), r"\(did you mean publish_rate_hz\?\)"),
         (
             ekf("/**", "qos_overrides: {/imu/data: {subscription: {depht: 3}}}"),
@@ -143,21 +142,15 @@ def test_texts_that_look_like_something_else(write):
         ),
         ("ekf_node:\n  publish_rate_hz: 3.0\n", "ekf_node/publish_rate_hz holds no ros__param"),
         ("ekf_node:\n  ros__parameters: 3\n", "ros__parameters holds no parameters"),
-        ("ros__parameters: {method: rtk}\n", "unknown node ros__parameters"),
         ("- 1\n", "not a parameter file: it needs NODE: ros__parameters: NAME: VALUE"),
-        ("", "not a parameter file"),
         ("a: [1, 2\n", "line 2: not YAML"),
         ("a: !!python/object:os.system {}\n", "line 1: not YAML: could not determine a constr"),
         (ekf("ekf_node") + ekf("ekf_node"), "line 4: not YAML: key ekf_node appears twice"),
         ("? [a]\n: 1\n", "line 1: not YAML: found unhashable key"),
-        ("a: \x01\n", "not YAML"),
         ("a: &a {b: *a}\n", "line 1: not YAML: aliases are not taken"),
         (ekf("ekf_node", f"publish_rate_hz: {'9' * 5000}"), "line 3: not YAML: '9{59} is no int"),
-        (ekf("ekf_node", f"publish_rate_hz: 0x{'f' * 5000}"), "line 3: not YAML: '0xf+ is no int"),
         (ekf("ekf_node", "method: !!int abc"), "line 3: not YAML: 'abc' is no int"),
-        (ekf("ekf_node", "method: !!timestamp abc"), "line 3: not YAML: 'abc' is no timestamp"),
         (ekf("ekf_node", 'method: "\\ud800"'), r"line 3: not YAML: '\\ud800' is no str"),
-        ("a: !!set b\n", "line 1: not YAML: expected a mapping node"),
         (f"a: {'[' * 5000}", "not YAML: nested too deeply"),
     ],
 )

@@ -12,7 +12,7 @@ from target_samples import click
 from tirgeo_ros.core.targets.target import averaged
 from tirgeo_ros.core.types.errors import TargetError
 from tirgeo_ros.io.targets import store as store_module
-from tirgeo_ros.io.targets.exports import exported
+from tirgeo_ros.io.targets.formats import exported
 from tirgeo_ros.io.targets.store import (
     MOST_CLICKS,
     MOST_NAME,
@@ -24,18 +24,6 @@ from tirgeo_ros.io.targets.store import (
 JPEG = b"\xff\xd8 a picture"
 #: Zero-width joiner and non-joiner, which Python does not call printable.
 JOINERS = str.maketrans("", "", "\u200c\u200d")
-
-
-@pytest.fixture
-def path(tmp_path):
-    return tmp_path / "targets.gpkg"
-
-
-@pytest.fixture
-def store(path):
-    opened = TargetStore(path)
-    yield opened
-    opened.close()
 
 
 def reopened(store):

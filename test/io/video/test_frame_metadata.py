@@ -27,7 +27,7 @@ from scenes import camera_pose
 
 from tirgeo_ros.core.camera.camera_model import XT2
 from tirgeo_ros.core.camera.projection_covariance import CameraRates
-from tirgeo_ros.core.config.overlay import ConfidenceConfig
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import quat_from_euler
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import locate

@@ -234,12 +234,6 @@ def test_what_players_look_for(tmp_path):
     assert bytes.fromhex("05044b4c5641") in content
 
 
-def test_same_frames_same_bytes(tmp_path):
-    for name in ("a.ts", "b.ts"):
-        write_stream(tmp_path / name, 40)
-    assert (tmp_path / "a.ts").read_bytes() == (tmp_path / "b.ts").read_bytes()
-
-
 def test_without_metadata_there_is_the_video_alone(tmp_path):
     with VideoFile(tmp_path / "out.ts") as video:
         assert video.takes_metadata

@@ -8,14 +8,14 @@ import time
 
 import pytest
 from cot_objects import flying, sharing, target
-from tak_server import Member, free_port, wait_until
+from free_addresses import free_port
+from project import wait_until
+from tak_server import Member
 
-from tirgeo_ros.io.cot.event import utc
-from tirgeo_ros.page.cot import link
-from tirgeo_ros.page.cot import outbox as outbox_module
+from tirgeo_ros.core.types.texts import utc
+from tirgeo_ros.page.cot import link as link_module
 from tirgeo_ros.page.cot.address import CotParameters
-from tirgeo_ros.page.cot.link import CotLink, TeamPicture, aircraft_uid
-from tirgeo_ros.page.cot.outbox import Outbox
+from tirgeo_ros.page.cot.link import CotLink, Outbox, TeamPicture, aircraft_uid
 
 GROUP = "239.2.3.1"
 
@@ -51,7 +51,7 @@ def test_the_newest_of_each_waits_and_kept_ones_wait_again():
 
 
 def test_the_outbox_is_bounded_and_counts_what_it_drops(monkeypatch):
-    monkeypatch.setattr(outbox_module, "MOST", 3)
+    monkeypatch.setattr(link_module, "_MOST", 3)
     outbox = Outbox()
     for number in range(5):
         outbox.put(str(number), object(), keep=False)
@@ -82,7 +82,7 @@ def test_targets_of_an_earlier_run_are_deleted_too():
 
 
 def test_old_deletions_are_not_said_for_ever(monkeypatch):
-    monkeypatch.setattr(link, "_DELETIONS_KEPT", 2)
+    monkeypatch.setattr(link_module, "_DELETIONS_KEPT", 2)
     outbox = Outbox()
     picture = TeamPicture(outbox)
     picture.targets([target(number) for number in range(4)])
@@ -132,8 +132,8 @@ def test_nothing_goes_out_while_it_is_off():
 def test_what_cannot_be_said_is_counted_and_holds_nothing_up():
     member = Member.of_group(GROUP)
     with sharing(f"udp://{GROUP}:{member.port}?interface=127.0.0.1") as link:
-        apart = (target(1).fixings[0], target(1, latitude_deg=-48.0).fixings[0])
-        link.targets([dataclasses.replace(target(1), fixings=apart), target(2)])
+        apart = (target(1).clicks[0], target(1, latitude_deg=-48.0).clicks[0])
+        link.targets([dataclasses.replace(target(1), clicks=apart), target(2)])
         member.got(lambda event: event.get("uid") == uid(2))
         assert link.status.error == "1 events could not be sent"
 

@@ -6,9 +6,10 @@ import math
 
 import pytest
 from cot_objects import flying, sharing, target
-from tak_server import Member, TakServer, wait_until
+from project import wait_until
+from tak_server import Member, TakServer
 
-from tirgeo_ros.page.cot import transmission
+from tirgeo_ros.page.cot import link as link_module
 from tirgeo_ros.page.cot.link import aircraft_uid
 
 
@@ -38,7 +39,7 @@ DEGREES, METRES = 6e-7, 0.06
 
 
 def test_targets_aircraft_and_sight_arrive_and_what_waited_for_a_dead_server(server, monkeypatch):
-    monkeypatch.setattr(transmission, "_AGAIN_S", 5.0)
+    monkeypatch.setattr(link_module, "_AGAIN_S", 5.0)
     first, second = target(1), target(2, "hut")
     with sharing(server.address) as link:
         member = Member.of(server)
@@ -146,7 +147,7 @@ def test_who_comes_later_gets_no_deleted_target(server):
 
 @pytest.mark.slow
 def test_a_server_that_dies_in_the_middle_of_many_loses_none(server, monkeypatch):
-    monkeypatch.setattr(transmission, "_AGAIN_S", 1e9)  # the new connection says all, no repeat
+    monkeypatch.setattr(link_module, "_AGAIN_S", 1e9)  # the new connection says all, no repeat
     many = [target(number, latitude_deg=48 + number * 1e-5) for number in range(1, 401)]
     with sharing(server.address) as link:
         member = Member.of(server)

@@ -56,10 +56,10 @@ def test_presses_on_surveyed_points_are_targets_within_their_ellipses(
     targets = TargetStore(tmp_path / "targets.gpkg").all()
     squares = []
     for target, truth in zip(targets, truths, strict=True):
-        fixing = target.place
-        place = np.radians([fixing.latitude_deg, fixing.longitude_deg])
-        off = sight.plane.ned_from_geodetic(*place, fixing.height_m) - truth
-        covariance = np.reshape(fixing.covariance_enu, (3, 3))[:2, :2]
+        spot = target.place
+        place = np.radians([spot.latitude_deg, spot.longitude_deg])
+        off = sight.plane.ned_from_geodetic(*place, spot.height_m) - truth
+        covariance = np.reshape(spot.covariance_enu, (3, 3))[:2, :2]
         east_north = off[[1, 0]]
         assert np.linalg.norm(east_north) < 3.0
         squares.append(east_north @ np.linalg.solve(covariance, east_north))

@@ -16,7 +16,7 @@ from page_backend import GO, GROUND_M, LATITUDE, LONGITUDE, M_PER_PIXEL, Simulat
 from page_clients import tile_file
 from served_page import ELLIPSE, corner_in, corner_on, off_corner, well
 
-from tirgeo_ros.core.targets.target import Fixing
+from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.targets.store import MOST_NAME
 
@@ -309,7 +309,7 @@ def contrast(*colours):
 def test_many_targets_come_in_parts_and_a_change_moves_one(serve, tablet):
     """Also after the link was lost, which closes no card."""
     page = serve()
-    store, place = page.backend.targets, Fixing(1, LATITUDE, LONGITUDE, GROUND_M, (1.0,) * 9)
+    store, place = page.backend.targets, Located(1, LATITUDE, LONGITUDE, GROUND_M, (1.0,) * 9)
     many = [store.add(place, now_ns=k) for k in range(120)]
     page.server.targets_changed()
     screen = tablet(page.url)

@@ -20,8 +20,7 @@ from tirgeo_ros.core.types.measurements import FixStatus, ImuSample, PositionSam
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter
 from tirgeo_ros.io.pictures.camera_file import camera_yaml
-from tirgeo_ros.tools.budget.budget import Setting, budget
-from tirgeo_ros.tools.budget.budget_files import make_budget
+from tirgeo_ros.tools.budget.budget import Setting, budget, make_budget
 from tirgeo_ros.tools.budget.sensor_errors import camera_track, gps_less_rtk_n
 from tirgeo_ros.tools.cli import main as command
 

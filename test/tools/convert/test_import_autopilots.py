@@ -7,11 +7,9 @@ import sys
 
 import numpy as np
 import pytest
-from dataflash_files import DataflashFile
-from ulog_files import MAGIC, UlogFile
+from autopilot_logs import MAGIC, DataflashFile, UlogFile
 
-from tirgeo_ros.core.frames.heading import wrap_pi
-from tirgeo_ros.core.frames.rotations import euler_from_quat
+from tirgeo_ros.core.frames.rotations import euler_from_quat, wrap_pi
 from tirgeo_ros.core.types.measurements import FixStatus, Source
 from tirgeo_ros.io.bags.bag import BagReader, BagWriter, Cdr
 from tirgeo_ros.io.messages import NAVIGATION_INPUTS, TOPIC_TYPES, Messages, body_pose, sensed

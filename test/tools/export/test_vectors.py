@@ -15,14 +15,14 @@ from numpy.testing import assert_allclose
 from scenes import graticule
 from target_samples import TARGETS
 
-from tirgeo_ros.core.config.overlay import ConfidenceConfig
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.ground_point import Located, circular_error_90, place
 from tirgeo_ros.core.types.errors import TargetError
-from tirgeo_ros.io.targets.exports import exported as targets_as
-from tirgeo_ros.io.targets.properties import of_target
+from tirgeo_ros.io.targets.columns import of_target
+from tirgeo_ros.io.targets.formats import exported as targets_as
 from tirgeo_ros.tools.evaluate.series import load_truth
 from tirgeo_ros.tools.export import vectors
 from tirgeo_ros.tools.export.vectors import Vectors

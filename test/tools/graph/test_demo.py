@@ -13,13 +13,13 @@ from project import taken_port
 
 from tirgeo_ros.core.camera.projection_covariance import CHI2_95
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.ground_point import Located
+from tirgeo_ros.core.ground.ground_point import Located, enu_of
 from tirgeo_ros.core.types.errors import BagError, GraphError
 from tirgeo_ros.core.types.measurements import FixStatus
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 from tirgeo_ros.io.bags.bag import BagWriter, Cdr
-from tirgeo_ros.io.messages import TOPIC_TYPES, DiagnosticItem, Messages, navigation_item
+from tirgeo_ros.io.messages import TOPIC_TYPES, Messages, NodeState, TopicState
 from tirgeo_ros.io.surveys.survey import SurveyPoint, save_survey
 from tirgeo_ros.tools.cli import demo
 from tirgeo_ros.tools.cli._verb import UsageError, add_verb
@@ -32,8 +32,7 @@ from tirgeo_ros.tools.graph.demo import (
     make_pictures,
     summary,
 )
-from tirgeo_ros.tools.graph.localhost import PROFILES
-from tirgeo_ros.tools.graph.node_graph import GraphSetup, free_domain, graph_environment
+from tirgeo_ros.tools.graph.node_graph import PROFILES, GraphSetup, free_domain, graph_environment
 from tirgeo_ros.tools.replay.graph_outputs import read_outputs
 
 MS = 1_000_000
@@ -58,8 +57,8 @@ def status_at(stamp_ns: int, sigma_rad: float) -> tuple[str, object, int]:
     status = NavigationStatus(
         "ekf_heading", FilterState.RUNNING, "", FixStatus.FIXED, sigma_rad, {}, {}
     )
-    item = navigation_item("/ekf_node: navigation", status)
-    return "/diagnostics", MESSAGES.diagnostics(stamp_ns, [item]), stamp_ns
+    state = NodeState("/ekf_node", stamp_ns, 1, navigation=status)
+    return "tirgeo/state", MESSAGES.state(state), stamp_ns
 
 
 def test_the_summary_tells_what_the_nodes_said(tmp_path):
@@ -74,13 +73,14 @@ def test_the_summary_tells_what_the_nodes_said(tmp_path):
         for t in range(22, 50)
     ]
     statuses = [status_at(300 * MS, np.radians(0.2)), status_at(600 * MS, np.radians(0.1))]
-    told = {"drawn": "7", "notices": "3", "frame rate [Hz]": "9.0", "located": ""}
-    item = DiagnosticItem("/overlay_node: overlay", 0, "ok", told)
-    statuses.append(("/diagnostics", MESSAGES.diagnostics(700 * MS, [item]), 700 * MS))
+    topics = {"tirgeo/overlay/image": TopicState(9.0, latency_ms=12.5)}
+    overlay = NodeState("/overlay_node", 700 * MS, 1, topics, {"drawn": 7, "notices": 3})
+    statuses.append(("tirgeo/state", MESSAGES.state(overlay), 700 * MS))
     path = write(tmp_path / "run.mcap", pictures + poses + statuses)
     found = summary(read_outputs(path), begin_ns=0)
     assert found["method"] == "ekf_heading"
-    assert found["overlay"] == {"drawn": 7, "notices": 3}  # what is counted
+    assert found["overlay"] == {"drawn": 7, "notices": 3}
+    assert found["frame_latency_ms"] == 12.5
     assert found["heading_sigma_deg"] == pytest.approx(0.15)
     assert found["first_map_after_s"] == pytest.approx(0.5)  # the first frame after 0.44 s
     made = make_pictures(path, tmp_path, 10)
@@ -115,7 +115,7 @@ def test_a_click_is_held_against_the_nearest_target(tmp_path):
     save_survey(targets, points)
     clicked_n = np.array([30.3, 39.6, 0.0])  # 0.5 m from the person
     covariance_n = np.diag([0.04, 0.01, 0.01])
-    located = Located(5 * MS, (1.0, 2.0), clicked_n, covariance_n, 0.0, 0.0, 0.0)
+    located = Located(5 * MS, 0.0, 0.0, 0.0, enu_of(covariance_n), point_n=clicked_n)
     origin = ("tirgeo/origin", MESSAGES.origin(PLANE, 0), 0)
     point = Messages(Cdr().types).located_point(located)
     path = write(tmp_path / "run.mcap", [origin, ("tirgeo/locate/point", point, 9 * MS)])

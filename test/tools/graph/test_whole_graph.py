@@ -18,7 +18,7 @@ from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.io.files.child_process import stop_signals
 from tirgeo_ros.tools.cli import main as command
 from tirgeo_ros.tools.cli.main import parser_of, verbs
-from tirgeo_ros.tools.graph.localhost import PROFILES
+from tirgeo_ros.tools.graph.node_graph import PROFILES
 from tirgeo_ros.tools.graph.whole_graph import WholeGraph, read_remaps
 from tirgeo_ros.tools.replay.flight_topics import INPUTS
 

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from tirgeo_ros.core.frames.axes import flu_from_frd
-from tirgeo_ros.core.frames.heading import wrap_pi
-from tirgeo_ros.core.frames.rotations import euler_from_quat, matrix_from_quat
-from tirgeo_ros.core.gimbal.joint_geometry import joint_angles
+from tirgeo_ros.core.frames.rotations import euler_from_quat, matrix_from_quat, wrap_pi
+from tirgeo_ros.core.gimbal.camera_pose import joint_angles
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
     FixStatus,

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from tirgeo_ros.core.frames.axes import flu_from_frd
-from tirgeo_ros.core.frames.heading import wrap_pi
 from tirgeo_ros.core.frames.rotations import (
     euler_from_quat,
     matrix_from_quat,
     quat_from_matrix,
     quat_multiply,
     rotvec_from_quat,
+    wrap_pi,
 )
 from tirgeo_ros.core.frames.wgs84 import (
     EARTH_RATE_RAD_S,

@@ -50,7 +50,7 @@ _HEADING = [AZIMUTH, DELAYS[Source.RTK_HEADING]]
 _TRIED_DELAYS_S = np.arange(-0.5, 0.501, 0.02)
 
 #: Called after each run of the filter with the number of runs so far.
-Told = Callable[[int], None]
+Report = Callable[[int], None]
 
 _TURNS = "turns of the nose through 180 deg or more, right and left"
 _SPEED = "legs in several directions with brisk starts, stops and turns, at 5 m/s or more"
@@ -79,8 +79,8 @@ class AircraftFit:
     values: Array  # (7,) as found; those that were held or not observed are as given
     sigma: Array  # (7,) nan where held
     left_out: Array  # (7,) rms change where a part of the flight is left out
-    told: tuple[str, ...]
-    untold: dict[str, str]  # parameter -> why, and what to fly
+    determined: tuple[str, ...]
+    undetermined: dict[str, str]  # parameter -> why, and what to fly
     first: Array  # (7,) as given
     before: FilterRun
     after: FilterRun
@@ -92,7 +92,7 @@ class _Search:
 
     runs: FlightRuns
     anchor: Array  # (7,) the prior's means
-    told: Told
+    report: Report
     weights: Array = field(init=False)
     done: int = 0
 
@@ -103,18 +103,18 @@ class _Search:
         recorded = self.runs.recorded
         by_antennas = not recorded.has_attitude and recorded.has(Source.RTK_HEADING)
         start = self.runs.aligned(values, by_antennas=by_antennas)
-        found = self.runs.run(values, start, floors, self.weights, without)
+        run = self.runs.run(values, start, floors, self.weights, without)
         self.done += 1
-        self.told(self.done)
-        return found
+        self.report(self.done)
+        return run
 
     def weigh(self, run: FilterRun) -> None:
         """Set the weights for the next run."""
-        before = self.weights[[one.number for one in run.white]]
-        plain = np.sqrt([squared(one) for one in run.white] / before)
+        before = self.weights[[white.number for white in run.white]]
+        plain = np.sqrt([squared(white) for white in run.white] / before)
         scale = max(1.0, float(np.median(plain)))
-        for one, off in zip(run.white, plain, strict=True):
-            self.weights[one.number] = huber_weight(float(off), scale)
+        for white, off in zip(run.white, plain, strict=True):
+            self.weights[white.number] = huber_weight(float(off), scale)
 
     def step(self, run: FilterRun, free: list[int], keep: Array | None = None) -> Array:
         """Return the change (7,) that a run asks for; ``keep`` (M,) selects the rows to use."""
@@ -129,9 +129,9 @@ class _Search:
 
     def scale(self, run: FilterRun, free: list[int]) -> Array:
         """Return the changes (7,) that matter: LIMITS, or the sigma of what is less certain."""
-        found = LIMITS.copy()
-        found[free] = np.maximum(LIMITS[free], np.sqrt(_covariance(run, free).diagonal()))
-        return found
+        scale = LIMITS.copy()
+        scale[free] = np.maximum(LIMITS[free], np.sqrt(_covariance(run, free).diagonal()))
+        return scale
 
     def settled(self, values: Array, free: list[int], floors: Floors, most: int) -> FilterRun:
         """Return the run at the values that no step changes any more, or after ``most`` steps."""
@@ -146,15 +146,17 @@ class _Search:
         return self.run(values, floors)
 
 
-def fit(runs: FlightRuns, hold: Collection[str], heard: Told = lambda _: None) -> AircraftFit:
+def fit(runs: FlightRuns, hold: Collection[str], report: Report = lambda _: None) -> AircraftFit:
     """Fit all parameters that the flight observes, without those in ``hold``.
 
     Raises CalibrationError where the filter cannot run, or the fit does not converge.
     """
     first = values_of_config(runs.config)
-    untold = _missing_topics(runs)
-    search = _Search(runs, first, heard)
-    free = [k for k in range(len(PARAMETERS)) if k not in untold and PARAMETERS[k] not in hold]
+    undetermined = _missing_topics(runs)
+    search = _Search(runs, first, report)
+    free = [
+        k for k in range(len(PARAMETERS)) if k not in undetermined and PARAMETERS[k] not in hold
+    ]
     values = first.copy()
     if AZIMUTH in free and runs.recorded.has_attitude:
         values[_HEADING] = _heading_guess(search, first)
@@ -170,17 +172,17 @@ def fit(runs: FlightRuns, hold: Collection[str], heard: Told = lambda _: None) -
         )
     sigma, left_out = _sigma(search, run, free)
     why_not = _unobserved(run, free, sigma)
-    told = [k for k in free if k not in why_not]
-    untold |= {k: _with_advice(k, why) for k, why in why_not.items()}
+    determined = [k for k in free if k not in why_not]
+    undetermined |= {k: _with_advice(k, why) for k, why in why_not.items()}
     return AircraftFit(
-        np.where(np.isin(np.arange(len(first)), told), run.values, first),
-        sigma,
-        left_out,
-        tuple(PARAMETERS[k] for k in told),
-        {PARAMETERS[k]: reason for k, reason in sorted(untold.items())},
-        first,
-        search.run(first, Floors()),
-        run,
+        values=np.where(np.isin(np.arange(len(first)), determined), run.values, first),
+        sigma=sigma,
+        left_out=left_out,
+        determined=tuple(PARAMETERS[k] for k in determined),
+        undetermined={PARAMETERS[k]: reason for k, reason in sorted(undetermined.items())},
+        first=first,
+        before=search.run(first, Floors()),
+        after=run,
     )
 
 
@@ -194,23 +196,23 @@ def _heading_guess(search: _Search, values: Array) -> tuple[float, float]:
     azimuths += reported_direction_rad(search.runs.config)
     yaw_s = np.array([stamp_ns - first_ns for stamp_ns in run.attitude_ns]) * 1e-9
     yaw = np.unwrap(euler_from_quat(run.attitude_q_nb)[:, 2])
-    found = []
+    tried = []
     for delay_s in _TRIED_DELAYS_S.tolist():
         off = np.exp(1j * (azimuths - np.interp(times_s - delay_s, yaw_s, yaw)))
         middle = complex(np.mean(off))
         scatter = float(np.median(np.abs(np.angle(off * middle.conjugate()))))
-        found.append((scatter, float(np.angle(middle)), delay_s))
-    return min(found)[1:]
+        tried.append((scatter, float(np.angle(middle)), delay_s))
+    return min(tried)[1:]
 
 
 def _missing_topics(runs: FlightRuns) -> dict[int, str]:
     """Return the parameters that belong to topics missing in the bag, with the reason."""
-    found: dict[int, str] = {}
+    reasons: dict[int, str] = {}
     if not runs.recorded.has(Source.RTK_VELOCITY):
-        found[DELAYS[Source.RTK_VELOCITY]] = "no rtk/vel in the bag"
+        reasons[DELAYS[Source.RTK_VELOCITY]] = "no rtk/vel in the bag"
     if not runs.recorded.has(Source.RTK_HEADING):
-        found |= dict.fromkeys(_HEADING, "no rtk/heading in the bag")
-    return found
+        reasons |= dict.fromkeys(_HEADING, "no rtk/heading in the bag")
+    return reasons
 
 
 def _with_advice(k: int, why: str) -> str:
@@ -224,9 +226,9 @@ def _unobserved(run: FilterRun, free: list[int], sigma: Array) -> dict[int, str]
     small sigma.
     """
     motion = not_flown(run)
-    found = {k: motion[PARAMETERS[k]] for k in free if PARAMETERS[k] in motion}
-    poor = [k for k in free if k not in found and not sigma[k] <= LIMITS[k]]
-    return found | {k: f"known to {_sigma_text(k, sigma[k])} only" for k in poor}
+    reasons = {k: motion[PARAMETERS[k]] for k in free if PARAMETERS[k] in motion}
+    poor = [k for k in free if k not in reasons and not sigma[k] <= LIMITS[k]]
+    return reasons | {k: f"known to {_sigma_text(k, sigma[k])} only" for k in poor}
 
 
 def _sigma_text(k: int, sigma: float) -> str:
@@ -272,18 +274,18 @@ def not_flown(run: FilterRun) -> dict[str, str]:
     rate_rad_s = float(np.sqrt(np.mean(np.gradient(yaw, times_s) ** 2)))
     tilt_rad = _rms_about_mean(matrix_from_quat(run.attitude_q_nb)[:, 2, :2])
     speed_m_s = _rms_about_mean(run.velocity_n[:, :2])
-    found: dict[str, str] = {}
+    reasons: dict[str, str] = {}
     if turned_rad < _LEAST_TURNED_RAD:
-        said = f"the nose turned through {math.degrees(turned_rad):.0f} deg only"
-        found |= dict.fromkeys(PARAMETERS[:2], said)
+        reason = f"the nose turned through {math.degrees(turned_rad):.0f} deg only"
+        reasons |= dict.fromkeys(PARAMETERS[:2], reason)
     if tilt_rad < _LEAST_TILT_RAD:
-        found["antenna_up"] = f"the tilt varied by {math.degrees(tilt_rad):.1f} deg rms only"
+        reasons["antenna_up"] = f"the tilt varied by {math.degrees(tilt_rad):.1f} deg rms only"
     if speed_m_s < _LEAST_SPEED_M_S:
-        said = f"the velocity varied by {speed_m_s:.1f} m/s rms only"
-        found |= dict.fromkeys(_BY_SPEED, said)
+        reason = f"the velocity varied by {speed_m_s:.1f} m/s rms only"
+        reasons |= dict.fromkeys(_BY_SPEED, reason)
     if rate_rad_s < _LEAST_TURN_RATE_RAD_S:
-        found["heading_delay"] = f"it turned at {math.degrees(rate_rad_s):.1f} deg/s rms only"
-    return found
+        reasons["heading_delay"] = f"it turned at {math.degrees(rate_rad_s):.1f} deg/s rms only"
+    return reasons
 
 
 def _rms_about_mean(vectors: Array) -> float:

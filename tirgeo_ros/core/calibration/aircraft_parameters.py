@@ -108,12 +108,12 @@ def restamped(aids: Sequence[Aiding], values: Array, reported_rad: float) -> lis
     """
     delays_ns = {source: round(float(values[k]) * 1e9) for source, k in DELAYS.items()}
     turn_rad = reported_rad - float(values[AZIMUTH])
-    found: list[Aiding] = []
+    restamped_aids: list[Aiding] = []
     for sample in aids:
         stamp_ns = sample.stamp_ns - delays_ns[sample.source]
         if isinstance(sample, HeadingSample):
             heading_rad = sample.heading_rad + turn_rad
-            found.append(replace(sample, stamp_ns=stamp_ns, heading_rad=heading_rad))
+            restamped_aids.append(replace(sample, stamp_ns=stamp_ns, heading_rad=heading_rad))
         else:
-            found.append(replace(sample, stamp_ns=stamp_ns))
-    return found
+            restamped_aids.append(replace(sample, stamp_ns=stamp_ns))
+    return restamped_aids

@@ -96,15 +96,15 @@ class FollowedMechanisation(Propagation):
 
     def followed(self, now: Propagated) -> Propagated:
         """Return ``now`` with its covariance propagated, as the base class does."""
-        found = super().followed(now)
-        if found is not now:
+        propagated = super().followed(now)
+        if propagated is not now:
             self._motion = self._propagation.transition @ self._motion
-        return found
+        return propagated
 
     def taken(self) -> Array:
         """Return the transition matrix (n, n) since the last call."""
-        found, self._motion = self._motion, np.eye(len(self._motion))
-        return found
+        motion, self._motion = self._motion, np.eye(len(self._motion))
+        return motion
 
 
 class WhiteningFusion(Fusion):
@@ -132,7 +132,7 @@ class WhiteningFusion(Fusion):
         autopilot_q_nb: Array | None,  # noqa: ARG002
     ) -> Fused:
         """Return the estimate with a measurement in it, whatever its innovation."""
-        state, covariance, aids = estimate[:3]
+        state, covariance, aids = estimate.state, estimate.covariance, estimate.aids
         reading = self._readings[aid.source, aid.stamp_ns]
         plain = aid.measurement
         measurement = plain._replace(noise=plain.noise / reading.weight, gate_sigma=_NO_GATE)
@@ -150,12 +150,12 @@ class WhiteningFusion(Fusion):
         whitened = np.linalg.solve(root, np.column_stack([innovation, slope]))
         self.white.append(
             White(
-                reading.number,
-                aid.source,
-                aid.stamp_ns,
-                innovation,
-                whitened[:, 0],
-                whitened[:, 1:],
+                number=reading.number,
+                source=aid.source,
+                stamp_ns=aid.stamp_ns,
+                innovation=innovation,
+                error=whitened[:, 0],
+                slope=whitened[:, 1:],
             )
         )
         track = aids.track(aid.source).used(aid.stamp_ns, self._timeout_ns)
@@ -172,15 +172,15 @@ class WhiteningFusion(Fusion):
         if source is Source.RTK_HEADING:
             return self._direct_heading_partials(rotation, rate_b)
         lever_b = FLU_FRD @ self._values[ANTENNA]
-        found = np.zeros((3, len(PARAMETERS)))
+        partials = np.zeros((3, len(PARAMETERS)))
         if source is Source.RTK_POSITION:
-            found[:, ANTENNA] = -rotation @ FLU_FRD
+            partials[:, ANTENNA] = -rotation @ FLU_FRD
             moving_n = np.array(state.velocity_n) + rotation @ np.cross(rate_b, lever_b)
         else:
-            found[:, ANTENNA] = -rotation @ skew(rate_b) @ FLU_FRD
+            partials[:, ANTENNA] = -rotation @ skew(rate_b) @ FLU_FRD
             moving_n = self._acceleration_n(rotation, state, reading, rate_b, lever_b)
-        found[:, DELAYS[source]] = moving_n
-        return found
+        partials[:, DELAYS[source]] = moving_n
+        return partials
 
     @staticmethod
     def _acceleration_n(
@@ -265,10 +265,10 @@ class FilterRun:
 
     def nis(self) -> dict[Source, float]:
         """Return the mean normalised innovation squared by source; 1 is expected."""
-        found: dict[Source, list[float]] = {}
-        for one in self.white:
-            found.setdefault(one.source, []).append(squared(one))
-        return {source: float(np.mean(values)) for source, values in found.items()}
+        by_source: dict[Source, list[float]] = {}
+        for white in self.white:
+            by_source.setdefault(white.source, []).append(squared(white))
+        return {source: float(np.mean(values)) for source, values in by_source.items()}
 
 
 class FlightRuns:
@@ -285,11 +285,11 @@ class FlightRuns:
         config = replace(configured(self.config, values, _ALIGNMENT_FLOORS), method=method)
         aligner = Aligner(config, use_heading=by_antennas)
         for sample in _merged(self.recorded.imu, self._aids(values)):
-            found = aligner.add(sample)
-            if found is not None:
+            alignment = aligner.add(sample)
+            if alignment is not None:
                 # Wrong values make it worse than its covariance says.
-                covariance = found.covariance + np.diag(_START_SIGMA**2)
-                return replace(found, covariance=covariance, later=())
+                covariance = alignment.covariance + np.diag(_START_SIGMA**2)
+                return replace(alignment, covariance=covariance, later=())
         raise CalibrationError(f"the filter does not start: {aligner.reason}")
 
     def run(
@@ -337,17 +337,19 @@ def _run(
 ) -> FilterRun:
     if not white or not np.all(np.isfinite(white[-1].error)):
         raise CalibrationError("the filter finds no measurement to use; 'tirgeo check' says why")
-    stamps = np.repeat([one.stamp_ns for one in white], [len(one.error) for one in white])
+    stamps = np.repeat([w.stamp_ns for w in white], [len(w.error) for w in white])
     return FilterRun(
-        values,
-        white,
-        np.concatenate([one.error for one in white]),
-        np.concatenate([one.slope for one in white]).reshape(-1, len(PARAMETERS)),
-        (stamps - stamps.min()).astype(float),
-        [stamp_ns for stamp_ns, _ in estimates],
-        np.array([estimate.state.q_nb for _, estimate in estimates]).reshape(-1, 4),
-        np.array([estimate.state.velocity_n for _, estimate in estimates]).reshape(-1, 3),
-        min(math.sqrt(estimate.covariance[0, 0]) for _, estimate in estimates),
+        values=values,
+        white=white,
+        error=np.concatenate([w.error for w in white]),
+        slope=np.concatenate([w.slope for w in white]).reshape(-1, len(PARAMETERS)),
+        row_ns=(stamps - stamps.min()).astype(float),
+        attitude_ns=[stamp_ns for stamp_ns, _ in estimates],
+        attitude_q_nb=np.array([estimate.state.q_nb for _, estimate in estimates]).reshape(-1, 4),
+        velocity_n=np.array([estimate.state.velocity_n for _, estimate in estimates]).reshape(
+            -1, 3
+        ),
+        tilt_sigma_rad=min(math.sqrt(estimate.covariance[0, 0]) for _, estimate in estimates),
     )
 
 

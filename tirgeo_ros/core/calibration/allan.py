@@ -75,11 +75,11 @@ def allan_curve(runs: Sequence[Array], step_s: float, ramps: Array | None = None
     degrees = np.maximum(1.25 * spans**2 / (m * (spans + 3 * m)), 1.0)
     means = sums[there] / pairs[:, None, None]
     return AllanCurve(
-        (m * step_s)[used],
-        degrees[used],
-        means[used, 0, 1] / step_s,
-        means[used, :, 2] / 2,
-        float(spans.max(initial=0.0)) * step_s,
+        tau_s=(m * step_s)[used],
+        degrees=degrees[used],
+        white=means[used, 0, 1] / step_s,
+        variances=means[used, :, 2] / 2,
+        span_s=float(spans.max(initial=0.0)) * step_s,
     )
 
 
@@ -253,7 +253,7 @@ def _terms(
     inverse = np.linalg.pinv((weighted / scale).T @ (weighted / scale), hermitian=True)
     sigmas = np.sqrt(_SHARED * np.diag(inverse)) / scale * max(misfit, 1.0)
     whole = _misfits(variances, model, degrees)
-    found = []
+    terms = []
     for k, (power, sigma) in enumerate(zip(powers.tolist(), sigmas.tolist(), strict=True)):
         upper = math.sqrt(power + 2 * sigma)
         others = np.delete(columns, k, axis=1)
@@ -261,10 +261,10 @@ def _terms(
         lost = _misfits(variances, model, degrees) - whole
         if power > 0 and lost > _SEEN * max(misfit, 1.0) ** 2:
             value = math.sqrt(power)
-            found.append(Term(value, sigma / (2 * value), upper))
+            terms.append(Term(value, sigma / (2 * value), upper))
         else:
-            found.append(Term(None, math.nan, upper))
-    return found, misfit
+            terms.append(Term(None, math.nan, upper))
+    return terms, misfit
 
 
 def _misfits(variances: Array, model: Array, degrees: Array) -> float:

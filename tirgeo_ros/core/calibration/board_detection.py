@@ -74,12 +74,12 @@ def fit_corners(image: npt.NDArray[np.float32], uv: Array, steps_px: Array) -> C
         return out
 
     return CornerFit(
-        placed(fits.middles + fits.p[:, :2]),
-        placed(fits.covariance),
-        placed(fits.p[:, 9]),
-        placed(fits.p[:, 7:9]),
-        placed(np.sqrt(fits.variance)),
-        placed(_SIGMA_OF_WIDTH * np.exp(fits.p[:, 4:6])),
+        uv=placed(fits.middles + fits.p[:, :2]),
+        covariance=placed(fits.covariance),
+        contrast=placed(fits.p[:, 9]),
+        steps=placed(fits.p[:, 7:9]),
+        left=placed(np.sqrt(fits.variance)),
+        blur_px=placed(_SIGMA_OF_WIDTH * np.exp(fits.p[:, 4:6])),
     )
 
 
@@ -120,8 +120,8 @@ class _Fits:
         along = cosine * x[:, None] + sine * y[:, None]
         across = cosine * y[:, None] - sine * x[:, None]
         s = np.tanh(across * np.exp(-p[:, 4:6, None]))
-        one = np.ones_like(s[:, 0])
-        shapes = np.stack([one, s[:, 0], s[:, 1], s[:, 0] * s[:, 1]], 1)
+        constant = np.ones_like(s[:, 0])
+        shapes = np.stack([constant, s[:, 0], s[:, 1], s[:, 0] * s[:, 1]], 1)
         return along, across, shapes
 
     def _errors(self, p: Array) -> Array:

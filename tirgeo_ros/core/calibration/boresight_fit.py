@@ -106,17 +106,17 @@ def fit(
     normal = _normal(sight, chosen, used.astype(float))
     freedom = max(2 * int(used.sum()) - len(chosen), 1)
     factor = math.sqrt(float((_sigmas(sight)[used] ** 2).sum()) / freedom)
-    stamps_s = np.array([one.stamp_ns for one in sightings]) * 1e-9
+    stamps_s = np.array([sighting.stamp_ns for sighting in sightings]) * 1e-9
     covariance = _covariance(sight, normal, stamps_s) * max(1.0, factor) ** 2
     return BoresightFit(
-        correction,
-        covariance * np.outer(LIMITS[chosen], LIMITS[chosen]),
-        names,
-        used,
-        start.residual,
-        sight.residual,
-        factor,
-        _without_each(sightings, correction, normal, chosen),
+        correction=correction,
+        covariance=covariance * np.outer(LIMITS[chosen], LIMITS[chosen]),
+        estimated=names,
+        used=used,
+        before=start.residual,
+        after=sight.residual,
+        noise_factor=factor,
+        by_point=_without_each(sightings, correction, normal, chosen),
     )
 
 
@@ -130,7 +130,7 @@ def foreseen(
     chosen = sorted(map(PARAMETERS.index, estimated))
     sight = sights(flight, sightings, np.zeros(len(PARAMETERS)))
     normal = _normal(sight, chosen, np.isfinite(sight.residual[:, 0]).astype(float))
-    stamps_s = np.array([one.stamp_ns for one in sightings]) * 1e-9
+    stamps_s = np.array([sighting.stamp_ns for sighting in sightings]) * 1e-9
     return _covariance(sight, normal, stamps_s) * np.outer(LIMITS[chosen], LIMITS[chosen])
 
 
@@ -146,8 +146,8 @@ def _normal(sight: Sight, chosen: list[int], weights: Array) -> _Normal:
 
 def _sigmas(sight: Sight) -> Array:
     """Return (N,) residuals in their own standard deviations; nan where there is none."""
-    seen = np.isfinite(sight.residual[:, 0])
-    covariance = np.where(seen[:, None, None], sight.covariance, np.eye(2))
+    in_view = np.isfinite(sight.residual[:, 0])
+    covariance = np.where(in_view[:, None, None], sight.covariance, np.eye(2))
     whitened = np.linalg.solve(covariance, sight.residual[:, :, None])[:, :, 0]
     return np.asarray(np.sqrt((sight.residual * whitened).sum(1)))
 
@@ -232,13 +232,13 @@ def _without_each(
     sightings: Sequence[PointSighting], correction: Array, normal: _Normal, chosen: list[int]
 ) -> dict[str, Array]:
     """Return for each point the correction by the others: one step from the common solution."""
-    names = np.array([one.id for one in sightings])
-    found = {}
+    names = np.array([sighting.id for sighting in sightings])
+    corrections = {}
     for name in dict.fromkeys(names.tolist()):
         other = correction.copy()
         other[chosen] += normal.solved(names == name) * LIMITS[chosen]
-        found[name] = other
-    return found
+        corrections[name] = other
+    return corrections
 
 
 def ground_errors(
@@ -252,13 +252,13 @@ def ground_errors(
     The ground is level at each point's own height. ``corrections`` (7,) are by point id.
     """
     errors = np.full((len(sightings), 2), np.nan)
-    for k, seen in enumerate(sightings):
-        found = corrected_pose(flight, seen.stamp_ns, corrections[seen.id])
-        if found is None:
+    for k, sighting in enumerate(sightings):
+        posed = corrected_pose(flight, sighting.stamp_ns, corrections[sighting.id])
+        if posed is None:
             continue
-        point_n = seen.point_n - [0.0, 0.0, corrections[seen.id][-1]]
+        point_n = sighting.point_n - [0.0, 0.0, corrections[sighting.id][-1]]
         height_m = float(plane.geodetic_from_ned(point_n)[2])
-        located_n, _ = locate(flight.camera, found[0], seen.uv[None], plane, height_m)
+        located_n, _ = locate(flight.camera, posed[0], sighting.uv[None], plane, height_m)
         errors[k] = located_n[0, :2] - point_n[:2]
     return errors
 
@@ -311,8 +311,8 @@ class Ambiguity:
 
 def check_numbers(sightings: Sequence[PointSighting]) -> None:
     """Raise CalibrationError if there are too few points or pictures."""
-    points = len({seen.id for seen in sightings})
-    pictures = len({seen.stamp_ns for seen in sightings})
+    points = len({sighting.id for sighting in sightings})
+    pictures = len({sighting.stamp_ns for sighting in sightings})
     if points < LEAST_POINTS or pictures < LEAST_PICTURES:
         raise CalibrationError(
             f"{points} surveyed points in {pictures} pictures with a pose: at "

@@ -109,7 +109,7 @@ _NOTHING = Sight(*(np.full(shape, np.nan) for shape in ((2,), (2, 7), (2, 2), (2
 
 def sights(flight: SightedFlight, sightings: Sequence[PointSighting], correction: Array) -> Sight:
     """Return all N sightings under a correction (7,), stacked: (N, 2), (N, 2, 7), ..."""
-    each = [_sight(flight, seen, correction) for seen in sightings]
+    each = [_sight(flight, sighting, correction) for sighting in sightings]
     return Sight(*(np.array(part) for part in zip(*each, strict=True)))
 
 
@@ -122,10 +122,10 @@ def corrected_pose(
     pose.
     """
     exposed_ns = exposure_ns(stamp_ns, flight.latency_s + correction[_LATENCY])
-    found = flight.poses(exposed_ns)
-    if found is None:
+    posed = flight.poses(exposed_ns)
+    if posed is None:
         return None
-    pose, rates = found
+    pose, rates = posed
     if rates is None:
         return None
     slopes = np.zeros((6, len(PARAMETERS)))
@@ -158,13 +158,13 @@ def _turned(
     covariance = pose.covariance - flight.north_variance * _about_vertical(
         rotation_ng @ flight.camera_offset_g
     )
-    found = replace(
+    turned = replace(
         pose,
         position_n=pose.position_n + move[:3],
         q_nc=quat_multiply(q_ng, q_gc),
         covariance=covariance,
     )
-    return found, slopes
+    return turned, slopes
 
 
 @functools.lru_cache(maxsize=2)  # all sightings of a step use the same two mountings
@@ -187,18 +187,18 @@ def _about_vertical(offset_n: Array) -> Array:
     return np.outer(move, move)
 
 
-def _sight(flight: SightedFlight, seen: PointSighting, correction: Array) -> Sight:
-    found = corrected_pose(flight, seen.stamp_ns, correction)
-    if found is None:
+def _sight(flight: SightedFlight, sighting: PointSighting, correction: Array) -> Sight:
+    posed = corrected_pose(flight, sighting.stamp_ns, correction)
+    if posed is None:
         return _NOTHING
-    pose, slopes = found
-    point_n = seen.point_n - [0.0, 0.0, correction[_GROUND]]
+    pose, slopes = posed
+    point_n = sighting.point_n - [0.0, 0.0, correction[_GROUND]]
     by_pose, by_point = (part[0] for part in pixel_jacobian(flight.camera, pose, point_n[None]))
     uv = flight.camera.project((point_n - pose.position_n) @ matrix_from_quat(pose.q_nc))[0][0]
     design = by_pose @ slopes
     design[:, _GROUND] = -by_point[:, 2]
     noise = flight.click_sigma_px**2 * np.eye(2) + _SURVEY_SIGMA_M**2 * by_point @ by_point.T
-    return Sight(seen.uv - uv, design, noise, by_pose @ _root(pose.covariance))
+    return Sight(sighting.uv - uv, design, noise, by_pose @ _root(pose.covariance))
 
 
 def _root(covariance: Array) -> Array:

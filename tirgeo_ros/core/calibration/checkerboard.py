@@ -76,10 +76,10 @@ class Checkerboard:
 
 def board_of(text: str, square_m: float) -> Checkerboard:
     """Return a board from a text such as ``9x6``. Raises CalibrationError."""
-    found = re.fullmatch(r"\s*(\d{1,4})\s*[xX]\s*(\d{1,4})\s*", text)
-    if found is None:
+    match = re.fullmatch(r"\s*(\d{1,4})\s*[xX]\s*(\d{1,4})\s*", text)
+    if match is None:
         raise CalibrationError(f"board {text!r}: give inner corners as COLUMNSxROWS, as 9x6")
-    return Checkerboard(int(found[1]), int(found[2]), square_m)
+    return Checkerboard(int(match[1]), int(match[2]), square_m)
 
 
 def rotation_of(turn: Any) -> Array:
@@ -157,7 +157,7 @@ class BoardPose(NamedTuple):
 def board_poses(sighting: BoardSighting, board: Checkerboard, camera: Camera) -> list[BoardPose]:
     """Return the poses that a sighting permits, the better one first; an empty list if none."""
     lens = camera.matrix, np.array(camera.distortion or (0.0,) * 4)
-    found = []
+    poses = []
     for rotation, position in _solutions(sighting, board, lens):
         arms_c = board.points_m @ rotation.T
         uv, valid = camera.project(arms_c + position)
@@ -171,8 +171,8 @@ def board_poses(sighting: BoardSighting, board: Checkerboard, camera: Camera) ->
         variance = (errors**2).sum() / max(errors.size - 6, 1)
         covariance = (inverse * np.outer(scale, scale))[:3, :3] * variance
         rms_px = float(np.sqrt((errors**2).sum(1).mean()))
-        found.append(BoardPose(rotation, position, rms_px, covariance))
-    return sorted(found, key=lambda pose: pose.rms_px)
+        poses.append(BoardPose(rotation, position, rms_px, covariance))
+    return sorted(poses, key=lambda pose: pose.rms_px)
 
 
 def _solutions(

@@ -67,7 +67,7 @@ class Pieces(NamedTuple):
         excess = 2 * np.maximum(power - floor, 0.0) * self.frequencies_hz[1]
         out = np.concatenate([[False], power > _STANDS_OUT * floor, [False]])
         edges = np.flatnonzero(np.diff(out.astype(int))).reshape(-1, 2).tolist()
-        found = [
+        lines = [
             SpectralLine(
                 float(hz[begin:end] @ excess[begin:end] / excess[begin:end].sum()),
                 float(np.sqrt(2 * excess[begin:end].sum())),
@@ -75,7 +75,7 @@ class Pieces(NamedTuple):
             for begin, end in edges
             if begin or excess[0] < excess[:end].max()  # else it is a remainder of motion
         ]
-        return sorted(found, key=lambda line: -line.amplitude)
+        return sorted(lines, key=lambda line: -line.amplitude)
 
 
 def pieces_of(record: ImuRecord, most: int | None = None) -> Pieces:

@@ -88,12 +88,12 @@ def record_of(stamps_ns: IntArray, values: Array) -> ImuRecord:
         )
     irregular |= {"missing": missing, "gaps": gaps, "splits": len(runs) - 1}
     return ImuRecord(
-        runs,
-        [float(times_ns[begin]) * 1e-9 for begin in edges[:-1]],
-        step_ns * 1e-9,
-        float(np.std(np.concatenate(off))) * step_ns * 1e-9 / math.sqrt(2),
-        len(kept),
-        irregular,
+        runs=runs,
+        starts_s=[float(times_ns[begin]) * 1e-9 for begin in edges[:-1]],
+        step_s=step_ns * 1e-9,
+        jitter_s=float(np.std(np.concatenate(off))) * step_ns * 1e-9 / math.sqrt(2),
+        samples=len(kept),
+        irregular=irregular,
     )
 
 
@@ -191,17 +191,17 @@ def movements(seconds: Seconds) -> list[Interval]:
         return [Interval(float(seconds.starts_s[0]), float(seconds.starts_s[-1]) + 1.0)]
     moved[1:-1] = (jumps > np.maximum(_SCATTERS * usual, _LEAST)).any(axis=1)
     limit = np.maximum(_SHAKEN * np.median(seconds.scatters, axis=0), _LEAST)
-    found: list[Interval] = []
+    intervals: list[Interval] = []
     for start in seconds.starts_s[moved | (seconds.scatters > limit).any(axis=1)].tolist():
-        joined = found and start - found[-1].to_s <= _JOIN_S
-        begin = found.pop().from_s if joined else start
-        found.append(Interval(begin, start + 1.0))
-    return found
+        joined = intervals and start - intervals[-1].to_s <= _JOIN_S
+        begin = intervals.pop().from_s if joined else start
+        intervals.append(Interval(begin, start + 1.0))
+    return intervals
 
 
-def longest_stillness(found: Sequence[Interval], from_s: float, to_s: float) -> Interval:
+def longest_stillness(moved: Sequence[Interval], from_s: float, to_s: float) -> Interval:
     """Return the longest time between movements."""
-    edges = [from_s, *(edge for one in found for edge in one), to_s]
+    edges = [from_s, *(edge for interval in moved for edge in interval), to_s]
     rests = [Interval(*edges[i : i + 2]) for i in range(0, len(edges), 2)]
     return max(rests, key=lambda rest: rest.to_s - rest.from_s)
 
@@ -212,9 +212,9 @@ def drifts(seconds: Seconds) -> tuple[Array, BoolArray, BoolArray]:
     A sensor that warms up drifts steadily, or settles exponentially after it was switched on. So
     does one random walk in twenty; one record cannot separate the two.
     """
-    changes, found, linear = np.zeros(6), np.zeros(6, bool), np.zeros(6, bool)
+    changes, explained_by_form, linear = np.zeros(6), np.zeros(6, bool), np.zeros(6, bool)
     if len(seconds.starts_s) < _FEWEST_OF_DRIFT:
-        return changes, found, found
+        return changes, explained_by_form, explained_by_form
     t = (seconds.starts_s - seconds.starts_s[0]) / np.ptp(seconds.starts_s)
     most = np.zeros(6)
     for number, form in enumerate([t, *(-np.exp(-t / part) for part in _SETTLED_IN)]):
@@ -224,9 +224,9 @@ def drifts(seconds: Seconds) -> tuple[Array, BoolArray, BoolArray]:
         better = power > most
         most = np.maximum(power, most)
         changes = np.where(better, factors * (shape[-1] - shape[0]), changes)
-        found = np.where(better, (explained > _STEADY) & sure, found)
+        explained_by_form = np.where(better, (explained > _STEADY) & sure, explained_by_form)
         linear = np.where(better, number == 0, linear)
-    return changes, found & linear, found & ~linear
+    return changes, explained_by_form & linear, explained_by_form & ~linear
 
 
 def _along(seconds: Seconds, shape: Array) -> tuple[Array, Array, BoolArray]:

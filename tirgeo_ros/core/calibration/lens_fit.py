@@ -243,9 +243,9 @@ def _by_sharpness(views: Mapping[str, BoardSighting]) -> list[str]:
     return sorted(views, key=lambda name: (views[name].sigma_px, name))
 
 
-def distance_px(one: BoardSighting, other: BoardSighting) -> float:
+def distance_px(first: BoardSighting, second: BoardSighting) -> float:
     """Return the rms distance of corners, px, with either end of the board counted first."""
-    a, b = one.corners_px, other.corners_px
+    a, b = first.corners_px, second.corners_px
     return float(min(np.sqrt((off**2).sum(1).mean()) for off in (a - b, a - b[::-1])))
 
 

@@ -130,11 +130,11 @@ def fit_polynomial(
     return found, _residuals(found, pixels, plane)
 
 
-def _residuals(found: PolynomialTransform, pixels: Array, plane: Array) -> Residuals:
-    metres = plane - found(pixels)
-    in_pixels = np.linalg.solve(found.jacobian(pixels), metres[..., None])[..., 0]
-    spare = 1 - found.leverage(pixels)
-    free = len(pixels) - TERMS[found.order]
+def _residuals(transform: PolynomialTransform, pixels: Array, plane: Array) -> Residuals:
+    metres = plane - transform(pixels)
+    in_pixels = np.linalg.solve(transform.jacobian(pixels), metres[..., None])[..., 0]
+    spare = 1 - transform.leverage(pixels)
+    free = len(pixels) - TERMS[transform.order]
     lengths = np.hypot(*metres.T)
     left_out = np.full(len(pixels), math.inf)
     np.divide(lengths, spare, out=left_out, where=spare > 1e-9)

@@ -18,19 +18,22 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tirgeo_ros.core.checks.finding_table import finding
 from tirgeo_ros.core.config import GimbalConfig
-from tirgeo_ros.core.frames.heading import heading_of, wrap_pi
 from tirgeo_ros.core.frames.rotations import (
+    heading_of,
     matrix_from_quat,
     quat_conjugate,
     quat_multiply,
     slerp,
+    wrap_pi,
 )
-from tirgeo_ros.core.gimbal.joint_geometry import camera_turn, joint_angles
+from tirgeo_ros.core.gimbal.camera_pose import camera_turn, joint_angles
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedBuffer
 from tirgeo_ros.core.streams.sanity_checks import joints_fault, usable_attitude
+from tirgeo_ros.core.streams.stamps import Spacing
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.core.types.finding import Finding, Severity
+from tirgeo_ros.core.types.finding import Finding
 from tirgeo_ros.core.types.joint_orders import JOINT_ORDERS
 from tirgeo_ros.core.types.measurements import CameraAttitudeSample, JointSample
 from tirgeo_ros.core.types.poses import BodyPose
@@ -59,26 +62,18 @@ _OFF_RAD = np.radians((12.0, 3.0, 3.0))
 _UNLIKE_RAD = math.radians(5.0)  # rms; above it the two do not agree at all
 #: The same, of a map that is wrong by more than three ellipses.
 _FAR_OFF_RAD, _FAR_UNLIKE_RAD = np.radians((18.0, 9.0, 9.0)), math.radians(15.0)
-_TOPIC = "gimbal/joint_states"
-_NEVER_CALIBRATED = Finding(
-    "boresight_default",
-    Severity.CAUTION,
-    "the boresight was never calibrated: the ellipses do not include its error",
-    "gimbal_node boresight_rpy_deg",
-    "run tirgeo calibrate boresight, or set it to zeros if the camera is known to be aligned",
-)
 
 
 class GimbalChecks:
     """Take samples in order of arrival; return findings at any time.
 
-    ``given`` are the parameters of gimbal_node that were set explicitly, None if not known.
+    ``explicit`` are the parameters of gimbal_node that were set, None if not known.
     """
 
-    def __init__(self, config: GimbalConfig, given: Collection[str] | None = None) -> None:
-        untouched = given is not None and "boresight_rpy_deg" not in given
-        self._askew = untouched and not np.any(config.boresight_rpy_deg)
-        self._severity = Severity.NOTE if config.composition == "paper" else Severity.STOP
+    def __init__(self, config: GimbalConfig, explicit: Collection[str] | None = None) -> None:
+        untouched = explicit is not None and "boresight_rpy_deg" not in explicit
+        self._uncalibrated = untouched and not np.any(config.boresight_rpy_deg)
+        self._case = "paper" if config.composition == "paper" else ""
         self._yaw_zero_rad, self._order = config.yaw_zero_rad, config.joint_order
         self._joints: StampedBuffer[Array] = StampedBuffer(_HISTORY_S)
         self._autopilot: StampedBuffer[Array] = StampedBuffer(_HISTORY_S)
@@ -88,15 +83,15 @@ class GimbalChecks:
         self._pairs: deque[tuple[Array, Array, float]] = deque(maxlen=_KEPT)
         # (L, 3) down in the camera's axes, by the body and the joints of each delay
         self._downs: deque[Array] = deque(maxlen=_KEPT)
-        self._down_ns = 0
+        self._spacing = Spacing(_EVERY_NS)
 
     def configure(self, config: GimbalConfig) -> None:
         """Take other parameters; forget what was compared with another yaw zero."""
-        self._askew = self._askew and not np.any(config.boresight_rpy_deg)
+        self._uncalibrated = self._uncalibrated and not np.any(config.boresight_rpy_deg)
         if config.yaw_zero_rad != self._yaw_zero_rad:
             self._yaw_zero_rad = config.yaw_zero_rad
-            for one in (self._joints, self._pairs, self._downs):
-                one.clear()
+            for buffer in (self._joints, self._pairs, self._downs):
+                buffer.clear()
 
     def joints(self, sample: JointSample) -> None:
         """Take joint angles; computed ones, which no encoder measured, are ignored."""
@@ -104,18 +99,17 @@ class GimbalChecks:
         if not (sample.computed or joints_fault(angles)):
             zero = (self._yaw_zero_rad, 0.0, 0.0)
             self._joints.put(sample.stamp_ns, np.subtract(angles, zero))
-            if not 0 <= sample.stamp_ns - self._down_ns < _EVERY_NS:
-                self._down_ns = sample.stamp_ns
+            if self._spacing.take(sample.stamp_ns):
                 self._add_downs(sample.stamp_ns - _DELAYS_NS[-1])
 
     def _add_downs(self, stamp_ns: int) -> None:
         """Keep the camera's tilt at an instant, with the joints of each delay."""
         body = self._body_at(stamp_ns)
-        found = [self._joints.around(stamp_ns + delay_ns) for delay_ns in _DELAYS_NS]
-        joints = [one[0] for one in found if not isinstance(one, Miss)]
-        if body is None or len(joints) < len(found):
+        around = [self._joints.around(stamp_ns + delay_ns) for delay_ns in _DELAYS_NS]
+        joints = [angles[0] for angles in around if not isinstance(angles, Miss)]
+        if body is None or len(joints) < len(around):
             return
-        turns = [camera_turn(JointSample(0, *one.tolist()), self._order) for one in joints]
+        turns = [camera_turn(JointSample(0, *angles.tolist()), self._order) for angles in joints]
         self._downs.append(matrix_from_quat(body)[2] @ matrix_from_quat(np.array(turns)))
 
     def _body_at(self, stamp_ns: int) -> Array | None:
@@ -150,14 +144,16 @@ class GimbalChecks:
 
     def findings(self) -> list[Finding]:
         """Return the findings so far."""
-        found = []
+        findings = []
         if len(self._pairs) >= _FEWEST:
             joints, reported, headings = map(np.array, zip(*self._pairs, strict=True))
-            found = self._compared(joints, matrix_from_quat(reported), headings)
-        if all(one.check == "joints_unlike" for one in found):
-            found = self._late() or found
+            findings = self._compared(joints, matrix_from_quat(reported), headings)
+        if all(each.check == "joints_unlike" for each in findings):
+            findings = self._late() or findings
         has_gimbal = self._waiting is not None or self._joints.newest_ns is not None
-        return [*found, _NEVER_CALIBRATED] if self._askew and has_gimbal else found
+        if self._uncalibrated and has_gimbal:
+            findings = [*findings, finding("boresight_default")]
+        return findings
 
     def _late(self) -> list[Finding]:
         """Return the delay of the joints with which the camera is stillest."""
@@ -170,37 +166,32 @@ class GimbalChecks:
         delay_s = _STEP_S * (best - _NO_DELAY + 0.5 * (before - after) / bend)
         if least > _STILLER * squares[_NO_DELAY] or abs(delay_s) < _LEAST_DELAY_S:
             return []
-        way = f"{abs(delay_s):.2f} s {'later' if delay_s > 0 else 'earlier'}"
-        evidence = f"the joints are stamped {way} than the attitude that they level"
-        mend = "stamp them when they are measured, with the clock of imu/data"
-        where = f"{_TOPIC} header.stamp"
-        return [Finding("joints_late", self._severity, evidence, where, mend)]
+        way = "later" if delay_s > 0 else "earlier"
+        return [finding("joints_late", self._case, size_s=abs(delay_s), way=way)]
 
     def _compared(self, joints: Array, rotations_bg: Array, headings_rad: Array) -> list[Finding]:
         """Compare angles (N, 3) yaw, roll, pitch, rad, with reported ``R_bg`` (N, 3, 3)."""
         reported = joint_angles(rotations_bg, self._order)
         other = _other_order(joints, reported, rotations_bg)
         if other:
-            words = f"the joints are those of a gimbal {other}, not {self._order}"
-            evidence = _evidence(
-                words, joints, reported, joints, joint_angles(rotations_bg, other)
-            )
-            where = "gimbal_node joint_order"
-            mend = f"set it to {other}, or send the angles of a gimbal {self._order}"
-            return [Finding("joint_order", self._severity, evidence, where, mend)]
+            texts = {
+                "words": f"the joints are those of a gimbal {other}, not {self._order}",
+                "before": _sizes(joints, reported),
+                "after": _sizes(joints, joint_angles(rotations_bg, other)),
+            }
+            return [finding("joint_order", self._case, **texts, other=other, order=self._order)]
         limit = _SHARE * _cost(joints, reported)
         possible = _READINGS if limit > 3 * _FLOOR_RAD2 else ()  # no reading costs less
-        costs = [(_cost(one.angles(joints, headings_rad), reported), one) for one in possible]
+        costs = [(_cost(each.angles(joints, headings_rad), reported), each) for each in possible]
         least = min((cost for cost, _ in costs), default=math.inf)
         if least < limit:
-            best = next(one for cost, one in costs if cost <= _ALIKE * least)
-            mended = best.angles(joints, headings_rad)
-            evidence = _evidence(best.words, joints, reported, mended, reported)
-            mend = (
-                "send radians by these names: yaw about up and from the nose, roll about forward, "
-                "then pitch about left"
-            )
-            return [Finding("joint_angles", self._severity, evidence, _TOPIC, mend)]
+            best = next(reading for cost, reading in costs if cost <= _ALIKE * least)
+            texts = {
+                "words": best.words,
+                "before": _sizes(joints, reported),
+                "after": _sizes(best.angles(joints, headings_rad), reported),
+            }
+            return [finding("joint_angles", self._case, **texts)]
         mean, spread = _differences(joints, reported)
         if not ((np.abs(mean) > _OFF_RAD) | (spread > _UNLIKE_RAD)).any():
             return []
@@ -208,15 +199,9 @@ class GimbalChecks:
             ", ".join(f"{angle:+.1f}" for angle in np.degrees(each).tolist())
             for each in (mean, spread)
         )
-        evidence = (
-            f"the joints are ({off}) deg off the reported attitude (yaw, roll, pitch), with a "
-            f"standard deviation of ({within})"
-        )
-        where = f"{_TOPIC}, gimbal_node yaw_zero_deg, north.bias_deg"
-        mend = "correct the joints' zeros, or their stamps; the boresight is not the cause"
         far = (np.abs(mean) > _FAR_OFF_RAD) | (spread > _FAR_UNLIKE_RAD)
-        severity = max(self._severity, Severity.CAUTION) if far.any() else Severity.CAUTION
-        return [Finding("joints_unlike", severity, evidence, where, mend)]
+        case = f"{self._case} {'far' if far.any() else ''}"
+        return [finding("joints_unlike", case, mean=off, spread=within)]
 
 
 def _put(attitudes: StampedBuffer[Array], stamp_ns: int, q_nb: Array) -> None:
@@ -238,7 +223,7 @@ class _Reading(NamedTuple):
     @property
     def mistakes(self) -> int:
         """Return how many of axes, signs, unit and yaw's zero are wrong."""
-        moved = sum(one != axis for axis, one in enumerate(self.axes))
+        moved = sum(number != axis for axis, number in enumerate(self.axes))
         return moved + self.signs.count(-1.0) + self.degrees + self.north
 
     def angles(self, joints: Array, headings_rad: Array) -> Array:
@@ -252,7 +237,7 @@ class _Reading(NamedTuple):
     def words(self) -> str:
         """Return a description for the operator."""
         signs = ("-" if sign < 0 else "" for sign in self.signs)
-        read = ", ".join(sign + _NAMES[one] for sign, one in zip(signs, self.axes, strict=True))
+        read = ", ".join(sign + _NAMES[k] for sign, k in zip(signs, self.axes, strict=True))
         north = ", yaw counted from north" if self.north else ""
         return f"yaw, roll, pitch are {read}{', in degrees' if self.degrees else ''}{north}"
 
@@ -267,7 +252,7 @@ _READINGS = sorted(
             (False, True),
         ),
     ),
-    key=lambda one: one.mistakes,
+    key=lambda reading: reading.mistakes,
 )
 
 
@@ -308,12 +293,7 @@ def _differences(joints: Array, reported: Array) -> tuple[Array, Array]:
     return mean, np.asarray(wrap_pi(joints - reported - mean).std(axis=0))
 
 
-def _evidence(words: str, *angles: Array) -> str:
-    before, after = _sizes(*angles[:2]), _sizes(*angles[2:])
-    beside = f"{before} deg beside the reported attitude (yaw, roll, pitch)"
-    return f"{words}: {beside}, {after} deg when mended"
-
-
 def _sizes(joints: Array, reported: Array) -> str:
+    """Return the rms differences of yaw, roll and pitch, deg."""
     sizes_deg = np.degrees(np.hypot(*_differences(joints, reported)))
     return ", ".join(f"{angle:.1f}" for angle in sizes_deg.tolist())

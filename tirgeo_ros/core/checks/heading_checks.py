@@ -11,13 +11,14 @@ from collections import deque
 
 import numpy as np
 
-from tirgeo_ros.core.checks.imu_checks import ImuMean
+from tirgeo_ros.core.checks.finding_table import finding
+from tirgeo_ros.core.checks.inertial_checks import ImuMean
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.frames.heading import azimuth, heading_of, wrap_pi
-from tirgeo_ros.core.frames.rotations import matrix_from_quat
+from tirgeo_ros.core.frames.rotations import azimuth, heading_of, matrix_from_quat, wrap_pi
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedBuffer
+from tirgeo_ros.core.streams.stamps import Spacing
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.core.types.finding import Finding, Severity
+from tirgeo_ros.core.types.finding import Finding
 from tirgeo_ros.core.types.measurements import HeadingSample, VelocitySample
 
 _LATEST_S = 3.0  # a heading may be this late
@@ -39,7 +40,6 @@ _OFF_RAD, _WRONG_RAD = math.radians(15), math.radians(45)
 _SIGMAS = 5.0
 _QUARTER_RAD = math.radians(20)  # an offset within this of a multiple of 90 deg is that multiple
 _FORWARD_M_S = 2.0
-_SECOND = "ekf_node aircraft.second_antenna_m"
 
 
 class HeadingChecks:
@@ -52,7 +52,7 @@ class HeadingChecks:
         self._turns: StampedBuffer[tuple[float, float]] = StampedBuffer(_LATEST_S)
         self._turned_rad = 0.0
         self._waiting: deque[HeadingSample] = deque(maxlen=4)
-        self._taken_ns = -_STEP_NS
+        self._spacing = Spacing(_STEP_NS)
         self._course_rad = math.nan
         # stamp s, heading, rotation by the gyroscopes, the autopilot's heading, course; rad
         self._rows: deque[tuple[float, ...]] = deque(maxlen=_KEPT)
@@ -74,8 +74,7 @@ class HeadingChecks:
     def heading(self, sample: HeadingSample) -> None:
         """Take a heading, one a second; it waits until the IMU's blocks reach its stamp."""
         if math.isfinite(sample.heading_rad):
-            if not 0 <= sample.stamp_ns - self._taken_ns < _STEP_NS:
-                self._taken_ns = sample.stamp_ns
+            if self._spacing.take(sample.stamp_ns):
                 self._waiting.append(sample)
             if self._waiting and self._waiting[-1].stamp_ns <= (self._turns.newest_ns or 0):
                 self._add(self._waiting.pop())
@@ -105,18 +104,17 @@ class HeadingChecks:
         changes, turns = wrap_pi(changes[near]), turns[near]
         moved = np.maximum(np.abs(changes), np.abs(turns)) >= _TURNED_RAD
         turned_rad = float(np.abs(turns[moved]).sum())
-        found = _changing(changes[moved], turns[moved], len(turns)) or self._offset(
-            rows[np.isfinite(rows[:, 0])], turned_rad
-        )
-        return [found] if found else []
+        fault = _changing(changes[moved], turns[moved], len(turns))
+        fault = fault or self._offset(rows[np.isfinite(rows[:, 0])], turned_rad)
+        return [fault] if fault else []
 
     def _offset(self, rows: Array, turned_rad: float) -> Finding | None:
         autopilot, course = (rows[:, 1] - rows[:, k] for k in (3, 4))
-        name, least, offsets = "the autopilot's heading", _LEAST_HEADINGS, autopilot
+        reference, least, offsets = "the autopilot's heading", _LEAST_HEADINGS, autopilot
         if not np.isfinite(autopilot).any():
             if turned_rad < _LEAST_TURNED_RAD:
                 return None
-            name, least, offsets = "the course over ground", _LEAST_COURSES, course
+            reference, least, offsets = "the course over ground", _LEAST_COURSES, course
         offsets = offsets[np.isfinite(offsets)]
         if len(offsets) < least:
             return None
@@ -124,18 +122,13 @@ class HeadingChecks:
         off = float(np.angle(mean))
         if abs(mean) < _LEAST_CONSTANT or abs(off) < self._off_rad:
             return None
-        evidence = f"rtk/heading is {math.degrees(off):+.0f} deg from {name}"
-        if abs(off) < _WRONG_RAD:
-            mend = "measure both antennas; or is it the compass, or its declination?"
-            return Finding("heading_offset", Severity.CAUTION, evidence, _SECOND, mend)
         quarter = math.pi / 2 * round(off / (math.pi / 2))
-        if abs(off - quarter) > _QUARTER_RAD:
-            mend = "measure both antennas; or is its yaw not ENU (90 deg less the azimuth)?"
-        elif abs(quarter) > 2:
-            mend = "the antennas are swapped: exchange rtk_antenna_m and second_antenna_m"
-        else:
-            mend = "the baseline lies across: measure both antennas, or remove a constant of 90"
-        return _stop("heading_offset", evidence, mend, _SECOND)
+        case = ""
+        if abs(off) < _WRONG_RAD:
+            case = "compass"
+        elif abs(off - quarter) <= _QUARTER_RAD:
+            case = "swapped" if abs(quarter) > 2 else "across"
+        return finding("heading_offset", case, off_deg=math.degrees(off), reference=reference)
 
 
 def _without_outliers(rows: Array) -> Array:
@@ -160,16 +153,10 @@ def _changing(changes: Array, turns: Array, pairs: int) -> Finding | None:
     is_jumping = pairs >= _LEAST_JUMPS and math.sqrt(unlike / pairs) > _JUMPING_RAD
     if not is_jumping and (turned_rad < _LEAST_TURNED_RAD or not is_explained):
         return None
-    jumps_deg = math.degrees(math.sqrt(left / len(turns)))
-    evidence = (
-        f"while the gyroscopes turned by {math.degrees(turned_rad):.0f} deg, rtk/heading turned "
-        f"by {slope:+.2f} of that, and jumped by {jumps_deg:.0f} deg"
+    return finding(
+        "heading_turns",
+        "sign" if is_explained and slope < -0.7 else "",
+        turned_deg=math.degrees(turned_rad),
+        slope=slope,
+        jumps_deg=math.degrees(math.sqrt(left / len(turns))),
     )
-    mend = "degrees for radians, a value that is repeated, or a receiver without a solution?"
-    if is_explained and slope < -0.7:
-        mend = "its yaw must be ENU, counter-clockwise from east: 90 deg less the azimuth"
-    return _stop("heading_turns", evidence, mend, "rtk/heading, imu/data angular_velocity")
-
-
-def _stop(check: str, evidence: str, mend: str, where: str) -> Finding:
-    return Finding(check, Severity.STOP, evidence, where, mend)

@@ -97,13 +97,14 @@ class _Scene:
 
     def __init__(self, pairs: Sequence[PicturePair], focal_px: float) -> None:
         self.focal_px = focal_px
-        self.pair = np.repeat(np.arange(len(pairs)), [len(one.first) for one in pairs])
+        self.pair = np.repeat(np.arange(len(pairs)), [len(pair.first) for pair in pairs])
         self.counts = np.bincount(self.pair, minlength=len(pairs)).astype(float)
-        self.first = np.concatenate([one.first for one in pairs])
-        self.second = np.concatenate([one.second for one in pairs])
-        self.above_m = np.concatenate([one.above_m for one in pairs])
-        self.poses = np.stack([one.poses for one in pairs])  # (P, 2, K, 7)
-        self.known = np.median([one[4:] for one in pairs], axis=0).tolist()  # sigmas, step
+        self.first = np.concatenate([pair.first for pair in pairs])
+        self.second = np.concatenate([pair.second for pair in pairs])
+        self.above_m = np.concatenate([pair.above_m for pair in pairs])
+        self.poses = np.stack([pair.poses for pair in pairs])  # (P, 2, K, 7)
+        #: Medians over the pairs: sigma of heights and of angles, time between the pictures.
+        self.medians: list[float] = np.median([pair[4:] for pair in pairs], axis=0).tolist()
 
     def residuals(self, x: Array) -> Array:
         """Return (N, 2) px: measured minus predicted, with the errors ``x`` (6,) corrected."""
@@ -120,10 +121,10 @@ class _Scene:
         shift = np.einsum("pji,pj->pi", end, pose[:, 1, :3] - pose[:, 0, :3])
         down = np.einsum("ni,ni->n", start[self.pair, 2], rays)
         nearness = np.maximum(down, 0.0) / (self.above_m * np.exp(x[HEIGHT]))
-        seen = np.einsum("nij,nj->ni", turn[self.pair], rays)
-        seen -= shift[self.pair] * nearness[:, None]
-        foretold = seen[:, :2] / np.maximum(seen[:, 2:], 0.1) * scale
-        return np.asarray((self.second - foretold) * self.focal_px)
+        points = np.einsum("nij,nj->ni", turn[self.pair], rays)
+        points -= shift[self.pair] * nearness[:, None]
+        predicted = points[:, :2] / np.maximum(points[:, 2:], 0.1) * scale
+        return np.asarray((self.second - predicted) * self.focal_px)
 
     def means(self, values: Array) -> Array:
         """Return the means over each pair: (N, ...) to (P, ...)."""
@@ -142,11 +143,11 @@ def fit_motion(pairs: Sequence[PicturePair], focal_px: float) -> MotionFit:
     start = _nearest(scene, np.zeros(6), LATENCY)  # a straight flight fits many latencies a little
     if _cost(scene, start, _LOOSE) > _FITS_PX:
         start = _searched(scene)
-    found = best = _fit_of(scene, start)
-    for turned, signs in _TURNED.items() if found.after > _FITS_PX else ():
-        back = [one._replace(first=one.first * signs, second=one.second * signs) for one in pairs]
+    upright = best = _fit_of(scene, start)
+    for turned, signs in _TURNED.items() if upright.after > _FITS_PX else ():
+        back = [p._replace(first=p.first * signs, second=p.second * signs) for p in pairs]
         other = _fit_of(_Scene(back, focal_px), np.zeros(6))
-        if other.after < min(best.after, 0.3 * found.after):
+        if other.after < min(best.after, 0.3 * upright.after):
             best = replace(other, turned=turned)
     return best
 
@@ -160,36 +161,39 @@ def _fit_of(scene: _Scene, start: Array) -> MotionFit:
         start = np.where(assumed, 0.0, values)
         values, sigmas = _fitted(scene, start, np.where(assumed, _TIGHT, _LOOSE))
 
-    def without(one: int | slice) -> float:
+    def without(part: int | slice) -> float:
         left = values.copy()
-        left[one] = 0.0
+        left[part] = 0.0
         return scene.pair_rms(scene.residuals(left))
 
+    height_sigma_m, angle_sigma_rad, step_s = scene.medians
     return MotionFit(
-        values,
-        sigmas,
-        tuple(assumed.tolist()),
-        len(scene.counts),
-        without(slice(None)),
-        scene.pair_rms(scene.residuals(values)),
-        scene.pair_rms((scene.second - scene.first) * scene.focal_px),
-        tuple(without(one) for one in (LATENCY, FOCAL, HEIGHT, BORESIGHT)),
-        float(np.median(scene.above_m)),
-        *scene.known,
+        values=values,
+        sigmas=sigmas,
+        assumed=tuple(assumed.tolist()),
+        pairs=len(scene.counts),
+        before=without(slice(None)),
+        after=scene.pair_rms(scene.residuals(values)),
+        moved=scene.pair_rms((scene.second - scene.first) * scene.focal_px),
+        without=(without(LATENCY), without(FOCAL), without(HEIGHT), without(BORESIGHT)),
+        above_m=float(np.median(scene.above_m)),
+        height_sigma_m=height_sigma_m,
+        angle_sigma_rad=angle_sigma_rad,
+        step_s=step_s,
     )
 
 
 def _searched(scene: _Scene) -> Array:
     """Return (6,) errors near the best ones: search each on its grid in turn, twice."""
     x = np.zeros(6)
-    for one in (*range(6), *range(6)):
-        x = _nearest(scene, x, one)
+    for error in (*range(6), *range(6)):
+        x = _nearest(scene, x, error)
     return x
 
 
-def _nearest(scene: _Scene, x: Array, one: int) -> Array:
-    """Return the best of ``x`` (6,) and of the places where one error is on its grid."""
-    places = [np.where(np.arange(6) == one, value, x) for value in _GRIDS[one]]
+def _nearest(scene: _Scene, x: Array, error: int) -> Array:
+    """Return the best of ``x`` (6,) and of the places where an error is on its grid."""
+    places = [np.where(np.arange(6) == error, value, x) for value in _GRIDS[error]]
     return min([x, *places], key=lambda place: _cost(scene, place, _LOOSE))
 
 
@@ -204,7 +208,7 @@ def _fitted(scene: _Scene, x: Array, prior: Array) -> tuple[Array, Array]:
         for place in places:
             place[LATENCY] = np.clip(place[LATENCY], FROM_S, TO_S)
         best = _cost(scene, x, prior)
-        better = next((one for one in places if _cost(scene, one, prior) < best), None)
+        better = next((place for place in places if _cost(scene, place, prior) < best), None)
         if better is None or (np.abs(step) < 0.1 * _STEPS).all():
             break
         x = better
@@ -221,8 +225,8 @@ def _latency_variance(scene: _Scene, x: Array) -> float:
     The slope at one instant is larger: the noise of the poses has slopes too.
     """
     before, rest, after = (
-        scene.pair_rms(scene.residuals(x + one * np.eye(6)[LATENCY])) ** 2
-        for one in (-_RISE_S, 0.0, _RISE_S)
+        scene.pair_rms(scene.residuals(x + step_s * np.eye(6)[LATENCY])) ** 2
+        for step_s in (-_RISE_S, 0.0, _RISE_S)
     )
     rise = max((before + after) / 2 - rest, 1e-9)
     return _RISE_S**2 * max(rest / 2, _LEAST_PX**2) / (len(scene.counts) * rise)

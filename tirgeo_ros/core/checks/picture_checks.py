@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,9 @@ import numpy.typing as npt
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CHI2_95
-from tirgeo_ros.core.checks.height_checks import HeightChecks, ground_parameter
+from tirgeo_ros.core.checks.finding_table import finding
+from tirgeo_ros.core.checks.ground_checks import HeightChecks, ground_parameter
+from tirgeo_ros.core.checks.input_checks import lens_findings
 from tirgeo_ros.core.checks.motion_fit import (
     BORESIGHT,
     FOCAL,
@@ -22,19 +24,18 @@ from tirgeo_ros.core.checks.motion_fit import (
     TO_S,
     MotionFit,
 )
-from tirgeo_ros.core.checks.parameter_checks import lens_findings
-from tirgeo_ros.core.checks.picture_motion import PictureMotion
-from tirgeo_ros.core.checks.picture_tracks import PictureTracker
+from tirgeo_ros.core.checks.picture_motion import PictureMotion, PictureTracker
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.streams.sanity_checks import pose_fault
-from tirgeo_ros.core.types.finding import Finding, Severity
+from tirgeo_ros.core.types.finding import Finding
 from tirgeo_ros.core.types.poses import CameraPose
 
 #: The places of latency, focal length, height and boresight in a fit.
 _PARTS = slice(0, 1), slice(1, 2), slice(2, 3), BORESIGHT
+_BORESIGHT = 3  # its place among the parts
 #: An error is significant beyond this many of its standard deviations. Errors of picture pairs are
 #: correlated where a flight turns all the time: 3.8 sigmas were seen without an error.
 _SIGNIFICANT = 6.0
@@ -56,13 +57,6 @@ _TELLING = 40  # pairs in which a flight that tells the latency has told it
 #: The least latency error by fewer pairs, s: a young filter's heading turns; 0.051 s at 7 sigma
 #: was seen without an error.
 _LEAST_YOUNG_S = 0.1
-_UNTOLD = Finding(
-    "video_latency_untold",
-    Severity.NOTE,
-    "the flight does not tell the latency of the video: the camera hardly turns",
-    "overlay_node video_latency_s",
-    "turn a few times, or measure it with tirgeo calibrate boresight",
-)
 _MOST_ELLIPSES = 3.0  # 95 % ellipses, of an error that makes the map wrong
 
 
@@ -74,151 +68,86 @@ def motion_findings(
     ``ground`` is empty if no parameter sets the ground's height.
     """
     if fit.turned:
-        return [_turned(fit)]
+        return [finding("picture_turned", turned=fit.turned)]
     rest_px = max(_LEAST_UNEXPLAINED_PX, _UNEXPLAINED * max(fit.moved, fit.before))
     doubtful = fit.after > _DOUBTFUL_PX or not FROM_S + _END_S < fit.values[0] < TO_S - _END_S
     if fit.after > rest_px or (doubtful and _is_significant(fit, LATENCY, math.inf)):
-        return [_unexplained(fit)]
-    errors = (*_of_camera(fit, latency_s, focal_px, lens), *_of_poses(fit, ground))
+        return [finding("picture_motion", moved_px=fit.moved, off_px=fit.before)]
     off_rad = _MOST_ELLIPSES * math.sqrt(CHI2_95) * fit.angle_sigma_rad
     off_s = off_rad * focal_px * fit.step_s / max(fit.moved, 1e-3)
-    found = []
-    for one, (check, where, evidence, mend) in enumerate(errors):
-        if where and _is_significant(fit, one):
-            limit = (off_s, _WRONG, _WRONG, off_rad)[one]
-            is_wrong = np.abs(fit.values[_PARTS[one]]).max() > limit
-            severity = Severity.STOP if is_wrong else Severity.CAUTION
-            text = f"{evidence} ({fit.pairs} pairs of pictures)"
-            found.append(Finding(check, severity, text, where, mend))
+    limits = (off_s, _WRONG, _WRONG, off_rad)
+    far = [
+        np.abs(fit.values[part]).max() > most for part, most in zip(_PARTS, limits, strict=True)
+    ]
+    cases = ["far" if is_far else "" for is_far in far]
+    significant = [_is_significant(fit, part) for part in range(len(_PARTS))]
+    findings = []
+    if significant[LATENCY]:
+        findings.append(_latency(fit, cases[0], latency_s))
+    if significant[FOCAL]:
+        findings.append(_focal_length(fit, cases[1], focal_px, lens))
+    if significant[HEIGHT] and ground:
+        findings += _height(fit, cases[2], ground)
+    if significant[_BORESIGHT]:
+        findings.append(_boresight(fit, cases[3]))
     unclear = fit.assumed[LATENCY] or abs(fit.values[LATENCY]) > _LEAST[LATENCY]
-    if unclear and not _is_significant(fit, LATENCY) and fit.pairs >= _TELLING:
-        found.append(_UNTOLD)
-    return found
+    if unclear and not significant[LATENCY] and fit.pairs >= _TELLING:
+        findings.append(finding("video_latency_untold"))
+    return findings
 
 
-def _unexplained(fit: MotionFit) -> Finding:
-    """Return the finding of motion that no fitted error explains."""
-    evidence = (
-        f"the pictures move differently from the camera's poses: by {fit.moved:.1f} px from one "
-        f"to the next, {fit.before:.1f} px beside what the poses say"
-    )
-    where = "gimbal/joint_states, thermal/image_raw"
-    mend = (
-        "check that the pictures are stamped by the aircraft's clock, that the video "
-        "is live, and that the gimbal's angles have the right axes and signs"
-    )
-    return Finding("picture_motion", Severity.STOP, evidence, where, mend)
+def _latency(fit: MotionFit, case: str, latency_s: float) -> Finding:
+    numbers = {"true_s": latency_s + fit.values[LATENCY], "sigma_s": fit.sigmas[LATENCY]}
+    return finding("video_latency", case, **numbers, latency_s=latency_s, pairs=fit.pairs)
 
 
-def _turned(fit: MotionFit) -> Finding:
-    """Return the finding of pictures that are mirrored or upside down."""
-    evidence = f"the pictures are {fit.turned}: turned back they move as the camera's poses"
-    where = "thermal/image_raw"
-    mend = "turn them in the camera or its driver, before the lens is calibrated"
-    return Finding("picture_turned", Severity.STOP, evidence, where, mend)
-
-
-def _of_camera(
-    fit: MotionFit, latency_s: float, focal_px: float, lens: str
-) -> Sequence[tuple[str, str, str, str]]:
-    """Return check, parameter, evidence and what to do for latency and focal length."""
-    sigmas = fit.sigmas
-    true_s = latency_s + fit.values[LATENCY]
+def _focal_length(fit: MotionFit, case: str, focal_px: float, lens: str) -> Finding:
     true_px = focal_px * math.exp(fit.values[FOCAL])
-    lag = f"{true_s:.3f} s (sigma {sigmas[LATENCY]:.3f}), not by {latency_s:.3f}"
-    focal = f"{true_px:.0f} px (sigma {true_px * sigmas[FOCAL]:.0f}), not {focal_px:.0f}"
-    return (
-        (
-            "video_latency",
-            "overlay_node video_latency_s",
-            f"the pictures lag the camera's poses by {lag}",
-            f"set it to {true_s:.3f}, or run tirgeo calibrate boresight",
-        ),
-        (
-            "focal_length",
-            lens,
-            f"the pictures turn as if the focal length were {focal}",
-            "run tirgeo calibrate lens, with the pictures' size and zoom",
-        ),
-    )
+    numbers = {"true_px": true_px, "sigma_px": true_px * fit.sigmas[FOCAL], "focal_px": focal_px}
+    return finding("focal_length", case, **numbers, lens=lens, pairs=fit.pairs)
 
 
-def _of_poses(fit: MotionFit, ground: str) -> Sequence[tuple[str, str, str, str]]:
-    """Return the same for height and boresight; no parameter if the height's error is small."""
-    sigmas = fit.sigmas
+def _height(fit: MotionFit, case: str, ground: str) -> list[Finding]:
+    """Return the finding of a height above ground; none if the error is small."""
     true_m = fit.above_m * math.exp(fit.values[HEIGHT])
     off_m = fit.above_m - true_m
     if abs(off_m) <= max(_LEAST_HEIGHT_M, _SIGNIFICANT * fit.height_sigma_m):
-        ground = ""
+        return []
+    numbers = {
+        "true_m": true_m,
+        "sigma_m": true_m * fit.sigmas[HEIGHT],
+        "above_m": fit.above_m,
+        "off_m": abs(off_m),
+    }
+    texts = {"ground": ground, "move": "raise" if off_m > 0 else "lower"}
+    return [finding("ground_by_motion", case, **numbers, **texts, pairs=fit.pairs)]
+
+
+def _boresight(fit: MotionFit, case: str) -> Finding:
     off_deg = np.degrees(flu_from_frd(fit.values[BORESIGHT])).tolist()
     angles = ", ".join(f"{angle:+.1f}" for angle in off_deg)
-    height = f"{true_m:.0f} m (sigma {true_m * sigmas[HEIGHT]:.1f}), not from {fit.above_m:.0f} m"
-    aside = f"roll, pitch, yaw {angles}; sigma {math.degrees(sigmas[BORESIGHT].max()):.1f}"
-    move = f"{'raise' if off_m > 0 else 'lower'} the ground by {abs(off_m):.0f} m"
-    return (
-        (
-            "ground_by_motion",
-            ground,
-            f"the ground moves as if seen from {height} above it",
-            f"{move}: heights are ellipsoidal, not above sea level, as in rtk/fix",
-        ),
-        (
-            "boresight_by_motion",
-            "gimbal_node boresight_rpy_deg",
-            f"the camera looks {math.hypot(*off_deg):.1f} deg away from its poses ({aside})",
-            "add these angles, or run tirgeo calibrate boresight; or the principal point is wrong",
-        ),
-    )
+    sigma_deg = math.degrees(fit.sigmas[BORESIGHT].max())
+    numbers = {"off_deg": math.hypot(*off_deg), "sigma_deg": sigma_deg, "pairs": fit.pairs}
+    return finding("boresight_by_motion", case, **numbers, angles=angles)
 
 
-def _is_significant(fit: MotionFit, one: int, good_px: float = _GOOD_PX) -> bool:
+def _is_significant(fit: MotionFit, number: int, good_px: float = _GOOD_PX) -> bool:
     """Return whether the latency, focal length, height or boresight (0 to 3) is wrong."""
-    part = _PARTS[one]
+    part = _PARTS[number]
     least = np.maximum(_LEAST[part], _SIGNIFICANT * fit.sigmas[part])
-    if one == LATENCY and fit.pairs < _TELLING:
+    if number == LATENCY and fit.pairs < _TELLING:
         least = np.maximum(least, _LEAST_YOUNG_S)
     sure = (np.abs(fit.values[part]) > least) & ~np.array(fit.assumed[part])
-    enough = _IMPROVEMENT[one] * fit.after + max(fit.after - good_px, 0.0)
-    return bool(sure.any() and fit.without[one] > enough)
+    enough = _IMPROVEMENT[number] * fit.after + max(fit.after - good_px, 0.0)
+    return bool(sure.any() and fit.without[number] > enough)
 
 
-_, CAUTION, STOP = Severity
-_TOPIC = "thermal/image_raw"
 _KEPT = 3000  # the newest frames
 _FEWEST = 20  # frames before anything is reported
 #: Share of the frames from which a fault is reported; a busy computer too gets some late.
 _SHARE, _LATE_SHARE = 0.1, 0.5
 #: Limits of a stamp's differences: from its arrival, and from the newest pose's stamp.
 _AHEAD_S, _LATE_S, _APART_S = 0.1, 1.0, 2.0
-_CLOCK = "use one clock for camera and aircraft"
-#: For each fault: severity, evidence and mend.
-_FAULTS = {
-    "picture_stamps_zero": (
-        CAUTION,
-        "{count} of {frames} pictures have no stamp",
-        "let the driver stamp them; until then video_latency_s must include the time to arrival",
-    ),
-    "picture_stamps_ahead": (
-        CAUTION,
-        "stamps of pictures are {mean} s ahead of their arrival",
-        f"{_CLOCK}, and stamp at the exposure",
-    ),
-    "picture_stamps_late": (
-        CAUTION,
-        "stamps of pictures are {mean} s behind their arrival",
-        f"{_CLOCK}, and stamp at the exposure",
-    ),
-    "picture_clock": (
-        STOP,
-        "pictures are stamped {mean} s ahead of the camera's poses (negative: behind)",
-        f"{_CLOCK}; no map is drawn on such pictures",
-    ),
-    "picture_stamps_back": (
-        CAUTION,
-        "{count} of {frames} stamps of pictures do not grow",
-        "check that only one driver sends pictures, each once and in order",
-    ),
-}
 
 
 class FrameStamps:
@@ -244,16 +173,16 @@ class FrameStamps:
 
     def findings(self) -> list[Finding]:
         """Return the findings so far."""
-        found = []
         if len(self._frames) < _FEWEST:
             return []
         stamps, arrivals, poses = np.array(self._frames, np.int64).T
-        known = stamps != 0
-        early = (stamps - arrivals) * 1e-9 * (known & (arrivals != 0))
-        apart = (stamps - poses) * 1e-9 * (known & (poses != 0))
-        steps = np.diff(stamps[known]) * 1e-9
+        stamped = stamps != 0
+        early = (stamps - arrivals) * 1e-9 * (stamped & (arrivals != 0))
+        apart = (stamps - poses) * 1e-9 * (stamped & (poses != 0))
+        steps = np.diff(stamps[stamped]) * 1e-9
+        findings = []
         for check, off_s, wrong in (
-            ("picture_stamps_zero", stamps * 1e-9, ~known),
+            ("picture_stamps_zero", stamps * 1e-9, ~stamped),
             ("picture_stamps_ahead", early, early > _AHEAD_S),
             ("picture_stamps_late", -early, -early > _LATE_S),
             ("picture_clock", apart, np.abs(apart) > _APART_S),
@@ -261,18 +190,16 @@ class FrameStamps:
         ):
             share = _LATE_SHARE if check == "picture_stamps_late" else _SHARE
             if wrong.any() and wrong.mean() > share:
-                severity, text, mend = _FAULTS[check]
-                mean = f"{off_s[wrong].mean():.2f}"
-                evidence = text.format(count=wrong.sum(), frames=len(stamps), mean=mean)
-                found.append(Finding(check, severity, evidence, _TOPIC, mend))
-        return found
+                numbers = {"count": wrong.sum(), "frames": len(stamps)}
+                findings.append(finding(check, **numbers, mean_s=off_s[wrong].mean()))
+        return findings
 
 
 class PictureChecks:
     """Take frames and poses as the overlay gets them; return findings at any time.
 
-    ``ground`` is what lies under the map, None if nothing gives it. ``given`` are the parameters
-    of overlay_node that were set explicitly, None if not known. A frame costs 3 ms two or three
+    ``ground`` is what lies under the map, None if nothing gives it. ``explicit`` are the
+    parameters of overlay_node that were set, None if not known. A frame costs 3 ms two or three
     times a second, and almost nothing otherwise; a fit, every eight seconds, 20 to 60 ms, and
     0.2 s of pictures that fit nothing.
     """
@@ -281,10 +208,10 @@ class PictureChecks:
         self,
         config: OverlayConfig,
         ground: Ground | None,
-        given: Collection[str] | None = None,
+        explicit: Collection[str] | None = None,
     ) -> None:
         self._latency_s = config.video_latency_s
-        self._default = given is not None and "video_latency_s" not in given
+        self._default = explicit is not None and "video_latency_s" not in explicit
         self._lens = "overlay_node camera" if config.camera else "thermal/camera_info"
         self._ground = ground_parameter(ground)
         self._camera: Camera | None = None
@@ -303,15 +230,13 @@ class PictureChecks:
     def camera(self, camera: Camera) -> None:
         """Set the calibration."""
         if camera != self._camera:
-            self._camera = self._motion.camera = camera
-            self._motion.forget()
-            self._size = None
+            self._camera, self._size = camera, None
+            self._motion.set_camera(camera)
 
     def plane(self, plane: TangentPlane) -> None:
         """Set the plane of the poses."""
-        if plane != self._motion.plane:
-            self._motion.plane = self._heights.plane = plane
-            self._motion.forget()
+        self._motion.set_plane(plane)
+        self._heights.plane(plane)
 
     def pose(self, pose: CameraPose) -> None:
         """Take a camera pose, in order of time."""
@@ -343,20 +268,14 @@ class PictureChecks:
 
     def findings(self) -> list[Finding]:
         """Return the findings so far."""
-        found = [*self._heights.findings(), *self._stamps.findings()]
-        if self._camera is not None:
-            found += self._lens_findings(self._camera)
+        findings = [*self._heights.findings(), *self._stamps.findings()]
+        camera, lens = self._camera, self._lens
+        if camera is not None:
+            findings += lens_findings(camera, lens, self._size)
+            fit = self._motion.fit()
+            if fit is not None:
+                ground = self._ground if self._motion.has_ground else ""
+                findings += motion_findings(fit, self._latency_s, camera.fx, lens, ground)
         if self._default and self._tracker.pairs:
-            evidence = f"latency of the video at its default, {self._latency_s:g} s"
-            where = "overlay_node video_latency_s"
-            mend = "measure it with tirgeo calibrate boresight, and set it"
-            found.append(Finding("latency_default", Severity.NOTE, evidence, where, mend))
-        return found
-
-    def _lens_findings(self, camera: Camera) -> list[Finding]:
-        found = lens_findings(camera, self._lens, self._size)
-        fit = self._motion.fit()
-        if fit is not None:
-            ground = self._ground if self._motion.knows_ground else ""
-            found += motion_findings(fit, self._latency_s, camera.fx, self._lens, ground)
-        return found
+            findings.append(finding("latency_default", latency_s=self._latency_s))
+        return findings

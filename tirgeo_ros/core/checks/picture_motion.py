@@ -1,10 +1,16 @@
-"""Collect pairs of pictures with the camera's poses around them, and fit set-up errors."""
+"""Track points from one picture to the next; fit set-up errors to them and the camera's poses.
+
+Pictures are reduced first: a shift of a quarter of a reduced pixel can still be measured. Points
+that are fixed in the picture (a crosshair, dead pixels) are excluded when the scene moves.
+"""
 
 from __future__ import annotations
 
 import math
 from collections import deque
+from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import Camera
@@ -14,14 +20,129 @@ from tirgeo_ros.core.checks.motion_fit import (
     PicturePair,
     fit_motion,
 )
-from tirgeo_ros.core.checks.picture_tracks import Tracks
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.streams.arrivals import exposure_ns
-from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.streams.stamps import Spacing
+from tirgeo_ros.core.types.arrays import Array, Pixels, RawPixels
 from tirgeo_ros.core.types.poses import CameraPose
+
+_EVERY_NS = 400_000_000
+#: Time between the two pictures of a pair: long enough to move, short enough to be tracked.
+_SHORTEST_NS, _LONGEST_NS = 80_000_000, 350_000_000
+_WIDTH = 360  # largest width of the reduced picture, px
+_SMALLEST = 32  # least height and width of the reduced picture, px
+_POINTS, _FEWEST_POINTS = 14, 6
+_QUALITY = 0.05
+_WINDOW = (15, 15)
+_LEVELS = 3
+_COMES_BACK = 0.3  # largest error, reduced px, of a point tracked forth and back
+_STANDS, _MOVES = 0.25, 1.5  # motion of a fixed point, and of a moving scene, reduced px
+_LEAST_SPAN = 16.0  # of values in a 16-bit picture, as in tone mapping
+_LEAST_CONTRAST = 2.0  # grey levels
+
+
+class Tracks(NamedTuple):
+    """Hold points in two pictures."""
+
+    first_ns: int
+    second_ns: int
+    first: Array  # (N, 2) column, row in the whole picture
+    second: Array  # (N, 2)
+
+
+class PictureTracker:
+    """Take frames a few times a second, return tracks of each pair; ``pairs`` counts them."""
+
+    def __init__(self) -> None:
+        self.pairs = 0
+        self._first: tuple[int, RawPixels] | None = None  # stamp and reduced picture
+        self._spacing = Spacing(_EVERY_NS)
+
+    def take(self, stamp_ns: int, pixels: RawPixels) -> Tracks | None:
+        """Take a frame (h, w) uint8 or uint16, or (h, w, 3) uint8."""
+        if not self.wants(stamp_ns):
+            return None
+        scale = -(-pixels.shape[1] // _WIDTH)
+        small = _reduced(pixels, scale)
+        first, self._first = self._first, None
+        if first is not None and 0 < stamp_ns - first[0] <= _LONGEST_NS:
+            return self._tracks(*first, stamp_ns, small, scale)
+        self._first = stamp_ns, small
+        self._spacing.take(stamp_ns)
+        return None
+
+    def wants(self, stamp_ns: int) -> bool:
+        """Return whether a frame with this stamp would be used."""
+        if self._first is not None:
+            apart_ns = stamp_ns - self._first[0]
+            if 0 < apart_ns <= _LONGEST_NS:
+                return apart_ns >= _SHORTEST_NS
+        return self._spacing.is_due(stamp_ns)
+
+    def _tracks(
+        self, first_ns: int, first: RawPixels, second_ns: int, second: RawPixels, scale: int
+    ) -> Tracks | None:
+        alike = (first.shape, first.dtype) == (second.shape, second.dtype)
+        if not alike or min(first.shape) < _SMALLEST:
+            return None
+        before, after = _grey(first, second)
+        if before.std() < _LEAST_CONTRAST:
+            return None
+        self.pairs += 1
+        followed = _followed(before, after)
+        if followed is None:
+            return None
+        middle = 0.5 * (scale - 1)  # offset of a reduced pixel's centre in the whole picture
+        start, end = (points * scale + middle for points in followed)
+        return Tracks(first_ns, second_ns, start, end)
+
+
+def _reduced(pixels: RawPixels, scale: int) -> RawPixels:
+    """Reduce a frame to a small one; each of its pixels averages ``scale`` squared."""
+    if pixels.ndim == 3:
+        pixels = pixels[..., 1]
+    size = (max(pixels.shape[1] // scale, 1), max(pixels.shape[0] // scale, 1))
+    part = pixels[: size[1] * scale, : size[0] * scale]
+    return np.asarray(cv2.resize(part, size, interpolation=cv2.INTER_AREA))
+
+
+def _grey(first: RawPixels, second: RawPixels) -> tuple[Pixels, Pixels]:
+    """Return a pair of pictures in 8 bits; the range of the first, of 16, serves both."""
+    if first.dtype != np.uint16:
+        return first, second
+    low, high = np.percentile(first, (1.0, 99.0))
+    factor = 255.0 / max(high - low, _LEAST_SPAN)
+    eight = (np.stack((first, second)) - low) * factor
+    before, after = np.clip(eight, 0, 255).astype(np.uint8)
+    return before, after
+
+
+def _followed(first: Pixels, second: Pixels) -> tuple[Array, Array] | None:
+    """Return points (N, 2) in both reduced pictures; None if too few can be tracked."""
+
+    def moved(start: Pixels, end: Pixels, points: Any) -> tuple[Any, Any]:
+        there, tracked, _ = cv2.calcOpticalFlowPyrLK(
+            start, end, points, np.empty(0), winSize=_WINDOW, maxLevel=_LEVELS
+        )
+        return there, tracked
+
+    points = cv2.goodFeaturesToTrack(first, _POINTS, _QUALITY, max(first.shape) / 9)
+    if points is None or len(points) < _FEWEST_POINTS:
+        return None
+    there, forth = moved(first, second, points)
+    back, again = moved(second, first, there)
+    good = (forth & again)[:, 0] > 0
+    good &= np.abs(back - points).max(axis=(1, 2)) < _COMES_BACK
+    way = np.linalg.norm(there - points, axis=(1, 2))
+    if good.any() and np.median(way[good]) > _MOVES:
+        good &= way > _STANDS
+    if good.sum() < _FEWEST_POINTS:
+        return None
+    return points[good, 0].astype(float), there[good, 0].astype(float)
+
 
 #: Number of pairs kept with turns, which show lens and latency, and without.
 _KEPT = 48
@@ -48,8 +169,8 @@ class PictureMotion:
     """Collect tracks and poses, and fit the errors."""
 
     def __init__(self, latency_s: float, ground: Ground | None) -> None:
-        self.plane: TangentPlane | None = None
-        self.camera: Camera | None = None
+        self._plane: TangentPlane | None = None
+        self._camera: Camera | None = None
         self._latency_s = latency_s
         unknown = isinstance(ground, float) and math.isnan(ground)
         self._ground = None if unknown else ground
@@ -63,19 +184,31 @@ class PictureMotion:
         self._fit: MotionFit | None = None
 
     @property
-    def knows_ground(self) -> bool:
+    def has_ground(self) -> bool:
         """Return whether the ground's height is given, and so may be wrong."""
         return self._ground is not None
+
+    def set_camera(self, camera: Camera) -> None:
+        """Set the calibration; another one removes all data so far."""
+        if camera != self._camera:
+            self._camera = camera
+            self._forget()
+
+    def set_plane(self, plane: TangentPlane) -> None:
+        """Set the plane of the poses; another one removes all data so far."""
+        if plane != self._plane:
+            self._plane = plane
+            self._forget()
 
     def set_latency(self, latency_s: float) -> None:
         """Set the delay of the pictures, s; all data so far are removed."""
         self._latency_s = latency_s
-        self.forget()
+        self._forget()
 
-    def forget(self) -> None:
-        """Remove all data, because the plane or the camera has changed."""
-        for one in (self._poses, self._waiting, self._turning, self._straight):
-            one.clear()
+    def _forget(self) -> None:
+        """Remove all data."""
+        for buffer in (self._poses, self._waiting, self._turning, self._straight):
+            buffer.clear()
         self._newest_ns, self._new, self._fit = None, 0, None
 
     def pose(self, pose: CameraPose) -> None:
@@ -104,7 +237,7 @@ class PictureMotion:
         return exposure_ns(stamp_ns, self._latency_s)
 
     def _pair(self, tracks: Tracks) -> None:
-        camera, plane = self.camera, self.plane
+        camera, plane = self._camera, self._plane
         if camera is None or plane is None:
             return
         poses = self._poses_around(tracks)
@@ -161,8 +294,8 @@ class PictureMotion:
         """Return the newest fit; None until there are enough pairs."""
         pairs = [*self._turning, *self._straight]
         due = len(pairs) >= _FEWEST and self._new >= (_NEW if self._fit else 1)
-        if due and self.camera is not None:
-            self._fit = fit_motion(pairs, self.camera.fx)
+        if due and self._camera is not None:
+            self._fit = fit_motion(pairs, self._camera.fx)
             self._new = 0
         return self._fit
 

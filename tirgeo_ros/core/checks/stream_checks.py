@@ -1,13 +1,21 @@
-"""Check that topics arrive: often enough, without gaps, in order, with stamps and covariances."""
+"""Check that topics arrive: often enough, without gaps, in order, with stamps and covariances.
+
+Stamps are measurement times on one clock. A sample's age is its arrival time minus its stamp. The
+ages of topics on one clock differ only by their transport times; a topic that is younger on
+arrival than the IMU has stamps in the future.
+"""
 
 from __future__ import annotations
 
 import math
+import statistics
+from collections import deque
 from collections.abc import Callable, Mapping
 
+from tirgeo_ros.core.checks.finding_table import finding
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.aids import AIDS, Delays
-from tirgeo_ros.core.types.finding import Finding, Severity
+from tirgeo_ros.core.types.finding import Finding
 from tirgeo_ros.core.types.measurements import (
     CameraAttitudeSample,
     FixStatus,
@@ -18,7 +26,6 @@ from tirgeo_ros.core.types.measurements import (
     VelocitySample,
 )
 
-NOTE, CAUTION, STOP = Severity
 IMU = "imu/data"
 #: Waiting time after which a missing topic is reported.
 _PATIENCE_NS = 8_000_000_000
@@ -27,18 +34,9 @@ _LEAST_IMU_HZ, _MOST_IMU_HZ, _LEAST_RTK_HZ = 45.0, 440.0, 1.8
 _LEAST_STEPS = 8  # from which a rate is computed
 _MOST_BACK = 0.01  # share of the samples
 _LEAST_UNSTAMPED, _LEAST_UNKNOWN = 3, 10  # samples
-#: Topics whose gaps are reported: the check, its severity and the mend.
-_GAPS = {
-    IMU: ("imu_gaps", CAUTION, "the filter starts again after each: look at link and recorder"),
-    "rtk/fix": (
-        "rtk_gaps",
-        NOTE,
-        "check the receiver's view of the sky, its corrections and its link",
-    ),
-}
-_REMAP = "check the driver, the topic's name and its namespace"
-#: What is taken where a topic's covariance is 0.
-_TAKEN = {
+_DELAYED = {s.topic: (s, aid.delay) for s, aid in AIDS.items() if aid.delay}
+#: The parameter whose sigma is used where a topic's covariance is 0.
+_FLOORS = {
     "rtk/fix": "rtk.position_sigma_floor_m",
     "rtk/vel": "rtk.velocity_sigma_floor_m_s",
     "rtk/heading": "heading.sigma_floor_deg",
@@ -115,11 +113,11 @@ def stream_findings(
 
     ``gap_counts_s`` after the last gap of a topic its gaps are a note.
     """
-    found = [*_rates(streams), *_gaps(streams, gap_counts_s), *_shares(streams, config)]
-    found += lone_findings(streams, gap_counts_s)
+    findings = [*_rates(streams), *_gaps(streams, gap_counts_s), *_shares(streams, config)]
+    findings += lone_findings(streams, gap_counts_s)
     if waited_ns > _PATIENCE_NS:
-        found += _absent(streams, config.method, waited_ns * 1e-9)
-    return found
+        findings += _absent(streams, config.method, waited_ns * 1e-9)
+    return findings
 
 
 def lone_findings(streams: Mapping[str, Stream], counts_s: float = math.inf) -> list[Finding]:
@@ -127,49 +125,34 @@ def lone_findings(streams: Mapping[str, Stream], counts_s: float = math.inf) -> 
     alone = {topic: stream for topic, stream in streams.items() if stream.alone}
     if not alone:
         return []
-    past = all(one.newest_ns - one.alone_ns > counts_s * 1e9 for one in alone.values())
-    counts = ", ".join(f"{topic} ({one.alone} of {one.count})" for topic, one in alone.items())
-    evidence = f"stamps jump and return with the next sample: {counts}"
-    mend = "the filter leaves such samples out: look at the clock of the driver, and at the file"
-    severity = NOTE if past else CAUTION
-    return [Finding("stamp_alone", severity, evidence, next(iter(alone)), mend)]
+    is_past = all(s.newest_ns - s.alone_ns > counts_s * 1e9 for s in alone.values())
+    counts = ", ".join(f"{topic} ({s.alone} of {s.count})" for topic, s in alone.items())
+    case = "past" if is_past else ""
+    return [finding("stamp_alone", case, counts=counts, topic=next(iter(alone)))]
 
 
 def _absent(streams: Mapping[str, Stream], method: str, waited_s: float) -> list[Finding]:
-    missed = []
+    findings = []
     if IMU not in streams:
-        missed.append((STOP, IMU, "", _REMAP))
+        findings.append(finding("no_imu_data", waited_s=waited_s))
     if method == "raw":
         if "gps/fix" not in streams:
-            missed.append((STOP, "gps/fix", ": method raw has no position", _REMAP))
+            findings.append(finding("no_gps_fix", waited_s=waited_s))
     elif "rtk/fix" not in streams:
-        fallback = "gps/fix" in streams and method != "rtk"
-        what = "the position is the ordinary GPS's" if fallback else "nothing gives a position"
-        missed.append((NOTE if fallback else STOP, "rtk/fix", f": {what}", _REMAP))
+        case = "gps" if "gps/fix" in streams and method != "rtk" else ""
+        findings.append(finding("no_rtk_fix", case, waited_s=waited_s))
     elif method == "ekf_heading" and "rtk/heading" not in streams:
-        mend = f"{_REMAP}; with one antenna set ekf_node method to ekf"
-        what = ": the heading comes from turns or the autopilot"
-        missed.append((CAUTION, "rtk/heading", what, mend))
+        findings.append(finding("no_rtk_heading", waited_s=waited_s))
     elif "rtk/vel" not in streams:
-        missed.append((NOTE, "rtk/vel", ": attitude and heading are less certain", _REMAP))
-    return [
-        Finding(
-            f"no_{topic.replace('/', '_')}",
-            severity,
-            f"{topic}: nothing in {waited_s:.0f} s{what}",
-            topic,
-            mend,
-        )
-        for severity, topic, what, mend in missed
-    ]
+        findings.append(finding("no_rtk_vel", waited_s=waited_s))
+    return findings
 
 
 def _rates(streams: Mapping[str, Stream]) -> list[Finding]:
-    found = []
+    findings = []
     imu_hz = streams[IMU].rate_hz if IMU in streams else None
     if imu_hz is not None and not _LEAST_IMU_HZ <= imu_hz <= _MOST_IMU_HZ:
-        evidence = f"imu/data comes at {imu_hz:.0f} Hz, not 50 to 400"
-        found.append(Finding("imu_rate", CAUTION, evidence, IMU, "set the driver's rate"))
+        findings.append(finding("imu_rate", rate_hz=imu_hz))
     slow = {
         topic: stream.rate_hz
         for topic, stream in streams.items()
@@ -177,28 +160,25 @@ def _rates(streams: Mapping[str, Stream]) -> list[Finding]:
     }
     if slow:
         text = ", ".join(f"{topic} at {rate:.1f} Hz" for topic, rate in slow.items())
-        evidence, mend = f"too few: {text}, not 2 or more", "set the receiver's rate to 5 Hz"
-        found.append(Finding("rtk_rate", CAUTION, evidence, next(iter(slow)), mend))
-    return found
+        findings.append(finding("rtk_rate", rates=text, topic=next(iter(slow))))
+    return findings
 
 
 def _gaps(streams: Mapping[str, Stream], counts_s: float) -> list[Finding]:
-    found = []
-    for topic, (check, severity, mend) in _GAPS.items():
+    findings = []
+    for topic, check in ((IMU, "imu_gaps"), ("rtk/fix", "rtk_gaps")):
         stream = streams.get(topic)
         if stream is not None and stream.gaps:
-            past = stream.newest_ns - stream.gap_ended_ns > counts_s * 1e9
-            evidence = (
-                f"{topic} has {stream.gaps} gaps of more than {stream.limit_s:g} s, the longest "
-                f"{stream.longest_ns * 1e-9:.1f} s"
-            )
-            found.append(Finding(check, NOTE if past else severity, evidence, topic, mend))
-    return found
+            is_past = stream.newest_ns - stream.gap_ended_ns > counts_s * 1e9
+            gaps = f"{stream.gaps} gaps of more than {stream.limit_s:g} s"
+            gaps += f", the longest {stream.longest_ns * 1e-9:.1f} s"
+            findings.append(finding(check, "past" if is_past else "", gaps=gaps))
+    return findings
 
 
 def _shares(streams: Mapping[str, Stream], config: EkfConfig) -> list[Finding]:
     """Return the faults that a share of a topic's samples has."""
-    found = []
+    findings = []
 
     def listed(
         number: Callable[[Stream], int], least: Callable[[Stream], float]
@@ -211,25 +191,92 @@ def _shares(streams: Mapping[str, Stream], config: EkfConfig) -> list[Finding]:
 
     back = listed(lambda s: s.back, lambda s: max(3, _MOST_BACK * s.count))
     if back:
-        evidence = f"stamps are not later than the previous ones: {', '.join(back.values())}"
-        mend = "is there more than one publisher, or a clock with coarse steps?"
-        found.append(Finding("stamp_order", CAUTION, evidence, next(iter(back)), mend))
+        counts = ", ".join(back.values())
+        findings.append(finding("stamp_order", counts=counts, topic=next(iter(back))))
     unstamped = listed(lambda s: s.unstamped, lambda _: _LEAST_UNSTAMPED)
     if unstamped:
-        evidence = f"stamps are 0: {', '.join(unstamped.values())}; the time of arrival is used"
-        mend = "let the driver stamp with the time of measurement, or set the delay to arrival"
-        names = {IMU: "imu.delay_s"} | {s.topic: aid.delay for s, aid in AIDS.items() if aid.delay}
-        where = f"ekf_node {', '.join(sorted({names[t] for t in unstamped if t in names}))}"
+        names = {IMU: "imu.delay_s"} | {topic: name for topic, (_, name) in _DELAYED.items()}
+        of_topics = sorted({names[topic] for topic in unstamped if topic in names})
         delays = Delays.from_config(config)
-        known = {s.topic for s, ns in delays.aid_ns.items() if ns != delays.imu_ns}
-        severity = NOTE if set(unstamped) <= known else CAUTION  # such a driver needs a delay
-        found.append(Finding("stamp_zero", severity, evidence, where, mend))
+        delayed = {s.topic for s, ns in delays.aid_ns.items() if ns != delays.imu_ns}
+        case = "delayed" if set(unstamped) <= delayed else ""
+        texts = {"counts": ", ".join(unstamped.values()), "delays": ", ".join(of_topics)}
+        findings.append(finding("stamp_zero", case, **texts))
     unknown = listed(lambda s: s.unknown, lambda s: max(_LEAST_UNKNOWN, 0.5 * s.count))
     if unknown:
-        taken = ", ".join(_TAKEN.get(topic, "") for topic in unknown)
-        evidence = f"covariances are zero: {', '.join(unknown.values())}; {taken} is taken"
-        severity = NOTE if all(topic.startswith("gps/") for topic in unknown) else CAUTION
-        mend = "let the driver fill it with the receiver's own accuracy (m2, (m/s)2, rad2)"
-        where = f"{next(iter(unknown))} covariance"
-        found.append(Finding("covariance_zero", severity, evidence, where, mend))
-    return found
+        texts = {
+            "counts": ", ".join(unknown.values()),
+            "floors": ", ".join(_FLOORS.get(topic, "") for topic in unknown),
+            "topic": next(iter(unknown)),
+        }
+        case = "gps" if all(topic.startswith("gps/") for topic in unknown) else ""
+        findings.append(finding("covariance_zero", case, **texts))
+    return findings
+
+
+#: Number of one-second medians that must agree.
+_WINDOWS = 3
+#: Transport times differ by some hundredths of a second; at 3 m/s a tenth is 30 cm.
+_AHEAD_S, _STEP_S = -0.1, 0.15
+_SECOND_NS = 1_000_000_000
+#: After a longer silence the IMU's age is not used.
+_OLD_NS = 500_000_000
+
+
+class StampChecks:
+    """Compare the age of every aid with that of the IMU's newest sample, second by second."""
+
+    def __init__(self, config: EkfConfig) -> None:
+        self._max_delay_s = config.max_delay_s
+        delays = Delays.from_config(config)
+        self._delay_ns = {
+            topic: delays.aid_ns[source] - delays.imu_ns for topic, (source, _) in _DELAYED.items()
+        }
+        # for each topic: the start of its present second, and its relative ages since then (ns)
+        self._second: dict[str, tuple[int, list[int]]] = {}
+        self._medians_s: dict[str, deque[float]] = {}  # of the newest seconds
+        self._jumped_s: dict[str, float] = {}
+
+    def take(self, topic: str, stream: Stream, imu: Stream) -> None:
+        """Take the newest sample of an aid, already counted by ``stream``."""
+        if topic not in _DELAYED or stream.arrived_ns - imu.arrived_ns > _OLD_NS:
+            return
+        begin_ns, ages_ns = self._second.setdefault(topic, (stream.arrived_ns, []))
+        if not 0 <= stream.arrived_ns - begin_ns < _SECOND_NS:
+            self._ended(topic, (statistics.median(ages_ns) + self._delay_ns[topic]) * 1e-9)
+            ages_ns = []
+            self._second[topic] = stream.arrived_ns, ages_ns
+        ages_ns.append(stream.age_ns - imu.age_ns)
+
+    def _ended(self, topic: str, median_s: float) -> None:
+        kept = self._medians_s.setdefault(topic, deque(maxlen=2 * _WINDOWS))
+        kept.append(median_s)
+        before, after = list(kept)[:_WINDOWS], list(kept)[_WINDOWS:]
+        if len(after) == _WINDOWS:
+            apart_s = statistics.median(after) - statistics.median(before)
+            spread_s = max(max(ages) - min(ages) for ages in (before, after))
+            if abs(apart_s) > _STEP_S and spread_s < 0.3 * abs(apart_s):
+                self._jumped_s[topic] = apart_s
+
+    def findings(self) -> list[Finding]:
+        """Return one finding for each fault, of the topic that is farthest off."""
+        recent = {t: list(a)[-_WINDOWS:] for t, a in self._medians_s.items() if len(a) >= _WINDOWS}
+        off_s = {
+            "stamp_ahead": {t: -max(a) for t, a in recent.items() if max(a) < _AHEAD_S},
+            "stamp_late": {t: min(a) for t, a in recent.items() if min(a) > self._max_delay_s},
+            "stamp_jump": self._jumped_s,
+        }
+        return [self._worst(check, topics) for check, topics in off_s.items() if topics]
+
+    def _worst(self, check: str, off_s: Mapping[str, float]) -> Finding:
+        """Return the finding on the topic that is farthest off, with the names of the others."""
+        worst = max(off_s, key=lambda topic: abs(off_s[topic]))
+        others = ", ".join(topic for topic in off_s if topic != worst)
+        return finding(
+            check,
+            topic=worst,
+            off_s=off_s[worst],
+            others=f"{IMU} ({others} too)" if others else IMU,
+            delay=_DELAYED[worst][1],
+            limit_s=self._max_delay_s,
+        )

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-from tirgeo_ros.core.config.aircraft import AircraftConfig
-from tirgeo_ros.core.config.bags import BagPlayerConfig, RecorderConfig, SimulatedAircraftConfig
-from tirgeo_ros.core.config.dji import DjiConfig
-from tirgeo_ros.core.config.filter import (
+from tirgeo_ros.core.config.aircraft_parameters import AircraftConfig
+from tirgeo_ros.core.config.bag_parameters import (
+    BagPlayerConfig,
+    RecorderConfig,
+    SimulatedAircraftConfig,
+)
+from tirgeo_ros.core.config.dji_parameters import DjiConfig
+from tirgeo_ros.core.config.filter_parameters import (
     METHODS,
     AutopilotConfig,
     EkfConfig,
     ImuConfig,
     ImuNoiseConfig,
+    RtkConfig,
 )
-from tirgeo_ros.core.config.filter_aiding import RtkConfig
-from tirgeo_ros.core.config.frames import FrameIds, FramesConfig
-from tirgeo_ros.core.config.gimbal import GimbalConfig, NorthConfig
-from tirgeo_ros.core.config.overlay import OverlayConfig
+from tirgeo_ros.core.config.frame_names import FrameIds, FramesConfig
+from tirgeo_ros.core.config.gimbal_parameters import GimbalConfig, NorthConfig
+from tirgeo_ros.core.config.overlay_parameters import OverlayConfig
 from tirgeo_ros.core.config.schema import RENAMED
-from tirgeo_ros.core.config.viewer import VideoWriterConfig, ViewerConfig
+from tirgeo_ros.core.config.viewer_parameters import VideoWriterConfig, ViewerConfig
 
 #: Every node's parameter tree, by the node's name.
 NODE_CONFIGS: dict[str, type] = {

@@ -14,8 +14,8 @@ This is of first order. The ground's normal is measured over the length of the e
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -25,12 +25,14 @@ from tirgeo_ros.core.camera.projection_covariance import (
     ellipse_95,
     timed_covariance,
 )
-from tirgeo_ros.core.config.overlay import ConfidenceConfig
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
+from tirgeo_ros.core.frames.axes import ENU_NED
 from tirgeo_ros.core.frames.rotations import matrix_from_quat, skew
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground, Reason, locate
 from tirgeo_ros.core.ground.dem import Slopes, Terrain
 from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.errors import shown
 from tirgeo_ros.core.types.poses import CameraPose
 
 #: A point is refused if the major semi-axis of its 95 % ellipse exceeds this share of its
@@ -45,6 +47,11 @@ _LINEAR_90 = 1.6448536269514722
 _CIRCULAR_90 = math.sqrt(-2 * math.log(0.1))
 _CE_ANGLES = (np.arange(32) + 0.5) * (math.pi / 64)
 _CE_STEPS = 6
+#: Corners of an ellipse as a polygon: it lies within 0.15 % of the curve.
+CORNERS = 60
+#: Height, variance: beyond, it is no click on the ground.
+_MOST_M, MOST_M2 = 1e5, 1e8
+_NS = 1 << 63
 
 
 class Ellipse(NamedTuple):
@@ -57,17 +64,41 @@ class Ellipse(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Located:
-    """Hold a ground point that was located at a pixel of a picture."""
+    """Hold a ground point that was located at a pixel of a picture, or the average of some.
 
-    stamp_ns: int  # of the picture
-    uv: tuple[float, float]  # column, row
-    point_n: Array  # (3,) NED in the map's plane, m
-    #: (3, 3) m2, in the axes of the map's plane. The local NED axes at the point differ by 1e-3
-    #: rad at 6 km from the plane's origin, which is negligible in a covariance.
-    covariance_n: Array
-    latitude_rad: float
-    longitude_rad: float
+    Points are equal if stamp, place and covariance are.
+    """
+
+    stamp_ns: int  # of the picture; of an average that of the newest
+    latitude_deg: float
+    longitude_deg: float
     height_m: float  # ellipsoidal
+    covariance_enu: tuple[float, ...]  # 9 numbers, m2, row by row: east, north, up
+    uv: tuple[float, float] = field(default=(math.nan, math.nan), compare=False)  # column, row
+    #: (3,) NED in the plane of the map that it was located in, m; nan of any other point. The
+    #: covariance is in the axes of that plane: those at the point differ by 1e-3 rad at 6 km from
+    #: the plane's origin, which is negligible in a covariance.
+    point_n: Array = field(default_factory=lambda: np.full(3, math.nan), compare=False)
+
+    @property
+    def latitude_rad(self) -> float:
+        """Return the latitude, rad."""
+        return math.radians(self.latitude_deg)
+
+    @property
+    def longitude_rad(self) -> float:
+        """Return the longitude, rad."""
+        return math.radians(self.longitude_deg)
+
+    @property
+    def covariance_n(self) -> Array:
+        """Return the covariance (3, 3), m2, in north, east, down."""
+        return np.asarray(ENU_NED @ np.reshape(self.covariance_enu, (3, 3)) @ ENU_NED)
+
+    @property
+    def plane(self) -> TangentPlane:
+        """Return the tangent plane at the point."""
+        return TangentPlane(self.latitude_rad, self.longitude_rad, self.height_m)
 
     @property
     def ellipse(self) -> Ellipse:
@@ -77,8 +108,41 @@ class Located:
     @property
     def label(self) -> str:
         """Return the label for the picture: latitude, longitude (deg, 0.1 m), major semi-axis."""
-        latitude, longitude = math.degrees(self.latitude_rad), math.degrees(self.longitude_rad)
-        return f"{latitude:.6f} {longitude:.6f} \N{PLUS-MINUS SIGN}{self.ellipse.major_m:.1f} m"
+        major_m = self.ellipse.major_m
+        return (
+            f"{self.latitude_deg:.6f} {self.longitude_deg:.6f} \N{PLUS-MINUS SIGN}{major_m:.1f} m"
+        )
+
+    @property
+    def fault(self) -> str:
+        """Return what is wrong with the numbers of a point that was read; "" if nothing is."""
+        covariance = self.covariance_enu
+        right = (
+            abs(self.stamp_ns) < _NS
+            and abs(self.latitude_deg) <= 90
+            and abs(self.longitude_deg) <= 180
+            and abs(self.height_m) <= _MOST_M
+            and len(covariance) == 9
+            and all(abs(number) <= MOST_M2 for number in covariance)
+            and min(covariance[::4]) >= 0
+        )
+        numbers = self.stamp_ns, self.latitude_deg, self.longitude_deg, self.height_m, covariance
+        return "" if right else f"not a located point: {shown(numbers, 300)}"
+
+    def outline(self, corners: int = CORNERS) -> list[tuple[float, float]]:
+        """Return the 95 % ellipse as ``corners`` + 1 places (latitude, longitude), deg.
+
+        Anticlockwise seen from above, closed, rounded to a tenth of a millimetre.
+        """
+        ellipse = self.ellipse
+        turn = np.linspace(0, -2 * math.pi, corners + 1)
+        along, across = ellipse.major_m * np.cos(turn), ellipse.minor_m * np.sin(turn)
+        cos, sin = math.cos(ellipse.azimuth_rad), math.sin(ellipse.azimuth_rad)
+        offsets_n = np.stack([along * cos - across * sin, along * sin + across * cos, 0 * turn], 1)
+        offsets_n[-1] = offsets_n[0]
+        latitude, longitude, _ = self.plane.geodetic_from_ned(offsets_n)
+        places = np.round(np.degrees(np.stack([latitude, longitude], axis=1)), 9)
+        return [(north, east) for north, east in places.tolist()]
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +154,10 @@ class Refusal:
     reason: Reason
 
 
+#: What a click or a pixel of a list becomes.
+Answer: TypeAlias = Located | Refusal
+
+
 def place(
     camera: Camera,
     pose: CameraPose,
@@ -98,7 +166,7 @@ def place(
     ground: Ground,
     config: ConfidenceConfig,
     rates: CameraRates | None = None,
-) -> Located | Refusal:
+) -> Answer:
     """Return the ground point at a pixel of the picture that ``camera`` took at ``pose``.
 
     A pixel without a ground point, or with one that is too uncertain, gives a Refusal.
@@ -111,8 +179,9 @@ def place(
     points_n, reasons = locate(camera, pose, np.array([uv]), plane, ground)
     if reasons[0] is not None:
         return Refusal(pose.stamp_ns, uv, reasons[0])
-    known = math.isfinite(pose.covariance.sum())
-    timed = timed_covariance(pose, rates, config.latency_sigma_s) if known else pose.covariance
+    timed = pose.covariance
+    if math.isfinite(timed.sum()):
+        timed = timed_covariance(pose, rates, config.latency_sigma_s)
     if not math.isfinite(timed.sum()):
         return Refusal(pose.stamp_ns, uv, Reason.UNCERTAIN_POSE)
     point_n = points_n[0]
@@ -121,7 +190,13 @@ def place(
     if not ellipse_of(covariance_n).major_m <= MOST_SHARE * distance_m:
         return Refusal(pose.stamp_ns, uv, Reason.GRAZING)
     latitude, longitude, height_m = (float(x) for x in plane.geodetic_from_ned(point_n))
-    return Located(pose.stamp_ns, uv, point_n, covariance_n, latitude, longitude, height_m)
+    degrees = math.degrees(latitude), math.degrees(longitude)
+    return Located(pose.stamp_ns, *degrees, height_m, enu_of(covariance_n), uv, point_n)
+
+
+def enu_of(covariance_n: Array) -> tuple[float, ...]:
+    """Return a covariance (3, 3), NED, as 9 numbers row by row: east, north, up."""
+    return tuple((ENU_NED @ covariance_n @ ENU_NED).ravel().tolist())
 
 
 def ellipse_of(covariance_n: Array) -> Ellipse:
@@ -154,10 +229,10 @@ def point_covariance(
     if not isinstance(ground, Terrain):
         return _on_ground(off_ray, offset_n, up_n, up_n, sigma_m)
     slopes = Slopes(ground, latitude, longitude, axes_n)
-    found = _on_ground(off_ray, offset_n, slopes.normal_n(slopes.cell_m), up_n, sigma_m)
-    spread = float(found[0, 0] + found[1, 1])
+    covariance_n = _on_ground(off_ray, offset_n, slopes.normal_n(slopes.cell_m), up_n, sigma_m)
+    spread = float(covariance_n[0, 0] + covariance_n[1, 1])
     if not spread > (2 * slopes.cell_m) ** 2:  # "not >" also catches nan
-        return found
+        return covariance_n
     # Over the length of the error, but at most a tenth of the distance: one slope cannot describe
     # the terrain over more.
     step_m = min(math.sqrt(spread), 0.1 * math.hypot(*offset_n.tolist()))
@@ -223,14 +298,3 @@ def circular_error_90(covariance_n: Array) -> float:
         outside = np.exp(-(k**2) / (2 * squares))
         k += (float(outside.mean()) - 0.1) / (k * float((outside / squares).mean()))
     return float(major) * k
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MarkedPlace:
-    """Hold a place and its label, wherever the plane of the map is that they are drawn on."""
-
-    label: str
-    latitude_rad: float
-    longitude_rad: float
-    height_m: float  # ellipsoidal
-    covariance_n: Array  # (3, 3) m2, in NED axes at the place or near it

@@ -16,18 +16,19 @@ import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CameraRates, ellipse_95, pixel_jacobian
-from tirgeo_ros.core.config.overlay import ConfidenceConfig
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedBuffer
 from tirgeo_ros.core.ground.backprojection import Ground, Reason
-from tirgeo_ros.core.ground.ground_point import Located, MarkedPlace, Refusal, place
-from tirgeo_ros.core.map.layers import Colour, LayerStyle
+from tirgeo_ros.core.ground.ground_point import Answer, Located, Refusal, place
+from tirgeo_ros.core.map.map_layers import Colour, LayerStyle
 from tirgeo_ros.core.map.polylines import Polylines
 from tirgeo_ros.core.overlay.label_placement import FreeSpace, wish_beside
 from tirgeo_ros.core.overlay.line_renderer import LineRenderer, mark_radius_px, marks_as_lines
 from tirgeo_ros.core.overlay.text_rendering import Box, TextBitmap, stamp, text_px
 from tirgeo_ros.core.overlay.uncertainty_rendering import ELLIPSE_BGR, MARK_TIMES, ellipse_dashes
+from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.arrays import Array, Pixels
 from tirgeo_ros.core.types.poses import CameraPose
 
@@ -71,7 +72,7 @@ class Clicks:
         self._ground: Ground | None = None
         self._shown: StampedBuffer[ShownFrame] = StampedBuffer(REMEMBERED_S)
         self._located: deque[Located] = deque(maxlen=MARKERS)
-        self._targets: Sequence[MarkedPlace] | None = None
+        self._targets: Sequence[Target] | None = None
         self._target_markers: list[Marker] = []
 
     def set_plane(self, plane: TangentPlane) -> None:
@@ -80,13 +81,13 @@ class Clicks:
             return
         self._shown.clear()
         self._plane = plane
-        for number, one in enumerate(self._located):
-            place_rad = one.latitude_rad, one.longitude_rad
-            point_n = plane.ned_from_geodetic(*place_rad, one.height_m)
-            self._located[number] = dataclasses.replace(one, point_n=point_n)
+        for number, point in enumerate(self._located):
+            place = point.latitude_rad, point.longitude_rad, point.height_m
+            point_n = plane.ned_from_geodetic(*place)
+            self._located[number] = dataclasses.replace(point, point_n=point_n)
         self._place_targets()
 
-    def set_targets(self, targets: Sequence[MarkedPlace]) -> None:
+    def set_targets(self, targets: Sequence[Target]) -> None:
         """Mark these places from now on, and no click that is not among them."""
         self._targets = targets
         self._place_targets()
@@ -95,11 +96,12 @@ class Clicks:
         if self._plane is None or not self._targets:
             self._target_markers = []
             return
-        places = [(one.latitude_rad, one.longitude_rad, one.height_m) for one in self._targets]
-        points_n = self._plane.ned_from_geodetic(*np.array(places).T)
+        places = [target.place for target in self._targets]
+        geodetic = [(at.latitude_rad, at.longitude_rad, at.height_m) for at in places]
+        points_n = self._plane.ned_from_geodetic(*np.array(geodetic).T)
         self._target_markers = [
-            Marker(point_n, one.label, one.covariance_n)
-            for point_n, one in zip(points_n, self._targets, strict=True)
+            Marker(point_n, target.label, at.covariance_n)
+            for point_n, target, at in zip(points_n, self._targets, places, strict=True)
         ]
 
     def set_ground(self, ground: Ground | None) -> None:
@@ -117,7 +119,7 @@ class Clicks:
         """Remember a published picture; ``stamp_ns`` is the stamp of its header."""
         self._shown.put(stamp_ns, ShownFrame(camera, pose, rates))
 
-    def locate(self, uv: tuple[float, float], stamp_ns: int = 0) -> Located | Refusal:
+    def locate(self, uv: tuple[float, float], stamp_ns: int = 0) -> Answer:
         """Return the ground point at a pixel (column, row) of a shown picture; 0 is the newest."""
         answer = self._answer(uv, stamp_ns)
         if isinstance(answer, Refusal):
@@ -133,22 +135,22 @@ class Clicks:
             return self._target_markers
         newest_ns = self._shown.newest_ns
         return [
-            Marker(one.point_n, one.label, one.covariance_n)
-            for one in self._located
-            if newest_ns is None or abs(newest_ns - one.stamp_ns) <= MARKER_S * 1e9
+            Marker(point.point_n, point.label, point.covariance_n)
+            for point in self._located
+            if newest_ns is None or abs(newest_ns - point.stamp_ns) <= MARKER_S * 1e9
         ]
 
-    def _answer(self, uv: tuple[float, float], stamp_ns: int) -> Located | Refusal:
+    def _answer(self, uv: tuple[float, float], stamp_ns: int) -> Answer:
         newest_ns = self._shown.newest_ns
         if newest_ns is None:
             return Refusal(stamp_ns, uv, Reason.NO_PICTURE)
         stamp_ns = stamp_ns or newest_ns
-        found = self._shown.around(stamp_ns)
-        if found is Miss.TOO_OLD:
+        around = self._shown.around(stamp_ns)
+        if around is Miss.TOO_OLD:
             return Refusal(stamp_ns, uv, Reason.TOO_OLD)
-        if isinstance(found, Miss) or found[2]:  # found[2] > 0: between two pictures
+        if isinstance(around, Miss) or around[2]:  # between two pictures
             return Refusal(stamp_ns, uv, Reason.UNKNOWN_PICTURE)
-        shown = found[0]
+        shown = around[0]
         if shown.pose is None or self._plane is None:
             return Refusal(stamp_ns, uv, Reason.NO_POSE)
         if self._ground is None:
@@ -177,22 +179,22 @@ class PlacedMarkers:
     ) -> None:
         points_n = np.array([marker.point_n for marker in markers]).reshape(-1, 3)
         points_c = (points_n - pose.position_n) @ matrix_from_quat(pose.q_nc)
-        uv, seen = camera.project(points_c)
+        uv, visible = camera.project(points_c)
         with np.errstate(invalid="ignore"):
             inside = (uv >= -0.5) & (uv < [camera.width - 0.5, camera.height - 0.5])
-        seen &= inside.all(axis=1)
-        self._uv = uv[seen]
-        shown = [markers[i] for i in np.flatnonzero(seen).tolist()]
-        _, by_point = pixel_jacobian(camera, pose, points_n[seen])
+        visible &= inside.all(axis=1)
+        self._uv = uv[visible]
+        shown = [markers[i] for i in np.flatnonzero(visible).tolist()]
+        _, by_point = pixel_jacobian(camera, pose, points_n[visible])
         covariance_n = np.array([marker.covariance_n for marker in shown]).reshape(-1, 3, 3)
         self._covariance = by_point @ covariance_n @ by_point.transpose(0, 2, 1)
         room, mark_px = FreeSpace(image, self._uv.T, taken), 1.5 * mark_radius_px(image)
         self._labels: list[tuple[TextBitmap, Box]] = []
         for marker, (u, v) in zip(shown[::-1], self._uv[::-1].tolist(), strict=True):
             text = stamp(marker.label, text_px(image), _MARKER_BGR)
-            found = room.find(wish_beside(u, v, text.size, mark_px))
-            if found is not None:
-                self._labels.append((text, found[1]))
+            free = room.find(wish_beside(u, v, text.size, mark_px))
+            if free is not None:
+                self._labels.append((text, free[1]))
         self.boxes = [box for _, box in self._labels]
 
     def paint(self, image: Pixels, painter: LineRenderer) -> None:

@@ -12,9 +12,10 @@ import numpy as np
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CameraRates, FrameConfidence
 from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.config.overlay import ConfidenceConfig
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ground.camera_place import height_above_m
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.frame_geometry import footprint
@@ -27,23 +28,25 @@ from tirgeo_ros.core.map.distance import (
     nearest_feature,
     way_words,
 )
-from tirgeo_ros.core.map.draping import Ground, check_heights
-from tirgeo_ros.core.map.layers import LayerStyle, MapLayer
+from tirgeo_ros.core.map.map_layers import LayerStyle, MapLayer
 from tirgeo_ros.core.map.polylines import joined
-from tirgeo_ros.core.map.vector_map import VectorMap
+from tirgeo_ros.core.map.vector_map import VectorMap, check_heights
 from tirgeo_ros.core.map.visibility import HORIZON_ROWS, View, VisibleLines, farthest_m
 from tirgeo_ros.core.overlay.clicks import Marker, PlacedMarkers
 from tirgeo_ros.core.overlay.label_placement import UNCERTAIN_BGR, Labels
 from tirgeo_ros.core.overlay.line_renderer import LineRenderer, mark_radius_px, marks_as_lines
-from tirgeo_ros.core.overlay.line_sampling import picked
 from tirgeo_ros.core.overlay.scale_bar_compass import (
     camera_heading_rad,
     ground_sample_m,
     place_rose,
     place_scale_bar,
 )
-from tirgeo_ros.core.overlay.status_text import VERDICT_BGR
-from tirgeo_ros.core.overlay.text_boxes import PlacedText, place_notice, status_box
+from tirgeo_ros.core.overlay.status_and_notices import (
+    VERDICT_BGR,
+    PlacedText,
+    place_notice,
+    status_box,
+)
 from tirgeo_ros.core.overlay.text_rendering import (
     LONGEST,
     TEXT_BGR,
@@ -64,7 +67,7 @@ from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.core.types.poses import CameraPose
 
 
-class SeenMap(NamedTuple):
+class VisibleMap(NamedTuple):
     """Hold the visible part of a map."""
 
     areas: VisibleLines
@@ -88,29 +91,29 @@ class LayerPainter:
         self._styles: Sequence[LayerStyle] = [layer.style for layer in vector_map.layers]
         ranges = [style.scale_m_px for style in self._styles]
         self._scales_m_px = np.array(ranges, float).reshape(-1, 2)
-        # Position sigma of each feature's layer, m; nan if not given.
-        given = [np.nan if one.sigma_m is None else one.sigma_m for one in vector_map.layers]
-        sigmas = np.array(given, float)[vector_map.layer]
-        self._sigmas = None if np.isnan(sigmas).all() else sigmas
+        # Position sigma of each feature's layer, m; nan if the style has none.
+        layer_m = [math.nan if m.sigma_m is None else m.sigma_m for m in vector_map.layers]
+        sigmas_m = np.array(layer_m, float)[vector_map.layer]
+        self._sigmas_m = None if np.isnan(sigmas_m).all() else sigmas_m
         self._painter = painter or LineRenderer()
         self.confidence = config
         self._labels = Labels(vector_map)
         #: Whether some layers have a limited scale range.
         self.minds_scale = any(some != LayerStyle().scale_m_px for some in ranges)
 
-    def see(self, view: View, pose: CameraPose, scale_m_px: float, far_m: float) -> SeenMap:
+    def visible(self, view: View, pose: CameraPose, scale_m_px: float, far_m: float) -> VisibleMap:
         """Return what is in view: areas, and lines and marks up to ``far_m`` ahead.
 
         ``scale_m_px`` is the ground length that a pixel in the middle spans, nan without ground.
         """
-        found = (
+        in_view = (
             view.areas(self._map, pose),
             view.lines(self._map, pose, far_m),
             view.marks(self._map, pose, far_m),
         )
-        areas, lines, marks = (self._shown(seen, scale_m_px) for seen in found)
-        left = len(areas) + len(lines) + len(marks)
-        return SeenMap(areas, lines, marks, hidden=left < sum(map(len, found)))
+        areas, lines, marks = (self._at_scale(each, scale_m_px) for each in in_view)
+        shown = len(areas) + len(lines) + len(marks)
+        return VisibleMap(areas, lines, marks, hidden=shown < sum(map(len, in_view)))
 
     def paint(
         self,
@@ -118,21 +121,21 @@ class LayerPainter:
         view: View,
         pose: CameraPose,
         rates: CameraRates | None,
-        seen: SeenMap,
+        visible: VisibleMap,
         taken: Sequence[Box],
     ) -> list[Box]:
         """Paint what is in view into (h, w, 3) BGR; return the boxes of its labels.
 
         Labels avoid the boxes in ``taken``. ``rates`` are the camera's at the pose, or None.
         """
-        areas, lines, marks, _ = seen
+        areas, lines, marks, _ = visible
         of = self._map.layer
         frame = FrameConfidence(self.confidence, view.camera, pose, rates)
         self._painter.areas(image, areas, of[areas.owner], self._styles, view.reached)
         labels, points = self._labels.place(image, lines, marks, taken)
         anchors, radius_px = with_marks(points, marks), mark_radius_px(image)
         lines_px, opacity, outlines, unknown = marked(
-            self.confidence, frame, lines, anchors, radius_px, self._sigmas
+            self.confidence, frame, lines, anchors, radius_px, self._sigmas_m
         )
         diamonds = marks_as_lines(marks, radius_px)
         # Ellipses first, so that the marks, which are the true places, are drawn over them.
@@ -146,15 +149,15 @@ class LayerPainter:
             stamp(self._map.labels[feature], size_px, colour).lay(image, box.left, box.top)
         return [label.box for label in labels]
 
-    def _shown(self, seen: VisibleLines, scale_m_px: float) -> VisibleLines:
+    def _at_scale(self, lines: VisibleLines, scale_m_px: float) -> VisibleLines:
         """Return the features whose layers are shown at this scale."""
-        if not self.minds_scale or not len(seen):
-            return seen
+        if not self.minds_scale or not len(lines):
+            return lines
         if math.isnan(scale_m_px):  # no ground in the middle: treat as the coarsest scale
             scale_m_px = math.inf
         low, high = self._scales_m_px.T
-        shown = ((low <= scale_m_px) & (scale_m_px <= high))[self._map.layer[seen.owner]]
-        return seen if shown.all() else picked(seen, np.flatnonzero(shown))
+        shown = ((low <= scale_m_px) & (scale_m_px <= high))[self._map.layer[lines.owner]]
+        return lines if shown.all() else lines.select(np.flatnonzero(shown))
 
 
 _MOVED_M, _MOVED_PART = 1.0, 0.05  # of the distance to the map: then it is searched again
@@ -190,11 +193,11 @@ class Drawn(NamedTuple):
 _GO = DrawingVerdict()
 
 
-def lay_layers(layers: Sequence[MapLayer], plane: TangentPlane, ground: Ground) -> DrapedMap:
+def drape_layers(layers: Sequence[MapLayer], plane: TangentPlane, ground: Ground) -> DrapedMap:
     """Drape layers in a plane, the slow part of a map. Raises ConfigError as VectorMap does."""
     check_heights(layers, ground)
     features = sum(len(layer.features) for layer in layers)
-    laid = _written(VectorMap.from_layers(layers, plane, ground))
+    draped = _written(VectorMap.from_layers(layers, plane, ground))
     places = [feature.points for layer in layers for feature in layer.features]
     level_m = math.nan
     if places and not _is_given(ground):
@@ -203,20 +206,20 @@ def lay_layers(layers: Sequence[MapLayer], plane: TangentPlane, ground: Ground) 
     if places:
         latitude, longitude, _ = places[0][0]
         first_n = plane.ned_from_geodetic(latitude, longitude, 0.0)
-    return DrapedMap(plane, laid, features, level_m, first_n)
+    return DrapedMap(plane, draped, features, level_m, first_n)
 
 
-def _written(laid: VectorMap) -> VectorMap:
+def _written(draped: VectorMap) -> VectorMap:
     """Return a map without the labels that cannot be written here, and with a note of them."""
-    lost = [i for i in np.flatnonzero(laid.labelled).tolist() if not writable(laid.labels[i])]
+    lost = [i for i in np.flatnonzero(draped.labelled).tolist() if not writable(draped.labels[i])]
     if not lost:
-        return laid
-    labelled = laid.labelled.copy()
+        return draped
+    labelled = draped.labelled.copy()
     labelled[lost] = False
     needed = "a typeface with their letters" + ("" if can_shape() else ", or libfribidi0")
-    example = cut(laid.labels[lost[0]], LONGEST)
+    example = cut(draped.labels[lost[0]], LONGEST)
     note = f"map: labels not drawn: {len(lost)}, as {example!r}; they need {needed}"
-    return replace(laid, labelled=labelled, notes=(*laid.notes, note))
+    return replace(draped, labelled=labelled, notes=(*draped.notes, note))
 
 
 class MapRenderer:
@@ -229,34 +232,34 @@ class MapRenderer:
     def __init__(
         self, config: OverlayConfig, layers: Sequence[MapLayer], terrain: Terrain | None
     ) -> None:
-        self.view: View | None = None
+        self._view: View | None = None
         height_m = config.ground_height_m
         self.ground: Ground = height_m if terrain is None or math.isfinite(height_m) else terrain
         check_heights(layers, self.ground)
         self._layers = layers
-        self.laid: DrapedMap | None = None  # the map with its plane; None without a plane
+        self.draped: DrapedMap | None = None  # the map with its plane; None without a plane
         self._confidence = config.confidence
         self._painter = LineRenderer()
-        self._map_painting: LayerPainter | None = None  # made when the map is first drawn
+        self._layer_painter: LayerPainter | None = None  # made when the map is first drawn
         self._absence: MapAbsence | None = None  # made when the map is first out of view
 
     @property
     def empty(self) -> bool:
         """Return whether there is nothing that could be drawn."""
-        if self.laid:
-            return not self.laid.features
+        if self.draped:
+            return not self.draped.features
         return not any(layer.features for layer in self._layers)
 
     @property
     def camera(self) -> Camera | None:
         """Return the camera of the picture that is drawn into."""
-        return self.view.camera if self.view else None
+        return self._view.camera if self._view else None
 
     def set_confidence(self, confidence: ConfidenceConfig) -> None:
         """Set how the uncertainty is drawn."""
         self._confidence = confidence
-        if self._map_painting is not None:
-            self._map_painting.confidence = confidence
+        if self._layer_painter is not None:
+            self._layer_painter.confidence = confidence
 
     def set_map(self, new: DrapedMap) -> None:
         """Set a map that was draped elsewhere, in the present plane."""
@@ -265,17 +268,17 @@ class MapRenderer:
 
     def set_plane(self, plane: TangentPlane) -> None:
         """Set the plane in which poses are given; a map that was draped elsewhere is dropped."""
-        self._set(lay_layers(self._layers, plane, self.ground))
+        self._set(drape_layers(self._layers, plane, self.ground))
 
     def set_camera(self, camera: Camera) -> None:
         """Set the camera of the picture that is drawn into."""
-        if self.view is None or camera != self.view.camera:
-            self.view = View(camera)
+        if self._view is None or camera != self._view.camera:
+            self._view = View(camera)
 
     @property
     def level(self) -> Ground:
         """Return the given ground, else the middle height of the map's own; nan without any."""
-        own_m = self.laid.level_m if self.laid else math.nan
+        own_m = self.draped.level_m if self.draped else math.nan
         return self.ground if _is_given(self.ground) else own_m
 
     def footprint(self, pose: CameraPose | None) -> Array:
@@ -284,14 +287,14 @@ class MapRenderer:
         It is cut where lines end, and empty without pose, camera, plane or ground.
         """
         level = self.level
-        if pose is None or self.view is None or self.laid is None or not _is_given(level):
+        if pose is None or self._view is None or self.draped is None or not _is_given(level):
             return np.empty((0, 3))
-        plane = self.laid.plane
-        far_m = farthest_m(self.view.camera, height_above_m(pose, plane, level))
-        return footprint(self.view.camera, pose, plane, level, far_m)
+        plane = self.draped.plane
+        far_m = farthest_m(self._view.camera, height_above_m(pose, plane, level))
+        return footprint(self._view.camera, pose, plane, level, far_m)
 
-    def _set(self, laid: DrapedMap) -> None:
-        self.laid, self._map_painting, self._absence = laid, None, None
+    def _set(self, draped: DrapedMap) -> None:
+        self.draped, self._layer_painter, self._absence = draped, None, None
 
     def draw(
         self,
@@ -307,19 +310,19 @@ class MapRenderer:
         ``rates`` are the camera's at the pose, or None. The ``verdict`` of the checks, and the
         ``notice``, else the reason why none of the map is in view, are written at the top.
         """
-        assert self.view is not None
-        assert self.laid is not None
-        camera, ground = self.view.camera, self.ground
-        seen = camera, pose, self.laid.plane, self.level
-        if self._map_painting is None:
-            self._map_painting = LayerPainter(self._confidence, self.laid.map, self._painter)
-        painter = self._map_painting
-        scale_m_px = ground_sample_m(*seen) if painter.minds_scale else math.nan
-        above_m = height_above_m(*seen[1:])
+        assert self._view is not None
+        assert self.draped is not None
+        camera, ground = self._view.camera, self.ground
+        scene = camera, pose, self.draped.plane, self.level
+        if self._layer_painter is None:
+            self._layer_painter = LayerPainter(self._confidence, self.draped.map, self._painter)
+        painter = self._layer_painter
+        scale_m_px = ground_sample_m(*scene) if painter.minds_scale else math.nan
+        above_m = height_above_m(*scene[1:])
         far_m = farthest_m(camera, above_m)
-        in_view = painter.see(self.view, pose, scale_m_px, far_m)
+        in_view = painter.visible(self._view, pose, scale_m_px, far_m)
         notice = notice or self._absent(in_view, pose, scale_m_px, far_m)
-        bar = place_scale_bar(image, *seen) if self._confidence.scale_bar else None
+        bar = place_scale_bar(image, *scene) if self._confidence.scale_bar else None
         wants_rose = self._confidence.heading_rose
         rose = place_rose(image, camera_heading_rad(pose)) if wants_rose else None
         notices = _notices(image, verdict, notice, rose.box if rose else None)
@@ -328,30 +331,34 @@ class MapRenderer:
         placed = PlacedMarkers(image, camera, pose, markers, taken) if markers else None
         if placed:
             taken += placed.boxes
-        labels = painter.paint(image, self.view, pose, rates, in_view, taken)
+        labels = painter.paint(image, self._view, pose, rates, in_view, taken)
         if placed:
             placed.paint(image, self._painter)
         for each in written:
             each.paint(image)
         return Drawn(notice, above_m if _is_given(ground) else math.nan, (*taken, *labels))
 
-    def _absent(self, seen: SeenMap, pose: CameraPose, scale_m_px: float, far_m: float) -> str:
+    def _absent(
+        self, visible: VisibleMap, pose: CameraPose, scale_m_px: float, far_m: float
+    ) -> str:
         """Return why none of a map is in view, else an empty string."""
-        if not seen.empty or self.empty:
+        if not visible.empty or self.empty:
             return ""
-        return f"NO MAP IN VIEW: {self._why_absent(seen, pose, scale_m_px, far_m)}"
+        return f"NO MAP IN VIEW: {self._why_absent(visible, pose, scale_m_px, far_m)}"
 
-    def _why_absent(self, seen: SeenMap, pose: CameraPose, scale_m_px: float, far_m: float) -> str:
-        if seen.hidden:
+    def _why_absent(
+        self, visible: VisibleMap, pose: CameraPose, scale_m_px: float, far_m: float
+    ) -> str:
+        if visible.hidden:
             words = f"{100 * scale_m_px:.2g} cm" if scale_m_px < 1 else f"{scale_m_px:.3g} m"
             sees_ground = not math.isnan(scale_m_px)
             sample = f"{words} a pixel" if sees_ground else "the picture's middle sees no ground"
             return f"no layer is shown at this scale ({sample})"
-        assert self.view is not None
-        assert self.laid is not None
+        assert self._view is not None
+        assert self.draped is not None
         if self._absence is None:
-            self._absence = MapAbsence(self.laid.map, self.laid.plane, self.laid.first_n)
-        return self._absence.why(self.view.camera, pose, far_m)
+            self._absence = MapAbsence(self.draped.map, self.draped.plane, self.draped.first_n)
+        return self._absence.why(self._view.camera, pose, far_m)
 
 
 def _notices(

@@ -15,16 +15,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from tirgeo_ros.core.camera.camera_model import Camera
-from tirgeo_ros.core.camera.rectification import Rectifier
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseBuffer
-from tirgeo_ros.core.gimbal.pose_extrapolation import FIT_S, TRIAL_S, predicted
+from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.map.layers import MapLayer
-from tirgeo_ros.core.overlay.camera_motion import rates_up_to
+from tirgeo_ros.core.map.map_layers import MapLayer
+from tirgeo_ros.core.overlay.camera_motion import FIT_S, TRIAL_S, predicted, rates_up_to
 from tirgeo_ros.core.overlay.clicks import Clicks
-from tirgeo_ros.core.overlay.map_renderer import DrapedMap, DrawingVerdict, MapRenderer
+from tirgeo_ros.core.overlay.map_renderer import DrapedMap, DrawingVerdict
 from tirgeo_ros.core.overlay.picture_painter import (
     OverlayResult,
     PicturePainter,
@@ -32,7 +31,7 @@ from tirgeo_ros.core.overlay.picture_painter import (
     Unpainted,
 )
 from tirgeo_ros.core.streams.arrivals import exposure_ns
-from tirgeo_ros.core.types.arrays import RawPixels
+from tirgeo_ros.core.types.arrays import Array, RawPixels
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import NavigationStatus
 
@@ -80,8 +79,8 @@ class FrameQueue:
     def put(self, frame: Frame) -> None:
         """Add a frame, or count why it is refused."""
         pixels = frame.pixels
-        known = pixels.ndim in _SHAPES.get(pixels.dtype, ()) and pixels.size > 0
-        if not known or (pixels.ndim == 3 and pixels.shape[2] != 3):
+        is_picture = pixels.ndim in _SHAPES.get(pixels.dtype, ()) and pixels.size > 0
+        if not is_picture or (pixels.ndim == 3 and pixels.shape[2] != 3):
             self.counts["invalid"] += 1
         elif max(pixels.shape) > _LARGEST_PX:
             self.counts["too_large"] += 1
@@ -133,7 +132,6 @@ class Overlay:
     large map. With None the map is draped elsewhere, again for each plane, and given to
     ``set_map``. ``clicks`` locates clicks on the pictures that were returned. ``frames`` wait for
     a pose or to be taken; ``poses`` are the camera's; ``plane`` is the map's, once it is known.
-    ``footprint`` is the map renderer's, for a result's pose; ``ground`` is nan if it is not given.
     """
 
     def __init__(
@@ -142,16 +140,14 @@ class Overlay:
         layers: Sequence[MapLayer] | None,
         terrain: Terrain | None = None,
     ) -> None:
-        self._drawing = MapRenderer(config, layers or (), terrain)
-        self.footprint, self.ground = self._drawing.footprint, self._drawing.ground
-        self._laid_elsewhere = layers is None
+        self._painter = PicturePainter(config, layers or (), terrain)
+        self._draped_elsewhere = layers is None
         #: Whether there is, or will be, a map to draw.
         self.map_given = layers is None or len(layers) > 0
         #: Why the map that is draped elsewhere is not here yet.
         self._map_not_ready = _READING if layers is None else ""
         self.clicks = Clicks(config.confidence)
-        self.clicks.set_ground(self._drawing.ground)
-        self._painter = PicturePainter(config, self._drawing)
+        self.clicks.set_ground(self._painter.ground)
         self.frames = FrameQueue()
         self.poses: PoseBuffer[CameraPose] = PoseBuffer()
         self.plane: TangentPlane | None = None
@@ -165,7 +161,7 @@ class Overlay:
     def configure(self, config: OverlayConfig) -> None:
         """Take the parameters that are live, also others in flight; CameraError as set_camera."""
         if self._camera is not None and config.rectify is not self._rectify:
-            self._set_lens(self._camera, rectify=config.rectify)
+            self._painter.set_lens(self._camera, rectify=config.rectify)
         self._rectify = config.rectify
         self._latency_s = config.video_latency_s
         self._wait_ns = round(config.max_pose_wait_s * 1e9)
@@ -194,7 +190,16 @@ class Overlay:
     @property
     def notes(self) -> tuple[str, ...]:
         """Return notes for the operator about the map as draped on the ground."""
-        return self._drawing.laid.map.notes if self._drawing.laid else ()
+        return self.draped.map.notes if self.draped else ()
+
+    @property
+    def ground(self) -> Ground:
+        """Return the elevation model or the ellipsoidal height, m; nan if it is not given."""
+        return self._painter.ground
+
+    def footprint(self, pose: CameraPose | None) -> Array:
+        """Return the outline (N, 3) on the ground, NED, m, of a picture with a result's pose."""
+        return self._painter.footprint(pose)
 
     @property
     def no_map_yet(self) -> str:
@@ -206,30 +211,26 @@ class Overlay:
         if plane != self.plane:
             self.plane = plane
             self.poses.clear()
-            self._drawing.set_plane(plane)
-            self._map_not_ready = _READING if self._laid_elsewhere else ""
+            self._painter.set_plane(plane)
+            self._map_not_ready = _READING if self._draped_elsewhere else ""
             self.clicks.set_plane(plane)
 
     def set_camera(self, camera: Camera) -> None:
         """Set the camera's calibration. Raises CameraError if its images cannot be rectified."""
         if camera != self._camera:
-            self._set_lens(camera, rectify=self._rectify)
-
-    def _set_lens(self, camera: Camera, *, rectify: bool) -> None:
-        rectifier = Rectifier(camera) if rectify else None
-        self._camera, self._painter.rectifier = camera, rectifier
-        self._drawing.set_camera(rectifier.camera if rectifier else camera)
+            self._painter.set_lens(camera, rectify=self._rectify)
+            self._camera = camera
 
     @property
-    def laid(self) -> DrapedMap | None:
+    def draped(self) -> DrapedMap | None:
         """Return the map as draped in the plane, once both are known."""
-        return self._drawing.laid
+        return self.scene.draped
 
     def set_map(self, new: DrapedMap) -> None:
         """Draw a map that was draped elsewhere from now on; ignore one in another plane."""
         if new.plane == self.plane:
-            self._laid_elsewhere, self.map_given, self._map_not_ready = True, True, ""
-            self._drawing.set_map(new)
+            self._draped_elsewhere, self.map_given, self._map_not_ready = True, True, ""
+            self._painter.set_map(new)
 
     def map_failed(self, why: str) -> None:
         """Record why the map from elsewhere does not come; a map that is drawn stays."""
@@ -254,7 +255,7 @@ class Overlay:
     @property
     def scene(self) -> Scene:
         """Return what the next picture has in common with others."""
-        return Scene(self._drawing.camera, self._painter.rectifier, self._drawing.laid)
+        return self._painter.scene
 
     def take(self, now_ns: int) -> OverlayResult | None:
         """Return the newest picture that need not wait any longer, or None.
@@ -305,11 +306,11 @@ class Overlay:
         return why[0].lower() + why[1:]
 
     def _unpainted(
-        self, frame: Frame, now_ns: int, found: CameraPose | Miss, obstacle: str
+        self, frame: Frame, now_ns: int, looked_up: CameraPose | Miss, obstacle: str
     ) -> Unpainted:
-        pose, predicted_s, notice = self._judged(frame, found, obstacle)
+        pose, predicted_s, notice = self._trusted(frame, looked_up, obstacle)
         rates = None if pose is None else rates_up_to(pose, self.poses)
-        camera = self._drawing.camera
+        camera = self.scene.camera
         if camera is not None:
             self.clicks.show(frame.stamp_ns, camera, pose, rates)
         return Unpainted(
@@ -328,30 +329,30 @@ class Overlay:
             replaced=self.frames.counts["replaced"],
         )
 
-    def _judged(
-        self, frame: Frame, found: CameraPose | Miss, obstacle: str
+    def _trusted(
+        self, frame: Frame, pose: CameraPose | Miss, obstacle: str
     ) -> tuple[CameraPose | None, float, str]:
         """Return the trusted pose or None, how far it was predicted, s, and the notice."""
         exposed_ns, predicted_s = exposure_ns(frame.stamp_ns, self._latency_s), 0.0
-        if not obstacle and found is Miss.TOO_NEW:
-            found, predicted_s = self._predicted(exposed_ns)
-        if not obstacle and isinstance(found, Miss):
-            obstacle = self._why_no_pose(found, exposed_ns)
-        if obstacle or isinstance(found, Miss):
+        if not obstacle and pose is Miss.TOO_NEW:
+            pose, predicted_s = self._predicted(exposed_ns)
+        if not obstacle and isinstance(pose, Miss):
+            obstacle = self._why_no_pose(pose, exposed_ns)
+        if obstacle or isinstance(pose, Miss):
             self._results["notices"] += 1
             return None, predicted_s, self._notice(obstacle)
         self._results["drawn"] += 1
         self._results["predicted"] += predicted_s > 0
-        return found, predicted_s, self._notice("")
+        return pose, predicted_s, self._notice("")
 
     def _notice(self, no_pose: str) -> str:
         """Return why there is no map, or no trusted pose for the reason given; else empty."""
         no_map = self._map_not_ready
-        if not no_map and self.map_given and self._drawing.empty:
+        if not no_map and self.map_given and not self._painter.has_features:
             no_map = "the map has no features"
         if no_map == _READING and not no_pose:
             return f"NO MAP YET: {_READING}"
-        why = [one for one in (no_map, no_pose) if one not in {"", _READING}]
+        why = [text for text in (no_map, no_pose) if text not in {"", _READING}]
         return f"NO {'MAP' if self.map_given else 'POSE'}: {'; '.join(why)}" if why else ""
 
     def _predicted(self, exposed_ns: int) -> tuple[CameraPose | Miss, float]:

@@ -2,11 +2,13 @@
 
 Everything that depends on other pictures but their tones and labels is decided before
 (``Overlay``), so that this, which takes nearly all of the time, can also be done elsewhere.
+The painter owns what is drawn with: the camera, the rectifier, the map in its plane.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -14,12 +16,20 @@ from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.camera.rectification import Rectifier
 from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.map.map_layers import MapLayer
 from tirgeo_ros.core.overlay.clicks import Marker
 from tirgeo_ros.core.overlay.map_renderer import DrapedMap, DrawingVerdict, MapRenderer
-from tirgeo_ros.core.overlay.status_text import VERDICT_BGR, status_line
-from tirgeo_ros.core.overlay.text_boxes import paint_notice, paint_status, place_notice
+from tirgeo_ros.core.overlay.status_and_notices import (
+    VERDICT_BGR,
+    paint_notice,
+    paint_status,
+    place_notice,
+    status_line,
+)
 from tirgeo_ros.core.overlay.tone_mapping import ToneMapper
-from tirgeo_ros.core.types.arrays import Pixels, RawPixels
+from tirgeo_ros.core.types.arrays import Array, Pixels, RawPixels
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.core.types.verdicts import NavigationStatus
 
@@ -29,7 +39,7 @@ class Scene(NamedTuple):
 
     camera: Camera | None = None  # of the picture as shown
     rectifier: Rectifier | None = None  # None if the picture is shown as it is
-    laid: DrapedMap | None = None
+    draped: DrapedMap | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,37 +74,70 @@ class OverlayResult:
 
 
 class PicturePainter:
-    """Paint pictures in order of time, with ``drawing``, which has the scene's map and camera."""
+    """Paint pictures in order of time. Raises ConfigError if map heights are unknown.
 
-    def __init__(self, config: OverlayConfig, drawing: MapRenderer) -> None:
-        self._drawing = drawing
+    ``ground`` is an elevation model, an ellipsoidal height, or nan if it is not given.
+    """
+
+    def __init__(
+        self, config: OverlayConfig, layers: Sequence[MapLayer], terrain: Terrain | None
+    ) -> None:
+        self._renderer = MapRenderer(config, layers, terrain)
         self._toner = ToneMapper(config.picture, config.palette)
-        self.rectifier: Rectifier | None = None
+        self._rectifier: Rectifier | None = None
+        self.ground = self._renderer.ground
+
+    @property
+    def scene(self) -> Scene:
+        """Return what the next picture has in common with others."""
+        return Scene(self._renderer.camera, self._rectifier, self._renderer.draped)
+
+    @property
+    def has_features(self) -> bool:
+        """Return whether there is anything of a map that could be drawn."""
+        return not self._renderer.empty
+
+    def footprint(self, pose: CameraPose | None) -> Array:
+        """Return the outline (N, 3) on the ground of a picture, NED, m, as the renderer does."""
+        return self._renderer.footprint(pose)
 
     def configure(self, config: OverlayConfig) -> None:
         """Take the parameters that are live, also others in flight."""
         self._toner.configure(config.picture, config.palette)
-        self._drawing.set_confidence(config.confidence)
+        self._renderer.set_confidence(config.confidence)
+
+    def set_plane(self, plane: TangentPlane) -> None:
+        """Drape the layers in a plane; a map that was draped elsewhere is dropped."""
+        self._renderer.set_plane(plane)
+
+    def set_map(self, draped: DrapedMap) -> None:
+        """Draw a map that was draped elsewhere, in the present plane."""
+        self._renderer.set_map(draped)
+
+    def set_lens(self, camera: Camera, *, rectify: bool) -> None:
+        """Set the camera's calibration. Raises CameraError if its images cannot be rectified."""
+        self._rectifier = Rectifier(camera) if rectify else None
+        self._renderer.set_camera(self._rectifier.camera if self._rectifier else camera)
 
     def set_scene(self, scene: Scene) -> None:
         """Paint with another camera or map from now on; what is equal goes on as it is."""
-        self.rectifier = scene.rectifier
+        self._rectifier = scene.rectifier
         if scene.camera is not None:
-            self._drawing.set_camera(scene.camera)
-        if scene.laid is not None:
-            self._drawing.set_map(scene.laid)
+            self._renderer.set_camera(scene.camera)
+        if scene.draped is not None:
+            self._renderer.set_map(scene.draped)
 
     def paint(self, picture: Unpainted) -> OverlayResult:
         """Return the finished picture."""
         image = self._toner.tone(picture.pixels, picture.stamp_ns)
-        if self.rectifier is not None and picture.camera is not None:
-            image = self.rectifier.rectified(image)
+        if self._rectifier is not None and picture.camera is not None:
+            image = self._rectifier.rectified(image)
         notice, above_m = picture.notice, math.nan
         if picture.pose is None:
             _write_notice(image, picture)
         else:
             scene = picture.pose, picture.rates, picture.markers, picture.verdict
-            drawn = self._drawing.draw(image, *scene, notice)
+            drawn = self._renderer.draw(image, *scene, notice)
             notice, above_m = drawn.notice, drawn.above_m
         _write_status(image, picture, above_m)
         return OverlayResult(

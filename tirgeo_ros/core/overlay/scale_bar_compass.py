@@ -15,7 +15,7 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground, locate
 from tirgeo_ros.core.ground.camera_place import height_above_m
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.overlay.text_boxes import PlacedText, status_box
+from tirgeo_ros.core.overlay.status_and_notices import PlacedText, status_box
 from tirgeo_ros.core.overlay.text_rendering import (
     TEXT_BGR,
     Box,

@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont, features
 
-from tirgeo_ros.core.map.layers import Colour
+from tirgeo_ros.core.map.map_layers import Colour
 from tirgeo_ros.core.types.arrays import Pixels
 from tirgeo_ros.core.types.errors import cut
 
@@ -195,7 +195,7 @@ def _has(name: str, letter: str) -> bool:
     shaped = is_mark or unicodedata.bidirectional(letter) in {"R", "AL"}
     if shaped and (name == _OPENCV or not can_shape()):
         return False
-    drawn, absent = (_drawn(one, _SMALLEST_PX, name) for one in (letter, _NO_LETTER))
+    drawn, absent = (_drawn(character, _SMALLEST_PX, name) for character in (letter, _NO_LETTER))
     return not np.array_equal(drawn, absent)
 
 

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.config.overlay import PALETTES, PictureConfig
+from tirgeo_ros.core.config.overlay_parameters import PALETTES, PictureConfig
 from tirgeo_ros.core.types.arrays import Pixels, RawPixels
 from tirgeo_ros.core.types.errors import ConfigError
 

@@ -5,15 +5,14 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.ground_point import Ellipse, Located, ellipse_of
+from tirgeo_ros.core.ground.ground_point import MOST_M2, Located, enu_of
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.core.types.errors import TargetError, shown
+from tirgeo_ros.core.types.errors import TargetError, cut
 
 #: Share of a click's variance that is common to all clicks of a flight. From 60 m up, seen 45 deg
 #: down, the default sigmas of ground and lens give 0.11 m along the ray, the filter gives 0.1 m.
@@ -73,64 +72,8 @@ def _limit(degrees: int) -> float:
 
 
 KINDS = ("person", "fire", "vehicle", "hydrant", "building", "other")
-#: Corners of an ellipse as a polygon: it lies within 0.15 % of the curve.
-CORNERS = 60
-_MOST_M, _MOST_M2 = 1e5, 1e8  # height, variance: beyond, it is no click on the ground
-_NS = 1 << 63
-#: North, east, down from east, north, up, and back.
-_SWAP = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])
-
-
-@dataclass(frozen=True, slots=True)
-class Fixing:
-    """Hold one located click, or the average of some.
-
-    Raises TargetError for numbers that are no place.
-    """
-
-    stamp_ns: int  # of the clicked picture
-    latitude_deg: float
-    longitude_deg: float
-    height_m: float  # WGS84, ellipsoidal
-    covariance_enu: tuple[float, ...]  # 9 numbers, m2, row by row: east, north, up at the point
-
-    def __post_init__(self) -> None:
-        """Refuse what is no place on the ground."""
-        if not (
-            abs(self.stamp_ns) < _NS
-            and abs(self.latitude_deg) <= 90
-            and abs(self.longitude_deg) <= 180
-            and abs(self.height_m) <= _MOST_M
-            and len(self.covariance_enu) == 9
-            and all(abs(number) <= _MOST_M2 for number in self.covariance_enu)
-            and min(self.covariance_enu[::4]) >= 0
-        ):
-            raise TargetError(f"not a located point: {shown(astuple(self), 300)}")
-
-    @property
-    def covariance_n(self) -> Array:
-        """Return the covariance (3, 3), m2, in north, east, down."""
-        return np.asarray(_SWAP @ np.reshape(self.covariance_enu, (3, 3)) @ _SWAP)
-
-    @property
-    def ellipse(self) -> Ellipse:
-        """Return the horizontal 95 % ellipse."""
-        return ellipse_of(self.covariance_n)
-
-    def outline(self, corners: int = CORNERS) -> list[tuple[float, float]]:
-        """Return the 95 % ellipse as ``corners`` + 1 places (latitude, longitude), deg.
-
-        Anticlockwise seen from above, closed, rounded to a tenth of a millimetre.
-        """
-        ellipse = self.ellipse
-        turn = np.linspace(0, -2 * math.pi, corners + 1)
-        along, across = ellipse.major_m * np.cos(turn), ellipse.minor_m * np.sin(turn)
-        cos, sin = math.cos(ellipse.azimuth_rad), math.sin(ellipse.azimuth_rad)
-        offsets_n = np.stack([along * cos - across * sin, along * sin + across * cos, 0 * turn], 1)
-        offsets_n[-1] = offsets_n[0]
-        latitude, longitude, _ = _plane(self).geodetic_from_ned(offsets_n)
-        places = np.round(np.degrees(np.stack([latitude, longitude], axis=1)), 9)
-        return [(north, east) for north, east in places.tolist()]
+MOST_TARGETS = 2000  # that a file keeps, and that are drawn
+_LONGEST_LABEL = 60  # characters
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,74 +88,82 @@ class Target:
     aircraft: str  # whose video was clicked; "" for the only one
     created_ns: int
     changed_ns: int
-    fixings: tuple[Fixing, ...]
+    clicks: tuple[Located, ...]
+
+    def __post_init__(self) -> None:
+        """Raise TargetError for clicks that are no place on the ground."""
+        for click in self.clicks:
+            check(click)
 
     @property
-    def place(self) -> Fixing:
+    def place(self) -> Located:
         """Return the average of the clicks."""
-        return averaged(self.fixings)
+        return averaged(self.clicks)
 
     @property
     def clicks_agree(self) -> bool:
         """Return whether the clicks can be of one place, by their covariances."""
-        return disagreement(self.fixings) <= 1
+        return disagreement(self.clicks) <= 1
 
     @property
     def title(self) -> str:
         """Return the name, or number and kind where there is none."""
         return self.name or f"{self.number} {self.kind}"
 
+    @property
+    def label(self) -> str:
+        """Return the words beside its mark: number, kind and name."""
+        name = f": {self.name}" if self.name else ""
+        return cut(f"{self.number} {self.kind}{name}", _LONGEST_LABEL)
 
-def fixing_of(found: Located) -> Fixing:
-    """Return a located point as a click."""
-    degrees = math.degrees(found.latitude_rad), math.degrees(found.longitude_rad)
-    covariance = (_SWAP @ found.covariance_n @ _SWAP).ravel().tolist()
-    return Fixing(found.stamp_ns, *degrees, found.height_m, tuple(covariance))
 
-
-def averaged(fixings: Sequence[Fixing]) -> Fixing:
+def averaged(clicks: Sequence[Located]) -> Located:
     """Return the average of clicks, one at least, with an honest covariance.
 
-    See ``averaging``. The order of the clicks does not matter; one click is returned as it is.
-    The stamp is the newest one. Where the clicks disagree, the covariance is wider.
+    See ``combined``. The order of the clicks does not matter; one click is returned as it is.
+    The stamp is the newest one. Where the clicks disagree, the covariance is wider. Raises
+    TargetError for clicks so far apart that there is no place between them.
     """
-    return _average(tuple(fixings))[0]
+    return _average(tuple(clicks))[0]
 
 
-def disagreement(fixings: Sequence[Fixing]) -> float:
+def disagreement(clicks: Sequence[Located]) -> float:
     """Return the squared differences of the clicks over their limit: above 1 they disagree."""
-    return _average(tuple(fixings))[1]
+    return _average(tuple(clicks))[1]
 
 
 @functools.lru_cache(maxsize=4096)  # a page asks for each target at each change
-def _average(fixings: tuple[Fixing, ...]) -> tuple[Fixing, float]:
-    if len(fixings) == 1:
-        return fixings[0], 0.0
-    fixings = tuple(sorted(fixings, key=astuple))  # for the same rounding in any order
-    plane = _plane(fixings[0])
-    axes = [_axes(plane, one) for one in fixings]
-    latitudes = np.radians([one.latitude_deg for one in fixings])
-    longitudes = np.radians([one.longitude_deg for one in fixings])
-    heights_m = np.array([one.height_m for one in fixings])
-    found = combined(
+def _average(clicks: tuple[Located, ...]) -> tuple[Located, float]:
+    if len(clicks) == 1:
+        return clicks[0], 0.0
+    clicks = tuple(sorted(clicks, key=_numbers))  # for the same rounding in any order
+    plane = clicks[0].plane
+    turns = [
+        plane.rotation_from_local(click.latitude_rad, click.longitude_rad) for click in clicks
+    ]
+    latitudes = np.radians([click.latitude_deg for click in clicks])
+    longitudes = np.radians([click.longitude_deg for click in clicks])
+    heights_m = np.array([click.height_m for click in clicks])
+    average = combined(
         plane.ned_from_geodetic(latitudes, longitudes, heights_m),
-        np.array([turn @ f.covariance_n @ turn.T for turn, f in zip(axes, fixings, strict=True)]),
-        np.array([(one.stamp_ns - fixings[0].stamp_ns) * 1e-9 for one in fixings]),
+        np.array([r @ click.covariance_n @ r.T for r, click in zip(turns, clicks, strict=True)]),
+        np.array([(click.stamp_ns - clicks[0].stamp_ns) * 1e-9 for click in clicks]),
     )
-    latitude, longitude, height_m = (float(x) for x in plane.geodetic_from_ned(found.position))
-    turn = plane.rotation_from_local(latitude, longitude) @ _SWAP
-    covariance_enu = np.clip(turn.T @ found.covariance @ turn, -_MOST_M2, _MOST_M2)
-    covariance = tuple(covariance_enu.ravel().tolist())
+    latitude, longitude, height_m = (float(x) for x in plane.geodetic_from_ned(average.position))
+    turn = plane.rotation_from_local(latitude, longitude)
+    covariance = np.clip(enu_of(turn.T @ average.covariance @ turn), -MOST_M2, MOST_M2)
     place = (math.degrees(latitude), math.degrees(longitude), height_m)
-    return Fixing(fixings[-1].stamp_ns, *place, covariance), found.test_ratio
+    middle = Located(clicks[-1].stamp_ns, *place, tuple(covariance.tolist()))
+    check(middle)
+    return middle, average.test_ratio
 
 
-def _plane(fixing: Fixing) -> TangentPlane:
-    latitude, longitude = math.radians(fixing.latitude_deg), math.radians(fixing.longitude_deg)
-    return TangentPlane(latitude, longitude, fixing.height_m)
+def check(click: Located) -> None:
+    """Raise TargetError for numbers that are no place on the ground."""
+    if click.fault:
+        raise TargetError(click.fault)
 
 
-def _axes(plane: TangentPlane, fixing: Fixing) -> Array:
-    """Return the rotation (3, 3) from north, east, down at a click to the plane's axes."""
-    latitude, longitude = math.radians(fixing.latitude_deg), math.radians(fixing.longitude_deg)
-    return plane.rotation_from_local(latitude, longitude)
+def _numbers(click: Located) -> tuple[object, ...]:
+    place = click.latitude_deg, click.longitude_deg, click.height_m
+    return click.stamp_ns, *place, click.covariance_enu

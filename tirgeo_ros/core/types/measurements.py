@@ -47,7 +47,7 @@ class Source(Enum):
 
     topic: str
 
-    def __new__(cls, value: str, topic: str) -> Source:  # noqa: PYI034 Self is of Python 3.11
+    def __new__(cls, value: str, topic: str) -> Source:
         """Return a member whose value is its name alone."""
         member = object.__new__(cls)
         member._value_ = value

@@ -11,7 +11,7 @@ from datetime import datetime, timezone
 from itertools import pairwise
 from statistics import median, median_low
 
-from tirgeo_ros.dji.clocks.running_counter import (
+from tirgeo_ros.dji.clocks.aircraft_clock import (
     LONG_TICK_NS,
     LONGEST_EXTRA_NS,
     MILLISECOND_NS,

@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import math
 
-from tirgeo_ros.core.config.dji import DjiClockConfig
-from tirgeo_ros.dji.clocks.aircraft_clock import AircraftClock
-from tirgeo_ros.dji.clocks.lower_envelope import Point, middle_slope
+from tirgeo_ros.core.config.dji_parameters import DjiClockConfig
+from tirgeo_ros.dji.clocks.aircraft_clock import AircraftClock, Point, middle_slope
 
 #: The period is learned from at least this many messages and this time. The number doubles each
 #: time that the period proves wrong, up to _LEARN_MOST.

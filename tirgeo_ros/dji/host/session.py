@@ -8,27 +8,219 @@ only broadcasts.
 
 from __future__ import annotations
 
+from collections.abc import Generator, Sequence
 from enum import Enum
+from typing import TypeVar
 
-from tirgeo_ros.core.config.dji import RATE_CODES, DjiHostConfig
+from tirgeo_ros.core.config.dji_parameters import RATE_CODES, DjiHostConfig
 from tirgeo_ros.core.types.errors import DjiError
-from tirgeo_ros.dji.host.requests import Dialogue, Exchange, NoAnswerError, ask, ask_code
-from tirgeo_ros.dji.host.subscriber import Subscriber
-from tirgeo_ros.dji.link.framing import ProtocolFrame
+from tirgeo_ros.dji.link.framing import ProtocolFrame, encode_frame
 from tirgeo_ros.dji.protocol.commands import (
     GET_VERSION,
+    MATCH_VERSION,
     NOT_ACTIVATED,
+    PACKAGE_IDS,
+    RESET_PACKAGES,
     Request,
     VersionAck,
     activate,
+    decode_code,
     decode_version_ack,
     explain,
+    remove_package,
     set_rates,
 )
-from tirgeo_ros.dji.protocol.subscription import PackageTable
+from tirgeo_ros.dji.protocol.subscription import BY_NAME, Package, PackageTable
+
+#: A session that wants an ack and may repeat the frame: 2 to 31 are such, DJI's host uses 2.
+SESSION = 2
+#: The longest request and its ack take 5 ms on the wire at 230400 baud, behind a full line.
+ANSWER_TIMEOUT_S = 0.5
+TRIES = 4
+
+T = TypeVar("T")
+Dialogue = Generator[Request | float, "bytes | None", T]
+
+
+class NoAnswerError(Exception):
+    """Report a request that the aircraft did not answer."""
+
+
+def ask(request: Request) -> Dialogue[bytes]:
+    """Return the value of the ack. Raises NoAnswerError if none came."""
+    value = yield request
+    if value is None:
+        raise NoAnswerError(request)
+    return value
+
+
+def ask_code(request: Request) -> Dialogue[int]:
+    """Return the code of the ack. Raises NoAnswerError if none came, or one without a code."""
+    code = decode_code(request, (yield from ask(request)))
+    if code is None:
+        raise NoAnswerError(request)
+    return code
+
+
+class Exchange:
+    """Run a dialogue: acks in, frames to send out, one request after the other.
+
+    A dialogue is a generator. It yields a request (and receives the value of the ack, None if
+    there is none) or the seconds of a pause. So it reads from top to bottom although nothing in
+    it waits.
+    """
+
+    def __init__(self) -> None:
+        self._dialogue: Dialogue[None] | None = None
+        self._step: Request | float | None = None
+        self._frame = b""
+        self._sequence: int | None = None
+        self._tries = 0
+        self._until_s = 0.0
+        self.now_s = 0.0  # time of the last call, for the dialogue
+        self.counts = dict.fromkeys(("sent", "sent again", "encrypted acks"), 0)
+
+    def begin(self, dialogue: Dialogue[None]) -> None:
+        """Run this endless dialogue from the next ``due`` on, and drop any other."""
+        self._dialogue, self._step = dialogue, None
+
+    def take(self, frame: ProtocolFrame, now_s: float) -> None:
+        """Take a received frame; acks other than the expected one are ignored."""
+        self.now_s = now_s
+        waits = self._tries > 0 and not isinstance(self._step, float)
+        number = (frame.session, frame.sequence)
+        if not (frame.is_ack and waits and number == (SESSION, self._sequence)):
+            return
+        if frame.is_encrypted:
+            self.counts["encrypted acks"] += 1
+        else:
+            self._go_on(frame.value)
+
+    def due(self, now_s: float) -> bytes:
+        """Return the frame to send now; b"" if there is none."""
+        self.now_s = now_s
+        if self._dialogue is not None and self._step is None:
+            self._go_on(None)
+        while self._step is not None and now_s >= self._until_s:
+            if not isinstance(self._step, float) and self._tries < TRIES:
+                self._tries += 1
+                self._until_s = now_s + ANSWER_TIMEOUT_S
+                self.counts["sent" if self._tries == 1 else "sent again"] += 1
+                return self._frame
+            self._go_on(None)
+        return b""
+
+    def _go_on(self, value: bytes | None) -> None:
+        """Send ``value`` into the dialogue and run it up to its next step."""
+        assert self._dialogue is not None
+        self._step = step = self._dialogue.send(value if self._step is not None else None)
+        self._tries = 0
+        self._until_s = self.now_s
+        if isinstance(step, float):
+            self._until_s += step
+            return
+        # each request has a number of its own, which its repetitions keep; the first is not
+        # that of an earlier run of the host, whose repetition it would seem
+        last = int(self.now_s * 1e3) if self._sequence is None else self._sequence
+        self._sequence = (last + 1) & 0xFFFF
+        self._frame = encode_frame(step.data, session=SESSION, sequence=self._sequence)
+
+
+_DONE, _UNKNOWN_TOPIC, _OFFLINE = 0x00, 0x22, 0x25
+#: Answers that another try does not change: done, or refused for the request's length, version,
+#: id, rate or size, or for its topics.
+_FINAL = {_DONE, 0x01, 0x02, 0x03, 0x06, 0x07, 0x20, 0x21, _UNKNOWN_TOPIC}
+_NEEDS_ACTIVATION = {0x23, 0x50}
+#: Topics that are left out when a package is refused with this code: those that an M600 does not
+#: know (they were announced, or belong to other aircraft), and those of RTK hardware that is
+#: absent or off.
+_DISPENSABLE = {
+    _UNKNOWN_TOPIC: {"RTK_CONNECT_STATUS", "GIMBAL_CONTROL_MODE", "HEIGHT_FUSION"},
+    _OFFLINE: {name for name in BY_NAME if name.startswith("RTK_")},
+}
+
+
+class Subscriber:
+    """Manage the subscription of the packages ``wanted``, which may be none.
+
+    While it runs, ``table`` is kept to what the aircraft pushes: the packages that it accepted.
+    """
+
+    def __init__(self, wanted: Sequence[Package], table: PackageTable) -> None:
+        self._wanted, self._table = wanted, table
+        self.forget()
+
+    def forget(self) -> None:
+        """Mark everything as not asked for; the table stays until the aircraft is asked."""
+        self._is_clean = False  # versions match and no package of another host is left
+        self._asked: set[int] = set()
+        self._answers: dict[int, int] = {}  # package's id -> code of its last refusal, or 0
+        self.problems: dict[int, str] = {}  # of packages that are not fully subscribed
+
+    @property
+    def has_packages(self) -> bool:
+        """Return whether the aircraft pushes a package that was asked for."""
+        return any(number in self._table for number in self._answers)
+
+    @property
+    def is_open(self) -> bool:
+        """Return whether another try may bring a package."""
+        return any(self._answers.get(package.id) not in _FINAL for package in self._wanted)
+
+    def run(self) -> Dialogue[str]:
+        """Ask for everything that is open; return "" or why nothing can be subscribed to.
+
+        Raises NoAnswerError if the aircraft does not answer.
+        """
+        if not self._is_clean:
+            refusal = yield from self._clean()
+            if refusal:
+                return refusal
+        for package in self._wanted:
+            if self._answers.get(package.id) not in _FINAL:
+                yield from self._add(package)
+                if self._answers[package.id] in _NEEDS_ACTIVATION:
+                    return self.problems[package.id]
+        return ""
+
+    def _clean(self) -> Dialogue[str]:
+        """Match versions; remove the packages that this or another host left behind."""
+        code = yield from ask_code(MATCH_VERSION)
+        if code != _DONE:
+            return explain(MATCH_VERSION, code)
+        if (yield from ask_code(RESET_PACKAGES)) != _DONE:
+            for number in PACKAGE_IDS:
+                yield from ask_code(remove_package(number))
+        self._table.clear()
+        self._is_clean = True
+        return ""
+
+    def _add(self, wanted: Package) -> Dialogue[None]:
+        """Add a package, without the dispensable topics for which it is refused."""
+        number, package, answer = wanted.id, wanted, _DONE
+        if number in self._asked:  # it may be there in part, or its ack was lost
+            yield from ask_code(remove_package(number))
+            self._table.pop(number, None)
+        self._asked.add(number)
+        while (code := (yield from ask_code(package.request))) != _DONE:
+            answer = _OFFLINE if _OFFLINE in {answer, code} else code
+            left_out = _DISPENSABLE.get(code, set())
+            topics = tuple(topic for topic in package.topics if topic.name not in left_out)
+            if not topics or len(topics) == len(package.topics):
+                break
+            package = package._replace(topics=topics)
+        else:
+            self._table[number] = package
+        self._answers[number] = answer
+        self.problems.pop(number, None)
+        if answer != _DONE:
+            missing = [topic.name for topic in wanted.topics if topic not in package.topics]
+            what = f"is without {', '.join(missing)}" if number in self._table else "refused"
+            self.problems[number] = f"package {number} {what}: {explain(wanted.request, answer)}"
+
 
 _SUBSCRIPTION_PUSH = (0x02, 0x05)
-_DONE, _NEW_DEVICE = 0, 3
+_NEW_DEVICE = 3
 #: At a new device's first try DJI GO fetches the permission from DJI; the second try finds it.
 _SECOND_TRY_S = 1.0
 _LOOK_S = 0.5  # between checks of what is still to be done

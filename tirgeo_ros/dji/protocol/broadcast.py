@@ -12,7 +12,7 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 from tirgeo_ros.dji.protocol import broadcast_parts as parts
-from tirgeo_ros.dji.protocol.packed_fields import Make, PackedFields
+from tirgeo_ros.dji.protocol.broadcast_parts import Make, PackedFields
 
 
 class Layout(Enum):

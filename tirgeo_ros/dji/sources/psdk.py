@@ -30,10 +30,10 @@ from tirgeo_ros.dji.sources.readings import (
     ImuReading,
     Quaternion,
     Reading,
+    RtkEpochs,
     RtkReading,
     Vector,
 )
-from tirgeo_ros.dji.sources.rtk_epochs import RtkEpochs
 
 #: psdk_ros2 multiplies the aircraft's g by this factor. It is removed here: the value of g is
 #: defined once for all sources (standard gravity is 0.07 % more).

@@ -2,15 +2,203 @@
 
 from __future__ import annotations
 
+import math
+from collections import Counter
+from typing import Any, NamedTuple, Protocol
+
 from tirgeo_ros.core.config import DjiConfig
-from tirgeo_ros.dji.clocks.aircraft_clock import AircraftClock
-from tirgeo_ros.dji.clocks.running_counter import LONG_TICK_NS
+from tirgeo_ros.dji.clocks.aircraft_clock import LONG_TICK_NS, AircraftClock
+from tirgeo_ros.dji.clocks.steady_stamps import SteadyStamps
 from tirgeo_ros.dji.host.session import HostSession
-from tirgeo_ros.dji.link.encryption import parse_key
-from tirgeo_ros.dji.link.framing import PLAIN, FrameReader, ProtocolFrame
-from tirgeo_ros.dji.protocol.subscription import PackageTable
-from tirgeo_ros.dji.sources.readings import Reading
-from tirgeo_ros.dji.sources.serial_readings import PUSH_SET, Clocks, Telemetry
+from tirgeo_ros.dji.link.framing import PLAIN, FrameReader, ProtocolFrame, parse_key
+from tirgeo_ros.dji.protocol import broadcast_parts as parts
+from tirgeo_ros.dji.protocol.broadcast import decode_broadcast
+from tirgeo_ros.dji.protocol.subscription import PackageTable, decode_push
+from tirgeo_ros.dji.sources.readings import (
+    AccelerationUnit,
+    AttitudeReading,
+    GeodeticPlace,
+    GimbalReading,
+    GpsReading,
+    ImuOrigin,
+    ImuReading,
+    Reading,
+    RtkReading,
+    Vector,
+)
+
+PUSH_SET, _BROADCAST, _SUBSCRIPTION = 0x02, 0x00, 0x05
+_RTK_TOPICS = {"RTK_POSITION", "RTK_VELOCITY", "RTK_YAW", "RTK_POSITION_INFO", "RTK_YAW_INFO"}
+_GPS_TOPICS = {"GPS_POSITION", "GPS_VELOCITY", "GPS_DETAILS"}
+_RAW_DEG = math.radians(1e-7)
+
+
+class StampSource(Protocol):
+    """Give stamps for a counter of the aircraft: live ones or those of captures."""
+
+    def stamp_ns(self, ticks: int, arrival_ns: int, extra_ns: int = 0) -> int:
+        """Return the stamp of a counter's value that came in at ``arrival_ns``."""
+
+
+class Clocks(NamedTuple):
+    """Hold a clock for each counter of the aircraft: they may start and step separately."""
+
+    broadcast: StampSource  # ms
+    subscription: StampSource  # ms
+    hard_sync: StampSource  # ticks of 2.5 ms; a sync command resets it
+
+
+class Telemetry:
+    """Convert frames to readings; count what cannot be read.
+
+    Counted: ``broadcast``, ``subscription``, ``other`` frames; ``unknown_layout``: broadcasts
+    whose length fits no layout; ``unknown_package``: pushes that do not fit their package, as far
+    as it is known; ``untimed``: broadcasts without the aircraft's time, stamped at arrival;
+    ``axes_swapped``: GPS_POSITION with the latitude first.
+    """
+
+    def __init__(self, clocks: Clocks, packages: PackageTable) -> None:
+        self._clocks = clocks
+        self._packages = packages
+        self._steady: dict[int, SteadyStamps] = {}  # of packages without a time, by id
+        # the aircraft's latitude and longitude (rad), from fields whose order is certain
+        self._known: tuple[float, float] | None = None
+        self.counts: Counter[str] = Counter()
+
+    def read(self, frame: ProtocolFrame, arrival_ns: int) -> list[Reading]:
+        """Return the readings of a frame that came at ``arrival_ns``, in the order of use."""
+        if frame.cmd_set == PUSH_SET and frame.cmd_id == _BROADCAST:
+            return self._read_broadcast(frame.value, arrival_ns)
+        if frame.cmd_set == PUSH_SET and frame.cmd_id == _SUBSCRIPTION:
+            return self._read_push(frame.value, arrival_ns)
+        self.counts["other"] += 1
+        return []
+
+    def _read_broadcast(self, value: bytes, arrival_ns: int) -> list[Reading]:
+        said = decode_broadcast(value)
+        if said is None:
+            self.counts["unknown_layout"] += 1
+            return []
+        self.counts["broadcast"] += 1
+        stamp_ns = arrival_ns
+        if said.time is not None:
+            stamp_ns = self._clocks.broadcast.stamp_ns(said.time.time_ms, arrival_ns)
+        elif said.mask:
+            self.counts["untimed"] += 1
+        inertial = said.acceleration_as_packed, said.angular_rate_radps, said.quaternion_wxyz
+        unit = AccelerationUnit.UNKNOWN
+        readings = _inertial(stamp_ns, ImuOrigin.BROADCAST, unit, *inertial)
+        if said.position is not None:
+            self._known = said.position.lat_rad, said.position.lon_rad
+        if said.gps is not None:
+            readings.append(_gps(stamp_ns, said.gps))
+        if said.rtk is not None:
+            readings.append(_rtk(stamp_ns, said.rtk))
+        return readings + _gimbal(stamp_ns, said.gimbal)
+
+    def _read_push(self, value: bytes, arrival_ns: int) -> list[Reading]:
+        push = decode_push(value, self._packages)
+        if push is None:
+            self.counts["unknown_package"] += 1
+            return []
+        self.counts["subscription"] += 1
+        if push.time_ms is None:
+            steady = self._steady.setdefault(push.package.id, SteadyStamps())
+            stamp_ns = steady.stamp_ns(arrival_ns)
+        else:
+            stamp_ns = self._clocks.subscription.stamp_ns(push.time_ms, arrival_ns)
+        values = push.values
+        readings: list[Reading] = []
+        tick: parts.HardSync | None = values.get("HARD_SYNC")
+        if tick is not None:  # not by the push's own time, which is truncated to milliseconds
+            tick_ns = self._clocks.hard_sync.stamp_ns(tick.time2p5ms, arrival_ns, tick.time1ns)
+            given = tick.accel_g, tick.gyro_radps, tick.q_wxyz
+            readings += _inertial(tick_ns, ImuOrigin.HARD_SYNC, AccelerationUnit.G, *given)
+        raw = map(values.get, ("ACCELERATION_RAW", "ANGULAR_RATE_RAW", "QUATERNION"))
+        readings += _inertial(stamp_ns, ImuOrigin.SUBSCRIPTION, AccelerationUnit.M_S2, *raw)
+        if (fused := values.get("GPS_FUSED")) is not None:
+            self._known = fused.lat_rad, fused.lon_rad
+        readings += self._satellites(stamp_ns, values)
+        return readings + _gimbal(stamp_ns, values.get("GIMBAL_ANGLES"))
+
+    def _satellites(self, stamp_ns: int, values: dict[str, Any]) -> list[Reading]:
+        readings: list[Reading] = []
+        if not _RTK_TOPICS.isdisjoint(values):
+            position = values.get("RTK_POSITION")
+            if position is not None:
+                position = _place_deg(position.lat_deg, position.lon_deg, position.hfsl_m)
+                self._known = position[:2]
+            flag, yaw_flag = values.get("RTK_POSITION_INFO"), values.get("RTK_YAW_INFO")
+            velocity, yaw = _metres(values.get("RTK_VELOCITY")), values.get("RTK_YAW")
+            readings.append(RtkReading(stamp_ns, position, flag, velocity, yaw, yaw_flag))
+        if not _GPS_TOPICS.isdisjoint(values):
+            position = values.get("GPS_POSITION")
+            place = None if position is None else self._gps_place(position)
+            velocity = _metres(values.get("GPS_VELOCITY"))
+            quality = _quality(values.get("GPS_DETAILS"))
+            readings.append(GpsReading(stamp_ns, place, velocity, *quality))
+        return readings
+
+    def _gps_place(self, raw: parts.GpsPosition) -> GeodeticPlace:
+        """Return GPS_POSITION, longitude first unless other positions show the reverse order.
+
+        The documents disagree on the order.
+        """
+        lon, lat = raw.x_raw * _RAW_DEG, raw.y_raw * _RAW_DEG
+        if self._known is None:
+            is_swapped = abs(lat) > math.pi / 2 >= abs(lon)
+        else:
+            known_lat, known_lon = self._known
+            as_given = abs(lat - known_lat) + abs(lon - known_lon)
+            is_swapped = abs(lon - known_lat) + abs(lat - known_lon) < as_given
+        if is_swapped:
+            self.counts["axes_swapped"] += 1
+            lat, lon = lon, lat
+        return GeodeticPlace(lat, lon, raw.z_raw * 1e-3)
+
+
+def _inertial(
+    stamp_ns: int, origin: ImuOrigin, unit: AccelerationUnit, acceleration: Any, rate: Any, q: Any
+) -> list[Reading]:
+    """Return the readings that acceleration, rate and attitude make together."""
+    if acceleration is not None and rate is not None:
+        return [ImuReading(stamp_ns, origin, acceleration, unit, rate, q)]
+    return [] if q is None else [AttitudeReading(stamp_ns, q)]
+
+
+def _gimbal(stamp_ns: int, angles: parts.Gimbal | parts.GimbalAngles | None) -> list[Reading]:
+    if angles is None:
+        return []
+    degrees = angles.roll_deg, angles.pitch_deg, angles.yaw_deg
+    return [GimbalReading(stamp_ns, *map(math.radians, degrees))]
+
+
+def _gps(stamp_ns: int, gps: parts.Gps) -> GpsReading:
+    place = GeodeticPlace(gps.lat_1e7 * _RAW_DEG, gps.lon_1e7 * _RAW_DEG, gps.hfsl_mm * 1e-3)
+    return GpsReading(stamp_ns, place, _metres(gps.vel_ned_cmps), *_quality(gps.detail))
+
+
+def _quality(detail: parts.GpsDetail | None) -> tuple[Any, Any, Any, Any]:
+    """Return fix, and sigmas in m, m and m/s; None where they are not told."""
+    if detail is None:
+        return None, None, None, None
+    fix = int(detail.fix) if math.isfinite(detail.fix) else 0
+    return fix, detail.hacc_mm * 1e-3, detail.vacc_mm * 1e-3, detail.sacc_cmps * 1e-2
+
+
+def _rtk(stamp_ns: int, rtk: parts.Rtk) -> RtkReading:
+    place = _place_deg(rtk.lat_deg, rtk.lon_deg, rtk.hfsl_m)
+    velocity = _metres(rtk.vel_cmps)
+    return RtkReading(stamp_ns, place, rtk.pos_flag, velocity, rtk.yaw_deg, rtk.yaw_flag)
+
+
+def _place_deg(latitude_deg: float, longitude_deg: float, height_msl_m: float) -> GeodeticPlace:
+    return GeodeticPlace(math.radians(latitude_deg), math.radians(longitude_deg), height_msl_m)
+
+
+def _metres(cm_s: Vector | None) -> Vector | None:
+    return None if cm_s is None else (cm_s[0] * 1e-2, cm_s[1] * 1e-2, cm_s[2] * 1e-2)
+
 
 #: Longer than a frame can pause on its way (1023 bytes at 230400 baud take 44 ms).
 _PAUSE_S = 0.05

@@ -44,7 +44,7 @@ def opened_file(path: Path) -> BagFile:
     """
     packed = _begins(path, ZSTD_MAGIC)
     beside = [path.with_name(path.name + end) for end in _BESIDE]
-    unclosed = [one for one in beside if one.is_file() and one.stat().st_size]
+    unclosed = [file for file in beside if file.is_file() and file.stat().st_size]
     if not packed and not (unclosed and _begins(path, SQLITE)):
         return _reader(path, path)
     folder = Path(tempfile.mkdtemp(prefix="tirgeo-bag-"))
@@ -76,8 +76,8 @@ def _copied(path: Path, beside: list[Path], folder: Path, *, packed: bool) -> Pa
             with path.open("rb") as file, copy.open("wb") as out:
                 _unpack(path, file, out)
         else:
-            for one in (path, *beside):
-                shutil.copyfile(one, folder / one.name)
+            for source in (path, *beside):
+                shutil.copyfile(source, folder / source.name)
     except OSError as error:
         raise BagError(
             f"{path}: cannot be unpacked to {folder.parent}: {error.strerror or error}; set "
@@ -90,22 +90,18 @@ def _unpack(path: Path, file: IO[bytes], out: IO[bytes]) -> None:
     """Write what a file holds. Of a cut or damaged one, the part before: its reader finds that."""
     free = shutil.disk_usage(Path(out.name).parent).free - _RESERVE
     most = path.stat().st_size * _MOST_TIMES + _ANYWAY
-    for piece in _pieces(file):
-        written = out.tell() + len(piece)
-        if written > most:
-            raise BagError(f"{path}: unpacks to more than {_MOST_TIMES} times its size: not read")
-        if written > free:
-            raise OSError(f"only {max(free, 0) >> 20} MiB are free there")
-        out.write(piece)
-    if not out.tell():
-        raise BagError(f"{path}: the compressed file is cut off or damaged: nothing can be read")
-
-
-def _pieces(file: IO[bytes]) -> Iterator[bytes]:
     stream = zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True)
     with suppress(zstandard.ZstdError):
         while piece := stream.read(_PIECE):
-            yield piece
+            written = out.tell() + len(piece)
+            if written > most:
+                times = f"{_MOST_TIMES} times its size"
+                raise BagError(f"{path}: unpacks to more than {times}: not read")
+            if written > free:
+                raise OSError(f"only {max(free, 0) >> 20} MiB are free there")
+            out.write(piece)
+    if not out.tell():
+        raise BagError(f"{path}: the compressed file is cut off or damaged: nothing can be read")
 
 
 __all__ = ["BagMessage", "BagReader", "BagWriter", "Cdr", "TopicForm"]
@@ -137,10 +133,10 @@ class BagReader:
 
     def forms(self) -> dict[str, TopicForm]:
         """Return how each of these topics was recorded, for a BagWriter that copies it."""
-        found: dict[str, TopicForm] = {}
+        forms: dict[str, TopicForm] = {}
         for file in reversed(self._files):
-            found |= file.forms()
-        return found
+            forms |= file.forms()
+        return forms
 
     @property
     def span_ns(self) -> tuple[int, int]:
@@ -257,14 +253,14 @@ def bag_files(path: Path) -> tuple[list[Path], list[str]]:
     if not metadata.is_file():
         return _in_folder(folder), []
     try:
-        told = _told(metadata)
-        names = [Path(name).name for name in told["relative_file_paths"]]
+        recorded = _information(metadata)
+        names = [Path(name).name for name in recorded["relative_file_paths"]]
     except (BagError, yaml.YAMLError, KeyError, TypeError, ValueError, RecursionError):
         return _in_folder(folder), [f"{METADATA} is damaged"]
-    _check_known(metadata, told)
-    found = {name: _file_of(folder, name) for name in names}
-    files = [file for file in found.values() if file]
-    lost = [f"{name}, named in {METADATA}, is absent" for name in names if not found[name]]
+    _check_known(metadata, recorded)
+    by_name = {name: _file_of(folder, name) for name in names}
+    files = [file for file in by_name.values() if file]
+    lost = [f"{name}, named in {METADATA}, is absent" for name in names if not by_name[name]]
     return files or _in_folder(folder), lost
 
 
@@ -285,23 +281,23 @@ def by_numbers(path: Path) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
 
 
-def _told(metadata: Path) -> dict[str, Any]:
+def _information(metadata: Path) -> dict[str, Any]:
     """Return what metadata say; the names of version 3 and before have the folder's in front."""
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # ten times as fast where there is C
     tree = yaml.load(read_text(metadata, BagError, _MOST_BYTES), loader)  # noqa: S506  safe
-    told: dict[str, Any] = tree["rosbag2_bagfile_information"]
-    return told
+    recorded: dict[str, Any] = tree["rosbag2_bagfile_information"]
+    return recorded
 
 
-def _check_known(metadata: Path, told: dict[str, Any]) -> None:
-    storage = told.get("storage_identifier")
+def _check_known(metadata: Path, recorded: dict[str, Any]) -> None:
+    storage = recorded.get("storage_identifier")
     if storage not in _STORAGES:
         raise BagError(
             f"{metadata}: storage {storage!r} is not known ({', '.join(_STORAGES)} are); "
             "convert the bag with ros2 bag convert"
         )
-    form = told.get("compression_format") or "zstd"
-    if str(told.get("compression_mode") or "none").lower() != "none" and form != "zstd":
+    form = recorded.get("compression_format") or "zstd"
+    if str(recorded.get("compression_mode") or "none").lower() != "none" and form != "zstd":
         raise BagError(
             f"{metadata}: compression {form!r} is not known (zstd is); "
             "convert the bag with ros2 bag convert"
@@ -310,18 +306,20 @@ def _check_known(metadata: Path, told: dict[str, Any]) -> None:
 
 def _file_of(folder: Path, name: str) -> Path | None:
     """Return the file of this name; of a recorder that was killed, before or after compression."""
-    for one in (name, name + _ZSTD, name.removesuffix(_ZSTD)):
-        if one and (folder / one).is_file():
-            return folder / one
+    for spelling in (name, name + _ZSTD, name.removesuffix(_ZSTD)):
+        if spelling and (folder / spelling).is_file():
+            return folder / spelling
     return None
 
 
 def _in_folder(folder: Path) -> list[Path]:
     """Return the files of the one bag in a folder, in the order of their numbers."""
-    found = sorted((one for one in folder.iterdir() if _bag_name(one)), key=by_numbers)
+    files = sorted((file for file in folder.iterdir() if _bag_name(file)), key=by_numbers)
     # Where a recorder was killed while it compressed a file, the plain one is the whole one.
-    found = [one for one in found if one.name.removesuffix(_ZSTD) == one.name or not _plain(one)]
-    bags = sorted({re.sub(r"_\d+$", "", one.name.split(".")[0]) for one in found})
+    files = [
+        file for file in files if file.name.removesuffix(_ZSTD) == file.name or not _plain(file)
+    ]
+    bags = sorted({re.sub(r"_\d+$", "", file.name.split(".")[0]) for file in files})
     if not bags:
         raise BagError(f"{folder}: no bag in this folder: no .mcap and no .db3 file")
     if len(bags) > 1:
@@ -330,7 +328,7 @@ def _in_folder(folder: Path) -> list[Path]:
             f"{folder}: {len(bags)} recordings without a {METADATA} ({', '.join(bags[:3])}{more}):"
             " give one of them"
         )
-    return found
+    return files
 
 
 def _plain(path: Path) -> bool:

@@ -85,10 +85,10 @@ class BagFile(ABC):
 
     def forms(self) -> dict[str, TopicForm]:
         """Return every topic of which the file has messages, with the form of its first."""
-        found: dict[str, TopicForm] = {}
+        forms: dict[str, TopicForm] = {}
         for topic, form in self.connections.values():
-            found.setdefault(topic, form)
-        return found
+            forms.setdefault(topic, form)
+        return forms
 
     def messages(
         self, topics: Collection[str] | None, start_ns: int, *, any_form: bool = False

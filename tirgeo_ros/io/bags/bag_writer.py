@@ -14,7 +14,7 @@ from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.io.bags.bag_file import TopicForm
 from tirgeo_ros.io.bags.cdr import Cdr
 from tirgeo_ros.io.files.whole_files import PathLike, check_place, part_of, path_of
-from tirgeo_ros.io.messages.offered_qos import offered_qos
+from tirgeo_ros.io.messages.sensor_messages import offered_qos
 
 #: What rosbag2 writes when it opens a file. It reads the version, by which it takes the topics'
 #: QoS as words, not numbers; counts and times come from the summary at the end of the file.
@@ -165,27 +165,29 @@ def qos_in_words(topic: str, metadata: Mapping[str, str]) -> str:
     publishers = _publishers(text)
     if not publishers:
         return offered_qos(topic).text
-    numbered = [one for one in publishers if any(isinstance(one.get(key), int) for key in _WORDS)]
+    numbered = [
+        entry for entry in publishers if any(isinstance(entry.get(key), int) for key in _WORDS)
+    ]
     if not numbered:
         return text
-    for one in numbered:
-        one.update({key: _word(key, one.get(key)) for key in _WORDS})
+    for entry in numbered:
+        entry.update({key: _word(key, entry.get(key)) for key in _WORDS})
     return str(yaml.safe_dump(publishers, sort_keys=False)).strip()
 
 
 def is_latched(topic: str, metadata: Mapping[str, str]) -> bool:
     """Return whether late subscribers of a recorded topic get its last message."""
     publishers = _publishers(qos_in_words(topic, metadata))
-    return any(one.get("durability") == "transient_local" for one in publishers)
+    return any(publisher.get("durability") == "transient_local" for publisher in publishers)
 
 
 def _publishers(text: str) -> list[dict[str, Any]]:
     try:
-        found = yaml.safe_load(text)
+        document = yaml.safe_load(text)
     except (yaml.YAMLError, RecursionError):
         return []
-    entries = found if isinstance(found, list) else []
-    return [one for one in entries if isinstance(one, dict)]
+    entries = document if isinstance(document, list) else []
+    return [entry for entry in entries if isinstance(entry, dict)]
 
 
 def _word(key: str, value: object) -> str:

@@ -79,7 +79,7 @@ class McapFile(BagFile):
         with self._mapped() as data:
             self._check_header(data)
             silent = self._find(data)
-        spans = [(one.start_ns, one.end_ns) for one in self.segments]
+        spans = [(segment.start_ns, segment.end_ns) for segment in self.segments]
         self.span_ns = (min(a for a, _ in spans), max(b for _, b in spans)) if spans else None
         self.connections = {
             key: Connection(channel.topic, self._form(channel))
@@ -102,7 +102,7 @@ class McapFile(BagFile):
         with self._mapped() as data:
             parts = (
                 (segment.start_ns, self._loaded(data, segment, keys, start_ns))
-                for segment in sorted(self.segments, key=lambda one: (one.start_ns, one.offset))
+                for segment in sorted(self.segments, key=lambda part: (part.start_ns, part.offset))
                 if segment.end_ns >= start_ns
                 and (segment.channels is None or not segment.channels.isdisjoint(keys))
             )
@@ -321,8 +321,8 @@ def _record_at(data: mmap | bytes, at: int) -> tuple[int | None, int]:
     if at + _RECORD.size > len(data):
         return None, len(data)
     opcode, length = _RECORD.unpack_from(data, at)
-    known = Opcode.HEADER <= opcode <= Opcode.DATA_END or opcode >= _PRIVATE
-    return (opcode if known else None), at + _RECORD.size + length
+    valid = Opcode.HEADER <= opcode <= Opcode.DATA_END or opcode >= _PRIVATE
+    return (opcode if valid else None), at + _RECORD.size + length
 
 
 def _reason(error: BaseException) -> str:

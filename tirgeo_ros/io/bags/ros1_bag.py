@@ -73,7 +73,9 @@ class UnindexedReader(Reader):
         """Give the base class what it would have of an index."""
         self.indexes = {key: sorted(self._entries[key]) for key in self._found}
         counts = {key: len(entries) for key, entries in self.indexes.items()}
-        self.connections = [one._replace(msgcount=counts[key]) for key, one in self._found.items()]
+        self.connections = [
+            each._replace(msgcount=counts[key]) for key, each in self._found.items()
+        ]
         times_ns = [entry.time for entries in self.indexes.values() for entry in entries]
         if times_ns:
             self.chunk_infos = [ChunkInfo(0, min(times_ns), max(times_ns) + 1, counts)]
@@ -211,10 +213,10 @@ class Ros1Bag:
 
     def topics(self) -> dict[str, str]:
         """Return every topic with the name of its type, or of all its types, with commas."""
-        found: dict[str, set[str]] = {}
+        by_topic: dict[str, set[str]] = {}
         for connection in self._connections:
-            found.setdefault(connection.topic, set()).add(connection.msgtype)
-        return {topic: ", ".join(sorted(types)) for topic, types in sorted(found.items())}
+            by_topic.setdefault(connection.topic, set()).add(connection.msgtype)
+        return {topic: ", ".join(sorted(types)) for topic, types in sorted(by_topic.items())}
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[Ros1Message]:
         """Return the messages of these topics in order of the times when they were recorded."""
@@ -223,16 +225,18 @@ class Ros1Bag:
             return topics is None or connection.topic in topics
 
         with self._opened() as reader:
-            chosen = [one for one in reader.connections if wanted(one)]
+            chosen = [connection for connection in reader.connections if wanted(connection)]
             if not chosen:  # which would be all of them to the reader
                 return
             late = 0
-            for one, record_ns, data in reader.messages(chosen):
+            for connection, record_ns, data in reader.messages(chosen):
                 if record_ns >= LAST_NS:
                     late += 1
                     self._losses["late"] = f"{late} {TOO_LATE}"
                     continue
-                yield Ros1Message(one.topic, one.msgtype, record_ns, data, one.msgdef.data)
+                yield Ros1Message(
+                    connection.topic, connection.msgtype, record_ns, data, connection.msgdef.data
+                )
 
     def cdr(self, message: Any) -> bytes:
         """Return a message as one of ROS 2. Raises MessageError if it is no such message."""

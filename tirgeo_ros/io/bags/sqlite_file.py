@@ -92,8 +92,8 @@ class SqliteFile(BagFile):
         """Return the definitions of types, which older recorders did not know."""
         try:
             tables = [str(row["name"]) for row in base.execute(_NAMES)]
-            known = base.execute(_DEFINITIONS) if "message_definitions" in tables else ()
-            return {str(row["topic_type"]): row for row in known}
+            rows = base.execute(_DEFINITIONS) if "message_definitions" in tables else ()
+            return {str(row["topic_type"]): row for row in rows}
         except sqlite3.Error as error:
             self.losses[4] = f"the definitions of its types cannot be read ({error})"
             return {}

@@ -82,22 +82,22 @@ def to_wgs84(points: Array, name: str, where: str) -> tuple[Array, tuple[str, ..
     Raises MapError for an unknown system, and for one whose datum PROJ cannot transform to WGS84.
     """
     system = checked_system(name, where)
-    laid = np.array(points, float)
+    places = np.array(points, float)
     remarks: tuple[str, ...] = ()
     if system.is_compound:
-        if np.isfinite(laid[:, 2]).any():
+        if np.isfinite(places[:, 2]).any():
             remarks = (f"{where}: heights of {system.name} are not above the ellipsoid: left out",)
-        laid[:, 2] = np.nan
+        places[:, 2] = np.nan
     try:
         transformer = pyproj.Transformer.from_crs(system.to_2d(), "EPSG:4326", always_xy=True)
     except ProjError:
         raise MapError(
             f"{where}: cannot be transformed from {system.name} to WGS84: is it of the Earth?"
         ) from None
-    laid[:, 0], laid[:, 1] = transformer.transform(points[:, 0], points[:, 1])
-    if len(laid):
+    places[:, 0], places[:, 1] = transformer.transform(points[:, 0], points[:, 1])
+    if len(places):
         remarks += _shift_remarks(transformer, system, where)
-    return laid, remarks
+    return places, remarks
 
 
 def _shift_remarks(

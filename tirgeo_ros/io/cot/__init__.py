@@ -1,1 +1,1 @@
-"""Say targets, aircraft and their cameras as Cursor-on-Target events."""
+"""Encode targets, aircraft and their cameras as Cursor-on-Target events."""

@@ -182,9 +182,9 @@ def _loaded(paths: list[str], undulation_m: float) -> Terrain:
         for path in paths:
             with _readable(rasterio, path):
                 source = opened.enter_context(rasterio.open(path))
-            tile, said = _tile(path, source, undulation_m)
+            tile, remarks = _tile(path, source, undulation_m)
             tiles.append(tile)
-            notes += said
+            notes += remarks
         return _terrain(rasterio, tiles, _joined(notes))
 
 

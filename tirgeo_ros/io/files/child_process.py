@@ -77,8 +77,8 @@ def _path() -> list[str]:
     """Return the module path of this process; last comes the folder that holds this package."""
     package = str(Path(tirgeo_ros.__file__).resolve().parents[1])
     here = os.path.realpath(".")
-    found = [each for each in sys.path if each and os.path.realpath(each) != here]
-    return [*found, package]
+    entries = [each for each in sys.path if each and os.path.realpath(each) != here]
+    return [*entries, package]
 
 
 @contextmanager

@@ -34,8 +34,8 @@ def check_outputs(
     """
     taken = _streams()
     for path in inputs:
-        for one in (path, *_inside(path_of(path, error))) if path else ():
-            taken |= dict.fromkeys(_places(one), f"the input {os.fspath(one)}")
+        for file in (path, *_inside(path_of(path, error))) if path else ():
+            taken |= dict.fromkeys(_places(file), f"the input {os.fspath(file)}")
     for path in outputs:
         if not path:
             continue
@@ -66,22 +66,22 @@ def _inside(folder: PathLike) -> list[Path]:
 
 def _places(path: PathLike) -> set[object]:
     """Return what identifies a file: its name without links, and its inode if it exists."""
-    found: set[object] = {os.path.realpath(path)}
+    places: set[object] = {os.path.realpath(path)}
     with suppress(OSError, ValueError):
         status = Path(path).stat()
-        found.add((status.st_dev, status.st_ino))
-    return found
+        places.add((status.st_dev, status.st_ino))
+    return places
 
 
 def _streams() -> dict[object, str]:
     """Return the files that a shell has made this program's input, output or errors."""
-    found: dict[object, str] = {}
+    streams: dict[object, str] = {}
     for number, name in enumerate(("input", "output", "error")):
         with suppress(OSError):  # closed
             status = os.fstat(number)
             if stat.S_ISREG(status.st_mode):
-                found[status.st_dev, status.st_ino] = f"standard {name}"
-    return found
+                streams[status.st_dev, status.st_ino] = f"standard {name}"
+    return streams
 
 
 def made_folder(path: PathLike, error: type[TirgeoError]) -> Path:

@@ -11,8 +11,8 @@ import numpy as np
 
 from tirgeo_ros.core.frames.axes import flu_from_frd
 from tirgeo_ros.core.frames.rotations import slerp
-from tirgeo_ros.core.streams.lone_stamps import lone_stamps
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
+from tirgeo_ros.core.streams.stamps import lone_stamps
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 from tirgeo_ros.core.types.measurements import (
     FixStatus,
@@ -97,9 +97,7 @@ class GnssTable:
     time_us: IntArray
     utc_us: IntArray  # Unix time by the receiver; 0 or less: not known yet
     fix: IntArray  # MAVLink's GPS_FIX_TYPE
-    latitude_rad: Array
-    longitude_rad: Array
-    height_m: Array  # ellipsoidal
+    geodetic: Array  # (N, 3) latitude, longitude (rad), ellipsoidal height (m)
     sigma_m: Array  # (N, 2) horizontal, vertical
     velocity_n: Array  # (N, 3) m/s
     velocity_sigma_m_s: Array
@@ -185,19 +183,19 @@ def _at(time_us: IntArray, attitude: AttitudeTable) -> list[Array | None]:
     known_us, q_nb = attitude.time_us[usable], attitude.q_nb[usable]
     order = np.argsort(known_us, kind="stable")
     known_us, q_nb = known_us[order], q_nb[order]
-    found: list[Array | None] = []
+    attitudes: list[Array | None] = []
     for at_us, after in zip(time_us.tolist(), np.searchsorted(known_us, time_us), strict=True):
         if after < len(known_us) and known_us[after] == at_us:
-            found.append(q_nb[after])
+            attitudes.append(q_nb[after])
             continue
         if not 0 < after < len(known_us):
-            found.append(None)
+            attitudes.append(None)
             continue
         step_us = int(known_us[after] - known_us[after - 1])
         fraction = (at_us - int(known_us[after - 1])) / step_us
         near = step_us * 1000 <= _LONGEST_GAP_NS
-        found.append(slerp(q_nb[after - 1], q_nb[after], fraction) if near else None)
-    return found
+        attitudes.append(slerp(q_nb[after - 1], q_nb[after], fraction) if near else None)
+    return attitudes
 
 
 def _add_gnss(contents: LogContents, shift_us: int, gnss: GnssTable) -> None:
@@ -216,22 +214,14 @@ def _samples_of(
 ) -> Iterator[NavigationInput]:
     """Yield what a record of a receiver with a fix holds."""
     horizontal, vertical = _known(gnss.sigma_m[row, 0]) ** 2, _known(gnss.sigma_m[row, 1]) ** 2
-    yield PositionSample(
-        stamp_ns,
-        Source.RTK_POSITION,
-        status,
-        float(gnss.latitude_rad[row]),
-        float(gnss.longitude_rad[row]),
-        float(gnss.height_m[row]),
-        np.diag([horizontal, horizontal, vertical]),
-    )
-    if not np.isnan(gnss.velocity_n[row]).any():
-        yield VelocitySample(
-            stamp_ns,
-            Source.RTK_VELOCITY,
-            gnss.velocity_n[row],
-            np.eye(3) * _known(gnss.velocity_sigma_m_s[row]) ** 2,
-        )
+    covariance_n = np.diag([horizontal, horizontal, vertical])
+    latitude_rad, longitude_rad, height_m = gnss.geodetic[row].tolist()
+    geodetic = latitude_rad, longitude_rad, height_m
+    yield PositionSample(stamp_ns, Source.RTK_POSITION, status, *geodetic, covariance_n)
+    velocity_n = gnss.velocity_n[row]
+    if not np.isnan(velocity_n).any():
+        covariance_n = np.eye(3) * _known(gnss.velocity_sigma_m_s[row]) ** 2
+        yield VelocitySample(stamp_ns, Source.RTK_VELOCITY, velocity_n, covariance_n)
     if not np.isnan(gnss.heading_rad[row]):
         heading_rad = float(gnss.heading_rad[row] % (2 * np.pi))
         yield HeadingSample(stamp_ns, heading_rad, _known(gnss.heading_sigma_rad[row]) ** 2)

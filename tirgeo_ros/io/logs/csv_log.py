@@ -15,8 +15,15 @@ from typing import NamedTuple
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.measurements import LAST_NS, ImuSample
 from tirgeo_ros.io.files.whole_files import WINDOWS, encoding_of, first_bytes, reading
-from tirgeo_ros.io.logs.columns_keys import Cell, Keys
-from tirgeo_ros.io.logs.columns_quantities import QUANTITIES, Log, Quantity, Row, matching
+from tirgeo_ros.io.logs.columns import (
+    QUANTITIES,
+    Cell,
+    Keys,
+    Log,
+    Quantity,
+    Row,
+    matching,
+)
 from tirgeo_ros.io.logs.log_contents import (
     GPS_EPOCH_NS,
     SECOND_NS,
@@ -55,7 +62,7 @@ def read_csv(path: Path, options: LogOptions) -> LogContents:
     if layout.header:
         columns.bind(next(_rows(path, layout), []), path)
     width = 0 if layout.ragged else _usual_width(path, layout)
-    for time in dict.fromkeys(one.time for one in columns.quantities):
+    for time in dict.fromkeys(quantity.time for quantity in columns.quantities):
         numbered = enumerate(_values(path, layout))
         time.prepare((number, row) for number, row in numbered if len(row) >= width)
     table = _Table(columns, width)
@@ -82,16 +89,16 @@ class _Table:
         if len(row) < self._width:
             self.contents.refused[_ROW, "it has fewer columns than the others"] += 1
             return
-        for one in self._columns.quantities:
-            if all(fits(row) for fits in one.where):
-                self._fitting[one.name] += 1
-                self._convert(one, number, row)
+        for named in self._columns.quantities:
+            if all(fits(row) for fits in named.where):
+                self._fitting[named.name] += 1
+                self._convert(named, number, row)
 
-    def _convert(self, one: NamedQuantity, number: int, row: Row) -> None:
+    def _convert(self, named: NamedQuantity, number: int, row: Row) -> None:
         try:
-            sample = self._sample(one, number, row)
+            sample = self._sample(named, number, row)
         except Refused as why:
-            self.contents.refused[one.name, str(why)] += 1
+            self.contents.refused[named.name, str(why)] += 1
             return
         self.contents.samples.append(sample)
         if isinstance(sample, ImuSample):
@@ -100,24 +107,24 @@ class _Table:
             self._imu_repeats += values == self._imu_before
             self._imu_before = values
 
-    def _sample(self, one: NamedQuantity, number: int, row: Row) -> SensedSample:
+    def _sample(self, named: NamedQuantity, number: int, row: Row) -> SensedSample:
         """Return the sample of a row; raise Refused for one that is held from the row before."""
-        stamp_ns = one.time.stamp_ns(number, row)
-        if stamp_ns == self._newest_ns.get(one.name):
+        stamp_ns = named.time.stamp_ns(number, row)
+        if stamp_ns == self._newest_ns.get(named.name):
             raise Refused("it has the time of the row before")
-        sample = one.quantity(stamp_ns, row)
-        self._newest_ns[one.name] = stamp_ns
+        sample = named.quantity(stamp_ns, row)
+        self._newest_ns[named.name] = stamp_ns
         return sample
 
     def finish(self) -> None:
         """Say which quantities ``where`` left empty, and whether the IMU was polled too fast."""
         rows = self.contents.read[_ROW]
-        for one in self._columns.quantities:
-            fitting = self._fitting[one.name]
-            if one.where and not fitting:
-                self.contents.refused[one.name, f"no row fits {one.name}.where"] = rows
-            elif one.where:
-                self.contents.notes.append(f"{one.name}: {fitting} of {rows} rows fit its where")
+        for named in self._columns.quantities:
+            fitting = self._fitting[named.name]
+            if named.where and not fitting:
+                self.contents.refused[named.name, f"no row fits {named.name}.where"] = rows
+            elif named.where:
+                self.contents.notes.append(f"{named.name}: {fitting} of {rows} rows fit its where")
         if self._imu_repeats > _REPEATS * self._imu_rows:
             self.contents.notes.append(
                 f"{self._imu_repeats} of {self._imu_rows} IMU rows repeat the one before, as "
@@ -330,13 +337,13 @@ def _layout(keys: Keys) -> Layout:
         "skip": (int, "a number of lines"),
         "comment": (str, "a text"),
     }
-    given = {name: keys.value(name, *kinds[name]) for name in kinds if name in keys}
-    if given.get("skip", 0) < 0:
-        raise LogError(f"{keys.place}.skip: {given['skip']} is not a number of lines")
+    values = {name: keys.value(name, *kinds[name]) for name in kinds if name in keys}
+    if values.get("skip", 0) < 0:
+        raise LogError(f"{keys.place}.skip: {values['skip']} is not a number of lines")
     separator = _SEPARATORS[keys.choice("separator", list(_SEPARATORS), "comma")]
     decimal_comma = keys.choice("decimal", ("point", "comma"), "point") == "comma"
     keys.finish()
-    return Layout(separator=separator, decimal_comma=decimal_comma, **given)
+    return Layout(separator=separator, decimal_comma=decimal_comma, **values)
 
 
 def _where(keys: Keys) -> tuple[Callable[[Row], bool], ...]:

@@ -125,13 +125,13 @@ def _logged(path: Path) -> _Log:
             ends = (at + form.len for form, at in lasts if form)
             log.cut = max(ends, default=0) > self.data_len
 
-    said = StringIO()  # it prints each place that it cannot read
-    log = _Log({name: {one: array("d") for one in names} for name, names in _FIELDS.items()}, {})
+    output = StringIO()  # it prints each place that it cannot read
+    log = _Log({name: {key: array("d") for key in names} for name, names in _FIELDS.items()}, {})
     try:
         with (
             bounded_memory(LOG_BYTES),
-            redirect_stdout(said),
-            redirect_stderr(said),
+            redirect_stdout(output),
+            redirect_stderr(output),
             (DFReader_text if _is_text(path) else Reader)(str(path)) as file,
         ):
             while message := file.recv_match(type={*_FIELDS, _PARAMETER}, strict=True):
@@ -141,7 +141,7 @@ def _logged(path: Path) -> _Log:
     except Exception as error:  # noqa: BLE001  pymavlink raises that very class
         why = str(error) or type(error).__name__
         raise LogError(f"{path}: damaged, or not a DataFlash log: {why}") from None
-    log.damaged = log.damaged or bool(said.getvalue())
+    log.damaged = log.damaged or bool(output.getvalue())
     return log
 
 
@@ -197,7 +197,7 @@ def _records(log: _Log, name: str, instance: float | None = None) -> Records:
     instances = _instances(log.fields[name])
     first = instances.min(initial=math.inf) if instance is None else instance
     taken = (instances == first) & np.isfinite(instances)
-    fields = {one: np.array(values)[taken] for one, values in log.fields[name].items()}
+    fields = {field: np.array(values)[taken] for field, values in log.fields[name].items()}
     others = len(taken) - int(taken.sum())
     return Records(name, fields["TimeUS"].astype(np.int64), fields, others)
 
@@ -239,6 +239,7 @@ def _gnss(path: Path, fixes: Records, accuracy: Records, options: LogOptions) ->
     velocity_n = np.stack([speed * np.cos(course_rad), speed * np.sin(course_rad), down], axis=-1)
     horizontal, vertical, of_speed, yaw_deg, has_down = _at_fixes(fixes, accuracy).T
     velocity_n[has_down == 0] = math.nan
+    latitude_rad, longitude_rad = np.radians(fixes.columns("Lat", "Lng")).T
     heading_deg = fixes.column("Yaw")
     heading_deg[heading_deg == 0] = math.nan  # what a receiver without a heading has
     return GnssTable(
@@ -246,9 +247,7 @@ def _gnss(path: Path, fixes: Records, accuracy: Records, options: LogOptions) ->
         fixes.time_us,
         _utc_us(fixes),
         np.nan_to_num(fixes.column("Status")).astype(np.int64),
-        np.radians(fixes.column("Lat")),
-        np.radians(fixes.column("Lng")),
-        fixes.column("Alt") + undulation_m,
+        np.stack([latitude_rad, longitude_rad, fixes.column("Alt") + undulation_m], axis=-1),
         np.stack([horizontal, vertical], axis=-1),
         velocity_n,
         of_speed,
@@ -260,10 +259,10 @@ def _gnss(path: Path, fixes: Records, accuracy: Records, options: LogOptions) ->
 def _logged_undulation(accuracy: Records) -> str:
     """Return what the log says of the undulation, for a person: its sign differs by receiver."""
     logged_m = accuracy.column("Und")
-    known = logged_m[np.isfinite(logged_m) & (logged_m != 0)]
-    if not len(known):
+    undulations_m = logged_m[np.isfinite(logged_m) & (logged_m != 0)]
+    if not len(undulations_m):
         return ""
-    return f" (GPA.Und is {np.median(known):.1f}, of either sign, as the receiver has it)"
+    return f" (GPA.Und is {np.median(undulations_m):.1f}, of either sign, as the receiver has it)"
 
 
 def _at_fixes(fixes: Records, accuracy: Records) -> Array:
@@ -280,11 +279,11 @@ def _at_fixes(fixes: Records, accuracy: Records) -> Array:
 def _utc_us(fixes: Records) -> IntArray:
     """Return UTC (n,) in us of Unix time; 0 where the week is not known."""
     weeks, tows_ms = np.nan_to_num(fixes.columns("GWk", "GMS")).astype(np.int64).T.tolist()
-    known = (
+    times_us = (
         utc_ns_of_week(week, tow_ms * 1_000_000) // 1000 if week > 0 else 0
         for week, tow_ms in zip(weeks, tows_ms, strict=True)
     )
-    return np.array(list(known), np.int64)
+    return np.array(list(times_us), np.int64)
 
 
 def _notes(log: _Log, used: float | None) -> Iterator[str]:

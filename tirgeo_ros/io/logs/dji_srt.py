@@ -119,9 +119,9 @@ class _Heights:
             )
         return self._above(self._options.height, plain)
 
-    def _above(self, datum: str, found: re.Match[str]) -> float:
-        self._used[f"{found[0].strip(' :[').partition(':')[0].split()[0]} as {datum}"] = None
-        return float(found[1]) + self._options.to_ellipsoid_m(datum, self._path)
+    def _above(self, datum: str, match: re.Match[str]) -> float:
+        self._used[f"{match[0].strip(' :[').partition(':')[0].split()[0]} as {datum}"] = None
+        return float(match[1]) + self._options.to_ellipsoid_m(datum, self._path)
 
     @property
     def notes(self) -> list[str]:
@@ -163,10 +163,10 @@ def _stamps_ns(cues: list[_Cue], path: Path, options: LogOptions) -> Iterator[in
 def _place(text: str) -> tuple[str, str] | None:
     """Return latitude and longitude (deg) as they are written, or None."""
     for pattern in _LAT_LON:
-        if found := pattern.search(text):
-            return found[1], found[2]
-    found = _LON_LAT.search(text)
-    return (found[2], found[1]) if found else None
+        if match := pattern.search(text):
+            return match[1], match[2]
+    match = _LON_LAT.search(text)
+    return (match[2], match[1]) if match else None
 
 
 def _position(stamp_ns: int, place: tuple[str, str], height_m: float) -> PositionSample:
@@ -178,10 +178,10 @@ def _position(stamp_ns: int, place: tuple[str, str], height_m: float) -> Positio
 
 def _attitude(text: str, stamp_ns: int) -> list[CameraAttitudeSample]:
     """Return the camera's attitude if it is written: degrees, in NED."""
-    if found := _GIMBAL_PRY.search(text):
-        pitch, roll, yaw = found.groups()
-    elif found := _GIMBAL_YPR.search(text):
-        yaw, pitch, roll = found.groups()
+    if match := _GIMBAL_PRY.search(text):
+        pitch, roll, yaw = match.groups()
+    elif match := _GIMBAL_YPR.search(text):
+        yaw, pitch, roll = match.groups()
     else:
         return []
     angles_rad = (math.radians(float(angle)) for angle in (roll, pitch, yaw))

@@ -87,10 +87,10 @@ def written_time(text: str) -> WrittenTime | None:
     Takes ``2024-06-11T07:44:39.25Z``, ``2025/08/28 17:30:39.749``, DJI's
     ``2022.8.7 13:40:40,774,808`` and Emlid's ``2022-03-14 13:03:45.8 UTC+03:00``.
     """
-    found = _WRITTEN.search(text)
-    if found is None:
+    match = _WRITTEN.search(text)
+    if match is None:
         return None
-    *fields, fraction, micros, utc, offset = found.groups()
+    *fields, fraction, micros, utc, offset = match.groups()
     zone = offset or (utc and "Z")
     year, month, day, hour, minute, second = map(int, fields)
     try:
@@ -112,13 +112,13 @@ def zone_offset_s(text: str) -> int:
     """
     if text == "Z":
         return 0
-    found = _OFFSET.fullmatch(text)
-    if found is None:
+    match = _OFFSET.fullmatch(text)
+    if match is None:
         raise ValueError(text)
-    hours, minutes = int(found[2]), int(found[3] or 0)
+    hours, minutes = int(match[2]), int(match[3] or 0)
     if hours > 14 or minutes > 59:
         raise ValueError(text)
-    return (hours * 3600 + minutes * 60) * (-1 if found[1] == "-" else 1)
+    return (hours * 3600 + minutes * 60) * (-1 if match[1] == "-" else 1)
 
 
 ELLIPSOIDAL, MSL, TAKEOFF = DATUMS = ("ellipsoidal", "msl", "takeoff")
@@ -149,7 +149,7 @@ class LogOptions:
 
         Raise LogError, naming the option, where that is not known.
         """
-        known: dict[str, tuple[float | None, str]] = {
+        offsets: dict[str, tuple[float | None, str]] = {
             ELLIPSOIDAL: (0.0, ""),
             MSL: (
                 self.geoid_undulation_m,
@@ -160,7 +160,7 @@ class LogOptions:
                 "above the take-off: give that place's ellipsoidal height with --takeoff-height",
             ),
         }
-        offset_m, mend = known[datum]
+        offset_m, mend = offsets[datum]
         if offset_m is None:
             raise LogError(f"{path}: its heights are {mend}")
         return offset_m

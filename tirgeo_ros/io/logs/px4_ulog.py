@@ -63,9 +63,9 @@ class _File(BufferedReader):
 
     def read(self, size: int | None = -1, /) -> bytes:
         """Return up to ``size`` bytes: of a record its head of three, then its rest."""
-        found = super().read(size)
-        self.cut = size is not None and len(found) < size and (size != 3 or bool(found))
-        return found
+        data = super().read(size)
+        self.cut = size is not None and len(data) < size and (size != 3 or bool(data))
+        return data
 
 
 @np.errstate(invalid="ignore", over="ignore", divide="ignore")  # samples are judged afterwards
@@ -120,11 +120,11 @@ def _opened(path: Path) -> tuple[Any, bool]:
 
 def _instances_taken(log: Any) -> dict[str, Records]:
     """Return each topic's table of one instance that has records."""
-    found = defaultdict[str, list[Records]](list)
-    for data in sorted(log.data_list, key=lambda one: int(one.multi_id)):
+    tables = defaultdict[str, list[Records]](list)
+    for data in sorted(log.data_list, key=lambda data: int(data.multi_id)):
         if len(data.data.get("timestamp", ())):  # none in a damaged format
-            found[data.name].append(_records(data.name, data.data))
-    return {name: _taken(instances) for name, instances in found.items()}
+            tables[data.name].append(_records(data.name, data.data))
+    return {name: _taken(instances) for name, instances in tables.items()}
 
 
 def _records(name: str, fields: dict[str, Any]) -> Records:
@@ -136,7 +136,7 @@ def _records(name: str, fields: dict[str, Any]) -> Records:
 
 def _taken(instances: Sequence[Records]) -> Records:
     """Return the first instance with a fix, else the first; count the records of the others."""
-    fixed = (one for one in instances if (one.integers("fix_type") >= LEAST_FIX).any())
+    fixed = (table for table in instances if (table.integers("fix_type") >= LEAST_FIX).any())
     taken = next(fixed, instances[0])
     taken.others = sum(map(len, instances)) - len(taken)
     return taken
@@ -171,14 +171,13 @@ def _gnss(path: Path, table: Records, options: LogOptions) -> GnssTable:
     velocity_n = table.columns("vel_n_m_s", "vel_e_m_s", "vel_d_m_s")
     velocity_n[table.column("vel_ned_valid") == 0] = math.nan
     unit = math.radians(1e-7 if scaled else 1.0)
+    height_m = _height_m(path, table, options, scaled=scaled)
     return GnssTable(
         table.name,
         table.time_us,
         table.integers("time_utc_usec"),
         table.integers("fix_type"),
-        latitude * unit,
-        longitude * unit,
-        _height_m(path, table, options, scaled=scaled),
+        np.stack([latitude * unit, longitude * unit, height_m], axis=-1),
         table.columns("eph", "epv"),
         velocity_n,
         table.column("s_variance_m_s"),  # a standard deviation, whatever its name says
@@ -203,9 +202,9 @@ def _receiver_notes(parameters: dict[str, float], receiver: Records) -> Iterator
     yield from antenna_note("EKF2_GPS_POS", place)
     yield from delay_note("EKF2_GPS_DELAY", float(parameters.get("EKF2_GPS_DELAY", 0.0)))
     offset = receiver.column("heading_offset")[~np.isnan(receiver.column("heading"))]
-    known = offset[np.isfinite(offset)]
-    if len(known):
-        offset_deg = math.degrees(float(np.median(known)))
+    offsets = offset[np.isfinite(offset)]
+    if len(offsets):
+        offset_deg = math.degrees(float(np.median(offsets)))
         yield (
             f"headings are the nose's: PX4 has taken heading_offset, {offset_deg:.1f} deg, "
             "off the baseline's: aircraft.second_antenna_m lies in that direction, clockwise "

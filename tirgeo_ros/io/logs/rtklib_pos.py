@@ -155,19 +155,13 @@ class _PosLog:
         stamp_ns = self._stamp_ns(date, time)
         width = _WIDTH[self._header.coordinates]
         place, (quality, _satellites, *rest) = cells[:width], cells[width:]
-        latitude_rad, longitude_rad, height_m, r_nf = self._place(place)
+        geodetic, r_nf = self._place(place)
         numbers = [float(cell) for cell in rest]
         self.is_rtk |= float(quality) in _RTK
+        status = _STATUS.get(float(quality), FixStatus.NONE)
         covariance_n = _covariance_n(numbers[:6], r_nf)
-        position = PositionSample(
-            stamp_ns,
-            Source.RTK_POSITION,
-            _STATUS.get(float(quality), FixStatus.NONE),
-            latitude_rad,
-            longitude_rad,
-            height_m,
-            covariance_n,
-        )
+        source = Source.RTK_POSITION
+        position = PositionSample(stamp_ns, source, status, *geodetic, covariance_n)
         if len(numbers) < 17:  # age and ratio, then velocity and its six
             return [position]
         velocity_n = r_nf @ np.array(numbers[8:11])
@@ -187,17 +181,17 @@ class _PosLog:
             local_ns = GPS_EPOCH_NS + int(date) * WEEK_NS + round(float(time) * 1e6) * 1000
         return utc_ns(local_ns) if scale == "GPST" else local_ns - _AHEAD_NS[scale]
 
-    def _place(self, cells: list[str]) -> tuple[float, float, float, Array]:
-        """Return latitude and longitude (rad), height (m), and NED from the file's axes (3, 3)."""
+    def _place(self, cells: list[str]) -> tuple[tuple[float, float, float], Array]:
+        """Return latitude, longitude (rad) and height, and NED from the file's axes (3, 3)."""
         if self._header.coordinates == _ECEF:
             place = geodetic_from_ecef(np.array([float(cell) for cell in cells]))
             latitude_rad, longitude_rad, height_m = map(float, place)
             r_en = rotation_ecef_from_ned(latitude_rad, longitude_rad)
-            return latitude_rad, longitude_rad, height_m, r_en.T
+            return (latitude_rad, longitude_rad, height_m), r_en.T
         half = len(cells) // 2
         latitude_rad, longitude_rad = _angle_rad(cells[:half]), _angle_rad(cells[half:-1])
         offset_m = self._options.to_ellipsoid_m(self._datum, self._path)
-        return latitude_rad, longitude_rad, float(cells[-1]) + offset_m, _NEU
+        return (latitude_rad, longitude_rad, float(cells[-1]) + offset_m), _NEU
 
     @property
     def _datum(self) -> str:

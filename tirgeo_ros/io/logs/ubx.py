@@ -108,7 +108,7 @@ class _UbxLog:
                 precise[message.iTOW].append((number, message))
         for number, message in self._found[PVT]:
             near = precise.get(message.iTOW, [(number, message)])
-            _, place = min(near, key=lambda one: abs(one[0] - number))
+            _, place = min(near, key=lambda record: abs(record[0] - number))
             self._count(PVT, self._solution, number, message, place)
         for number, message in self._found[RELPOSNED]:
             self._count(RELPOSNED, self._heading, number, message)
@@ -129,15 +129,10 @@ class _UbxLog:
         _must(not getattr(pvt, "invalidLlh", 0), "latitude, longitude and height are not valid")
         status = _STATUS.get(pvt.carrSoln, FixStatus.FLOAT if pvt.diffSoln else FixStatus.SINGLE)
         horizontal, vertical = 0.5 * (place.hAcc * 1e-3) ** 2, (place.vAcc * 1e-3) ** 2
-        position = PositionSample(
-            stamp_ns,
-            Source.RTK_POSITION,
-            status,
-            math.radians(place.lat),
-            math.radians(place.lon),
-            place.height * 1e-3,
-            np.diag([horizontal, horizontal, vertical]),
-        )
+        geodetic = math.radians(place.lat), math.radians(place.lon), place.height * 1e-3
+        covariance_n = np.diag([horizontal, horizontal, vertical])
+        source = Source.RTK_POSITION
+        position = PositionSample(stamp_ns, source, status, *geodetic, covariance_n)
         velocity_n = np.array([pvt.velN, pvt.velE, pvt.velD]) * 1e-3
         covariance_n = np.eye(3) * (pvt.sAcc * 1e-3) ** 2
         velocity = VelocitySample(stamp_ns, Source.RTK_VELOCITY, velocity_n, covariance_n)

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 from tirgeo_ros.core.types.errors import ConfigError, MapError, nearest
 from tirgeo_ros.io.files.bounded_reading import bounded_time, elsewhere
-from tirgeo_ros.io.maps.style_sheet import Wanted, table_names
+from tirgeo_ros.io.maps.style_sheet import Wanted, own_names
 
 #: Limit for a layer: beyond it, reading takes more than some seconds and more memory than a map
 #: may use.
@@ -85,7 +85,7 @@ class Table:
     name: str
     crs: str | None  # WKT or a code
     shapes: Shapes
-    rows: Sequence[Mapping[str, Any]]  # the properties that are wanted, of each feature
+    rows: Sequence[Mapping[str, Any]]  # the wanted properties of each feature, by wanted names
     fields: Sequence[str]  # names of all properties
     faults: dict[int, str]  # features that are left out, wholly or in part, and why
     notes: list[str] = field(default_factory=list)
@@ -167,8 +167,8 @@ def _crs_member(place: str) -> str | None:
     """Return the name of a GeoJSON's own system; None if it names none."""
     if not place.lower().endswith((".geojson", ".json")) or place.startswith("/vsi"):
         return None
-    found = _CRS_MEMBER.search(Path(place).read_bytes())
-    return found[1].decode(errors="replace") if found else None
+    match = _CRS_MEMBER.search(Path(place).read_bytes())
+    return match[1].decode(errors="replace") if match else None
 
 
 def _tables(pyogrio: Any, path: Path, layer: str, wanted: Wanted, notes: list[str]) -> list[Table]:
@@ -215,15 +215,17 @@ def _table(pyogrio: Any, path: Path, place: str, name: str, wanted: Wanted) -> T
             f"{where}: more than {MOST_FEATURES} features; cut out the area of the flight"
         )
     fields = list(map(str, info["fields"]))
-    columns = {*wanted.columns(fields, where), *filter(None, table_names(NAMES, fields))}
-    with warnings.catch_warnings(record=True) as told:
+    wanted.label.check(fields, where)
+    columns = own_names((*wanted.fields, *NAMES), fields)
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        meta, blobs, values = _read(pyogrio, place, name, sorted(columns))
+        meta, blobs, values = _read(pyogrio, place, name, sorted({*columns.values()}))
     names = list(map(str, meta["fields"]))
-    rows = [dict(zip(names, row, strict=True)) for row in zip(*values, strict=True)]
+    places = {key: names.index(column) for key, column in columns.items()}
+    rows = [{key: row[at] for key, at in places.items()} for row in zip(*values, strict=True)]
     shapes, faults = _shapes(blobs)
     remarks = dict.fromkeys(
-        f"{where}: {each.message}" for each in told if _LOST.search(str(each.message))
+        f"{where}: {each.message}" for each in caught if _LOST.search(str(each.message))
     )
     crs = _crs_member(place) or meta["crs"]
     table = Table(where, name, crs, shapes, rows or [{}] * len(blobs), fields, faults)
@@ -267,11 +269,11 @@ def _shapes(blobs: Iterable[bytes | None]) -> tuple[Shapes, dict[int, str]]:
     faults: dict[int, str] = {}
     for number, blob in enumerate(blobs):
         try:
-            found = _wkb_parts(bytes(blob)) if blob is not None else []
+            geometry = _wkb_parts(bytes(blob)) if blob is not None else []
         except (ValueError, struct.error) as error:
             faults[number] = f"its geometry is damaged: {error}"
             continue
-        for kind, points in found:
+        for kind, points in geometry:
             if len(points) >= _FEWEST[kind]:
                 parts.append(points)
                 owners.append((number, kind == "Polygon"))
@@ -290,12 +292,12 @@ def _wkb_parts(data: bytes) -> list[_Part]:
 
     Raises ValueError for a type that cannot be drawn.
     """
-    found: list[_Part] = []
-    _append_parts(data, 0, found)
-    return found
+    parts: list[_Part] = []
+    _append_parts(data, 0, parts)
+    return parts
 
 
-def _append_parts(data: bytes, at: int, found: list[_Part]) -> int:
+def _append_parts(data: bytes, at: int, parts: list[_Part]) -> int:
     """Append the parts of the geometry at an offset, and return the offset of its end."""
     (code,) = struct.unpack_from("<I", data, at + 1)
     thousands, kind = divmod(code & 0xFFFF, 1000)
@@ -313,7 +315,7 @@ def _append_parts(data: bytes, at: int, found: list[_Part]) -> int:
         points = np.frombuffer(data, "<f8", number * width, at).reshape(number, width)
         at += 8 * number * width
         if name != "Point" or not np.isnan(points[0, :2]).all():  # nan: an empty point
-            found.append((name, points[:, :height]))
+            parts.append((name, points[:, :height]))
 
     if kind == _POINT:
         positions("Point", 1)
@@ -324,7 +326,7 @@ def _append_parts(data: bytes, at: int, found: list[_Part]) -> int:
             positions("Polygon", count())
     elif kind in _COLLECTIONS:
         for _ in range(count()):
-            at = _append_parts(data, at, found)
+            at = _append_parts(data, at, parts)
     else:
         raise ValueError(f"a geometry of type {kind} (WKB) cannot be drawn; save it as lines")
     return at

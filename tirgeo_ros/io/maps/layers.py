@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tirgeo_ros.core.map.layers import GeoFeature, LayerStyle, MapLayer
+from tirgeo_ros.core.map.map_layers import GeoFeature, LayerStyle, MapLayer
 from tirgeo_ros.core.types.arrays import BoolArray, IntArray
 from tirgeo_ros.core.types.errors import ConfigError, MapError, shown
 from tirgeo_ros.io.coordinates.crs import ASSUMED, in_range, once_around, range_fault, to_wgs84
@@ -23,7 +23,6 @@ from tirgeo_ros.io.maps.style_sheet import (
     Wanted,
     load_style_sheet,
     shown_value,
-    table_names,
 )
 
 _LONGEST_NAME = 40  # characters of a bad feature's name in a message
@@ -43,17 +42,13 @@ def laid(table: Table, wanted: Wanted, crs: str = "") -> MapFeatures:
     """Convert the features of a table to WGS84.
 
     ``crs`` takes precedence over the table's own system. A feature with a vertex that is not
-    finite or not on the Earth is left out. Raises MapError for a system that is unknown,
-    ConfigError for a label of an unknown field.
+    finite or not on the Earth is left out. Raises MapError for a system that is unknown.
     """
-    columns = wanted.label.columns(table.fields, table.where)
-    given = set(table.shapes.feature.tolist()) | table.faults.keys()
+    with_shape = set(table.shapes.feature.tolist()) | table.faults.keys()
     shapes, remarks = _on_earth(table, crs)
     shapes = _without_repeats(shapes, table.faults)
-    texts = {
-        i: wanted.label.text(columns, table.rows[i])
-        for i in dict.fromkeys(shapes.feature.tolist())
-    }
+    drawn = dict.fromkeys(shapes.feature.tolist())
+    texts = {number: wanted.label.text(table.rows[number]) for number in drawn}
     features = [
         GeoFeature(texts[owner], closed, shapes.points[a:b], owner)
         for owner, closed, (a, b) in zip(
@@ -64,7 +59,7 @@ def laid(table: Table, wanted: Wanted, crs: str = "") -> MapFeatures:
         )
     ]
     chosen, unmet = _chosen(features, table, wanted)
-    bare = len(table.rows) - len(given)
+    bare = len(table.rows) - len(with_shape)
     notes = [
         *table.notes,
         *_faults(table, texts),
@@ -172,8 +167,7 @@ def _refusal(table: Table) -> str:
 
 def _fault(table: Table, number: int) -> str:
     """Return a feature's number, name or id, and fault."""
-    names = filter(None, table_names(NAMES, table.fields))
-    texts = (shown_value(table.rows[number].get(name)) for name in names)
+    texts = (shown_value(table.rows[number].get(name)) for name in NAMES)
     name = next(filter(None, texts), "")[:_LONGEST_NAME]
     return f"feature {number + 1}{f' ({name})' if name else ''}: {table.faults[number]}"
 
@@ -188,12 +182,11 @@ def _chosen(
     condition = wanted.condition
     if condition is None or not features:
         return features, ()
-    columns = condition.columns(table.fields)
-    chosen = [f for f in features if condition.holds(columns, table.rows[f.group])]
-    told = tuple(condition.unknown(table.fields, table.where))
-    if not chosen and not told:
-        told = (condition.unmet(table.fields, table.rows, table.where),)
-    return chosen, told
+    chosen = [f for f in features if condition.holds(table.rows[f.group])]
+    remarks = tuple(condition.unknown(table.fields, table.where))
+    if not chosen and not remarks:
+        remarks = (condition.unmet(table.rows, table.where),)
+    return chosen, remarks
 
 
 #: Files that belong to a shapefile.
@@ -223,12 +216,12 @@ def read_layers(
     def load() -> list[MapLayer]:
         sources = _sources(map, style)
         layers = [layer for source in sources for layer in _layers(*source, label_field)]
-        return _told_once(layers, style)
+        return _noted_once(layers, style)
 
     return read_map(load, network=network)
 
 
-def _told_once(layers: list[MapLayer], style: str) -> list[MapLayer]:
+def _noted_once(layers: list[MapLayer], style: str) -> list[MapLayer]:
     """Return the layers with each note on what is left out only in the first layer that has it.
 
     Raises ConfigError if a style sheet's conditions leave nothing.
@@ -237,12 +230,12 @@ def _told_once(layers: list[MapLayer], style: str) -> list[MapLayer]:
     if layers and not any(layer.features for layer in layers):
         raise ConfigError(f"{style}: it matches no feature of the map: {'; '.join(notes)}")
     untold = set(notes)
-    told = []
+    renewed = []
     for layer in layers:
         mine = tuple(note for note in dict.fromkeys(layer.left_out) if note in untold)
         untold.difference_update(mine)
-        told.append(replace(layer, left_out=mine))
-    return told
+        renewed.append(replace(layer, left_out=mine))
+    return renewed
 
 
 def _sources(map_text: str, style: str) -> list[_Source]:
@@ -265,15 +258,15 @@ def _layers(path: Path, entry: SheetLayer | None, label_field: str) -> list[MapL
     label = entry.label if entry and entry.label else LabelRule.of_field(label_field)
     wanted = Wanted(label, entry.condition if entry else None)
     tables = read_tables(path, entry.layer if entry else "", wanted)
-    found = [laid(table, wanted, entry.crs if entry else "") for table in tables]
-    refusals = [one.refusal for one in found if one.refusal is not None]
-    if len(refusals) == len(found):
+    drawn = [laid(table, wanted, entry.crs if entry else "") for table in tables]
+    refusals = [features.refusal for features in drawn if features.refusal is not None]
+    if len(refusals) == len(drawn):
         raise MapError(next(filter(None, refusals), _empty(path)))
     style, sigma_m = (entry.style, entry.sigma_m) if entry else (LayerStyle(), None)
     return [
-        MapLayer(table.name, one.features, style, sigma_m, one.notes)
-        for table, one in zip(tables, found, strict=True)
-        if one.features or one.notes
+        MapLayer(table.name, features.features, style, sigma_m, features.notes)
+        for table, features in zip(tables, drawn, strict=True)
+        if features.features or features.notes
     ]
 
 

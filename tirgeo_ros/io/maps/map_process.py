@@ -32,11 +32,12 @@ import numpy as np
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.frames.wgs84 import SEMI_MAJOR_AXIS_M
-from tirgeo_ros.core.map.draping import Ground, check_heights
-from tirgeo_ros.core.map.layers import GeoFeature, MapLayer
+from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.map.level_of_detail import worths
+from tirgeo_ros.core.map.map_layers import GeoFeature, MapLayer
 from tirgeo_ros.core.map.polylines import Polylines
-from tirgeo_ros.core.overlay.map_renderer import DrapedMap, lay_layers
+from tirgeo_ros.core.map.vector_map import check_heights
+from tirgeo_ros.core.overlay.map_renderer import DrapedMap, drape_layers
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import MapError, TirgeoError
 from tirgeo_ros.io.elevation.elevation_model import ground_of
@@ -72,11 +73,11 @@ def load_layers(
     """Return what ``read_layers`` returns, read by a process of its own; raise what it raises."""
     child = MapProcess()
     try:
-        found = child.answer(map or style, "layers", map, style, label_field, network)
+        layers = child.answer(map or style, "layers", map, style, label_field, network)
     finally:
         child.close()
-    assert isinstance(found, list)
-    return found
+    assert isinstance(layers, list)
+    return layers
 
 
 class MapProcess:
@@ -114,10 +115,10 @@ class MapProcess:
         """Return the map that was read, laid out in a plane; once. Raises as ``read``."""
         if self._child is None:
             raise MapError(f"{self._name}: nothing was read")
-        laid = self.answer(self._name, "layout", plane)
-        assert isinstance(laid, DrapedMap)
+        draped = self.answer(self._name, "layout", plane)
+        assert isinstance(draped, DrapedMap)
         self.close()
-        return laid
+        return draped
 
     def answer(self, name: str, task: str, *arguments: object) -> Any:
         """Return what a method of the process's ``_Work`` returns; start it if there is none.
@@ -133,17 +134,17 @@ class MapProcess:
             child = self._child
         try:
             child.send((task, arguments))
-            found = child.receive()
+            answer = child.receive()
         except ChildEndedError as error:
             self.close()
             raise MapError(f"{name}: {_fault(error)}") from None
         except BaseException:
             self.close()
             raise
-        if isinstance(found, TirgeoError | MemoryError):
+        if isinstance(answer, TirgeoError | MemoryError):
             self.close()
-            raise found if isinstance(found, TirgeoError) else MapError(f"{name}: {_TOO_LARGE}")
-        return found
+            raise answer if isinstance(answer, TirgeoError) else MapError(f"{name}: {_TOO_LARGE}")
+        return answer
 
     def close(self) -> None:
         """End the process, if there is one."""
@@ -199,14 +200,14 @@ class _Work:
     def contents(self, config: OverlayConfig) -> MapContents:
         network = config.network
         self.kept = read_layers(config.map, config.style, config.label_field, network=network)
-        found = ground_of(config)
-        self.ground = math.nan if found is None else found
+        ground = ground_of(config)
+        self.ground = math.nan if ground is None else ground
         check_heights(self.kept, self.ground)
         left_out = tuple(note for layer in self.kept for note in layer.left_out)
         return MapContents(sum(len(layer.features) for layer in self.kept), left_out)
 
     def layout(self, plane: TangentPlane) -> DrapedMap:
-        return lay_layers(self.kept, plane, self.ground)
+        return drape_layers(self.kept, plane, self.ground)
 
 
 #: What a tablet's browser draws fluently: parts (a line, an outline, a point) and their points.
@@ -235,8 +236,8 @@ def page_map(layers: Sequence[MapLayer]) -> bytes:
         for part, geometry in _shapes([part for _, part in of_layer])
     ]
     words = ", ".join(filter(None, (fewer, coarser)))
-    found = {"type": "FeatureCollection", "simplified": words, "features": features}
-    return json.dumps(found, separators=(",", ":")).encode()
+    collection = {"type": "FeatureCollection", "simplified": words, "features": features}
+    return json.dumps(collection, separators=(",", ":")).encode()
 
 
 def _largest(parts: _Parts) -> tuple[_Parts, str]:
@@ -276,7 +277,9 @@ def _size_m(part: GeoFeature) -> float:
 def _shapes(features: Sequence[GeoFeature]) -> Iterable[tuple[GeoFeature, dict[str, Any]]]:
     """Yield a part of each feature with the geometry; outlines of a group are one area."""
     numbered = enumerate(features)
-    for _, pairs in groupby(numbered, key=lambda one: (one[1].group, one[1].group < 0 and one[0])):
+    for _, pairs in groupby(
+        numbered, key=lambda each: (each[1].group, each[1].group < 0 and each[0])
+    ):
         parts = [part for _, part in pairs]
         outlines = [part for part in parts if part.closed]
         if outlines:
@@ -291,5 +294,5 @@ def _shapes(features: Sequence[GeoFeature]) -> Iterable[tuple[GeoFeature, dict[s
 
 def _positions(part: GeoFeature) -> list[list[float]]:
     """Return longitude and latitude (deg) of a part's points; an outline ends where it begins."""
-    found: list[list[float]] = np.degrees(part.points[:, 1::-1]).round(_DIGITS).tolist()
-    return [*found, found[0]] if part.closed and found[0] != found[-1] else found
+    places: list[list[float]] = np.degrees(part.points[:, 1::-1]).round(_DIGITS).tolist()
+    return [*places, places[0]] if part.closed and places[0] != places[-1] else places

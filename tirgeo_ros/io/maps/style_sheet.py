@@ -16,7 +16,7 @@ import math
 import operator
 import re
 import string
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from typing import Any
 from PIL import ImageColor
 
 from tirgeo_ros.core.config.schema import Parameter
-from tirgeo_ros.core.map.layers import Colour, LayerStyle
+from tirgeo_ros.core.map.map_layers import Colour, LayerStyle
 from tirgeo_ros.core.types.errors import ConfigError, MapError, nearest
 from tirgeo_ros.io.coordinates.crs import checked_system
 from tirgeo_ros.io.files.whole_files import read_text
@@ -85,21 +85,15 @@ class LabelRule:
             raise ConfigError(f"{source}: {text!r} is not a label: {error}") from None
         return cls(tuple(fields), tuple(texts), source)
 
-    def columns(self, known: Collection[str], where: str) -> tuple[str | None, ...]:
-        """Return the table's own name of each field, None where it has none.
+    def check(self, own: Collection[str], where: str) -> None:
+        """Raise ConfigError for a field that a style sheet names and a table does not have."""
+        for name in _absent(self.fields, own) if self.source else ():
+            hint = nearest(name, own) or ": it has none"
+            raise ConfigError(f"{self.source}: {where} has no field {name!r}{hint}")
 
-        Raises ConfigError for an unknown field that a style sheet names.
-        """
-        found = table_names(self.fields, known)
-        for name, column in zip(self.fields, found, strict=True):
-            if column is None and self.source:
-                hint = nearest(name, known) or ": it has none"
-                raise ConfigError(f"{self.source}: {where} has no field {name!r}{hint}")
-        return found
-
-    def text(self, columns: Sequence[str | None], properties: Mapping[str, Any]) -> str:
+    def text(self, properties: Mapping[str, Any]) -> str:
         """Return one feature's label; "" if all of its values are empty."""
-        values = [shown_value(properties.get(name)) if name else "" for name in columns]
+        values = [shown_value(properties.get(name)) for name in self.fields]
         if not any(values):
             return ""
         ends = zip(values, self.texts[1:], strict=True)
@@ -140,44 +134,36 @@ class Condition:
         """
         if len(text) > _LONGEST:
             raise ConfigError(f"{source}: longer than {_LONGEST} characters")
-        found = list(_comparisons(text))
-        if not all(found):
+        comparisons = list(_comparisons(text))
+        if not all(comparisons):
             raise ConfigError(
                 f"{source}: {text!r} is no condition; write it as: kind == hydrant, "
                 "flow >= 60 and kind in [pump, well]"
             )
-        return cls(tuple(filter(None, found)), source)
+        return cls(tuple(filter(None, comparisons)), source)
 
     @property
     def fields(self) -> tuple[str, ...]:
         """Return the property of each comparison."""
         return tuple(each.field for each in self.comparisons)
 
-    def columns(self, known: Collection[str]) -> tuple[str | None, ...]:
-        """Return the table's own name of each field, None where it has none."""
-        return table_names(self.fields, known)
-
-    def holds(self, columns: Sequence[str | None], properties: Mapping[str, Any]) -> bool:
+    def holds(self, properties: Mapping[str, Any]) -> bool:
         """Return whether a feature with these properties meets the condition."""
-        return all(
-            each.holds(properties.get(name) if name else None)
-            for each, name in zip(self.comparisons, columns, strict=True)
-        )
+        return all(each.holds(properties.get(each.field)) for each in self.comparisons)
 
-    def unknown(self, known: Collection[str], where: str) -> Iterator[str]:
+    def unknown(self, own: Collection[str], where: str) -> Iterator[str]:
         """Yield a message for each field that a table does not have."""
-        for name, column in zip(self.fields, self.columns(known), strict=True):
-            if column is None:
-                hint = nearest(name, known) or ": it has none"
-                yield f"{self.source}: {where} has no property {name!r}{hint}"
+        for name in _absent(self.fields, own):
+            hint = nearest(name, own) or ": it has none"
+            yield f"{self.source}: {where} has no property {name!r}{hint}"
 
-    def unmet(self, known: Collection[str], rows: Sequence[Mapping[str, Any]], where: str) -> str:
+    def unmet(self, rows: Sequence[Mapping[str, Any]], where: str) -> str:
         """Return a message for the case that no row matches: the values that there are."""
-        found = [
+        values = [
             f"{name} is {', '.join(sorted({shown_value(row.get(name)) for row in rows} - {''}))}"
-            for name in dict.fromkeys(filter(None, self.columns(known)))
+            for name in dict.fromkeys(self.fields)
         ]
-        return f"{self.source}: no feature of {where} matches: {'; '.join(found)}"[:_LONGEST]
+        return f"{self.source}: no feature of {where} matches: {'; '.join(values)}"[:_LONGEST]
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,30 +173,25 @@ class Wanted:
     label: LabelRule = LabelRule()
     condition: Condition | None = None  # None: all are drawn
 
-    def columns(self, known: Collection[str], where: str) -> list[str]:
-        """Return the table's own names of the properties to read, each once.
-
-        Raises ConfigError for an unknown one that a style sheet wants as a label.
-        """
-        names = self.label.columns(known, where)
-        if self.condition:
-            names += self.condition.columns(known)
-        return [name for name in dict.fromkeys(names) if name is not None]
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """Return the properties to read."""
+        return self.label.fields + (self.condition.fields if self.condition else ())
 
 
 def _comparisons(text: str) -> Iterator[_Comparison | None]:
     """Yield the comparisons of a text; None where it is none."""
     at, more = 0, "and"
     while more:
-        found = _COMPARISON.match(text, at)
-        if found is None:
+        match = _COMPARISON.match(text, at)
+        if match is None:
             yield None
             return
-        field, sign, value, values, more = found.group("field", "sign", "value", "values", "more")
+        field, sign, value, values, more = match.group("field", "sign", "value", "values", "more")
         ordered = sign in _ORDER and _number(value) is None
         written = tuple(re.findall(_VALUE, value or values))
         yield None if ordered else _Comparison(_unquoted(field), sign or "in", written)
-        at = found.end()
+        at = match.end()
 
 
 def _unquoted(text: str) -> str:
@@ -238,10 +219,16 @@ def _number(value: Any) -> float | None:
     return None if math.isnan(number) else number
 
 
-def table_names(fields: Sequence[str], known: Collection[str]) -> tuple[str | None, ...]:
-    """Return a table's own name of each field, in another case if necessary, else None."""
-    lower = {name.lower(): name for name in reversed(list(known))}
-    return tuple(name if name in known else lower.get(name.lower()) for name in fields)
+def own_names(fields: Iterable[str], own: Collection[str]) -> dict[str, str]:
+    """Return a table's own name of each field that it has, in another case if necessary."""
+    lower = {name.lower(): name for name in reversed(list(own))}
+    names = {name: name if name in own else lower.get(name.lower()) for name in fields}
+    return {field: name for field, name in names.items() if name is not None}
+
+
+def _absent(fields: Sequence[str], own: Collection[str]) -> list[str]:
+    there = own_names(fields, own)
+    return [name for name in fields if name not in there]
 
 
 def shown_value(value: Any) -> str:
@@ -335,23 +322,27 @@ def _layer(entry: Any, where: str, folder: Path) -> SheetLayer:
     return SheetLayer(where, file, layer, style, label, crs, crs_file, sigma_m, condition)
 
 
-def _check_keys(given: Mapping[Any, Any], known: tuple[str, ...], where: str) -> None:
-    for key in given:
-        if key not in known:
-            raise ConfigError(f"{where}: unknown key {key}{nearest(str(key), sorted(known))}")
+def _check_keys(entry: Mapping[Any, Any], keys: tuple[str, ...], where: str) -> None:
+    for key in entry:
+        if key not in keys:
+            raise ConfigError(f"{where}: unknown key {key}{nearest(str(key), sorted(keys))}")
 
 
-def _plain(value: Any, known: Parameter, where: str) -> Any:
+def _plain(value: Any, parameter: Parameter, where: str) -> Any:
     if value is None or value == "":
-        raise ConfigError(f"{where}: {known.name} has no value")
-    if isinstance(known.default, str) and isinstance(value, int) and not isinstance(value, bool):
+        raise ConfigError(f"{where}: {parameter.name} has no value")
+    if (
+        isinstance(parameter.default, str)
+        and isinstance(value, int)
+        and not isinstance(value, bool)
+    ):
         value = str(value)  # a table's name may look like a number
     try:
-        checked = known.checked(value)
+        checked = parameter.checked(value)
     except ConfigError as error:
         raise ConfigError(f"{where}: {str(error).removeprefix('parameter ')}") from None
     if isinstance(checked, float) and math.isnan(checked):
-        raise ConfigError(f"{where}: {known.name}: {value} is not a number")
+        raise ConfigError(f"{where}: {parameter.name}: {value} is not a number")
     return checked
 
 

@@ -18,12 +18,21 @@ from tirgeo_ros.io.messages.decode import (
 from tirgeo_ros.io.messages.diagnostics import (
     DiagnosticItem,
     diagnostic_level,
-    finding_row,
-    findings_of,
     navigation_item,
     navigation_status,
 )
 from tirgeo_ros.io.messages.encode import Messages
+from tirgeo_ros.io.messages.json_codec import answer_of, targets_of
+from tirgeo_ros.io.messages.node_reports import (
+    FINDINGS_TOPIC,
+    STATE_TOPIC,
+    NodeState,
+    PictureState,
+    TopicState,
+    finding_row,
+    findings_of,
+    node_state,
+)
 from tirgeo_ros.io.messages.pictures import camera, compressed_pixels, image_pixels, pixels
 from tirgeo_ros.io.messages.sensor_messages import (
     DJI_TOPICS,
@@ -35,29 +44,26 @@ from tirgeo_ros.io.messages.sensor_messages import (
     sensed,
     topic_of,
 )
-from tirgeo_ros.io.messages.target_messages import (
-    ClickAnswer,
-    answer_item,
-    click_answer,
-    marked_places,
-)
 
 __all__ = [
     "DJI_TOPICS",
+    "FINDINGS_TOPIC",
     "NAVIGATION_INPUTS",
     "SENSED_SAMPLES",
     "SENSED_TOPICS",
+    "STATE_TOPIC",
     "TOPIC_TYPES",
-    "ClickAnswer",
     "DiagnosticItem",
     "Messages",
+    "NodeState",
+    "PictureState",
     "SensedSample",
-    "answer_item",
+    "TopicState",
+    "answer_of",
     "body_pose",
     "camera",
     "camera_attitude",
     "camera_pose",
-    "click_answer",
     "compressed_pixels",
     "diagnostic_level",
     "finding_row",
@@ -66,13 +72,14 @@ __all__ = [
     "image_pixels",
     "imu_sample",
     "joint_sample",
-    "marked_places",
     "navigation_item",
     "navigation_status",
+    "node_state",
     "pixel",
     "pixels",
     "sensed",
     "stamp_ns",
     "tangent_plane",
+    "targets_of",
     "topic_of",
 ]

@@ -1,15 +1,12 @@
-"""Convert the estimator's status and the findings of checks to texts, and back."""
+"""Convert the estimator's status to texts for people."""
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
 from tirgeo_ros.core.types.errors import MessageError, cut
-from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.measurements import FixStatus
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus, Outcome
 
@@ -17,8 +14,6 @@ OK, WARN, ERROR = 0, 1, 2
 _LEVELS = {FilterState.RUNNING: OK, FilterState.LOST: ERROR}  # all others are warnings
 _COUNT, _RATIO, _RESET, _CLIPPED, _NIS = "count", "test_ratio", "reset", "clipped", "nis"
 _NEXT = "; "  # between warnings, which do not contain it
-_PARTS = {"subject": "check", "evidence": "evidence", "parameter": "parameter", "remedy": "mend"}
-_SCHEMA, _LONGEST = "tirgeo/findings/1", 100_000  # characters of a message of findings
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,38 +73,6 @@ def navigation_status(msg: Any) -> NavigationStatus:
 def diagnostic_level(msg: Any) -> int:
     """Return the level of a ``diagnostic_msgs/DiagnosticStatus``, which rclpy gives as bytes."""
     return msg.level[0] if isinstance(msg.level, bytes) else int(msg.level)
-
-
-def findings_text(node: str, stamp_ns: int, findings: Iterable[Finding]) -> str:
-    """Return what a node's checks have found, part by part, as JSON for ``tirgeo/findings``."""
-    rows = [finding_row(one) for one in findings]
-    head = {"schema": _SCHEMA, "node": node, "stamp_ns": str(stamp_ns)}
-    return json.dumps(head | {"findings": rows})
-
-
-def finding_row(finding: Finding) -> dict[str, str]:
-    """Return the parts of a finding by the names that programs read."""
-    parts = {key: getattr(finding, name) for key, name in _PARTS.items()}
-    return parts | {"severity": finding.severity.name}
-
-
-def findings_of(msg: Any) -> tuple[str, int, list[Finding]]:
-    """Decode ``tirgeo/findings``: node, stamp (ns), findings, texts cut. Raises MessageError."""
-    try:
-        document = json.loads(msg.data if len(msg.data) <= _LONGEST else "")
-        findings = [_finding(row) for row in document["findings"]]
-        schema, node = document["schema"], cut(str(document["node"]))
-        stamp_ns = int(document["stamp_ns"])
-    except (KeyError, TypeError, ValueError, RecursionError) as error:
-        raise MessageError(f"tirgeo/findings is no list of findings: {error}") from None
-    if schema != _SCHEMA:
-        raise MessageError(f"tirgeo/findings: its schema is not {_SCHEMA}")
-    return node, stamp_ns, findings
-
-
-def _finding(row: dict[str, str]) -> Finding:
-    parts = {name: cut(str(row[key])) for key, name in _PARTS.items()}
-    return Finding(severity=Severity[row["severity"]], **parts)
 
 
 def _status(values: dict[str, str]) -> NavigationStatus:

@@ -20,8 +20,9 @@ from tirgeo_ros.core.frames.rotations import (
     rotation_of,
 )
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.ground_point import Located
+from tirgeo_ros.core.ground.ground_point import Answer, Located
 from tirgeo_ros.core.navigation.ins.strapdown import cross
+from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.arrays import Array, Quaternion, Vector
 from tirgeo_ros.core.types.finding import Finding
 from tirgeo_ros.core.types.measurements import (
@@ -34,7 +35,8 @@ from tirgeo_ros.core.types.measurements import (
     VelocitySample,
 )
 from tirgeo_ros.core.types.poses import BodyPose, CameraPose, NavSolution
-from tirgeo_ros.io.messages.diagnostics import DiagnosticItem, findings_text
+from tirgeo_ros.io.messages.diagnostics import DiagnosticItem
+from tirgeo_ros.io.messages.json_codec import answer_text, targets_text
 from tirgeo_ros.io.messages.message_parts import (
     COMPUTED_FROM,
     COVARIANCE_KNOWN,
@@ -45,7 +47,8 @@ from tirgeo_ros.io.messages.message_parts import (
     positive,
     quat_turned_world,
 )
-from tirgeo_ros.io.messages.target_messages import TargetMessages
+from tirgeo_ros.io.messages.node_reports import NodeState, findings_text, state_text
+from tirgeo_ros.io.messages.pictures import calibration_of
 
 
 class FrameMessages(MessageParts):
@@ -146,7 +149,7 @@ UNKNOWN_VARIANCE = 1e6
 _ENCODINGS = {("|u1", 2): "mono8", ("|u1", 3): "bgr8", ("<u2", 2): "mono16"}
 
 
-class Messages(FrameMessages, TargetMessages):
+class Messages(FrameMessages):
     """Build messages of the classes that ``types`` gives for names like ``nav_msgs/msg/Odometry``.
 
     ``frames`` are the ids of their frames. Nodes pass rclpy's classes, bags those they are written
@@ -261,7 +264,12 @@ class Messages(FrameMessages, TargetMessages):
 
     def located_fix(self, located: Located) -> Any:
         """Return ``sensor_msgs/NavSatFix`` of a ground point, with the picture's stamp."""
-        return self._fix(located.stamp_ns, self.frames.map, located, located.covariance_n)
+        fix = self._fix(located.stamp_ns, self.frames.map, located, located.covariance_n)
+        fix.latitude, fix.longitude = (
+            located.latitude_deg,
+            located.longitude_deg,
+        )  # to the last digit
+        return fix
 
     def located_point(self, located: Located) -> Any:
         """Return ``geometry_msgs/PoseWithCovarianceStamped`` of a ground point in ``map``.
@@ -302,9 +310,7 @@ class Messages(FrameMessages, TargetMessages):
 
     def camera_info(self, camera: Camera, stamp_ns: int) -> Any:
         """Return ``sensor_msgs/CameraInfo``: R identity, P from K; plumb_bob with five numbers."""
-        k = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]], float)
-        size = 5 if len(camera.distortion) <= 5 else 8
-        padded = [*map(float, camera.distortion), *[0.0] * (size - len(camera.distortion))]
+        k, distortion, model = calibration_of(camera)
         zero = {"x_offset": 0, "y_offset": 0, "height": 0, "width": 0, "do_rectify": False}
         return self.stamped(
             "sensor_msgs/msg/CameraInfo",
@@ -312,8 +318,8 @@ class Messages(FrameMessages, TargetMessages):
             self.frames.camera,
             height=camera.height,
             width=camera.width,
-            distortion_model="plumb_bob" if size == 5 else "rational_polynomial",
-            d=self._doubles(padded),
+            distortion_model=model,
+            d=self._doubles(distortion),
             k=k.ravel(),
             r=np.eye(3).ravel(),
             p=np.pad(k, ((0, 0), (0, 1))).ravel(),
@@ -328,7 +334,19 @@ class Messages(FrameMessages, TargetMessages):
 
     def findings(self, node: str, stamp_ns: int, findings: Sequence[Finding]) -> Any:
         """Return ``std_msgs/String``: what the checks of a node have found."""
-        return self._class("std_msgs/msg/String")(data=findings_text(node, stamp_ns, findings))
+        return self._text(findings_text(node, stamp_ns, findings))
+
+    def answer(self, answer: Answer) -> Any:
+        """Return ``std_msgs/String``: what became of a click."""
+        return self._text(answer_text(answer))
+
+    def targets(self, targets: Sequence[Target]) -> Any:
+        """Return ``std_msgs/String`` of all targets."""
+        return self._text(targets_text(targets))
+
+    def state(self, state: NodeState) -> Any:
+        """Return ``std_msgs/String``: what a node reports of itself."""
+        return self._text(state_text(state))
 
     def diagnostics(self, stamp_ns: int, items: Sequence[DiagnosticItem]) -> Any:
         """Return ``diagnostic_msgs/DiagnosticArray``."""

@@ -87,6 +87,9 @@ class MessageParts:
         header = self._class("std_msgs/msg/Header")(stamp=self._time(stamp_ns), frame_id=frame_id)
         return self._class(typename)(header=header, **fields)
 
+    def _text(self, text: str) -> Any:
+        return self._class("std_msgs/msg/String")(data=text)
+
     def _time(self, stamp_ns: int) -> Any:
         seconds, nanoseconds = divmod(int(stamp_ns), 1_000_000_000)
         return self._class("builtin_interfaces/msg/Time")(sec=seconds, nanosec=nanoseconds)

@@ -67,26 +67,26 @@ class ParameterFile:
         self._parts: list[Section] = []
         for path in paths:
             parts = list(_sections(path))
-            for pattern, given in parts:
-                _check(path, pattern, given)
+            for pattern, values in parts:
+                _check(path, pattern, values)
             self._parts += parts
 
     def values(self, node: str, namespace: str = "") -> dict[str, object]:
         """Return the dotted values that the file gives a node."""
         full_name = _full_name(node, namespace)
-        known = {parameter.name for parameter in parameters_of(NODE_CONFIGS[node])}
+        names = {parameter.name for parameter in parameters_of(NODE_CONFIGS[node])}
         values: dict[str, object] = {}
-        for pattern, given in self._parts:
+        for pattern, section in self._parts:
             if _fits(pattern, full_name):
-                values |= {k: v for k, v in given.items() if k in known or _of_every_node(k)}
+                values |= {k: v for k, v in section.items() if k in names or _of_every_node(k)}
         return values
 
     def elsewhere(self, namespace: str = "") -> list[str]:
         """Return the sections for a node that has none in this namespace."""
         nodes = [_full_name(node, namespace) for node in NODE_CONFIGS]
         patterns = [pattern for pattern, _ in self._parts]
-        here = {one for one in patterns if any(_fits(one, node) for node in nodes)}
-        served = {one.rpartition("/")[2] for one in here}
+        here = {pattern for pattern in patterns if any(_fits(pattern, node) for node in nodes)}
+        served = {pattern.rpartition("/")[2] for pattern in here}
         return [p for p in patterns if p not in here and p.rpartition("/")[2] not in served]
 
     def config(self, node: str, kind: type[T], namespace: str = "") -> T:
@@ -131,9 +131,9 @@ def overridden_topic(name: str, where: str = "") -> str:
     if not name.startswith(_OVERRIDE):
         return ""
     topic = "/" + name.removeprefix(_OVERRIDE).partition(".")[0].lstrip("/")
-    known = [f"{_OVERRIDE}{topic}.{policy}" for policy in _POLICIES]
-    if name not in known:
-        raise ConfigError(f"{where}unknown parameter {name}{nearest(name, known)}")
+    names = [f"{_OVERRIDE}{topic}.{policy}" for policy in _POLICIES]
+    if name not in names:
+        raise ConfigError(f"{where}unknown parameter {name}{nearest(name, names)}")
     return topic
 
 
@@ -243,14 +243,14 @@ class _Loader(yaml.SafeLoader):  # type: ignore[misc]
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         """Construct a mapping; refuse a repeated key, as the first one would be lost silently."""
-        seen = set()
+        keys = set()
         pairs = node.value if isinstance(node, yaml.MappingNode) else ()
         for key in (key for key, _ in pairs if isinstance(key, yaml.ScalarNode)):
-            if key.value in seen:
+            if key.value in keys:
                 raise yaml.constructor.ConstructorError(
                     None, None, f"key {key.value} appears twice", key.start_mark
                 )
-            seen.add(key.value)
+            keys.add(key.value)
         made: dict[Any, Any] = super().construct_mapping(node, deep)
         return made
 

@@ -86,8 +86,8 @@ def write_cog(path: PathLike, form: RasterForm, parts: Iterable[RasterPart]) -> 
         try:
             with rasterio.Env(GDAL_CACHEMAX=CACHE_MB):
                 with _created(rasterio, plain, form) as target:
-                    for one in parts:
-                        _write(target, form, one)
+                    for each in parts:
+                        _write(target, form, each)
                 _copied(plain, part)
         finally:
             for left in (plain, Path(f"{part}.ovr.tmp")):
@@ -167,26 +167,26 @@ _TOLERANCE_PX = 0.02
 
 
 def write_warped(
-    image: PathLike, out: PathLike, found: PolynomialTransform, plane: Plane, pixel_m: float
+    image: PathLike, out: PathLike, transform: PolynomialTransform, plane: Plane, pixel_m: float
 ) -> None:
     """Write a picture (one to four bands) as a GeoTIFF with pixels of ``pixel_m``.
 
     Raises MapError where rasterio is not installed or a file cannot be read or written; then no
     file is left under the name. A picture on the network is not fetched.
     """
-    read_map(partial(_write_warped, image, out, found, plane, pixel_m), network=False)
+    read_map(partial(_write_warped, image, out, transform, plane, pixel_m), network=False)
 
 
 def _write_warped(
-    image: PathLike, out: PathLike, found: PolynomialTransform, plane: Plane, pixel_m: float
+    image: PathLike, out: PathLike, transform: PolynomialTransform, plane: Plane, pixel_m: float
 ) -> None:
     name = os.fspath(image)
     whole = _whole(out, name, f"{name} to {os.fspath(out)}")
     with whole as (rasterio, part), _opened(rasterio, image) as source:
-        _check_size(image, source, found)
-        profile = _profile(rasterio, source, found, pixel_m) | {"crs": plane.system.to_wkt()}
+        _check_size(image, source, transform)
+        profile = _profile(rasterio, source, transform, pixel_m) | {"crs": plane.system.to_wkt()}
         with rasterio.open(part, "w", **profile) as target:
-            _warp(rasterio, source, target, found)
+            _warp(rasterio, source, target, transform)
 
 
 @contextmanager
@@ -197,9 +197,9 @@ def _opened(rasterio: Any, image: PathLike) -> Iterator[Any]:
             yield source
 
 
-def _check_size(image: PathLike, source: Any, found: PolynomialTransform) -> None:
+def _check_size(image: PathLike, source: Any, transform: PolynomialTransform) -> None:
     size = np.array([source.width, source.height])
-    if (found.hull_px < -1).any() or (found.hull_px > size + 1).any():
+    if (transform.hull_px < -1).any() or (transform.hull_px > size + 1).any():
         raise MapError(
             f"{os.fspath(image)}: control points lie outside its {size[0]} x {size[1]} pixels; "
             "give the picture that they were marked on"
@@ -207,12 +207,12 @@ def _check_size(image: PathLike, source: Any, found: PolynomialTransform) -> Non
 
 
 def _profile(
-    rasterio: Any, source: Any, found: PolynomialTransform, pixel_m: float
+    rasterio: Any, source: Any, transform: PolynomialTransform, pixel_m: float
 ) -> dict[str, Any]:
     """Return the GeoTIFF's form: north up, square pixels, over the hull's bounding box."""
-    begin, end = found.hull_px, np.roll(found.hull_px, -1, axis=0)
+    begin, end = transform.hull_px, np.roll(transform.hull_px, -1, axis=0)
     along = np.linspace(0, 1, 50)[:, None, None]  # the hull's edges are curves in the plane
-    rim = found((begin + along * (end - begin)).reshape(-1, 2))
+    rim = transform((begin + along * (end - begin)).reshape(-1, 2))
     (west, south), (east, north) = rim.min(axis=0).tolist(), rim.max(axis=0).tolist()
     colours = min(source.count, 3)
     return {
@@ -227,18 +227,20 @@ def _profile(
     }
 
 
-def _warp(rasterio: Any, source: Any, target: Any, found: PolynomialTransform) -> None:
+def _warp(rasterio: Any, source: Any, target: Any, transform: PolynomialTransform) -> None:
     """Fill the target within the hull of the control points."""
     control, shutil, warp = (
         importlib.import_module(f"rasterio.{name}") for name in ("control", "shutil", "warp")
     )
-    sides = np.linspace(found.hull_px.min(axis=0), found.hull_px.max(axis=0), _KNOTS).T
+    sides = np.linspace(transform.hull_px.min(axis=0), transform.hull_px.max(axis=0), _KNOTS).T
     pixels = np.stack(np.meshgrid(*sides), axis=-1).reshape(-1, 2)
     points = [
         control.GroundControlPoint(row=row, col=column, x=x, y=y)
-        for (column, row), (x, y) in zip(pixels.tolist(), found(pixels).tolist(), strict=True)
+        for (column, row), (x, y) in zip(pixels.tolist(), transform(pixels).tolist(), strict=True)
     ]
-    rim = ", ".join(f"{column} {row}" for column, row in [*found.hull_px, found.hull_px[0]])
+    rim = ", ".join(
+        f"{column} {row}" for column, row in [*transform.hull_px, transform.hull_px[0]]
+    )
     bands = list(range(1, target.count))
     placed = f"/vsimem/{uuid.uuid4()}.vrt"  # the picture with these points, in memory
     shutil.copy(source, placed, driver="VRT")

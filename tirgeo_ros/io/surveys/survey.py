@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from tirgeo_ros.core.ground.ground_point import Located, Refusal
+from tirgeo_ros.core.ground.ground_point import Answer
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import SurveyError
 from tirgeo_ros.io.coordinates.crs import to_wgs84
@@ -175,10 +175,10 @@ def _observation(name: str, stamp: str, u: str, v: str) -> Observation:
 
 def _finite(*numbers: str | float) -> list[float]:
     """Return finite numbers; raises ValueError for others, TypeError for None."""
-    found = [float(number) for number in numbers]
-    if not all(map(math.isfinite, found)):
+    values = [float(number) for number in numbers]
+    if not all(map(math.isfinite, values)):
         raise ValueError
-    return found
+    return values
 
 
 def _name(name: str | None) -> str:
@@ -198,11 +198,11 @@ def _point(name: str, *place: str | float) -> SurveyPoint:
 
 
 def _refuse_repeated(path: PathLike, points: Sequence[SurveyPoint] | Sequence[Mark]) -> None:
-    seen: set[str] = set()
+    ids: set[str] = set()
     for point in points:
-        if point.id in seen:
+        if point.id in ids:
             raise SurveyError(f"{path}: point {point.id} appears twice; give each its own id")
-        seen.add(point.id)
+        ids.add(point.id)
 
 
 def _degrees(angle_rad: float) -> str:
@@ -214,7 +214,7 @@ class Answered(NamedTuple):
     """Hold a pixel of a list and its located point or refusal."""
 
     id: str
-    answer: Located | Refusal
+    answer: Answer
 
 
 _QGIS_X, _QGIS_Y = ("mapX", "mapY")
@@ -294,7 +294,7 @@ def _rows(path: PathLike, lines: Sequence[str]) -> dict[str, tuple[float, ...]]:
             f"{path}: not a .points file of QGIS (mapX,mapY,sourceX,sourceY); "
             "with a CSV id,column,row give --survey too"
         )
-    found: dict[str, tuple[float, ...]] = {}
+    points: dict[str, tuple[float, ...]] = {}
     for number, row in enumerate(reader, 1):
         try:
             values = tuple(float(row[name]) for name in (_QGIS_X, _QGIS_Y, *pixels))
@@ -303,5 +303,5 @@ def _rows(path: PathLike, lines: Sequence[str]) -> dict[str, tuple[float, ...]]:
         if not all(map(math.isfinite, values)):
             raise SurveyError(f"{path}: point {number} is not four numbers")
         if (row.get("enable") or "1").strip() != "0":
-            found[str(number)] = values
-    return found
+            points[str(number)] = values
+    return points

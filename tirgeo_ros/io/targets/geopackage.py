@@ -1,66 +1,70 @@
-"""Define the GeoPackage of targets (OGC 12-128r18, version 1.3) and the rows of a target in it."""
+"""Open, check and fill the GeoPackage of targets (OGC 12-128r18, version 1.3).
+
+A store opens it for its process alone, and explains what is wrong with a file.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import sqlite3
-import struct
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
 
-from tirgeo_ros.core.targets.target import KINDS, Fixing, Target
-from tirgeo_ros.io.targets.properties import COLUMNS, of_target
+from tirgeo_ros.core.ground.ground_point import Located
+from tirgeo_ros.core.targets.target import KINDS, Target
+from tirgeo_ros.core.types.errors import TargetError
+from tirgeo_ros.io.geopackage.layers import Layer, Positions, insert, make_file, make_layer
+from tirgeo_ros.io.targets.columns import COLUMNS, of_target
 
-APPLICATION_ID, VERSION = 0x47504B47, 10300  # "GPKG"
-_WGS84 = (
-    'GEOGCS["WGS 84",DATUM["WGS_1984",SPHEROID["WGS 84",6378137,298.257223563,AUTHORITY["EPSG",'
-    '"7030"]],AUTHORITY["EPSG","6326"]],PRIMEM["Greenwich",0,AUTHORITY["EPSG","8901"]],UNIT['
-    '"degree",0.0174532925199433,AUTHORITY["EPSG","9122"]],AUTHORITY["EPSG","4326"]]'
-)
-_SYSTEMS = (
-    ("WGS 84", 4326, "EPSG", 4326, _WGS84, "longitude, latitude"),
-    ("Undefined cartesian", -1, "NONE", -1, "undefined", None),
-    ("Undefined geographic", 0, "NONE", 0, "undefined", None),
-)
-#: Table -> type of its geometry (None: no geometry), what it holds.
-_LAYERS = {
-    "targets": ("POINT", "places, each the average of its clicks"),
-    "ellipses": ("POLYGON", "95 % ellipses of the places"),
-    "clicks": (None, "every click; these count, the other two tables are made of them"),
-    "pictures": (None, "cut-outs of the video, JPEG"),
-    "marks": (None, "marks in time"),
+_WAIT_S = 2.0  # for a program that is just ending
+#: A part of SQLite's message -> what to do.
+_REMEDIES = {
+    "locked": "another program has it open (a second viewer_node, QGIS): close that, or give the "
+    "targets another file",
+    "full": "no room on the disk: make some and do it again; what was there before is kept",
+    "readonly": "it is read-only: choose a place that can be written",
+    "unable to open": "its folder cannot be written: choose another place",
+    "disk I/O": "the disk fails: what was there before is kept; choose another disk",
+    "not a database": "it is no GeoPackage; give the targets another name",
 }
-_TABLES = f"""
-CREATE TABLE gpkg_spatial_ref_sys (srs_name TEXT NOT NULL, srs_id INTEGER NOT NULL PRIMARY KEY,
-    organization TEXT NOT NULL, organization_coordsys_id INTEGER NOT NULL,
-    definition TEXT NOT NULL, description TEXT);
-CREATE TABLE gpkg_contents (table_name TEXT NOT NULL PRIMARY KEY, data_type TEXT NOT NULL,
-    identifier TEXT UNIQUE, description TEXT DEFAULT '', last_change DATETIME NOT NULL
-    DEFAULT (strftime('%Y-%m-%dT%H:%M:%fZ','now')), min_x DOUBLE, min_y DOUBLE, max_x DOUBLE,
-    max_y DOUBLE, srs_id INTEGER, CONSTRAINT fk_gc_r_srs_id FOREIGN KEY (srs_id)
-    REFERENCES gpkg_spatial_ref_sys(srs_id));
-CREATE TABLE gpkg_geometry_columns (table_name TEXT NOT NULL, column_name TEXT NOT NULL,
-    geometry_type_name TEXT NOT NULL, srs_id INTEGER NOT NULL, z TINYINT NOT NULL,
-    m TINYINT NOT NULL, CONSTRAINT pk_geom_cols PRIMARY KEY (table_name, column_name),
-    CONSTRAINT uk_gc_table_name UNIQUE (table_name), CONSTRAINT fk_gc_tn FOREIGN KEY (table_name)
-    REFERENCES gpkg_contents(table_name), CONSTRAINT fk_gc_srs FOREIGN KEY (srs_id)
-    REFERENCES gpkg_spatial_ref_sys (srs_id));
-CREATE TABLE targets (fid INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, geom POINT,
-    {", ".join(f"{name} {kind}" for name, kind in COLUMNS.items())});
-CREATE TABLE ellipses (fid INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, geom POLYGON,
-    target TEXT NOT NULL, number INTEGER, name TEXT);
-CREATE TABLE clicks (fid INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, target TEXT NOT NULL,
-    stamp_ns INTEGER NOT NULL, latitude_deg REAL NOT NULL, longitude_deg REAL NOT NULL,
-    height_m REAL NOT NULL, covariance_enu TEXT NOT NULL);
-CREATE TABLE pictures (fid INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL,
-    target TEXT NOT NULL UNIQUE, jpeg BLOB NOT NULL);
-CREATE TABLE marks (fid INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, stamp_ns INTEGER NOT NULL,
-    time DATETIME NOT NULL, text TEXT NOT NULL);
-CREATE TABLE tirgeo_changes (revision INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, at_ns INTEGER,
-    action TEXT NOT NULL, target TEXT NOT NULL, before TEXT, undone INTEGER NOT NULL);
-CREATE INDEX clicks_of_target ON clicks (target);
-"""
-#: What is on, and texts that are still to be chosen from (undo of the change that ``settled`` one
-#: opens it again). Older files hold both among the changes.
+_DAMAGED = (
+    "it is damaged and was left as it is: move it away to begin a new one; the command "
+    "'sqlite3 FILE .recover' gets back what it still holds"
+)
+TARGETS = Layer("targets", "Point", COLUMNS, "places, each the average of its clicks")
+ELLIPSES = Layer(
+    "ellipses",
+    "Polygon",
+    {"target": "TEXT NOT NULL", "number": "INTEGER", "name": "TEXT"},
+    "95 % ellipses of the places",
+)
+_CLICK_COLUMNS = {
+    "stamp_ns": "INTEGER NOT NULL",
+    **dict.fromkeys(("latitude_deg", "longitude_deg", "height_m"), "REAL NOT NULL"),
+    "covariance_enu": "TEXT NOT NULL",
+}
+_TARGET = {"target": "TEXT NOT NULL"}
+_ABOUT_CLICKS = "every click; these count, the other two tables are made of them"
+_CLICKS = Layer("clicks", "", _TARGET | _CLICK_COLUMNS, _ABOUT_CLICKS)
+_PICTURE = {"target": "TEXT NOT NULL UNIQUE", "jpeg": "BLOB NOT NULL"}
+_MARK = {"stamp_ns": "INTEGER NOT NULL", "time": "DATETIME NOT NULL", "text": "TEXT NOT NULL"}
+_LAYERS = (
+    TARGETS,
+    ELLIPSES,
+    _CLICKS,
+    Layer("pictures", "", _PICTURE, "cut-outs of the video, JPEG"),
+    Layer("marks", "", _MARK, "marks in time"),
+)
+_JOURNAL = (
+    "CREATE TABLE tirgeo_changes (revision INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, "
+    "at_ns INTEGER, action TEXT NOT NULL, target TEXT NOT NULL, before TEXT, "
+    "undone INTEGER NOT NULL)"
+)
+#: Texts that are still to be chosen from (undo of the change that ``settled`` one opens it again),
+#: and what is switched on. Older files hold both among the changes, by negative numbers.
 _OF_PAGE = """
 CREATE TABLE IF NOT EXISTS tirgeo_alternatives (target TEXT NOT NULL, field TEXT NOT NULL,
     text TEXT NOT NULL, settled INTEGER);
@@ -71,61 +75,36 @@ INSERT OR IGNORE INTO tirgeo_alternatives SELECT target, json_extract(before, '$
 INSERT OR IGNORE INTO tirgeo_switches SELECT target FROM tirgeo_changes WHERE undone = -2;
 UPDATE tirgeo_changes SET before = NULL, undone = 1 WHERE action IN ('alternative', 'on');
 """
-_PUT = (
-    f"INSERT INTO targets (fid, geom, {', '.join(COLUMNS)}) "  # noqa: S608  names of our own
-    f"VALUES (:number, :geom, {', '.join(f':{name}' for name in COLUMNS)})"
-)
-_MADE = "id, number, created_ns, changed_ns"
-_CLICK = "latitude_deg, longitude_deg, height_m, covariance_enu"
+_CLICK = ", ".join(_CLICK_COLUMNS)
 
 
 def make_tables(db: sqlite3.Connection) -> None:
     """Make the tables of an empty file, within the caller's transaction."""
-    db.execute(f"PRAGMA application_id = {APPLICATION_ID}")
-    db.execute(f"PRAGMA user_version = {VERSION}")
-    for statement in _TABLES.split(";\n")[:-1]:
-        db.execute(statement)
-    db.executemany("INSERT INTO gpkg_spatial_ref_sys VALUES (?, ?, ?, ?, ?, ?)", _SYSTEMS)
-    contents = "INSERT INTO gpkg_contents (table_name, data_type, identifier, description, srs_id)"
-    for name, (shape, text) in _LAYERS.items():
-        kind, system = ("features", 4326) if shape else ("attributes", None)
-        db.execute(f"{contents} VALUES (?, ?, ?, ?, ?)", (name, kind, name, text, system))
-        if shape:
-            row = (name, "geom", shape, 4326, 0, 0)
-            db.execute("INSERT INTO gpkg_geometry_columns VALUES (?, ?, ?, ?, ?, ?)", row)
-
-
-def is_of_targets(db: sqlite3.Connection) -> bool:
-    """Return whether the file has all our tables."""
-    names = ("clicks", "ellipses", "marks", "pictures", "targets", "tirgeo_changes")
-    found = db.execute("SELECT name FROM sqlite_master WHERE type = 'table'")
-    return set(names) <= {name for (name,) in found}
-
-
-def renew(db: sqlite3.Connection) -> None:
-    """Add what older files and exported ones lack, within the caller's transaction."""
-    for statement in _OF_PAGE.split(";\n")[:-1]:
-        db.execute(statement)
+    make_file(db)
+    for layer in _LAYERS:
+        make_layer(db, layer)
+    db.execute(_JOURNAL)
+    db.execute("CREATE INDEX clicks_of_target ON clicks (target)")
 
 
 def put_target(db: sqlite3.Connection, target: Target) -> None:
     """Write the rows of a target in place of those it had."""
     remove_target(db, target.id)
-    place = target.place
-    geometry = _header() + struct.pack("<BIdd", 1, 1, place.longitude_deg, place.latitude_deg)
-    said = of_target(target)
-    db.execute(_PUT, said | {"geom": geometry})
+    for layer, row, positions in rows_of_target(target):
+        insert(db, layer, row, positions, target.number)
+    for click in target.clicks:
+        numbers = {key: getattr(click, key) for key in _CLICK_COLUMNS}
+        texts = {"covariance_enu": " ".join(map(repr, map(float, click.covariance_enu)))}
+        insert(db, _CLICKS, {"target": target.id} | numbers | texts)
+
+
+def rows_of_target(target: Target) -> list[tuple[Layer, dict[str, Any], Positions]]:
+    """Return the rows of a target and of its ellipse, with their layers and positions."""
+    place, cells = target.place, of_target(target)
     ring = [(longitude, latitude) for latitude, longitude in place.outline()]
-    geometry = _header() + struct.pack("<BIII", 1, 3, 1, len(ring))
-    geometry += b"".join(struct.pack("<dd", *corner) for corner in ring)
-    row = (target.number, geometry, target.id, target.number, said["name"])
-    db.execute(
-        "INSERT INTO ellipses (fid, geom, target, number, name) VALUES (?, ?, ?, ?, ?)", row
-    )
-    db.executemany(
-        f"INSERT INTO clicks (target, stamp_ns, {_CLICK}) VALUES (?, ?, ?, ?, ?, ?)",  # noqa: S608
-        [(target.id, *_click_row(one)) for one in target.fixings],
-    )
+    own = {"target": target.id, "number": target.number, "name": cells["name"]}
+    at = [(place.longitude_deg, place.latitude_deg)]
+    return [(TARGETS, cells, at), (ELLIPSES, own, ring)]
 
 
 def put_picture(db: sqlite3.Connection, target_id: str, jpeg: bytes) -> None:
@@ -154,48 +133,128 @@ def next_number(db: sqlite3.Connection) -> int:
     return 1 + (int(row[0]) if row else 0)
 
 
-def load_targets(db: sqlite3.Connection) -> list[Target]:
+def read_file(path: Path) -> list[Target]:
+    """Return the targets of a file, read without a change. Raises TargetError."""
+    journal = path.with_name(f"{path.name}-journal")  # of a change that a crash cut short
+    cut_short = journal.exists() and journal.stat().st_size > 0
+    address = f"{path.resolve().as_uri()}?mode={'rw' if cut_short else 'ro'}"
+    with explained(path), contextlib.closing(sqlite3.connect(address, _WAIT_S, uri=True)) as db:
+        _check_tables(db, path)
+        return _load(db, path)
+
+
+def opened(path: Path) -> tuple[sqlite3.Connection, list[Target]]:
+    """Open a file for this process alone, or make it; return it with its targets.
+
+    Raises TargetError for a folder that does not exist, a file that cannot be written, is
+    damaged, of another program or open in one.
+    """
+    if not path.parent.is_dir():
+        raise TargetError(f"{path}: there is no such folder; make it, or give another place")
+    if path.exists() and not path.is_file():
+        raise TargetError(f"{path}: not a file; give the targets another name")
+    with explained(path), contextlib.ExitStack() as stack:
+        db = sqlite3.connect(path, _WAIT_S, isolation_level=None, check_same_thread=False)
+        stack.callback(db.close)
+        # The lock is kept until the file is closed. Each commit is complete in the one file, so
+        # that a copy of it after a crash lacks nothing; a WAL would be a second file.
+        for setting in ("locking_mode = EXCLUSIVE", "trusted_schema = OFF", "synchronous = EXTRA"):
+            db.execute(f"PRAGMA {setting}")
+        if not _is_empty(db):
+            _check_tables(db, path)
+        db.execute("PRAGMA journal_mode = DELETE")
+        with transaction(db):
+            if _is_empty(db):
+                make_tables(db)
+            for statement in _OF_PAGE.split(";\n")[:-1]:  # older files and exported ones lack them
+                db.execute(statement)
+            db.execute("UPDATE gpkg_contents SET srs_id = srs_id")  # can the file be written?
+        targets = _load(db, path)
+        db.text_factory = partial(str, encoding="utf-8", errors="replace")  # else one byte of the
+        stack.pop_all()  # journal would keep all of it from being read
+        return db, targets
+
+
+@contextlib.contextmanager
+def explained(path: Path) -> Iterator[None]:
+    """Raise TargetError, naming the file and what to do, for what SQLite raises."""
+    try:
+        yield
+    except sqlite3.Error as error:
+        remedies = (text for part, text in _REMEDIES.items() if part in str(error))
+        raise TargetError(f"{path}: {next(remedies, _DAMAGED)} ({error})") from None
+
+
+@contextlib.contextmanager
+def transaction(db: sqlite3.Connection) -> Iterator[None]:
+    """Commit what is done within, or undo all of it if something is raised."""
+    db.execute("BEGIN EXCLUSIVE")
+    try:
+        yield
+        db.execute("COMMIT")
+    except BaseException:
+        if db.in_transaction:
+            db.execute("ROLLBACK")
+        raise
+
+
+def _is_empty(db: sqlite3.Connection) -> bool:
+    return not db.execute("SELECT name FROM sqlite_master LIMIT 1").fetchall()
+
+
+def _check_tables(db: sqlite3.Connection, path: Path) -> None:
+    """Refuse a file that is damaged, or that another program made; neither is written to."""
+    names = {name for (name,) in db.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+    if not {"tirgeo_changes", *(layer.name for layer in _LAYERS)} <= names:
+        raise TargetError(
+            f"{path}: a database that tirgeo did not make; give the targets another name"
+        )
+    (fault,) = db.execute("PRAGMA quick_check(1)").fetchone()
+    if fault != "ok":
+        raise TargetError(f"{path}: {_DAMAGED} ({fault})")
+
+
+def _load(db: sqlite3.Connection, path: Path) -> list[Target]:
+    """Return the targets by number. Raises TargetError for rows that are none of ours."""
+    try:
+        return _targets(db)
+    except (TargetError, TypeError, ValueError, AttributeError) as error:
+        raise TargetError(f"{path}: {_DAMAGED} ({error})") from None
+
+
+def _targets(db: sqlite3.Connection) -> list[Target]:
     """Return the targets by number; rows that another program added have no clicks: left out.
 
-    A target whose clicks are gone has one, at its place. Raises TargetError, TypeError or
-    ValueError for rows that are none of ours.
+    A target whose clicks are gone has one, at its place.
     """
-    clicks: defaultdict[str, list[Fixing]] = defaultdict(list)
-    rows = db.execute(f"SELECT target, stamp_ns, {_CLICK} FROM clicks ORDER BY fid")  # noqa: S608
-    for target_id, *click in rows:
-        clicks[target_id].append(_fixing(*click))
-    columns = f"name, target_kind, note, aircraft, {_MADE}, stamp_ns, {_CLICK}"
+    clicks: defaultdict[str, list[Located]] = defaultdict(list)
+    rows = db.execute(f"SELECT target, {_CLICK} FROM clicks ORDER BY fid")  # noqa: S608
+    for target_id, *numbers in rows:
+        clicks[target_id].append(_click(*numbers))
+    made = "id, number, created_ns, changed_ns"
+    columns = f"{made}, name, target_kind, note, aircraft, {_CLICK}"
     targets = []
     for row in db.execute(f"SELECT {columns} FROM targets ORDER BY number"):  # noqa: S608
-        own = clicks[row[4]]
-        if not own and None not in row[4:]:
-            own = [_fixing(*row[-5:])]
-        if own:
-            targets.append(_target(row, own))
+        own, words, place = row[:4], row[4:8], row[8:]
+        places = clicks[row[0]]
+        if not places and None not in (*own, *place):
+            places = [_click(*place)]
+        if places:
+            targets.append(_target(own, words, places))
     return targets
 
 
-def _fixing(
+def _click(
     stamp_ns: int, latitude: float, longitude: float, height_m: float, numbers: str
-) -> Fixing:
-    return Fixing(stamp_ns, latitude, longitude, height_m, tuple(map(float, numbers.split())))
+) -> Located:
+    covariance = tuple(map(float, numbers.split()))
+    return Located(stamp_ns, latitude, longitude, height_m, covariance)
 
 
-def _target(row: Sequence[object], clicks: Sequence[Fixing]) -> Target:
+def _target(own: Sequence[object], words: Sequence[object], clicks: Sequence[Located]) -> Target:
     """Return a target; names, kinds and notes may be those that a GIS gave it."""
-    name, kind, note, aircraft, target_id, number, created_ns, changed_ns, *_ = row
-    known = str(kind) if kind in KINDS else "other"
-    words = (str(name or ""), known, str(note or ""), str(aircraft or ""))
-    times = (int(str(created_ns)), int(str(changed_ns)))
-    return Target(str(target_id), int(str(number)), *words, *times, tuple(clicks))
-
-
-def _click_row(one: Fixing) -> tuple[object, ...]:
-    covariance = " ".join(repr(float(number)) for number in one.covariance_enu)
-    place = (one.latitude_deg, one.longitude_deg, one.height_m)
-    return int(one.stamp_ns), *map(float, place), covariance
-
-
-def _header() -> bytes:
-    """Return the GeoPackage's header of a geometry: little-endian, no envelope, EPSG:4326."""
-    return struct.pack("<2sBBi", b"GP", 0, 1, 4326)
+    number, created_ns, changed_ns = (int(str(value)) for value in own[1:])
+    name, kind, note, aircraft = (str(word or "") for word in words)
+    kind = kind if kind in KINDS else "other"
+    texts = (name, kind, note, aircraft)
+    return Target(str(own[0]), number, *texts, created_ns, changed_ns, tuple(clicks))

@@ -15,16 +15,25 @@ from pathlib import Path
 from typing import Any
 
 from tirgeo_ros.core.frames.wgs84 import ecef_from_geodetic
-from tirgeo_ros.core.targets.target import KINDS, Fixing, Target
+from tirgeo_ros.core.ground.ground_point import Located
+from tirgeo_ros.core.targets.target import KINDS, MOST_TARGETS, Target
 from tirgeo_ros.core.types.errors import TargetError
-from tirgeo_ros.io.targets.geopackage import next_number, put_picture, put_target, remove_target
-from tirgeo_ros.io.targets.properties import legible, utc
-from tirgeo_ros.io.targets.target_file import explained, opened, transaction
+from tirgeo_ros.core.types.texts import legible, utc
+from tirgeo_ros.io.targets.columns import CLICK
+from tirgeo_ros.io.targets.geopackage import (
+    explained,
+    next_number,
+    opened,
+    put_picture,
+    put_target,
+    remove_target,
+    transaction,
+)
 
 #: Limits: characters, bytes and numbers.
 MOST_NAME, MOST_NOTE, MOST_MARK = 100, 2000, 200
 MOST_PICTURE = 1 << 18
-MOST_TARGETS, MOST_CLICKS, MOST_MARKS, MOST_ALTERNATIVES = 2000, 50, 10_000, 5
+MOST_CLICKS, MOST_MARKS, MOST_ALTERNATIVES = 50, 10_000, 5
 MOST_CHANGES = 1000  # that can be undone
 #: A click farther from the target is of another one.
 MOST_APART_M = 5000.0
@@ -91,7 +100,7 @@ class TargetStore:
 
     def add(
         self,
-        fixing: Fixing,
+        click: Located,
         *,
         aircraft: str = "",
         kind: str = "other",
@@ -111,7 +120,7 @@ class TargetStore:
                 raise TargetError(f"there are {MOST_TARGETS} targets already; delete some")
             with self._transaction():
                 number = next_number(self._db)
-                own = uuid.uuid4().hex, number, *texts, aircraft, now_ns, now_ns, (fixing,)
+                own = uuid.uuid4().hex, number, *texts, aircraft, now_ns, now_ns, (click,)
                 target = Target(*own)
                 put_target(self._db, target)
                 if picture is not None:
@@ -119,19 +128,19 @@ class TargetStore:
                 revision = self._log("add", target.id, None, now_ns)
             return self._kept(target, revision)
 
-    def refine(self, target_id: str, fixing: Fixing, now_ns: int) -> Target:
+    def refine(self, target_id: str, click: Located, now_ns: int) -> Target:
         """Add a click to a target, which is then at the average of its clicks."""
         with self._lock:
             before = self.get(target_id)
-            if len(before.fixings) >= MOST_CLICKS:
+            if len(before.clicks) >= MOST_CLICKS:
                 raise TargetError(f"target {before.number} has {MOST_CLICKS} clicks already")
-            apart_m = _distance_m(before.place, fixing)
+            apart_m = _distance_m(before.place, click)
             if apart_m > MOST_APART_M:
                 raise TargetError(
                     f"the click is {apart_m / 1000:.1f} km from target {before.number}: "
                     "click it as a target of its own"
                 )
-            return self._change("refine", before, now_ns, fixings=(*before.fixings, fixing))
+            return self._change("refine", before, now_ns, clicks=(*before.clicks, click))
 
     def edit(
         self, target_id: str, now_ns: int, was: Mapping[str, str] | None = None, **words: str
@@ -155,10 +164,10 @@ class TargetStore:
 
     def alternatives(self) -> dict[str, list[list[str]]]:
         """Return fields and texts that are still to be chosen from, by a target's id."""
-        found = defaultdict(list)
+        texts = defaultdict(list)
         for target_id, field, text in self._read(_OPEN):
-            found[target_id].append([field, text])
-        return found
+            texts[target_id].append([field, text])
+        return texts
 
     def leave_out(self, target_id: str, field: str, text: str, now_ns: int) -> Target:
         """Settle an alternative: the field stays as it is; ``undo`` opens it again."""
@@ -171,7 +180,7 @@ class TargetStore:
 
     def for_others(self) -> list[Target]:
         """Return the targets by number, with the alternatives in their notes."""
-        targets, others = {one.id: one for one in self.all()}, self.alternatives()
+        targets, others = {target.id: target for target in self.all()}, self.alternatives()
         for id_ in targets.keys() & others.keys():
             lines = [f"also written as the {field}: {text}" for field, text in others[id_]]
             note = "\n".join([targets[id_].note, *lines]).strip()
@@ -187,8 +196,8 @@ class TargetStore:
         revision = self.revision
         with self._transaction():
             for field, text in texts.items():
-                for known in (text, was.get(field)):
-                    place = (target_id, field, known)
+                for older in (text, was.get(field)):
+                    place = (target_id, field, older)
                     self._db.execute(f"DELETE FROM tirgeo_alternatives WHERE {_OF}", place)  # noqa: S608
                 row = "INSERT INTO tirgeo_alternatives (target, field, text) VALUES (?, ?, ?)"
                 self._db.execute(row, (target_id, field, text))
@@ -305,7 +314,7 @@ class TargetStore:
 
     def _log(self, action: str, target_id: str, before: Target | None, now_ns: int | None) -> int:
         """Note a change in the journal, of which the newest part is kept; return its revision."""
-        text = None if before is None else json.dumps(dataclasses.asdict(before))
+        text = None if before is None else _record(before)
         row = (now_ns, action, target_id, text, action in {"undo", "alternative"})
         revision = int(self._db.execute(_LOG, row).lastrowid or 0)
         oldest = (revision - MOST_CHANGES,)
@@ -345,6 +354,13 @@ def _identity(path: Path) -> tuple[int, int] | None:
     return status.st_dev, status.st_ino
 
 
+def _record(target: Target) -> str:
+    """Return a target as the journal keeps it."""
+    fields = {field.name: getattr(target, field.name) for field in dataclasses.fields(target)}
+    clicks = [{key: getattr(click, key) for key in CLICK} for click in fields.pop("clicks")]
+    return json.dumps(fields | {"fixings": clicks})
+
+
 def _before(now: Iterable[Target], action: str, id_: str, text: str | None) -> Target | None:
     """Return what a target was before a change of the journal, None of a new one.
 
@@ -355,11 +371,14 @@ def _before(now: Iterable[Target], action: str, id_: str, text: str | None) -> T
     if text is None:
         return None
     fields = json.loads(text)
-    clicks = (one | {"covariance_enu": tuple(one["covariance_enu"])} for one in fields["fixings"])
-    before = Target(**fields | {"fixings": tuple(Fixing(**one) for one in clicks)})
-    sound = before.kind in KINDS and before.fixings
+    clicks = (
+        click | {"covariance_enu": tuple(click["covariance_enu"])}
+        for click in fields.pop("fixings")
+    )
+    before = Target(**fields, clicks=tuple(Located(**click) for click in clicks))
+    sound = before.kind in KINDS and before.clicks
     largest = max(map(abs, (before.number, before.created_ns, before.changed_ns)))
-    same = {before.id, *(one.id for one in now if one.number == before.number)}
+    same = {before.id, *(other.id for other in now if other.number == before.number)}
     if not sound or largest >= 1 << 63 or same != {id_}:
         raise ValueError(text)
     return before
@@ -391,10 +410,10 @@ def _kind(kind: str) -> str:
     return kind
 
 
-def _distance_m(one: Fixing, other: Fixing) -> float:
+def _distance_m(first: Located, second: Located) -> float:
     """Return the distance of two places, straight through the earth."""
     ends = [
         ecef_from_geodetic(math.radians(p.latitude_deg), math.radians(p.longitude_deg), p.height_m)
-        for p in (one, other)
+        for p in (first, second)
     ]
     return math.dist(*ends)

@@ -15,7 +15,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from tirgeo_ros.core.config.overlay import ConfidenceConfig
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.ground.frame_geometry import FrameGeometry, Sight, frame_geometry
 from tirgeo_ros.core.types.arrays import Array, Vector
 

@@ -18,7 +18,7 @@ import numpy as np
 from tirgeo_ros.core.ground.frame_geometry import Sight
 from tirgeo_ros.core.types.arrays import Pixels
 from tirgeo_ros.core.types.errors import VideoError, shown
-from tirgeo_ros.io.files.encoded_picture import MOST_OF_VIDEO, unpacked
+from tirgeo_ros.io.messages.pictures import MOST_OF_VIDEO, unpacked
 from tirgeo_ros.io.video.frame_metadata import FrameMetadata
 from tirgeo_ros.io.video.video_file import Encoder, Form, FrameTimes, require_av
 
@@ -67,8 +67,8 @@ def _takes(options: Mapping[str, str]) -> bool:
     if "localaddr" in options:
         ipaddress.ip_address(options["localaddr"])
     ttl = options.get("ttl", "1")
-    known = options.keys() <= {"ttl", "localaddr"}
-    return known and ttl.isdecimal() and 1 <= int(ttl) <= _MOST_TTL
+    supported = options.keys() <= {"ttl", "localaddr"}
+    return supported and ttl.isdecimal() and 1 <= int(ttl) <= _MOST_TTL
 
 
 @final

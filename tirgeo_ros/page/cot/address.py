@@ -36,9 +36,9 @@ class CotParameters:
     password: str = PASSWORD  # of the key
 
 
-def pytak_settings(given: CotParameters) -> SectionProxy:
+def pytak_settings(parameters: CotParameters) -> SectionProxy:
     """Return PyTAK's settings; raise ConfigError that names the parameter and says what to do."""
-    url = _checked(given.cot)
+    url = _checked(parameters.cot)
     host, port = url.hostname, url.port or _PORTS[url.scheme]
     only = "+wo" if url.scheme == "udp" else ""  # a reader would need the port on this computer
     settings = {
@@ -52,8 +52,8 @@ def pytak_settings(given: CotParameters) -> SectionProxy:
     if "interface" in options:
         settings["PYTAK_MULTICAST_LOCAL_ADDR"] = options["interface"]
     if url.scheme == "tls":
-        settings |= _tls_settings(given, options.get("name"))
-    elif given.certificate or given.key or given.ca:
+        settings |= _tls_settings(parameters, options.get("name"))
+    elif parameters.certificate or parameters.key or parameters.ca:
         raise ConfigError(
             f"cot: {url.scheme}:// does not encrypt, and takes no certificate: write tls://, or "
             "leave cot_certificate, cot_key and cot_ca empty"
@@ -61,7 +61,7 @@ def pytak_settings(given: CotParameters) -> SectionProxy:
     config = RawConfigParser()
     config["cot"] = settings
     if url.scheme == "tls":
-        _check_files(given, config["cot"])
+        _check_files(parameters, config["cot"])
     return config["cot"]
 
 
@@ -98,22 +98,26 @@ def _check_options(url: SplitResult) -> None:
             ) from None
 
 
-def _tls_settings(given: CotParameters, name: str | None) -> dict[str, str]:
-    if not given.certificate:
+def _tls_settings(parameters: CotParameters, name: str | None) -> dict[str, str]:
+    if not parameters.certificate:
         raise ConfigError(
             "cot_certificate: tls:// needs the certificate (.p12 or .pem) that the owner of the "
             "TAK server made for this computer"
         )
-    files = {"cot_certificate": given.certificate, "cot_key": given.key, "cot_ca": given.ca}
+    files = {
+        "cot_certificate": parameters.certificate,
+        "cot_key": parameters.key,
+        "cot_ca": parameters.ca,
+    }
     for key, path in files.items():
         if path and not Path(path).is_file():
             raise ConfigError(f"{key}: there is no file {path}")
     settings = {
-        "PYTAK_TLS_CLIENT_CERT": given.certificate,
-        "PYTAK_TLS_CLIENT_KEY": given.key or given.certificate,
-        "PYTAK_TLS_CLIENT_CAFILE": given.ca or ssl.get_default_verify_paths().cafile or "",
+        "PYTAK_TLS_CLIENT_CERT": parameters.certificate,
+        "PYTAK_TLS_CLIENT_KEY": parameters.key or parameters.certificate,
+        "PYTAK_TLS_CLIENT_CAFILE": parameters.ca or ssl.get_default_verify_paths().cafile or "",
         # Without one PyTAK fails at a .p12, and OpenSSL asks the terminal for that of a PEM.
-        "PYTAK_TLS_CLIENT_PASSWORD": given.password or PASSWORD,
+        "PYTAK_TLS_CLIENT_PASSWORD": parameters.password or PASSWORD,
         "PYTAK_TLS_CLIENT_CIPHERS": "DEFAULT",  # PyTAK's own choice takes weak ones too
         "PYTAK_TLS_SERVER_EXPECTED_HOSTNAME": name or "",
     }
@@ -121,22 +125,22 @@ def _tls_settings(given: CotParameters, name: str | None) -> dict[str, str]:
     return {key: text.replace("%", "%%") for key, text in settings.items() if text}
 
 
-def _check_files(given: CotParameters, settings: SectionProxy) -> None:
+def _check_files(parameters: CotParameters, settings: SectionProxy) -> None:
     """Load the certificates as a connection will; raise ConfigError if that is impossible."""
-    if given.ca:
+    if parameters.ca:
         try:
-            ssl.create_default_context(cafile=given.ca)
+            ssl.create_default_context(cafile=parameters.ca)
         except (OSError, ValueError) as error:  # SSLError is an OSError
             raise ConfigError(
-                f"cot_ca: {given.ca} is not the certificate of an authority in PEM ({error}); of "
-                f"a .p12: openssl pkcs12 -in {given.ca} -nokeys -out ca.pem"
+                f"cot_ca: {parameters.ca} is not the certificate of an authority in PEM "
+                f"({error}); of a .p12: openssl pkcs12 -in {parameters.ca} -nokeys -out ca.pem"
             ) from None
     try:
         get_ssl_ctx(get_tls_config(settings))
     except (ValueError, OSError, SyntaxError, SystemError, AttributeError) as error:
         reason = error.__cause__ or error
         raise ConfigError(
-            f"cot_certificate: {given.certificate} cannot be used ({reason}); give a file "
+            f"cot_certificate: {parameters.certificate} cannot be used ({reason}); give a file "
             "whose name ends in .p12, with the cot_password that it must have, or certificate "
             "and cot_key in PEM"
         ) from None

@@ -8,6 +8,7 @@ have taken events that never arrived, so each new one begins with all targets an
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import errno
 import logging
 import math
@@ -17,28 +18,145 @@ import threading
 import time
 import uuid
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from configparser import SectionProxy
 from dataclasses import dataclass
+from typing import Any, NamedTuple
+from xml.etree import ElementTree as ET
 
+import pytak
 from pytak.client_functions import supervise_with_reconnect
 
 from tirgeo_ros.core.targets.target import Target
-from tirgeo_ros.core.types.errors import shown
-from tirgeo_ros.io.cot.aircraft_events import AircraftState, aircraft_event, looks_at_event
-from tirgeo_ros.io.cot.target_events import (
+from tirgeo_ros.core.types.errors import TirgeoError, shown
+from tirgeo_ros.io.cot.events import (
+    AircraftState,
+    aircraft_event,
     deletion_event,
+    encoded,
+    looks_at_event,
     target_event,
     target_uid,
     withdrawn_event,
 )
 from tirgeo_ros.page.cot.address import CotParameters, endpoint, pytak_settings
-from tirgeo_ros.page.cot.outbox import Outbox
-from tirgeo_ros.page.cot.transmission import transmit
 
+#: Makes an event at a time of sending, ns.
+Maker = Callable[[int], ET.Element]
+#: Entries that wait at most; each is below 10 kB.
+_MOST = 5000
 #: An aircraft that reports faster is sent once a second.
 _LEAST_STEP_S = 0.8
-#: Deletions that are said again each minute, for those who missed them.
+#: Deletions that are sent again each minute, for those who missed them.
 _DELETIONS_KEPT = 100
+#: A peer that takes nothing for so long is gone: a cut radio link says nothing of itself.
+_PATIENCE_S = 10.0
+#: A server refuses a client's certificate after the client has counted itself as connected.
+_REFUSAL_S = 0.5
+#: Servers and radios forget: all is sent again after this.
+_AGAIN_S = 60.0
+#: A hundred events a second at most: a radio loses a burst of datagrams.
+_PACE_S = 0.01
+_LOOK_S, _STOP_S, _CHUNK = 0.1, 5.0, 65536
+_NO_WAY = {errno.ENETUNREACH, errno.ENETDOWN, errno.EHOSTUNREACH, errno.EADDRNOTAVAIL}
+_IN_NETWORK = "is this computer in the team's network?"
+_CLOCK = "is the clock of this computer right?"
+_OUT_OF_DATE = ("expired", "not yet valid")
+_WORDS = {
+    socket.gaierror: "there is no computer of this name here; write its IP address in cot",
+    PermissionError: "this computer may not send there; to all in a network: udp://239.2.3.1:6969",
+    ConnectionRefusedError: "nobody answers; is the TAK server running, is the port right?",
+    ConnectionError: "the server ended the connection; is it running, is it tcp or tls there?",
+    TimeoutError: f"no answer; {_IN_NETWORK}",
+}
+
+
+class Entry(NamedTuple):
+    """Hold one thing to send."""
+
+    uid: str
+    make: Maker
+
+
+class Outbox:
+    """Hold the newest entry of each uid, in the order of sending; safe in all threads.
+
+    A kept entry waits again after ``all_again``. Nothing that waits is lost but by ``forget`` or,
+    counted in ``dropped``, by ``drop`` and by more than _MOST entries: then the oldest goes.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._waiting: dict[str, Maker] = {}
+        self._kept: dict[str, Maker] = {}
+        self._gone_out: set[str] = set()
+        self.shut = False  # nothing goes out
+        self.dropped = 0
+
+    def __len__(self) -> int:
+        """Return how many wait."""
+        return len(self._waiting)
+
+    def put(self, uid: str, make: Maker, *, keep: bool) -> None:
+        """Send an object's newest event next, instead of an older one that waits."""
+        with self._lock:
+            self._waiting.pop(uid, None)
+            self._waiting[uid] = make
+            self._kept.pop(uid, None)
+            if keep:
+                self._kept[uid] = make
+            self._bound()
+
+    def forget(self, uid: str) -> None:
+        """Send no more of an object."""
+        with self._lock:
+            self._waiting.pop(uid, None)
+            self._kept.pop(uid, None)
+
+    def keep_no_more(self, uid: str) -> None:
+        """Send an object once at most, if it waits."""
+        with self._lock:
+            self._kept.pop(uid, None)
+
+    def all_again(self) -> None:
+        """Let all kept entries wait."""
+        with self._lock:
+            for uid, make in self._kept.items():
+                self._waiting.setdefault(uid, make)
+            self._bound()
+
+    def first(self) -> Entry | None:
+        """Return what is to be sent next, unless it is shut; it waits until ``sent``."""
+        with self._lock:
+            waiting = () if self.shut else self._waiting.items()
+            return next((Entry(uid, make) for uid, make in waiting), None)
+
+    def sent(self, entry: Entry) -> None:
+        """Let an entry wait no more, unless a newer one came meanwhile."""
+        with self._lock:
+            if self._waiting.get(entry.uid) is entry.make:
+                del self._waiting[entry.uid]
+            if entry.uid in self._kept:
+                self._gone_out.add(entry.uid)
+
+    def drop(self, entry: Entry) -> None:
+        """Send no more of an object whose numbers make no event; count it."""
+        self.forget(entry.uid)
+        self.dropped += 1
+
+    def assume_sent(self, uids: Iterable[str]) -> None:
+        """Count objects as sent, perhaps by an earlier run."""
+        with self._lock:
+            self._gone_out.update(uids)
+
+    def was_sent(self, uid: str) -> bool:
+        """Return whether an object that is kept may have gone out."""
+        return uid in self._gone_out
+
+    def _bound(self) -> None:
+        while len(self._waiting) > _MOST:
+            del self._waiting[next(iter(self._waiting))]
+            self.dropped += 1
 
 
 class TeamPicture:
@@ -80,7 +198,7 @@ class TeamPicture:
             self._outbox.keep_no_more(self._deleted.popleft())
 
     def aircraft(self, aircraft: str, state: AircraftState) -> None:
-        """Take an aircraft's newest state, which is that of now; one without a place is left."""
+        """Take an aircraft's newest state, which is that of now; drop one without a place."""
         place = state.latitude_deg, state.longitude_deg, state.height_m
         now_s = time.monotonic()
         with self._lock:
@@ -105,21 +223,6 @@ def _deletion(uid: str) -> str:
     return f"{uid}-deleted"
 
 
-_LOOK_S = 0.1
-_STOP_S = 5.0
-_NO_WAY = {errno.ENETUNREACH, errno.ENETDOWN, errno.EHOSTUNREACH, errno.EADDRNOTAVAIL}
-_IN_NETWORK = "is this computer in the team's network?"
-_CLOCK = "is the clock of this computer right?"
-_OUT_OF_DATE = ("expired", "not yet valid")
-_WORDS = {
-    socket.gaierror: "no computer of this name is known here; write its IP address in cot",
-    PermissionError: "this computer may not send there; to all in a network: udp://239.2.3.1:6969",
-    ConnectionRefusedError: "nobody answers; is the TAK server running, is the port right?",
-    ConnectionError: "the server ended the connection; is it running, is it tcp or tls there?",
-    TimeoutError: f"no answer; {_IN_NETWORK}",
-}
-
-
 def _not_of_retries(record: logging.LogRecord) -> bool:
     """Return False for PyTAK's line at each attempt, which would fill a log all night."""
     return not str(record.msg).startswith("TAK transport unavailable")
@@ -142,8 +245,10 @@ class CotLink:
     gets a line, in that thread, at each change from connected to not connected and back.
     """
 
-    def __init__(self, given: CotParameters, say: Callable[[str], None] = lambda _: None) -> None:
-        self._settings = pytak_settings(given)
+    def __init__(
+        self, parameters: CotParameters, say: Callable[[str], None] = lambda _: None
+    ) -> None:
+        self._settings = pytak_settings(parameters)
         self.endpoint = endpoint(self._settings)
         self._outbox = Outbox()
         self._picture = TeamPicture(self._outbox)
@@ -179,7 +284,7 @@ class CotLink:
         self._picture.targets(targets)
 
     def aircraft(self, aircraft: str, state: AircraftState) -> None:
-        """Take an aircraft's newest state, as often as it is known; about one a second is sent."""
+        """Take an aircraft's newest state, at any rate; about one a second is sent."""
         if self._on:
             self._picture.aircraft(aircraft, state)
 
@@ -235,6 +340,87 @@ class CotLink:
         self._error = error
 
 
+async def transmit(settings: SectionProxy, outbox: Outbox, connected: Callable[[], None]) -> None:
+    """Connect, call ``connected``, and send until the connection is lost: always raises."""
+    reader, writer = await _patiently(pytak.protocol_factory(settings))
+    tasks = [asyncio.create_task(_until_closed(reader))]
+    try:
+        _notice_cuts(writer)
+        await _first_failure(tasks, _REFUSAL_S if reader else 0.0)
+        connected()
+        sender = pytak.TXWorker(asyncio.Queue(), settings, writer)
+        tasks.append(asyncio.create_task(_send(sender, outbox)))
+        await _first_failure(tasks, None)
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        await _closed(writer)
+
+
+async def _until_closed(reader: asyncio.StreamReader | None) -> None:
+    """Read and drop what a server sends; raise when it ends the connection."""
+    if reader is None:  # UDP
+        await asyncio.Event().wait()
+    while reader is not None and await reader.read(_CHUNK):
+        pass
+    raise ConnectionResetError("closed by the server")
+
+
+async def _send(sender: pytak.TXWorker, outbox: Outbox) -> None:
+    again_s = time.monotonic() + _AGAIN_S
+    while True:
+        if time.monotonic() >= again_s:
+            outbox.all_again()
+            again_s = time.monotonic() + _AGAIN_S
+        while (entry := outbox.first()) is not None:
+            data = _data(entry)
+            if data is None:
+                outbox.drop(entry)
+                continue
+            await _patiently(sender.send_data(data))
+            outbox.sent(entry)
+            await asyncio.sleep(_PACE_S)
+        await asyncio.sleep(_LOOK_S)
+
+
+def _data(entry: Entry) -> bytes | None:
+    """Return an entry's event; None where its numbers make none: the others must not wait."""
+    try:
+        return encoded(entry.make(time.time_ns()))
+    except (ValueError, ArithmeticError, TirgeoError):
+        return None
+
+
+async def _first_failure(tasks: list[asyncio.Task[None]], timeout_s: float | None) -> None:
+    """Wait, at most for a time, until one of the tasks fails; raise its error."""
+    done, _ = await asyncio.wait(tasks, timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED)
+    for task in done:
+        task.result()
+
+
+async def _patiently(work: Any) -> Any:
+    try:
+        return await asyncio.wait_for(work, _PATIENCE_S)
+    except asyncio.TimeoutError:  # another class than TimeoutError before Python 3.11
+        raise TimeoutError("no answer") from None
+
+
+def _notice_cuts(writer: Any) -> None:
+    """Let the system end a connection whose bytes nobody acknowledges."""
+    plug = writer.get_extra_info("socket") if hasattr(writer, "get_extra_info") else None
+    if plug is not None and hasattr(socket, "TCP_USER_TIMEOUT"):
+        patience_ms = round(_PATIENCE_S * 1e3)
+        plug.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, patience_ms)
+
+
+async def _closed(writer: Any) -> None:
+    writer.close()
+    if hasattr(writer, "wait_closed"):
+        with contextlib.suppress(OSError, asyncio.TimeoutError):
+            await asyncio.wait_for(writer.wait_closed(), 1.0)
+
+
 def words_of(error: BaseException, endpoint: str) -> str:
     """Return one line for the operator: what is wrong, and with which parameter."""
     # PyTAK wraps a certificate that it distrusts.
@@ -249,8 +435,8 @@ def _words(error: BaseException) -> str:
         return _refused(error)
     if isinstance(error, OSError) and error.errno in _NO_WAY:
         return f"no way there; {_IN_NETWORK}"
-    known = (words for kind, words in _WORDS.items() if isinstance(error, kind))
-    return next(known, shown(error, 200))
+    fitting = (words for kind, words in _WORDS.items() if isinstance(error, kind))
+    return next(fitting, shown(error, 200))
 
 
 def _distrusted(error: ssl.SSLCertVerificationError) -> str:

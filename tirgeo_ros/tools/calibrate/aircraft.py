@@ -2,30 +2,52 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
-from tirgeo_ros.core.calibration.aircraft_fit import LEVEL, PARTS, AircraftFit, fit, mounting_level
-from tirgeo_ros.core.calibration.aircraft_parameters import ANTENNA, PARAMETERS
+import numpy as np
+
+from tirgeo_ros.core.calibration.aircraft_fit import (
+    LEVEL,
+    LEVEL_ADVICE,
+    LEVEL_LIMIT_RAD,
+    PARTS,
+    AircraftFit,
+    MountingLevel,
+    fit,
+    mounting_level,
+)
+from tirgeo_ros.core.calibration.aircraft_parameters import (
+    ANTENNA,
+    AZIMUTH,
+    PARAMETERS,
+    baseline_b,
+)
 from tirgeo_ros.core.calibration.aircraft_run import FlightRuns, Recorded, longest_piece
+from tirgeo_ros.core.config import AircraftConfig, EkfConfig
+from tirgeo_ros.core.frames.axes import flu_from_frd
+from tirgeo_ros.core.frames.rotations import euler_from_matrix, matrix_from_rotvec
 from tirgeo_ros.core.navigation.aiding.state_estimate import Aiding
 from tirgeo_ros.core.navigation.timeline.duplicates import DuplicateDetector, Same
 from tirgeo_ros.core.streams.sanity_checks import fault_of
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import BagError, CalibrationError
 from tirgeo_ros.core.types.measurements import (
     HeadingSample,
     ImuSample,
     PositionSample,
+    Source,
     VelocitySample,
 )
 from tirgeo_ros.io.bags.bag import BagReader
-from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
-from tirgeo_ros.io.parameters.parameter_file import Files, parameters_yaml, paths_of
-from tirgeo_ros.tools.calibrate.aircraft_result import KEYS, aircraft_lines, summary
-from tirgeo_ros.tools.calibrate.estimates import head
-from tirgeo_ros.tools.calibrate.residual_plots import innovations_png
+from tirgeo_ros.io.files.whole_files import PathLike, check_outputs
+from tirgeo_ros.io.parameters.parameter_file import Files, Value, paths_of
+from tirgeo_ros.tools.calibrate.result import Result, estimate, estimates_table, written
+from tirgeo_ros.tools.presentation.plots import COLOURS, figure, png
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.flight import Flight
 from tirgeo_ros.tools.replay.flight_topics import resolved
@@ -76,29 +98,29 @@ def read_aircraft(reader: BagReader, namespace: str, max_gap_s: float) -> ReadAi
 
     Raise BagError if a needed topic is absent, CalibrationError if the part is too short.
     """
-    flight, found = Flight(reader, namespace, needs_camera=False), _Samples()
+    flight, samples = Flight(reader, namespace, needs_camera=False), _Samples()
     for topic in _NEEDED:
         if not flight.has(topic):
             hint = "" if namespace else "; is there a --namespace?"
             raise BagError(
                 f"{reader.path}: needed topic absent: {resolved(topic, namespace)}{hint}"
             )
-    flight.add(found.topics, found.take)
+    flight.add(samples.topics, samples.take)
     flight.read_all(silent)
     if flight.refused:
-        found.left_out["unreadable messages"] = flight.refused
-    notes = [f"left out: {number} {what}" for what, number in found.left_out.items()]
-    begin, end = longest_piece(found.imu, max_gap_s) if found.imu else (0, 0)
-    piece = found.imu[begin:end]
+        samples.left_out["unreadable messages"] = flight.refused
+    notes = [f"left out: {number} {what}" for what, number in samples.left_out.items()]
+    begin, end = longest_piece(samples.imu, max_gap_s) if samples.imu else (0, 0)
+    piece = samples.imu[begin:end]
     seconds = (piece[-1].stamp_ns - piece[0].stamp_ns) * 1e-9 if piece else 0.0
     if seconds < _LEAST_S:
         raise CalibrationError(
             f"{reader.path}: only {seconds:.1f} s of imu/data without a gap; record a flight of "
             "three minutes with turns"
         )
-    if len(piece) < len(found.imu):
+    if len(piece) < len(samples.imu):
         notes.append(f"imu/data has gaps: the longest part, {seconds:.0f} s, is used")
-    return ReadAircraft(Recorded(piece, list(found.aids.values())), seconds, notes)
+    return ReadAircraft(Recorded(piece, list(samples.aids.values())), seconds, notes)
 
 
 #: Names of ``hold`` and the parameters that each holds.
@@ -135,28 +157,20 @@ def calibrate_aircraft(
     reader = BagReader(bag_in)
     read = read_aircraft(reader, namespace, config.max_imu_gap_s)
     runs = FlightRuns(read.recorded, config)
-    found = _fitted(reader, runs, held, progress)
-    level = mounting_level(found.after, runs.recorded.imu, PARTS)
-    result = summary(config, found, level, held)
-    numbers = {"parameters": result.estimates, "not_told": result.untold, "nis": result.nis}
-    notes = read.notes + result.notes
-    contents: dict[PathLike, str | bytes] = {}
-    if output is not None:
-        lines = head("aircraft", os.fspath(bag_in), aircraft_lines(numbers), notes)
-        contents[output] = parameters_yaml(result.nodes, lines)
-    if plot is not None:
-        contents[plot] = innovations_png(found)
-    write_files(contents, CalibrationError)
-    return {
-        "input": os.fspath(bag_in),
-        "output": [os.fspath(path) for path in contents],
-        **numbers,
+    fitted = _fitted(reader, runs, held, progress)
+    level = mounting_level(fitted.after, runs.recorded.imu, PARTS)
+    result = _result(config, fitted, level, held, read.notes)
+    files = (
+        (output, lambda: result.yaml("aircraft", bag_in, aircraft_lines(result.numbers))),
+        (plot, lambda: innovations_png(fitted)),
+    )
+    numbers = {
         "seconds": read.seconds,
         "imu_samples": len(read.recorded.imu),
         "measurements": len(read.recorded.aids),
-        "notes": notes,
-        "error": None if reader.damage is None else f"{reader.path}: {reader.damage}",
+        "notes": result.notes,
     }
+    return {"input": os.fspath(bag_in)} | written(files, result.numbers | numbers, reader)
 
 
 def _fitted(
@@ -164,13 +178,205 @@ def _fitted(
 ) -> AircraftFit:
     """Return the fit; raise CalibrationError, with each reason once, if it has no parameter."""
     try:
-        found = fit(runs, held, lambda done: progress(done, max(_USUAL_RUNS, done + 1)))
+        fitted = fit(runs, held, lambda done: progress(done, max(_USUAL_RUNS, done + 1)))
     except CalibrationError as error:
         raise CalibrationError(f"{reader.path}: {error}") from None
-    if not found.told:
+    if not fitted.determined:
         names: dict[str, list[str]] = {}
-        for name, reason in found.untold.items():
+        for name, reason in fitted.undetermined.items():
             names.setdefault(reason, []).append(f"{name} ({KEYS[name]})")
         named = "; ".join(f"{', '.join(some)}: {reason}" for reason, some in names.items())
         raise CalibrationError(f"{reader.path}: the flight shows no parameter: {named}")
-    return found
+    return fitted
+
+
+_UNITS = ("m", "m", "m", "deg", "ms", "ms", "ms")
+#: Node and name of the parameter that holds each value; positions' with ``hold`` rtk: imu.delay_s.
+KEYS = dict(
+    zip(
+        (*PARAMETERS, *LEVEL),
+        (
+            *["aircraft.rtk_antenna_m"] * 3,
+            "aircraft.second_antenna_m",
+            *("ekf_node rtk.delay_s", "ekf_node rtk.velocity_delay_s", "ekf_node heading.delay_s"),
+            *["aircraft.imu_rpy_deg"] * 2,
+        ),
+        strict=True,
+    )
+)
+_LENGTH_M = 1.0  # of a baseline whose length is not configured
+
+
+def _result(
+    config: EkfConfig,
+    fitted: AircraftFit,
+    level: MountingLevel | None,
+    held: Collection[str],
+    notes: list[str],
+) -> Result:
+    """Return the result of a fit; ``level`` is None if the bag has no attitude."""
+    columns = zip(_UNITS, fitted.first, fitted.values, fitted.sigma, fitted.left_out, strict=True)
+    rows = dict(zip(PARAMETERS, columns, strict=True))
+    estimates = {name: estimate(KEYS[name], *rows[name]) for name in fitted.determined}
+    reasons = dict(fitted.undetermined)
+    turn = np.zeros(3)
+    if not set(LEVEL) <= set(held):
+        turn[:2] = _add_level(level, estimates, reasons)
+    parts = {
+        "": _places(config, fitted.values, set(estimates), turn),
+        "ekf_node": _delays(config, fitted, set(estimates), rtk_held="rtk" in held),
+    }
+    nodes = {node: values for node, values in parts.items() if values}
+    nis = {
+        source.value: {"before": value, "after": fitted.after.nis()[source]}
+        for source, value in fitted.before.nis().items()
+    }
+    numbers = {"parameters": estimates, "not_told": reasons, "nis": nis}
+    return Result(numbers, nodes, notes + _notes(config.aircraft, fitted))
+
+
+def _add_level(
+    level: MountingLevel | None, estimates: dict[str, dict[str, Any]], reasons: dict[str, str]
+) -> Array:
+    """Add the level to ``estimates`` or ``reasons``; return the IMU's turn about x, y, FRD, rad.
+
+    Zero where the flight does not determine it.
+    """
+    turn = np.zeros(2)
+    if level is None:
+        reasons |= dict.fromkeys(LEVEL, "no orientation in imu/data to compare with")
+        return turn
+    for k, (name, sign) in enumerate(zip(LEVEL, (1.0, -1.0), strict=True)):
+        sigma = float(level.sigma_rad[k])
+        if sigma > LEVEL_LIMIT_RAD:
+            reasons[name] = f"known to {math.degrees(sigma):.2g} deg only; fly {LEVEL_ADVICE}"
+            continue
+        turn[k] = level.angles_rad[k]
+        numbers = 0.0, sign * turn[k], sigma, level.left_out_rad[k]
+        estimates[name] = estimate(KEYS[name], "deg", *numbers)
+    return turn
+
+
+def _places(
+    config: EkfConfig, values: Array, determined: Collection[str], turn: Array
+) -> dict[str, Value]:
+    """Return the aircraft's parameters; ``turn`` (3,) takes vectors onto the body axes, FRD."""
+    aircraft = config.aircraft
+    placed: dict[str, Value] = {}
+    rotation, is_turned = matrix_from_rotvec(turn), bool(turn.any())
+    antenna_m = np.array(aircraft.imu_m) + flu_from_frd(rotation @ flu_from_frd(values[ANTENNA]))
+    moved = is_turned or not set(PARAMETERS[ANTENNA]).isdisjoint(determined)
+    if moved:
+        placed["aircraft.rtk_antenna_m"] = _rounded(antenna_m)
+    if PARAMETERS[AZIMUTH] in determined or (moved and aircraft.second_antenna_m):
+        given_m = aircraft.baseline_b
+        length_m = _LENGTH_M if given_m is None else float(np.linalg.norm(given_m))
+        direction = baseline_b(config, float(values[AZIMUTH]))
+        second_m = antenna_m + length_m * flu_from_frd(rotation @ direction)
+        placed["aircraft.second_antenna_m"] = _rounded(second_m)
+    if is_turned:
+        given_bi = aircraft.rotation_bi
+        whole = rotation @ (np.eye(3) if given_bi is None else given_bi)
+        angles = flu_from_frd(euler_from_matrix(whole))
+        placed["aircraft.imu_rpy_deg"] = _rounded(np.degrees(angles))
+    return placed
+
+
+def _delays(
+    config: EkfConfig, fitted: AircraftFit, determined: Collection[str], *, rtk_held: bool
+) -> dict[str, Value]:
+    """Return the filter's delays; with ``rtk_held`` the IMU's in place of the positions'."""
+    position_s, velocity_s, heading_s = fitted.values[4:].tolist()
+    imu_s = config.imu.delay_s
+    values: dict[str, float] = {}
+    if "position_delay" in determined and rtk_held:
+        values["imu.delay_s"] = imu_s = config.rtk.delay_s - position_s
+    elif "position_delay" in determined:
+        values["rtk.delay_s"] = imu_s + position_s
+    has_velocities = "no rtk/vel" not in fitted.undetermined.get("velocity_delay", "")
+    if "velocity_delay" in determined or ("position_delay" in determined and has_velocities):
+        values["rtk.velocity_delay_s"] = velocity_s - position_s
+    has_headings = "no rtk/heading" not in fitted.undetermined.get("heading_delay", "")
+    if "heading_delay" in determined or ("rtk.delay_s" in values and has_headings):
+        values["heading.delay_s"] = imu_s + heading_s  # if unset, it would be the delay of rtk
+    return {name: round(value, 4) + 0.0 for name, value in values.items()}
+
+
+def _rounded(vector: Array) -> list[float]:
+    """Round to 4 decimals: 0.1 mm or 0.0001 deg."""
+    return [round(number, 4) + 0.0 for number in vector.tolist()]
+
+
+def _notes(aircraft: AircraftConfig, fitted: AircraftFit) -> list[str]:
+    notes = []
+    if "baseline_azimuth" in fitted.determined:
+        if aircraft.baseline_b is None:
+            notes.append(
+                f"headings do not determine how far apart the antennas are: {_LENGTH_M:g} m is "
+                "written"
+            )
+        notes.append(
+            "aircraft.second_antenna_m corrects headings where the aircraft's messages "
+            "are read (dji_node, tirgeo import); those in this bag stay as they are"
+        )
+    worst, nis = max(fitted.after.nis().items(), key=lambda item: item[1])
+    if nis > 2.0:
+        notes.append(
+            f"the filter's innovations of {worst.value} are {math.sqrt(nis):.1f} times as large "
+            "as predicted: check the IMU's noise (imu.*) and the sigmas of RTK"
+        )
+    return notes
+
+
+def aircraft_lines(result: Mapping[str, Any]) -> list[str]:
+    """Return the estimates as a table, what was not determined, and the innovations' size."""
+    nis = [
+        f"{source} {row['before']:.3g} before, {row['after']:.2f} after"
+        for source, row in result["nis"].items()
+    ]
+    return [
+        *estimates_table(result["parameters"]),
+        *(f"not found: {n} ({KEYS[n]}): {why}" for n, why in result["not_told"].items()),
+        f"squared innovations over their predicted variance: {'; '.join(nis)}",
+    ]
+
+
+_FAR = 15.0  # times the rms of innovations
+#: Panels of innovations: topic, and what makes its unit.
+_INNOVATIONS = {
+    Source.RTK_POSITION: ("rtk/fix", 100.0, "cm"),
+    Source.RTK_VELOCITY: ("rtk/vel", 100.0, "cm/s"),
+    Source.RTK_HEADING: ("rtk/heading", float(np.degrees(1.0)), "deg"),
+}
+
+
+def innovations_png(fitted: AircraftFit) -> bytes:
+    """Return a PNG: innovations over time by source.
+
+    Beyond three times their rms after the axis is logarithmic if some are far outside.
+    """
+    before, after = fitted.before.nis(), fitted.after.nis()
+    sources = [source for source in _INNOVATIONS if source in after]
+    made, axes = figure(10.0, 2.3 * len(sources), len(sources), 1, sharex=True)
+    panels = np.atleast_1d(axes)
+    for panel, source in zip(panels, sources, strict=True):
+        name, scale, unit = _INNOVATIONS[source]
+        for run, colour, what in (
+            (fitted.before, COLOURS[1], "before"),
+            (fitted.after, COLOURS[0], "after"),
+        ):
+            white = [w for w in run.white if w.source is source]
+            times_s = np.array([w.stamp_ns - fitted.before.attitude_ns[0] for w in white]) * 1e-9
+            values = scale * np.array([w.innovation for w in white])
+            for column in values.T:
+                panel.plot(times_s, column, ".", color=colour, markersize=1.5)
+            panel.plot([], [], ".", color=colour, label=what)
+        usual = float(np.sqrt(np.mean(values**2)))
+        if max(map(abs, panel.get_ylim())) > _FAR * usual > 0:
+            panel.set_yscale("symlog", linthresh=3 * usual)
+        title = f"{name}: NIS {before[source]:.3g} before, {after[source]:.2f} after"
+        panel.set_title(title, loc="left")
+        panel.set_ylabel(f"innovation, {unit}")
+    panels[-1].set_xlabel("time, s")
+    panels[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
+    return png(made)

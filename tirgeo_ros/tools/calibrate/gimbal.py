@@ -5,7 +5,6 @@ This is the work of ``tirgeo calibrate gimbal`` (Ren et al. 2022, section 5.2, T
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -24,7 +23,7 @@ from tirgeo_ros.core.calibration.checkerboard import (
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
-from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, csv_text, write_files
+from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, csv_text
 from tirgeo_ros.io.pictures.camera_file import load_camera
 from tirgeo_ros.tools.calibrate.board_pictures import (
     UNREADABLE,
@@ -34,6 +33,7 @@ from tirgeo_ros.tools.calibrate.board_pictures import (
     thinned,
 )
 from tirgeo_ros.tools.calibrate.lens import reasons
+from tirgeo_ros.tools.calibrate.result import written
 from tirgeo_ros.tools.presentation.plots import COLOURS, figure, png
 from tirgeo_ros.tools.presentation.progress import Report, silent
 
@@ -100,18 +100,9 @@ def calibrate_gimbal(
     else:
         assert video is not None
         lens = video.camera()
-    found, lost = _attitudes(pictures, board, lens)
-    files: dict[PathLike, str | bytes] = {}
-    if output is not None:
-        files[output] = _csv(found)
-    if plot is not None:
-        files[plot] = _png(found)
-    write_files(files, CalibrationError)
-    return {
-        "output": [os.fspath(path) for path in files],
-        **_summary(found, lost),
-        "error": None if video is None else video.damage,
-    }
+    attitudes, lost = _attitudes(pictures, board, lens)
+    files = (output, lambda: _csv(attitudes)), (plot, lambda: _png(attitudes))
+    return written(files, _summary(attitudes, lost), video.reader if video else None)
 
 
 def _attitudes(
@@ -133,15 +124,15 @@ def _attitudes(
                 f"{name}: the picture has {pixels.shape[1]}x{pixels.shape[0]} pixels, the "
                 f"camera's calibration {camera.width}x{camera.height}"
             )
-        seen = find_board(pixels, board)
-        if isinstance(seen, BoardSighting):
-            pose = tracker.pose(seen)
+        detected = find_board(pixels, board)
+        if isinstance(detected, BoardSighting):
+            pose = tracker.pose(detected)
             if pose is not None and pose.rms_px <= _MOST_RMS_PX:
                 rows.append((name, stamp_ns, *camera_angles(pose), pose.rms_px))
                 continue
             error = "none" if pose is None else f"error {pose.rms_px:.1f} px"
-            seen = Refused(RefusalReason.OUTLIER, f"{error} with this camera's calibration")
-        lost[name] = seen
+            detected = Refused(RefusalReason.OUTLIER, f"{error} with this camera's calibration")
+        lost[name] = detected
     if len(rows) < _FEWEST:
         raise CalibrationError(
             f"gimbal: {len(rows)} pictures of {len(lost) + len(rows)} show the board, {_FEWEST} "
@@ -157,20 +148,20 @@ def _attitudes(
     ), lost
 
 
-def _summary(found: BoardAttitudes, lost: Mapping[str, Refused]) -> dict[str, object]:
-    total = len(found.names) + len(lost)
-    still_deg = np.sqrt(np.maximum(found.std_deg**2 - found.noise_deg**2, 0.0))
+def _summary(attitudes: BoardAttitudes, lost: Mapping[str, Refused]) -> dict[str, object]:
+    total = len(attitudes.names) + len(lost)
+    still_deg = np.sqrt(np.maximum(attitudes.std_deg**2 - attitudes.noise_deg**2, 0.0))
     columns = {
-        "std_deg": found.std_deg,
-        "span_deg": np.ptp(found.angles_deg, axis=0),
-        "mean_deg": found.angles_deg.mean(0),
-        "noise_deg": found.noise_deg,
+        "std_deg": attitudes.std_deg,
+        "span_deg": np.ptp(attitudes.angles_deg, axis=0),
+        "mean_deg": attitudes.angles_deg.mean(0),
+        "noise_deg": attitudes.noise_deg,
         "std_without_noise_deg": still_deg,
     }
     notes = []
     if len(lost) > _MANY_LOST * total:
         notes.append(f"{len(lost)} of {total} pictures are not used: {reasons(lost)}")
-    noisy = [AXES[k] for k in np.flatnonzero(found.noise_deg > _NOISY * found.std_deg)]
+    noisy = [AXES[k] for k in np.flatnonzero(attitudes.noise_deg > _NOISY * attitudes.std_deg)]
     if noisy:
         notes.append(
             f"much of the {' and '.join(noisy)} comes from the picture's "
@@ -178,36 +169,36 @@ def _summary(found: BoardAttitudes, lost: Mapping[str, Refused]) -> dict[str, ob
         )
     return {
         "pictures": total,
-        "used": len(found.names),
-        "duration_s": float(found.times_s[-1]),
+        "used": len(attitudes.names),
+        "duration_s": float(attitudes.times_s[-1]),
         **{key: dict(zip(AXES, v.tolist(), strict=True)) for key, v in columns.items()},
-        "reprojection_rms_px": float(np.sqrt((found.rms_px**2).mean())),
+        "reprojection_rms_px": float(np.sqrt((attitudes.rms_px**2).mean())),
         "refused": {name: str(why) for name, why in lost.items()},
         "warning": "; ".join(notes) or None,
     }
 
 
-def _csv(found: BoardAttitudes) -> str:
+def _csv(attitudes: BoardAttitudes) -> str:
     """Return CSV, a line per picture: time, angles and their sigmas in degrees, error in px."""
     names = [f"{axis}_deg" for axis in AXES] + [f"sigma_{axis}_deg" for axis in AXES]
-    numbers = np.column_stack([found.angles_deg, found.sigmas_deg]).tolist()
+    numbers = np.column_stack([attitudes.angles_deg, attitudes.sigmas_deg]).tolist()
     rows = (
         [name, f"{time_s:.3f}", *(f"{x:.4f}" for x in row), f"{rms:.3f}"]
         for name, time_s, row, rms in zip(
-            found.names, found.times_s, numbers, found.rms_px, strict=True
+            attitudes.names, attitudes.times_s, numbers, attitudes.rms_px, strict=True
         )
     )
     return csv_text([["picture", "time_s", *names, "rms_px"], *rows])
 
 
-def _png(found: BoardAttitudes) -> bytes:
+def _png(attitudes: BoardAttitudes) -> bytes:
     """Return a PNG of the angles about their means, over time (Ren et al. 2022, Fig. 29)."""
     made, panels = figure(7.0, 6.0, rows=3, sharex=True)
-    angles = (found.angles_deg - found.angles_deg.mean(0)).T
+    angles = (attitudes.angles_deg - attitudes.angles_deg.mean(0)).T
     for panel, name, angle, std, colour in zip(
-        panels, AXES, angles, found.std_deg, COLOURS, strict=False
+        panels, AXES, angles, attitudes.std_deg, COLOURS, strict=False
     ):
-        panel.plot(found.times_s, angle, ".-", color=colour, markersize=3)
+        panel.plot(attitudes.times_s, angle, ".-", color=colour, markersize=3)
         panel.set_title(f"{name}: standard deviation {std:.3f} deg")
         panel.set_ylabel("deg from the mean")
     panels[-1].set_xlabel("time, s")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -24,7 +23,7 @@ from tirgeo_ros.core.calibration.lens_fit import (
     most_distinct,
 )
 from tirgeo_ros.core.types.errors import CalibrationError
-from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
+from tirgeo_ros.io.files.whole_files import PathLike, check_outputs
 from tirgeo_ros.io.pictures.camera_file import camera_yaml
 from tirgeo_ros.tools.calibrate.board_pictures import (
     UNREADABLE,
@@ -33,13 +32,16 @@ from tirgeo_ros.tools.calibrate.board_pictures import (
     pictures_of_files,
     sharpest,
 )
-from tirgeo_ros.tools.calibrate.residual_plots import lens_png
+from tirgeo_ros.tools.calibrate.result import written
+from tirgeo_ros.tools.presentation.plots import COLOURS, arrows, figure, png
 from tirgeo_ros.tools.presentation.progress import Report, silent
 
+_MOST_NAMES = 40
 _CELLS = (8, 6)  # cells of the picture; a good set of views has corners in most of them
 _FEW_VIEWS = 10
 _LEAST_COVERED = 0.7
 _LOW_TILT_DEG = 15.0
+_ARROW = 0.02  # length of a usual error's arrow as a share of the picture's width
 _LOOSE = 0.5  # largest ratio of a coefficient's standard deviation to its value
 
 
@@ -75,18 +77,17 @@ def calibrate_lens(
         raise CalibrationError(f"lens: {none if number else 'there are no pictures'}")
     chosen = sorted(most_distinct(views, max_views), key=list(views).index)
     fit = fit_lens({name: views[name] for name in chosen}, board, size, model)
-    files: dict[PathLike, str | bytes] = {output: camera_yaml(fit.camera, camera_name)}
-    if plot is not None:
-        files[plot] = lens_png(fit, views)
-    write_files(files, CalibrationError)
-    return {
-        "output": [os.fspath(path) for path in files],
+    numbers = {
         "pictures": number,
         "views_spare": len(views) - len(chosen),
         **_summary(fit, views),
         "refused": {name: str(why) for name, why in (refused | fit.refused).items()},
-        "error": None if video is None else video.damage,
     }
+    files = (
+        (output, lambda: camera_yaml(fit.camera, camera_name)),
+        (plot, lambda: lens_png(fit, views)),
+    )
+    return written(files, numbers, video.reader if video else None)
 
 
 def _sightings(
@@ -104,11 +105,11 @@ def _sightings(
             refused[name] = UNREADABLE
             continue
         sizes[name] = pixels.shape[1], pixels.shape[0]
-        found = find_board(pixels, board)
-        if isinstance(found, BoardSighting):
-            views[name] = found
+        detected = find_board(pixels, board)
+        if isinstance(detected, BoardSighting):
+            views[name] = detected
         else:
-            refused[name] = found
+            refused[name] = detected
     usual = Counter(sizes[name] for name in views).most_common(1)
     size = usual[0][0] if usual else (0, 0)
     for name in [name for name in views if sizes[name] != size]:
@@ -171,3 +172,29 @@ def _warning(fit: LensFit, covered: float) -> str | None:
     if loose:
         notes.append(f"{', '.join(loose)} cannot be separated from the others: leave them out")
     return "; ".join(notes) or None
+
+
+def lens_png(fit: LensFit, views: Mapping[str, BoardSighting]) -> bytes:
+    """Return a PNG: all corners on the frame with errors enlarged, and the error of every view."""
+    made, (frame, bars) = figure(8.0, 9.0, rows=2, height_ratios=[2.2, 1])
+    width, height = fit.camera.width, fit.camera.height
+    scale = _ARROW * width / max(fit.rms_px, 1e-3)
+    for number, (name, errors) in enumerate(fit.errors_px.items()):
+        colour = COLOURS[number % len(COLOURS)]
+        corners = views[name].corners_px
+        frame.plot(*corners.T, ".", color=colour, markersize=3)
+        arrows(frame, corners, scale * errors, colour, 0.0012)
+    frame.plot(fit.camera.cx, fit.camera.cy, "k+", markersize=12, label="principal point")
+    frame.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect="equal")
+    frame.set(xlabel="column, px", ylabel="row, px")
+    frame.set_title(f"Corners of {len(fit.errors_px)} views, errors enlarged {scale:.0f} times")
+    frame.legend(loc="lower right", frameon=True)
+    rms_px = fit.view_rms_px
+    bars.bar(range(len(rms_px)), [*rms_px.values()], color=COLOURS[0])
+    bars.axhline(fit.rms_px, color=COLOURS[1], label=f"all: {fit.rms_px:.3f} px")
+    bars.set(ylabel="reprojection error, px", title="Root mean square error of every view")
+    if len(rms_px) <= _MOST_NAMES:
+        bars.set_xticks(range(len(rms_px)), [*rms_px], rotation=90, fontsize=6)
+    bars.grid(visible=False, axis="x")
+    bars.legend(loc="upper right")
+    return png(made)

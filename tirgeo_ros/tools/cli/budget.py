@@ -43,7 +43,7 @@ _COLUMNS = ("middle", "mean", "median", "percentile 95", "largest")
 
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Compute the budget; return it as plain values."""
-    from tirgeo_ros.tools.budget.budget_files import make_budget  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.budget.budget import make_budget  # noqa: PLC0415 heavy
 
     values = {name: getattr(args, name) for *_, name in _VALUES}
     args.given = {name: value for name, value in values.items() if value is not None}

@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
 
 def _converted(args: argparse.Namespace) -> dict[str, object]:
-    from tirgeo_ros.tools.convert.targets import convert_targets  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.replay.locate import convert_targets  # noqa: PLC0415 heavy
 
     if args.cot:
         raise UsageError("--cot needs --pixels; the operator's page sends targets to the team")

@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     if args.no_images and (args.video or args.raw_images):
         raise UsageError("--no-images excludes --video and --raw-images")
     if len(args.bag) > 1 or args.output.endswith("/") or Path(args.output).is_dir():
-        return _season(args)
+        return _many_flights(args)
     from tirgeo_ros.tools.replay.process import process  # noqa: PLC0415 heavy
 
     if args.workers is not None or args.scheduler is not None:
@@ -79,9 +79,9 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     return call(process, args, "processing, s", "bag output", _NAMES, **more)
 
 
-def _season(args: argparse.Namespace) -> dict[str, object]:
+def _many_flights(args: argparse.Namespace) -> dict[str, object]:
     """Process flights into a folder."""
-    from tirgeo_ros.tools.season.season import process_season  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.many_flights.many_flights import process_flights  # noqa: PLC0415 heavy
 
     if args.workers is not None and (args.workers < 1 or args.scheduler):
         raise UsageError("--workers must be 1 or more, and is not for --scheduler")
@@ -89,7 +89,7 @@ def _season(args: argparse.Namespace) -> dict[str, object]:
         raise UsageError(f"several flights need a folder, not {args.output}: -o DIR")
     more = {"images": not args.no_images, "video": _ending(args.video)}
     names = f"{_NAMES} workers scheduler"
-    return call(process_season, args, "processing, flights", "bag output", names, **more)
+    return call(process_flights, args, "processing, flights", "bag output", names, **more)
 
 
 def _ending(video: Path | None) -> str:
@@ -107,9 +107,9 @@ def _ending(video: Path | None) -> str:
 def describe(result: Mapping[str, Any]) -> str:
     """Return some lines for a person."""
     if "flights" in result:
-        from tirgeo_ros.tools.season.season import season_lines  # noqa: PLC0415 heavy
+        from tirgeo_ros.tools.many_flights.many_flights import summary_lines  # noqa: PLC0415 heavy
 
-        return season_lines(result)
+        return summary_lines(result)
     from tirgeo_ros.tools.replay.process import six_lines  # noqa: PLC0415 heavy
 
     return six_lines(result)

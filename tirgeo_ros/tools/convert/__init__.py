@@ -1,1 +1,1 @@
-"""Do the work of ``tirgeo import`` and ``tirgeo dump``, and convert targets."""
+"""Do the work of ``tirgeo import`` and ``tirgeo dump``."""

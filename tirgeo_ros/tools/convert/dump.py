@@ -9,12 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from tirgeo_ros.core.types.errors import DjiError
-from tirgeo_ros.dji.link.encryption import parse_key
-from tirgeo_ros.dji.link.framing import FrameReader, ProtocolFrame
+from tirgeo_ros.dji.link.framing import FrameReader, ProtocolFrame, parse_key
 from tirgeo_ros.dji.protocol import broadcast_parts as parts
 from tirgeo_ros.dji.protocol.broadcast import Broadcast, Layout, decode_broadcast
-from tirgeo_ros.dji.protocol.package_table import package_table
-from tirgeo_ros.dji.protocol.subscription import PackageTable, Push, decode_push
+from tirgeo_ros.dji.protocol.subscription import PackageTable, Push, decode_push, package_table
 from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
 from tirgeo_ros.tools.presentation.progress import Report, silent
@@ -122,12 +120,12 @@ def push_fields(push: Push) -> dict[str, Any]:
 def _printed(value: Any, name: str = "") -> Any:
     """Return a part as JSON holds it; fields that a layout lacks are left out."""
     if hasattr(value, "_fields"):
-        found = {}
+        fields = {}
         for field, source, convert in _PRINTED.get(type(value)) or map(_field, value._fields):
             raw = getattr(value, source)
             if raw is not None:
-                found[field] = convert(raw) if convert else _printed(raw, field)
-        return found
+                fields[field] = convert(raw) if convert else _printed(raw, field)
+        return fields
     if isinstance(value, tuple):
         return [_printed(number) for number in value]
     is_single = isinstance(value, float) and name not in _DOUBLES

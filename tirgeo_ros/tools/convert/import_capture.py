@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 from tirgeo_ros.core.config import DjiConfig
 from tirgeo_ros.core.types.errors import DjiError
+from tirgeo_ros.dji.clocks.aircraft_clock import LONG_TICK_NS, MILLISECOND_NS
 from tirgeo_ros.dji.clocks.capture_clock import (
     DOCUMENTED_OFFSET_H,
     CaptureTimeline,
@@ -22,13 +23,11 @@ from tirgeo_ros.dji.clocks.capture_clock import (
     guess_utc_offset,
     time_of_words,
 )
-from tirgeo_ros.dji.clocks.running_counter import LONG_TICK_NS, MILLISECOND_NS
-from tirgeo_ros.dji.link.encryption import parse_key
-from tirgeo_ros.dji.link.framing import FrameReader, ProtocolFrame
+from tirgeo_ros.dji.link.framing import FrameReader, ProtocolFrame, parse_key
 from tirgeo_ros.dji.protocol.broadcast import decode_broadcast
 from tirgeo_ros.dji.protocol.subscription import PackageTable, decode_push
 from tirgeo_ros.dji.sources.readings import Reading
-from tirgeo_ros.dji.sources.serial_readings import Clocks, Telemetry
+from tirgeo_ros.dji.sources.serial import Clocks, Telemetry
 from tirgeo_ros.tools.convert.dump import frames_in, packages_of
 from tirgeo_ros.tools.convert.import_sink import ImportSink
 from tirgeo_ros.tools.presentation.progress import Report, silent
@@ -103,7 +102,7 @@ def import_capture(
         options.packages or config.packages, options.key or config.key, options.start_ns
     )
     seconds, tick_ns = _receiver_seconds(path, options)
-    timeline, said, warnings = _placed(path, options, seconds, round(config.rtk.delay_s * 1e9))
+    timeline, origin, warnings = _placed(path, options, seconds, round(config.rtk.delay_s * 1e9))
     run = _Pass(path, options, timeline, tick_ns)
     newest_ns = number = 0
     for _, readings in run.readings(progress):
@@ -121,7 +120,7 @@ def import_capture(
         )
     return {
         "kind": "capture",
-        "time": said,
+        "time": origin,
         "frames": run.frames.counts,
         "telemetry": run.telemetry.counts,
         "warnings": [*warnings, *complaints],
@@ -144,12 +143,12 @@ def _placed(
             "--start-time"
         )
         return CaptureTimeline(), "since the aircraft's power-up", [warning]
-    known = guess_utc_offset(seconds.newest_ns + seconds.shift_ns, path.stat().st_mtime_ns)
-    hours = DOCUMENTED_OFFSET_H if known is None else known
-    said = f"of the aircraft's receivers, taken as GMT+{hours}"
-    doubt = [f"the time is {said}; give --start-time if that is wrong by hours"]
+    hours_by_file = guess_utc_offset(seconds.newest_ns + seconds.shift_ns, path.stat().st_mtime_ns)
+    hours = DOCUMENTED_OFFSET_H if hours_by_file is None else hours_by_file
+    origin = f"of the aircraft's receivers, taken as GMT+{hours}"
+    doubt = [f"the time is {origin}; give --start-time if that is wrong by hours"]
     shift_ns = seconds.shift_ns + delay_ns - hours * _HOUR_NS
-    return CaptureTimeline(shift_ns=shift_ns), said, doubt if known is None else []
+    return CaptureTimeline(shift_ns=shift_ns), origin, doubt if hours_by_file is None else []
 
 
 def _receiver_seconds(path: Path, options: CaptureOptions) -> tuple[WholeSeconds, int]:
@@ -163,28 +162,28 @@ def _receiver_seconds(path: Path, options: CaptureOptions) -> tuple[WholeSeconds
 
 def _seconds(path: Path, options: CaptureOptions, tick_ns: int) -> WholeSeconds:
     """Collect the receivers' seconds against the aircraft's time since power-up."""
-    found = WholeSeconds()
+    seconds = WholeSeconds()
     run = _Pass(path, options, CaptureTimeline(), tick_ns)
     for frame, readings in run.readings(silent):
         # after a restart the offset is another
-        if found.number >= _SECONDS or (run.timeline.restarts and found.number):
+        if seconds.number >= _SECONDS or (run.timeline.restarts and seconds.number):
             break
         words = _date_and_time(frame, run.table) if readings else None
         if words is not None:
-            found.take(readings[-1].stamp_ns, *words)
-    return found
+            seconds.take(readings[-1].stamp_ns, *words)
+    return seconds
 
 
 def _date_and_time(frame: ProtocolFrame, table: PackageTable) -> tuple[int, int] | None:
     """Return a frame's date and time of day: RTK's, else that of the ordinary GPS, else None."""
-    found: list[tuple[int, int]] = []
+    candidates: list[tuple[int, int]] = []
     if (frame.cmd_set, frame.cmd_id) == (0x02, 0x00):
         parts = decode_broadcast(frame.value)
         blocks = () if parts is None else (parts.rtk, parts.gps)
-        found = [(block.date, block.time) for block in blocks if block is not None]
+        candidates = [(block.date, block.time) for block in blocks if block is not None]
     elif (frame.cmd_set, frame.cmd_id) == (0x02, 0x05):
         push = decode_push(frame.value, table)
         values = {} if push is None else push.values
         if "GPS_DATE" in values and "GPS_TIME" in values:
-            found = [(int(values["GPS_DATE"]), int(values["GPS_TIME"]))]
-    return next((words for words in found if time_of_words(*words) is not None), None)
+            candidates = [(int(values["GPS_DATE"]), int(values["GPS_TIME"]))]
+    return next((words for words in candidates if time_of_words(*words) is not None), None)

@@ -64,8 +64,8 @@ def import_flight(
     files = [(path, form) for path, form in zip(paths, forms, strict=True) if form is not None]
     is_bag = not files and not mapped.pairs and _is_ros1(paths[0], namespace)
     config = ParameterFile(params).config("dji_node", DjiConfig, namespace)
-    given = (*paths, *tables, params, capture.packages, config.packages)
-    check_outputs(given, [output], BagError)
+    inputs = (*paths, *tables, params, capture.packages, config.packages)
+    check_outputs(inputs, [output], BagError)
     with BagWriter(output) as writer:
         sink = ImportSink(writer, config, namespace)
         if mapped.pairs:
@@ -89,7 +89,7 @@ def _result(imported: dict[str, object], sink: ImportSink, of_dji: list[str]) ->
     warnings = [*own, *of_dji]
     return {
         **imported,
-        "written": {name: vars(seen) for name, seen in sorted(sink.written.items())},
+        "written": {name: vars(counts) for name, counts in sorted(sink.written.items())},
         "counts": sink.interpreter.counts,
         "warnings": warnings,
         "warning": "; ".join(warnings) or None,

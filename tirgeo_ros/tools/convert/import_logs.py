@@ -10,10 +10,10 @@ from datetime import datetime, timezone
 from itertools import compress
 from pathlib import Path
 
-from tirgeo_ros.core.checks.imu_checks import imu_findings
+from tirgeo_ros.core.checks.inertial_checks import imu_findings
 from tirgeo_ros.core.config import AircraftConfig, DjiConfig
-from tirgeo_ros.core.streams.lone_stamps import lone_stamps
 from tirgeo_ros.core.streams.sanity_checks import fault_of, joints_fault, usable_attitude
+from tirgeo_ros.core.streams.stamps import lone_stamps
 from tirgeo_ros.core.types.errors import LogError
 from tirgeo_ros.core.types.measurements import (
     LAST_NS,
@@ -185,7 +185,7 @@ def _alone(samples: Sequence[SensedSample]) -> dict[int, str]:
     return {
         id(sample): topic
         for topic, same in by_topic.items()
-        for sample in compress(same, lone_stamps([one.stamp_ns for one in same]))
+        for sample in compress(same, lone_stamps([each.stamp_ns for each in same]))
     }
 
 
@@ -203,15 +203,15 @@ def _disorder(samples: Sequence[SensedSample]) -> Iterator[str]:
 
 def _spans(samples: Sequence[SensedSample]) -> dict[str, tuple[int, int]]:
     """Return each topic's first and last stamp, of sorted samples."""
-    found: dict[str, tuple[int, int]] = {}
+    spans: dict[str, tuple[int, int]] = {}
     for sample in samples:
         topic = topic_of(sample)
-        found[topic] = found.get(topic, (sample.stamp_ns, 0))[0], sample.stamp_ns
-    return found
+        spans[topic] = spans.get(topic, (sample.stamp_ns, 0))[0], sample.stamp_ns
+    return spans
 
 
-def _meet(one: tuple[int, int], other: tuple[int, int]) -> bool:
-    return one[0] <= other[1] and other[0] <= one[1]
+def _meet(span: tuple[int, int], other: tuple[int, int]) -> bool:
+    return span[0] <= other[1] and other[0] <= span[1]
 
 
 def _leave_out_repeated_topics(logs: Sequence[Log]) -> None:
@@ -221,8 +221,8 @@ def _leave_out_repeated_topics(logs: Sequence[Log]) -> None:
     """
     for place, log in enumerate(logs):
         for topic, span in list(log.spans.items()):
-            same = [one for one in logs[:place] if topic in one.spans]
-            before = next((one for one in same if _meet(span, one.spans[topic])), None)
+            same = [earlier for earlier in logs[:place] if topic in earlier.spans]
+            before = next((earlier for earlier in same if _meet(span, earlier.spans[topic])), None)
             if before is not None:
                 log.leave_out(topic, f"{before.path}, named before, has it")
 
@@ -236,7 +236,7 @@ def _check_common_time(logs: Sequence[Log]) -> None:
     for log in used if len(used) > 1 else ():
         others = [other for other in used if other is not log]
         if not any(_meet(log.span, o.span) or log.spans.keys() & o.spans for o in others):
-            spans = ", ".join(f"{one.path} is of {_written(one)}" for one in used)
+            spans = ", ".join(f"{each.path} is of {_written(each)}" for each in used)
             raise LogError(
                 f"no time in common: {spans}: is one in another time scale or zone "
                 "(--utc-offset), or of another flight?"

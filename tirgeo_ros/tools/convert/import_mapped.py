@@ -23,8 +23,8 @@ from tirgeo_ros.core.frames.rotations import (
     quat_multiply,
 )
 from tirgeo_ros.core.navigation.timeline.imu_checks import in_body_axes
-from tirgeo_ros.core.streams.lone_stamps import lone_stamps
 from tirgeo_ros.core.streams.sanity_checks import fault_of, usable_attitude
+from tirgeo_ros.core.streams.stamps import lone_stamps
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import BagError, MessageError
 from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample, Source, VelocitySample
@@ -124,7 +124,7 @@ def remark_on(typename: str) -> str:
 
 
 def asked_topics(
-    given: Iterable[tuple[str, str]], there: Mapping[str, str], where: str
+    pairs: Iterable[tuple[str, str]], there: Mapping[str, str], where: str
 ) -> dict[str, list[str]]:
     """Return the bag's topic -> topics of the contract, for pairs (topic, topic of the contract).
 
@@ -132,20 +132,20 @@ def asked_topics(
     does not fit, or two for one.
     """
     by_name = {name.strip("/"): name for name in there}
-    found: dict[str, list[str]] = {}
-    for asked, topic in given:
+    mapped: dict[str, list[str]] = {}
+    for asked, topic in pairs:
         name = by_name.get(asked.strip("/"))
         if name is None or there[name] not in types_of(topic):
             kind = "not there" if name is None else f"of type {there[name]}"
-            fitting = [one for one, typename in there.items() if typename in types_of(topic)]
+            fitting = [own for own, typename in there.items() if typename in types_of(topic)]
             raise BagError(
                 f"{where}: {asked} is {kind}; {topic} takes {' or '.join(types_of(topic))}: "
                 f"{', '.join(fitting) or 'no topic of the bag'}"
             )
-        if any(topic in topics for topics in found.values()):
+        if any(topic in topics for topics in mapped.values()):
             raise BagError(f"{where}: two topics for {topic}: give one")
-        found.setdefault(name, []).append(topic)
-    return found
+        mapped.setdefault(name, []).append(topic)
+    return mapped
 
 
 def suggested(there: Mapping[str, str]) -> str:
@@ -375,8 +375,10 @@ class _Import:
 
     def far_stamps(self) -> str:
         """Return in one line which topics are stamped far from their times of recording."""
-        found = [one for streams in self.streams.values() for one in streams]
-        far = [f"{one.topic} {-one.lag_s:+.1f} s" for one in found if abs(one.lag_s) > _FAR_S]
+        streams = [each for group in self.streams.values() for each in group]
+        far = [
+            f"{each.topic} {-each.lag_s:+.1f} s" for each in streams if abs(each.lag_s) > _FAR_S
+        ]
         if not far:
             return ""
         return (
@@ -396,16 +398,16 @@ def import_mapped(
     bag = any_bag(path)
     run = _Import(bag, sink, mapped, aircraft)
     run.run(progress)
-    streams = [one for streams in run.streams.values() for one in streams]
-    warnings = [line for one in streams for line in one.warnings()]
-    if all(one.messages == one.refused for one in streams):
+    streams = [stream for streams in run.streams.values() for stream in streams]
+    warnings = [line for stream in streams for line in stream.warnings()]
+    if all(stream.messages == stream.refused for stream in streams):
         raise BagError(f"{path}: nothing to import: {'; '.join(warnings)}")
     warnings += filter(None, (run.far_stamps(), run.mounting.doubt))
     return {
         "kind": "mapped",
-        "topics": [one.result() for one in streams],
+        "topics": [stream.result() for stream in streams],
         "not_read": {t: kind for t, kind in bag.topics().items() if t not in run.streams},
-        "notes": [line for one in streams for line in one.notes(mapped.undulation_m)],
+        "notes": [line for stream in streams for line in stream.notes(mapped.undulation_m)],
         "warnings": warnings,
         "error": None if bag.damage is None else f"{path}: {bag.damage}",
     }

@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from tirgeo_ros.core.types.errors import BagError, MessageError
-from tirgeo_ros.dji.sources.ros1 import WRAPPERS, Ros1Decoder, survey
-from tirgeo_ros.dji.sources.ros1_messages import NEEDED, TOPICS
+from tirgeo_ros.dji.sources.ros1 import NEEDED, TOPICS, WRAPPERS, Ros1Decoder, survey
 from tirgeo_ros.io.bags.ros1_bag import Ros1Bag, Ros1Message
 from tirgeo_ros.io.messages import TOPIC_TYPES
 from tirgeo_ros.tools.convert.import_mapped import suggested
@@ -112,11 +111,13 @@ class _Import:
 
     def warnings(self) -> list[str]:
         """Return what is missing, refused or doubtful."""
-        found = self.topics.values()
-        good = {self.names.get(one.topic) for one in found if one.messages > one.refused}
+        topics = self.topics.values()
+        good = {self.names.get(each.topic) for each in topics if each.messages > each.refused}
         absent = [name for name in NEEDED if name not in good]
         missing = [f"no usable messages of {', of '.join(absent)}"] if absent else []
-        return missing + [one.complaint for one in found if one.complaint] + self.decoder.warnings
+        return (
+            missing + [each.complaint for each in topics if each.complaint] + self.decoder.warnings
+        )
 
 
 def _wrapper_topics(bag: Ros1Bag, namespace: str) -> dict[str, str]:
@@ -150,7 +151,7 @@ def _how_to_map(bag: Ros1Bag) -> str:
 
 def _passed(bag: Ros1Bag, pictures: Pictures) -> dict[str, str]:
     """Return the bag's topic -> topic of the contract. Raise BagError if not as asked for."""
-    found, topics = {}, bag.topics()
+    passed, topics = {}, bag.topics()
     for asked, contracts in ((pictures.image, _PICTURES), (pictures.camera_info, (_CAMERA_INFO,))):
         if not asked:
             continue
@@ -163,8 +164,8 @@ def _passed(bag: Ros1Bag, pictures: Pictures) -> dict[str, str]:
                 f"{bag.path}: {asked} is {typename or 'not there'}; of type "
                 f"{' or '.join(wanted)} are: {', '.join(there) or 'none'}"
             )
-        found[topic] = wanted[typename]
-    return found
+        passed[topic] = wanted[typename]
+    return passed
 
 
 def import_ros1(

@@ -114,6 +114,6 @@ class ImportSink:
     def _write(self, log_time_ns: int, _number: int, topic: str, message: Any) -> None:
         name = self._names[topic]
         self._writer.write(name, TOPIC_TYPES[topic], message, log_time_ns)
-        seen = self.written.setdefault(name, Written(0, log_time_ns, log_time_ns))
-        seen.messages += 1
-        seen.last_ns = log_time_ns
+        count = self.written.setdefault(name, Written(0, log_time_ns, log_time_ns))
+        count.messages += 1
+        count.last_ns = log_time_ns

@@ -9,11 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from tirgeo_ros.core.frames.heading import wrap_pi
-from tirgeo_ros.core.frames.rotations import euler_from_quat
+from tirgeo_ros.core.frames.rotations import euler_from_quat, wrap_pi
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
-from tirgeo_ros.core.streams.rates import RateLimit
+from tirgeo_ros.core.streams.stamps import RateLimit
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.core.types.poses import BodyPose

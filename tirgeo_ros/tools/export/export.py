@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Protocol
 
 from tirgeo_ros.core.config import DjiConfig
-from tirgeo_ros.core.config.overlay import ConfidenceConfig
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.types.errors import ConfigError, MapError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.bounded_reading import imported_rasterio

@@ -17,14 +17,20 @@ import zstandard
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground
-from tirgeo_ros.core.orthorectification.frame_view import FrameView, Patch, level_gsd_m, seeds
 from tirgeo_ros.core.orthorectification.ground_tiles import (
     TILE_PX,
     Floats,
     GroundTiles,
     TileKey,
 )
-from tirgeo_ros.core.orthorectification.mosaic_tile import LevelMatch, MosaicTile
+from tirgeo_ros.core.orthorectification.orthophoto import (
+    FrameView,
+    LevelMatch,
+    MosaicTile,
+    Patch,
+    level_gsd_m,
+    seeds,
+)
 from tirgeo_ros.core.types.errors import MapError
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.coordinates.crs import Plane

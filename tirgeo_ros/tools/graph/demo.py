@@ -23,11 +23,11 @@ from tirgeo_ros.tools.graph import find_resource
 from tirgeo_ros.tools.graph.node_graph import (
     AWAITED,
     GraphSetup,
+    NodeProcess,
     free_domain,
     run_graph,
     show_graph,
 )
-from tirgeo_ros.tools.graph.node_process import NodeProcess
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.flight_topics import PICTURES
 from tirgeo_ros.tools.replay.graph_outputs import (
@@ -87,8 +87,8 @@ def show_page(setup: GraphSetup, listen: str, cot: str, out: TextIO) -> dict[str
     """
     folder = setup.folder / "page"
     folder.mkdir(parents=True, exist_ok=True)
-    given = {"listen": listen, "cot": cot}
-    page: dict[str, object] = {name: one for name, one in given.items() if one}
+    values = {"listen": listen, "cot": cot}
+    page: dict[str, object] = {name: value for name, value in values.items() if value}
     page |= {"targets": folder / "targets.gpkg", "record_to": folder / "recordings"}
 
     def shown(viewer: NodeProcess) -> None:
@@ -129,8 +129,8 @@ def demo_setup(
     outputs = [folder / name for name in _NAMES]
     check_outputs((bag, *beside.values(), params, *files), outputs, GraphError)
     domain = {"ROS_DOMAIN_ID": str(free_domain())}
-    given = (params, map_file, method, rate, serial)
-    return GraphSetup(bag.absolute(), folder.absolute(), *given, environment=domain)
+    options = (params, map_file, method, rate, serial)
+    return GraphSetup(bag.absolute(), folder.absolute(), *options, environment=domain)
 
 
 def make_pictures(recording: Path, folder: Path, frames: int) -> dict[str, object]:
@@ -150,20 +150,21 @@ def make_pictures(recording: Path, folder: Path, frames: int) -> dict[str, objec
 
 
 def summary(outputs: Outputs, begin_ns: int) -> dict[str, object]:
-    """Return numbers from the nodes' diagnostics; ``begin_ns`` is the bag's begin.
+    """Return numbers from the nodes' states; ``begin_ns`` is the bag's begin.
 
     The names of the values carry their units.
     """
-    navigation = outputs.last("ekf_node: navigation")
-    overlay = outputs.last("overlay_node: overlay")
     first_ns = outputs.cameras[0].stamp_ns if outputs.cameras else math.inf
     mapped = [stamp for stamp in outputs.frame_stamps_ns if stamp >= first_ns]
-    frame_ms = outputs.numbers("overlay_node: topics", "tirgeo/overlay/image latency [ms]")
-    sigmas = outputs.numbers("ekf_node: navigation", "heading_sigma_deg")
+    pictures = outputs.topic("overlay_node", "tirgeo/overlay/image")
+    frame_ms = [topic.latency_ms for topic in pictures if topic.latency_ms is not None]
+    navigation = outputs.navigation
+    sigmas = [math.degrees(status.heading_sigma_rad) for status in navigation]
+    sigmas = [sigma for sigma in sigmas if math.isfinite(sigma)]
     return {
-        "method": navigation.get("method"),
-        "state": navigation.get("state"),
-        "overlay": {k: int(v) for k, v in overlay.items() if v.isdecimal()},
+        "method": navigation[-1].method if navigation else None,
+        "state": navigation[-1].state.value if navigation else None,
+        "overlay": dict(outputs.counts("overlay_node")),
         "first_map_after_s": (mapped[0] - begin_ns) * 1e-9 if mapped else None,
         "heading_sigma_deg": fmean(sigmas) if sigmas else None,
         "frame_latency_ms": median(frame_ms) if frame_ms else None,
@@ -199,4 +200,4 @@ def against_targets(outputs: Outputs, targets: Path) -> list[dict[str, object]]:
     """Return each click's located point with the nearest target; empty without a targets file."""
     if not targets.is_file():
         return []
-    return [dataclasses.asdict(one) for one in found_targets(outputs, load_survey(targets))]
+    return [dataclasses.asdict(target) for target in found_targets(outputs, load_survey(targets))]

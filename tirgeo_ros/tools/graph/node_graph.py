@@ -1,4 +1,7 @@
-"""Run the whole node graph as separate processes over DDS, and play a bag through it."""
+"""Run the whole node graph as separate processes over DDS, and play a bag through it.
+
+The nodes are reached from this machine only, unless the user widens it.
+"""
 
 from __future__ import annotations
 
@@ -15,16 +18,147 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NoReturn
 
-from tirgeo_ros.core.config.viewer import TOKEN_SEED
+from tirgeo_ros.core.config.viewer_parameters import TOKEN_SEED
 from tirgeo_ros.core.types.errors import GraphError
 from tirgeo_ros.io.bags.bag import BagReader
-from tirgeo_ros.io.files.child_process import stop_signals
+from tirgeo_ros.io.files.child_process import node_command, stop_signals
 from tirgeo_ros.io.messages import DJI_TOPICS
 from tirgeo_ros.tools.graph import find_resource
-from tirgeo_ros.tools.graph.localhost import localhost_environment
-from tirgeo_ros.tools.graph.node_process import NodeProcess
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.replay.flight_topics import PICTURES
+
+#: Variables with the path of a Fast DDS profile; later versions use the second name.
+PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
+#: Each of these would let other machines in.
+_WIDER = ("ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER")
+_FAST_DDS = ("", "rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp")
+
+
+def video_environment(environment: Mapping[str, str], config: Path) -> dict[str, str]:
+    """Return an environment with shared memory for whole frames, unless a profile is set."""
+    if any(name in environment for name in PROFILES):
+        return dict(environment)
+    return {**environment, PROFILES[0]: str(config / "fastdds.xml")}
+
+
+def localhost_environment(environment: Mapping[str, str], config: Path | None) -> dict[str, str]:
+    """Return an environment in which only this machine reaches the nodes.
+
+    ``config`` is the folder of the profiles, None if they are not installed. A user's own profile
+    stays; ROS then limits discovery to this machine, but with sockets on every interface.
+    """
+    kept = {name: value for name, value in environment.items() if name not in _WIDER}
+    profile = str(config / "fastdds_localhost.xml") if config else ""
+    others = {environment[name] for name in PROFILES if name in environment} - {profile}
+    if not profile or others or environment.get("RMW_IMPLEMENTATION", "") not in _FAST_DDS:
+        return {**kept, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    return {
+        **kept,
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT",  # the profile is narrower
+        PROFILES[0]: profile,
+        "SKIP_DEFAULT_XML_FILE": "1",  # else a profile in the working directory takes precedence
+    }
+
+
+_WAIT_S = 0.02
+_TICKS_PER_S = os.sysconf("SC_CLK_TCK")
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """Hold how a process ended."""
+
+    exit_code: int  # negative: minus the number of the signal that ended it
+    cpu_s: float  # user and system, from its start
+
+
+class NodeProcess:
+    """Run a node of a package in its own process group, with its output in a log file."""
+
+    def __init__(
+        self,
+        name: str,
+        arguments: Sequence[str],
+        environment: Mapping[str, str],
+        log: Path,
+        package: str = "tirgeo_ros.nodes",
+    ) -> None:
+        self.name = name
+        self.log = log
+        self._command = node_command(name, arguments, package)
+        self._environment = dict(environment)
+        log.unlink(missing_ok=True)
+        self.start()
+
+    def start(self) -> None:
+        """Start the process, at first or again after it has ended; the log goes on."""
+        self.ended: Ended | None = None
+        flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND
+        self.pid = os.posix_spawn(
+            self._command[0],
+            self._command,
+            self._environment,
+            file_actions=[
+                (os.POSIX_SPAWN_OPEN, 0, os.devnull, os.O_RDONLY, 0),
+                (os.POSIX_SPAWN_OPEN, 1, str(self.log), flags, 0o600),
+                (os.POSIX_SPAWN_DUP2, 1, 2),
+            ],
+            setpgroup=0,  # a Ctrl-C on the terminal is for the watching process, not for the nodes
+            # Blocked from the first instruction; the node polls for signals later.
+            setsigmask=stop_signals(),
+        )
+
+    def poll(self) -> Ended | None:
+        """Return how the process ended, or None while it runs."""
+        if self.ended is None:
+            pid, status, usage = os.wait4(self.pid, os.WNOHANG)
+            if pid:
+                cpu_s = usage.ru_utime + usage.ru_stime
+                self.ended = Ended(os.waitstatus_to_exitcode(status), cpu_s)
+        return self.ended
+
+    def cpu_s(self) -> float:
+        """Return the processor time so far, user and system (s)."""
+        if self.ended is not None:
+            return self.ended.cpu_s
+        fields = Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / _TICKS_PER_S
+
+    def said(self, words: str) -> bool:
+        """Return whether the log contains the words."""
+        return words in self.text()
+
+    def text(self) -> str:
+        """Return the log so far."""
+        return self.log.read_text(errors="replace")
+
+    def last_line(self) -> str:
+        """Return the last line of the log."""
+        lines = [line for line in self.text().splitlines() if line]
+        return lines[-1].strip() if lines else "it said nothing"
+
+    def check_running(self) -> None:
+        """Raise GraphError with the last line of the log if the process has ended."""
+        if self.poll() is not None:
+            raise GraphError(self.why_ended())
+
+    def why_ended(self) -> str:
+        """Return the exit code and the last line of the log."""
+        code = self.ended.exit_code if self.ended else "unknown"
+        return f"{self.name} ended (exit code {code}): {self.last_line()}"
+
+    def signal(self, number: int) -> None:
+        """Send a signal, if the process still runs."""
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def wait(self, timeout_s: float) -> Ended | None:
+        """Return how the process ended, or None if it has not ended within ``timeout_s``."""
+        end_s = time.monotonic() + timeout_s
+        while self.poll() is None and time.monotonic() < end_s:
+            time.sleep(_WAIT_S)
+        return self.ended
+
 
 _READY_TIMEOUT_S = 60.0
 _STOP_TIMEOUT_S = 15.0
@@ -43,6 +177,7 @@ RECORDED = (
     "tirgeo/camera_pose",
     "tirgeo/overlay/image/compressed",
     "tirgeo/locate/point",
+    "tirgeo/state",
     "tirgeo/findings",
     "/diagnostics",
 )
@@ -152,8 +287,8 @@ def _keep_running(processes: Sequence[NodeProcess], say: Callable[[str], object]
 
 def graph_environment(setup: GraphSetup) -> dict[str, str]:
     """Return the environment of the nodes: their own DDS domain, on this machine only."""
-    given = {**os.environ, **setup.environment}
-    environment = localhost_environment(given, find_resource("config"))
+    wider = {**os.environ, **setup.environment}
+    environment = localhost_environment(wider, find_resource("config"))
     environment.setdefault(TOKEN_SEED, secrets.token_urlsafe())
     environment.setdefault("ROS_LOG_DIR", str(setup.folder / "ros"))
     if "ROS_DOMAIN_ID" not in setup.environment:

@@ -15,8 +15,11 @@ from tirgeo_ros.io.files.child_process import node_command, stop_signals
 from tirgeo_ros.io.files.whole_files import PathLike, named_files
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
 from tirgeo_ros.tools.graph import find_resource
-from tirgeo_ros.tools.graph.localhost import localhost_environment, video_environment
-from tirgeo_ros.tools.graph.node_graph import parameter_words
+from tirgeo_ros.tools.graph.node_graph import (
+    localhost_environment,
+    parameter_words,
+    video_environment,
+)
 from tirgeo_ros.tools.replay.flight_topics import INPUTS
 
 _NAME = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
@@ -79,8 +82,10 @@ class WholeGraph:
         usual = find_resource(_USUAL_PARAMS)
         files = self.params or ([usual] if usual else [])
         bag = {"bag": self.bag, "use_sim_time": True} if self.bag else {}
-        given = {"map": self.map, "listen": self.page, "cot": self.cot}
-        words = parameter_words(bag | {name: one for name, one in given.items() if one}, files)
+        values = {"map": self.map, "listen": self.page, "cot": self.cot}
+        words = parameter_words(
+            bag | {name: value for name, value in values.items() if value}, files
+        )
         if self.namespace:
             words += ["-r", f"__ns:=/{self.namespace.strip('/')}"]
         if self.bag:  # the bag's clock goes into the namespace, as its topics do

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tirgeo_ros.core.checks.recording_checks import damage_findings, no_pose_findings
+from tirgeo_ros.core.checks.input_checks import damage_findings, no_pose_findings
 from tirgeo_ros.core.types.finding import Finding, sorted_findings, stop_line
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.elevation.elevation_model import ground_of

@@ -1,7 +1,7 @@
 """Cut parts out of a recorded flight: the work of ``tirgeo cut``.
 
-Messages are copied as they are, of types that are not known too. What a late subscriber would have
-been given (latched topics, the calibration) is carried to the beginning of each part.
+Messages are copied as they are, also those of foreign types. What a late subscriber would have
+received (latched topics, the calibration) is carried to the beginning of each part.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import math
 import os
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from datetime import datetime, timezone
+from datetime import datetime
 from itertools import islice
 from pathlib import Path
 from statistics import median
@@ -18,11 +18,14 @@ from typing import NamedTuple
 
 from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.errors import BagError, MessageError, TargetError
+from tirgeo_ros.core.types.texts import utc
 from tirgeo_ros.io.bags.bag import BagMessage, BagReader, BagWriter, Cdr, TopicForm
 from tirgeo_ros.io.bags.bag_writer import is_latched
 from tirgeo_ros.io.bags.cdr import header_stamp_ns
 from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, made_folder
-from tirgeo_ros.io.targets.reading import read_targets
+from tirgeo_ros.io.messages import TOPIC_TYPES
+from tirgeo_ros.io.messages.json_codec import ANSWER_TOPIC, TARGETS_TOPIC
+from tirgeo_ros.io.targets.formats import read_targets
 from tirgeo_ros.tools.presentation.progress import Report, silent
 
 _NS = 1_000_000_000
@@ -76,14 +79,26 @@ def cut(
         "input": os.fspath(bag),
         "output": os.fspath(output),
         "parts": written,
+        "warning": "; ".join(_older_forms(reader)) or None,
         "error": f"{reader.path}: {reader.damage}" if reader.damage else None,
     }
+
+
+def _older_forms(reader: BagReader) -> list[str]:
+    """Return a line for each topic of an earlier version that programs of today cannot read."""
+    return [
+        f"{topic}: {kind}, as earlier versions had it; today it is {TOPIC_TYPES[name]}, and no "
+        "program of tirgeo reads the older form"
+        for topic, kind in reader.topics().items()
+        for name in (ANSWER_TOPIC, TARGETS_TOPIC)
+        if topic.endswith(f"/{name}") and kind != TOPIC_TYPES[name]
+    ]
 
 
 def _window(reader: BagReader, begin: Instant, end: Instant) -> tuple[int, int]:
     """Return the log times (ns) of a window. Raises BagError if it is not in the flight."""
     first_ns, last_ns = reader.span_ns
-    start_ns, end_ns = (_log_time_ns(one, first_ns, last_ns) for one in (begin, end))
+    start_ns, end_ns = (_log_time_ns(instant, first_ns, last_ns) for instant in (begin, end))
     if start_ns > last_ns or end_ns < first_ns or end_ns < start_ns:
         raise BagError(f"{reader.path}: nothing between these times: {_flight_times(reader)}")
     return start_ns, end_ns
@@ -97,15 +112,8 @@ def _log_time_ns(instant: Instant, first_ns: int, last_ns: int) -> int:
 
 def _flight_times(reader: BagReader) -> str:
     first_ns, last_ns = reader.span_ns
-    begun, ended = (_utc(one) for one in (first_ns, last_ns))
+    begun, ended = (utc(time_ns) for time_ns in (first_ns, last_ns))
     return f"the flight is {(last_ns - first_ns) / _NS:.1f} s long, from {begun} to {ended}"
-
-
-def _utc(time_ns: int) -> str:
-    seconds, rest_ns = divmod(time_ns, _NS)
-    return (
-        f"{datetime.fromtimestamp(seconds, timezone.utc):%Y-%m-%dT%H:%M:%S}.{rest_ns // 10**6:03}Z"
-    )
 
 
 def _around_clicks(
@@ -116,8 +124,8 @@ def _around_clicks(
     around_ns, lag_ns = round(around_s * _NS), _picture_lag_ns(reader)
     parts = []
     for target in targets:
-        clicks_ns = sorted(one.stamp_ns + lag_ns for one in target.fixings)
-        flown_ns = [one for one in clicks_ns if first_ns <= one <= last_ns]
+        clicks_ns = sorted(click.stamp_ns + lag_ns for click in target.clicks)
+        flown_ns = [click_ns for click_ns in clicks_ns if first_ns <= click_ns <= last_ns]
         for number, (start_ns, end_ns) in enumerate(_passes(flown_ns, around_ns), 1):
             again = f"_{number}" if number > 1 else ""
             path = folder / f"target_{target.number}{again}.mcap"
@@ -134,9 +142,9 @@ def _picture_lag_ns(reader: BagReader) -> int:
     """
     pictures = {topic for topic, kind in reader.topics().items() if kind in _PICTURES}
     lags_ns = [
-        one.log_time_ns - stamp_ns
-        for one in islice(reader.messages(pictures, any_form=True), _MOST_PICTURES)
-        if (stamp_ns := _stamp_ns(one))
+        picture.log_time_ns - stamp_ns
+        for picture in islice(reader.messages(pictures, any_form=True), _MOST_PICTURES)
+        if (stamp_ns := _stamp_ns(picture))
     ]
     return int(median(lags_ns)) if lags_ns else 0
 
@@ -150,13 +158,13 @@ def _stamp_ns(picture: BagMessage) -> int:
 
 def _passes(clicks_ns: Iterable[int], around_ns: int) -> list[tuple[int, int]]:
     """Return the spans (ns) around clicks, in order; those that touch are one."""
-    found: list[tuple[int, int]] = []
+    spans: list[tuple[int, int]] = []
     for click_ns in clicks_ns:
         start_ns, end_ns = click_ns - around_ns, click_ns + around_ns
-        if found and start_ns <= found[-1][1]:
-            start_ns = found.pop()[0]
-        found.append((start_ns, end_ns))
-    return found
+        if spans and start_ns <= spans[-1][1]:
+            start_ns = spans.pop()[0]
+        spans.append((start_ns, end_ns))
+    return spans
 
 
 def _written(reader: BagReader, part: _Part, progress: Report) -> dict[str, object]:
@@ -166,21 +174,22 @@ def _written(reader: BagReader, part: _Part, progress: Report) -> dict[str, obje
     counts: Counter[str] = Counter()
     carried = _carried(reader, forms, part)
     with BagWriter(part.path, forms=forms) as writer:
-        for one in carried:
-            writer.write(one.topic, one.typename, one.data, part.start_ns)
-        for one in _messages(reader, None, part):
-            writer.write(one.topic, one.typename, one.data, one.log_time_ns)
-            counts[one.topic] += 1
-            progress((one.log_time_ns - part.start_ns) / _NS, (part.end_ns - part.start_ns) / _NS)
+        for message in carried:
+            writer.write(message.topic, message.typename, message.data, part.start_ns)
+        for message in _messages(reader, None, part):
+            writer.write(message.topic, message.typename, message.data, message.log_time_ns)
+            counts[message.topic] += 1
+            at_ns, length_ns = message.log_time_ns - part.start_ns, part.end_ns - part.start_ns
+            progress(at_ns / _NS, length_ns / _NS)
         if not counts:
             raise BagError(f"{reader.path}: no message between these times")
     return {
         "output": os.fspath(part.path),
         "from_s": (part.start_ns - reader.span_ns[0]) / _NS,
         "to_s": (part.end_ns - reader.span_ns[0]) / _NS,
-        "from_utc": _utc(part.start_ns),
+        "from_utc": utc(part.start_ns),
         "messages": dict(sorted(counts.items())),
-        "carried": dict(sorted(Counter(one.topic for one in carried).items())),
+        "carried": dict(sorted(Counter(message.topic for message in carried).items())),
     }
 
 
@@ -188,10 +197,10 @@ def _messages(
     reader: BagReader, topics: Iterable[str] | None, part: _Part
 ) -> Iterator[BagMessage]:
     wanted = None if topics is None else set(topics)
-    for one in reader.messages(wanted, part.start_ns, any_form=True):
-        if one.log_time_ns > part.end_ns:
+    for message in reader.messages(wanted, part.start_ns, any_form=True):
+        if message.log_time_ns > part.end_ns:
             return
-        yield one
+        yield message
 
 
 def _carried(reader: BagReader, forms: dict[str, TopicForm], part: _Part) -> list[BagMessage]:
@@ -209,9 +218,9 @@ def _carried(reader: BagReader, forms: dict[str, TopicForm], part: _Part) -> lis
     last: dict[tuple[str, object], BagMessage] = {}
     if latched | cameras:
         cdr = Cdr()
-        for one in _messages(reader, latched | cameras, earlier):
-            last[one.topic, _frames(cdr, one)] = one
-    return sorted(last.values(), key=lambda one: one.log_time_ns)
+        for message in _messages(reader, latched | cameras, earlier):
+            last[message.topic, _frames(cdr, message)] = message
+    return sorted(last.values(), key=lambda message: message.log_time_ns)
 
 
 def _frames(cdr: Cdr, message: BagMessage) -> object:
@@ -222,4 +231,4 @@ def _frames(cdr: Cdr, message: BagMessage) -> object:
         placed = cdr.deserialize(message.data, message.typename).transforms
     except MessageError:
         return None
-    return tuple(sorted(one.child_frame_id for one in placed))
+    return tuple(sorted(transform.child_frame_id for transform in placed))

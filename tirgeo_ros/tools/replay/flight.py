@@ -16,7 +16,7 @@ from typing import Any, Protocol
 
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CameraRates
-from tirgeo_ros.core.checks.parameter_checks import size_fault
+from tirgeo_ros.core.checks.input_checks import size_fault
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer

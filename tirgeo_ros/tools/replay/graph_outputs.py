@@ -1,4 +1,4 @@
-"""Read the bag of a run of the node graph: poses, pictures, located points, diagnostics.
+"""Read the bag of a run of the node graph: poses, pictures, located points, states.
 
 The located points are compared with the targets of the flight.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -24,6 +24,7 @@ from tirgeo_ros.core.gimbal.pose_buffer import PoseBuffer
 from tirgeo_ros.core.ground.ground_point import ellipse_of
 from tirgeo_ros.core.types.arrays import Array, Pixels
 from tirgeo_ros.core.types.poses import CameraPose
+from tirgeo_ros.core.types.verdicts import NavigationStatus
 from tirgeo_ros.io import messages as convert
 from tirgeo_ros.io.bags.bag import BagReader, Cdr
 from tirgeo_ros.io.surveys.survey import SurveyPoint
@@ -88,15 +89,26 @@ class Outputs:
     plane: TangentPlane | None = None
     cameras: list[CameraPose] = field(default_factory=list)
     frame_stamps_ns: list[int] = field(default_factory=list)
-    #: Item (``ekf_node: navigation``) -> key -> every reported value, in order.
-    diagnostics: dict[str, dict[str, list[str]]] = field(default_factory=dict)
+    #: What each node reported of itself, in order, by its name in the namespace.
+    states: dict[str, list[convert.NodeState]] = field(default_factory=dict)
     #: For each located click: point (3,) m and covariance (3, 3) m2, in NED of the plane.
     located_n: list[tuple[Array, Array]] = field(default_factory=list)
 
-    def numbers(self, item: str, key: str) -> list[float]:
-        """Return the finite values of a key of the diagnostics."""
-        texts = self.diagnostics.get(item, {}).get(key, [])
-        return [value for value in map(float, texts) if math.isfinite(value)]
+    @property
+    def navigation(self) -> list[NavigationStatus]:
+        """Return the estimator's status, in order."""
+        states = self.states.get("ekf_node", [])
+        return [state.navigation for state in states if state.navigation is not None]
+
+    def topic(self, node: str, topic: str) -> list[convert.TopicState]:
+        """Return how a topic of a node ran, in order."""
+        states = self.states.get(node, [])
+        return [state.topics[topic] for state in states if topic in state.topics]
+
+    def counts(self, node: str) -> Mapping[str, int]:
+        """Return the newest counts of a node; none if it reported nothing."""
+        states = self.states.get(node, [])
+        return states[-1].counts if states else {}
 
     def earlier(self, shift_ns: int) -> Outputs:
         """Return a copy with the stamps of poses and frames reduced by ``shift_ns``.
@@ -108,10 +120,6 @@ class Outputs:
             cameras=[replace(pose, stamp_ns=pose.stamp_ns - shift_ns) for pose in self.cameras],
             frame_stamps_ns=[stamp_ns - shift_ns for stamp_ns in self.frame_stamps_ns],
         )
-
-    def last(self, item: str) -> dict[str, str]:
-        """Return the newest values of an item."""
-        return {key: values[-1] for key, values in self.diagnostics.get(item, {}).items()}
 
 
 def read_outputs(path: Path, namespace: str = "") -> Outputs:
@@ -128,8 +136,9 @@ def read_outputs(path: Path, namespace: str = "") -> Outputs:
             found.located_n.append(convert.ground_point(message)[1:])
         elif item.topic == lead + OVERLAY:
             found.frame_stamps_ns.append(convert.stamp_ns(message))
-        elif item.topic == "/diagnostics":
-            _note(found, message, lead)
+        elif item.topic == f"{lead}{convert.STATE_TOPIC}":
+            state = convert.node_state(message)
+            found.states.setdefault(state.name, []).append(state)
     return found
 
 
@@ -140,13 +149,6 @@ def read_pictures(path: Path, namespace: str = "") -> Iterator[tuple[int, Pixels
     for item in BagReader(path).messages([lead + OVERLAY]):
         message = cdr.deserialize(item.data, item.typename)
         yield convert.stamp_ns(message), convert.compressed_pixels(message)
-
-
-def _note(found: Outputs, message: object, lead: str) -> None:
-    for status in message.status:  # type: ignore[attr-defined]
-        item = found.diagnostics.setdefault(status.name.removeprefix(lead), {})
-        for pair in status.values:
-            item.setdefault(pair.key, []).append(pair.value)
 
 
 @dataclass(frozen=True)

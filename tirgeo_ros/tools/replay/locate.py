@@ -1,4 +1,4 @@
-"""Locate pixels of a recorded flight on the ground: the work of ``tirgeo locate``.
+"""Locate pixels of a recorded flight on the ground, or convert targets: ``tirgeo locate``.
 
 The results are ground points with error ellipses. The camera poses come from the same core objects
 as those of the nodes and of ``tirgeo process``.
@@ -14,9 +14,9 @@ from statistics import median
 
 from tirgeo_ros.core.ground.backprojection import Ground, Reason
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.ground.ground_point import Located, Refusal, place
+from tirgeo_ros.core.ground.ground_point import Answer, Located, Refusal, place
 from tirgeo_ros.core.streams.arrivals import exposure_ns
-from tirgeo_ros.core.types.errors import ConfigError, SurveyError
+from tirgeo_ros.core.types.errors import ConfigError, SurveyError, TargetError
 from tirgeo_ros.core.types.finding import Finding, stop_line
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.elevation.elevation_model import ground_of
@@ -24,8 +24,7 @@ from tirgeo_ros.io.files.whole_files import PathLike, check_outputs, write_files
 from tirgeo_ros.io.parameters.parameter_file import Files, paths_of
 from tirgeo_ros.io.pictures.camera_file import given_camera
 from tirgeo_ros.io.surveys.survey import Answered, Observation, load_observations
-from tirgeo_ros.io.targets.exports import exported_answers, form_of
-from tirgeo_ros.io.targets.xml_formats import cot
+from tirgeo_ros.io.targets.formats import cot, exported, exported_answers, form_of, read_targets
 from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.presentation.results import finding_items
 from tirgeo_ros.tools.replay.flight import Flight
@@ -61,7 +60,7 @@ def locate_pixels(
     configs = node_configs(
         params, namespace, method=method, dem=dem, ground_height=ground_height, camera=camera
     )
-    outputs = [one for one in (output, kml_out, cot_out) if one]
+    outputs = [path for path in (output, kml_out, cot_out) if path]
     check_outputs((bag_in, pixels, *paths_of(params), *configs.files), outputs, SurveyError)
     observations = load_observations(pixels)
     ground = ground_of(configs.overlay)
@@ -86,6 +85,30 @@ def locate_pixels(
     }
 
 
+def convert_targets(
+    targets_in: PathLike, output: PathLike, kml_out: PathLike | None = None
+) -> dict[str, object]:
+    """Write targets in the format that the output's name asks for, and as KML if asked.
+
+    Return a summary. Raises TargetError naming the file.
+    """
+    outputs = [path for path in (output, kml_out) if path]
+    check_outputs([targets_in], outputs, TargetError)
+    try:
+        targets = read_targets(targets_in)
+    except TargetError as error:
+        raise TargetError(f"{error} (a recorded flight needs --pixels)") from None
+    forms = {output: form_of(output), kml_out: "kml"}
+    files: dict[PathLike, str | bytes]
+    files = {path: exported(targets, form) for path, form in forms.items() if path}
+    write_files(files, TargetError)
+    return {
+        "input": os.fspath(targets_in),
+        "output": [os.fspath(path) for path in outputs],
+        "targets": len(targets),
+    }
+
+
 def _located(
     reader: BagReader,
     configs: NodeConfigs,
@@ -106,21 +129,22 @@ def _located(
     checks = FlightChecks(*of_flight, ground=ground, layers=layers, camera=lens)
     checks.found += failed
     flight = Flight(reader, namespace, camera=lens, checks=checks)
-    exposures_ns = [exposure_ns(one.stamp_ns, overlay.video_latency_s) for one in observations]
+    exposures_ns = [exposure_ns(pixel.stamp_ns, overlay.video_latency_s) for pixel in observations]
     poses = flight.registered(ekf, gimbal, exposures_ns, checks.watch, smooth=smooth)
     flight.read_all(progress)
     camera = flight.camera
 
-    def answer(one: Observation, exposed_ns: int) -> Located | Refusal:
-        pose = poses.at(exposed_ns)
-        if pose is None or poses.plane is None:
-            return Refusal(one.stamp_ns, (one.u, one.v), Reason.NO_POSE)
-        where = (camera, pose[0], (one.u, one.v), poses.plane, ground)
-        return replace(place(*where, overlay.confidence, pose[1]), stamp_ns=one.stamp_ns)
+    def answer(pixel: Observation, exposed_ns: int) -> Answer:
+        uv, motion = (pixel.u, pixel.v), poses.at(exposed_ns)
+        if motion is None or poses.plane is None:
+            return Refusal(pixel.stamp_ns, uv, Reason.NO_POSE)
+        pose, rates = motion
+        where = (poses.plane, ground, overlay.confidence, rates)
+        return replace(place(camera, pose, uv, *where), stamp_ns=pixel.stamp_ns)
 
     answers = [
-        Answered(one.id, answer(one, exposed_ns))
-        for one, exposed_ns in zip(observations, exposures_ns, strict=True)
+        Answered(pixel.id, answer(pixel, exposed_ns))
+        for pixel, exposed_ns in zip(observations, exposures_ns, strict=True)
     ]
     navigation = poses.registration.navigation.status()
     flown: dict[str, object] = {
@@ -137,7 +161,7 @@ def _located(
 
 def _summary(answers: Sequence[Answered], ground: Ground) -> dict[str, object]:
     """Return the numbers of pixels, the median length of the ellipses (m), and the warnings."""
-    lengths = [one.answer.ellipse.major_m for one in answers if isinstance(one.answer, Located)]
+    lengths = [answer.ellipse.major_m for _, answer in answers if isinstance(answer, Located)]
     reasons = _reasons(answers)
     notes = list(ground.notes) if isinstance(ground, Terrain) else []
     if reasons and lengths:
@@ -153,7 +177,7 @@ def _summary(answers: Sequence[Answered], ground: Ground) -> dict[str, object]:
 
 
 def _reasons(answers: Sequence[Answered]) -> Counter[Reason]:
-    return Counter(one.answer.reason for one in answers if isinstance(one.answer, Refusal))
+    return Counter(answer.reason for _, answer in answers if isinstance(answer, Refusal))
 
 
 def _error(reader: BagReader, answers: Sequence[Answered]) -> str | None:
@@ -167,7 +191,7 @@ def _error(reader: BagReader, answers: Sequence[Answered]) -> str | None:
     error = f"{reader.path}: none of {len(answers)} pixels could be located: {most.value}"
     if most is not Reason.NO_POSE:
         return error
-    asked_ns = [one.answer.stamp_ns for one in answers]
+    asked_ns = [answer.stamp_ns for _, answer in answers]
     first_ns, last_ns = reader.span_ns
     return (
         f"{error}; their stamps are {min(asked_ns)} to {max(asked_ns)} ns, and the bag was "

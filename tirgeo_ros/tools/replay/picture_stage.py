@@ -23,9 +23,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ground.dem import Terrain
-from tirgeo_ros.core.map.draping import Ground
-from tirgeo_ros.core.overlay.map_renderer import MapRenderer
 from tirgeo_ros.core.overlay.picture_painter import PicturePainter, Scene, Unpainted
 from tirgeo_ros.core.types.arrays import Array, Pixels, RawPixels
 from tirgeo_ros.core.types.errors import PictureError
@@ -130,15 +129,14 @@ class _Work:
     def __init__(self, common: _Common) -> None:
         config, ground, self._keeps_images = common
         terrain = ground if isinstance(ground, Terrain) else None
-        self._drawing = MapRenderer(config, (), terrain)
-        self._painter = PicturePainter(config, self._drawing)
+        self._painter = PicturePainter(config, (), terrain)
         self._quality = [cv2.IMWRITE_JPEG_QUALITY, config.jpeg_quality]
 
     def painted(self, order: _Order) -> tuple[Pixels, Array | None]:
         if order.scene is not None:
             self._painter.set_scene(order.scene)
         result = self._painter.paint(order.picture)
-        outline_n = self._drawing.footprint(result.pose) if order.with_outline else None
+        outline_n = self._painter.footprint(result.pose) if order.with_outline else None
         return result.image, outline_n
 
     def encoded(self, image: Pixels, outline_n: Array | None) -> Painted:
@@ -237,7 +235,7 @@ class PictureStage:
         before, self._scene = self._scene, scene
         if all(new is old for new, old in zip(scene, before, strict=True)):
             return None
-        return scene._replace(laid=None) if scene.laid is before.laid else scene
+        return scene._replace(draped=None) if scene.draped is before.draped else scene
 
     def __enter__(self) -> PictureStage:
         return self

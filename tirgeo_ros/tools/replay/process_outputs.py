@@ -21,7 +21,7 @@ from tirgeo_ros.core.navigation.estimator.track import Track
 from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.core.overlay.picture_painter import Unpainted
 from tirgeo_ros.core.streams.arrivals import exposure_ns
-from tirgeo_ros.core.streams.rates import RateLimit
+from tirgeo_ros.core.streams.stamps import RateLimit
 from tirgeo_ros.core.types.arrays import Pixels
 from tirgeo_ros.core.types.poses import BodyPose
 from tirgeo_ros.io import messages as convert
@@ -316,8 +316,8 @@ class ProcessOutputs:
         self._poses.new_plane(plane, stamp_ns, log_time_ns)
         if self._overlay is not None:
             self._overlay.set_plane(plane)
-            if self._overlay.map_given and self._overlay.laid is not None:
-                self._checks.map(self._overlay.laid)
+            if self._overlay.map_given and self._overlay.draped is not None:
+                self._checks.map(self._overlay.draped)
 
     def set_camera(self, camera: Camera) -> None:
         """Take a calibration of the bag."""

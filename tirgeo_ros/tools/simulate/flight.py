@@ -6,14 +6,15 @@ from dataclasses import dataclass
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.tools.simulate.gimbal import SimulatedGimbal, gimbal_samples
 from tirgeo_ros.tools.simulate.scenario import Scenario
 from tirgeo_ros.tools.simulate.sensors import (
     Arrival,
     Autopilot,
     Epochs,
     ImuBias,
+    SimulatedGimbal,
     barometer_samples,
+    gimbal_samples,
     gps_samples,
     imu_bias,
     imu_samples,

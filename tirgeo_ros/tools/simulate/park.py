@@ -1,20 +1,92 @@
-"""Lay out a park of flower beds: shapes with corners, paths, hydrants, and unmapped things.
+"""Lay out a park of flower beds on level or sloping ground; write its map and elevation model.
 
-Coordinates are metres north and east of the site's origin, on its plane. The same scenario and
-seed give the same park.
+There are shapes with corners, paths, hydrants, and things that no map has. Coordinates are metres
+north and east of the site's origin, on its plane; heights are above that plane, and 0 at its
+origin. The same scenario and seed give the same park.
 """
 
 from __future__ import annotations
 
+import json
 import math
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.tools.simulate.processes import generator
-from tirgeo_ros.tools.simulate.scenario_ground import ParkScenario
+from tirgeo_ros.tools.simulate.scenario import ParkScenario
+
+_NODE_DEG = 1e-5  # of the elevation model: 1.1 m along a meridian
+
+Floats = npt.NDArray[np.floating]
+
+
+class Relief:
+    """Compute heights of the ground."""
+
+    def __init__(self, scenario: ParkScenario) -> None:
+        edges = np.array([scenario.north_m, scenario.east_m]).T
+        #: South-western and north-eastern corner of the ground: north, east (2, 2).
+        self.corners: Array = edges + scenario.margin_m * np.array([[-1.0], [1.0]])
+        uphill = math.radians(scenario.uphill_deg)
+        rise = math.tan(math.radians(scenario.slope_deg))
+        self._rise = rise * math.cos(uphill), rise * math.sin(uphill)
+        self.highest_m = float((self.corners * self._rise).max(axis=0).sum())
+
+    @property
+    def is_level(self) -> bool:
+        """Return whether it is the plane of the site."""
+        return not any(self._rise)
+
+    def places(self, level: Array) -> Array:
+        """Return ground points (N, 3) in the plane of the site at north and east (N, 2)."""
+        return np.column_stack([level, -level @ self._rise])
+
+    def met(self, position_p: Floats, rays_p: Floats) -> tuple[Floats, Floats]:
+        """Return the height (m) of a point (3,) over the ground there, and the loss of it (N,).
+
+        The loss is along each ray (N, 3); the ray meets the ground where it has lost all.
+        """
+        # Python floats keep arrays in single precision, which is much faster.
+        north, east = self._rise
+        height = -(position_p[2] + north * position_p[0] + east * position_p[1])
+        return height, rays_p[:, 2] + north * rays_p[:, 0] + east * rays_p[:, 1]
+
+
+def elevation_text(relief: Relief, plane: TangentPlane) -> str:
+    """Return the ground as an ESRI ASCII grid of WGS84 degrees, ellipsoidal heights."""
+    lat, lon, _ = plane.geodetic_from_ned(np.pad(relief.corners, ((0, 0), (0, 1))))
+    (south, north), (west, east) = np.degrees(lat), np.degrees(lon)
+    rows, columns = (math.ceil(span / _NODE_DEG) + 1 for span in (north - south, east - west))
+    lons = np.radians(west + _NODE_DEG * np.arange(columns))
+    lines = [
+        f"ncols {columns}",
+        f"nrows {rows}",
+        f"xllcenter {west:.10f}",
+        f"yllcenter {south:.10f}",
+        f"cellsize {_NODE_DEG:.10f}",
+    ]
+    for row in reversed(range(rows)):
+        row_lat = np.full(columns, math.radians(south + _NODE_DEG * row))
+        level = plane.ned_from_geodetic(row_lat, lons, np.full(columns, plane.height_m))
+        _, _, height = plane.geodetic_from_ned(relief.places(level[:, :2]))
+        lines.append(" ".join(f"{one:.3f}" for one in height.tolist()))
+    return "\n".join(lines) + "\n"
+
+
+#: The level ground of the paper's flight.
+LEVEL = Relief(ParkScenario())
+#: Text of a ``.prj`` file beside an elevation model in WGS84 degrees.
+WGS84_TEXT = (
+    'GEOGCS["GCS_WGS_1984",DATUM["D_WGS_1984",SPHEROID["WGS_1984",6378137.0,298.257223563]],'
+    'PRIMEM["Greenwich",0.0],UNIT["Degree",0.0174532925199433]]\n'
+)
+
 
 _FLOWERS = (
     *("Peony", "Iris", "Päonie", "牡丹", "Lavande d'été", "Chrysanthemum", "芍药"),
@@ -74,12 +146,12 @@ def lay_out(scenario: ParkScenario, seed: int) -> Park:
     columns = max(1, int((scenario.east_m[1] - scenario.east_m[0]) / scenario.cell_m))
     beds = [_bed(rng, scenario, row, column) for row in range(rows) for column in range(columns)]
     return Park(
-        beds,
-        _paths(scenario, rows, columns),
-        _hydrants(scenario, rows, columns),
-        [plant for bed in beds for plant in _plants(rng, bed)],
-        _shrubs(rng, scenario),
-        _spots(rng, scenario, 45, (0.2, 0.45), (0.6, 1.0)),
+        beds=beds,
+        paths=_paths(scenario, rows, columns),
+        hydrants=_hydrants(scenario, rows, columns),
+        plants=[plant for bed in beds for plant in _plants(rng, bed)],
+        shrubs=_shrubs(rng, scenario),
+        hot=_spots(rng, scenario, 45, (0.2, 0.45), (0.6, 1.0)),
     )
 
 
@@ -143,25 +215,25 @@ def _crowns(rng: np.random.Generator, clump: Spot) -> list[Spot]:
 def _paths(scenario: ParkScenario, rows: int, columns: int) -> list[ParkPath]:
     south, west, cell = scenario.north_m[0], scenario.east_m[0], scenario.cell_m
     north, east = south + rows * cell, west + columns * cell
-    found: list[ParkPath] = []
+    paths: list[ParkPath] = []
     for k in range(columns + 1):
         line = np.array([[south, west + k * cell], [north, west + k * cell]])
-        found.append(ParkPath(f"Path N{k + 1}", line, _NARROW_M if k % 3 else _WIDE_M))
+        paths.append(ParkPath(f"Path N{k + 1}", line, _NARROW_M if k % 3 else _WIDE_M))
     for k in range(rows + 1):
         line = np.array([[south + k * cell, west], [south + k * cell, east]])
-        found.append(ParkPath(f"Allée {k + 1}", line, _NARROW_M if k % 4 else _WIDE_M))
-    return found
+        paths.append(ParkPath(f"Allée {k + 1}", line, _NARROW_M if k % 4 else _WIDE_M))
+    return paths
 
 
 def _hydrants(scenario: ParkScenario, rows: int, columns: int) -> list[Hydrant]:
     """Return a hydrant beside every other crossing of a wide path."""
-    found: list[Hydrant] = []
+    hydrants: list[Hydrant] = []
     for row in range(0, rows + 1, 2):
         for column in range(row % 4 // 2, columns + 1, 3):
             north = scenario.north_m[0] + row * scenario.cell_m + 2.6
             east = scenario.east_m[0] + column * scenario.cell_m + 2.4
-            found.append(Hydrant(f"Hydrant {len(found) + 1}", np.array([north, east])))
-    return found
+            hydrants.append(Hydrant(f"Hydrant {len(hydrants) + 1}", np.array([north, east])))
+    return hydrants
 
 
 def _spots(
@@ -172,7 +244,7 @@ def _spots(
     warmth: tuple[float, float],
 ) -> list[Spot]:
     """Return round objects along the paths that run north."""
-    found: list[Spot] = []
+    spots: list[Spot] = []
     (south, north_end), (west, east_end) = scenario.north_m, scenario.east_m
     cell = scenario.cell_m
     for _ in range(count):
@@ -180,8 +252,8 @@ def _spots(
         column = round((rng.uniform(west, east_end) - west) / cell)
         east = west + cell * column + rng.choice([-1.0, 1.0]) * rng.uniform(0.6, 1.9)
         spot = Spot(np.array([north, east]), float(rng.uniform(*radii_m)), rng.uniform(*warmth))
-        found.append(spot)
-    return found
+        spots.append(spot)
+    return spots
 
 
 def _shape(rng: np.random.Generator) -> tuple[Array, list[Array]]:
@@ -216,3 +288,58 @@ def _regular(corners: int) -> Array:
     """Return a regular polygon (corners, 2), its first corner at the north."""
     angles = np.arange(corners) * 2 * math.pi / corners
     return np.stack([np.cos(angles), np.sin(angles)], -1)
+
+
+_DECIMALS = 9  # of a degree: a tenth of a millimetre
+
+
+def map_text(park: Park, plane: TangentPlane, relief: Relief = LEVEL) -> str:
+    """Return the park's map with heights above the ellipsoid."""
+    features = []
+    for bed in park.beds:
+        # RFC 7946, 3.1.6: outer ring counterclockwise and holes clockwise, all closed
+        rings = [_clockwise(bed.outline)[::-1], *map(_clockwise, bed.holes)]
+        closed = [_positions(np.vstack([ring, ring[:1]]), plane, relief) for ring in rings]
+        features.append(_feature({"name": bed.name, "kind": "bed"}, "Polygon", closed))
+    for path in park.paths:
+        line = _positions(path.line, plane, relief)
+        features.append(_feature({"name": path.name, "kind": "path"}, "LineString", line))
+    for hydrant in park.hydrants:
+        properties = {"name": hydrant.name, "kind": "hydrant"}
+        features.append(point_feature(properties, hydrant.center, plane, relief))
+    return collection(features)
+
+
+def collection(features: Sequence[Mapping[str, object]]) -> str:
+    """Return a FeatureCollection, with one feature per line."""
+    lines = ",\n".join(json.dumps(feature, ensure_ascii=False) for feature in features)
+    return f'{{"type": "FeatureCollection", "features": [\n{lines}\n]}}\n'
+
+
+def point_feature(
+    properties: Mapping[str, object], place: Array, plane: TangentPlane, relief: Relief
+) -> dict[str, object]:
+    """Return a Point on the ground at north, east (2,)."""
+    return _feature(properties, "Point", _positions(place[None, :], plane, relief)[0])
+
+
+def _feature(
+    properties: Mapping[str, object], kind: str, coordinates: object
+) -> dict[str, object]:
+    geometry = {"type": kind, "coordinates": coordinates}
+    return {"type": "Feature", "properties": dict(properties), "geometry": geometry}
+
+
+def _clockwise(ring: Array) -> Array:
+    """Return a ring of north, east (N, 2) in clockwise order seen from above."""
+    north, east = ring.T
+    twice_area = np.sum(north * np.roll(east, -1) - np.roll(north, -1) * east)
+    return ring if twice_area > 0 else ring[::-1]
+
+
+def _positions(points: Array, plane: TangentPlane, relief: Relief) -> list[list[float]]:
+    """Return longitude, latitude (deg), height (m) of ground points (N, 2)."""
+    lat, lon, height = plane.geodetic_from_ned(relief.places(points))
+    degrees = np.round(np.degrees(np.stack([lon, lat], -1)), _DECIMALS)
+    positions: list[list[float]] = np.column_stack([degrees, np.round(height, 4)]).tolist()
+    return positions

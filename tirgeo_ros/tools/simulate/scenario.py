@@ -7,17 +7,246 @@ parameters of the nodes.
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timezone
+from functools import partial
+from typing import Any
 
-from tirgeo_ros.core.config import AircraftConfig
+import numpy as np
+
+from tirgeo_ros.core.camera.camera_model import XT2, Camera
+from tirgeo_ros.core.config import AircraftConfig, ImuNoiseConfig
 from tirgeo_ros.core.config.schema import config_from, group, param, parameters_of
+from tirgeo_ros.core.frames.axes import flu_from_frd
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CameraError, ConfigError, ScenarioError
+from tirgeo_ros.core.types.joint_orders import JOINT_ORDERS, USUAL_ORDER
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
-from tirgeo_ros.tools.simulate import scenario_aircraft as flown
-from tirgeo_ros.tools.simulate import scenario_ground as seen
+
+SHAPES = ("lawnmower", "hover", "figure_eight")
+_m: Any = partial(param, within=("m", 0, 1e3))
+_m_s: Any = partial(param, within=("m/s", 0, 1e3))
+_arm: Any = partial(param, within=("m", -100, 100))  # forward, left, up
+
+
+@dataclass(frozen=True, slots=True)
+class RouteScenario:
+    """Hold the route; see ``trajectory.py`` for the shapes."""
+
+    shape: str = param("lawnmower", "lawnmower, hover or figure_eight", choices=SHAPES)
+    height_above_ground_m: float = param(20.0, "height of the IMU", ("m", 2, 500))
+    speed_m_s: float = param(3.0, "cruise", ("m/s", 0.1, 25))
+    acceleration_m_s2: float = param(1.5, "largest", ("m/s2", 0.1, 10))
+    turn_radius_m: float = param(4.2, "radius of a turn", ("m", 0.5, 500))
+    yaw_rate_deg_s: float = param(35.0, "of turns on the spot", ("deg/s", 1, 150))
+    hover_s: float = param(4.0, "hover before the start", ("s", 0, 600))
+    heading_deg: float = param(20.0, "first heading", ("deg", -360, 360))
+    legs: int = param(5, "legs of a lawnmower, or loops of a figure eight", ("", 1, 1000))
+    leg_length_m: float = param(42.0, "length of a leg", ("m", 1, 5000))
+    leg_spacing_m: float = param(15.0, "distance between legs", ("m", 1, 1000))
+    hold_error_m: float = param(0.1, "off the route, per axis, rms", ("m", 0, 10))
+
+
+@dataclass(frozen=True, slots=True)
+class WindScenario:
+    """Hold the wind; the aircraft leans against its drag."""
+
+    mean_m_s: tuple[float, ...] = param((1.5, -1.0), "north, east", ("m/s", -100, 100))
+    gust_m_s: float = _m_s(1.0, "standard deviation of gusts, per axis")
+    drag_1_s: float = param(0.15, "drag deceleration per airspeed", ("1/s", 0, 5))
+
+
+@dataclass(frozen=True, slots=True)
+class ImuScenario:
+    """Hold the autopilot's inertial sensor."""
+
+    rate_hz: float = param(100.0, "samples per second", ("Hz", 50, 400))
+    gyro_turn_on_bias_rad_s: float = param(3e-4, "sigma", ("rad/s", 0, 1))
+    accel_turn_on_bias_m_s2: float = param(1e-2, "sigma", ("m/s2", 0, 10))
+    noise_scale: float = param(1.0, "of all random errors; 0 = a perfect IMU", ("", 0, 100))
+    averages: bool = param(False, "a sample is the mean over the interval before its stamp")
+    noise: ImuNoiseConfig = group(ImuNoiseConfig)
+
+
+@dataclass(frozen=True, slots=True)
+class RtkScenario:
+    """Hold the RTK receiver with two antennas; its status is always fixed."""
+
+    rate_hz: float = param(5.0, "fixes per second", ("Hz", 0.1, 50))
+    arrival_delay_s: float = param(0.08, "arrival minus measurement", ("s", 0, 2))
+    position_sigma_m: tuple[float, ...] = _m((0.01, 0.01, 0.02), "north, east, down")
+    velocity_sigma_m_s: tuple[float, ...] = _m_s((0.02, 0.02, 0.02), "north, east, down")
+    lever_arm_m: tuple[float, ...] = _arm((-0.10, 0.32, 0.38), "first antenna from the IMU")
+    second_antenna_m: tuple[float, ...] = _arm((0.90, 0.32, 0.38), "the other from the IMU")
+
+
+@dataclass(frozen=True, slots=True)
+class HeadingScenario:
+    """Hold the heading of the two antennas."""
+
+    sigma_deg: float = param(0.4, "white noise", ("deg", 0, 90))
+    step_deg: float = param(1.0, "rounded to this; 0 = not rounded", ("deg", 0, 90))
+
+
+@dataclass(frozen=True, slots=True)
+class GpsScenario:
+    """Hold the autopilot's ordinary GPS, with slowly varying errors."""
+
+    rate_hz: float = param(10.0, "fixes per second", ("Hz", 0.1, 50))
+    arrival_delay_s: float = param(0.0, "arrival minus measurement", ("s", 0, 2))
+    position_rms_m: tuple[float, ...] = _m((0.9342, 1.2846, 2.8017), "north, east, down (Table 1)")
+    position_time_s: float = param(45.0, "correlation time", ("s", 0.5, 1e5))
+    velocity_sigma_m_s: float = _m_s(0.1, "per axis")
+    lever_arm_m: tuple[float, ...] = _arm((0.0, 0.0, 0.28), "antenna from the IMU")
+
+
+@dataclass(frozen=True, slots=True)
+class BarometerScenario:
+    """Hold the barometer: the standard atmosphere, with errors as heights."""
+
+    rate_hz: float = param(0.0, "readings per second; 0 = no barometer", ("Hz", 0, 50))
+    noise_m: float = param(0.2, "white noise", ("m", 0, 100))
+    drift: float = param(0.05, "random walk of the weather", ("m/sqrt(s)", 0, 10))
+    offset_m: float = param(60.0, "error at the start, caused by the weather", ("m", -1000, 1000))
+
+
+@dataclass(frozen=True, slots=True)
+class AutopilotScenario:
+    """Hold the errors of the autopilot's own attitude."""
+
+    heading_rms_deg: float = param(1.7972, "over the flight (Table 1)", ("deg", 0, 90))
+    tilt_rms_deg: tuple[float, ...] = param((0.3, 0.3), "roll, pitch", ("deg", 0, 30))
+
+
+@dataclass(frozen=True, slots=True)
+class GimbalScenario:
+    """Hold the gimbal, which follows the nose and keeps the camera nearly level."""
+
+    rate_hz: float = param(50.0, "samples per second", ("Hz", 1, 400))
+    joint_order: str = param(USUAL_ORDER, "aircraft to camera", choices=JOINT_ORDERS)
+    pitch_deg: float = param(-30.0, "commanded camera pitch", ("deg", -90, 30))
+    pitch_step_deg: float = param(0.0, "change of it, in a second", ("deg", -90, 90))
+    pitch_step_s: float = param(0.0, "when that begins", ("s", 0, 7200))
+    lag_s: float = param(0.35, "with which it follows the nose", ("s", 0.02, 60))
+    #: Camera roll and pitch from the commanded ones, not reported (Table 8).
+    error_rms_deg: tuple[float, ...] = param((0.2704, 0.4839), "roll, pitch", ("deg", 0, 30))
+    #: Reported camera heading less the true one by the autopilot's north: it drifts and jumps.
+    north_bias_deg: float = param(0.0, "at the start", ("deg", -180, 180))
+    north_drift_deg_s: float = param(0.0, "rate of that bias", ("deg/s", -1, 1))
+    north_step_deg: float = param(0.0, "jump of that bias", ("deg", -180, 180))
+    north_step_s: float = param(0.0, "when it jumps", ("s", 0, 7200))
+    encoder_sigma_deg: float = param(0.02, "noise of a joint angle", ("deg", 0, 10))
+    lever_arm_m: tuple[float, ...] = _arm((0.08, 0.0, -0.25), "pivot from the IMU")
+    camera_offset_m: tuple[float, ...] = _arm((0.05, 0.02, -0.01), "camera from pivot, its axes")
+    #: True mounting error about the camera's forward, left, up; not in params.yaml.
+    boresight_rpy_deg: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0), "roll, pitch, yaw", ("deg", -45, 45)
+    )
+
+    @property
+    def boresight_rpy_rad(self) -> Array:
+        """Return roll, pitch, yaw (3,) of the mounting error about camera body FRD axes, rad."""
+        return np.radians(flu_from_frd(np.array(self.boresight_rpy_deg)))
+
+
+@dataclass(frozen=True, slots=True)
+class SiteScenario:
+    """Hold the site: the origin of the plane in which the truth is given."""
+
+    latitude_deg: float = param(39.85, "latitude", ("deg", -89, 89))
+    longitude_deg: float = param(116.70, "longitude", ("deg", -180, 180))
+    ground_height_m: float = param(11.5, "ellipsoidal", ("m", -500, 9000))
+    geoid_undulation_m: float = param(-9.0, "of the sea level", ("m", -120, 100))
+
+    @property
+    def plane(self) -> TangentPlane:
+        """Return the tangent plane of the site, at the height of the ground."""
+        lat, lon = np.radians([self.latitude_deg, self.longitude_deg])
+        return TangentPlane(float(lat), float(lon), self.ground_height_m)
+
+
+@dataclass(frozen=True, slots=True)
+class VideoScenario:
+    """Hold the thermal camera, by default that of Table 9, and its pictures."""
+
+    width: int = param(640, "of a picture", ("px", 16, 4096))
+    height: int = param(512, "of a picture", ("px", 16, 4096))
+    focal_px: tuple[float, ...] = param((XT2.fx, XT2.fy), "fx, fy", ("px", 1, 1e5))
+    principal_px: tuple[float, ...] = param((XT2.cx, XT2.cy), "cx, cy", ("px", -1e4, 1e4))
+    #: If not 0: square pixels around the middle, in place of focal_px and principal_px.
+    fov_deg: float = param(0.0, "field of view across", ("deg", 0, 140))
+    distortion: tuple[float, ...] = param(
+        XT2.distortion, "k1, k2, p1, p2, k3, ...", ("", -100, 100), sizes=(0, 4, 5, 8)
+    )
+    #: 8 is thermal/image_raw/compressed (JPEG), 16 is thermal/image_raw (mono16).
+    bits: int = param(8, "of a pixel: 8 or 16", ("", 8, 16))
+    rate_hz: float = param(9.0, "frames per second", ("Hz", 0.1, 60))
+    latency_s: float = param(0.05, "stamp minus exposure", ("s", 0, 2))
+    jpeg_quality: int = param(65, "of thermal/image_raw/compressed", ("", 1, 100))
+    blur_px: float = param(0.7, "standard deviation of the optics' blur", ("px", 0, 9))
+    noise_grey: float = param(1.0, "sigma of a pixel, grey levels", ("", 0, 50))
+    vignetting: float = param(0.06, "loss of contrast in the corners", ("", 0, 1))
+
+    @property
+    def camera(self) -> Camera:
+        """Return the camera; raise CameraError."""
+        (fx, fy), (cx, cy) = self.focal_px, self.principal_px
+        if self.fov_deg:
+            cx, cy = (self.width - 1) / 2, (self.height - 1) / 2
+            fx = fy = self.width / 2 / math.tan(math.radians(self.fov_deg) / 2)
+        return Camera(self.width, self.height, fx, fy, cx, cy, self.distortion)
+
+
+@dataclass(frozen=True, slots=True)
+class ParkScenario:
+    """Hold where the flower beds lie, from the site's origin, and how finely they are painted."""
+
+    north_m: tuple[float, ...] = param((-76.0, 106.0), "edges of the beds", ("m", -1e4, 1e4))
+    east_m: tuple[float, ...] = param((-36.0, 104.0), "edges of the beds", ("m", -1e4, 1e4))
+    cell_m: float = param(14.0, "each bed lies in a square of this side", ("m", 6, 100))
+    margin_m: float = param(50.0, "grass painted around the beds", ("m", 0, 2000))
+    resolution_m: float = param(0.05, "of the painted ground", ("m", 0.01, 1))
+    slope_deg: float = param(0.0, "the ground rises by this", ("deg", 0, 30))
+    uphill_deg: float = param(0.0, "towards here, from north", ("deg", -360, 360))
+
+
+#: Targets at given places, as rows of north, east (m), warmer than grass by (K), size (m).
+_targets: Any = partial(
+    param, description="of four", within=("", -1e4, 1e4), sizes=tuple(range(0, 401, 4))
+)
+
+
+@dataclass(frozen=True, slots=True)
+class SceneScenario:
+    """Hold what a search looks for, warmer than the ground."""
+
+    people: int = param(0, "at seeded places, in addition to the given ones", ("", 0, 100))
+    people_at: tuple[float, ...] = _targets((31.0, 41.0, 12.0, 0.5))
+    fires: int = param(0, "at seeded places", ("", 0, 100))
+    fires_at: tuple[float, ...] = _targets(())
+    vehicles: int = param(0, "at seeded places", ("", 0, 100))
+    vehicles_at: tuple[float, ...] = _targets(())
+
+
+@dataclass(frozen=True, slots=True)
+class SurveyScenario:
+    """Hold control points on corners of beds, and an operator's clicks on them."""
+
+    points: int = param(20, "control points", ("", 1, 1000))
+    views: int = param(3, "clicks on each, in as many frames", ("", 1, 100))
+    #: No clicks earlier: a filter needs some time.
+    after_s: float = param(20.0, "of the first click", ("s", 0, 7200))
+    sigma_m: tuple[float, ...] = param((0.01, 0.01, 0.02), "north, east, down", ("m", 0, 100))
+    click_sigma_px: float = param(0.5, "error of a click, per axis", ("px", 0, 50))
+    #: An operator clicks between these rows, and at least this far from the left and right edge.
+    rows_px: tuple[float, ...] = param((180.0, 490.0), "rows", ("px", 0, 1e4))
+    side_px: float = param(40.0, "columns from the edge", ("px", 0, 1e4))
+    apart_s: float = param(1.0, "shortest time between clicks on a point", ("s", 0, 100))
+
 
 _LAST_SECOND = 2**31 - 10  # a ROS stamp holds 2**31 - 1; the rest is for late arrivals
 
@@ -30,20 +259,20 @@ class Scenario:
     seed: int = param(2205, "of all random numbers", ("", 0, 2**31))
     start_utc: str = param("2021-10-20T12:00:00Z", "first instant, ISO 8601")
     duration_s: float = param(107.0, "length of the flight", ("s", 1, 7200))
-    site: seen.SiteScenario = group(seen.SiteScenario)
-    route: flown.RouteScenario = group(flown.RouteScenario)
-    wind: flown.WindScenario = group(flown.WindScenario)
-    imu: flown.ImuScenario = group(flown.ImuScenario)
-    rtk: flown.RtkScenario = group(flown.RtkScenario)
-    heading: flown.HeadingScenario = group(flown.HeadingScenario)
-    gps: flown.GpsScenario = group(flown.GpsScenario)
-    barometer: flown.BarometerScenario = group(flown.BarometerScenario)
-    autopilot: flown.AutopilotScenario = group(flown.AutopilotScenario)
-    gimbal: flown.GimbalScenario = group(flown.GimbalScenario)
-    video: seen.VideoScenario = group(seen.VideoScenario)
-    park: seen.ParkScenario = group(seen.ParkScenario)
-    scene: seen.SceneScenario = group(seen.SceneScenario)
-    survey: seen.SurveyScenario = group(seen.SurveyScenario)
+    site: SiteScenario = group(SiteScenario)
+    route: RouteScenario = group(RouteScenario)
+    wind: WindScenario = group(WindScenario)
+    imu: ImuScenario = group(ImuScenario)
+    rtk: RtkScenario = group(RtkScenario)
+    heading: HeadingScenario = group(HeadingScenario)
+    gps: GpsScenario = group(GpsScenario)
+    barometer: BarometerScenario = group(BarometerScenario)
+    autopilot: AutopilotScenario = group(AutopilotScenario)
+    gimbal: GimbalScenario = group(GimbalScenario)
+    video: VideoScenario = group(VideoScenario)
+    park: ParkScenario = group(ParkScenario)
+    scene: SceneScenario = group(SceneScenario)
+    survey: SurveyScenario = group(SurveyScenario)
 
     @property
     def aircraft(self) -> AircraftConfig:

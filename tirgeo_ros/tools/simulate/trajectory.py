@@ -19,8 +19,7 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.frames.wgs84 import EARTH_RATE_RAD_S, gravity_down, rotation_ecef_from_ned
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.tools.simulate.processes import Spline, gauss_markov, generator, smooth_noise
-from tirgeo_ros.tools.simulate.scenario import Scenario
-from tirgeo_ros.tools.simulate.scenario_aircraft import RouteScenario
+from tirgeo_ros.tools.simulate.scenario import RouteScenario, Scenario
 
 Route = tuple[Array, Array]  # (N, 2) north and east in m; (N,) heading in rad, unwrapped
 Piece = tuple[float, float]  # length in m, turn over it in rad (clockwise positive)

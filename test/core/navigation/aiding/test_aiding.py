@@ -259,13 +259,13 @@ def test_a_step_back_ends_it_and_another_step_begins_anew():
 
 
 def test_status_holds_for_the_time_out_and_fixed_counts_from_its_begin():
-    assert NEW.status_at(ns(0), TIMEOUT_NS) is None
+    assert NEW.rtk.at(ns(0), TIMEOUT_NS) is None
     aids = heard(NEW, 0.0, FixStatus.FLOAT)
-    assert aids.status_at(ns(1.0), TIMEOUT_NS) is FixStatus.FLOAT
-    assert aids.status_at(ns(1.0) + 1, TIMEOUT_NS) is None
+    assert aids.rtk.at(ns(1.0), TIMEOUT_NS) is FixStatus.FLOAT
+    assert aids.rtk.at(ns(1.0) + 1, TIMEOUT_NS) is None
     aids = heard(heard(aids, 0.2), 0.4)
-    assert aids.fixed_since_ns == ns(0.2)
-    assert heard(heard(aids, 0.6, FixStatus.FLOAT), 0.8).fixed_since_ns == ns(0.8)
+    assert aids.rtk.fixed_since_ns == ns(0.2)
+    assert heard(heard(aids, 0.6, FixStatus.FLOAT), 0.8).rtk.fixed_since_ns == ns(0.8)
 
 
 def test_fixed_again_is_eased_and_only_the_position():

@@ -46,7 +46,8 @@ GOOD = ((0.01, 0.0, -0.01), (-0.01, 0.01, 0.0))
 
 def fused_position(config: dict, shift: np.ndarray, offsets: tuple = ()):
     estimate = estimate_of(LEVEL, covariance=0.01 * np.eye(18))
-    estimate = estimate._replace(aids=estimate.aids._replace(offsets_n=offsets))
+    aids = estimate.aids._replace(rtk=estimate.aids.rtk._replace(offsets_n=offsets))
+    estimate = estimate._replace(aids=aids)
     return estimate, Fusion(armed_config(**config)).fuse(antenna_fix(LEVEL, shift), estimate, ZERO)
 
 
@@ -71,8 +72,8 @@ def test_median_filter_ignores_one_jump(before):
     assert fused.verdict.used
     middle = np.sort([*before[-2:], shift], axis=0)[1]
     assert fused.verdict.innovation == pytest.approx(middle, abs=2e-6)
-    assert fused.estimate.aids.offsets_n[:2] == before[-2:]
-    assert fused.estimate.aids.offsets_n[2] == pytest.approx(shift, abs=2e-6)
+    assert fused.estimate.aids.rtk.offsets_n[:2] == before[-2:]
+    assert fused.estimate.aids.rtk.offsets_n[2] == pytest.approx(shift, abs=2e-6)
 
 
 def test_velocity_enters_with_its_floor():

@@ -23,8 +23,7 @@ from flights import config_for, flight, navigation_samples
 
 from tirgeo_ros.core.checks.navigation_checks import NavigationChecks
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.frames.heading import heading_of, wrapped
-from tirgeo_ros.core.frames.rotations import quat_from_euler, quat_multiply
+from tirgeo_ros.core.frames.rotations import heading_of, quat_from_euler, quat_multiply, wrapped
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, Receivers
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.aiding.state_estimate import StateEstimate

@@ -107,13 +107,15 @@ def covariance_of():
         (2, math.radians(9.99), ""),
         (2, math.radians(10.01), "heading sigma 10.0 deg"),
         *((place, bad, "not finite") for place in range(18) for bad in (math.nan, math.inf)),
+        *((place, 1e-9j, "a negative variance") for place in range(18)),
     ],
 )
 def test_lost_beyond_the_sigmas(place, sigma, why):
     covariance = covariance_of()
-    covariance[place, place] = sigma**2
+    covariance[place, place] = (sigma**2).real
     assert health().lost(control_of(*RTK), covariance) == why
-    assert health().spoiled(control_of(*RTK), covariance) is (why == "not finite")
+    spoiled = why in {"not finite", "a negative variance"}
+    assert health().spoiled(control_of(*RTK), covariance) is spoiled
 
 
 def test_lost_after_resets_that_do_not_help():

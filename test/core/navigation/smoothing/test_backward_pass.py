@@ -165,10 +165,11 @@ def test_rauch_tung_and_striebel_find_the_same():
     np.testing.assert_allclose(smoothed, covariance[::-1], atol=TOLERANCE)
 
 
-def test_what_is_not_finite_stays_out():
+@pytest.mark.parametrize("variance", [np.nan, -1e-9])
+def test_an_impossible_covariance_stays_out(variance):
     """Where a filter is lost, the record up to there is smoothed as if it ended there."""
     sound, lost = flown(1), flown(1)
-    nothing = np.full((STATES, STATES), np.nan)
+    nothing = np.full((STATES, STATES), variance)
     lost.record.add(Change(nothing, nothing))
     errors = smooth(lost.record)
     np.testing.assert_array_equal(errors, [*smooth(sound.record), np.zeros(STATES)])

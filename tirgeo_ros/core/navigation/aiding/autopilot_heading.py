@@ -11,8 +11,7 @@ import math
 import numpy as np
 
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.frames.heading import azimuth, heading_of, wrapped
-from tirgeo_ros.core.frames.rotations import rotation_of
+from tirgeo_ros.core.frames.rotations import azimuth, heading_of, rotation_of, wrapped
 from tirgeo_ros.core.navigation.aiding.aid import Aid
 from tirgeo_ros.core.navigation.aiding.aid_status import NEVER_NS
 from tirgeo_ros.core.navigation.aiding.state_estimate import (

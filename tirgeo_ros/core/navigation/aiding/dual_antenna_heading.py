@@ -11,8 +11,13 @@ import operator
 import numpy as np
 
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.frames.heading import azimuth, azimuth_row, wrapped
-from tirgeo_ros.core.frames.rotations import euler_from_quat, rotation_of
+from tirgeo_ros.core.frames.rotations import (
+    azimuth,
+    azimuth_row,
+    euler_from_quat,
+    rotation_of,
+    wrapped,
+)
 from tirgeo_ros.core.navigation.aiding.aid import LONGEST_PATIENCE_S, Aid, uncorrelated
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack
 from tirgeo_ros.core.navigation.aiding.gnss_antenna import LARGE_TURN_RAD, Baseline
@@ -111,12 +116,12 @@ class HeadingAid(Aid):
     def _obstacle(self, sample: HeadingSample, aids: AidStatus) -> str:
         """Return why a heading is not used now, or "": RTK must be fixed, at first for a while."""
         now_ns = sample.stamp_ns
-        if aids.status is not FixStatus.FIXED:
+        if aids.rtk.status is not FixStatus.FIXED:
             return "rtk/fix is not fixed"
-        if now_ns - aids.status_ns > self._timeout_ns:
+        if now_ns - aids.rtk.status_ns > self._timeout_ns:
             return "rtk/fix is silent"
         going_on = aids.track(Source.RTK_HEADING).recent(now_ns, self._timeout_ns)
-        fixed_s = (now_ns - aids.fixed_since_ns) * 1e-9
+        fixed_s = (now_ns - aids.rtk.fixed_since_ns) * 1e-9
         if not going_on and fixed_s < self._heading.start_after_s:
             return f"rtk/fix has been fixed for only {fixed_s:.1f} s"
         return ""

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tirgeo_ros.core.config import AircraftConfig
-from tirgeo_ros.core.frames.heading import azimuth
+from tirgeo_ros.core.frames.rotations import azimuth
 from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
 from tirgeo_ros.core.navigation.ins.ins_error_model import VELOCITY, flat_memory
 from tirgeo_ros.core.navigation.ins.strapdown import NavState, Rotation, Vector

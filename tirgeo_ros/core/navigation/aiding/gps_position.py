@@ -53,7 +53,7 @@ class GpsPositionAid(Aid):
         """Return whether RTK is fixed and used, and the error was learned within a second."""
         now_ns = sample.stamp_ns
         return (
-            aids.status is FixStatus.FIXED
+            aids.rtk.status is FixStatus.FIXED
             and aids.track(Source.RTK_POSITION).recent(now_ns, self._timeout_ns)
             and aids.track(self.source).recent(now_ns, _LEARNING_NS)
         )

@@ -71,9 +71,10 @@ class RtkPositionAid(Aid):
         if self._rtk.median_window > 1:
             innovation, aids = self._median(offset, state.correction_n, aids)
         noise, sigma_m = self._noise(sample, aids)
-        rtk = aids.rtk.with_fix(sample, noise)
-        estimate = estimate._replace(aids=aids._replace(rtk=rtk))
-        reason = rtk.reason(self.source)
+        consistency = aids.rtk.consistency.with_fix(sample, noise)
+        aids = aids._replace(rtk=aids.rtk._replace(consistency=consistency))
+        estimate = estimate._replace(aids=aids)
+        reason = consistency.reason(self.source)
         if reason:
             return Verdict(self.source, Outcome.GATED, reason), estimate
         gate_sigma = self._rtk.gate_sigma
@@ -94,10 +95,10 @@ class RtkPositionAid(Aid):
         A median of positions would lag behind an aircraft in motion. Offsets from the path that
         the IMU alone has taken show a jump as positions do, but not the motion.
         """
-        offsets = (*aids.offsets_n, offset)[-self._rtk.median_window :]
+        offsets = (*aids.rtk.offsets_n, offset)[-self._rtk.median_window :]
         north, east, down = np.median(offsets, axis=0).tolist()
         innovation = north - moved_n[0], east - moved_n[1], down - moved_n[2]
-        return innovation, aids._replace(offsets_n=offsets)
+        return innovation, aids._replace(rtk=aids.rtk._replace(offsets_n=offsets))
 
     def _noise(self, sample: PositionSample, aids: AidStatus) -> tuple[Array, float]:
         """Return R (3, 3), and the scatter (m) of one position against the next."""

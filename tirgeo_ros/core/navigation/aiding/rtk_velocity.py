@@ -93,14 +93,16 @@ class RtkVelocityAid(VelocityAid):
         self, sample: VelocitySample, estimate: StateEstimate, angular_rate_b: Vector
     ) -> Modelled:
         """Return the measurement, or NOT_FIXED by the newest status of ``rtk/fix``."""
-        status = estimate.aids.status_at(sample.stamp_ns, self._timeout_ns)
+        status = estimate.aids.rtk.at(sample.stamp_ns, self._timeout_ns)
         if status is not None and status < FixStatus.FLOAT:
             return not_fixed(self.source, status), estimate
         aid, estimate = super().measured(sample, estimate, angular_rate_b)
         assert isinstance(aid, AidMeasurement)
         north, east, down = aid.invariant
         against_imu_n = added((north, east, down), estimate.state.push_n)
-        rtk = estimate.aids.rtk.with_velocity(sample, aid.measurement.noise, against_imu_n)
+        rtk, noise = estimate.aids.rtk, aid.measurement.noise
+        consistency = rtk.consistency.with_velocity(sample, noise, against_imu_n)
+        rtk = rtk._replace(consistency=consistency)
         estimate = estimate._replace(aids=estimate.aids._replace(rtk=rtk))
-        reason = rtk.reason(self.source)
+        reason = consistency.reason(self.source)
         return (Verdict(self.source, Outcome.GATED, reason) if reason else aid), estimate

@@ -57,7 +57,7 @@ class SetHeadingAid(Aid):
         if useless is not None:
             return useless, estimate
         variance = set_variance_rad2(sample, self._config)
-        own = float(estimate.covariance[2, 2])
+        own = max(float(estimate.covariance[2, 2]), 0.0)
         if own <= _WORTH * variance:
             reason = (
                 f"the filter's own heading is better, {math.degrees(math.sqrt(own)):.1f} deg: "

@@ -24,8 +24,7 @@ from enum import Enum
 import numpy as np
 import numpy.typing as npt
 
-from tirgeo_ros.core.frames.heading import wrap_pi
-from tirgeo_ros.core.frames.rotations import matrix_from_rotvec, skew
+from tirgeo_ros.core.frames.rotations import matrix_from_rotvec, skew, wrap_pi
 from tirgeo_ros.core.navigation.alignment.imu_preintegration import Biases, PreintegratedImu
 from tirgeo_ros.core.navigation.ins.vibration_noise import Powers
 from tirgeo_ros.core.types.arrays import Array

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tirgeo_ros.core.config import AutopilotConfig
-from tirgeo_ros.core.frames.heading import azimuth, wrap_pi
-from tirgeo_ros.core.frames.rotations import matrix_from_rotvec
+from tirgeo_ros.core.frames.rotations import azimuth, matrix_from_rotvec, wrap_pi
 from tirgeo_ros.core.navigation.aiding.aid_status import NEVER_NS
 from tirgeo_ros.core.navigation.aiding.gnss_antenna import LARGE_TURN_RAD
 from tirgeo_ros.core.navigation.alignment.batch_least_squares import (

@@ -17,8 +17,13 @@ from typing import NamedTuple
 import numpy as np
 
 from tirgeo_ros.core.config import EkfConfig
-from tirgeo_ros.core.frames.heading import azimuth, wrap_pi
-from tirgeo_ros.core.frames.rotations import matrix_from_quat, quat_from_matrix, rotvec_from_quat
+from tirgeo_ros.core.frames.rotations import (
+    azimuth,
+    matrix_from_quat,
+    quat_from_matrix,
+    rotvec_from_quat,
+    wrap_pi,
+)
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.frames.wgs84 import gravity_down
 from tirgeo_ros.core.navigation.aiding.gnss_antenna import Baseline

@@ -27,8 +27,8 @@ from tirgeo_ros.core.navigation.timeline.duplicates import DuplicateDetector, Sa
 from tirgeo_ros.core.navigation.timeline.ekf import Ekf
 from tirgeo_ros.core.navigation.timeline.imu_checks import ImuClock, in_body_axes
 from tirgeo_ros.core.navigation.timeline.imu_clipping import Clipping
-from tirgeo_ros.core.streams.rates import RateLimit
 from tirgeo_ros.core.streams.sanity_checks import LARGEST_HEIGHT_M, fault_of
+from tirgeo_ros.core.streams.stamps import RateLimit
 from tirgeo_ros.core.types.errors import ConfigError
 from tirgeo_ros.core.types.measurements import (
     FixStatus,
@@ -148,12 +148,13 @@ class Navigation:
         resets, last_reset = self._reset_counts()
         now_ns, newest = self._clocks.now_ns, self._newest
         variance_rad2 = newest.covariance[5, 5] if newest and state.navigating else math.nan
+        sigma_rad = math.nan if variance_rad2 < 0 else math.sqrt(variance_rad2)
         return NavigationStatus(
             self._config.method,
             state,
             reason,
             self._health.rtk_status(now_ns),
-            math.sqrt(variance_rad2),
+            sigma_rad,
             {(a.value, b.value): number for (a, b), number in self._log.counts.items()},
             {source.value: ratio for source, ratio in self._log.test_ratios.items()},
             (now_ns - self._entered[1]) * 1e-9,
@@ -211,17 +212,18 @@ class Navigation:
             sample = replace(sample, stamp_ns=sample.stamp_ns - self._delays.imu_ns)
         self._clipping.add(sample)  # in the sensor's own axes
         sample = in_body_axes(sample, self._rotation_bi)
-        checked_outcome, why, use, begins = self._imu_clock.check(sample)
-        if not use:
-            return Step(Verdict(Source.IMU, checked_outcome, why))
-        begins = begins and (self._filtering or checked_outcome is Outcome.TIME_JUMP)
+        checked = self._imu_clock.check(sample)
+        if not checked.use:
+            return Step(Verdict(Source.IMU, checked.outcome, checked.reason))
+        begins = checked.begins and (self._filtering or checked.outcome is Outcome.TIME_JUMP)
         if begins:
-            self._begin(why, checked_outcome, self._ekf.biases() if self._ekf else None)
+            prior = self._ekf.biases() if self._ekf else None
+            self._begin(checked.reason, checked.outcome, prior)
         self._clocks.hear_imu(sample.stamp_ns)
-        for held in use:
+        for held in checked.use:
             outcome, reason = self._take_imu(held)
         if begins:
-            outcome, reason = checked_outcome, why
+            outcome, reason = checked.outcome, checked.reason
         solution = self._due_solution(sample.stamp_ns)
         if outcome is Outcome.USED:
             return tuple.__new__(Step, (_IMU_USED, solution))
@@ -284,7 +286,8 @@ class Navigation:
             held = aid.of_imu(sample, ekf.estimate().covariance)
             if held is not None:
                 self._count(ekf.add_aiding(held))
-        _, covariance, aids, _ = ekf.estimate()
+        estimate = ekf.estimate()
+        covariance, aids = estimate.covariance, estimate.aids
         self._enter(self._health.state(aids, ekf.newest_ns, self._log.unused)[0])
         why = self._health.lost(aids, covariance)
         if why:

@@ -33,6 +33,14 @@ _NIS_WARNING = 4.0
 Unused = tuple[int, str]
 
 
+def covariance_fault(covariance: Array) -> str:
+    """Return what makes a covariance (n, n) impossible, or an empty string."""
+    variances = covariance.diagonal().tolist()
+    if not math.isfinite(sum(variances)):
+        return "not finite"
+    return "a negative variance" if min(variances) < 0 else ""
+
+
 class FilterHealth:
     """Judge the filter by the records of its aids and by its covariance.
 
@@ -80,7 +88,7 @@ class FilterHealth:
         ``unused`` holds for each source when a sample was last not used, and why.
         """
         missing = [s for s in self._wanted if not aids.track(s).recent(now_ns, self._timeout_ns)]
-        floating = aids.status_at(now_ns, self._timeout_ns) is FixStatus.FLOAT
+        floating = aids.rtk.at(now_ns, self._timeout_ns) is FixStatus.FLOAT
         if not missing and not floating:
             return FilterState.RUNNING, ""
         poor, told, absent = "", [], []
@@ -116,9 +124,10 @@ class FilterHealth:
 
     def lost(self, aids: AidStatus, covariance: Array) -> str:
         """Return why a state with this error covariance (n, n) is not to be trusted, or ""."""
+        fault = covariance_fault(covariance)
+        if fault:
+            return fault
         variances = covariance.diagonal().tolist()
-        if not math.isfinite(sum(variances)):
-            return "not finite"
         pairs = zip(variances[POSITION], self.bounds_m2(), strict=True)
         beyond = [variance for variance, bound in pairs if variance > bound]
         if beyond:
@@ -129,7 +138,7 @@ class FilterHealth:
 
     def spoiled(self, aids: AidStatus, covariance: Array) -> bool:
         """Return whether the bias estimates of a lost state are not to be trusted either."""
-        return not math.isfinite(covariance.trace()) or bool(aids.hopeless(self._patience_s))
+        return bool(covariance_fault(covariance) or aids.hopeless(self._patience_s))
 
 
 class VerdictLog:

@@ -76,13 +76,13 @@ def _write_dynamics(
     a0, a1, a2, v0, v1, v2 = 0, n, 2 * n, 3 * n, 4 * n, 5 * n
     p0, p1, p2 = 6 * n, 7 * n, 8 * n
     north, east, down = state.velocity_n
-    rotation, _, (earth_n, _, earth_d), over, meridian, transverse, gravity = rates
-    over_n, over_e, over_d = over
+    (earth_n, _, earth_d), (over_n, over_e, over_d) = rates.earth_rate_n, rates.transport_rate_n
+    meridian, transverse, gravity = rates.meridian_m, rates.transverse_m, rates.gravity_m_s2
     fn, fe, fd = force_n
     tangent = math.tan(state.latitude_rad)
     square = 1 + tangent * tangent
     # Gyroscope bias into attitude, accelerometer bias into velocity: -R_nb.
-    r0, r1, r2, r3, r4, r5, r6, r7, r8 = rotation
+    r0, r1, r2, r3, r4, r5, r6, r7, r8 = rates.rotation_nb
     f[a0 + 9] = f[v0 + 12] = -r0
     f[a0 + 10] = f[v0 + 13] = -r1
     f[a0 + 11] = f[v0 + 14] = -r2
@@ -250,13 +250,13 @@ def feedback(state: NavState, error: Array) -> NavState:
     v, c, p = state.velocity_n, state.correction_n, state.push_n
     g, a = state.gyro_bias_b, state.accel_bias_b
     return NavState(
-        normalised(quat_multiply(quaternion_of(e[0], e[1], e[2]), state.q_nb)),
-        (v[0] + e[3], v[1] + e[4], v[2] + e[5]),
-        latitude,
-        state.longitude_rad + east / ((transverse + state.height_m) * cosine),
-        state.height_m - down,
-        (g[0] + e[9], g[1] + e[10], g[2] + e[11]),
-        (a[0] + e[12], a[1] + e[13], a[2] + e[14]),
-        (c[0] + north, c[1] + east, c[2] + down),
-        (p[0] + e[3], p[1] + e[4], p[2] + e[5]),
+        q_nb=normalised(quat_multiply(quaternion_of(e[0], e[1], e[2]), state.q_nb)),
+        velocity_n=(v[0] + e[3], v[1] + e[4], v[2] + e[5]),
+        latitude_rad=latitude,
+        longitude_rad=state.longitude_rad + east / ((transverse + state.height_m) * cosine),
+        height_m=state.height_m - down,
+        gyro_bias_b=(g[0] + e[9], g[1] + e[10], g[2] + e[11]),
+        accel_bias_b=(a[0] + e[12], a[1] + e[13], a[2] + e[14]),
+        correction_n=(c[0] + north, c[1] + east, c[2] + down),
+        push_n=(p[0] + e[3], p[1] + e[4], p[2] + e[5]),
     )

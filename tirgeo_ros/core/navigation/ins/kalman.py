@@ -43,17 +43,17 @@ def update(covariance: Array, measurement: Measurement) -> Update:
     of the innovation at most: the noise, but not that of the gate, is enlarged by k times the
     prediction's covariance.
     """
-    innovation, design, noise, gate_sigma, ease = measurement
+    innovation, design, noise = measurement.innovation, measurement.design, measurement.noise
     cross = covariance.dot(design.T)
     predicted = design.dot(cross)
     inverse = _inverse(predicted + noise)
     weighted = inverse.dot(innovation)
-    limit = chi_square_limit(gate_sigma, len(innovation))
+    limit = chi_square_limit(measurement.gate_sigma, len(innovation))
     ratio = float(innovation.dot(weighted)) / limit
     if not 0 <= ratio <= 1:
         return Update(ratio, None, None, predicted)
-    if ease:
-        noise = noise + ease * predicted
+    if measurement.ease:
+        noise = noise + measurement.ease * predicted
         inverse = _inverse(predicted + noise)
         weighted = inverse.dot(innovation)
     reduced = covariance - cross.dot(inverse).dot(cross.T)

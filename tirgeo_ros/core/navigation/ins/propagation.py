@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import NamedTuple, TypeVar
 
 import numpy as np
-from typing_extensions import Self
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import rotation_of
@@ -68,13 +67,13 @@ class Epoch:
     vibration: Powers = STILL
 
     @classmethod
-    def first(cls, stamp_ns: int, sample: ImuSample, start: Propagated) -> Self:
+    def first(cls: type[E], stamp_ns: int, sample: ImuSample, start: Propagated) -> E:
         """Return the first epoch; ``sample`` is the newest one up to its stamp."""
         force, rate = sample.specific_force_b.tolist(), sample.angular_rate_b.tolist()
         return cls(stamp_ns, tuple(force), tuple(rate), start)
 
     @classmethod
-    def after(cls, before: Epoch, sample: ImuSample, meter: VibrationMeter) -> Self:
+    def after(cls: type[E], before: Epoch, sample: ImuSample, meter: VibrationMeter) -> E:
         """Return the epoch of the next sample; its state is still that of the epoch before."""
         force: Vector = tuple(sample.specific_force_b.tolist())
         rate: Vector = tuple(sample.angular_rate_b.tolist())
@@ -132,30 +131,31 @@ class Propagation:
     def _stepped(
         self, now: Propagated, end: Epoch, force_b: Vector, rate_b: Vector, step_s: float
     ) -> Propagated:
-        before, covariance, lag_s, start, middle, _, trail = now
-        state, rates = propagate(before, force_b, rate_b, step_s)
-        if start is None:
-            start = before
+        state, rates = propagate(now.state, force_b, rate_b, step_s)
+        middle, lag_s = now.rates, now.lag_s
         if middle is None or lag_s <= 0.5 * _COVARIANCE_STEP_S:
             middle = rates
         lag_s += step_s
-        lagging = (state, covariance, lag_s, start, middle, end.vibration, trail)
-        now = tuple.__new__(Propagated, lagging)  # half the time of Propagated(...)
-        return self.followed(now) if lag_s >= _COVARIANCE_STEP_S else now
+        start = now.start or now.state
+        fields = (state, now.covariance, lag_s, start, middle, end.vibration, now.trail)
+        lagging: Propagated = tuple.__new__(Propagated, fields)  # half of Propagated(...)
+        return self.followed(lagging) if lag_s >= _COVARIANCE_STEP_S else lagging
 
     def followed(self, now: Propagated) -> Propagated:
         """Return ``now`` with its covariance propagated to the state's time."""
-        state, covariance, lag_s, start, rates, vibration, trail = now
+        lag_s, start, rates, trail = now.lag_s, now.start, now.rates, now.trail
         if start is None or rates is None:
             return now
-        (n0, e0, d0), (n1, e1, d1) = start.velocity_n, state.velocity_n
+        (n0, e0, d0), (n1, e1, d1) = start.velocity_n, now.state.velocity_n
         # Mean specific force: the change of velocity over time, less gravity.
         force_n = (n1 - n0) / lag_s, (e1 - e0) / lag_s, (d1 - d0) / lag_s - rates.gravity_m_s2
-        covariance = self._propagation.step(covariance, start, rates, force_n, lag_s, vibration)
+        covariance = self._propagation.step(
+            now.covariance, start, rates, force_n, lag_s, now.vibration
+        )
         if trail is not None:
             change = Change(covariance, self._propagation.transition.copy(), step_s=lag_s)
             trail = Mark(change, trail)
-        return Propagated(state, covariance, trail=trail)
+        return Propagated(now.state, covariance, trail=trail)
 
     def _bridged(self, now: Propagated, start: Epoch, end: Epoch) -> Propagated:
         """Return ``now`` with a covariance enlarged for a gap between two samples.

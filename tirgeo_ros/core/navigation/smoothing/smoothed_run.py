@@ -42,8 +42,10 @@ class _BackwardPass:
     def smoothed(self) -> Array:
         """Return the smoothed errors (changes, n)."""
         count, n = len(self._covariances), len(self._vector)
-        finite = np.isfinite(self._covariances).all(axis=1)
-        sound = count if finite.all() else int(np.argmin(finite))  # a filter that is lost
+        rows, columns = self._lower
+        possible = np.isfinite(self._covariances).all(axis=1)
+        possible &= (self._covariances[:, rows == columns] >= 0).all(axis=1)
+        sound = count if possible.all() else int(np.argmin(possible))  # a filter that is lost
         errors = np.zeros((count, n))
         vectors, matrices = np.zeros((_BLOCK, n)), np.zeros((_BLOCK, n, n))
         for begin in reversed(range(0, sound, _BLOCK)):

@@ -56,9 +56,9 @@ class FilterEpoch(Epoch):
     def of_sample(
         cls, before: FilterEpoch, sample: ImuSample, meter: VibrationMeter
     ) -> FilterEpoch:
-        """Return the epoch of the next sample; its state is still that of the epoch before."""
+        """Return the epoch of the next sample; its state and records are computed later."""
         epoch = cls.after(before, sample, meter)
-        epoch.aids, epoch.autopilot_q_nb = before.aids, sample.autopilot_q_nb
+        epoch.autopilot_q_nb = sample.autopilot_q_nb
         return epoch
 
     @property

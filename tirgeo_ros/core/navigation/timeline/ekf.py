@@ -184,7 +184,7 @@ class Ekf:
     def _white_b(self, epoch: FilterEpoch) -> Vector:
         """Return the variances of the white noise of one angular rate in ``b``, (rad/s)^2."""
         first, last, count = self._epochs[0], self._epochs[-1], len(self._epochs) - 1
-        x, y, z, *_ = self._noise_powers.under(epoch.vibration)
+        x, y, z = self._noise_powers.under(epoch.vibration)[:3]
         # With one sample there is no sampling rate.
         rate_hz = count / ((last.stamp_ns - first.stamp_ns) * 1e-9) if count else 0.0
         return x * rate_hz, y * rate_hz, z * rate_hz
@@ -211,9 +211,9 @@ class Ekf:
 
     def biases(self) -> Biases:
         """Return the estimated IMU biases and their covariance (6, 6), to start again from."""
-        state, covariance = self.estimate()[:2]
-        rows = slice(GYRO_BIAS.start, GYRO_BIAS.start + 6)
-        return Biases(state.gyro_bias_b, state.accel_bias_b, covariance[rows, rows].copy())
+        estimate, rows = self.estimate(), slice(GYRO_BIAS.start, GYRO_BIAS.start + 6)
+        covariance = estimate.covariance[rows, rows].copy()
+        return Biases(estimate.state.gyro_bias_b, estimate.state.accel_bias_b, covariance)
 
     def _catch_up(self, index: int) -> None:
         while self._done < index:

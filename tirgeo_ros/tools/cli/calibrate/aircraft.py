@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
 def describe(result: dict[str, Any]) -> str:
     """Return the estimates as a table, what was not determined, and the innovations' size."""
-    from tirgeo_ros.tools.calibrate.aircraft_result import aircraft_lines  # noqa: PLC0415 heavy
-    from tirgeo_ros.tools.calibrate.estimates import described  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.calibrate.aircraft import aircraft_lines  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.calibrate.result import described  # noqa: PLC0415 heavy
 
     return described(aircraft_lines(result), result)

@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
 def describe(result: dict[str, Any]) -> str:
     """Return the axes as a table, and what was written."""
-    from tirgeo_ros.tools.calibrate.imu_noise_result import rest_table  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.calibrate.allan import rest_table  # noqa: PLC0415 heavy
 
     odd = ", ".join(f"{number} {what}" for what, number in result["irregular"].items() if number)
     return (

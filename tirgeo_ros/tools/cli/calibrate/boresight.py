@@ -71,7 +71,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
 def describe(result: dict[str, Any]) -> str:
     """Return the estimates as a table, and how well they fit."""
-    from tirgeo_ros.tools.calibrate.boresight_result import boresight_lines  # noqa: PLC0415 heavy
-    from tirgeo_ros.tools.calibrate.estimates import described  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.calibrate.boresight import boresight_lines  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.calibrate.result import described  # noqa: PLC0415 heavy
 
     return described(boresight_lines(result), result)

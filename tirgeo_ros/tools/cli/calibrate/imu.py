@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
 def describe(result: dict[str, Any]) -> str:
     """Return the axes as a table, and what was written."""
-    from tirgeo_ros.tools.calibrate.imu_noise_result import flight_table  # noqa: PLC0415 heavy
+    from tirgeo_ros.tools.calibrate.imu import flight_table  # noqa: PLC0415 heavy
 
     rest = f", {result['resting_s']} s at rest left out" if result["resting_s"] else ""
     skipped = f", {result['skipped_s']} s with gaps left out" if result["skipped_s"] else ""

@@ -1,0 +1,124 @@
+"""Measure what each topic takes on a network: bytes of a message, and kbit/s with all overhead.
+
+The sample flight goes through the graph; then each topic is played again over UDP, without shared
+memory, to one reader, and the bytes on the loopback are counted. Nobody else may use it meanwhile:
+
+    unshare -rn sh -c 'ip link set lo up && python -m dev.bandwidth'
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+from dev.graphs import started_graph
+from dev.judging import exit_code, print_report
+from tirgeo_ros.core.types.errors import BagError
+from tirgeo_ros.io.bags.bag import BagReader
+from tirgeo_ros.tools.graph import find_resource
+from tirgeo_ros.tools.graph.node_graph import PROFILES, GraphSetup, await_words, run_graph
+from tirgeo_ros.tools.presentation.progress import Progress, Report, silent
+
+RECORDED = (
+    *("tirgeo/odometry", "tirgeo/fix", "tirgeo/camera_pose", "tirgeo/overlay/image"),
+    *("tirgeo/overlay/image/compressed", "tirgeo/locate/point"),
+    *("tirgeo/state", "tirgeo/findings", "/diagnostics"),
+)
+_FASTER = 3.0  # than real time: what repeats by the clock (heartbeats) counts a third
+_PLAYER_S = 120.0
+
+
+def rows(
+    bag: Path, folder: Path, wanted: Sequence[str] = (), progress: Report = silent
+) -> list[str]:
+    """Return a row of Markdown for each topic of a bag, or those wanted: rate, size, kbit/s."""
+    reader = BagReader(bag)
+    counts, sizes = Counter[str](), Counter[str]()
+    for item in reader.messages():
+        counts[item.topic] += 1
+        sizes[item.topic] += len(item.data)
+    span_s = (reader.span_ns[1] - reader.span_ns[0]) * 1e-9
+    found = []
+    topics = [one for one in counts if not wanted or one.strip("/") in wanted]
+    for done, topic in enumerate(sorted(topics), 1):
+        rate_hz, mean = counts[topic] / span_s, sizes[topic] / counts[topic]
+        on_wire = _bytes_on_loopback(bag, topic, folder) / counts[topic]
+        kbit_s = rate_hz * on_wire * 8e-3
+        cells = (f"{rate_hz:.1f}", f"{mean:.0f}", f"{on_wire:.0f}", f"{kbit_s:.0f}")
+        found.append(f"| `{topic.lstrip('/')}` | {' | '.join(cells)} |")
+        progress(done, len(topics))
+    return found
+
+
+def _bytes_on_loopback(bag: Path, topic: str, folder: Path) -> int:
+    """Play one topic to one reader over UDP; return the bytes that the loopback carried."""
+    output = folder / f"{topic.strip('/').replace('/', '_')}.mcap"
+    with started_graph(folder) as graph:
+        graph.environment[PROFILES[0]] = str(_udp_profile(folder))
+        values = {"output": output, "topics": topic}
+        graph.start("recorder", values, log=f"{output.stem}_recorder")
+        values = {"bag": bag, "topics": topic, "rate": _FASTER}
+        player = graph.start("bag_player", values, log=f"{output.stem}_player")
+        await_words([player], "playing")
+        before = _carried()
+        player.wait(_PLAYER_S)
+        carried = _carried() - before
+    if "played" not in player.text():
+        raise BagError(f"{topic} was not played: {player.last_line()}")
+    return carried
+
+
+def _udp_profile(folder: Path) -> Path:
+    """Write the profile of localhost without shared memory, and with few peers to call."""
+    given = find_resource("config/fastdds_localhost.xml")
+    assert given is not None
+    used = f"{' ' * 8}<transport_id>shared_memory</transport_id>\n"
+    text = given.read_text().replace(used, "").replace("Range>32<", "Range>2<")
+    path = folder / "udp.xml"
+    path.write_text(text)
+    return path
+
+
+def _carried() -> int:
+    """Return the bytes that the loopback has sent so far (proc(5), net/dev)."""
+    lines = Path("/proc/net/dev").read_text().splitlines()
+    (loopback,) = (line for line in lines if line.strip().startswith("lo:"))
+    return int(loopback.split()[9])
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Print the table; return the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m dev.bandwidth", description=__doc__)
+    parser.add_argument("--jpeg-quality", type=int, default=80)
+    parser.add_argument("--topics", nargs="*", default=(), help="these alone, as tirgeo/odometry")
+    parser.add_argument("--rate", type=float, default=100.0, help="compressed_rate_hz")
+    args = parser.parse_args(argv)
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    return exit_code("bandwidth", lambda: _run(args.jpeg_quality, args.rate, args.topics))
+
+
+def _run(jpeg_quality: int, rate_hz: float, topics: Sequence[str]) -> int:
+    sample = find_resource("bags/sample")
+    assert sample is not None
+    with tempfile.TemporaryDirectory() as made, Progress("measuring") as bar:
+        folder = Path(made)
+        values = {"jpeg_quality": jpeg_quality, "compressed_rate_hz": rate_hz}
+        more = folder / "more.yaml"
+        more.write_text(f"/**/overlay_node: {{ros__parameters: {values}}}\n")
+        bag, params, map_file = (
+            sample / name for name in ("flight.mcap", "params.yaml", "map.geojson")
+        )
+        setup = GraphSetup(bag, folder, params, map_file, topics=RECORDED, more_params=[more])
+        run = run_graph(setup, 30.0)
+        lines = rows(run.recording, folder, topics, bar) + rows(bag, folder, topics, bar)
+    head = "| topic | Hz | bytes of a message | bytes on the network | kbit/s |"
+    return print_report([head, "| --- | --- | --- | --- | --- |", *lines], 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,290 @@
+"""Measure overlay frames and clicks beside the bare calls in them.
+
+A frame is measured beside the bare array and drawing calls in it. A click is all of it: pixel and
+stamp in, place, covariance and ellipse out; a ray is the intersection of the same pixel with the
+same ground, and nothing else.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from statistics import median
+
+import cv2
+import numpy as np
+import pyproj
+
+from dev.judging import Figure
+from tirgeo_ros.core.camera.camera_model import XT2
+from tirgeo_ros.core.camera.projection_covariance import CameraRates
+from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
+from tirgeo_ros.core.frames.axes import BODY_OPTICAL, Q_BODY_OPTICAL
+from tirgeo_ros.core.frames.rotations import (
+    matrix_from_quat,
+    quat_from_euler,
+    quat_from_matrix,
+    quat_multiply,
+    rotation_y,
+)
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.ground.backprojection import Ground, locate
+from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.ground.ground_point import Located
+from tirgeo_ros.core.map.map_layers import GeoFeature, LayerStyle, MapLayer
+from tirgeo_ros.core.map.polylines import Polylines
+from tirgeo_ros.core.map.vector_map import VectorMap
+from tirgeo_ros.core.map.visibility import View
+from tirgeo_ros.core.overlay.clicks import Clicks
+from tirgeo_ros.core.overlay.overlay import Overlay
+from tirgeo_ros.core.streams.arrivals import exposure_ns
+from tirgeo_ros.core.types.arrays import Array, Pixels
+from tirgeo_ros.core.types.poses import CameraPose
+
+_CORNERS = 10  # vertices of an outline
+_IN_VIEW, _OUT_OF_VIEW, _LABELS = 1000, 9500, 20
+_TOWN_VERTICES = 1_000_000
+PLANE = TangentPlane(0.6955, 2.0368, 11.5)
+ABOVE_M, PITCH_DEG = 20.0, -30.0  # of the camera that looks at the beds
+_FRAME_NS = 100_000_000
+_REPEATS = 60
+#: Six tenths of the vertices are of buildings of 4, 6 or 12 corners and 8 to 20 m, anyhow placed
+#: and turned; the rest are of winding roads right across the town, a vertex each 4 m.
+_BUILDINGS = 0.6
+_ROAD_VERTICES = 2000
+_SPACING_M = 7.9  # side of the town over the square root of its vertices
+_SHAPES = (
+    [[0, 0], [0, 1], [1, 1], [1, 0]],
+    [[0, 0], [0, 1], [0.5, 1], [0.5, 0.5], [1, 0.5], [1, 0]],
+    [
+        *([0, 0], [0, 1], [0.2, 1], [0.2, 1.1], [0.4, 1.1], [0.4, 1]),
+        *([1, 1], [1, 0.6], [1.1, 0.6], [1.1, 0.3], [1, 0.3], [1, 0]),
+    ],
+)
+
+
+def overlay_times() -> Iterator[Figure]:
+    """Beds near by, then a town from above, on one OpenCV thread.
+
+    1e4 vertices of outlines are in view 20 m below, 1e5 behind; then 1e5 of a town of 1e6.
+    """
+    yield from _times("beds", [beds()], _pose(ABOVE_M, PITCH_DEG), "<= 1.8")
+    yield from _times("town", town(_TOWN_VERTICES, PLANE), _pose(120.0, -5.0), "<= 0.8")
+
+
+def _pose(height_m: float, pitch_deg: float) -> CameraPose:
+    """Looking to the north."""
+    q_nc = quat_from_matrix(rotation_y(np.radians(pitch_deg)) @ BODY_OPTICAL)
+    return CameraPose(0, np.array([0.0, 0.0, -height_m]), q_nc, np.eye(6) * 1e-4)
+
+
+def _times(what: str, layers: list[MapLayer], pose: CameraPose, wanted: str) -> list[Figure]:
+    """Return medians over many frames."""
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        picture = np.random.default_rng(1).integers(60, 180, (XT2.height, XT2.width), np.uint8)
+        begun = time.perf_counter()
+        vector_map = VectorMap.from_layers(layers, PLANE)
+        load_s = time.perf_counter() - begun
+        seen, vertices = _in_view(vector_map.lines, pose)
+        whole_s = _median_s(_whole_frame(layers, pose, picture))
+        bare_s = _median_s(lambda: _bare_frame(seen, pose, picture))
+    finally:
+        cv2.setNumThreads(threads)
+    name = f"overlay of {what}"
+    return [
+        Figure(f"{name}, {vertices} vertices in view", whole_s * 1e3, "ms"),
+        Figure(f"{name}: bare NumPy and OpenCV calls", bare_s * 1e3, "ms"),
+        Figure(f"{name}: frame over bare calls", whole_s / bare_s, "ratio", wanted),
+        Figure(f"{name}: laying the map", load_s, "s"),
+    ]
+
+
+def beds() -> MapLayer:
+    """Outlines of 0.3 m: the first lie in the picture, the others behind it."""
+    rng = np.random.default_rng(1)
+    uv = rng.uniform([20, 20], [XT2.width - 20, XT2.height - 20], (_IN_VIEW, 2))
+    seen, reasons = locate(XT2, _pose(ABOVE_M, PITCH_DEG), uv, PLANE, PLANE.height_m)
+    assert not any(reasons)
+    behind = rng.uniform([-400, -200, 0], [-50, 200, 0], (_OUT_OF_VIEW, 3))
+    turn = np.linspace(0, 2 * np.pi, _CORNERS, endpoint=False)
+    ring = 0.3 * np.stack([np.cos(turn), np.sin(turn), np.zeros(_CORNERS)], -1)
+    outlines_n = np.concatenate([seen, behind])[:, None] + ring
+    labels = [f"bed {k}" for k in range(_LABELS)] + [""] * (len(outlines_n) - _LABELS)
+    places = np.stack(PLANE.geodetic_from_ned(outlines_n), -1)
+    return MapLayer(
+        "beds",
+        [GeoFeature(label, True, place) for label, place in zip(labels, places)],  # noqa: B905 as long as each other
+    )
+
+
+def town(vertices: int, plane: TangentPlane) -> list[MapLayer]:
+    """About so many vertices, around the plane's origin; not filled, without labels."""
+    rng = np.random.default_rng(1)
+    side_m = _SPACING_M * vertices**0.5
+    corners = np.mean([len(shape) for shape in _SHAPES])
+    buildings = [_building(rng, side_m) for _ in range(int(vertices * _BUILDINGS / corners))]
+    count = max(int(vertices * (1 - _BUILDINGS) / _ROAD_VERTICES), 1)
+    roads = [_road(rng, side_m, across=bool(i % 2)) for i in range(count)]
+    return [
+        MapLayer("roads", _features(roads, plane, closed=False)),
+        MapLayer(
+            "buildings", _features(buildings, plane, closed=True), LayerStyle((255, 255, 255))
+        ),
+    ]
+
+
+def _building(rng: np.random.Generator, side_m: float) -> Array:
+    corners = (np.array(_SHAPES[rng.integers(len(_SHAPES))]) - 0.5) * rng.uniform(8, 20, 2)
+    turn = rng.uniform(0, 2 * np.pi)
+    ahead, aside = np.cos(turn), np.sin(turn)
+    turned = corners @ np.array([[ahead, aside], [-aside, ahead]])
+    return np.asarray(turned + rng.uniform(-side_m / 2, side_m / 2, 2))
+
+
+def _road(rng: np.random.Generator, side_m: float, *, across: bool) -> Array:
+    along = np.linspace(-side_m / 2, side_m / 2, _ROAD_VERTICES)
+    aside = np.cumsum(rng.normal(0, 0.3, _ROAD_VERTICES))
+    road = np.column_stack([along, aside + rng.uniform(-side_m / 2, side_m / 2)])
+    return np.asarray(road[:, ::-1] if across else road)
+
+
+def _features(parts: list[Array], plane: TangentPlane, *, closed: bool) -> list[GeoFeature]:
+    flat = np.concatenate(parts)
+    points_n = np.column_stack([flat, np.zeros(len(flat))])
+    latitude, longitude, _ = plane.geodetic_from_ned(points_n)
+    places = np.column_stack([latitude, longitude, np.full(len(flat), plane.height_m)])
+    cuts = np.cumsum([len(part) for part in parts])[:-1]
+    return [GeoFeature("", closed, points) for points in np.split(places, cuts)]
+
+
+def _in_view(lines: Polylines, pose: CameraPose) -> tuple[Polylines, int]:
+    """The lines with most of their points in the image, and the number of points in it."""
+    points_c = (lines.points.T - pose.position_n) @ matrix_from_quat(pose.q_nc)
+    uv, valid = XT2.project(points_c)
+    valid[valid] = View(XT2).inside(uv[valid].T)
+    share = np.add.reduceat(valid, lines.starts[:-1], dtype=float) / np.diff(lines.starts)
+    ahead = np.minimum.reduceat(points_c[:, 2], lines.starts[:-1]) > 1
+    return lines.select(np.flatnonzero(ahead & (share > 0.5))), int(valid.sum())
+
+
+def _whole_frame(
+    layers: list[MapLayer], pose: CameraPose, picture: Pixels
+) -> Callable[[], object]:
+    overlay = Overlay(OverlayConfig(), layers)
+    overlay.set_plane(PLANE)
+    overlay.set_camera(XT2)
+    stamp_ns = 0
+
+    def frame() -> object:
+        nonlocal stamp_ns
+        stamp_ns += _FRAME_NS
+        exposed_ns = exposure_ns(stamp_ns, OverlayConfig().video_latency_s)
+        overlay.add_pose(CameraPose(exposed_ns, pose.position_n, pose.q_nc, pose.covariance))
+        overlay.add_frame(stamp_ns, picture, stamp_ns)
+        result = overlay.take(stamp_ns)
+        assert result is not None
+        assert result.pose is not None
+        return result
+
+    return frame
+
+
+def _bare_frame(lines: Polylines, pose: CameraPose, picture: Pixels) -> Pixels:
+    """Project and draw what is in view, with no regard to what might not be."""
+    rotation_cn = matrix_from_quat(pose.q_nc).T
+    x, y, z = rotation_cn @ (lines.points - pose.position_n[:, None])
+    x, y = x / z, y / z
+    k1, k2, p1, p2 = XT2.distortion[:4]
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k1 + r2 * k2)
+    u = XT2.fx * (x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)) + XT2.cx
+    v = XT2.fy * (y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y) + XT2.cy
+    runs = lines.split_rows(np.rint(np.stack([u, v], -1) * 16).astype(np.int32))
+    image = cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR)
+    cv2.polylines(image, runs, False, (0, 255, 255), 1, cv2.LINE_AA, 4)
+    return np.asarray(image, np.uint8)
+
+
+def _median_s(work: Callable[[], object]) -> float:
+    times = []
+    for _ in range(_REPEATS):
+        begun = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - begun)
+    return median(times)
+
+
+CLICK_PLANE = TangentPlane(math.radians(39.85), math.radians(116.7), 30.0)
+GROUND_M = 25.0
+_CLICKS, _ROUNDS = 100, 15
+_STAMP_NS = 1_700_000_000_000_000_000
+_NODES = 801  # a side of the model, 1 m apart
+_SIGMAS = np.array([0.03, 0.02, 0.05, 0.004, 0.003, 0.006])  # m and rad, of the pose
+_RATES = CameraRates(np.array([4.0, 3.0, -0.5]), np.array([0.05, -0.02, 0.2]))
+
+
+def click_speeds() -> Iterator[Figure]:
+    """Yield figures on level ground, then on rolling hills with 1 m cells in UTM."""
+    yield from _speeds("level ground", GROUND_M)
+    yield from _speeds("a DEM of 1 m", hills())
+
+
+def hills() -> Terrain:
+    """Return hills 8 m high as a GeoTIFF in UTM gives them: PROJ converts each place."""
+    to_utm = pyproj.Transformer.from_crs("EPSG:4326", "EPSG:32650", always_xy=True)
+    x, y = to_utm.transform(
+        math.degrees(CLICK_PLANE.longitude_rad), math.degrees(CLICK_PLANE.latitude_rad)
+    )
+    west, north = x - _NODES / 2, y + _NODES / 2
+    column, row = np.meshgrid(np.arange(_NODES), np.arange(_NODES))
+    heights_m = GROUND_M + 8.0 * np.sin(row / 70.0) * np.cos(column / 90.0)
+
+    def grid_of(latitude_rad: Array, longitude_rad: Array) -> tuple[Array, Array]:
+        x, y = to_utm.transform(np.degrees(longitude_rad), np.degrees(latitude_rad))
+        return x - west, north - y
+
+    return Terrain(heights_m.astype(np.float32), grid_of)
+
+
+def _speeds(what: str, ground: Ground) -> list[Figure]:
+    """Measure both in turn, so that a busy machine slows both alike."""
+    pose = _click_pose()
+    pixels = np.random.default_rng(5).uniform([0, 0], [639, 511], (_CLICKS, 2))
+    clicks = Clicks(ConfidenceConfig())
+    clicks.set_plane(CLICK_PLANE)
+    clicks.set_ground(ground)
+    clicks.show(_STAMP_NS, XT2, pose, _RATES)
+
+    def click(uv: Array) -> None:
+        answer = clicks.locate((float(uv[0]), float(uv[1])), _STAMP_NS)
+        assert isinstance(answer, Located)  # a refusal takes less time
+
+    def ray(uv: Array) -> None:
+        assert locate(XT2, pose, uv[None], CLICK_PLANE, ground)[1] == [None]
+
+    rounds = [(_time_s(click, pixels), _time_s(ray, pixels)) for _ in range(_ROUNDS)]
+    click_s, ray_s = (min(times) for times in zip(*rounds, strict=True))
+    name = f"clicks on {what}"
+    return [
+        Figure(name, 1 / click_s, "a second", ">= 1000"),
+        Figure(f"{name}: rays alone", 1 / ray_s, "a second"),
+        Figure(f"{name}: click over ray", click_s / ray_s, "ratio"),
+    ]
+
+
+def _click_pose() -> CameraPose:
+    """Return a pose 40 m above the plane's origin, looking 30 deg down."""
+    q_nc = quat_multiply(quat_from_euler(*np.radians([3.0, -30.0, 120.0])), Q_BODY_OPTICAL)
+    return CameraPose(_STAMP_NS, np.array([0.0, 0.0, -40.0]), q_nc, np.diag(_SIGMAS**2))
+
+
+def _time_s(work: Callable[[Array], None], pixels: Array) -> float:
+    """Return the CPU time for one pixel, s; other processes don't count."""
+    begun = time.process_time()
+    for uv in pixels:
+        work(uv)
+    return (time.process_time() - begun) / len(pixels)

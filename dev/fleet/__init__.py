@@ -1,1 +1,0 @@
-"""Fly several simulated aircraft through node graphs on one machine: cost, losses, mix-ups."""

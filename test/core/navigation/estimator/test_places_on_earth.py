@@ -1,0 +1,124 @@
+"""Anywhere on Earth: over the antimeridian, near the poles, below the ellipsoid."""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from flights import config_for, errors, navigation_samples, solutions
+
+from tirgeo_ros.core.frames.rotations import euler_from_quat, wrap_pi
+from tirgeo_ros.core.navigation.estimator.estimator import Navigation
+from tirgeo_ros.core.types.measurements import PositionSample
+from tirgeo_ros.tools.simulate.flight import fly
+from tirgeo_ros.tools.simulate.scenario import scenario_from
+
+#: Latitude, longitude (deg) and the ground's height (m); first heading (deg), in which 42 m are
+#: flown 20 m above the ground, then 15 m across and the way back.
+PLACES = {
+    "antimeridian, eastwards": (-17.0, 179.9999, 5.0, 90.0),  # 11 m before it
+    "antimeridian, westwards": (52.0, -179.9998, 40.0, 270.0),  # 14 m
+    "south": (-45.0, 170.5, 300.0, 90.0),
+    "latitude and longitude zero": (-0.0001, -0.0001, 10.0, 45.0),  # 11 m before both
+    "80 north": (80.0, 20.0, 100.0, 90.0),
+    "80 south": (-80.0, -60.0, 2500.0, 90.0),
+    "below the ellipsoid": (31.5, 35.5, -400.0, 90.0),
+}
+DURATION_S = 40.0
+SETTLED_S = 15.0
+SEED = 8
+
+
+@functools.lru_cache(maxsize=16)
+def flown_at(place):
+    latitude_deg, longitude_deg, height_m, heading_deg = place
+    values = {
+        "site.latitude_deg": latitude_deg,
+        "site.longitude_deg": longitude_deg,
+        "site.ground_height_m": height_m,
+        "route.heading_deg": heading_deg,
+        "duration_s": DURATION_S,
+    }
+    return fly(scenario_from(values), SEED)
+
+
+def config_at(place, **values):
+    return config_for(flown_at(place), origin_lat_lon_h=place[:3], **values)
+
+
+@functools.lru_cache(maxsize=16)
+def found_at(place):
+    return solutions(flown_at(place), config_at(place))
+
+
+def errors_at(place):
+    return errors(flown_at(place), found_at(place)).after(SETTLED_S)
+
+
+every_place = pytest.mark.parametrize("place", PLACES.values(), ids=PLACES)
+
+
+@every_place
+def test_errors_are_small(place):
+    """What is asked of the filter after any fault is asked without one, too."""
+    late = errors_at(place)
+    assert np.abs(np.degrees(late.rpy)).max() < 0.3
+    assert np.abs(late.state[:, :3]).max() < 0.05
+
+
+@every_place
+def test_nothing_published_jumps(place):
+    flown, found = flown_at(place), found_at(place)
+    longitudes = np.array([s.longitude_rad for s in found])
+    assert np.abs(longitudes).max() <= math.pi
+    plane = flown.plane
+    poses = [plane.body_pose(s) for s in found]
+    position = np.array([pose.position_n for pose in poses])
+    euler = euler_from_quat(np.array([pose.q_nb for pose in poses]))
+    settled = np.array([s.stamp_ns for s in found]) > flown.scenario.start_ns + SETTLED_S * 1e9
+    # In 10 ms: 3 m/s and 35 deg/s of yaw, 60 deg/s of roll in gusts, and the fixes' corrections
+    # (a gain of a third, of five sigma).
+    steps = np.abs(np.diff(position, axis=0)).max(axis=1)[settled[1:]]
+    assert steps.max() < 0.03 + 0.035
+    turns = np.abs(wrap_pi(np.diff(euler, axis=0)))[settled[1:]]
+    assert np.degrees(turns).max() < 0.6 + 0.3
+
+
+@pytest.mark.parametrize("name", ["antimeridian, eastwards", "antimeridian, westwards"])
+def test_the_antimeridian_is_crossed_while_errors_count(name):
+    """Else the tests above would say nothing of it."""
+    place = PLACES[name]
+    late = [s for s in found_at(place) if s.stamp_ns > late_ns(place)]
+    assert {math.copysign(1, s.longitude_rad) for s in late} == {-1.0, 1.0}
+    fixes = [s for s in navigation_samples(flown_at(place)) if isinstance(s, PositionSample)]
+    assert max(abs(s.longitude_rad) for s in fixes) <= math.pi  # as a receiver says it
+    assert {math.copysign(1, s.longitude_rad) for s in fixes} == {-1.0, 1.0}
+
+
+def late_ns(place):
+    return flown_at(place).scenario.start_ns + round(SETTLED_S * 1e9)
+
+
+def test_longitudes_beyond_180_degrees_are_the_same_places():
+    """Some receivers count to 360 degrees."""
+    place = PLACES["antimeridian, eastwards"]
+    flown = flown_at(place)
+    navigation = Navigation(config_at(place))
+    found = []
+    for sample in navigation_samples(flown):
+        moved = sample
+        if isinstance(sample, PositionSample):
+            moved = _counted_to_360(sample)
+        solution = navigation.process(moved).solution
+        if solution is not None:
+            found.append(solution)
+    late = errors(flown, found).after(SETTLED_S)
+    # 2 pi has the rounding of a double: 1e-15 rad are 6 nm.
+    np.testing.assert_allclose(late.state, errors_at(place).state, atol=1e-6)
+
+
+def _counted_to_360(sample):
+    return replace(sample, longitude_rad=sample.longitude_rad % (2 * math.pi))

@@ -1,0 +1,380 @@
+"""Broadcasts, packages and pushes, commands and answers, byte by byte as documented."""
+
+from __future__ import annotations
+
+import json
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tirgeo_ros.core.types.errors import DjiError
+from tirgeo_ros.dji.link.framing import FrameReader
+from tirgeo_ros.dji.protocol.broadcast import (
+    Layout,
+    broadcast_length,
+    decode_broadcast,
+    encode_broadcast,
+)
+from tirgeo_ros.dji.protocol.broadcast_parts import (
+    Battery,
+    GimbalAngles,
+    GpsFused,
+    Position,
+    Status,
+    Time,
+    Velocity,
+)
+from tirgeo_ros.dji.protocol.commands import (
+    GET_VERSION,
+    MATCH_VERSION,
+    NOT_ACTIVATED,
+    activate,
+    add_package,
+    decode_request,
+    decode_version_ack,
+    encode_version_ack,
+    remove_package,
+    set_rates,
+)
+from tirgeo_ros.dji.protocol.subscription import (
+    TOPICS,
+    USUAL_PACKAGES,
+    Package,
+    PackageTable,
+    decode_push,
+    encode_push,
+    package_table,
+)
+from tirgeo_ros.io.parameters.parameter_file import load_yaml
+from tirgeo_ros.tools.convert.dump import push_fields
+
+#: Bytes of each part by bit, in the modern layout.
+MODERN_BYTES = (15, 16, 12, 13, 12, 50, 68, 44, 6, 12, 13, 4, 13, 2, 1)
+
+MODERN = {
+    0: "IIIHB",
+    1: "ffff",
+    2: "fff",
+    3: "fffB",
+    4: "fff",
+    5: "ddffB" + "ffffffB",
+    6: "IIiiifff" + "ffffffIIHH",
+    7: "IIddffffhBB",
+    8: "hhh",
+    9: "hhhhhh",
+    10: "fffB",
+    11: "BBBB",
+    12: "IiiB",
+    13: "BB",
+    14: "B",
+}
+LEGACY = {bit: form for bit, form in MODERN.items() if bit != 14} | {
+    0: "IIB",
+    5: "ddffB",
+    6: "IIiiifff",
+    11: "B",
+    12: "B",
+}
+FORMS = {Layout.MODERN: MODERN, Layout.LEGACY: LEGACY}
+
+
+def form_of(layout, mask):
+    return "<H" + "".join(form for bit, form in FORMS[layout].items() if mask >> bit & 1)
+
+
+_BITS = {"b": 8, "B": 8, "h": 16, "H": 16, "i": 32, "I": 32}
+
+
+def number(code):
+    """Any number that a code of ``struct`` can hold, but NaN."""
+    if code in "fd":
+        return st.floats(width=32 if code == "f" else 64, allow_nan=False)
+    if code.isupper():
+        return st.integers(0, 2 ** _BITS[code] - 1)
+    return st.integers(-(2 ** (_BITS[code] - 1)), 2 ** (_BITS[code] - 1) - 1)
+
+
+@st.composite
+def values(draw, layout):
+    """The value of a broadcast in a layout, with any parts."""
+    mask = draw(st.integers(0, 2 ** len(FORMS[layout]) - 1))
+    form = form_of(layout, mask)
+    return struct.pack(form, mask, *[draw(number(code)) for code in form[2:]])
+
+
+def test_each_part_is_as_long_as_documented():
+    assert tuple(struct.calcsize(f"<{form}") for form in FORMS[Layout.MODERN].values()) == (
+        MODERN_BYTES
+    )
+    for bit, length in enumerate(MODERN_BYTES):
+        assert broadcast_length(Layout.MODERN, 1 << bit) == 2 + length
+    assert broadcast_length(Layout.MODERN, 0x3FFF) == 282
+    assert broadcast_length(Layout.MODERN, 0x7FFF) == 283
+    # Of the old layouts: 9 bytes of time, 25 of position, 32 of GPS, 1 of status and battery.
+    lengths = [broadcast_length(Layout.LEGACY, 1 << bit) for bit in (0, 5, 6, 11, 12)]
+    assert lengths == [2 + 9, 2 + 25, 2 + 32, 2 + 1, 2 + 1]
+
+
+def lengths_of(layout):
+    """Of every mask, by the tables of the tests; -1 where the layout lacks a bit."""
+    masks = np.arange(1 << 15)
+    lengths = np.full(masks.shape, 2)
+    for bit, form in FORMS[layout].items():
+        lengths += struct.calcsize(f"<{form}") * (masks >> bit & 1)
+    known = sum(1 << bit for bit in FORMS[layout])
+    return np.where(masks & ~known, -1, lengths)
+
+
+def test_no_length_fits_two_layouts_that_mean_different_things():
+    one, other = Layout
+    masks = np.arange(1 << 15)
+    same = (lengths_of(one) == lengths_of(other)) & (lengths_of(one) > 0)
+    differing = sum(1 << bit for bit in range(15) if FORMS[one].get(bit) != FORMS[other].get(bit))
+    assert same.any()
+    assert not (masks[same] & differing).any()
+
+
+@given(st.integers(0, 0xFFFF), st.integers(0, 300))
+def test_a_length_of_no_layout_is_refused(mask, length):
+    fits = any(broadcast_length(layout, mask) == length for layout in Layout)
+    found = decode_broadcast(struct.pack("<H", mask).ljust(length, b"\0")[:length])
+    assert (found is not None) == fits
+
+
+@pytest.mark.parametrize("layout", Layout)
+@given(data=st.data())
+def test_what_is_decoded_encodes_to_the_same_bytes(layout, data):
+    value = data.draw(values(layout))
+    found = decode_broadcast(value)
+    assert encode_broadcast(found) == value
+    assert decode_broadcast(encode_broadcast(found)) == found
+
+
+def test_the_old_layout_of_the_m600():
+    mask = 0x1FFF & ~0x0600
+    numbers = [
+        *(98760, 741636, 1),  # time, ns, flag
+        *(0.5, 0.5, 0.5, 0.5),
+        *(0.0, 0.25, -1.0),
+        *(1.5, -2.5, 3.5, 0b10101),  # health, sensor 10
+        *(0.125, 0.25, 0.5),
+        *(0.9, 0.1, 28.5, 25.0, 4),  # no obstacles behind it
+        *(20240611, 74439, 43574718, 520116395, 29339, 732.0, 2.0, -51.0),
+        *(20240611, 74439, 4.3, 52.0, 28.25, 735.0, 0.0, -50.0, -90, 50, 34),
+        *(-828, 1248, -1047),
+        2,
+        36,
+    ]
+    found = decode_broadcast(struct.pack(form_of(Layout.LEGACY, mask), mask, *numbers))
+    assert found.layout is Layout.LEGACY
+    assert found.time == Time(98760, 741636, None, None, 1)
+    assert found.velocity == Velocity((1.5, -2.5, 3.5), 0b10101)
+    assert found.position == Position(0.9, 0.1, 28.5, 25.0, 4)
+    assert found.relative_position is None
+    assert found.gps.vel_ned_cmps == (732.0, 2.0, -51.0)
+    assert found.gps.detail is None
+    assert (found.rtk.yaw_deg, found.rtk.pos_flag, found.rtk.yaw_flag) == (-90, 50, 34)
+    assert found.mag == (-828, 1248, -1047)
+    assert found.status == Status(2)
+    assert found.battery == Battery(None, None, None, 36)
+    assert found.mask == mask
+
+
+def test_the_example_frames_encode_to_the_same_bytes(shared):
+    data = (shared / "dji" / "frames.bin").read_bytes()
+    lines = map(json.loads, (shared / "dji" / "frames.jsonl").read_text().splitlines())
+    masks = [line["mask"] for line in lines if line["kind"] == "broadcast"]
+    reader = FrameReader()
+    frames = [f for f in reader.feed(data) + reader.rescan() if f.cmd_id == 0]
+    found = [decode_broadcast(frame.value) for frame in frames]
+    assert [broadcast.mask for broadcast in found] == masks
+    assert [encode_broadcast(b) for b in found] == [frame.value for frame in frames]
+
+
+def test_the_usual_packages_have_the_lengths_of_their_pushes():
+    # Frames of 144, 101, 67, 82 and 55 bytes; 18 are header, check sum, set and id.
+    assert [package.length for package in USUAL_PACKAGES] == [126, 83, 49, 64, 37]
+    assert [package.rate_hz for package in PackageTable().values()] == [5, 50, 100, 400, 200]
+
+
+def push_of(*names, with_timestamp=True):
+    return PackageTable([Package.of(3, 50, with_timestamp, names)])
+
+
+def test_a_push_is_read_in_the_order_of_its_package():
+    table = push_of("GPS_FUSED", "RTK_YAW", "VELOCITY", "GIMBAL_ANGLES")
+    numbers = (0.1, 0.9, 28.5, 14, -90, 1.5, -2.5, 3.5, 1, -30.0, 2.0, 90.0)
+    value = struct.pack("<BIIddfHhfffBfff", 3, 123856, 378900, *numbers)
+    push = decode_push(value, table)
+    assert (push.package.id, push.time_ms, push.time_ns) == (3, 123856, 378900)
+    assert push.values == {
+        "GPS_FUSED": GpsFused(lon_rad=0.1, lat_rad=0.9, altitude_m=28.5, satellites=14),
+        "RTK_YAW": -90,
+        "VELOCITY": Velocity((1.5, -2.5, 3.5), 1),
+        "GIMBAL_ANGLES": GimbalAngles(pitch_deg=-30.0, roll_deg=2.0, yaw_deg=90.0),
+    }
+    assert list(push.values) == ["GPS_FUSED", "RTK_YAW", "VELOCITY", "GIMBAL_ANGLES"]
+
+
+def test_a_push_that_does_not_fit_is_refused():
+    table = push_of("RTK_YAW", with_timestamp=False)
+    for wrong in (b"", b"\x03", b"\x03\xa6", b"\x03\xa6\xff\x00", b"\x02\xa6\xff"):
+        assert decode_push(wrong, table) is None
+
+
+@st.composite
+def pushes(draw):
+    topics = tuple(draw(st.lists(st.sampled_from(TOPICS), unique=True, max_size=12)))
+    package = Package(draw(st.integers(0, 4)), 50, draw(st.booleans()), topics)
+    form = "<B" + "II" * package.with_timestamp + "".join(topic.form for topic in topics)
+    codes = "".join(int(n or 1) * code for n, code in _pairs(form[2:]))
+    return package, struct.pack(form, package.id, *[draw(number(code)) for code in codes])
+
+
+def _pairs(form):
+    count = ""
+    for code in form:
+        if code.isdigit():
+            count += code
+        else:
+            yield count, code
+            count = ""
+
+
+@given(pushes())
+def test_a_push_that_is_decoded_encodes_to_the_same_bytes(case):
+    package, value = case
+    push = decode_push(value, PackageTable([package]))
+    assert list(push.values) == [topic.name for topic in package.topics]
+    assert encode_push(push) == value
+
+
+def test_a_32_bit_number_is_printed_as_told_apart_from_its_neighbours():
+    numbers = np.array([0.1, 1 / 3, 7.3499999, -1e-30, 3.4028235e38, 1.0000001], dtype=np.float32)
+    for value in numbers:
+        table = PackageTable([Package.of(0, 50, with_timestamp=False, names=("HEIGHT_FUSION",))])
+        push = decode_push(b"\x00" + value.tobytes(), table)
+        printed = push_fields(push)["HEIGHT_FUSION"]
+        assert np.float32(printed) == value
+        assert len(f"{printed!r}".lstrip("-0.").partition("e")[0].replace(".", "")) <= 9
+
+
+FILE = "packages.yaml"
+
+
+def entry(**changes):
+    return {"rate_hz": 5, "with_timestamp": True, "topics": ["RTK_POSITION", "RTK_YAW"]} | changes
+
+
+def without(key):
+    return {name: value for name, value in entry().items() if name != key}
+
+
+def test_a_table_is_read_from_a_file(tmp_path):
+    file = tmp_path / FILE
+    file.write_text(
+        "packages:\n"
+        "  0:\n"
+        "    rate_hz: 5\n"
+        "    with_timestamp: true\n"
+        "    topics: [RTK_POSITION, 0xf45d73fd]\n"
+        "  3:\n"
+        "    rate_hz: 400\n"
+        "    with_timestamp: false\n"
+        "    topics:\n"
+        "      - HARD_SYNC\n"
+    )
+    assert list(package_table(load_yaml(file), str(file)).values()) == [
+        Package.of(0, 5, with_timestamp=True, names=("RTK_POSITION", "RTK_YAW")),
+        Package.of(3, 400, with_timestamp=False, names=("HARD_SYNC",)),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("tree", "message"),
+    [
+        (None, "not a table of packages"),
+        ({"packages": None}, "not a table of packages"),
+        ({"packages": {5: entry()}}, r"packages\.5: ids of packages are 0 to 4"),
+        (
+            {"packages": {1: without("topics")}},
+            r"packages\.1: needs rate_hz, with_timestamp, topics",
+        ),
+        ({"packages": {1: entry(rate=5)}}, r"packages\.1: needs .*, and nothing else"),
+        ({"packages": {1: entry(rate_hz=401)}}, r"packages\.1\.rate_hz: 401: a whole number"),
+        ({"packages": {1: entry(with_timestamp=1)}}, r"packages\.1\.with_timestamp: 1: true or"),
+        ({"packages": {1: entry(topics=[])}}, r"packages\.1\.topics: a list of topics"),
+        (
+            {"packages": {1: entry(topics=["RTK_JAW"])}},
+            r"packages\.1\.topics: unknown topic RTK_J",
+        ),
+        ({"packages": {1: entry(topics=[18])}}, r"packages\.1\.topics: unknown topic 0x00000012"),
+        (
+            {
+                "packages": {
+                    1: entry(
+                        topics=[
+                            *("ESC_DATA", "HARD_SYNC", "RC_FULL_RAW_DATA", "GPS_DETAILS"),
+                            *("QUATERNION", "GPS_FUSED"),
+                        ]
+                    )
+                }
+            },
+            r"packages\.1: 261 bytes, more than the 250 of a push",
+        ),
+    ],
+)
+def test_what_is_no_table_is_told_with_file_and_key(tree, message):
+    with pytest.raises(DjiError, match=rf"^{FILE}: {message}"):
+        package_table(tree, FILE)
+
+
+M600 = (3, 2, 41, 13)
+U8 = st.integers(0, 0xFF)
+RATES = (4, 3, 4, 3, 4, 3, 0, 3, 2, 3, 3, 3, 2, 2, 5, 5)
+HARD_SYNC, ACCELERATION_RAW, RATE_RAW = 0xECBEF06D, 0xC3503A6E, 0x700389EE
+
+
+@pytest.mark.parametrize(
+    ("request_", "expected"),
+    [
+        (GET_VERSION, "00 00 00"),
+        (activate(258, M600), f"00 01 02010000 02000000 0d290203 {'30' * 32}"),
+        (set_rates(RATES), "00 10 04030403040300030203030302020505"),
+        (MATCH_VERSION, "0b 00 00010000"),
+        (add_package(3, 400, [HARD_SYNC], stamped=True), "0b 01 03 9001 01 01 6df0beec"),
+        (
+            add_package(4, 200, [ACCELERATION_RAW, RATE_RAW], stamped=False),
+            "0b 01 04 c800 00 02 6e3a50c3 ee890370",
+        ),
+        (remove_package(2), "0b 03 02"),
+    ],
+)
+def test_bytes_of_requests(request_, expected):
+    assert request_.data == bytes.fromhex(expected)
+    assert decode_request(request_.data) == request_
+
+
+@given(st.binary(max_size=120))
+def test_any_bytes_are_a_version_without_fuss(value):
+    ack = decode_version_ack(value)
+    assert (ack is None) == (len(value) < 2)
+    assert ack is None or ack.serial.isascii()
+
+
+@given(
+    st.sampled_from([0, NOT_ACTIVATED]),
+    st.text("0123456789ABCXYZ", max_size=16),
+    st.sampled_from(["PM820V3PRO", "M100", "N3", "PM410"]),
+    st.tuples(st.just(3), st.integers(0, 3), U8, U8),
+    st.integers(0, 0xFFFFFFFF),
+)
+def test_versions_come_back_in_both_forms(code, serial, hardware, firmware, crc):
+    name = f"SDK-v1.0 BETA {hardware}-{'.'.join(map(str, firmware))}"
+    value = encode_version_ack(code, serial, name)
+    if firmware < (3, 2, 0, 0):
+        value = value[:2] + crc.to_bytes(4, "little") + value[2:]
+    assert decode_version_ack(value) == (code, serial, hardware, firmware)

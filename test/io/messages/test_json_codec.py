@@ -1,0 +1,136 @@
+"""What programs read comes back as it was; what another program wrote is refused by name."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+from message_samples import LOCATED, STAMP_NS, TARGET
+
+from tirgeo_ros.core.ground.backprojection import Reason
+from tirgeo_ros.core.ground.ground_point import Refusal
+from tirgeo_ros.core.targets.target import MOST_TARGETS
+from tirgeo_ros.core.types.errors import MessageError
+from tirgeo_ros.io.bags.cdr import Cdr
+from tirgeo_ros.io.messages import Messages, answer_of, targets_of
+
+MESSAGES = Messages(Cdr().types)
+
+
+def text_of(document):
+    return MESSAGES.types("std_msgs/msg/String")(data=json.dumps(document))
+
+
+def test_a_located_click_comes_back_to_the_last_digit():
+    found = answer_of(MESSAGES.answer(LOCATED))
+    assert (found, found.uv) == (LOCATED, (12.25, 200.5))
+    assert (
+        json.loads(MESSAGES.answer(LOCATED).data).items()
+        >= {
+            "schema": "tirgeo/locate/answer/1",
+            "stamp_ns": str(STAMP_NS),
+            "u": 12.25,
+            "refused": None,
+            "height_m": 99.5,
+            "covariance_enu": list(LOCATED.covariance_enu),
+        }.items()
+    )
+
+
+@pytest.mark.parametrize("reason", Reason)
+def test_a_refused_click_comes_back_with_its_reason(reason):
+    refusal = Refusal(STAMP_NS, (-5.0, 3.0), reason)
+    message = MESSAGES.answer(refusal)
+    assert answer_of(message) == refusal
+    assert json.loads(message.data)["words"] == reason.value
+
+
+def test_a_click_at_no_pixel_has_an_answer_too():
+    found = answer_of(MESSAGES.answer(Refusal(7, (math.nan, math.inf), Reason.OUTSIDE_PICTURE)))
+    assert np.isnan(found.uv).all()
+
+
+@pytest.mark.parametrize(
+    ("changed", "reason"),
+    [
+        ({"latitude_deg": math.nan}, "not a located point"),
+        ({"latitude_deg": 91.0}, "not a located point"),
+        ({"covariance_enu": [1.0, 2.0]}, "not a located point"),
+        ({"covariance_enu": [math.inf] * 9}, "not a located point"),
+        ({"u": "left"}, "no answer to a click"),
+        ({"refused": "weather"}, "no answer to a click"),
+        ({"stamp_ns": None}, "no answer to a click"),
+        ({"schema": "tirgeo/locate/answer/2"}, "its schema is not tirgeo/locate/answer/1"),
+        ({"words": "x" * 10_000}, "10000 are read"),
+    ],
+)
+def test_an_answer_that_cannot_be_is_refused(changed, reason):
+    document = json.loads(MESSAGES.answer(LOCATED).data) | changed
+    with pytest.raises(MessageError, match=f"tirgeo/locate/answer: .*{reason}"):
+        answer_of(text_of(document))
+
+
+@pytest.mark.parametrize("text", ["", "7", "[]", "{", "{}", "[" * 9_000])
+def test_what_is_no_document_is_refused(text):
+    message = MESSAGES.types("std_msgs/msg/String")(data=text)
+    for decode in (answer_of, targets_of):
+        with pytest.raises(MessageError, match=r"no JSON|its schema is not"):
+            decode(message)
+
+
+def test_a_message_of_an_earlier_version_is_named():
+    """It was a DiagnosticArray, and a MarkerArray."""
+    with pytest.raises(MessageError, match="it is of a version before tirgeo/locate/answer/1"):
+        answer_of(MESSAGES.diagnostics(STAMP_NS, []))
+    with pytest.raises(MessageError, match="it is of a version before tirgeo/targets/1"):
+        targets_of(MESSAGES.types("visualization_msgs/msg/MarkerArray")(markers=[]))
+
+
+def test_targets_come_back_without_notes_each_with_one_click():
+    other = dataclasses.replace(
+        TARGET, id="2" * 32, name='"\n\u00e4', note="secret", clicks=(LOCATED, LOCATED)
+    )
+    message = MESSAGES.targets([TARGET, other])
+    assert "secret" not in message.data
+    assert targets_of(message) == [
+        TARGET,
+        dataclasses.replace(other, note="", clicks=(other.place,)),
+    ]
+    assert json.loads(message.data)["targets"][1]["clicks"] == 2
+    assert targets_of(MESSAGES.targets([])) == []
+
+
+def test_a_target_that_has_changed_is_written_anew():
+    moved = dataclasses.replace(TARGET, clicks=(dataclasses.replace(LOCATED, height_m=1.0),))
+    MESSAGES.targets([TARGET])
+    assert targets_of(MESSAGES.targets([moved])) == [moved]
+
+
+@pytest.mark.parametrize(
+    ("changed", "reason"),
+    [
+        ({"height_m": math.inf}, "not a located point"),
+        ({"covariance_enu": [1.0] * 8}, "not a located point"),
+        ({"number": "one"}, "tirgeo/targets"),
+        ({"name": None, "kind": "cow"}, ""),
+    ],
+)
+def test_targets_that_cannot_be_are_refused(changed, reason):
+    document = json.loads(MESSAGES.targets([TARGET]).data)
+    document["targets"][0] |= changed
+    if not reason:  # of a later version: drawn all the same
+        assert targets_of(text_of(document))[0].kind == "other"
+        return
+    with pytest.raises(MessageError, match=reason):
+        targets_of(text_of(document))
+
+
+def test_more_targets_than_can_be_drawn_are_refused():
+    document = json.loads(MESSAGES.targets([TARGET]).data)
+    with pytest.raises(MessageError, match=f"{MOST_TARGETS} can be drawn"):
+        targets_of(text_of(document | {"targets": document["targets"] * (MOST_TARGETS + 1)}))
+    with pytest.raises(MessageError, match="no list of targets"):
+        targets_of(text_of(document | {"targets": 7}))

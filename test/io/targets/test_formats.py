@@ -1,0 +1,339 @@
+"""Targets and located pixels in the formats of others: what their readers find, and ours."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import json
+import math
+import re
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pyogrio
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from target_samples import (
+    ANSWERS,
+    COVARIANCE,
+    FOUND,
+    HOSTILE,
+    STAMP_NS,
+    TARGETS,
+    click,
+    target,
+)
+
+from tirgeo_ros.core.types.errors import TargetError
+from tirgeo_ros.io.surveys.survey import Answered
+from tirgeo_ros.io.targets.formats import (
+    FORMATS,
+    cot,
+    exported,
+    exported_answers,
+    form_of,
+    read_targets,
+)
+from tirgeo_ros.io.targets.store import TargetStore
+from tirgeo_ros.tools.cli.main import main
+
+KML, GPX = "{http://www.opengis.net/kml/2.2}", "{http://www.topografix.com/GPX/1/1}"
+SCALE_95 = math.sqrt(5.991464547)  # chi-square, two degrees of freedom
+
+
+def features(answers):
+    return json.loads(exported_answers(answers, "geojson"))["features"]
+
+
+def rows(content, **how):
+    """The rows of a CSV file, read without its mark."""
+    return csv.DictReader(io.StringIO(content.decode("utf-8-sig"), newline=""), **how)
+
+
+def written(folder, content, name="targets"):
+    path = folder / name
+    path.write_bytes(content)
+    return path
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("written")
+
+
+def test_geojson_has_points_in_order_then_ellipses_and_reasons():
+    point, refused, ellipse = features(ANSWERS)
+    names = [(f["properties"]["kind"], f["properties"]["id"]) for f in (point, refused, ellipse)]
+    assert names == [("point", ANSWERS[0].id), ("point", "cloud"), ("ellipse", ANSWERS[0].id)]
+    assert point["geometry"] == {"type": "Point", "coordinates": [116.7, 39.85, 11.5]}
+    cells = point["properties"]
+    pixel = {"stamp_ns": STAMP_NS, "u": 320.5, "v": 256.25, "reason": None}
+    assert cells.items() >= pixel.items()
+    assert cells["ellipse_major_m"] == pytest.approx(2 * SCALE_95, abs=1e-4)
+    assert cells["ellipse_minor_m"] == pytest.approx(0.5 * SCALE_95, abs=1e-4)
+    assert cells["ellipse_azimuth_deg"] == pytest.approx(30, abs=1e-3)
+    assert cells["sigma_height_m"] == pytest.approx(0.1)
+    assert cells["sigma_north_m"] == pytest.approx(math.sqrt(COVARIANCE[1, 1]), abs=1e-4)
+    ring = ellipse["geometry"]["coordinates"][0]
+    assert [list(reversed(corner)) for corner in ring] == [list(c) for c in click().outline()]
+    assert refused["geometry"] is None
+    reason = {"reason": "the pixel is above the horizon", "height_m": None}
+    assert refused["properties"].items() >= (reason | {"stamp_ns": STAMP_NS + 5}).items()
+    assert list(refused["properties"]) == list(cells)
+
+
+def test_kml_holds_points_ellipses_and_reasons():
+    document = ET.fromstring(exported_answers(ANSWERS, "kml"))[0]
+    first, second = document.findall(f"{KML}Placemark")
+    assert first.find(f"{KML}name").text == "sheep <1> & Ü"  # no XML holds a bell
+    assert first.find(f".//{KML}Point/{KML}coordinates").text == "116.700000000,39.850000000"
+    assert len(first.find(f".//{KML}LinearRing/{KML}coordinates").text.split()) == 61
+    values = {d.get("name"): d.find(f"{KML}value").text for d in first.iter(f"{KML}Data")}
+    assert values["height_m"] == "11.5"
+    assert first.find(f".//{KML}when").text == "2021-10-20T12:00:35.605Z"
+    assert "above the horizon" in second.find(f"{KML}description").text
+    assert second.find(f".//{KML}Point") is None
+
+
+def test_targets_have_the_properties_of_located_pixels_and_their_own():
+    point, other, *ellipses = json.loads(exported(TARGETS, "geojson"))["features"]
+    own = {"number": 1, "name": "Huber", "target_kind": "fire", "note": "roof\nwest"}
+    assert own.items() <= point["properties"].items()
+    assert point["properties"]["time"] == "2021-10-20T12:00:35.605Z"
+    assert other["properties"]["clicks"] == 2
+    of_pixels = set(features(ANSWERS)[0]["properties"]) - {"u", "v", "reason"}
+    assert of_pixels <= set(point["properties"])
+    assert [one["properties"]["kind"] for one in ellipses] == ["ellipse"] * 2
+
+
+def test_csv_is_one_line_a_target_that_excel_knows_as_utf_8():
+    content = exported(TARGETS, "csv")
+    assert content.startswith(b"\xef\xbb\xbfid,number,name,")
+    first, second = rows(content)
+    assert (first["number"], first["name"], first["target_kind"]) == ("1", "Huber", "fire")
+    assert (second["number"], second["name"], second["target_kind"]) == ("3", "", "person")
+    assert (first["latitude_deg"], first["mgrs"]) == ("39.85", "50S MK 74336 11151")
+    assert first["utm"].startswith("50S 474336.")
+    assert exported([], "csv").decode("utf-8-sig").split(",")[:2] == ["id", "number"]
+
+
+def test_gpx_waypoints_are_as_the_schema_orders_them():
+    edge = target(4, dataclasses.replace(click(), longitude_deg=180.0))
+    root = ET.fromstring(exported([*TARGETS, edge], "gpx"))
+    assert (root.tag, root.get("version"), root.get("creator")) == (f"{GPX}gpx", "1.1", "tirgeo")
+    first, second, third = root.findall(f"{GPX}wpt")
+    assert first.attrib == {"lat": "39.850000000", "lon": "116.700000000"}
+    tags = [child.tag.removeprefix(GPX) for child in first]
+    assert tags == ["time", "name", "cmt", "desc", "type"]
+    assert first.find(f"{GPX}name").text == "Huber"
+    assert first.find(f"{GPX}desc").text.startswith("roof west; 95 % within 4.90 x 1.22 m")
+    assert second.find(f"{GPX}name").text == "3 person"
+    assert third.get("lon") == "-180.000000000"  # the schema wants longitudes below 180
+
+
+@pytest.mark.parametrize("form", ["geojson", "kml", "gpx", "gpkg"])
+def test_gdal_reads_each_format(form, tmp_path):
+    path = written(tmp_path, exported(TARGETS, form), f"targets.{form}")
+    layer = {"gpx": "waypoints", "gpkg": "targets"}.get(form)
+    meta, _, shapes, columns = pyogrio.raw.read(path, layer=layer)
+    table = dict(zip(meta["fields"], columns, strict=True))
+    names = table["Name" if form == "kml" and "Name" in table else "name"].tolist()
+    assert names[0] == "Huber"
+    assert len(shapes) == (4 if form == "geojson" else 2)
+    assert meta["crs"] == "EPSG:4326"
+
+
+@pytest.mark.parametrize("text", HOSTILE)
+@pytest.mark.parametrize("form", FORMATS)
+def test_texts_from_outside_do_no_harm_and_read_back(form, text, tmp_path):
+    """Formulae, markup, control characters; ``repr`` where a format has no place for them."""
+    content = exported([target(1, name=text, note=text), target(2, name="next")], form)
+    escaped = text.encode(errors="backslashreplace")
+    if form in {"csv", "geojson"}:
+        first, second = read_targets(written(tmp_path, content))
+        assert (first.name.encode(errors="backslashreplace"), second.name) == (escaped, "next")
+    if form == "csv":
+        lines = list(csv.reader(io.StringIO(content.decode("utf-8-sig"), newline="")))
+        assert len(lines) == 3
+        assert not lines[1][2].startswith(("=", "+", "-", "@", "\t", "\r"))
+    elif form in {"kml", "gpx"}:
+        tag, mark, words = (
+            (KML, "Placemark", "description") if form == "kml" else (GPX, "wpt", "desc")
+        )
+        first, second = ET.fromstring(content).iter(f"{tag}{mark}")
+        assert second.find(f"{tag}name").text == "next"
+        assert "<" not in first.find(f"{tag}{words}").text.replace("<br>", "")
+    elif form == "gpkg" and "\ud800" not in text:  # which the store keeps from a name
+        path = written(tmp_path, content, "targets.gpkg")
+        assert pyogrio.raw.read(path, layer="targets", columns=["name"])[3][0][0] == text
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t", "|"])
+@pytest.mark.parametrize(
+    "end", ["=HYPERLINK(1)", "+1", "-1", "@SUM(1)", ' "=1', "'=1", ";=1", "\t=1", '""=1']
+)
+def test_no_cell_is_a_formula_whatever_separates_the_cells(separator, end):
+    """A spreadsheet splits at what its country has, and takes no quotes within a cell then."""
+    texts = [f"x{before}{end}" for before in ";\t|\n"]
+    some = [target(n, name=text, note=text) for n, text in enumerate(texts, 1)]
+    content = exported(some, "csv").decode("utf-8-sig")
+    lines = csv.reader(io.StringIO(content, newline=""), delimiter=separator)
+    cells = [cell.lstrip(' "') for line in lines for cell in line]
+    assert not [cell for cell in cells if cell.startswith(("=", "+", "-", "@", "\t"))]
+
+
+def test_a_hostile_pixel_id_does_no_harm_in_a_geopackage():
+    for text in HOSTILE:
+        assert exported_answers([Answered(text, FOUND)], "gpkg").startswith(b"SQLite format 3\0")
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_nothing_is_a_file_too(form):
+    assert exported([], form)
+    assert exported_answers([], form)
+
+
+def test_the_ending_names_the_format():
+    names = {"a.GPX": "gpx", "b.gpkg": "gpkg", "c.json": "geojson", "points": "geojson"}
+    assert {name: form_of(name) for name in names} == names
+
+
+def test_cursor_on_target_events_are_those_of_targets_with_ce90_and_le90():
+    (event,) = ET.fromstring(cot(ANSWERS)).iter("event")
+    assert event.get("uid").startswith("tirgeo-")
+    assert event.get("time") == event.get("start") == "2021-10-20T12:00:35.605Z"
+    assert event.get("stale") == "2021-10-21T12:00:35.605Z"
+    assert event.find("detail/contact").get("callsign") == "1 sheep <1> & Ü"
+    point = {key: float(value) for key, value in event.find("point").attrib.items()}
+    ce90_m, le90_m = point.pop("ce"), point.pop("le")
+    assert point == {"lat": 39.85, "lon": 116.7, "hae": 11.5}
+    # 90 % of a normal distribution with these sigmas lie in the circle: drawn, to 4 sigma of 4e5
+    drawn = np.random.default_rng(1).normal(size=(400_000, 2)) * [2.0, 0.5]
+    share = np.mean(np.hypot(*drawn.T) <= ce90_m)
+    assert abs(share - 0.9) < 4 * math.sqrt(0.09 / 400_000)
+    assert le90_m == pytest.approx(0.1 * 1.644854, abs=1e-3)
+
+
+def test_a_geopackage_holds_every_click_and_the_pictures(tmp_path):
+    jpegs = {TARGETS[1].id: b"\xff\xd8 a picture"}
+    path = written(tmp_path, exported(TARGETS, "gpkg", jpegs.get))
+    assert read_targets(path) == TARGETS
+    store = TargetStore(path)
+    assert [store.picture(one.id) for one in TARGETS] == [None, b"\xff\xd8 a picture"]
+    with pytest.raises(TargetError, match="another program has it open"):
+        read_targets(path)
+    store.close()
+
+
+@pytest.mark.parametrize("form", ["geojson", "csv"])
+def test_others_hold_the_average_with_its_covariance(form, tmp_path):
+    for one, expected in zip(
+        read_targets(written(tmp_path, exported(TARGETS, form))), TARGETS, strict=True
+    ):
+        place, wanted = one.place, expected.place
+        assert dataclasses.replace(one, clicks=expected.clicks) == expected
+        assert place.stamp_ns == wanted.stamp_ns
+        # nine decimals of a degree, a tenth of a millimetre, six digits
+        assert place.latitude_deg == pytest.approx(wanted.latitude_deg, abs=0.51e-9)
+        assert place.longitude_deg == pytest.approx(wanted.longitude_deg, abs=0.51e-9)
+        assert place.height_m == pytest.approx(wanted.height_m, abs=0.51e-4)
+        np.testing.assert_allclose(place.covariance_enu, wanted.covariance_enu, rtol=5e-6)
+
+
+@pytest.mark.parametrize("form", ["geojson", "csv", "gpkg"])
+def test_located_pixels_are_targets_with_the_pixels_names(form, tmp_path):
+    path = written(tmp_path, exported_answers([*reversed(ANSWERS), ANSWERS[0]], form))
+    read = read_targets(path)
+    assert [one.name.replace("\x07", "") for one in read] == ["sheep <1> & Ü"] * 2
+    assert len({one.id for one in read}) == len({one.number for one in read}) == 2
+    # and so the page can begin with them
+    store = TargetStore(written(tmp_path, exported(read, "gpkg"), "t.gpkg"))
+    assert store.all() == read
+    assert store.add(click(), now_ns=1).number > read[-1].number
+    store.close()
+
+
+#: Without control characters and halves of characters, which the store takes out of a text.
+texts = st.text(
+    st.characters(exclude_categories=("Cs", "Cc"), include_characters="\n"), max_size=30
+)
+
+
+@given(texts, texts | st.text(";|\n=-'\" x", max_size=12))
+def test_any_text_reads_back(folder, name, note):
+    one = target(1, name=name, note=note)
+    for form in ("geojson", "csv"):
+        (read,) = read_targets(written(folder, exported([one], form)))
+        assert (read.name, read.note) == (name, note)
+
+
+def with_features(change):
+    document = json.loads(exported(TARGETS, "geojson"))
+    change(document["features"])
+    return json.dumps(document).encode()
+
+
+STRANGER = {"type": "Feature", "properties": {"kind": "fire"}, "geometry": None}
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "did not write"),
+        (b"\x93\x00\xff", "not a text file"),
+        (b"{", "did not write"),
+        (b'{"features": [{"properties": {"kind": "point"}}]}', ""),
+        (b"id,stamp_ns,u,v\n1,2,3,4\n", "did not write; give a GeoPackage, GeoJSON or CSV"),
+        (b"SQLite format 3\0" + bytes(5000), "no GeoPackage|damaged"),
+        (with_features(lambda f: f.append(STRANGER)), "a file which tirgeo did not write"),
+        (with_features(lambda f: f[1]["properties"].update(latitude_deg=91)), "row 2 is one"),
+        (with_features(lambda f: f[1]["properties"].update(covariance_enu="nan")), "row 2 is one"),
+        (with_features(lambda f: f[0]["properties"].pop("stamp_ns")), "row 1 is one"),
+        (with_features(lambda f: f[0]["properties"].update(number=3)), "the same number"),
+        (with_features(lambda f: f.insert(0, f[0])), "the same id"),
+    ],
+)
+def test_a_file_that_is_none_of_ours_is_named(content, words, tmp_path):
+    path = written(tmp_path, content)
+    if not words:
+        assert read_targets(path) == []
+        return
+    with pytest.raises(TargetError, match=f"{re.escape(str(path))}: .*({words})"):
+        read_targets(path)
+    with pytest.raises(TargetError, match=r"absent\.csv: cannot be read"):
+        read_targets(tmp_path / "absent.csv")
+
+
+def locate(*words):
+    return main([str(word) for word in ("locate", *words)])
+
+
+def test_the_verb_converts_as_the_page_exports(tmp_path, capsys):
+    targets = written(tmp_path, exported(TARGETS, "gpkg"), "targets.gpkg")
+    for form in ("geojson", "kml", "gpx", "csv"):
+        assert locate(targets, "-o", tmp_path / f"out.{form}") == 0
+        assert (tmp_path / f"out.{form}").read_bytes() == exported(TARGETS, form)
+    capsys.readouterr()
+    out, kml = tmp_path / "out.gpkg", tmp_path / "out.kml"
+    assert locate(targets, "-o", out, "--kml", kml, "--json") == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert summary == {"input": str(targets), "output": [str(out), str(kml)], "targets": 2}
+    assert read_targets(out) == TARGETS
+    assert kml.read_bytes() == exported(TARGETS, "kml")
+
+
+def test_the_verb_names_what_is_no_file_of_targets(tmp_path, capsys):
+    targets = written(tmp_path, exported(TARGETS, "gpkg"), "targets.gpkg")
+    flight = written(tmp_path, b"\x89MCAP0\r\n", "flight.mcap")
+    assert locate(flight, "-o", tmp_path / "x.kml") == 1
+    assert re.search(
+        r"flight\.mcap.*a recorded flight needs --pixels", capsys.readouterr().err, re.DOTALL
+    )
+    assert locate(targets, "-o", targets) == 1
+    assert "would overwrite the input" in capsys.readouterr().err
+    with pytest.raises(SystemExit, match="2"):
+        locate(targets, "-o", tmp_path / "x.kml", "--cot", tmp_path / "x.xml")
+    assert "--cot needs --pixels" in capsys.readouterr().err
+    assert not (tmp_path / "x.kml").exists()

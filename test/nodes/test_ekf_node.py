@@ -1,0 +1,288 @@
+# ruff: noqa: E402 what follows imports ROS, which may be absent
+"""ekf_node: messages in the order of arrival, what is logged, a heading that is given."""
+
+from __future__ import annotations
+
+import math
+import time
+
+import pytest
+
+rclpy = pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
+
+from diagnostic_msgs.msg import DiagnosticArray
+from flights import flight
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from graph_helpers import KeptLog, await_words
+from nav_msgs.msg import Odometry
+from process_bags import write_hover
+from project import PROJECT
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.subscription import Subscription
+from sensor_msgs.msg import Imu, NavSatFix
+
+from tirgeo_ros.core.frames.rotations import heading_of, wrapped
+from tirgeo_ros.core.types.errors import MessageError
+from tirgeo_ros.core.types.measurements import FixStatus
+from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
+from tirgeo_ros.io.messages import body_pose, stamp_ns
+from tirgeo_ros.nodes.ekf_node import Inbox, StateLog
+from tirgeo_ros.nodes.graph_node import GraphNode, output, sensor_input
+from tirgeo_ros.nodes.monitor import ERROR
+from tirgeo_ros.nodes.runner import make_executor
+
+KINDS = {"imu/data": Imu, "rtk/fix": NavSatFix}
+IMU, FIX = KINDS
+S = 1_000_000_000
+
+
+class Listener:
+    """A node with an inbox, and what its handler was given: topic, stamp in s."""
+
+    def __init__(self, domain: int, executor_of, depth: int = 100) -> None:
+        self.context = Context()
+        rclpy.init(context=self.context, args=[], domain_id=domain)
+        self.node = GraphNode("listener", context=self.context)
+        self.handled = []
+        self.inbox = Inbox(self.node)
+        self.work = lambda topic, stamp_s: self.handled.append((topic, stamp_s))
+        for topic in KINDS:
+            self.inbox.subscribe(topic, self._taker(topic), sensor_input(depth))
+        make = self.node.create_publisher
+        self._publishers = {t: make(kind, t, output(1000)) for t, kind in KINDS.items()}
+        self._executor = executor_of(context=self.context)
+        self._executor.add_node(self.node)
+        self.spin_until(lambda: all(p.get_subscription_count() for p in self._publishers.values()))
+
+    def _taker(self, topic: str):
+        return lambda message: self.work(topic, stamp_ns(message) // S)
+
+    def send(self, topic: str, stamp_s: int) -> None:
+        message = KINDS[topic]()
+        message.header.stamp.sec = stamp_s
+        self._publishers[topic].publish(message)
+
+    def spin_until(self, done) -> None:
+        end_s = time.monotonic() + 30.0
+        while not done():
+            assert time.monotonic() < end_s, self.handled
+            self._executor.spin_once(timeout_sec=0.1)
+
+    def close(self) -> None:
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+
+@pytest.fixture(params=[make_executor, SingleThreadedExecutor])
+def listen(request, environment):
+    """Make a listener: ``listen(depth=20)``."""
+    made = []
+
+    def make(**options) -> Listener:
+        made.append(Listener(int(environment["ROS_DOMAIN_ID"]), request.param, **options))
+        return made[-1]
+
+    yield make
+    for listener in made:
+        listener.close()
+
+
+@pytest.mark.graph
+def test_rclpy_has_no_public_way_to_take_a_message_share_a_clock_or_list_overrides():
+    """So ekf_node, runner and parameters use its inside; setup.py and package.xml bound it.
+
+    A callback gets one message of one topic in the executor's order, and each node has a
+    subscription to ``/clock`` of its own.
+    """
+    assert not [name for name in dir(Subscription) if "take" in name]
+    public = [name for name in dir(Node) if name[0] != "_"]
+    assert not [name for name in public if "time_source" in name or "override" in name]
+    assert '"ros-jazzy-rclpy<8"' in (PROJECT / "setup.py").read_text()
+    assert 'version_lt="8.0.0">rclpy<' in (PROJECT / "package.xml").read_text()
+
+
+@pytest.mark.graph
+def test_what_waited_is_handled_as_it_arrived(listen):
+    """Stamps have no say: they are of another time, and go back."""
+    listener = listen()
+    sent = [(FIX if number % 10 == 9 else IMU, 1000 - 7 * number) for number in range(60)]
+    for topic, stamp_s in sent:
+        listener.send(topic, stamp_s)
+    listener.spin_until(lambda: len(listener.handled) == len(sent))
+    assert listener.handled == sent
+
+
+@pytest.mark.graph
+def test_what_is_left_of_a_queue_that_ran_over_keeps_its_place(listen):
+    listener = listen(depth=20)
+    sent = [(FIX if number % 10 == 9 else IMU, number) for number in range(100)]
+    for topic, stamp_s in sent:
+        listener.send(topic, stamp_s)
+    kept = [item for item in sent if item[0] == FIX]
+    kept += [item for item in sent if item[0] == IMU][-20:]
+    listener.spin_until(lambda: len(listener.handled) == len(kept))
+    assert listener.handled == sorted(kept, key=lambda item: item[1])
+
+
+@pytest.mark.graph
+def test_timers_have_their_turn_while_much_waits(listen):
+    listener, ticks = listen(), []
+    listener.node.steady_timer("tick", 0.001, lambda: ticks.append(len(listener.handled)))
+    listener.work = lambda *item: (listener.handled.append(item), time.sleep(0.002))
+    for number in range(100):
+        listener.send(IMU, number)
+    listener.spin_until(lambda: len(listener.handled) == 100)
+    assert any(0 < handled < 100 for handled in ticks)
+
+
+@pytest.mark.graph
+def test_what_fails_is_counted_for_its_own_topic(listen):
+    """Each is handled in the callback of whichever topic the executor serves."""
+    listener = listen()
+
+    def work(topic: str, stamp_s: int) -> None:
+        listener.handled.append((topic, stamp_s))
+        if topic == FIX:
+            raise ValueError("math domain error") if stamp_s else MessageError("no position")
+
+    listener.work = work
+    for number in range(4):
+        listener.send(IMU, number)
+        listener.send(FIX, number)
+    listener.spin_until(lambda: len(listener.handled) == 8)
+    item = listener.node.monitor.report("x")
+    assert item.level == ERROR
+    assert f"failed: {FIX}: ValueError at test_ekf_node.py" in item.message
+    assert item.values[f"{FIX} failed"] == "3"
+    assert item.values[f"{FIX} unreadable"] == "1"
+    assert not {f"{IMU} failed", f"{IMU} unreadable"} & item.values.keys()
+
+
+@pytest.mark.graph
+def test_bytes_that_are_no_message_are_counted(listen):
+    listener = listen()
+    listener._publishers[IMU].publish(b"\0\1\0\0" + b"\xff" * 20)
+    listener.send(IMU, 1)
+    listener.spin_until(lambda: listener.handled)
+    values = listener.node.monitor.report("x").values
+    assert values[f"{IMU} unreadable"] == "1"
+    assert "24 bytes are no sensor_msgs/msg/Imu" in values[f"{IMU} unreadable because"]
+
+
+def status(state: FilterState, reason: str = "", **more: object) -> NavigationStatus:
+    return NavigationStatus("ekf", state, reason, FixStatus.FIXED, math.nan, {}, {}, **more)
+
+
+def test_a_transition_is_told_once_and_a_worse_state_is_a_warning():
+    node = KeptLog()
+    log = StateLog(node)
+    given = (
+        status(FilterState.WAITING),
+        status(FilterState.WAITING, "needs rtk/vel", state_s=1.0),
+        status(FilterState.ALIGNING, "too slow"),
+        status(FilterState.RUNNING),
+        status(FilterState.DEGRADED, "rtk/heading"),
+        status(FilterState.LOST, "position"),
+        status(FilterState.ALIGNING),
+    )
+    assert [log.note(one) for one in given] == [True, False, True, True, True, True, True]
+    assert node.lines == [
+        ("info", "ekf: waiting"),
+        ("info", "ekf: aligning: too slow"),
+        ("info", "ekf: running"),
+        ("warning", "ekf: degraded: rtk/heading"),
+        ("warning", "ekf: lost: position"),
+        ("info", "ekf: aligning"),
+    ]
+
+
+def test_every_reset_is_told_once_with_what_it_changed():
+    node, running = KeptLog(), FilterState.RUNNING
+    log = StateLog(node)
+    once = {"resets": {"rtk_position": 1}, "last_reset": "position by 3.2 m"}
+    both = {"resets": {"rtk_position": 1, "rtk_heading": 1}, "last_reset": "heading by 170 deg"}
+    given = (status(running), *[status(running, **once)] * 2, status(running, **both))
+    assert [log.note(one) for one in given] == [True, True, False, True]
+    assert node.texts("warning") == [
+        "reset by rtk_position: position by 3.2 m",
+        "reset by rtk_heading: heading by 170 deg",
+    ]
+
+
+def test_another_reason_is_told_when_asked_for():
+    node = KeptLog()
+    log = StateLog(node)
+    for reason, reasons in (("a", False), ("b", False), ("b", True), ("b", True)):
+        log.note(status(FilterState.WAITING, reason), reasons=reasons)
+    assert node.texts() == ["ekf: waiting: a", "ekf: waiting: b"]
+
+
+def test_ros_takes_both_severities():
+    """Its logger raises where one line of code logs with two of them."""
+    logging = pytest.importorskip("rclpy.logging", reason="needs ROS 2 or its wheels")
+
+    class Node(KeptLog):
+        def get_logger(self):
+            return logging.get_logger("test_state_log")
+
+    log = StateLog(Node())
+    for state in (FilterState.RUNNING, FilterState.DEGRADED, FilterState.RUNNING):
+        assert log.note(status(state))
+
+
+TOPIC, ITEM, SIGMA_DEG = "/ekf_node/set_heading", "/ekf_node: navigation", 2.0
+
+
+@pytest.fixture(scope="module")
+def hover(tmp_path_factory):
+    """A hover whose bag has no rtk/heading and no attitude of the autopilot."""
+    flown = flight(1, 25.0, "hover")
+    return flown, write_hover(tmp_path_factory.mktemp("hover") / "hover.mcap", flown)
+
+
+def heading(heading_rad: float, sigma_deg: float = SIGMA_DEG, frame: str = "map"):
+    """A pose of which only yaw and its variance count, with the stamp 0: now."""
+    message = PoseWithCovarianceStamped()
+    message.header.frame_id = frame
+    message.pose.pose.position.x = 17.0
+    yaw = 0.5 * math.pi - heading_rad
+    turned = message.pose.pose.orientation
+    turned.z, turned.w = math.sin(0.5 * yaw), math.cos(0.5 * yaw)
+    message.pose.covariance[35] = math.radians(sigma_deg) ** 2
+    return message
+
+
+@pytest.mark.slow
+@pytest.mark.graph
+def test_the_filter_begins_with_a_heading_that_is_set(spawn, meet, hover):
+    flown, bag = hover
+    true_rad = heading_of(flown.truth.q_nb[0])  # it keeps still
+    clock = ("-p", "use_sim_time:=true")
+    node = spawn("ekf_node", "-p", "method:=ekf", *clock)
+    await_words(node, "ready")
+    stranger = meet(**{"/diagnostics": DiagnosticArray, "/tirgeo/odometry": Odometry})
+    count = "count.set_heading."
+
+    def told(name: str) -> int:
+        return int(stranger.diagnostic(ITEM).get(count + name, 0))
+
+    # Refused with the reason: not finite, too early, in another frame.
+    wrong = heading(math.nan), heading(true_rad), heading(true_rad, frame="base_link")
+    stranger.send(
+        {TOPIC: list(wrong)},
+        lambda: told("invalid") and told("standby") and "its frame is" in node.text(),
+    )
+    assert "~/set_heading: standby: the alignment does not wait for a heading" in node.text()
+    spawn("bag_player", "-p", f"bag:={bag}", "-p", "wait_for:=imu/data,rtk/fix,rtk/vel")
+    stranger.spin_until(lambda: "~/set_heading" in stranger.diagnostic(ITEM).get("reason", ""))
+    stranger.send({TOPIC: [heading(true_rad)]}, lambda: told("used"))
+    stranger.spin_until(lambda: stranger.received["/tirgeo/odometry"])
+    first = body_pose(stranger.received["/tirgeo/odometry"][0])
+    sigma_rad = math.sqrt(first.covariance[5, 5])
+    assert abs(wrapped(heading_of(first.q_nb) - true_rad)) < 3 * sigma_rad
+    # The gyroscopes' bias adds to it, 0.4 deg/s since it was said.
+    assert math.radians(0.9 * SIGMA_DEG) < sigma_rad < math.radians(4 * SIGMA_DEG)
+    assert "~/set_heading: used: the filter begins with it" in node.text()

@@ -1,0 +1,206 @@
+"""Flights on a Dask cluster of real processes, one of which is killed; what cannot work."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import Future
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from process_bags import IMAGES, rewritten
+from project import PROJECT, wait_until
+
+from tirgeo_ros.io.files.child_process import python_command
+from tirgeo_ros.tools.many_flights import dask_workers
+from tirgeo_ros.tools.many_flights.local_workers import FlightProgress
+from tirgeo_ros.tools.replay.process import process
+
+_LIMIT_S = 120.0
+
+
+@contextmanager
+def dask_cluster(folder, workers=2):
+    """Run a scheduler and workers of one thread; yield its address and the workers' processes.
+
+    Without a nanny: a worker that is killed is gone.
+    """
+    told = folder / "scheduler.json"
+    with ExitStack() as stack:
+        words = ["--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(told)]
+        stack.enter_context(_process(folder / "scheduler.log", "dask_scheduler", *words))
+        address = _address(told)
+        yield (
+            address,
+            [
+                stack.enter_context(_worker(folder / f"worker_{number}.log", address))
+                for number in range(workers)
+            ],
+        )
+
+
+def _worker(log, address):
+    return _process(log, "dask_worker", address, "--nthreads", "1", "--no-nanny")
+
+
+@contextmanager
+def _process(log, program, *words):
+    command = [sys.executable, "-m", f"distributed.cli.{program}", *words, "--no-dashboard"]
+    with log.open("wb") as out:
+        # The project's folder is where a worker finds tirgeo.
+        process = subprocess.Popen(command, cwd=PROJECT, stdout=out, stderr=out)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+def _address(path):
+    wait_until(lambda: path.exists() and path.read_text().endswith("}"), _LIMIT_S)
+    return json.loads(path.read_text())["address"]
+
+
+LIMIT_S = 240.0
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory):
+    pytest.importorskip("distributed")
+    from test_dask_workers import dask_cluster  # noqa: PLC0415 for these alone
+
+    with dask_cluster(tmp_path_factory.mktemp("cluster")) as found:
+        yield found
+
+
+def parent_of(number):
+    status = Path(f"/proc/{number}/status").read_text()
+    return int(re.search(r"^PPid:\s+(\d+)", status, re.MULTILINE)[1])
+
+
+def written_by(folder):
+    """The processes that have a flight in the midst: part of its bag is written."""
+    for path in folder.glob(".*.mcap.*.part"):
+        with suppress(OSError):
+            if path.stat().st_size:
+                yield int(path.name.split(".")[-2])
+
+
+@pytest.mark.slow
+def test_a_killed_worker_loses_nothing(cluster, sample, words, tmp_path):
+    address, workers = cluster
+    bags = [tmp_path / f"{name}.mcap" for name in "abcd"]
+    rewritten(sample / "flight.mcap", bags[0], seconds=25.0, without=[IMAGES])
+    for bag in bags[1:]:
+        os.link(bags[0], bag)
+    folder = tmp_path / "season"
+    code = "from tirgeo_ros.tools.cli.main import console; console()"
+    flights = [*map(str, bags), "-o", str(folder), "--scheduler", address]
+    command = python_command(code, "process", *flights, *words, "--json")
+    killed = None
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as running:
+        end_s = time.monotonic() + LIMIT_S
+        while killed is None:
+            assert time.monotonic() < end_s
+            assert running.poll() is None
+            for child in written_by(folder):
+                killed = parent_of(child)
+                os.kill(killed, signal.SIGKILL)
+                break
+            time.sleep(0.005)
+        told, _ = running.communicate(timeout=LIMIT_S)
+    assert running.returncode == 0
+    assert killed in {worker.pid for worker in workers}
+    assert [worker.poll() for worker in workers if worker.pid == killed] == [-signal.SIGKILL]
+    assert json.loads(told)["processed"] == len(bags)
+    process(bags[0], tmp_path / "alone.mcap", params=sample / "params.yaml", images=False)
+    alone = (tmp_path / "alone.mcap").read_bytes()
+    for bag in bags:
+        assert (folder / bag.name).read_bytes() == alone
+    expected = {"index.html", *(f"{n}.{e}" for n in "abcd" for e in ("mcap", "json"))}
+    assert {path.name for path in folder.iterdir()} == expected
+
+
+@pytest.mark.slow
+def test_workers_of_another_version_are_refused(
+    cluster, run, flights, tmp_path, monkeypatch, capsys
+):
+    """Before a flight begins; the worker that is left has the version of this tree."""
+    monkeypatch.setattr(dask_workers, "__version__", "99.0")
+    assert run(flights, tmp_path / "out", "--scheduler", cluster[0]) == 1
+    told = capsys.readouterr().err
+    assert re.search(r"worker tcp://\S+: has tirgeo \d+\.\S+, another version than here", told)
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["index.html"]
+
+
+def test_a_worker_that_does_not_see_the_folder_is_refused(tmp_path):
+    class Elsewhere:
+        """A cluster whose worker has a file system of its own."""
+
+        def wait_for_workers(self, number, timeout):
+            pass
+
+        def run(self, function, folder, on_error):
+            assert on_error == "return"
+            return {"tcp://10.0.0.9:1": function(folder)}
+
+    with pytest.raises(
+        dask_workers.ManyFlightsError, match=r"10.0.0.9:1 does not see .*all workers"
+    ):
+        dask_workers._check(Elsewhere(), str(tmp_path))
+
+
+def test_a_worker_of_another_version_that_came_later_begins_nothing(tmp_path):
+    task = dask_workers.FlightTask("a", "a", str(tmp_path), ".", {}, "", {"version": "99.0"})
+    with pytest.raises(dask_workers.ManyFlightsError, match="another version"):
+        dask_workers.run_on_worker(task)
+
+
+@pytest.mark.parametrize("noticed", [False, True])
+def test_a_scheduler_that_is_lost_is_told_in_one_line(tmp_path, monkeypatch, noticed):
+    """The client cancels all flights as soon as it has noticed; before, each request fails."""
+
+    def lost(*_):
+        raise ConnectionResetError(104, "Connection reset by peer")
+
+    cancelled = Future()
+    cancelled.cancel()
+    client = SimpleNamespace(
+        wait_for_workers=lambda *_, **__: None,
+        run=lambda *_, **__: {},
+        submit=lambda *_, **__: cancelled,
+        processing=dict if noticed else lost,
+        cancel=lost,
+        status="connecting",
+    )
+    monkeypatch.setattr(dask_workers, "_client", lambda _: nullcontext(client))
+    monkeypatch.setattr(dask_workers, "_SHOW_S", 0.0)
+    task = dask_workers.FlightTask("a", "a", str(tmp_path), ".", {}, "", {})
+    running = dask_workers.run_on_cluster([task], "tcp://10.0.0.9:8786", FlightProgress(1))
+    told = "--scheduler tcp://10.0.0.9:8786: the connection to it is lost; .* run the same command"
+    with pytest.raises(dask_workers.ManyFlightsError, match=told):
+        next(running)
+    assert not list(tmp_path.iterdir())  # no flight has failed
+
+
+def test_no_address_of_a_scheduler(run, flights, tmp_path, capsys):
+    assert run(flights, tmp_path / "out", "--scheduler", "nonsense") == 1
+    assert "--scheduler nonsense: no address, as tcp://192.168.1.5:8786" in capsys.readouterr().err
+
+
+def test_without_the_package_one_line_says_what_to_install(
+    run, flights, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    assert run(flights, tmp_path / "out", "--scheduler", "tcp://127.0.0.1:8786") == 1
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    assert "package distributed is missing" in told
+    assert "pip install distributed" in told

@@ -1,0 +1,290 @@
+"""Records and names of flights: what is read, what is processed anew, what is kept."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import replace
+from datetime import datetime, timezone
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from process_bags import messages_of, rewritten
+from pyproj import Geod
+
+from tirgeo_ros.io import messages as convert
+from tirgeo_ros.io.bags.bag import BagReader
+from tirgeo_ros.tools.many_flights import flight_record
+from tirgeo_ros.tools.many_flights.flight_facts import flight_facts
+from tirgeo_ros.tools.many_flights.flight_record import (
+    FlightTask,
+    bag_stamps,
+    digests_of,
+    is_done,
+    made_from,
+    read_records,
+    record_of,
+    written_record,
+)
+from tirgeo_ros.tools.many_flights.many_flights import flight_names
+from tirgeo_ros.tools.replay.process import process
+
+
+@pytest.fixture
+def made(tmp_path):
+    """A flight with its parameter file, processed: a function of its task, and the record."""
+    bag, params = tmp_path / "flight.mcap", tmp_path / "params.yaml"
+    bag.write_bytes(b"bag")
+    params.write_text("a: 1")
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "flight.mcap").write_bytes(b"output")
+
+    def task(**options):
+        digests = digests_of([params, tmp_path / "no"])
+        source = made_from(bag_stamps(bag), {"method": None} | options, digests)
+        here = str(tmp_path)
+        return FlightTask("flight", str(bag), str(out), here, options, "", source)
+
+    found = {"output": "out/flight.mcap", "error": None, "speed": float("nan")}
+    season = {"outputs": {"flight.mcap": 6}, "facts": {"begin_utc": "2026-05-01T10:00:00Z"}}
+    written_record(task(), found | {"season": season}, 1)
+    return task, read_records(out)["flight"]
+
+
+def test_a_record_comes_back(made, tmp_path):
+    task, record = made
+    assert is_done(record, task())
+    assert record["speed"] is None
+    assert record["season"]["bag"] == str(tmp_path / "flight.mcap")
+    assert record["season"]["facts"] == {"begin_utc": "2026-05-01T10:00:00Z"}
+
+
+def changed_flight(folder):
+    (folder / "flight.mcap").write_bytes(b"BAG")
+    os.utime(folder / "flight.mcap", ns=(5, 5))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        changed_flight,
+        lambda folder: (folder / "params.yaml").write_text("a: 2"),
+        lambda folder: (folder / "no").write_text("the map is there now"),
+        lambda folder: (folder / "out/flight.mcap").write_bytes(b"cut"),
+        lambda folder: (folder / "out/flight.mcap").unlink(),
+    ],
+    ids=["flight", "parameters", "new file", "output", "no output"],
+)
+def test_a_change_makes_it_anew(made, tmp_path, change):
+    task, record = made
+    change(tmp_path)
+    assert not is_done(record, task())
+
+
+def test_another_option_or_version_makes_it_anew(made, monkeypatch):
+    task, record = made
+    assert not is_done(record, task(method="rtk"))
+    monkeypatch.setattr(flight_record, "__version__", "99.0")
+    assert not is_done(record, task())
+
+
+def test_a_file_that_was_only_touched_is_the_same(made, tmp_path):
+    task, record = made
+    os.utime(tmp_path / "params.yaml", ns=(5, 5))
+    assert is_done(record, task())
+
+
+def test_a_failed_flight_is_tried_again(made):
+    task, _ = made
+    assert not is_done(record_of(task(), {"error": "no space"}, 1), task())
+    assert not is_done(None, task())
+
+
+def test_other_files_are_passed_over(made, tmp_path):
+    season = '{"season": {"name": "x"}}'
+    for text in ("", "{", "[]", "3", "{}", '{"season": {}}', season, "[" * 99999):
+        (tmp_path / "out/other.json").write_text(text)
+        assert list(read_records(tmp_path / "out")) == ["flight"]
+
+
+def test_each_needed_part_of_a_record_is_looked_for(made, tmp_path):
+    _, record = made
+    for key in ("name", "bag", "made_from", "outputs", "facts"):
+        cut = record | {"season": {k: v for k, v in record["season"].items() if k != key}}
+        (tmp_path / "out/cut.json").write_text(json.dumps(cut))
+        assert list(read_records(tmp_path / "out")) == ["flight"]
+
+
+def test_stamps_of_a_folder_are_those_of_its_bag(tmp_path):
+    for name in ("rec_0.mcap", "rec_1.mcap", "notes.txt"):
+        (tmp_path / name).write_bytes(b"x")
+    assert [name for name, _, _ in bag_stamps(tmp_path)] == ["rec_0.mcap", "rec_1.mcap"]
+    assert bag_stamps(tmp_path / "absent.mcap") == [["absent.mcap", None, None]]
+
+
+def test_a_record_that_cannot_be_written_is_an_error_of_its_flight(made, tmp_path):
+    task, _ = made
+    (tmp_path / "out/flight.json").unlink()
+    (tmp_path / "out/flight.json").mkdir()
+    record = written_record(task(), {"output": "out/flight.mcap", "error": None}, 1)
+    assert (
+        record["error"] == f"{tmp_path}/out/flight.json: not a file; give the output another name"
+    )
+    assert written_record(task(), {"error": "worse"}, 1)["error"] == "worse"
+
+
+def test_a_name_too_long_for_the_file_system_is_an_error_of_its_flight(made):
+    task = replace(made[0](), name="n" * 255)
+    record = written_record(task, {"output": None, "error": None}, 1)
+    assert record["error"].endswith(".json: cannot be written: File name too long")
+
+
+def test_facts_of_a_flight(season, flights):
+    """The medians of the positions' sigmas are those of the odometry, which has ten times more."""
+    folder, _, records = season
+    facts = records["east_flight"]["season"]["facts"]
+    begin = datetime.fromtimestamp(BagReader(flights[0]).span_ns[0] // 10**9, timezone.utc)
+    assert facts["begin_utc"] == begin.isoformat().replace("+00:00", "Z")
+    odometry = [m for _, m in messages_of(folder / "east_flight.mcap", "/tirgeo/odometry")]
+    variances = [np.reshape(m.pose.covariance, (6, 6)).diagonal() for m in odometry]
+    level_m, up_m = np.median(
+        [(np.sqrt(east + north), np.sqrt(up)) for east, north, up, *_ in variances], axis=0
+    )
+    # Sigmas fall by some per cent from one fix to the next: the tenths have nearly their median.
+    assert facts["horizontal_sigma_m"] == pytest.approx(level_m, rel=0.05)
+    assert facts["vertical_sigma_m"] == pytest.approx(up_m, rel=0.05)
+    places = [m for _, m in messages_of(folder / "east_flight.mcap", "/tirgeo/fix")]
+    assert len(facts["track_deg"]) == len(places)  # fewer than 200
+    assert facts["track_deg"][-1] == pytest.approx(
+        [places[-1].latitude, places[-1].longitude], abs=1e-7
+    )  # seven digits
+
+
+def test_the_distance_is_that_over_the_ground(season):
+    folder, _, records = season
+    fixes = [m for _, m in messages_of(folder / "east_flight.mcap", "/tirgeo/fix")]
+    begin_ns = convert.stamp_ns(fixes[0])
+    seconds = {(convert.stamp_ns(m) - begin_ns) // 10**9: m for m in reversed(fixes)}
+    chosen = [seconds[key] for key in sorted(seconds)]
+    length_m = Geod(ellps="WGS84").line_length(
+        [m.longitude for m in chosen], [m.latitude for m in chosen]
+    )
+    # By chords at height zero: of some metres the geodesics differ by far less than a millimetre.
+    assert records["east_flight"]["season"]["facts"]["distance_m"] == pytest.approx(
+        length_m, abs=1e-3
+    )
+
+
+def test_heading_and_innovations_are_those_of_the_diagnostics(season):
+    folder, _, records = season
+    found = [
+        convert.navigation_status(item)
+        for _, array in messages_of(folder / "east_flight.mcap", "/diagnostics")
+        for item in array.status
+        if item.name == "/ekf_node: navigation"
+    ]
+    facts = records["east_flight"]["season"]["facts"]
+    sigmas_deg = np.degrees([one.heading_sigma_rad for one in found])
+    assert facts["heading_sigma_deg"] == pytest.approx(np.nanmedian(sigmas_deg))
+    for source in ("rtk_position", "gps_position"):
+        ratios = [one.test_ratios.get(source, 0.0) for one in found]
+        assert facts["test_ratios"][source] == max(ratios)
+
+
+@pytest.mark.slow
+def test_the_small_picture_is_one_of_the_overlays(sample, tmp_path):
+    """And the means of NIS are of all that the diagnostics have; with a namespace."""
+    flight = rewritten(
+        sample / "flight.mcap",
+        tmp_path / "flight.mcap",
+        lambda item: (f"/uav1{item.topic}", item.data),
+        seconds=9.0,
+    )
+    out = tmp_path / "out.mcap"
+    given = {"params": sample / "params.yaml", "map": sample / "map.geojson"}
+    process(flight, out, namespace="uav1", **given)
+    facts, jpeg = flight_facts(out, "uav1", 9.0)
+    small = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+    assert small.shape == (256, 320, 3)
+    pictures = [
+        cv2.resize(cv2.imdecode(np.frombuffer(bytes(m.data), np.uint8), 1), (320, 256), 0, 0, 0, 3)
+        for _, m in messages_of(out, "/uav1/tirgeo/overlay/image/compressed")
+    ]
+    errors = [np.abs(one.astype(float) - small).mean() for one in pictures]
+    assert abs(np.argmin(errors) - len(pictures) / 2) <= 5  # in the middle; the first are late
+    assert facts["nis"].keys() >= {"rtk_position", "rtk_velocity", "rtk_heading"}
+    found = [
+        convert.navigation_status(item).nis.get("rtk_position")
+        for _, array in messages_of(out, "/diagnostics")
+        for item in array.status
+        if item.name == "/uav1/ekf_node: navigation"
+    ]
+    known = [nis for nis in found if nis is not None]
+    assert facts["nis"]["rtk_position"] == pytest.approx(np.mean(known))
+
+
+def record(bag, stamps=()):
+    return {"season": {"bag": str(bag), "made_from": {"flight": list(stamps)}}}
+
+
+def stamps_of(path):
+    return [[Path(path).name, 100, hash(path)]]
+
+
+def named(*paths, records=None):
+    flights = {Path(path): stamps_of(path) for path in paths}
+    names = flight_names(flights, records or {})
+    return [names[Path(path)] for path in paths]
+
+
+@pytest.mark.parametrize(
+    ("paths", "names"),
+    [
+        (["/a/one.mcap", "/a/two.db3"], ["one", "two"]),
+        (["/a/rosbag2_2026.05", "/a/x.mcap.zstd"], ["rosbag2_2026.05", "x"]),
+        (["/a/may/metadata.yaml"], ["may"]),
+        (["/a/flight.mcap", "/b/flight.mcap", "/b/c.mcap"], ["a_flight", "b_flight", "c"]),
+        (["/x/a/f.mcap", "/y/a/f.mcap", "/y/b/f.mcap"], ["x_a_f", "y_a_f", "b_f"]),
+        (["/a/f.mcap", "/a/f.db3"], ["a_f", "a_f-2"]),
+        (["/a/b_c.mcap", "/a_b/c.mcap", "/q/c.mcap", "/q/b_c.mcap"],
+         ["a_b_c", "a_b_c-2", "q_c", "q_b_c"]),
+    ],
+)  # fmt: skip
+def test_names(paths, names):
+    assert named(*paths) == names
+    assert len(set(names)) == len(names)
+
+
+def test_a_flight_keeps_its_name_and_no_other_gets_it():
+    records = {"flight": record("/a/flight.mcap", stamps_of("/a/flight.mcap"))}
+    assert named("/a/flight.mcap", "/b/flight.mcap", records=records) == ["flight", "b_flight"]
+    assert named("/b/flight.mcap", records=records) == ["b_flight"]
+
+
+def test_a_flight_that_was_moved_keeps_its_name_and_its_copy_gets_another():
+    """Known by its files' names, sizes and times of change."""
+    stamps = stamps_of("/old/flight.mcap")
+    records = {"may": record("/old/flight.mcap", stamps)}
+    moved, copy = Path("/new/flight.mcap"), Path("/copy/flight.mcap")
+    assert flight_names({moved: stamps}, records) == {moved: "may"}
+    assert flight_names({moved: stamps, copy: stamps}, records) == {moved: "may", copy: "flight"}
+
+
+def test_an_absent_flight_is_no_other_absent_one():
+    nothing = [["flight.mcap", None, None]]
+    records = {"flight": record("/old/flight.mcap", nothing)}
+    path = Path("/new/flight.mcap")
+    assert flight_names({path: nothing}, records) == {path: "new_flight"}
+
+
+def test_a_link_has_its_own_name_and_keeps_it_where_it_leads_elsewhere(tmp_path):
+    link = tmp_path / "may.mcap"
+    link.symlink_to(tmp_path / "disk_1.mcap")
+    assert flight_names({link: stamps_of(link)}, {}) == {link: "may"}
+    records = {"spring": record(link)}
+    link.unlink()
+    link.symlink_to(tmp_path / "disk_2.mcap")
+    assert flight_names({link: stamps_of(link)}, records) == {link: "spring"}

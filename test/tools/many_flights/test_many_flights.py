@@ -1,0 +1,237 @@
+"""tirgeo process over many flights: bytes, what is kept, what fails, what it says at its end."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import signal
+import subprocess
+import time
+
+import pytest
+from process_bags import rewritten
+
+from tirgeo_ros.io.files.child_process import python_command
+from tirgeo_ros.tools.cli import main as command
+from tirgeo_ros.tools.many_flights.flight_record import FlightTask
+from tirgeo_ros.tools.many_flights.local_workers import FlightProgress
+from tirgeo_ros.tools.many_flights.many_flights import flights_summary, only_run, summary_lines
+from tirgeo_ros.tools.presentation.progress import Progress
+from tirgeo_ros.tools.replay.process import process
+
+NAMES = ["east_flight", "west_flight"]
+#: A limit, not a wait.
+LIMIT_S = 120.0
+
+
+def parts(folder):
+    return [path.name for path in folder.iterdir() if path.name.startswith(".")]
+
+
+def test_each_flight_has_the_bytes_that_it_has_alone(season, flights, sample, tmp_path):
+    folder, _, _ = season
+    for name, bag in zip(NAMES, flights, strict=True):
+        process(bag, tmp_path / "alone.mcap", params=sample / "params.yaml", images=False)
+        assert (folder / f"{name}.mcap").read_bytes() == (tmp_path / "alone.mcap").read_bytes()
+
+
+def test_a_broken_flight_has_its_line_and_stops_nothing(season, broken):
+    folder, code, records = season
+    assert code == 1
+    assert sorted(records) == ["broken", *NAMES]
+    assert records["broken"]["error"].startswith(f"{broken}: ")
+    assert records["broken"]["output"] is None
+    assert [records[name]["error"] for name in NAMES] == [None, None]
+    assert sorted(path.name for path in folder.iterdir()) == sorted(
+        ["index.html", "broken.json", *(f"{n}{e}" for n in NAMES for e in (".json", ".mcap"))]
+    )
+
+
+def test_links_in_a_loop_and_pipes_fail_alone(flights, run, tmp_path, capsys):
+    """Among flights and in the season's folder; a pipe that nobody writes to has no end."""
+    loops, pipe, folder = [tmp_path / name for name in "ab"], tmp_path / "d.json", tmp_path / "out"
+    for one, other in zip(loops, reversed(loops), strict=True):
+        one.symlink_to(other)
+    folder.mkdir()
+    west = f"{flights[1].parent.name}_{flights[1].stem}"
+    for name in ("stray.json", f"{west}.json", f"{west}.jpg"):
+        os.mkfifo(folder / name)
+    os.mkfifo(pipe)
+    assert run([*flights, *loops, pipe], folder, "--json") == 1
+    result = json.loads(capsys.readouterr().out)
+    errors = {one["input"]: one["error"] for one in result["flights"]}
+    assert errors.pop(str(flights[0])) is None
+    assert "not a file" in errors.pop(str(flights[1]))
+    assert [errors[str(one)].partition(": ")[2] for one in (*loops, pipe)] == [
+        *["cannot be read: Too many levels of symbolic links"] * 2,
+        "is no file: a pipe or a device cannot be read as a bag",
+    ]
+
+
+def test_what_is_done_is_kept(season, flights, run, capsys):
+    folder, _, _ = season
+    before = {path: path.stat().st_mtime_ns for path in folder.glob("*.mcap")}
+    assert run(flights, folder, "--json") == 0
+    result = json.loads(capsys.readouterr().out)
+    assert (result["kept"], result["processed"], result["error"]) == (2, 0, None)
+    assert {path: path.stat().st_mtime_ns for path in folder.glob("*.mcap")} == before
+    page = (folder / "index.html").read_text()
+    assert all(name in page for name in [*NAMES, "broken"])  # of earlier runs too
+
+
+def test_a_folder_is_one_runs(season, flights, run, capsys):
+    folder, _, _ = season
+    with only_run(folder):
+        assert run(flights, folder) == 1
+    assert "another tirgeo process works in this folder" in capsys.readouterr().err
+    assert parts(folder) == []
+
+
+def test_an_output_in_the_place_of_an_input_is_refused(flights, run, capsys):
+    assert run(flights[:1], flights[0].parent) == 1
+    assert "would overwrite the input" in capsys.readouterr().err
+    assert [path.name for path in flights[0].parent.iterdir()] == ["flight.mcap"]
+
+
+def test_wrong_parameters_are_said_once(flights, tmp_path, capsys):
+    wrong = tmp_path / "wrong.yaml"
+    wrong.write_text("ekf_node: {ros__parameters: {metod: ekf}}")
+    argv = ["process", *map(str, flights), "-o", str(tmp_path / "out"), "--params", str(wrong)]
+    assert command.main(argv) == 1
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    assert "unknown parameter metod" in told
+
+
+@pytest.mark.slow
+def test_pictures_and_videos_have_the_bytes_that_they_have_alone(sample, tmp_path, capsys):
+    bags = [
+        rewritten(sample / "flight.mcap", tmp_path / f"{name}.mcap", seconds=seconds)
+        for name, seconds in (("long", 4.0), ("short", 3.0))
+    ]
+    given = {"params": sample / "params.yaml", "map": sample / "map.geojson"}
+    options = [word for name, path in given.items() for word in (f"--{name}", str(path))]
+    folder = tmp_path / "season"
+    assert command.main(["process", *map(str, bags), "-o", str(folder), "--video", *options]) == 0
+    for bag in bags:
+        alone = tmp_path / f"alone_{bag.name}"
+        process(bag, alone, video=alone.with_suffix(".mp4"), **given)
+        for path in (alone, alone.with_suffix(".mp4")):
+            made = folder / path.name.removeprefix("alone_")
+            assert made.read_bytes() == path.read_bytes()
+    # Without videos the same flights are others' results: they are made anew.
+    argv = ["process", *map(str, bags), "-o", str(folder), "--json", *options]
+    capsys.readouterr()
+    assert command.main(argv) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["processed"] == 2
+    (folder / "long.mcap").write_bytes(b"cut")  # an output that is no longer complete
+    assert command.main(argv) == 0
+    kept = {one["name"]: one["kept"] for one in json.loads(capsys.readouterr().out)["flights"]}
+    assert kept == {"long": False, "short": True}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_an_end_leaves_what_is_done_and_nothing_unfinished(sample, words, tmp_path, number):
+    """The second flight is in work when the command is ended."""
+    bags = [tmp_path / name for name in ("first.mcap", "second.mcap")]
+    rewritten(sample / "flight.mcap", bags[0], seconds=3.0)
+    os.link(sample / "flight.mcap", bags[1])
+    folder = tmp_path / "season"
+    code = "from tirgeo_ros.tools.cli.main import console; console()"
+    flights = [*map(str, bags), "-o", str(folder), "--workers", "1"]
+    argv = python_command(code, "process", *flights, *words)
+    with subprocess.Popen(argv, stderr=subprocess.PIPE, text=True) as running:
+        end_s = time.monotonic() + LIMIT_S
+        # Not before its first chunk is written: it is well in work then.
+        while not any(one.stat().st_size for one in folder.glob(".second.mcap.*.part")):
+            assert time.monotonic() < end_s
+            assert running.poll() is None
+            time.sleep(0.01)
+        running.send_signal(number)
+        code = running.wait(LIMIT_S)
+    assert code == {signal.SIGINT: 130, signal.SIGTERM: 143}.get(number, -number)
+    while list(folder.glob(".*.part")):  # of a killed command the kernel tells the child
+        assert time.monotonic() < end_s
+        time.sleep(0.01)
+    assert (folder / "first.mcap").exists()
+    assert (folder / "first.json").exists()
+    assert not (folder / "second.mcap").exists()
+    if number != signal.SIGKILL:
+        assert parts(folder) == []
+        assert "first" in (folder / "index.html").read_text()
+
+
+def task(name):
+    return FlightTask(name, f"{name}.mcap", "out", ".", {}, "", {})
+
+
+def record(name, *, output=True, error=None, attempts=1):
+    found = {"output": f"out/{name}.mcap", "duration_s": 60.0, "elapsed_s": 4.0} if output else {}
+    return {"output": None, "error": error, "season": {"attempts": attempts}} | found
+
+
+def test_the_summary_counts_each_flight_once():
+    records = {
+        "a": record("a"),
+        "b": record("b", attempts=2),
+        "c": record("c"),
+        "d": record("d", error="d.mcap: cut off"),
+        "e": record("e", output=False, error="e.mcap: no bag"),
+    }
+    found = flights_summary([task(name) for name in records], ["c"], records)
+    counts = {name: found[name] for name in ("processed", "kept", "in_part", "failed")}
+    assert counts == {"processed": 2, "kept": 1, "in_part": 1, "failed": 1}
+    assert found["error"] == "2 of 5 flights have an error: d, e"
+    assert [one["attempts"] for one in found["flights"]] == [1, 2, 1, 1, 1]
+    told = "2 processed, 1 already done, 1 in part, 1 failed"
+    lines = summary_lines(found | {"elapsed_s": 12.0, "page": "out/index.html"}).splitlines()
+    assert lines == [
+        f"  flights  5: {told}; 180 s of flight in 12.0 s",
+        "! d        d.mcap: cut off",
+        "! e        e.mcap: no bag",
+        "  page     out/index.html",
+    ]
+
+
+def test_of_many_errors_the_first_are_named():
+    names = "abcdef"
+    records = {name: record(name, output=False, error="x") for name in names}
+    found = flights_summary([task(name) for name in names], [], records)
+    assert found["error"] == "6 of 6 flights have an error: a, b, c and 3 more"
+    good = flights_summary([task("a")], [], {"a": record("a")})
+    assert good["error"] is None
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def test_the_bar_has_all_flights_and_names_those_in_work():
+    times = iter([0.0, 10.0, 20.0])
+    terminal = Terminal()
+    bar = Progress("processing", "flights", stream=terminal, clock=lambda: next(times))
+    board = FlightProgress(8, bar)
+    for name in ("one", "two"):
+        board.done(name)
+    for name in ("four", "three"):
+        board.part(name, 0.5)
+    board.show()
+    assert "four, three [#######" in terminal.getvalue()
+    assert "3.00 of 8.00 flights" in terminal.getvalue()
+    board.in_work("abcde")
+    board.show()
+    assert "a, b, c and 2 more [#####" in terminal.getvalue()
+
+
+def test_a_board_without_a_bar_reports_numbers():
+    told = []
+    board = FlightProgress(2, lambda *amounts: told.append(amounts))
+    board.part("a", 0.25)
+    board.show()
+    board.done("a")
+    board.show()
+    assert told == [(0.25, 2), (1, 2)]

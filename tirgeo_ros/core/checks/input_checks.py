@@ -1,0 +1,217 @@
+"""Check what a flight is given before its samples are read: topics, parameters, calibration.
+
+The topics are those of a recording or of a running graph: absent, of another type or name.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.checks.finding_table import finding
+from tirgeo_ros.core.types.finding import Finding, Severity
+from tirgeo_ros.core.types.verdicts import NavigationStatus
+
+_PICTURES = ("thermal/image_raw", "thermal/image_raw/compressed")
+_GIMBAL = ("gimbal/joint_states", "gimbal/attitude")
+_CAMERA_INFO = "thermal/camera_info"
+_POSITIONS = ("rtk/fix", "gps/fix")
+_UNREADABLE_SHARE = 0.01
+#: Parameters that give the ground's height but do not describe the aircraft.
+_GROUND = ("ground_height_m", "dem")
+#: Largest offset of the principal point, in picture widths: no lens is mounted further off.
+_ASIDE = 0.1
+_NARROWEST_DEG, _WIDEST_DEG = 5.0, 120.0
+
+
+@dataclass(frozen=True)
+class RecordedTopics:
+    """Hold the topics of a bag or a graph, and those that it should have."""
+
+    topics: Mapping[str, str]  # name to type, of the bag or the graph
+    contract: Mapping[str, str]  # topic to type, of the inputs, without a namespace
+    namespace: str = ""
+    has_camera: bool = False  # whether a calibration replaces thermal/camera_info
+    wants_pictures: bool = True  # whether something may be drawn
+    live: bool = False  # whether it is a graph, not a bag
+
+    def name(self, topic: str) -> str:
+        """Return the full name of an input topic."""
+        space = self.namespace.strip("/")
+        return f"/{space}/{topic}" if space else f"/{topic}"
+
+    @property
+    def there(self) -> set[str]:
+        """Return the input topics that are present with the right type."""
+        names = self.contract.items()
+        return {topic for topic, kind in names if self.topics.get(self.name(topic)) == kind}
+
+    def elsewhere(self, wanted: Sequence[str]) -> list[tuple[str, str]]:
+        """Return ``wanted`` input topics with the names that they have in other namespaces."""
+        return [
+            (topic, name)
+            for name, kind in self.topics.items()
+            for topic in wanted
+            if name.endswith(f"/{topic}") and kind == self.contract[topic]
+            if name != self.name(topic)
+        ]
+
+
+def recording_findings(recording: RecordedTopics) -> list[Finding]:
+    """Return what is wrong with a recording's or a graph's topics."""
+    contract = list(recording.contract)
+    others = recording.elsewhere(contract)
+    if others and not any(recording.name(topic) in recording.topics for topic in contract):
+        spaces = [name.rsplit("/", topic.count("/") + 1)[0] for topic, name in others]
+        space = max(spaces, key=spaces.count).strip("/")
+        texts = {"name": recording.name(""), "space": space, "option": space or "/"}
+        return [finding("namespace", **texts, others=len(others))]  # all others follow from it
+    needed: list[tuple[str, ...]] = [("imu/data",), _POSITIONS]
+    if recording.there.intersection(_PICTURES):
+        needed += [_GIMBAL] if recording.has_camera else [_GIMBAL, (_CAMERA_INFO,)]
+    findings = needed_findings(recording, needed)
+    if not recording.wants_pictures:  # poses of the body are made without gimbal and lens
+        return [_poses_only(each) for each in findings]
+    topics = {*recording.there, *(each.parameter for each in findings)}
+    return findings if topics.intersection(_PICTURES) else [*findings, _no_pictures(recording)]
+
+
+def _no_pictures(recording: RecordedTopics) -> Finding:
+    """Return that a flight was recorded without pictures, or has them under another name."""
+    kinds = {recording.contract[topic] for topic in _PICTURES}
+    near = [name for name, kind in recording.topics.items() if kind in kinds]
+    names = " nor ".join(map(recording.name, _PICTURES))
+    return finding("no_pictures", "near" if near else "", names=names, hint=_hint(near))
+
+
+def _hint(near: Sequence[str]) -> str:
+    return f" (there is {', '.join(near)})" if near else ""
+
+
+def _poses_only(absent: Finding) -> Finding:
+    """Return a finding that is a caution if what it lacks is for pictures alone."""
+    lacks = set(absent.parameter.split(" or ")).intersection((*_GIMBAL, _CAMERA_INFO))
+    return replace(absent, severity=min(absent.severity, Severity.CAUTION)) if lacks else absent
+
+
+def needed_findings(recording: RecordedTopics, needed: Sequence[Sequence[str]]) -> list[Finding]:
+    """Return topics of wrong type, and groups of ``needed`` topics of which none is there."""
+    missed = [topics for topics in needed if not recording.there.intersection(topics)]
+    findings = []
+    for topic, wanted in recording.contract.items():
+        name = recording.name(topic)
+        kind = recording.topics.get(name, wanted)
+        if kind != wanted:
+            case = "needed" if any(topic in topics for topics in missed) else ""
+            texts = {"name": name, "kind": kind or "message of no type", "wanted": wanted}
+            findings.append(finding("type_of_{topic}", case, topic=topic, **texts))
+    wrong = {each.parameter for each in findings}
+    absent = [_absent(recording, topics) for topics in missed if not wrong.intersection(topics)]
+    return [*findings, *absent]
+
+
+def _absent(recording: RecordedTopics, topics: Sequence[str]) -> Finding:
+    near = [name for _, name in recording.elsewhere(topics)]
+    names = f"{'neither' if len(topics) > 1 else 'no'} {' nor '.join(map(recording.name, topics))}"
+    remap = ", or remap it" if recording.live else ", or give --namespace or a remapping"
+    option = "the parameter camera" if recording.live else "--camera"
+    has_file = _CAMERA_INFO in topics
+    return finding(
+        "no_{topic}",
+        "graph" if recording.live else "",
+        topic=topics[0],
+        topics=" or ".join(topics),
+        names=names,
+        hint=_hint(near),
+        remap=remap if near else "",
+        calibration=f", or give its calibration with {option}" if has_file else "",
+    )
+
+
+def damage_findings(damage: str | None) -> list[Finding]:
+    """Return what could not be read of a bag; ``damage`` is None if all was read."""
+    return [] if damage is None else [finding("damaged_bag", damage=damage)]
+
+
+def unreadable_findings(
+    read: Mapping[str, int], refused: Mapping[str, int], reasons: Mapping[str, str]
+) -> list[Finding]:
+    """Return the topics with many unusable messages, with the newest reason.
+
+    ``read`` and ``refused`` are numbers of messages by topic. A few may be lost on a link.
+    """
+    findings = []
+    for topic, number in refused.items():
+        total = number + read.get(topic, 0)
+        if number < max(_UNREADABLE_SHARE * total, 2) and number < total:
+            continue
+        numbers = {"refused": number, "messages": total}
+        case, reason = "some" if read.get(topic) else "", reasons[topic]
+        findings.append(finding("unreadable_{topic}", case, topic=topic, reason=reason, **numbers))
+    return findings
+
+
+def no_pose_findings(status: NavigationStatus) -> list[Finding]:
+    """Return the finding that a whole flight gave no pose."""
+    state = f"{status.state.value}{': ' if status.reason else ''}{status.reason}"
+    return [finding("no_pose", state=state, method=status.method)]
+
+
+def parameter_findings(
+    explicit: Collection[str],
+    unused: Sequence[str],
+    namespace: str,
+    *,
+    pictures: bool,
+    option: str = "--params",
+) -> list[Finding]:
+    """Return what is wrong with the parameters that were set explicitly.
+
+    ``unused`` are sections for nodes that do not run. ``pictures`` is whether the flight has
+    pictures or a gimbal. ``option`` is the option that names parameter files.
+    """
+    findings = []
+    if unused:
+        where = f"/{namespace.strip('/')}" if namespace.strip("/") else "no namespace"
+        texts = {"where": where, "sections": ", ".join(unused), "option": option}
+        findings.append(finding("parameters_elsewhere", **texts))
+    if pictures and set(explicit) <= {"camera", "method", *_GROUND}:
+        has_ground = any(name in explicit for name in _GROUND)
+        ground = "" if has_ground else ", no height of the ground"
+        findings.append(finding("no_parameters", ground=ground, option=option))
+    return findings
+
+
+def size_fault(camera: Camera, width: int, height: int) -> str:
+    """Return why a calibration does not fit a picture's size; empty if the sizes are equal."""
+    if (camera.width, camera.height) == (width, height):
+        return ""
+    size = f"{camera.width}x{camera.height}"
+    return f"the calibration is of {size} pixels and the pictures have {width}x{height}"
+
+
+def lens_findings(camera: Camera, lens: str, size: tuple[int, int] | None = None) -> list[Finding]:
+    """Return what is wrong with a calibration for pictures of a ``size`` (width, height) if known.
+
+    ``lens`` names its source.
+    """
+    findings = []
+    lens_size = f"{camera.width}x{camera.height}"
+    if size is not None and size != (camera.width, camera.height):
+        texts = {"size": f"{size[0]}x{size[1]}", "lens_size": lens_size, "lens": lens}
+        findings.append(finding("picture_size", **texts))
+    right, down = camera.cx - (camera.width - 1) / 2, camera.cy - (camera.height - 1) / 2
+    aside_px = math.hypot(right, down)
+    if aside_px > _ASIDE * camera.width:
+        numbers = {"cx": camera.cx, "cy": camera.cy, "share": aside_px / camera.width}
+        findings.append(
+            finding(
+                "principal_point", **numbers, aside_px=aside_px, lens_size=lens_size, lens=lens
+            )
+        )
+    view_deg = 2 * math.degrees(math.atan(camera.width / 2 / camera.fx))
+    if not _NARROWEST_DEG <= view_deg <= _WIDEST_DEG:
+        findings.append(finding("field_of_view", view_deg=view_deg, focal_px=camera.fx, lens=lens))
+    return findings

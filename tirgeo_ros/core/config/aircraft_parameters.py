@@ -1,0 +1,159 @@
+"""Define the places of antennas, gimbal and camera on the aircraft, the same for every node.
+
+The user measures them with a tape from any one point of the aircraft, in ROS's axes
+(``base_link``: forward, left, up). The properties are relative to the IMU, the origin of
+``base_link``, in the core's axes.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from tirgeo_ros.core.config.schema import param
+from tirgeo_ros.core.frames.axes import flu_from_frd
+from tirgeo_ros.core.frames.rotations import azimuth, matrix_from_euler
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.errors import ConfigError
+from tirgeo_ros.core.types.measurements import Source
+
+_NOWHERE = (0.0, 0.0, 0.0)
+_PLACE = ("m", -1e3, 1e3)
+#: Least horizontal distance of two antennas that make a baseline: a tape's error of 1 cm turns one
+#: of 5 cm by 11 deg.
+_LEAST_APART_M = 0.05
+#: Least horizontal share of a baseline's length (75 deg of tilt).
+_LEAST_HORIZONTAL = 0.25
+#: Sigma of an antenna's place that nobody has measured: above the IMU. Every tilt shows that; on
+#: the other axes a few turns cannot tell a lever arm from an error of the clock.
+_UNMEASURED_M = (0.0, 0.0, 0.3)
+_GPS = (Source.GPS_POSITION, Source.GPS_VELOCITY)
+
+
+@dataclass(frozen=True, slots=True)
+class AircraftConfig:
+    """Places of IMU, antennas, gimbal and camera on the aircraft, given once for all nodes."""
+
+    imu_m: tuple[float, ...] = param(
+        _NOWHERE,
+        "position of the IMU, the origin of base_link (forward, left, up); zeros if everything "
+        "is measured from the IMU",
+        _PLACE,
+    )
+    imu_rpy_deg: tuple[float, ...] = param(
+        _NOWHERE,
+        "rotation of the IMU's axes relative to base_link: roll, pitch, yaw about forward, "
+        "left, up; zeros for a flight controller mounted level",
+        ("deg", -180, 180),
+    )
+    rtk_antenna_m: tuple[float, ...] = param(
+        _NOWHERE,
+        "position of the first RTK antenna (forward, left, up); with D-RTK the left one",
+        _PLACE,
+    )
+    rtk_antenna_sigma_m: tuple[float, ...] = param(
+        (),
+        "standard deviation of rtk_antenna_m (forward, left, up); components above 0 are "
+        "estimated in flight. Empty = zeros, or 0.3 up if rtk_antenna_m is where the IMU is, "
+        "that is, not measured",
+        ("m", 0, 10),
+        sizes=(0, 3),
+    )
+    second_antenna_m: tuple[float, ...] = param(
+        (),
+        "position of the second RTK antenna (forward, left, up); with D-RTK the right one. "
+        "Empty = one antenna. The two give the direction of the heading's baseline and must be "
+        "5 cm apart seen from above",
+        _PLACE,
+        sizes=(0, 3),
+    )
+    gps_antenna_m: tuple[float, ...] = param(
+        _NOWHERE, "position of the autopilot's ordinary GPS antenna (forward, left, up)", _PLACE
+    )
+    gimbal_pivot_m: tuple[float, ...] = param(
+        _NOWHERE,
+        "position of the point about which the gimbal turns the camera (forward, left, up; a "
+        "gimbal that hangs below has a negative up)",
+        _PLACE,
+    )
+    camera_from_pivot_m: tuple[float, ...] = param(
+        _NOWHERE,
+        "position of the camera relative to that point, along the camera's own axes (forward, "
+        "left, up)",
+        _PLACE,
+    )
+
+    @property
+    def rtk_lever_b(self) -> Array:
+        """(3,) first RTK antenna from the IMU, FRD, m."""
+        return self._from_imu_b(self.rtk_antenna_m)
+
+    @property
+    def rtk_lever_sigma_b(self) -> Array:
+        """(3,) standard deviation of ``rtk_lever_b``, m; 0 where it is taken as it is."""
+        if self.rtk_antenna_sigma_m:
+            return np.array(self.rtk_antenna_sigma_m)
+        return np.zeros(3) if self.rtk_lever_b.any() else np.array(_UNMEASURED_M)
+
+    @property
+    def gps_lever_b(self) -> Array:
+        """(3,) antenna of the ordinary GPS from the IMU, FRD, m."""
+        return self._from_imu_b(self.gps_antenna_m)
+
+    @property
+    def pivot_lever_b(self) -> Array:
+        """(3,) gimbal's pivot from the IMU, FRD, m."""
+        return self._from_imu_b(self.gimbal_pivot_m)
+
+    @property
+    def camera_from_pivot_g(self) -> Array:
+        """(3,) camera from the pivot, camera body FRD, m."""
+        return flu_from_frd(np.array(self.camera_from_pivot_m))
+
+    @property
+    def rotation_bi(self) -> Array | None:
+        """(3, 3) body from the IMU's axes, both FRD; None where they are the same."""
+        if not any(self.imu_rpy_deg):
+            return None
+        roll, pitch, yaw = np.radians(flu_from_frd(np.array(self.imu_rpy_deg)))
+        return matrix_from_euler(roll, pitch, yaw)
+
+    @property
+    def baseline_b(self) -> Array | None:
+        """(3,) second RTK antenna from the first, FRD, m; None with one antenna.
+
+        Raises ConfigError where the two give no heading.
+        """
+        if not self.second_antenna_m:
+            return None
+        baseline_b = flu_from_frd(np.array(self.second_antenna_m) - np.array(self.rtk_antenna_m))
+        apart_m = math.hypot(baseline_b[0], baseline_b[1])
+        if apart_m < _LEAST_APART_M or apart_m < _LEAST_HORIZONTAL * np.linalg.norm(baseline_b):
+            first, second = list(self.rtk_antenna_m), list(self.second_antenna_m)
+            raise ConfigError(
+                f"parameters aircraft.rtk_antenna_m {first} and aircraft.second_antenna_m "
+                f"{second}: only {apart_m:.2f} m apart seen from above, too little for a heading: "
+                "measure both from the same point (forward, left, up); one antenna is "
+                "second_antenna_m: []"
+            )
+        return baseline_b
+
+    @property
+    def baseline_deg(self) -> float | None:
+        """The second antenna's direction from the first: from the nose, clockwise from above.
+
+        None with one antenna. Raises ConfigError as ``baseline_b``.
+        """
+        baseline_b = self.baseline_b
+        if baseline_b is None:
+            return None
+        return math.degrees(azimuth(baseline_b))
+
+    def antenna_b(self, source: Source) -> Array:
+        """(3,) from the IMU, FRD, m: the antenna whose position or velocity a source gives."""
+        return self.gps_lever_b if source in _GPS else self.rtk_lever_b
+
+    def _from_imu_b(self, place_m: tuple[float, ...]) -> Array:
+        return flu_from_frd(np.array(place_m) - np.array(self.imu_m))

@@ -1,0 +1,82 @@
+"""Define the parameters of what plays and records bags."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tirgeo_ros.core.config.aircraft_parameters import AircraftConfig
+from tirgeo_ros.core.config.schema import group, param
+from tirgeo_ros.core.types.joint_orders import JOINT_ORDERS, USUAL_ORDER
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedAircraftConfig:
+    """The aircraft that is simulated on ``serial_port`` from the recorded flight."""
+
+    geoid_undulation_m: float = param(
+        0.0,
+        "height of the geoid (sea level) above the ellipsoid, subtracted from the recorded "
+        "heights before they are sent",
+        ("m", -120, 100),
+    )
+    gimbal: str = param(
+        "joints",
+        "source of the gimbal's angles: joints (the aircraft's attitude and the recorded "
+        "encoder angles, if there are any) or reported (the recorded gimbal/attitude)",
+        choices=("joints", "reported"),
+    )
+    joint_order: str = param(
+        USUAL_ORDER, "order of those joints, from the aircraft to the camera", choices=JOINT_ORDERS
+    )
+    layout: str = param(
+        "modern",
+        "layout of the broadcast: modern (firmware 3.2.41) or legacy (3.2.15.62)",
+        choices=("modern", "legacy"),
+    )
+    clock_start_ms: int = param(
+        60_000, "reading of the aircraft's clock at the start", ("ms", 0, 2**32 - 1)
+    )
+    clock_drift_ppm: float = param(
+        0.0, "rate error of the aircraft's clock; positive = fast", ("ppm", -1e4, 1e4)
+    )
+    pushes: bool = param(
+        False, "send the usual subscription packages too, as if the host had gone"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class BagPlayerConfig:
+    """Parameters of bag_player."""
+
+    bag: str = param(
+        "", "bag to play: a file (.mcap, .db3), or a folder as ros2 bag record leaves it"
+    )
+    rate: float = param(1.0, "speed of playing, as a multiple of real time", ("", 0.01, 100))
+    start_offset_s: float = param(0.0, "time in the bag at which playing begins", ("s", 0, 1e6))
+    loop: bool = param(False, "begin again at the end")
+    clock_rate_hz: float = param(100.0, "rate of /clock", ("Hz", 1, 100))
+    wait_timeout_s: float = param(
+        30.0, "longest wait for subscribers before the start", ("s", 0, 3600)
+    )
+    wait_for: str = param(
+        "", "topics, separated by commas, that must have a subscriber; empty = any"
+    )
+    topics: str = param(
+        "", "topics to play, separated by commas; empty = all not made by the graph"
+    )
+    live: bool = param(False, "shift all stamps so that the bag begins now, and publish no /clock")
+    serial_port: str = param(
+        "",
+        "with live: play the aircraft's topics as DJI's serial protocol, on a pseudo-terminal "
+        "at this path; empty = as topics",
+    )
+    simulated_aircraft: SimulatedAircraftConfig = group(SimulatedAircraftConfig)
+    aircraft: AircraftConfig = group(AircraftConfig)
+
+
+@dataclass(frozen=True, slots=True)
+class RecorderConfig:
+    """Parameters of recorder."""
+
+    output: str = param("", "MCAP file to write")
+    topics: str = param("", "topics to record, separated by commas")

@@ -1,0 +1,121 @@
+"""Define the parameters of dji_node and of ``tirgeo import``."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from tirgeo_ros.core.config.aircraft_parameters import AircraftConfig
+from tirgeo_ros.core.config.frame_names import FramesConfig
+from tirgeo_ros.core.config.schema import group, param
+
+#: Codes of the broadcast rates: 0 Hz, 1, 10, 50, 100, as it is, 200, 400.
+RATE_CODES = 8
+_DELAY = ("s", -2, 2)
+
+
+@dataclass(frozen=True, slots=True)
+class DjiHeadingConfig:
+    """The accuracy given to the heading of the two RTK antennas."""
+
+    sigma_deg: float = param(
+        0.6, "sigma given to a heading, which comes in whole degrees", ("deg", 1e-3, 180)
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class DjiRtkConfig:
+    """The accuracy given to an RTK fix, which DJI sends without one, and its age."""
+
+    fixed_sigma_m: tuple[float, ...] = param(
+        (0.01, 0.02), "sigma given to a fixed position: horizontal, vertical", ("m", 1e-4, 100)
+    )
+    velocity_sigma_m_s: float = param(
+        0.03, "standard deviation given to a velocity, per axis", ("m/s", 1e-4, 100)
+    )
+    delay_s: float = param(0.0, "age of an RTK value when it is sent, taken off its stamp", _DELAY)
+
+
+@dataclass(frozen=True, slots=True)
+class DjiDelayConfig:
+    """The age of other values when they are sent, as ``rtk.delay_s``."""
+
+    imu_s: float = param(0.0, "age of acceleration, angular rate and attitude", _DELAY)
+    gps_s: float = param(0.0, "age of a position or velocity of the ordinary GPS", _DELAY)
+    gimbal_s: float = param(0.0, "age of the gimbal's angles", _DELAY)
+
+
+@dataclass(frozen=True, slots=True)
+class DjiClockConfig:
+    """The fit from the aircraft's clock to this computer's."""
+
+    window_s: float = param(
+        20.0, "window of the fit of the aircraft's clock to this computer's", ("s", 0.5, 3600)
+    )
+    max_drift_ppm: float = param(
+        100.0, "largest drift between the two clocks that the fit allows", ("ppm", 0, 1e4)
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class DjiHostConfig:
+    """What the node asks of the aircraft: nothing by default, it only listens."""
+
+    app_id: int = param(
+        0, "DJI application id to activate with; 0 = only listen", ("", 0, 2**31 - 1)
+    )
+    broadcast_rates: tuple[float, ...] = param(
+        (),
+        "rate code for each of the 16 parts of the broadcast (0: off, 1: 1 Hz, 2: 10, 3: 50, 4: "
+        "100, 5: unchanged, 6: 200, 7: 400); empty = leave all unchanged",
+        ("", 0, RATE_CODES - 1),
+        sizes=(0, 16),
+    )
+    subscribe: bool = param(
+        False, "request the subscription packages after activation; existing ones are removed"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class DjiConfig(FramesConfig):
+    """Parameters of dji_node."""
+
+    source: str = param(
+        "serial",
+        "where the aircraft's data come from: serial (the UART of an A3, N3 or M600) or psdk "
+        "(the topics of psdk_ros2, for an M300 or M350)",
+        choices=("serial", "psdk"),
+    )
+    port: str = param("/dev/ttyUSB0", "serial port")
+    baud: int = param(
+        921600, "speed of the serial port, as set in DJI Assistant 2", ("", 1200, 4000000)
+    )
+    key: str = param(
+        "", "application key that decrypts the frames, 64 hexadecimal digits; empty = none"
+    )
+    packages: str = param(
+        "", "YAML file of the subscription packages' contents; empty = the usual five"
+    )
+    psdk_prefix: str = param("psdk_ros2", "prefix of the names of psdk_ros2's topics")
+    geoid_undulation_m: float = param(
+        math.nan,
+        "height of the geoid (sea level) above the WGS84 ellipsoid in the area of flight, added "
+        "to DJI's heights; unset = 0, with a warning",
+        ("m", -120, 100),
+    )
+    acceleration_unit: str = param(
+        "auto",
+        "unit of the broadcast's acceleration: g, m/s2, or auto (by its size)",
+        choices=("auto", "g", "m/s2"),
+    )
+    gimbal_reference: str = param(
+        "north",
+        "zero of the gimbal's yaw: north (Zenmuse) or body (Ronin-MX)",
+        choices=("north", "body"),
+    )
+    heading: DjiHeadingConfig = group(DjiHeadingConfig, live=True)
+    rtk: DjiRtkConfig = group(DjiRtkConfig, live=True)
+    delay: DjiDelayConfig = group(DjiDelayConfig, live=True)
+    clock: DjiClockConfig = group(DjiClockConfig)
+    host: DjiHostConfig = group(DjiHostConfig)
+    aircraft: AircraftConfig = group(AircraftConfig)

@@ -1,0 +1,146 @@
+"""Define the parameters of gimbal_node."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from tirgeo_ros.core.config.aircraft_parameters import AircraftConfig
+from tirgeo_ros.core.config.frame_names import TransformsConfig
+from tirgeo_ros.core.config.schema import group, param
+from tirgeo_ros.core.frames.axes import flu_from_frd
+from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.joint_orders import JOINT_ORDERS, USUAL_ORDER
+
+_ANGLE, _SIGMA = ("deg", -180, 180), ("deg", 0, 90)
+
+
+@dataclass(frozen=True, slots=True)
+class NorthConfig:
+    """The bias of the gimbal's north against the autopilot's, for ``composition: paper``."""
+
+    bias_deg: float = param(
+        0.0,
+        "calibrated bias: heading of the camera as reported minus its true heading, counted "
+        "from the autopilot's north. To measure it, centre the gimbal on the nose and subtract "
+        "the aircraft's heading from the gimbal's",
+        _ANGLE,
+    )
+    sigma_deg: float = param(
+        3.0,
+        "standard deviation of bias_deg at the start; 3 = not calibrated (uniform within 5 deg "
+        "either way is 2.9), 0.5 suits a calibration of the same day",
+        ("deg", 0, 100),
+    )
+    walk_deg: float = param(
+        0.03,
+        "random walk of the bias: standard deviation of its change in one second, growing with "
+        "the square root of the time; 0.03 is one degree in 18 minutes",
+        ("deg", 0, 10),
+    )
+    centred: bool = param(
+        False,
+        "true = the gimbal follows the nose and nobody turns it aside, so that the bias can be "
+        "measured whenever the nose keeps still; a camera turned aside would be taken for a "
+        "bias",
+    )
+    settle_s: float = param(
+        3.0,
+        "time for which the nose must have kept still, within 2 deg, before a centred gimbal is "
+        "read; six of the time constants with which the gimbal follows",
+        ("s", 0, 60),
+    )
+    centred_sigma_deg: float = param(
+        0.3, "sigma of the constant angle between nose and centred camera", _SIGMA
+    )
+    noise_deg: float = param(
+        0.2, "sigma of one reading of the bias, a mean over one second", ("deg", 1e-3, 90)
+    )
+    gate_sigma: float = param(
+        5.0,
+        "innovation gate: reject readings further than this many standard deviations from the "
+        "estimate",
+        ("", 1, 1e6),
+    )
+    reset_after_s: float = param(
+        5.0,
+        "reset the bias to the readings that have been rejected for at least this long while "
+        "agreeing with each other",
+        ("s", 0.1, 3600),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class GimbalConfig(TransformsConfig):
+    """Parameters of gimbal_node."""
+
+    composition: str = param(
+        "auto",
+        "how the camera's attitude is composed: paper (reported roll and pitch, filtered "
+        "heading), encoders (body attitude and joint angles), or auto (encoders while joint "
+        "angles arrive, else paper)",
+        choices=("auto", "paper", "encoders"),
+    )
+    joint_order: str = param(
+        USUAL_ORDER,
+        "order of the gimbal's joints, from the aircraft to the camera",
+        choices=JOINT_ORDERS,
+    )
+    boresight_rpy_deg: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0),
+        "mounting error of the camera: roll, pitch, yaw about its own axes forward, left, up; "
+        "found by tirgeo calibrate boresight",
+        _ANGLE,
+        live=True,
+    )
+    yaw_zero_deg: float = param(
+        0.0,
+        "error of the yaw encoder's zero: yaw joint angle in gimbal/joint_states minus the true "
+        "one. Joint angles computed from the reported attitude have north.bias_deg instead",
+        _ANGLE,
+        live=True,
+    )
+    encoder_sigma_deg: float = param(
+        0.05, "standard deviation of a joint angle", _SIGMA, live=True
+    )
+    reported_sigma_deg: tuple[float, ...] = param(
+        (0.2704, 0.4839),
+        "sigma of reported roll and pitch (Ren et al. 2022, Table 8)",
+        _SIGMA,
+        live=True,
+    )
+    autopilot_tilt_sigma_deg: float = param(
+        0.5,
+        "standard deviation of the autopilot's own roll and pitch, which joint angles computed "
+        "from its attitude inherit",
+        _SIGMA,
+        live=True,
+    )
+    max_wait_s: float = param(
+        0.5,
+        "longest wait of a gimbal sample for the body pose that follows it; must exceed 1 / "
+        "publish_rate_hz of ekf_node",
+        ("s", 0, 10),
+        live=True,
+    )
+    max_gap_s: float = param(
+        0.25,
+        "longest gap between two body poses that is interpolated; must exceed 1 / "
+        "publish_rate_hz of ekf_node",
+        ("s", 1e-3, 2),
+        live=True,
+    )
+    north: NorthConfig = group(NorthConfig, live=True)
+    aircraft: AircraftConfig = group(AircraftConfig)
+
+    @property
+    def yaw_zero_rad(self) -> float:
+        """The error of the yaw encoder's zero about body down, rad."""
+        return -math.radians(self.yaw_zero_deg)
+
+    @property
+    def boresight_rpy_rad(self) -> Array:
+        """(3,) roll, pitch, yaw of the mounting error about camera body FRD axes, rad."""
+        return np.radians(flu_from_frd(np.array(self.boresight_rpy_deg)))

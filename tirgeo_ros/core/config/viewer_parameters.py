@@ -1,0 +1,144 @@
+"""Define the parameters of viewer_node, which serves the operator's page."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+from tirgeo_ros.core.config.schema import param
+from tirgeo_ros.core.types.errors import ConfigError
+
+_ADDRESS = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]+):([0-9]{1,5})", re.ASCII)
+_NAMESPACE = re.compile(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
+_TOKEN = re.compile(r"[A-Za-z0-9._~-]{12,200}", re.ASCII)
+
+
+#: Variable of the environment from which tokens are made that nobody gave: who starts the page
+#: again sets it once, so that the page's users stay in.
+TOKEN_SEED = "TIRGEO_TOKEN_SEED"  # noqa: S105  the variable's name
+
+
+def address_of(listen: str) -> tuple[str, int]:
+    """Return host and port of ``HOST:PORT``; an IPv6 address is in brackets, and returned without.
+
+    Raises ConfigError for any other text.
+    """
+    fault = _address_fault(listen)
+    if fault:
+        raise ConfigError(f"{listen!r} {fault}")
+    host, _, port = listen.rpartition(":")
+    return host.strip("[]"), int(port)
+
+
+def split_namespaces(text: str) -> list[str]:
+    """Return the namespaces that a text separates by commas, without slashes at their ends."""
+    return [name.strip().strip("/") for name in text.split(",") if name.strip()]
+
+
+def _address_fault(text: str) -> str:
+    match = _ADDRESS.fullmatch(text)
+    is_address = match is not None and int(match[2]) <= 65535
+    return "" if is_address else "is not HOST:PORT, as 127.0.0.1:8080 or 0.0.0.0:8080"
+
+
+def _token_fault(text: str) -> str:
+    right = not text or _TOKEN.fullmatch(text)
+    return "" if right else "is no token: write 12 letters, digits or -._~, or more"
+
+
+def _namespaces_fault(text: str) -> str:
+    names = split_namespaces(text)
+    wrong = [name for name in names if not _NAMESPACE.fullmatch(name)]
+    if wrong:
+        return "is not a list of namespaces: use letters, digits, _ and /, as uav1,uav2"
+    return "names one aircraft twice" if len({*names}) < len(names) else ""
+
+
+@dataclass(frozen=True, slots=True)
+class GroundConfig:
+    """What lies under the video."""
+
+    dem: str = param(
+        "",
+        "elevation model, as that of overlay_node; empty = level ground, as the footprint shows "
+        "it, or unknown ground",
+    )
+    dem_undulation_m: float = param(
+        0.0,
+        "height of the DEM's zero above the ellipsoid, as that of overlay_node",
+        ("m", -120, 100),
+    )
+    geoid_undulation_m: float = param(
+        math.nan,
+        "height of the geoid (sea level) above the ellipsoid; unset = no heights above sea level",
+        ("m", -120, 100),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class ViewerConfig(GroundConfig):
+    """Parameters of viewer_node."""
+
+    listen: str = param(
+        "127.0.0.1:8080",
+        "address of the page; other computers reach it at 0.0.0.0:8080 or at one of this "
+        "computer's own, with a token",
+        fault=_address_fault,
+    )
+    token: str = param(
+        "",
+        "secret of operators, who may change targets; empty = made at each start and shown",
+        fault=_token_fault,
+        secret=True,
+    )
+    token_file: str = param("", "file that holds token, instead of it")
+    viewer_token: str = param(
+        "",
+        "secret of viewers, who may only look; empty = made at each start and shown",
+        fault=_token_fault,
+        secret=True,
+    )
+    viewer_token_file: str = param("", "file that holds viewer_token, instead of it")
+    certificate: str = param("", "certificate (PEM) of the page for https; empty = http")
+    key: str = param("", "private key (PEM) of certificate")
+    targets: str = param("targets.gpkg", "file of the targets (GeoPackage), made if absent")
+    map: str = param(
+        "", "map under the targets, as that of overlay_node; several separated by commas"
+    )
+    tiles: str = param("", "background of the page's map (MBTiles); empty = the map alone")
+    namespaces: str = param(
+        "",
+        "namespaces of the aircraft, separated by commas; empty = the one of the node's own",
+        fault=_namespaces_fault,
+    )
+    record_to: str = param("recordings", "folder of the recordings that the page begins")
+    least_free_gb: float = param(
+        2.0, "free space of that disk below which recording ends", ("GB", 0, 1e4)
+    )
+    cot: str = param(
+        "",
+        "where Cursor-on-Target goes: tcp://HOST:PORT, tls://HOST:PORT or udp://HOST:PORT; "
+        "empty = nowhere",
+    )
+    cot_certificate: str = param("", "certificate of this client for tls (.p12 or PEM)")
+    cot_key: str = param("", "private key (PEM); empty = in the file of cot_certificate")
+    cot_ca: str = param("", "certificate (PEM) of the authority that signed the server's, for tls")
+    cot_password: str = param(
+        "atakatak", "password of the key; by default that of TAK servers", secret=True
+    )
+    cot_password_file: str = param("", "file that holds cot_password, instead of it")
+    stream: str = param(
+        "",
+        "where the video goes as MPEG-TS with MISB metadata: udp://HOST:PORT, of several aircraft "
+        "each at the next port; empty = nowhere",
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class VideoWriterConfig(GroundConfig):
+    """Parameters of video_writer, which viewer_node starts for recordings and for the stream."""
+
+    output: str = param("", "file to write (.ts); empty = none")
+    stream: str = param("", "where the video goes: udp://HOST:PORT; empty = nowhere")
+    platform: str = param("", "name of the aircraft in the metadata")

@@ -1,0 +1,350 @@
+"""Resample a picture to the tiles of the ground that it shows, and blend the views of a tile.
+
+Each pixel of a tile is projected into the picture, through the lens model, and takes the value
+there. Its score says how good the view is: the ground sample distance, m, times 1 + rho^2, where
+rho is 0 in the picture's middle and 1 in its corners. In a rim of the picture it grows evenly, to
+three times as much at the edge, so that a mosaic fades from one picture to the next before the
+edge. The lowest score is the best view.
+
+The ground sample distance is the root of the area that a pixel covers: z^3 / (fx fy h), where z
+is the depth along the optical axis and h the camera's height above the surface's tangent plane.
+
+In a mosaic the value of a pixel is the mean of all views with the weights (best score / score)^32.
+A view with a score 10 % worse than the best has a weight of 5 %, one 15 % worse 1 %: only near a
+seam, where two views are equally good, do both count. In the rim of a picture the seam is an
+eighth of the rim wide. The sums are kept relative to the best score so far, so that the order of
+the pictures does not matter.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from tirgeo_ros.core.camera.camera_model import Camera
+from tirgeo_ros.core.frames.rotations import matrix_from_quat
+from tirgeo_ros.core.frames.tangent_plane import TangentPlane
+from tirgeo_ros.core.ground.backprojection import Ground, hidden, locate
+from tirgeo_ros.core.ground.dem import Terrain
+from tirgeo_ros.core.orthorectification.ground_tiles import (
+    NODES,
+    STEP_PX,
+    TILE_PX,
+    Floats,
+    GroundNodes,
+    GroundTiles,
+    TileKey,
+    at_pixels,
+)
+from tirgeo_ros.core.types.arrays import Array, BoolArray, RawPixels
+from tirgeo_ros.core.types.poses import CameraPose
+
+#: Nodes this many pixels beyond the picture's edge are taken along: between them may lie pixels
+#: of the picture.
+_MARGIN_PX = 32.0
+_RIM, _AT_EDGE = 1 / 8, 3.0  # of the picture's shorter side; times the score there
+_LEAST_PX = 16  # shorter side of a reduced picture
+_SEEDS = 5  # pixels along each side of the picture from which its tiles are searched
+#: Tiles are searched on an elevation model as far as level ground is seen under this share of the
+#: least angle: behind a slope that is seen too flatly there may be one that faces the camera.
+_FLATTER = 0.5
+#: Every how many nodes the line of sight is followed to the camera.
+_SIGHT_STEP = 4
+
+
+class Patch(NamedTuple):
+    """Hold the part of a tile that a picture shows, as rows and columns of the tile."""
+
+    rows: slice
+    columns: slice
+    values: RawPixels  # (h, w) or (h, w, 3), of the picture's type
+    seen: BoolArray  # (h, w)
+    score: Floats  # (h, w); inf where it is not seen
+
+
+class _NodeView(NamedTuple):
+    """Hold what a picture shows at the nodes of a tile; nan where it shows nothing."""
+
+    uv: Array  # (NODES, NODES, 2) pixels
+    score: Array  # (NODES, NODES), without the rim
+    near: BoolArray  # (NODES, NODES) in the picture or hardly outside, even if it is not seen
+
+
+class FrameView:
+    """Resample one picture, (h, w) or (h, w, 3).
+
+    Ground that is seen under less than ``grazing_rad`` is left out. ``nearest``: each pixel takes
+    the value of one pixel of the picture, not a mean. Else a picture that is much finer than the
+    lattice is reduced before, by means of 2, 4, ... pixels.
+    """
+
+    def __init__(
+        self,
+        tiles: GroundTiles,
+        camera: Camera,
+        pose: CameraPose,
+        pixels: RawPixels,
+        grazing_rad: float,
+        *,
+        nearest: bool = False,
+    ) -> None:
+        self._tiles, self._camera, self._pose = tiles, camera, pose
+        self._terrain = tiles.ground if isinstance(tiles.ground, Terrain) else None
+        self._least_sine = math.sin(grazing_rad)
+        self._rotation_nc = matrix_from_quat(pose.q_nc)
+        self._seeds_n = seeds(camera, pose, tiles.plane, tiles.ground)
+        self._way = cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR
+        self._factor = 1 if nearest else self._reduction()
+        if self._factor > 1:
+            # Whole blocks only: the rest of a row is less than a pixel of the reduced picture.
+            width, height = camera.width // self._factor, camera.height // self._factor
+            pixels = pixels[: height * self._factor, : width * self._factor]
+            pixels = cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA)
+        self._pixels = pixels
+
+    def _reduction(self) -> int:
+        """Return the power of two by which the picture's middle is finer than the lattice."""
+        plane, grazing_rad = self._tiles.plane, math.asin(self._least_sine)
+        gsd_m = level_gsd_m(self._camera, self._pose, plane, self._seeds_n, grazing_rad)
+        finite = gsd_m[np.isfinite(gsd_m)]
+        times = self._tiles.pixel_m / float(np.median(finite)) if finite.size else 1.0
+        most = max(min(self._camera.width, self._camera.height) // _LEAST_PX, 1)
+        return int(2 ** math.floor(math.log2(min(max(times, 1.0), most))))
+
+    def patches(self) -> Iterator[tuple[TileKey, Patch]]:
+        """Yield what the picture shows, tile by tile: from the middle to the neighbours."""
+        on_ground = np.isfinite(self._seeds_n[:, 0])
+        waiting = sorted(self._tiles.keys(self._seeds_n[on_ground]))
+        begun = set(waiting)
+        while waiting:
+            key = waiting.pop()
+            view = self._at_nodes(self._tiles.nodes(key))
+            if not view.near.any():
+                continue
+            for neighbour in _neighbours(key, view.near):
+                if neighbour not in begun:
+                    begun.add(neighbour)
+                    waiting.append(neighbour)
+            patch = self._patch(view)
+            if patch is not None:
+                yield key, patch
+
+    def _at_nodes(self, nodes: GroundNodes) -> _NodeView:
+        camera = self._camera
+        offset_n = nodes.points_n - self._pose.position_n
+        uv, valid = camera.project(offset_n.reshape(-1, 3) @ self._rotation_nc)
+        uv, valid = uv.reshape(NODES, NODES, 2), valid.reshape(NODES, NODES)
+        margin_px = _MARGIN_PX * self._factor
+        with np.errstate(invalid="ignore"):
+            above_m = -np.einsum("ijk,ijk->ij", nodes.normals_n, offset_n)
+            least_m = self._least_sine * np.linalg.norm(offset_n, axis=2)
+            reach = np.array([camera.width, camera.height]) + margin_px
+            near = valid & ((uv > -margin_px) & (uv < reach)).all(axis=2)
+            near &= offset_n[..., 2] > least_m * (_FLATTER if self._terrain else 1.0)
+            seen = near & (above_m > least_m)
+            if self._terrain and seen.any():
+                seen &= ~self._hidden(self._terrain, nodes.points_n)
+            gsd_m = _gsd_m(camera, offset_n @ self._rotation_nc[:, 2], above_m)
+            aside = uv / (0.5 * np.array([camera.width - 1, camera.height - 1])) - 1
+            score = gsd_m * (1 + 0.5 * np.square(aside).sum(axis=2))
+        uv[~seen] = np.nan
+        return _NodeView(uv, score, near)
+
+    def _hidden(self, terrain: Terrain, points_n: Array) -> BoolArray:
+        """Return which nodes the terrain hides, found at every fourth one."""
+        some = points_n[::_SIGHT_STEP, ::_SIGHT_STEP]
+        place = self._tiles.plane, self._pose.position_n
+        hides = hidden(terrain, *place, some.reshape(-1, 3)).reshape(some.shape[:2])
+        whole = hides.repeat(_SIGHT_STEP, axis=0).repeat(_SIGHT_STEP, axis=1)
+        return np.asarray(whole[:NODES, :NODES])
+
+    def _patch(self, view: _NodeView) -> Patch | None:
+        """Return the picture's part in a tile, in the box of the nodes near it; None without."""
+        box = _span(view.near, 1), _span(view.near, 0)
+        u, v, score = (
+            _cropped(at_pixels(values[box]), box)
+            for values in (view.uv[..., 0], view.uv[..., 1], view.score)
+        )
+        right, bottom = self._camera.width - 0.5, self._camera.height - 0.5
+        inside_px = np.minimum(np.minimum(u + 0.5, right - u), np.minimum(v + 0.5, bottom - v))
+        seen = inside_px >= 0  # nan is not
+        if not seen.any():
+            return None
+        rim_px = _RIM * min(self._camera.width, self._camera.height)
+        outside = np.maximum(1 - inside_px[seen] / np.float32(rim_px), 0)
+        scores = np.full(seen.shape, np.inf, np.float32)
+        scores[seen] = score[seen] * np.float32(_AT_EDGE) ** outside
+        columns, rows = (
+            np.where(seen, (places + 0.5) / self._factor - 0.5, -1.0).astype(np.float32)
+            for places in (u, v)
+        )
+        values = cv2.remap(self._pixels, columns, rows, self._way, borderMode=cv2.BORDER_REPLICATE)
+        return Patch(_pixels_of(box[0]), _pixels_of(box[1]), np.asarray(values), seen, scores)
+
+
+def seeds(camera: Camera, pose: CameraPose, plane: TangentPlane, ground: Ground) -> Array:
+    """Return ground points (N, 3) at pixels all over a picture, NED; nan where it shows none."""
+    u, v = (np.linspace(0.0, size - 1.0, _SEEDS) for size in (camera.width, camera.height))
+    uv = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
+    return locate(camera, pose, uv, plane, ground)[0]
+
+
+def level_gsd_m(
+    camera: Camera, pose: CameraPose, plane: TangentPlane, points_n: Array, grazing_rad: float
+) -> Array:
+    """Return ground sample distances (N,), m, as if the ground were level at points (N, 3).
+
+    nan where the line of sight meets level ground under less than ``grazing_rad``.
+    """
+    latitude, longitude, _ = plane.geodetic_from_ned(points_n)
+    offset_n = points_n - pose.position_n
+    above_m = -(plane.up_n(latitude, longitude) * offset_n).sum(axis=1)
+    depth_m = offset_n @ matrix_from_quat(pose.q_nc)[:, 2]
+    with np.errstate(invalid="ignore"):
+        seen = above_m > math.sin(grazing_rad) * np.linalg.norm(offset_n, axis=1)
+        return np.where(seen, _gsd_m(camera, depth_m, above_m), np.nan)
+
+
+def _gsd_m(camera: Camera, depth_m: Array, above_m: Array) -> Array:
+    """Return ground sample distances by depths and heights over the surface, of any shape."""
+    return np.sqrt(depth_m**3 / (camera.fx * camera.fy * above_m))
+
+
+def _neighbours(key: TileKey, near: BoolArray) -> list[TileKey]:
+    """Return the tiles beside a tile into which the picture reaches."""
+    column, row = key
+    reaches = {
+        (column, row - 1): near[0],
+        (column, row + 1): near[-1],
+        (column - 1, row): near[:, 0],
+        (column + 1, row): near[:, -1],
+    }
+    return [neighbour for neighbour, edge in reaches.items() if edge.any()]
+
+
+def _span(near: BoolArray, across: int) -> slice:
+    """Return the nodes from the first to the last that is near, and one more on each side."""
+    first, last = np.flatnonzero(np.any(near, axis=across))[[0, -1]].tolist()
+    return slice(max(first - 1, 0), min(last + 2, NODES))
+
+
+def _pixels_of(span: slice) -> slice:
+    """Return a tile's pixels in the blocks of some nodes; the outermost nodes are outside it."""
+    first, last = (span.start - 1) * STEP_PX, (span.stop - 1) * STEP_PX
+    return slice(max(first, 0), min(last, TILE_PX))
+
+
+def _cropped(pixels: Floats, box: tuple[slice, slice]) -> Floats:
+    """Return interpolated pixels without those outside the tile."""
+    cut = []
+    for span in box:
+        first, wanted = (span.start - 1) * STEP_PX, _pixels_of(span)
+        cut.append(slice(wanted.start - first, wanted.stop - first))
+    return pixels[tuple(cut)]
+
+
+_SQUARINGS = 5  # (best / score) to the power of 2^5
+_LEVELS_SHARE = 0.9
+#: Fewer pixels in common say nothing; nor does a picture of one grey level.
+_LEAST_PIXELS, _LEAST_SIGMA = 1000, 1.0
+_MOST_GAIN = 4.0
+
+
+@dataclass(frozen=True)
+class MosaicTile:
+    """Hold sums over the views of a tile: of weighted values, of weights, and the best score."""
+
+    total: Floats  # (TILE_PX, TILE_PX, bands)
+    weight: Floats  # (TILE_PX, TILE_PX); 0 where nothing was seen
+    best: Floats  # (TILE_PX, TILE_PX); inf where nothing was seen
+
+    @classmethod
+    def empty(cls, bands: int) -> MosaicTile:
+        """Return a tile that nobody has seen."""
+        size = TILE_PX, TILE_PX
+        total, weight = np.zeros((*size, bands), np.float32), np.zeros(size, np.float32)
+        return cls(total, weight, np.full(size, np.inf, np.float32))
+
+    def add(self, patch: Patch, *, hard: bool = False) -> None:
+        """Blend a view in; ``hard``: the best view alone counts, and values stay as they are."""
+        box = patch.rows, patch.columns
+        values = patch.values.reshape(*patch.seen.shape, -1)
+        if hard:
+            better = patch.score < self.best[box]
+            self.total[box][better], self.weight[box][better] = values[better], 1.0
+        else:
+            self._blend(patch, values[patch.seen])
+        self.best[box] = np.minimum(self.best[box], patch.score)
+
+    def _blend(self, patch: Patch, values: Floats) -> None:
+        box, seen = (patch.rows, patch.columns), patch.seen
+        former, score = self.best[box][seen], patch.score[seen]
+        best: Floats = np.minimum(former, score)
+        kept, weight = _weight(best, former), _weight(best, score)
+        self.weight[box][seen] = kept * self.weight[box][seen] + weight
+        former_total = self.total[box][seen]
+        self.total[box][seen] = kept[:, None] * former_total + weight[:, None] * values
+
+    def common(self, patch: Patch) -> tuple[RawPixels, Floats]:
+        """Return values (n, bands) of a view, and the mosaic's, where there are both."""
+        box = patch.rows, patch.columns
+        both = patch.seen & (self.weight[box] > 0)
+        values = patch.values.reshape(*patch.seen.shape, -1)
+        return values[both], self.total[box][both] / self.weight[box][both][:, None]
+
+    def values(self) -> tuple[Floats, BoolArray]:
+        """Return the mosaic (TILE_PX, TILE_PX, bands), and which of its pixels were seen."""
+        # The best view alone has the weight 1.
+        values = self.total / np.maximum(self.weight, np.float32(1))[..., None]
+        return np.asarray(values, np.float32), self.weight > 0
+
+
+def _weight(best: Floats, score: Floats) -> Floats:
+    """Return the weights of scores relative to the best ones."""
+    weight: Floats = best / score
+    for _ in range(_SQUARINGS):
+        weight *= weight
+    return weight
+
+
+class LevelMatch:
+    """Collect pixels that a picture and a mosaic have in common, and find the picture's levels.
+
+    An 8-bit thermal camera chooses brightness and contrast anew for each picture. Mean and
+    standard deviation of the picture are brought to those of the mosaic on the ground that both
+    show, by nine tenths of the way: the errors of many pictures then do not add up, and what the
+    camera changes for long is followed.
+    """
+
+    def __init__(self) -> None:
+        self._count, self._sums = 0, np.zeros((2, 2))  # of values and squares; picture, mosaic
+
+    def add(self, picture: npt.NDArray[Any], mosaic: npt.NDArray[Any]) -> None:
+        """Add values of the same places, in arrays of one size."""
+        for row, values in enumerate((picture, mosaic)):
+            exact = values.astype(float)
+            self._sums[row] += exact.sum(), np.square(exact).sum()
+        self._count += picture.size
+
+    def matched(self, values: npt.NDArray[Any]) -> Floats:
+        """Return values of the picture as they are in the mosaic."""
+        gain, offset = self._levels()
+        return (values * np.float32(gain) + np.float32(offset)).astype(np.float32)
+
+    def _levels(self) -> tuple[float, float]:
+        if self._count < _LEAST_PIXELS:
+            return 1.0, 0.0
+        means, squares = (self._sums / self._count).T
+        sigma, wanted = np.sqrt(np.maximum(squares - means**2, 0.0)).tolist()
+        gain = 1.0
+        if min(sigma, wanted) >= _LEAST_SIGMA:
+            gain = math.exp(_LEVELS_SHARE * math.log(wanted / sigma))
+            gain = min(max(gain, 1 / _MOST_GAIN), _MOST_GAIN)
+        mean = float(means[0])
+        return gain, mean + _LEVELS_SHARE * float(means[1] - means[0]) - gain * mean

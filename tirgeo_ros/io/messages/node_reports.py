@@ -1,0 +1,219 @@
+"""Write and read what nodes report to programs: ``tirgeo/state`` and ``tirgeo/findings``, JSON.
+
+``/diagnostics`` has the same for people, and no program reads it back.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any, TypeVar
+
+from tirgeo_ros.core.config.overlay_parameters import POINT_SIGMAS, ConfidenceConfig
+from tirgeo_ros.core.types.errors import MessageError, cut, shown
+from tirgeo_ros.core.types.finding import Finding, Severity
+from tirgeo_ros.core.types.measurements import FixStatus
+from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus, Outcome
+from tirgeo_ros.io.messages.json_codec import WRONG_FORM, document_of
+
+STATE_TOPIC, FINDINGS_TOPIC = "tirgeo/state", "tirgeo/findings"
+_STATE, _FINDINGS = "tirgeo/state/1", "tirgeo/findings/1"
+_PARTS = {"subject": "check", "evidence": "evidence", "parameter": "parameter", "remedy": "mend"}
+_LONGEST = 100_000  # characters of a message
+_MOST_TOPICS = 100  # of a node
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class TopicState:
+    """Hold how messages of one topic come to a node or leave it; None where that is unknown."""
+
+    rate_hz: float
+    age_s: float | None = None  # of an input: since its newest message
+    latency_ms: float | None = None  # of an output: from the stamp, or the time that it took
+    unreadable: int = 0  # messages that were refused
+    failed: int = 0  # messages that met a fault of the program
+    lost: int = 0  # messages lost in transport
+
+
+@dataclass(frozen=True, slots=True)
+class PictureState:
+    """Hold what overlay_node says of its newest picture."""
+
+    notice: str  # why it has no map; empty if it has one
+    video_latency_s: float  # from the exposure to the stamp
+    confidence: ConfidenceConfig  # ``POINT_SIGMAS`` of located points, the rest by default
+
+
+@dataclass(frozen=True, slots=True)
+class NodeState:
+    """Hold what a node reports of itself."""
+
+    node: str  # its full name
+    stamp_ns: int
+    started_ns: int  # on the clock of its computer
+    topics: Mapping[str, TopicState] = field(default_factory=dict)
+    counts: Mapping[str, int] = field(default_factory=dict)  # since its start
+    navigation: NavigationStatus | None = None  # of ekf_node
+    composition: str = ""  # of gimbal_node
+    picture: PictureState | None = None  # of overlay_node
+
+    @property
+    def name(self) -> str:
+        """Return the node's name without its namespace."""
+        return self.node.rpartition("/")[2]
+
+
+def state_text(state: NodeState) -> str:
+    """Return a node's state as JSON for ``tirgeo/state``."""
+    document: dict[str, Any] = {
+        "schema": _STATE,
+        "node": state.node,
+        "stamp_ns": str(state.stamp_ns),
+        "started_ns": str(state.started_ns),
+        "topics": {topic: asdict(topic_state) for topic, topic_state in state.topics.items()},
+        "counts": dict(state.counts),
+    }
+    if state.navigation is not None:
+        document["navigation"] = _navigation_row(state.navigation)
+    if state.composition:
+        document["composition"] = state.composition
+    if state.picture is not None:
+        sigmas = {name: getattr(state.picture.confidence, name) for name in POINT_SIGMAS}
+        document["picture"] = {
+            "notice": state.picture.notice,
+            "video_latency_s": state.picture.video_latency_s,
+            **sigmas,
+        }
+    return json.dumps(_finite(document), allow_nan=False)
+
+
+def node_state(msg: Any) -> NodeState:
+    """Decode ``tirgeo/state``, texts cut. Raises MessageError."""
+    row = document_of(msg, STATE_TOPIC, _STATE, _LONGEST)
+    try:
+        return _node_state(row)
+    except WRONG_FORM as error:
+        raise MessageError(f"{STATE_TOPIC}: no state of a node: {shown(error, 100)}") from None
+
+
+def findings_text(node: str, stamp_ns: int, findings: Iterable[Finding]) -> str:
+    """Return what a node's checks have found, part by part, as JSON for ``tirgeo/findings``."""
+    rows = [finding_row(finding) for finding in findings]
+    head = {"schema": _FINDINGS, "node": node, "stamp_ns": str(stamp_ns)}
+    return json.dumps(head | {"findings": rows})
+
+
+def finding_row(finding: Finding) -> dict[str, str]:
+    """Return the parts of a finding by the names that programs read."""
+    parts = {key: getattr(finding, name) for key, name in _PARTS.items()}
+    return parts | {"severity": finding.severity.name}
+
+
+def findings_of(msg: Any) -> tuple[str, int, list[Finding]]:
+    """Decode ``tirgeo/findings``: node, stamp (ns), findings, texts cut. Raises MessageError."""
+    row = document_of(msg, FINDINGS_TOPIC, _FINDINGS, _LONGEST)
+    try:
+        findings = [_finding(part) for part in row["findings"]]
+        return cut(str(row["node"])), int(row["stamp_ns"]), findings
+    except WRONG_FORM as error:
+        raise MessageError(f"{FINDINGS_TOPIC}: no findings: {shown(error, 100)}") from None
+
+
+def _node_state(document: dict[str, Any]) -> NodeState:
+    topics = list(document["topics"].items())[:_MOST_TOPICS]
+    navigation, picture = document.get("navigation"), document.get("picture")
+    return NodeState(
+        node=cut(str(document["node"])),
+        stamp_ns=int(document["stamp_ns"]),
+        started_ns=int(document["started_ns"]),
+        topics={cut(topic): _topic_state(row) for topic, row in topics},
+        counts=_table(document["counts"], int),
+        navigation=None if navigation is None else _navigation(navigation),
+        composition=cut(str(document.get("composition", ""))),
+        picture=None if picture is None else _picture(picture),
+    )
+
+
+def _topic_state(row: dict[str, Any]) -> TopicState:
+    counts = (int(row[name]) for name in ("unreadable", "failed", "lost"))
+    age_s, latency_ms = row["age_s"], row["latency_ms"]
+    return TopicState(
+        _number(row["rate_hz"]),
+        None if age_s is None else _number(age_s),
+        None if latency_ms is None else _number(latency_ms),
+        *counts,
+    )
+
+
+def _picture(row: dict[str, Any]) -> PictureState:
+    numbers: dict[str, Any] = {
+        name: float(row[name]) for name in (*POINT_SIGMAS, "video_latency_s")
+    }
+    if not math.isfinite(sum(numbers.values())):
+        raise ValueError("a number of its picture is not finite")
+    latency_s = numbers.pop("video_latency_s")
+    return PictureState(cut(str(row["notice"])), latency_s, ConfidenceConfig(**numbers))
+
+
+def _navigation_row(status: NavigationStatus) -> dict[str, Any]:
+    row = asdict(status)
+    row["state"] = status.state.value
+    row["began_again"] = status.began_again.value if status.began_again else None
+    row["rtk_status"] = status.rtk_status.name.lower()
+    row["heading_sigma_deg"] = math.degrees(row.pop("heading_sigma_rad"))
+    counts: dict[str, dict[str, int]] = {}
+    for (source, outcome), number in sorted(status.counts.items()):
+        counts.setdefault(source, {})[outcome] = number
+    return row | {"counts": counts}
+
+
+def _navigation(row: dict[str, Any]) -> NavigationStatus:
+    again = row["began_again"]
+    return NavigationStatus(
+        method=cut(str(row["method"])),
+        state=FilterState(row["state"]),
+        reason=cut(str(row["reason"])),
+        rtk_status=FixStatus[row["rtk_status"].upper()],
+        heading_sigma_rad=math.radians(_number(row["heading_sigma_deg"])),
+        counts={
+            (cut(source), outcome): number
+            for source, outcomes in row["counts"].items()
+            for outcome, number in _table(outcomes, int).items()
+        },
+        test_ratios=_table(row["test_ratios"], _number),
+        state_s=_number(row["state_s"]),
+        resets=_table(row["resets"], int),
+        last_reset=cut(str(row["last_reset"])),
+        clipped=_table(row["clipped"], int),
+        warnings=tuple(cut(str(text)) for text in row["warnings"]),
+        nis=_table(row["nis"], _number),
+        process_noise=cut(str(row["process_noise"])),
+        vibration=tuple(_number(density) for density in row["vibration"]),
+        began_again=Outcome(again) if again else None,
+    )
+
+
+def _finding(row: dict[str, str]) -> Finding:
+    parts = {name: cut(str(row[key])) for key, name in _PARTS.items()}
+    return Finding(severity=Severity[row["severity"]], **parts)
+
+
+def _table(row: dict[str, Any], value: Callable[[Any], T]) -> dict[str, T]:
+    return {cut(key): value(entry) for key, entry in row.items()}
+
+
+def _number(value: Any) -> float:
+    """Return a number of a document, in which null stands for what is not finite."""
+    return math.nan if value is None else float(value)
+
+
+def _finite(part: Any) -> Any:
+    """Return a part of a document with null for each number that is not finite."""
+    if isinstance(part, dict):
+        return {key: _finite(value) for key, value in part.items()}
+    if isinstance(part, list | tuple):
+        return [_finite(value) for value in part]
+    return None if isinstance(part, float) and not math.isfinite(part) else part

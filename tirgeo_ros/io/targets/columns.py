@@ -1,0 +1,140 @@
+"""Define what every format holds of a target and of a pixel: its columns, and rows of them."""
+
+from __future__ import annotations
+
+import math
+import uuid
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from tirgeo_ros.core.ground.ground_point import Located, Refusal
+from tirgeo_ros.core.targets.target import Target
+from tirgeo_ros.core.types.texts import utc
+from tirgeo_ros.io.coordinates.crs import written
+from tirgeo_ros.io.surveys.survey import Answered
+
+#: What files keep of a click.
+CLICK = ("stamp_ns", "latitude_deg", "longitude_deg", "height_m", "covariance_enu")
+#: Column of a place -> its type in SQL; sigmas are one standard deviation, ellipses 95 %.
+_OF_PLACE = {
+    "stamp_ns": "INTEGER",
+    "time": "DATETIME",
+    "latitude_deg": "REAL",
+    "longitude_deg": "REAL",
+    "height_m": "REAL",
+    "sigma_north_m": "REAL",
+    "sigma_east_m": "REAL",
+    "sigma_height_m": "REAL",
+    "ellipse_major_m": "REAL",
+    "ellipse_minor_m": "REAL",
+    "ellipse_azimuth_deg": "REAL",
+    "covariance_enu": "TEXT",
+    "mgrs": "TEXT",
+    "utm": "TEXT",
+}
+
+
+class _Own(NamedTuple):
+    """Hold a column of a target: its type in SQL, and how its cell is made."""
+
+    kind: str
+    cell: Callable[[Target], Any]
+
+
+#: A point that a GIS adds has neither id nor number.
+_OF_TARGET = {
+    "id": _Own("TEXT UNIQUE", lambda t: t.id),
+    "number": _Own("INTEGER UNIQUE", lambda t: t.number),
+    "name": _Own("TEXT", lambda t: _utf8(t.name)),
+    "target_kind": _Own("TEXT", lambda t: t.kind),
+    "note": _Own("TEXT", lambda t: _utf8(t.note)),
+    "aircraft": _Own("TEXT", lambda t: _utf8(t.aircraft)),
+    "created_ns": _Own("INTEGER", lambda t: t.created_ns),
+    "changed_ns": _Own("INTEGER", lambda t: t.changed_ns),
+    "clicks": _Own("INTEGER", lambda t: len(t.clicks)),
+    "clicks_agree": _Own("BOOLEAN", lambda t: t.clicks_agree),
+}
+#: Column -> its type in SQL.
+COLUMNS: Mapping[str, str] = {name: own.kind for name, own in _OF_TARGET.items()} | _OF_PLACE
+
+
+class Row(NamedTuple):
+    """Hold what is written of a target, or of a pixel that was located or refused."""
+
+    cells: dict[str, Any]  # texts, numbers, bool; None for what a refused pixel lacks
+    target: Target | None  # None of a refused pixel
+    words: str  # for a person
+
+
+def of_target(target: Target) -> dict[str, Any]:
+    """Return the cells of a target, in the order of ``COLUMNS``."""
+    return {name: own.cell(target) for name, own in _OF_TARGET.items()} | _of_place(target.place)
+
+
+def of_targets(targets: Sequence[Target]) -> list[Row]:
+    """Return a row for each target."""
+    return [Row(of_target(target), target, _words(target)) for target in targets]
+
+
+def of_answers(answers: Sequence[Answered]) -> list[Row]:
+    """Return a row for each pixel in their order; a located one is a target with its name."""
+    return [_row(number, answered) for number, answered in enumerate(answers, 1)]
+
+
+def target_of_pixel(number: int, name: str, place: Located) -> Target:
+    """Return a located pixel as a target: the same one for the same file, number and name."""
+    numbers = ", ".join(f"{key}={getattr(place, key)!r}" for key in CLICK)
+    # "Fixing" as ever, so that a map knows the point of an earlier export again.
+    own_id = uuid.uuid5(uuid.NAMESPACE_URL, f"tirgeo/Fixing({numbers})/{number}/{name!r}").hex
+    return Target(own_id, number, name, "other", "", "", place.stamp_ns, place.stamp_ns, (place,))
+
+
+def _of_place(place: Located) -> dict[str, Any]:
+    """Return the cells of a place in the order of ``_OF_PLACE``."""
+    east2, _, _, _, north2, _, _, _, up2 = place.covariance_enu
+    major_m, minor_m, azimuth_rad = place.ellipse
+    texts = written(place.latitude_deg, place.longitude_deg)
+    return {
+        "stamp_ns": place.stamp_ns,
+        "time": utc(place.stamp_ns),
+        "latitude_deg": round(place.latitude_deg, 9),
+        "longitude_deg": round(place.longitude_deg, 9),
+        "height_m": round(place.height_m, 4),
+        "sigma_north_m": round(math.sqrt(north2), 4),
+        "sigma_east_m": round(math.sqrt(east2), 4),
+        "sigma_height_m": round(math.sqrt(up2), 4),
+        "ellipse_major_m": round(major_m, 4),
+        "ellipse_minor_m": round(minor_m, 4),
+        "ellipse_azimuth_deg": round(math.degrees(azimuth_rad), 4),
+        "covariance_enu": " ".join(f"{number:.6g}" for number in place.covariance_enu),
+        "mgrs": texts.mgrs,
+        "utm": texts.utm,
+    }
+
+
+def _row(number: int, answered: Answered) -> Row:
+    name, answer = answered
+    pixel = {"id": name, "stamp_ns": answer.stamp_ns, "u": answer.uv[0], "v": answer.uv[1]}
+    if isinstance(answer, Refusal):
+        cells = pixel | {key: None for key in _OF_PLACE if key not in pixel}
+        reason = answer.reason.value
+        return Row(cells | {"reason": reason}, None, f"not located: {reason}")
+    target = target_of_pixel(number, name, answer)
+    return Row(pixel | _of_place(answer) | {"reason": None}, target, _words(target))
+
+
+def _utf8(text: str) -> str:
+    """Return a text that can be encoded: what cannot (of a damaged file) is escaped."""
+    return text.encode(errors="backslashreplace").decode()
+
+
+def _words(target: Target) -> str:
+    """Describe the place for a person."""
+    place = target.place
+    ellipse = place.ellipse
+    text = (
+        f"95 % within {ellipse.major_m:.2f} x {ellipse.minor_m:.2f} m (semi-axes), the longer "
+        f"towards {math.degrees(ellipse.azimuth_rad):.0f} deg; {place.height_m:.2f} m above the "
+        "ellipsoid"
+    )
+    return text if target.clicks_agree else f"{text}; its clicks disagree"

@@ -1,0 +1,310 @@
+"""Write targets, and the pixels that ``tirgeo locate`` located, in the formats of others.
+
+Read back what was written as GeoPackage, GeoJSON and CSV.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import html
+import io
+import json
+import re
+import sqlite3
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+from xml.etree import ElementTree as ET
+
+from tirgeo_ros.core.ground.ground_point import Located
+from tirgeo_ros.core.targets.target import KINDS, Target
+from tirgeo_ros.core.types.errors import TargetError
+from tirgeo_ros.core.types.texts import legible, utc
+from tirgeo_ros.io.cot.events import target_event
+from tirgeo_ros.io.files.whole_files import PathLike, csv_text, read_text
+from tirgeo_ros.io.surveys.survey import MOST_ROWS, Answered
+from tirgeo_ros.io.targets.columns import COLUMNS, Row, of_answers, of_targets, target_of_pixel
+from tirgeo_ros.io.targets.geopackage import (
+    explained,
+    make_tables,
+    put_picture,
+    put_target,
+    read_file,
+    transaction,
+)
+
+#: Returns the JPEG of a target's id, or None.
+Pictures = Callable[[str], bytes | None]
+#: Where a spreadsheet would compute, in cells by any separator; an apostrophe makes them texts.
+_FORMULA = re.compile(r"""(^|[;|\t\n])(?=['" ]*[=+\-@\t\r])""")
+_QUOTED = re.compile(r"""(^|[;|\t\n])'(?=['" ]*[=+\-@\t\r])""")
+#: By this Excel knows UTF-8.
+_MARK = "\ufeff"
+_KML, _GPX = "http://www.opengis.net/kml/2.2", "http://www.topografix.com/GPX/1/1"
+_LINE = "ffff50ff"  # KML's colours are alpha, blue, green, red
+#: Some readers of GPX show its texts as HTML, others as they are.
+_NO_TAGS = str.maketrans("<>", "\u2039\u203a")
+_WRITTEN = "which tirgeo did not write; give a GeoPackage, GeoJSON or CSV of targets from tirgeo"
+
+
+def geojson(rows: Sequence[Row]) -> str:
+    """Return a FeatureCollection: a point for each row in their order, then the ellipses.
+
+    ``kind`` is ``point`` or ``ellipse`` (of 95 %, a polygon); a target's own kind is
+    ``target_kind``. A refused pixel is a point without geometry; ``reason`` says why.
+    """
+    features = [_point_feature(row) for row in rows]
+    features += [_ellipse_feature(row, row.target) for row in rows if row.target]
+    document = {"type": "FeatureCollection", "features": features}
+    return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _point_feature(row: Row) -> dict[str, Any]:
+    cells, geometry = row.cells, None
+    if row.target:
+        coordinates = [cells["longitude_deg"], cells["latitude_deg"], cells["height_m"]]
+        geometry = {"type": "Point", "coordinates": coordinates}
+    return {"type": "Feature", "properties": {"kind": "point"} | cells, "geometry": geometry}
+
+
+def _ellipse_feature(row: Row, target: Target) -> dict[str, Any]:
+    own = {key: row.cells[key] for key in ("id", "stamp_ns")}
+    ring = [[longitude, latitude] for latitude, longitude in target.place.outline()]
+    geometry = {"type": "Polygon", "coordinates": [ring]}
+    properties = {"kind": "ellipse"} | own | {"share": 0.95}
+    return {"type": "Feature", "properties": properties, "geometry": geometry}
+
+
+def table(rows: Sequence[Row]) -> str:
+    """Return CSV, a line for each row, with a mark by which Excel knows UTF-8."""
+    header = list(rows[0].cells) if rows else list(COLUMNS)
+    return _MARK + csv_text([header, *(map(_cell, row.cells.values()) for row in rows)])
+
+
+def _cell(value: object) -> object:
+    """Return a value as text; one that a spreadsheet would compute gets an apostrophe."""
+    if isinstance(value, str):
+        value = value.replace("\r\n", "\n").replace("\r", "\n").replace("\0", "")
+        return _FORMULA.sub(r"\1'", value)
+    return str(value).lower() if isinstance(value, bool) else value
+
+
+def kml(rows: Sequence[Row]) -> str:
+    """Return KML: each point with its ellipse, on the ground; a refused pixel's name and reason.
+
+    KML's own heights are above sea level, so the ellipsoidal height is a property of the point.
+    """
+    root = ET.Element("kml", xmlns=_KML)
+    document = ET.SubElement(root, "Document")
+    style = ET.SubElement(document, "Style", id="target")
+    _add(ET.SubElement(style, "LineStyle"), "color", _LINE)
+    _add(ET.SubElement(style, "PolyStyle"), "fill", "0")
+    # Balloons show HTML: this one shows the description alone, where all texts are escaped.
+    _add(ET.SubElement(style, "BalloonStyle"), "text", "$[description]")
+    for row in rows:
+        _add_placemark(document, row)
+    return _xml(root)
+
+
+def _add_placemark(document: ET.Element, row: Row) -> None:
+    mark = ET.SubElement(document, "Placemark")
+    name = row.target.title if row.target else row.cells["id"]
+    _add(mark, "name", name)
+    texts = (name, row.cells.get("note"), row.words)
+    _add(mark, "description", "<br>".join(html.escape(text) for text in texts if text))
+    if row.target:
+        _add(ET.SubElement(mark, "TimeStamp"), "when", utc(row.target.place.stamp_ns))
+    _add(mark, "styleUrl", "#target")
+    extended = ET.SubElement(mark, "ExtendedData")
+    for key, value in row.cells.items():
+        if value is not None:
+            text = str(value).lower() if isinstance(value, bool) else str(value)
+            _add(ET.SubElement(extended, "Data", name=key), "value", text)
+    if row.target:
+        _add_kml_shapes(mark, row.target.place)
+
+
+def _add_kml_shapes(mark: ET.Element, place: Located) -> None:
+    both = ET.SubElement(mark, "MultiGeometry")
+    point = ET.SubElement(both, "Point")
+    _add(point, "coordinates", f"{place.longitude_deg:.9f},{place.latitude_deg:.9f}")
+    outer = ET.SubElement(ET.SubElement(both, "Polygon"), "outerBoundaryIs")
+    ring = " ".join(f"{longitude:.9f},{latitude:.9f}" for latitude, longitude in place.outline())
+    _add(ET.SubElement(outer, "LinearRing"), "coordinates", ring)
+
+
+def gpx(rows: Sequence[Row]) -> str:
+    """Return GPX 1.1 with a waypoint for each target; refused pixels are left out.
+
+    Waypoints have no ``ele``: readers take it as above sea level, and the height here is above the
+    ellipsoid. The description says it.
+    """
+    root = ET.Element("gpx", version="1.1", creator="tirgeo", xmlns=_GPX)
+    for row in rows:
+        if row.target:
+            _add_waypoint(root, row.target, row.words)
+    return _xml(root)
+
+
+def _add_waypoint(root: ET.Element, target: Target, words: str) -> None:
+    """Add a waypoint; the schema fixes the order of its children."""
+    place = target.place
+    longitude = -180.0 if place.longitude_deg == 180 else place.longitude_deg  # below 180 there
+    where = {"lat": f"{place.latitude_deg:.9f}", "lon": f"{longitude:.9f}"}
+    point = ET.SubElement(root, "wpt", where)
+    _add(point, "time", utc(place.stamp_ns))
+    _add(point, "name", target.title.translate(_NO_TAGS))
+    text = f"{target.note}; {words}" if target.note else words
+    for tag in ("cmt", "desc"):  # devices show the one, programs the other
+        _add(point, tag, text.translate(_NO_TAGS))
+    _add(point, "type", target.kind)
+
+
+def cot(answers: Sequence[Answered]) -> str:
+    """Return Cursor-on-Target 2.0: an ``event`` for each located point, in a root ``events``.
+
+    The events are those of targets, as the operator's page sends them; the time is the picture's.
+    """
+    root = ET.Element("events")
+    targets = [row.target for row in of_answers(answers) if row.target is not None]
+    root.extend([target_event(target, target.changed_ns) for target in targets])
+    return _xml(root)
+
+
+def _add(parent: ET.Element, tag: str, text: str) -> None:
+    """Add a child with a text on one line, without the characters that XML does not allow."""
+    ET.SubElement(parent, tag).text = legible(text).replace("\n", " ")
+
+
+def _xml(root: ET.Element) -> str:
+    ET.indent(root)
+    return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, "unicode") + "\n"
+
+
+def geopackage(rows: Sequence[Row], picture: Pictures = lambda _: None) -> bytes:
+    """Return a GeoPackage as TargetStore keeps it; refused pixels have no place there."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "targets.gpkg"
+        with explained(path), contextlib.closing(sqlite3.connect(path)) as db:
+            db.isolation_level = None
+            db.execute("PRAGMA synchronous = OFF")
+            with transaction(db):
+                make_tables(db)
+                for row in rows:
+                    if row.target:
+                        put_target(db, row.target)
+                        if jpeg := picture(row.target.id):
+                            put_picture(db, row.target.id, jpeg)
+        return path.read_bytes()
+
+
+class Form(NamedTuple):
+    """Hold a format: how it is written, and its media type."""
+
+    write: Callable[[Sequence[Row]], str | bytes]
+    media_type: str
+
+
+#: By the ending of the file's name.
+FORMATS = {
+    "geojson": Form(geojson, "application/geo+json"),
+    "kml": Form(kml, "application/vnd.google-earth.kml+xml"),
+    "gpx": Form(gpx, "application/gpx+xml"),
+    "csv": Form(table, "text/csv; charset=utf-8"),
+    "gpkg": Form(geopackage, "application/geopackage+sqlite3"),
+}
+
+
+def exported(targets: Sequence[Target], form: str, picture: Pictures | None = None) -> bytes:
+    """Return targets in one of FORMATS; a GeoPackage has their pictures, as ``store.picture``.
+
+    Raises TargetError if there is no room on the disk (GeoPackage).
+    """
+    if form == "gpkg" and picture:
+        return geopackage(of_targets(targets), picture)
+    return _encoded(FORMATS[form], of_targets(targets))
+
+
+def exported_answers(answers: Sequence[Answered], form: str) -> bytes:
+    """Return the pixels of ``tirgeo locate``; refused ones stay in GeoJSON, KML and CSV."""
+    return _encoded(FORMATS[form], of_answers(answers))
+
+
+def form_of(path: PathLike) -> str:
+    """Return the format that a file's name asks for; GeoJSON for any other name."""
+    ending = Path(path).suffix.lower().removeprefix(".")
+    return ending if ending in FORMATS else "geojson"
+
+
+def _encoded(form: Form, rows: Sequence[Row]) -> bytes:
+    content = form.write(rows)
+    return content if isinstance(content, bytes) else content.encode(errors="backslashreplace")
+
+
+def read_targets(path: PathLike) -> list[Target]:
+    """Return the targets of a file in its order, or by number (GeoPackage).
+
+    GeoJSON and CSV hold the average of the clicks, so their targets have one click. Pixels that
+    ``tirgeo locate`` located are targets too; refused ones are left out. Raises TargetError
+    naming the file.
+    """
+    path = Path(path)
+    with contextlib.suppress(OSError), path.open("rb") as file:
+        if file.read(16) == b"SQLite format 3\0":
+            return read_file(path)
+    text = read_text(path, TargetError)
+    rows = _json_rows(path, text) if text.lstrip().startswith("{") else _csv_rows(path, text)
+    if len(rows) > MOST_ROWS:
+        raise TargetError(f"{path}: {len(rows)} rows, more than the {MOST_ROWS} allowed")
+    targets: list[Target] = []
+    for line, row in enumerate(rows, 1):
+        if row.get("latitude_deg") in {None, ""}:
+            continue  # a refused pixel
+        try:
+            targets.append(_target(row, len(targets) + 1))
+        except (KeyError, TypeError, ValueError, OverflowError, TargetError):
+            raise TargetError(f"{path}: row {line} is one {_WRITTEN}") from None
+    for what in ("id", "number"):
+        if len({getattr(target, what) for target in targets}) < len(targets):
+            raise TargetError(f"{path}: two targets have the same {what}; remove one of them")
+    return targets
+
+
+def _json_rows(path: Path, text: str) -> list[dict[str, Any]]:
+    """Return the properties of the points."""
+    try:
+        every = [feature["properties"] for feature in json.loads(text)["features"]]
+        return [row for row in every if {"point": True, "ellipse": False}[row["kind"]]]
+    except (KeyError, TypeError, ValueError, RecursionError):
+        raise TargetError(f"{path}: a file {_WRITTEN}") from None
+
+
+def _csv_rows(path: Path, text: str) -> list[dict[str, Any]]:
+    """Return the cells of the rows, as they were before the apostrophes."""
+    reader = csv.DictReader(io.StringIO(text, newline=""))
+    try:
+        rows = [
+            {key: cell and _QUOTED.sub(r"\1", cell) for key, cell in row.items()} for row in reader
+        ]
+    except (AttributeError, TypeError, csv.Error):
+        raise TargetError(f"{path}: line {reader.line_num} is one {_WRITTEN}") from None
+    if "covariance_enu" not in (reader.fieldnames or ()):
+        raise TargetError(f"{path}: a file {_WRITTEN}")
+    return rows
+
+
+def _target(row: Mapping[str, Any], place_in_file: int) -> Target:
+    """Return a row's target; a row without a number is that of a located pixel."""
+    latitude, longitude, height_m = (
+        float(row[key]) for key in ("latitude_deg", "longitude_deg", "height_m")
+    )
+    covariance = tuple(map(float, row["covariance_enu"].split()))
+    click = Located(int(row["stamp_ns"]), latitude, longitude, height_m, covariance)
+    if "number" not in row:
+        return target_of_pixel(place_in_file, str(row["id"]), click)
+    kind = row["target_kind"] if row["target_kind"] in KINDS else "other"
+    words = str(row["name"]), kind, str(row["note"]), str(row["aircraft"])
+    times = int(row["created_ns"]), int(row["changed_ns"])
+    return Target(str(row["id"]), int(row["number"]), *words, *times, (click,))

@@ -1,0 +1,346 @@
+"""Send the video: each aircraft's newest pictures, as fast and as large as a viewer takes them.
+
+All on the server's loop.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import math
+import socket
+import struct
+import time
+from collections import deque
+from collections.abc import Callable, Iterable
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from statistics import median
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from aiohttp import WSMsgType, web
+
+from tirgeo_ros.io.messages.pictures import MOST_OF_VIDEO, size_of
+from tirgeo_ros.page.access import Allowance
+
+
+class Level(NamedTuple):
+    """Hold one size of picture."""
+
+    divisor: int  # of width and height: 1, 2 or 4
+    quality: int  # of the JPEG; 0: the bytes as they came
+    share: float  # of the untouched bytes, as measured on overlays of 640 x 512
+
+
+#: From the untouched picture down, each some two thirds of the one before.
+LEVELS = (
+    Level(1, 0, 1.0),
+    Level(1, 60, 0.68),
+    Level(1, 30, 0.46),
+    Level(2, 75, 0.28),
+    Level(2, 50, 0.19),
+    Level(2, 25, 0.125),
+    Level(4, 80, 0.08),
+    Level(4, 50, 0.048),
+)
+_FIRST = 4
+#: Pictures on the way; one alone where bytes make trips longer than this: on a slow link a second
+#: would only wait for the first, and be old when it arrives.
+_UNANSWERED, _ALONE_S = 2, 0.08
+_LOST_S = 3.0  # then a picture counts as answered: the page may have failed on it
+#: Trips above the first make pictures smaller, trips below the second larger.
+_LONG_S, _SHORT_S, _WANTED_S, _SURE_S = 0.28, 0.16, 0.2, 0.1
+_VERY_LONG_S, _IN_SUCCESSION = 0.6, 2  # one long trip alone may be a hiccup
+_READABLE = 5  # the least level that shows a person; below it only for very long trips
+#: How often a larger size is tried; one that leads to long trips so soon has failed.
+_PROBE_S, _RAREST_PROBE_S, _SOON_S = 1.0, 32.0, 3.0
+
+
+class Pace:
+    """Choose the size of pictures for one viewer, by the time until each is on the screen."""
+
+    def __init__(self) -> None:
+        self.level = _FIRST
+        self._on_the_way: dict[int, tuple[float, int]] = {}  # number -> sent at, level
+        self._probe_at_s, self._probe_every_s = 0.0, _PROBE_S
+        self._probed_s = -math.inf
+        self._trip_s = 0.0  # of the last picture
+        self._least_s: dict[int, float] = {}  # shortest trip by level
+        self._long = 0  # trips in succession
+
+    def may_send(self, now_s: float) -> bool:
+        """Return whether a picture may be sent."""
+        self._forget(lambda _, sent_s: now_s - sent_s > _LOST_S)
+        return len(self._on_the_way) < (1 if self._of_bytes_s() > _ALONE_S else _UNANSWERED)
+
+    def sent(self, number: int, now_s: float) -> None:
+        """Note a picture that goes out at the present level."""
+        self._on_the_way[number] = now_s, self.level
+
+    def shown(self, number: int, now_s: float) -> bool:
+        """Note a picture that is on the screen; return whether it had been sent, and not answered.
+
+        Those sent before it count as answered too.
+        """
+        if number not in self._on_the_way:
+            return False
+        sent_s, level = self._on_the_way[number]
+        self._forget(lambda other, _: other <= number)
+        self._trip_s = now_s - sent_s
+        self._least_s[level] = min(self._trip_s, self._least_s.get(level, math.inf))
+        if level == self.level:  # else it tells of a size that is no longer sent
+            self._judge(self._trip_s, now_s)
+        return True
+
+    def _of_bytes_s(self) -> float:
+        """Return the part of the last trip that bytes took (s), by trips of smaller pictures."""
+        smaller = [n for n in self._least_s if n > self.level]
+        if not smaller or self.level not in self._least_s:
+            return self._trip_s
+        least = max(smaller)
+        more_s = self._least_s[self.level] - self._least_s[least]
+        return more_s / (1 - LEVELS[least].share / LEVELS[self.level].share)
+
+    def _forget(self, which: Callable[[int, float], bool]) -> None:
+        gone = [n for n, (sent_s, _) in self._on_the_way.items() if which(n, sent_s)]
+        for number in gone:
+            del self._on_the_way[number]
+
+    def _judge(self, trip_s: float, now_s: float) -> None:
+        self._long = self._long + 1 if trip_s > _LONG_S else 0
+        if self._long >= _IN_SUCCESSION or trip_s > _VERY_LONG_S:
+            self._shrink(trip_s, now_s)
+        elif trip_s < _SHORT_S and self.level > 0:
+            self._grow(trip_s, now_s)
+
+    def _shrink(self, trip_s: float, now_s: float) -> None:
+        """Take the level whose trip will be short if the bytes alone make it long."""
+        share = LEVELS[self.level].share * _WANTED_S / trip_s
+        least = len(LEVELS) - 1 if trip_s > _VERY_LONG_S else max(_READABLE, self.level)
+        fitting = (n for n, level in enumerate(LEVELS) if level.share <= share)
+        self.level = min(max(next(fitting, least), self.level + 1), least)
+        failed = now_s - self._probed_s < _SOON_S  # the link bears no more: ask it less often
+        self._probe_every_s = min(self._probe_every_s * 2, _RAREST_PROBE_S) if failed else _PROBE_S
+        self._long, self._probed_s = 0, -math.inf
+        self._probe_at_s = now_s + self._probe_every_s
+
+    def _grow(self, trip_s: float, now_s: float) -> None:
+        """Take the best level that is surely short enough; now and then try one that may be."""
+        share = LEVELS[self.level].share * _SURE_S / trip_s
+        best = next(n for n, level in enumerate(LEVELS) if level.share <= share or n == self.level)
+        if best < self.level:
+            self.level = best
+        elif now_s >= self._probe_at_s:
+            self.level -= 1
+            self._probed_s = now_s
+            self._probe_at_s = now_s + self._probe_every_s
+
+
+_KEPT, _KEPT_BYTES = 100, 16 * 2**20  # pictures to cut targets out of: three seconds
+_HELD = 30  # pictures that were the last on somebody's screen: he may press on one for long
+_CUT_HALF = 80  # pixels: half a cut-out's side
+_LOG = logging.getLogger("tirgeo.page")
+_REDUCED = {
+    1: cv2.IMREAD_COLOR,
+    2: cv2.IMREAD_REDUCED_COLOR_2,
+    4: cv2.IMREAD_REDUCED_COLOR_4,
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Picture:
+    """Hold one picture of the video."""
+
+    number: int  # 1, 2, ... since the start
+    stamp_ns: int
+    begun_ns: int  # server's clock: when the picture was taken
+    jpeg: bytes
+    width: int
+    height: int
+
+
+class VideoFeed:
+    """Take pictures in, wake who waits for one, and make smaller ones once for all who want them.
+
+    Pictures are made smaller on ``workers``, one thread: then viewers of slow links take nothing
+    from the others.
+    """
+
+    def __init__(self, workers: Executor) -> None:
+        self.newest: Picture | None = None
+        self.damaged = 0
+        self._workers = workers
+        self._kept: deque[Picture] = deque(maxlen=_KEPT)
+        self._kept_bytes = 0
+        self._held: deque[Picture] = deque(maxlen=_HELD)
+        self._smaller: dict[int, asyncio.Future[bytes]] = {}  # by level, of the newest alone
+        self._waking: set[Callable[[], None]] = set()
+
+    def show(self, stamp_ns: int, begun_ns: int, jpeg: bytes) -> None:
+        """Take the newest picture; count what is no JPEG of a video, and log the first."""
+        width, height = size_of(jpeg, ("JPEG",))
+        if not 0 < width * height <= MOST_OF_VIDEO:
+            if not self.damaged:
+                most = f"{MOST_OF_VIDEO * 1e-6:.1f} million pixels"
+                _LOG.warning("a picture that is no JPEG of up to %s is not shown", most)
+            self.damaged += 1
+            return
+        number = self.newest.number + 1 if self.newest else 1
+        self.newest = Picture(number, stamp_ns, begun_ns, jpeg, width, height)
+        self._smaller = {}
+        self._keep(self.newest)
+        for wake in self._waking:
+            wake()
+
+    def wake(self, call: Callable[[], None]) -> None:
+        """Call it at each picture."""
+        self._waking.add(call)
+
+    def forget(self, call: Callable[[], None]) -> None:
+        """Call it no more."""
+        self._waking.discard(call)
+
+    def hold(self, pictures: Iterable[Picture]) -> None:
+        """Keep pictures for targets: those that a page had last when it stopped the video."""
+        self._held.extend(pictures)
+
+    async def bytes_at(self, picture: Picture, level: int) -> bytes:
+        """Return the JPEG at a level; never more bytes than the picture has."""
+        if LEVELS[level].quality == 0:
+            return picture.jpeg
+        work = asyncio.get_running_loop().run_in_executor
+        if picture is not self.newest:
+            return await work(self._workers, _smaller, picture.jpeg, level)
+        if level not in self._smaller:
+            self._smaller[level] = work(self._workers, _smaller, picture.jpeg, level)
+        return await asyncio.shield(self._smaller[level])
+
+    def cut_out(self, stamp_ns: int, u: float, v: float) -> Callable[[], bytes | None]:
+        """Return a function that makes a JPEG around a pixel, None if the picture is dropped."""
+        every = (*self._kept, *self._held)
+        picture = next((picture for picture in every if picture.stamp_ns == stamp_ns), None)
+        return lambda: _cut_out(picture, u, v) if picture else None
+
+    def _keep(self, picture: Picture) -> None:
+        if len(self._kept) == _KEPT:
+            self._kept_bytes -= len(self._kept.popleft().jpeg)
+        self._kept.append(picture)
+        self._kept_bytes += len(picture.jpeg)
+        while self._kept_bytes > _KEPT_BYTES and len(self._kept) > 1:
+            self._kept_bytes -= len(self._kept.popleft().jpeg)
+
+
+def _smaller(jpeg: bytes, level: int) -> bytes:
+    divisor, quality, _ = LEVELS[level]
+    image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), _REDUCED[divisor])
+    made = image is not None and cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    small: bytes = made[1].tobytes() if made else jpeg
+    return min(small, jpeg, key=len)
+
+
+def _cut_out(picture: Picture, u: float, v: float) -> bytes | None:
+    image = cv2.imdecode(np.frombuffer(picture.jpeg, np.uint8), cv2.IMREAD_COLOR)
+    if image is None:
+        return None
+    left, top = (max(0, round(at) - _CUT_HALF) for at in (u, v))
+    part = image[top : top + 2 * _CUT_HALF, left : left + 2 * _CUT_HALF]
+    if not part.size:
+        return None
+    made: bytes = cv2.imencode(".jpg", part, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()
+    return made
+
+
+#: stamp_ns, sent_ns, number, width, height; the JPEG follows.
+HEADER = struct.Struct("<QQIHH")
+#: What a page that lies about what it has drawn can make the kernel hold.
+_KERNEL_BUFFER = 256 * 1024
+_ANSWERS_A_S = 150.0
+_AGES = 30  # pictures over which an age is taken
+_SENT = 3  # pictures of which one may be on the screen: two unanswered, and the one before
+
+
+class VideoViewer:
+    """Send the video to one WebSocket; ``who`` is the session or address behind it."""
+
+    def __init__(self, feed: VideoFeed, socket_: web.WebSocketResponse, who: str) -> None:
+        self.who = who
+        self._feed, self._socket = feed, socket_
+        self._pace = Pace()
+        self._news = asyncio.Event()  # a picture, or an answer
+        self._ages_ms: deque[float] = deque(maxlen=_AGES)
+        self._sent: dict[int, Picture] = {}  # by number, the newest _SENT
+
+    @property
+    def latency_ms(self) -> float | None:
+        """Return the time from taking a picture to its being on the screen, lately."""
+        return median(self._ages_ms) if self._ages_ms else None
+
+    async def run(self) -> None:
+        """Send pictures and take answers until the peer leaves."""
+        sending = asyncio.create_task(self._send())
+        self._feed.wake(self._news.set)
+        try:
+            await self._take_answers()
+        finally:
+            self._feed.forget(self._news.set)
+            self._feed.hold(self._sent.values())
+            sending.cancel()
+            await asyncio.gather(sending, return_exceptions=True)
+
+    async def _send(self) -> None:
+        last = 0
+        while True:
+            newest = self._feed.newest
+            if newest and newest.number != last and self._pace.may_send(time.monotonic()):
+                last = newest.number
+                await self._send_one(newest)
+                continue
+            self._news.clear()
+            await self._news.wait()
+
+    async def _send_one(self, picture: Picture) -> None:
+        jpeg = await self._feed.bytes_at(picture, self._pace.level)
+        head = HEADER.pack(
+            max(picture.stamp_ns, 0),
+            time.time_ns(),
+            picture.number & 0xFFFFFFFF,
+            picture.width,
+            picture.height,
+        )
+        self._pace.sent(picture.number, time.monotonic())
+        self._sent[picture.number] = picture
+        if len(self._sent) > _SENT:
+            del self._sent[min(self._sent)]
+        await self._socket.send_bytes(head + jpeg)
+
+    async def _take_answers(self) -> None:
+        """Take ``shown NUMBER``; what else a page says ends the connection."""
+        allowance = Allowance(_ANSWERS_A_S, _ANSWERS_A_S)
+        async for message in self._socket:
+            word, _, number = str(message.data).partition(" ")
+            right = message.type is WSMsgType.TEXT and word == "shown" and _is_number(number)
+            if not right or not allowance.take(time.monotonic()):
+                await self._socket.close(code=1008, message=b"only shown NUMBER, once for each")
+                return
+            self._shown(int(number))
+            await asyncio.sleep(0)  # a flood must not hold up the others
+
+    def _shown(self, number: int) -> None:
+        if not self._pace.shown(number, time.monotonic()):
+            return
+        age_ms = (time.time_ns() - self._sent[number].begun_ns) * 1e-6
+        self._ages_ms.append(age_ms)
+        self._news.set()
+
+
+def _is_number(text: str) -> bool:
+    return text.isascii() and text.isdigit() and len(text) <= 10
+
+
+def bound_kernel_buffer(request: web.Request) -> None:
+    """Keep the kernel from growing the buffer of what is sent."""
+    own = request.transport.get_extra_info("socket") if request.transport else None
+    if own is not None:
+        own.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _KERNEL_BUFFER)

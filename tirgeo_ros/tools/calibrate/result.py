@@ -1,0 +1,79 @@
+"""Hold, print and write what a calibration has estimated, in one form for all of them.
+
+An estimate is a mapping with ``key`` (node and name of the parameter that holds it), ``unit``
+(deg, ms or m) and, in this unit, ``before``, ``found``, ``sigma``, and perhaps ``left_out``, the
+rms change without a sixth of the flight.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from tirgeo_ros.core.types.errors import CalibrationError
+from tirgeo_ros.io.bags.bag import BagReader
+from tirgeo_ros.io.files.whole_files import PathLike, write_files
+from tirgeo_ros.io.parameters.parameter_file import Value, parameters_yaml
+
+#: Unit -> how many of it make one rad, s or m.
+PER_UNIT = {"deg": math.degrees(1.0), "ms": 1e3, "m": 1.0}
+_DIGITS = {"deg": 3, "ms": 1, "m": 3}
+_COLUMNS = ("before", "found", "sigma", "left_out")
+
+Estimates = Mapping[str, Mapping[str, Any]]
+
+
+class Result(NamedTuple):
+    """Hold the result of a fit to a flight."""
+
+    numbers: dict[str, Any]  # for JSON, with the estimates as ``parameters``
+    nodes: dict[str, dict[str, Value]]  # the parameters, by node
+    notes: list[str]
+
+    def yaml(self, command: str, bag: PathLike, lines: Sequence[str]) -> str:
+        """Return the parameter file; ``lines`` and the notes are its head."""
+        first = f"Written by 'tirgeo calibrate {command}' from {os.fspath(bag)}."
+        head = "\n".join([first, *lines, *(f"note: {note}" for note in self.notes)])
+        return parameters_yaml(self.nodes, head)
+
+
+def estimate(key: str, unit: str, *numbers: float) -> dict[str, Any]:
+    """Return an estimate of numbers in rad, s or m, in the order of the columns."""
+    columns = zip(_COLUMNS, numbers, strict=False)
+    return {"key": key, "unit": unit} | {c: float(x) * PER_UNIT[unit] for c, x in columns}
+
+
+def estimates_table(estimates: Estimates) -> list[str]:
+    """Return the lines of a table: a parameter each, with the numbers that there are."""
+    columns = [name for name in _COLUMNS if all(name in row for row in estimates.values())]
+    titles = "".join(f"{name.replace('_', ' '):>10}" for name in columns)
+    lines = [f"{'parameter':<18}{titles}       key"]
+    for name, row in estimates.items():
+        numbers = "".join(f"{row[key]:>10.{_DIGITS[row['unit']]}f}" for key in columns)
+        lines.append(f"{name:<18}{numbers} {row['unit']:<5} {row['key']}")
+    return lines
+
+
+def described(lines: Sequence[str], result: Mapping[str, Any]) -> str:
+    """Return the text for the screen: lines, notes and the files written."""
+    notes = [f"note: {note}" for note in result["notes"]]
+    return "\n".join([*lines, *notes, *(f"wrote {path}" for path in result["output"])])
+
+
+def written(
+    files: Sequence[tuple[PathLike | None, Callable[[], str | bytes]]],
+    numbers: Mapping[str, object],
+    reader: BagReader | None,
+) -> dict[str, object]:
+    """Write those of the files that have a name, all or none; return the command's result.
+
+    A file is its name and what makes its contents. ``reader`` is that of the bag, if there is one:
+    its damage is the result's ``error``. Raise CalibrationError.
+    """
+    contents = {path: content() for path, content in files if path is not None}
+    write_files(contents, CalibrationError)
+    damage = None if reader is None else reader.damage
+    error = None if reader is None or damage is None else f"{reader.path}: {damage}"
+    return {"output": [os.fspath(path) for path in contents], **numbers, "error": error}

@@ -1,0 +1,153 @@
+"""Process flights on a cluster of Dask: one task a flight, on a file system that all share.
+
+A worker runs each flight in a child process, as this computer does. The flight of a worker that
+is killed is begun again on another, by Dask's scheduler.
+"""
+
+from __future__ import annotations
+
+import importlib
+import logging
+import re
+import time
+import uuid
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from tirgeo_ros import __version__
+from tirgeo_ros.core.types.errors import ManyFlightsError, shown
+from tirgeo_ros.tools.many_flights.flight_process import run_flight
+from tirgeo_ros.tools.many_flights.flight_record import (
+    FlightTask,
+    Record,
+    running_mark,
+    written_record,
+)
+from tirgeo_ros.tools.many_flights.local_workers import FlightProgress
+from tirgeo_ros.tools.presentation.progress import silent
+
+_SHOW_S = 0.2
+_CONNECT_S = 10.0
+_ADDRESS = re.compile(r"([a-z]+://)?[^/\s]+:\d+")
+_WORKERS_S = 30.0  # for the first worker to come
+
+
+def run_on_cluster(
+    tasks: Sequence[FlightTask], scheduler: str, progress: FlightProgress
+) -> Generator[tuple[FlightTask, Record], None, None]:
+    """Yield each task with its record, in the order in which they end.
+
+    When the generator is closed, the tasks are cancelled, and their processes end. Raises
+    ManyFlightsError for a scheduler without workers or one that is lost, and for workers of
+    another version or without the folder.
+    """
+    with _client(scheduler) as client:
+        _check(client, tasks[0].folder)
+        run = f"{uuid.uuid4()}"  # else Dask would take the same flight of another run for this one
+        pending = {
+            client.submit(run_on_worker, task, key=f"{task.name}-{run}", pure=False): task
+            for task in tasks
+        }
+        try:
+            while pending:
+                progress.in_work(_names(client, run))
+                progress.show()
+                time.sleep(_SHOW_S)
+                done = [future for future in pending if future.done()]
+                if client.status != "running":  # it has cancelled all of them by itself
+                    raise ConnectionError
+                for future in done:
+                    task = pending.pop(future)
+                    progress.done(task.name)
+                    yield task, _record(task, future)
+        except OSError:  # Dask's own are of this kind
+            raise ManyFlightsError(
+                f"--scheduler {scheduler}: the connection to it is lost; what is done is kept: "
+                "run the same command again when it is back"
+            ) from None
+        finally:
+            with suppress(OSError):
+                client.cancel(list(pending))
+
+
+def run_on_worker(task: FlightTask) -> Record:
+    """Process a flight on a worker, as long as the command runs."""
+    if task.made_from["version"] != __version__:
+        raise ManyFlightsError(_other_version(__version__))
+    mark = running_mark(Path(task.folder))
+    return run_flight(task, lambda: not mark.exists(), silent)
+
+
+def worker_sees(folder: str) -> tuple[str, bool]:
+    """Return a worker's version of tirgeo, and whether it sees the run in this folder."""
+    return __version__, running_mark(Path(folder)).exists()
+
+
+def _dask() -> Any:
+    """Return the package; raises ModuleNotFoundError, which the command explains."""
+    return importlib.import_module("distributed")
+
+
+@contextmanager
+def _client(scheduler: str) -> Iterator[Any]:
+    """Connect to a scheduler; raise ManyFlightsError if there is none."""
+    if not _ADDRESS.fullmatch(scheduler):
+        raise ManyFlightsError(f"--scheduler {scheduler}: no address, as tcp://192.168.1.5:8786")
+    dask = _dask()
+    for name in ("distributed", "distributed.client"):  # the package gives each its own level
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # their errors are raised here
+    try:
+        client = dask.Client(scheduler, timeout=_CONNECT_S, set_as_default=False, name="tirgeo")
+    except (OSError, ValueError, TypeError) as error:
+        why = shown(str(error).partition("\n")[0], 200)
+        raise ManyFlightsError(
+            f"--scheduler {scheduler}: no Dask scheduler answers: {why}"
+        ) from None
+    with client:
+        yield client
+
+
+def _check(client: Any, folder: str) -> None:
+    """Raise ManyFlightsError unless there are workers, of this version, that see the folder."""
+    try:
+        client.wait_for_workers(1, timeout=_WORKERS_S)
+    except _dask().TimeoutError:
+        raise ManyFlightsError(
+            "the scheduler has no worker: start some with dask worker"
+        ) from None
+    for worker, answer in client.run(worker_sees, folder, on_error="return").items():
+        if isinstance(answer, BaseException):
+            why = shown(answer, 200)
+            raise ManyFlightsError(f"worker {worker}: cannot run tirgeo {__version__}: {why}")
+        version, sees = answer
+        if version != __version__:
+            raise ManyFlightsError(f"worker {worker}: {_other_version(version)}")
+        if not sees:
+            raise ManyFlightsError(
+                f"worker {worker} does not see {folder}: flights, files and outputs must be on a "
+                "file system that all workers share, under the same names"
+            )
+
+
+def _other_version(version: str) -> str:
+    return f"has tirgeo {version}, another version than here; install the same one"
+
+
+def _names(client: Any, run: str) -> list[str]:
+    """Return the names of the flights that workers have in work."""
+    keys = [str(key) for some in client.processing().values() for key in some]
+    return [key.removesuffix(f"-{run}") for key in keys if key.endswith(run)]
+
+
+def _record(task: FlightTask, future: Any) -> Record:
+    """Return the record that a worker made; one of its error if it made none."""
+    if future.status == "finished":
+        record: Record = future.result()
+        return record
+    error = future.exception() if future.status == "error" else None
+    why = shown(error or "cancelled by the scheduler", 300)
+    if type(error).__name__ == "KilledWorker":
+        why = "each worker that began it was killed; is there enough memory?"
+    return written_record(task, {"error": f"{task.bag}: {why}"}, 1)

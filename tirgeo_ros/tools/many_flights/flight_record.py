@@ -1,0 +1,191 @@
+"""Define the task of one flight, and its record: a file ``NAME.json`` beside its outputs.
+
+The record is the summary of ``tirgeo process --json``. Its key ``season`` says which flight it is,
+what its outputs are made from, their sizes, and the facts that the page shows.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tirgeo_ros import __version__
+from tirgeo_ros.core.types.errors import BagError, ManyFlightsError
+from tirgeo_ros.io.bags.bag import bag_files
+from tirgeo_ros.io.files.whole_files import PathLike, read_text, write_files
+from tirgeo_ros.tools.presentation.results import plain
+
+_PIECE = 1 << 20  # bytes of a file that are read at once
+
+#: Name, size in bytes and time of change (ns) of a file; None for what is not known.
+Stamp = list[str | int | None]
+#: SHA-256 of a file, or the stamps of what is in a folder; None of what is absent.
+Digest = str | list[Stamp] | None
+
+
+@dataclass(frozen=True)
+class FlightTask:
+    """Hold what a process, on this computer or another, needs to process a flight."""
+
+    name: str  # of its files in ``folder``
+    bag: str
+    folder: str  # of the outputs
+    working_folder: str  # in which relative paths begin
+    options: dict[str, Any]  # keywords of ``process``, in JSON's types
+    video: str  # the ending of its video; "" for none
+    made_from: dict[str, Any]
+
+    def path(self, ending: str) -> Path:
+        """Return the place of one of its files; ``ending`` begins with a dot."""
+        return Path(self.folder) / f"{self.name}{ending}"
+
+    @property
+    def outputs(self) -> list[Path]:
+        """Return the places of all its files."""
+        endings = (".mcap", ".json", ".jpg", self.video)
+        return [self.path(ending) for ending in endings if ending]
+
+
+def running_mark(folder: Path) -> Path:
+    """Return the file that exists while a run works in a folder: its workers look for it."""
+    return folder / ".running"
+
+
+def place_of(bag: PathLike) -> Path:
+    """Return the whole path of a flight; of a link its own, not where it leads."""
+    return Path(os.path.normpath(Path(bag).absolute()))
+
+
+def bag_stamps(bag: PathLike) -> list[Stamp]:
+    """Return the stamps of a bag's files; of one that cannot be read, that of its path."""
+    try:
+        files, _ = bag_files(Path(bag))
+    except (BagError, OSError):
+        files = [Path(bag)]
+    return [_stamp(path) for path in files]
+
+
+def made_from(
+    stamps: Iterable[Stamp], options: Mapping[str, Any], digests: Mapping[str, Digest]
+) -> dict[str, Any]:
+    """Return, in JSON's types, all that a flight's outputs follow from.
+
+    ``digests`` are those of parameter files and of what they name. They are known by their
+    contents, for they are small and are copied and edited; the flight's own files by size and
+    time of change.
+    """
+    flight, files = list(stamps), dict(digests)
+    return {"version": __version__, "flight": flight, "options": dict(options), "files": files}
+
+
+def digests_of(paths: Iterable[PathLike]) -> dict[str, Digest]:
+    """Return by path the SHA-256 of each file, and the stamps of what is in each folder."""
+    return {str(path): _digest(Path(path)) for path in paths if path}
+
+
+def _stamp(path: Path) -> Stamp:
+    try:
+        status = path.stat()
+    except OSError:
+        return [path.name, None, None]
+    return [path.name, status.st_size, status.st_mtime_ns]
+
+
+def _digest(path: Path) -> Digest:
+    try:
+        if path.is_dir():
+            return [_stamp(entry) for entry in sorted(path.iterdir())]
+        digest = hashlib.sha256()
+        with path.open("rb") as file:
+            while piece := file.read(_PIECE):
+                digest.update(piece)
+    except OSError:
+        return None
+    return digest.hexdigest()
+
+
+Record = dict[str, Any]
+
+
+def read_records(folder: Path) -> dict[str, Record]:
+    """Return a folder's records by the names of their flights; other files are passed over."""
+    records: dict[str, Record] = {}
+    for path in filter(Path.is_file, sorted(folder.glob("*.json"))):  # a pipe never ends
+        with suppress(ManyFlightsError, ValueError, RecursionError):
+            record = json.loads(read_text(path, ManyFlightsError))
+            if _is_record(record):
+                records[path.stem] = record
+    return records
+
+
+def written_record(task: FlightTask, summary: Mapping[str, Any], attempts: int) -> Record:
+    """Write and return the record of a flight from its summary.
+
+    If it cannot be written, that is the record's error, unless the flight has one.
+    """
+    record = record_of(task, summary, attempts)
+    text = json.dumps(plain(record), allow_nan=False, ensure_ascii=False, indent=1)
+    try:
+        write_files({task.path(".json"): text + "\n"}, ManyFlightsError)
+    except ManyFlightsError as error:
+        record["error"] = record["error"] or str(error)
+    return record
+
+
+def record_of(task: FlightTask, summary: Mapping[str, Any], attempts: int) -> Record:
+    """Return the record of a flight from its summary, which may be an error alone."""
+    season = {
+        "name": task.name,
+        "bag": str(place_of(Path(task.working_folder, task.bag))),
+        "attempts": attempts,
+        "made_from": task.made_from,
+        "outputs": {},
+        "facts": {},
+    }
+    own = season | summary.get("season", {})
+    return {"input": task.bag, "output": None, **summary, "season": own}
+
+
+def is_done(record: Record | None, task: FlightTask) -> bool:
+    """Return whether a flight's outputs are complete, and made from what they would be now."""
+    if record is None or not record["output"]:
+        return False
+    season = record["season"]
+    sizes = {name: _size(Path(task.folder, name)) for name in season["outputs"]}
+    return bool(season["made_from"] == task.made_from and sizes == season["outputs"])
+
+
+def same_place(record: Record, bag: Path) -> bool:
+    """Return whether a record is of a flight in this place."""
+    return bool(record["season"]["bag"] == str(place_of(bag)))
+
+
+def same_files(record: Record, stamps: Sequence[Stamp]) -> bool:
+    """Return whether a record is of a flight of these files, wherever they were."""
+    there = all(size is not None for _, size, _ in stamps)
+    return there and bool(record["season"]["made_from"]["flight"] == stamps)
+
+
+def _size(path: Path) -> int | None:
+    try:
+        return path.stat().st_size
+    except OSError:
+        return None
+
+
+def _is_record(tree: object) -> bool:
+    """Return whether a tree has those parts of a record that are read without a check."""
+    if not isinstance(tree, dict) or not isinstance(season := tree.get("season"), dict):
+        return False
+    kinds = {"name": str, "bag": str, "made_from": dict, "outputs": dict, "facts": dict}
+    return (
+        all(isinstance(season.get(key), kind) for key, kind in kinds.items())
+        and isinstance(season["made_from"].get("flight"), list)
+        and tree.keys() >= {"input", "output", "error"}
+    )
