@@ -27,7 +27,7 @@ from tirgeo_ros.io.files.whole_files import write_files
 from tirgeo_ros.tools.many_flights.flight_facts import positions_ned
 from tirgeo_ros.tools.many_flights.flight_record import Record, read_records
 from tirgeo_ros.tools.presentation.progress import three
-from tirgeo_ros.tools.replay.process_summary import refused_line
+from tirgeo_ros.tools.replay.process import refused_line
 
 PAGE = "index.html"
 _FRAME = Path(__file__).with_suffix(".html")
