@@ -24,7 +24,7 @@ from tirgeo_ros.core.ground.backprojection import Ground, Reason
 from tirgeo_ros.core.ground.ground_point import Answer, Located, Refusal, place
 from tirgeo_ros.core.map.map_layers import Colour, LayerStyle
 from tirgeo_ros.core.map.polylines import Polylines
-from tirgeo_ros.core.overlay.label_placement import FreeSpace, wish_beside
+from tirgeo_ros.core.overlay.label_placement import FreeSpace, request_beside
 from tirgeo_ros.core.overlay.line_renderer import LineRenderer, mark_radius_px, marks_as_lines
 from tirgeo_ros.core.overlay.text_rendering import Box, TextBitmap, stamp, text_px
 from tirgeo_ros.core.overlay.uncertainty_rendering import ELLIPSE_BGR, MARK_TIMES, ellipse_dashes
@@ -192,7 +192,7 @@ class PlacedMarkers:
         self._labels: list[tuple[TextBitmap, Box]] = []
         for marker, (u, v) in zip(shown[::-1], self._uv[::-1].tolist(), strict=True):
             text = stamp(marker.label, text_px(image), _MARKER_BGR)
-            free = room.find(wish_beside(u, v, text.size, mark_px))
+            free = room.find(request_beside(u, v, text.size, mark_px))
             if free is not None:
                 self._labels.append((text, free[1]))
         self.boxes = [box for _, box in self._labels]
