@@ -272,7 +272,7 @@ def _request_on(
     *,
     inside: bool,
 ) -> PlacementRequest:
-    """Return the request of a label on its line or inside its outline, or under a small outline."""
+    """Return the request of a label on its line, inside its outline, or under a small outline."""
     half_u, half_v = size[0] / 2, size[1] / 2
     places: _Places = _ALONG
     if inside:
