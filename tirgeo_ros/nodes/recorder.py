@@ -41,9 +41,9 @@ class Recorder(GraphNode):
         topics = topic_names(config.topics)
         unknown = [name for name in topics if name not in _CONTRACT]
         if unknown or not topics:
-            known = ", ".join(_CONTRACT)
+            names = ", ".join(_CONTRACT)
             raise ConfigError(
-                f"parameter topics: {', '.join(unknown) or 'nothing'} to record (known: {known})"
+                f"parameter topics: {', '.join(unknown) or 'nothing'} to record (known: {names})"
             )
         for name in topics:
             self._record(_CONTRACT[name])

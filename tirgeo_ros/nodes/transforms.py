@@ -44,8 +44,8 @@ class Transforms:
         if self._tf is not None:
             messages = self._node.messages
             self._tf_static = self._node.advertise("/tf_static", latched())
-            found = messages.fixed_transforms(aircraft, self._node.now_ns)
-            self._tf_static.publish(messages.tf(found))
+            transforms = messages.fixed_transforms(aircraft, self._node.now_ns)
+            self._tf_static.publish(messages.tf(transforms))
 
     def body(self, pose: BodyPose) -> None:
         """Publish map -> base_link."""

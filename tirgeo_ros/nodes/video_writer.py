@@ -34,8 +34,8 @@ class VideoWriter(GraphNode):
             raise ConfigError(
                 "parameter output: nothing to write: set it to a file, or set stream"
             )
-        known = ConfidenceConfig(), config.geoid_undulation_m, config.platform
-        self._metadata = FrameMetadata(*known)
+        fixed = ConfidenceConfig(), config.geoid_undulation_m, config.platform
+        self._metadata = FrameMetadata(*fixed)
         self._film = VideoFile(Path(config.output), growing=True) if config.output else None
         self._stream = LiveStream(config.stream, self._metadata) if config.stream else None
         self._aircraft = AircraftTopics(self, "", terrain_of(config), self._take)

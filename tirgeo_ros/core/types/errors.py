@@ -115,7 +115,7 @@ class LogError(TirgeoError):
     """Report a log of another maker that cannot be read, or that leaves a needed thing open."""
 
 
-class SeasonError(TirgeoError):
+class ManyFlightsError(TirgeoError):
     """Report flights that cannot be processed together, or a cluster that cannot do it."""
 
 
