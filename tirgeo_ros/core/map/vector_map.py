@@ -160,16 +160,16 @@ class VectorMap:
             )
         details = Details.of(lines, layer[lines.owner])
         return cls(
-            labels,
-            np.array([bool(label) for label in labels], bool),
-            tuple(replace(each, features=()) for each in layers),
-            layer,
-            lines,
-            marks,
-            details,
-            _rings(lines, np.flatnonzero(rings), details),
-            without_ground,
-            tuple(notes),
+            labels=labels,
+            labelled=np.array([bool(label) for label in labels], bool),
+            layers=tuple(replace(each, features=()) for each in layers),
+            layer=layer,
+            lines=lines,
+            marks=marks,
+            details=details,
+            rings=_rings(lines, np.flatnonzero(rings), details),
+            without_ground=without_ground,
+            notes=tuple(notes),
         )
 
 

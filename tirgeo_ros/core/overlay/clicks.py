@@ -37,6 +37,7 @@ REMEMBERED_S = 60.0
 #: Time for which a marker is shown after its picture, and the largest number of markers.
 MARKER_S, MARKERS = 300.0, 20
 
+_MISSED = {Miss.EMPTY: Reason.NO_PICTURE, Miss.TOO_OLD: Reason.TOO_OLD}
 _MARKER_BGR: Colour = (255, 80, 255)
 _STYLE = LayerStyle(line_bgr=_MARKER_BGR, width_px=2)
 _LARGEST_PX = 2000.0  # semi-axis of an ellipse larger than any picture
@@ -141,16 +142,10 @@ class Clicks:
         ]
 
     def _answer(self, uv: tuple[float, float], stamp_ns: int) -> Answer:
-        newest_ns = self._shown.newest_ns
-        if newest_ns is None:
-            return Refusal(stamp_ns, uv, Reason.NO_PICTURE)
-        stamp_ns = stamp_ns or newest_ns
-        around = self._shown.around(stamp_ns)
-        if around is Miss.TOO_OLD:
-            return Refusal(stamp_ns, uv, Reason.TOO_OLD)
-        if isinstance(around, Miss) or around[2]:  # between two pictures
-            return Refusal(stamp_ns, uv, Reason.UNKNOWN_PICTURE)
-        shown = around[0]
+        stamp_ns = stamp_ns or self._shown.newest_ns or 0
+        shown = self._picture(stamp_ns)
+        if isinstance(shown, Reason):
+            return Refusal(stamp_ns, uv, shown)
         if shown.pose is None or self._plane is None:
             return Refusal(stamp_ns, uv, Reason.NO_POSE)
         if self._ground is None:
@@ -159,6 +154,14 @@ class Clicks:
             shown.camera, shown.pose, uv, self._plane, self._ground, self.confidence, shown.rates
         )
         return dataclasses.replace(answer, stamp_ns=stamp_ns)
+
+    def _picture(self, stamp_ns: int) -> ShownFrame | Reason:
+        """Return the picture of a stamp, or why there is none."""
+        around = self._shown.around(stamp_ns)
+        if isinstance(around, Miss):
+            return _MISSED.get(around, Reason.UNKNOWN_PICTURE)
+        shown, _, fraction = around
+        return Reason.UNKNOWN_PICTURE if fraction > 0 else shown  # between two pictures
 
 
 class PlacedMarkers:
