@@ -7,7 +7,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections import Counter, deque
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -20,7 +19,7 @@ from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.pose_buffer import Miss, StampedBuffer
-from tirgeo_ros.core.ground.backprojection import Ground, Reason
+from tirgeo_ros.core.ground.backprojection import Ground, Reason, is_given
 from tirgeo_ros.core.ground.ground_point import Answer, Located, Refusal, place
 from tirgeo_ros.core.map.map_layers import Colour, LayerStyle
 from tirgeo_ros.core.map.polylines import Polylines
@@ -107,8 +106,7 @@ class Clicks:
 
     def set_ground(self, ground: Ground | None) -> None:
         """Set an ellipsoidal height (m) or an elevation model; None or nan if it is not known."""
-        unknown = isinstance(ground, float) and math.isnan(ground)
-        self._ground = None if unknown else ground
+        self._ground = ground if is_given(ground) else None
 
     def show(
         self,

@@ -14,7 +14,7 @@ from tirgeo_ros.core.camera.projection_covariance import CameraRates, FrameConfi
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.config.overlay_parameters import ConfidenceConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.backprojection import Ground
+from tirgeo_ros.core.ground.backprojection import Ground, is_given
 from tirgeo_ros.core.ground.camera_place import height_above_m
 from tirgeo_ros.core.ground.dem import Terrain
 from tirgeo_ros.core.ground.frame_geometry import footprint
@@ -187,7 +187,7 @@ def drape_layers(layers: Sequence[MapLayer], plane: TangentPlane, ground: Ground
     draped = _written(VectorMap.from_layers(layers, plane, ground))
     places = [feature.points for layer in layers for feature in layer.features]
     level_m = math.nan
-    if places and not _is_given(ground):
+    if places and not is_given(ground):
         level_m = float(np.median(np.concatenate(places)[:, 2]))
     first_n = None
     if places:
@@ -266,7 +266,7 @@ class MapRenderer:
     def level(self) -> Ground:
         """Return the given ground, else the middle height of the map's own; nan without any."""
         own_m = self.draped.level_m if self.draped else math.nan
-        return self.ground if _is_given(self.ground) else own_m
+        return self.ground if is_given(self.ground) else own_m
 
     def footprint(self, pose: CameraPose | None) -> Array:
         """Return the picture's outline on the ground (N, 3), NED in the plane, m.
@@ -274,7 +274,7 @@ class MapRenderer:
         It is cut where lines end, and empty without pose, camera, plane or ground.
         """
         level = self.level
-        if pose is None or self._view is None or self.draped is None or not _is_given(level):
+        if pose is None or self._view is None or self.draped is None or not is_given(level):
             return np.empty((0, 3))
         plane = self.draped.plane
         far_m = farthest_m(self._view.camera, height_above_m(pose, plane, level))
@@ -323,7 +323,7 @@ class MapRenderer:
             placed.paint(image, self._painter)
         for each in written:
             each.paint(image)
-        return Drawn(notice, above_m if _is_given(ground) else math.nan, (*taken, *labels))
+        return Drawn(notice, above_m if is_given(ground) else math.nan, (*taken, *labels))
 
     def _absent(
         self, visible: VisibleMap, pose: CameraPose, scale_m_px: float, far_m: float
@@ -360,7 +360,3 @@ def _notices(
         top = notices[0].box.bottom if notices else 0
         notices.append(place_notice(image, notice, top=top, beside=beside))
     return notices
-
-
-def _is_given(ground: Ground) -> bool:
-    return isinstance(ground, Terrain) or math.isfinite(ground)
