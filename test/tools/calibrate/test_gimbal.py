@@ -8,7 +8,7 @@ import json
 import cv2
 import numpy as np
 import pytest
-from bad_boards import picture_bag
+from picture_bags import picture_bag
 from recorded_bags import segments_of
 
 from tirgeo_ros.core.calibration.checkerboard import Checkerboard

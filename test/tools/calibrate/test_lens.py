@@ -7,7 +7,7 @@ import json
 import cv2
 import numpy as np
 import pytest
-from bad_boards import picture_bag
+from picture_bags import picture_bag
 
 from tirgeo_ros.core.calibration.checkerboard import Checkerboard
 from tirgeo_ros.core.camera.camera_model import XT2

@@ -10,17 +10,63 @@ import subprocess
 import sys
 import time
 from concurrent.futures import Future
-from contextlib import nullcontext, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 from process_bags import IMAGES, rewritten
+from project import PROJECT, wait_until
 
 from tirgeo_ros.io.files.child_process import python_command
 from tirgeo_ros.tools.many_flights import dask_workers
 from tirgeo_ros.tools.many_flights.local_workers import FlightProgress
 from tirgeo_ros.tools.replay.process import process
+
+_LIMIT_S = 120.0
+
+
+@contextmanager
+def dask_cluster(folder, workers=2):
+    """Run a scheduler and workers of one thread; yield its address and the workers' processes.
+
+    Without a nanny: a worker that is killed is gone.
+    """
+    told = folder / "scheduler.json"
+    with ExitStack() as stack:
+        words = ["--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(told)]
+        stack.enter_context(_process(folder / "scheduler.log", "dask_scheduler", *words))
+        address = _address(told)
+        yield (
+            address,
+            [
+                stack.enter_context(_worker(folder / f"worker_{number}.log", address))
+                for number in range(workers)
+            ],
+        )
+
+
+def _worker(log, address):
+    return _process(log, "dask_worker", address, "--nthreads", "1", "--no-nanny")
+
+
+@contextmanager
+def _process(log, program, *words):
+    command = [sys.executable, "-m", f"distributed.cli.{program}", *words, "--no-dashboard"]
+    with log.open("wb") as out:
+        # The project's folder is where a worker finds tirgeo.
+        process = subprocess.Popen(command, cwd=PROJECT, stdout=out, stderr=out)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+def _address(path):
+    wait_until(lambda: path.exists() and path.read_text().endswith("}"), _LIMIT_S)
+    return json.loads(path.read_text())["address"]
+
 
 LIMIT_S = 240.0
 
@@ -28,7 +74,7 @@ LIMIT_S = 240.0
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory):
     pytest.importorskip("distributed")
-    from dask_cluster import dask_cluster  # noqa: PLC0415 for these alone
+    from test_dask_workers import dask_cluster  # noqa: PLC0415 for these alone
 
     with dask_cluster(tmp_path_factory.mktemp("cluster")) as found:
         yield found
