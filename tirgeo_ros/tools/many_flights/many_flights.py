@@ -265,7 +265,7 @@ def flight_names(
 def _recorded(
     flights: Mapping[Path, Sequence[Stamp]], records: Mapping[str, Record]
 ) -> dict[Path, str]:
-    """Return the names of the flights that have records; a record is one flight's."""
+    """Return the names of the flights that have a record; no two share one."""
     names: dict[Path, str] = {}
     for name, record in records.items():
         rest = [path for path in flights if path not in names]
@@ -278,7 +278,7 @@ def _recorded(
 
 
 def _parts(path: Path) -> list[str]:
-    """Return the names of the folders to a flight and its own, without a bag's ending."""
+    """Return the names of a flight's folders and its own name, without a bag's ending."""
     whole = place_of(path)
     *folders, last = (whole.parent if whole.name == METADATA else whole).parts[1:]
     return [*folders, _ENDINGS.sub("", last)]
