@@ -53,7 +53,7 @@ def run_here(
 
 
 def core_shares(workers: int | None, flights: int) -> list[list[int]]:
-    """Return the cores of each worker, as equal in number as can be; never more than flights.
+    """Return the cores of each worker, evenly shared; there are never more workers than flights.
 
     With more workers than cores, some share one.
     """
