@@ -14,8 +14,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from flights import flight
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from graph_helpers import KeptLog, await_words
-from hover_bags import write_hover
 from nav_msgs.msg import Odometry
+from process_bags import write_hover
 from project import PROJECT
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor

@@ -331,8 +331,8 @@ def _notes(aircraft: AircraftConfig, fitted: AircraftFit) -> list[str]:
 def aircraft_lines(result: Mapping[str, Any]) -> list[str]:
     """Return the estimates as a table, what was not determined, and the innovations' size."""
     nis = [
-        f"{source} {one['before']:.3g} before, {one['after']:.2f} after"
-        for source, one in result["nis"].items()
+        f"{source} {row['before']:.3g} before, {row['after']:.2f} after"
+        for source, row in result["nis"].items()
     ]
     return [
         *estimates_table(result["parameters"]),

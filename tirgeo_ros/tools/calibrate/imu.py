@@ -30,7 +30,7 @@ from tirgeo_ros.io.parameters.parameter_file import (
     parameters_yaml,
     paths_of,
 )
-from tirgeo_ros.tools.calibrate.imu_record import (
+from tirgeo_ros.tools.calibrate.imu_bag import (
     CHANNELS,
     DENSITIES,
     UNITS,
