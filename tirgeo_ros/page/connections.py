@@ -76,6 +76,7 @@ class Connection(asyncio.Protocol):
         self._handshake: asyncio.Task[None] | None = None
         self._bytes = Allowance(_BYTES_A_S, _BYTES_AT_ONCE)
         self._serves = False
+        self._early: list[bytes] = []  # came with the end of the handshake
         self.transport: Any = None  # asyncio's own classes share no base with abort
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -109,26 +110,33 @@ class Connection(asyncio.Protocol):
         self.transport, self._serves = transport, True
         self._listener.serve(self)
         self._http.connection_made(transport)
+        for data in self._early:
+            self._http.data_received(data)
+        self._early.clear()
 
     def data_received(self, data: bytes) -> None:
         """Pass bytes on, unless they are too many: then no later buffer can grow."""
         few = self._bytes.take(self._loop.time(), len(data))
-        if few and (self._frames is None or self._frames.take(data)):
+        if not few or (self._frames is not None and not self._frames.take(data)):
+            self.abort()
+        elif self._serves:
             self._http.data_received(data)
         else:
-            self.abort()
+            self._early.append(data)
 
     def eof_received(self) -> bool | None:
         """Take the end of what the peer sends."""
-        return self._http.eof_received()
+        return self._http.eof_received() if self._serves else None
 
     def pause_writing(self) -> None:
         """Wait, as the peer does not read."""
-        self._http.pause_writing()
+        if self._serves:
+            self._http.pause_writing()
 
     def resume_writing(self) -> None:
         """Go on."""
-        self._http.resume_writing()
+        if self._serves:
+            self._http.resume_writing()
 
     def connection_lost(self, exc: Exception | None) -> None:
         """End."""
