@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import graphlib
+import re
 import subprocess
 import sys
 
@@ -33,7 +34,7 @@ ORDER = {
     "core.navigation": "ins aiding alignment timeline estimator smoothing",
     "dji": "clocks protocol link host sources interpret simulator",
     "io": "files coordinates parameters elevation messages logs pictures bags maps surveys cot "
-    "targets video geopackage",
+    "geopackage targets video",
     "tools": "presentation replay simulate budget calibrate convert evaluate export many_flights "
     "graph cli",
 }
@@ -148,3 +149,22 @@ def test_the_core_is_silent(name):
     calls = (node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call))
     named = {call.func.id for call in calls if isinstance(call.func, ast.Name)}
     assert not named & {"print", "open", "input"}
+
+
+#: Diagnostics and markers are for people and RViz: programs read the JSON beside them.
+FOR_PEOPLE = ("/diagnostics", "tirgeo/targets/markers")
+DECODERS = ("navigation_status", "diagnostic_level", "import DiagnosticStatus")
+#: But for one: what ``process`` writes of the filter's state stands in its diagnostics alone.
+READS_DIAGNOSTICS = {"tirgeo_ros.tools.many_flights.flight_facts"}
+
+
+def test_no_program_reads_what_is_for_people():
+    product = {name: path for name, path in MODULES.items() if name.startswith("tirgeo_ros.")}
+    readers = set()
+    for name, path in product.items():
+        text = path.read_text()
+        heard = re.findall(r"""\.(?:listen|create_subscription)\(\s*f?["']([^"']*)""", text)
+        decodes = [one for one in DECODERS if one in text and ".io.messages" not in name]
+        if decodes or set(heard) & set(FOR_PEOPLE):
+            readers.add(name)
+    assert readers == READS_DIAGNOSTICS

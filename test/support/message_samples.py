@@ -159,10 +159,6 @@ EVERY_MESSAGE: dict[str, tuple[str, Callable[[Messages], Any]]] = {
     ),
     "path": ("nav_msgs/msg/Path", lambda m: m.path(STAMP_NS, [m.track_point(BODY)] * 2)),
     "targets": ("std_msgs/msg/String", lambda m: m.targets([TARGET] * 2)),
-    "markers": (
-        "visualization_msgs/msg/MarkerArray",
-        lambda m: m.target_markers(PLANE, [TARGET] * 2),
-    ),
     "answer": ("std_msgs/msg/String", lambda m: m.answer(LOCATED)),
     "clock": ("rosgraph_msgs/msg/Clock", lambda m: m.clock(STAMP_NS)),
     "findings": ("std_msgs/msg/String", lambda m: m.findings("/ekf_node", STAMP_NS, [FINDING])),

@@ -38,7 +38,7 @@ from tirgeo_ros.io.messages import (
     stamp_ns,
     tangent_plane,
 )
-from tirgeo_ros.io.messages.offered_qos import IMAGE_DEPTH, STREAM_DEPTH
+from tirgeo_ros.io.messages.sensor_messages import IMAGE_DEPTH, STREAM_DEPTH
 from tirgeo_ros.nodes.graph_node import GraphNode, latched, output
 from tirgeo_ros.nodes.setup_checks import Restarts
 

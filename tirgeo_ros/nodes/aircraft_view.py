@@ -29,7 +29,6 @@ from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
 from tirgeo_ros.io.messages import (
     TOPIC_TYPES,
-    Messages,
     answer_of,
     body_pose,
     finding_row,
@@ -42,7 +41,8 @@ from tirgeo_ros.nodes.aircraft_topics import (
     Reports,
     places_n,
 )
-from tirgeo_ros.nodes.graph_node import GraphNode, latched, message_class, output
+from tirgeo_ros.nodes.graph_node import GraphNode, latched, output
+from tirgeo_ros.nodes.target_markers import target_markers
 
 #: Silence (s) of what is needed, or time without a map, that ends GO; good time that restores it.
 _SILENT_S, _GOOD_S = 1.0, 2.0
@@ -252,9 +252,7 @@ class AircraftView(AircraftTopics):
         if self.plane is None or soon or marked == self._marked:
             return
         if self._markers.get_subscription_count():
-            frames = self._node.messages.frames._replace(map=self.map_frame)
-            markers = Messages(message_class, frames).target_markers(self.plane, targets)
-            self._markers.publish(markers)
+            self._markers.publish(target_markers(self.map_frame, self.plane, targets))
             self._marked, self._marked_s = marked, now_s
 
     def _count(self, stamp: int, jpeg: bytes) -> None:

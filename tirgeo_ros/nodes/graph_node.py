@@ -37,7 +37,7 @@ from tirgeo_ros.io.messages import (
     Messages,
     NodeState,
 )
-from tirgeo_ros.io.messages.offered_qos import (
+from tirgeo_ros.io.messages.sensor_messages import (
     OUTPUT_DEPTH,
     STREAM_DEPTH,
 )

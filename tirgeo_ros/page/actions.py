@@ -20,6 +20,7 @@ import pyproj
 from tirgeo_ros.core.targets.target import KINDS, Target
 from tirgeo_ros.core.types.errors import TirgeoError, shown
 from tirgeo_ros.io.coordinates.crs import written
+from tirgeo_ros.io.messages.json_codec import target_row
 from tirgeo_ros.io.targets.store import MOST_MARK, MOST_NAME, MOST_NOTE, TargetStore
 from tirgeo_ros.page.backend import Backend, Click, Pixel
 from tirgeo_ros.page.video import VideoFeed
@@ -330,20 +331,9 @@ def target_fields(target: Target, undulation_m: float) -> dict[str, Any]:
     """Return a target as the page gets it; without ``undulation_m`` no height above sea level."""
     place = target.place
     ellipse = place.ellipse
-    has_undulation = math.isfinite(undulation_m)
-    return {
-        "id": target.id,
-        "number": target.number,
-        "name": target.name,
-        "kind": target.kind,
+    return target_row(target) | {
         "note": target.note,
-        "aircraft": target.aircraft,
-        "created_ns": str(target.created_ns),
-        "changed_ns": str(target.changed_ns),
-        "latitude_deg": place.latitude_deg,
-        "longitude_deg": place.longitude_deg,
-        "height_m": place.height_m,
-        "height_msl_m": place.height_m - undulation_m if has_undulation else None,
+        "height_msl_m": place.height_m - undulation_m if math.isfinite(undulation_m) else None,
         "coordinates": written(place.latitude_deg, place.longitude_deg)._asdict(),
         "ellipse": {
             "major_m": ellipse.major_m,
@@ -351,6 +341,4 @@ def target_fields(target: Target, undulation_m: float) -> dict[str, Any]:
             "azimuth_deg": math.degrees(ellipse.azimuth_rad),
         },
         "outline": [[round(x, 8) for x in corner] for corner in place.outline(_CORNERS)],
-        "clicks": len(target.clicks),
-        "clicks_agree": target.clicks_agree,
     }

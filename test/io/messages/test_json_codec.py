@@ -8,11 +8,10 @@ import math
 
 import numpy as np
 import pytest
-from message_samples import LOCATED, PLANE, STAMP_NS, TARGET
+from message_samples import LOCATED, STAMP_NS, TARGET
 
-from tirgeo_ros.core.camera.projection_covariance import ellipse_95
 from tirgeo_ros.core.ground.backprojection import Reason
-from tirgeo_ros.core.ground.ground_point import Refusal, enu_of
+from tirgeo_ros.core.ground.ground_point import Refusal
 from tirgeo_ros.core.targets.target import MOST_TARGETS
 from tirgeo_ros.core.types.errors import MessageError
 from tirgeo_ros.io.bags.cdr import Cdr
@@ -87,7 +86,7 @@ def test_a_message_of_an_earlier_version_is_named():
     with pytest.raises(MessageError, match="it is of a version before tirgeo/locate/answer/1"):
         answer_of(MESSAGES.diagnostics(STAMP_NS, []))
     with pytest.raises(MessageError, match="it is of a version before tirgeo/targets/1"):
-        targets_of(MESSAGES.target_markers(PLANE, [TARGET]))
+        targets_of(MESSAGES.types("visualization_msgs/msg/MarkerArray")(markers=[]))
 
 
 def test_targets_come_back_without_notes_each_with_one_click():
@@ -135,26 +134,3 @@ def test_more_targets_than_can_be_drawn_are_refused():
         targets_of(text_of(document | {"targets": document["targets"] * (MOST_TARGETS + 1)}))
     with pytest.raises(MessageError, match="no list of targets"):
         targets_of(text_of(document | {"targets": 7}))
-
-
-def test_the_first_marker_deletes_all_others():
-    assert [one.action for one in MESSAGES.target_markers(PLANE, []).markers] == [3]
-    delete, shape, label = MESSAGES.target_markers(PLANE, [TARGET]).markers
-    assert (delete.action, shape.action, label.text) == (3, 0, "1 fire: barn")
-    place = TARGET.place
-    north, east, down = PLANE.ned_from_geodetic(
-        place.latitude_rad, place.longitude_rad, place.height_m
-    )
-    point = shape.pose.position
-    np.testing.assert_allclose([point.x, point.y, point.z], [east, north, -down], rtol=1e-12)
-
-
-def test_the_marker_is_the_95_percent_ellipsoid():
-    """A viewer in ``map`` sees its greatest breadth where the covariance has its own."""
-    level = dataclasses.replace(LOCATED, covariance_enu=enu_of(np.diag([4.0, 1.0, 0.01])))
-    target = dataclasses.replace(TARGET, clicks=(level,), name="x" * 1000)
-    _, shape, label = MESSAGES.target_markers(PLANE, [target]).markers
-    semi_axes, _ = ellipse_95(np.diag([4.0, 1.0]))
-    breadths = sorted([shape.scale.x, shape.scale.y, shape.scale.z])
-    np.testing.assert_allclose(breadths[:0:-1], 2 * semi_axes[0], rtol=1e-12)
-    assert len(label.text) == 60

@@ -19,30 +19,26 @@ from tirgeo_ros.io.surveys.survey import (
     load_survey,
     save_observations,
 )
-from tirgeo_ros.io.targets.store import TargetStore
 from tirgeo_ros.tools.cli.main import main
 from tirgeo_ros.tools.evaluate.evaluate import evaluate
 from tirgeo_ros.tools.replay.locate import locate_pixels
 
 
-@pytest.fixture(scope="module")
-def inputs(sample):
-    return [sample / "flight.mcap", "--pixels", sample / "observations.csv"]
+def locate(sample, out, pixels=None, **options):
+    """Locate pixels of the sample flight, by default the observations."""
+    pixels, options = pixels or sample / "observations.csv", {"params": "params.yaml"} | options
+    params = options["params"]
+    options["params"] = sample / params if isinstance(params, str) else params
+    return locate_pixels(sample / "flight.mcap", pixels, out, **options)
 
 
 @pytest.fixture(scope="module")
 def located(sample, tmp_path_factory):
-    """The folder with all three forms, and the summary."""
+    """The folder with all three forms."""
     folder = tmp_path_factory.mktemp("located")
-    summary = locate_pixels(
-        sample / "flight.mcap",
-        sample / "observations.csv",
-        folder / "points.geojson",
-        params=sample / "params.yaml",
-        kml_out=folder / "points.kml",
-        cot_out=folder / "points.xml",
-    )
-    return folder, summary
+    others = {"kml_out": folder / "points.kml", "cot_out": folder / "points.xml"}
+    locate(sample, folder / "points.geojson", **others)
+    return folder
 
 
 def points_of(path):
@@ -70,8 +66,7 @@ def test_the_errors_are_those_that_evaluate_finds(sample, tmp_path):
     chosen = tmp_path / "chosen.yaml"
     chosen.write_text("/**/gimbal_node:\n  ros__parameters: {composition: encoders}\n")
     params = [sample / "params.yaml", chosen]
-    files = (sample / "flight.mcap", sample / "observations.csv", tmp_path / "points.geojson")
-    summary = locate_pixels(*files, params=params)
+    summary = locate(sample, tmp_path / "points.geojson", params=params)
     evaluation = evaluate(
         sample / "flight.mcap",
         sample / "survey.geojson",
@@ -94,7 +89,7 @@ def test_the_errors_are_those_that_evaluate_finds(sample, tmp_path):
 def test_the_survey_lies_within_the_ellipses(sample, located):
     """The filter's covariance, carried to the ground: 24 points, few of them outside of 95 %."""
     inside = []
-    for _, (north, east), said in errors_of(located[0] / "points.geojson", sample):
+    for _, (north, east), said in errors_of(located / "points.geojson", sample):
         azimuth = math.radians(said["ellipse_azimuth_deg"])
         along = (north * math.cos(azimuth) + east * math.sin(azimuth)) / said["ellipse_major_m"]
         across = (east * math.cos(azimuth) - north * math.sin(azimuth)) / said["ellipse_minor_m"]
@@ -103,9 +98,10 @@ def test_the_survey_lies_within_the_ellipses(sample, located):
     assert sum(inside) >= 20
 
 
-def test_the_command_and_its_json(inputs, sample, tmp_path, capsys):
+def test_the_command_and_its_json(sample, tmp_path, capsys):
     out = tmp_path / "p.geojson"
-    argv = ["locate", *inputs, "-o", out, "--params", sample / "params.yaml", "--json"]
+    argv = ["locate", sample / "flight.mcap", "--pixels", sample / "observations.csv"]
+    argv += ["-o", out, "--params", sample / "params.yaml", "--json"]
     assert main([str(word) for word in argv]) == 0
     said, complaint = capsys.readouterr()
     summary = json.loads(said)
@@ -113,29 +109,6 @@ def test_the_command_and_its_json(inputs, sample, tmp_path, capsys):
     assert summary["output"] == [str(out)]
     assert "1 of 25 pixels refused: 1 x no trusted pose" in complaint
     assert list(tmp_path.iterdir()) == [out]
-
-
-@pytest.mark.slow
-def test_located_points_as_a_geopackage_are_targets_for_the_page(sample, located, tmp_path):
-    out = tmp_path / "targets.gpkg"
-    locate_pixels(
-        sample / "flight.mcap",
-        sample / "observations.csv",
-        out,
-        params=sample / "params.yaml",
-    )
-    store = TargetStore(out)
-    found = store.all()
-    store.close()
-    written = [f for f in points_of(located[0] / "points.geojson") if f["geometry"]]
-    assert [one.name for one in found] == [f["properties"]["id"] for f in written]
-    for one, feature in zip(found, written, strict=True):
-        place = [one.place.longitude_deg, one.place.latitude_deg, one.place.height_m]
-        # nine decimals of a degree, a tenth of a millimetre
-        assert feature["geometry"]["coordinates"] == pytest.approx(place, abs=0.51e-4)
-        assert one.place.ellipse.major_m == pytest.approx(
-            feature["properties"]["ellipse_major_m"], abs=0.51e-4
-        )
 
 
 @pytest.mark.slow
@@ -148,12 +121,7 @@ def test_each_refusal_is_written_with_its_reason(sample, tmp_path):
         Observation("negative", -1, 3.0, 4.0),
     ]
     save_observations(tmp_path / "asked.csv", asked)
-    summary = locate_pixels(
-        sample / "flight.mcap",
-        tmp_path / "asked.csv",
-        tmp_path / "out.geojson",
-        params=sample / "params.yaml",
-    )
+    summary = locate(sample, tmp_path / "out.geojson", tmp_path / "asked.csv")
     reasons = [f["properties"]["reason"] for f in points_of(tmp_path / "out.geojson")]
     nothing = "no trusted pose at that picture"
     assert reasons == [None, "the pixel is outside the picture", nothing, nothing]
@@ -178,8 +146,7 @@ def test_nothing_located_is_a_failure_with_an_output(sample, tmp_path, capsys):
 def test_the_ground_and_the_method_can_be_chosen(sample, tmp_path):
     def north_m(name, **options):
         out = tmp_path / f"{name}.geojson"
-        files = (sample / "flight.mcap", sample / "observations.csv", out)
-        summary = locate_pixels(*files, params=sample / "params.yaml", **options)
+        summary = locate(sample, out, **options)
         return np.array([e for _, e, _ in errors_of(out, sample)]), summary
 
     level, _ = north_m("level")
@@ -194,23 +161,14 @@ def test_the_ground_and_the_method_can_be_chosen(sample, tmp_path):
     ("options", "error", "said"),
     [
         ({"params": None}, ConfigError, "give --ground-height or --dem"),
-        (
-            {"kml_out": "out.geojson"},
-            SurveyError,
-            "out.geojson: would overwrite",
-        ),
+        ({"kml_out": "out.geojson"}, SurveyError, "out.geojson: would overwrite"),
         ({"namespace": "uav7"}, BagError, "needed topic absent: /uav7/imu/data"),
     ],
 )
 def test_what_cannot_be_done_leaves_no_output(sample, tmp_path, monkeypatch, options, error, said):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(error, match=said):
-        locate_pixels(
-            sample / "flight.mcap",
-            sample / "observations.csv",
-            "out.geojson",
-            **{"params": sample / "params.yaml"} | options,
-        )
+        locate(sample, "out.geojson", **options)
     assert list(tmp_path.iterdir()) == []
 
 

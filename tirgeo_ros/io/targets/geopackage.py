@@ -7,15 +7,16 @@ from __future__ import annotations
 
 import contextlib
 import sqlite3
-import struct
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.targets.target import KINDS, Target
 from tirgeo_ros.core.types.errors import TargetError
+from tirgeo_ros.io.geopackage.layers import Layer, Positions, insert, make_file, make_layer
 from tirgeo_ros.io.targets.columns import COLUMNS, of_target
 
 _WAIT_S = 2.0  # for a program that is just ending
@@ -33,55 +34,35 @@ _DAMAGED = (
     "it is damaged and was left as it is: move it away to begin a new one; the command "
     "'sqlite3 FILE .recover' gets back what it still holds"
 )
-_APPLICATION_ID, _VERSION = 0x47504B47, 10300  # "GPKG"
-_WGS84 = (
-    'GEOGCS["WGS 84",DATUM["WGS_1984",SPHEROID["WGS 84",6378137,298.257223563,AUTHORITY["EPSG",'
-    '"7030"]],AUTHORITY["EPSG","6326"]],PRIMEM["Greenwich",0,AUTHORITY["EPSG","8901"]],UNIT['
-    '"degree",0.0174532925199433,AUTHORITY["EPSG","9122"]],AUTHORITY["EPSG","4326"]]'
+TARGETS = Layer("targets", "Point", COLUMNS, "places, each the average of its clicks")
+ELLIPSES = Layer(
+    "ellipses",
+    "Polygon",
+    {"target": "TEXT NOT NULL", "number": "INTEGER", "name": "TEXT"},
+    "95 % ellipses of the places",
 )
-_SYSTEMS = (
-    ("WGS 84", 4326, "EPSG", 4326, _WGS84, "longitude, latitude"),
-    ("Undefined cartesian", -1, "NONE", -1, "undefined", None),
-    ("Undefined geographic", 0, "NONE", 0, "undefined", None),
-)
-#: Table -> type of its geometry (None: no geometry), what it holds.
-_LAYERS = {
-    "targets": ("POINT", "places, each the average of its clicks"),
-    "ellipses": ("POLYGON", "95 % ellipses of the places"),
-    "clicks": (None, "every click; these count, the other two tables are made of them"),
-    "pictures": (None, "cut-outs of the video, JPEG"),
-    "marks": (None, "marks in time"),
+_CLICK_COLUMNS = {
+    "stamp_ns": "INTEGER NOT NULL",
+    **dict.fromkeys(("latitude_deg", "longitude_deg", "height_m"), "REAL NOT NULL"),
+    "covariance_enu": "TEXT NOT NULL",
 }
-_TABLES = f"""
-CREATE TABLE gpkg_spatial_ref_sys (srs_name TEXT NOT NULL, srs_id INTEGER NOT NULL PRIMARY KEY,
-    organization TEXT NOT NULL, organization_coordsys_id INTEGER NOT NULL,
-    definition TEXT NOT NULL, description TEXT);
-CREATE TABLE gpkg_contents (table_name TEXT NOT NULL PRIMARY KEY, data_type TEXT NOT NULL,
-    identifier TEXT UNIQUE, description TEXT DEFAULT '', last_change DATETIME NOT NULL
-    DEFAULT (strftime('%Y-%m-%dT%H:%M:%fZ','now')), min_x DOUBLE, min_y DOUBLE, max_x DOUBLE,
-    max_y DOUBLE, srs_id INTEGER, CONSTRAINT fk_gc_r_srs_id FOREIGN KEY (srs_id)
-    REFERENCES gpkg_spatial_ref_sys(srs_id));
-CREATE TABLE gpkg_geometry_columns (table_name TEXT NOT NULL, column_name TEXT NOT NULL,
-    geometry_type_name TEXT NOT NULL, srs_id INTEGER NOT NULL, z TINYINT NOT NULL,
-    m TINYINT NOT NULL, CONSTRAINT pk_geom_cols PRIMARY KEY (table_name, column_name),
-    CONSTRAINT uk_gc_table_name UNIQUE (table_name), CONSTRAINT fk_gc_tn FOREIGN KEY (table_name)
-    REFERENCES gpkg_contents(table_name), CONSTRAINT fk_gc_srs FOREIGN KEY (srs_id)
-    REFERENCES gpkg_spatial_ref_sys (srs_id));
-CREATE TABLE targets (fid INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, geom POINT,
-    {", ".join(f"{name} {kind}" for name, kind in COLUMNS.items())});
-CREATE TABLE ellipses (fid INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, geom POLYGON,
-    target TEXT NOT NULL, number INTEGER, name TEXT);
-CREATE TABLE clicks (fid INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, target TEXT NOT NULL,
-    stamp_ns INTEGER NOT NULL, latitude_deg REAL NOT NULL, longitude_deg REAL NOT NULL,
-    height_m REAL NOT NULL, covariance_enu TEXT NOT NULL);
-CREATE TABLE pictures (fid INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL,
-    target TEXT NOT NULL UNIQUE, jpeg BLOB NOT NULL);
-CREATE TABLE marks (fid INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, stamp_ns INTEGER NOT NULL,
-    time DATETIME NOT NULL, text TEXT NOT NULL);
-CREATE TABLE tirgeo_changes (revision INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, at_ns INTEGER,
-    action TEXT NOT NULL, target TEXT NOT NULL, before TEXT, undone INTEGER NOT NULL);
-CREATE INDEX clicks_of_target ON clicks (target);
-"""
+_TARGET = {"target": "TEXT NOT NULL"}
+_ABOUT_CLICKS = "every click; these count, the other two tables are made of them"
+_CLICKS = Layer("clicks", "", _TARGET | _CLICK_COLUMNS, _ABOUT_CLICKS)
+_PICTURE = {"target": "TEXT NOT NULL UNIQUE", "jpeg": "BLOB NOT NULL"}
+_MARK = {"stamp_ns": "INTEGER NOT NULL", "time": "DATETIME NOT NULL", "text": "TEXT NOT NULL"}
+_LAYERS = (
+    TARGETS,
+    ELLIPSES,
+    _CLICKS,
+    Layer("pictures", "", _PICTURE, "cut-outs of the video, JPEG"),
+    Layer("marks", "", _MARK, "marks in time"),
+)
+_JOURNAL = (
+    "CREATE TABLE tirgeo_changes (revision INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, "
+    "at_ns INTEGER, action TEXT NOT NULL, target TEXT NOT NULL, before TEXT, "
+    "undone INTEGER NOT NULL)"
+)
 #: Texts that are still to be chosen from (undo of the change that ``settled`` one opens it again),
 #: and what is switched on. Older files hold both among the changes, by negative numbers.
 _OF_PAGE = """
@@ -94,55 +75,36 @@ INSERT OR IGNORE INTO tirgeo_alternatives SELECT target, json_extract(before, '$
 INSERT OR IGNORE INTO tirgeo_switches SELECT target FROM tirgeo_changes WHERE undone = -2;
 UPDATE tirgeo_changes SET before = NULL, undone = 1 WHERE action IN ('alternative', 'on');
 """
-#: A geometry's header in a GeoPackage: little-endian, no envelope, EPSG:4326.
-_HEADER = b"GP" + struct.pack("<BBi", 0, 1, 4326)
-_PUT = (
-    f"INSERT INTO targets (fid, geom, {', '.join(COLUMNS)}) "  # noqa: S608  names of our own
-    f"VALUES (:number, :geom, {', '.join(f':{name}' for name in COLUMNS)})"
-)
-_CLICK = "latitude_deg, longitude_deg, height_m, covariance_enu"
+_CLICK = ", ".join(_CLICK_COLUMNS)
 
 
 def make_tables(db: sqlite3.Connection) -> None:
     """Make the tables of an empty file, within the caller's transaction."""
-    db.execute(f"PRAGMA application_id = {_APPLICATION_ID}")
-    db.execute(f"PRAGMA user_version = {_VERSION}")
-    for statement in _TABLES.split(";\n")[:-1]:
-        db.execute(statement)
-    db.executemany("INSERT INTO gpkg_spatial_ref_sys VALUES (?, ?, ?, ?, ?, ?)", _SYSTEMS)
-    contents = "INSERT INTO gpkg_contents (table_name, data_type, identifier, description, srs_id)"
-    for name, (shape, text) in _LAYERS.items():
-        kind, system = ("features", 4326) if shape else ("attributes", None)
-        db.execute(f"{contents} VALUES (?, ?, ?, ?, ?)", (name, kind, name, text, system))
-        if shape:
-            row = (name, "geom", shape, 4326, 0, 0)
-            db.execute("INSERT INTO gpkg_geometry_columns VALUES (?, ?, ?, ?, ?, ?)", row)
+    make_file(db)
+    for layer in _LAYERS:
+        make_layer(db, layer)
+    db.execute(_JOURNAL)
+    db.execute("CREATE INDEX clicks_of_target ON clicks (target)")
 
 
 def put_target(db: sqlite3.Connection, target: Target) -> None:
     """Write the rows of a target in place of those it had."""
     remove_target(db, target.id)
-    place = target.place
-    geometry = _HEADER + struct.pack("<BIdd", 1, 1, place.longitude_deg, place.latitude_deg)
-    cells = of_target(target)
-    db.execute(_PUT, cells | {"geom": geometry})
+    for layer, row, positions in rows_of_target(target):
+        insert(db, layer, row, positions, target.number)
+    for click in target.clicks:
+        numbers = {key: getattr(click, key) for key in _CLICK_COLUMNS}
+        texts = {"covariance_enu": " ".join(map(repr, map(float, click.covariance_enu)))}
+        insert(db, _CLICKS, {"target": target.id} | numbers | texts)
+
+
+def rows_of_target(target: Target) -> list[tuple[Layer, dict[str, Any], Positions]]:
+    """Return the rows of a target and of its ellipse, with their layers and positions."""
+    place, cells = target.place, of_target(target)
     ring = [(longitude, latitude) for latitude, longitude in place.outline()]
-    geometry = _HEADER + struct.pack("<BIII", 1, 3, 1, len(ring))
-    geometry += b"".join(struct.pack("<dd", *corner) for corner in ring)
-    row = (target.number, geometry, target.id, target.number, cells["name"])
-    db.execute(
-        "INSERT INTO ellipses (fid, geom, target, number, name) VALUES (?, ?, ?, ?, ?)", row
-    )
-    db.executemany(
-        f"INSERT INTO clicks (target, stamp_ns, {_CLICK}) VALUES (?, ?, ?, ?, ?, ?)",  # noqa: S608
-        [(target.id, *_click_row(click)) for click in target.clicks],
-    )
-
-
-def _click_row(click: Located) -> tuple[object, ...]:
-    covariance = " ".join(repr(float(number)) for number in click.covariance_enu)
-    place = click.latitude_deg, click.longitude_deg, click.height_m
-    return int(click.stamp_ns), *map(float, place), covariance
+    own = {"target": target.id, "number": target.number, "name": cells["name"]}
+    at = [(place.longitude_deg, place.latitude_deg)]
+    return [(TARGETS, cells, at), (ELLIPSES, own, ring)]
 
 
 def put_picture(db: sqlite3.Connection, target_id: str, jpeg: bytes) -> None:
@@ -243,7 +205,7 @@ def _is_empty(db: sqlite3.Connection) -> bool:
 def _check_tables(db: sqlite3.Connection, path: Path) -> None:
     """Refuse a file that is damaged, or that another program made; neither is written to."""
     names = {name for (name,) in db.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
-    if not {*_LAYERS, "tirgeo_changes"} <= names:
+    if not {"tirgeo_changes", *(layer.name for layer in _LAYERS)} <= names:
         raise TargetError(
             f"{path}: a database that tirgeo did not make; give the targets another name"
         )
@@ -266,11 +228,11 @@ def _targets(db: sqlite3.Connection) -> list[Target]:
     A target whose clicks are gone has one, at its place.
     """
     clicks: defaultdict[str, list[Located]] = defaultdict(list)
-    rows = db.execute(f"SELECT target, stamp_ns, {_CLICK} FROM clicks ORDER BY fid")  # noqa: S608
+    rows = db.execute(f"SELECT target, {_CLICK} FROM clicks ORDER BY fid")  # noqa: S608
     for target_id, *numbers in rows:
         clicks[target_id].append(_click(*numbers))
     made = "id, number, created_ns, changed_ns"
-    columns = f"{made}, name, target_kind, note, aircraft, stamp_ns, {_CLICK}"
+    columns = f"{made}, name, target_kind, note, aircraft, {_CLICK}"
     targets = []
     for row in db.execute(f"SELECT {columns} FROM targets ORDER BY number"):  # noqa: S608
         own, words, place = row[:4], row[4:8], row[8:]

@@ -18,13 +18,13 @@ from tirgeo_ros.core.ground.camera_place import body_rpy, height_above_m
 from tirgeo_ros.core.ground.frame_geometry import Sight, footprint, frame_geometry
 from tirgeo_ros.core.map.visibility import farthest_m
 from tirgeo_ros.core.overlay.scale_bar_compass import camera_heading_rad, ground_sample_m
-from tirgeo_ros.core.targets.target import KINDS, Target
+from tirgeo_ros.core.targets.target import KINDS
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.poses import BodyPose
 from tirgeo_ros.io.files.whole_files import PathLike
-from tirgeo_ros.io.geopackage.layer_file import Layer, LayerFile
-from tirgeo_ros.io.targets.columns import COLUMNS, of_target
+from tirgeo_ros.io.geopackage.layers import Layer, LayerFile
 from tirgeo_ros.io.targets.formats import read_targets
+from tirgeo_ros.io.targets.geopackage import ELLIPSES, TARGETS, rows_of_target
 from tirgeo_ros.tools.export.export_frame import ExportFrame
 
 _HEAD = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
@@ -215,12 +215,9 @@ TRACK_POINTS = Layer(
     "the aircraft, at its IMU, when pictures were taken; ellipsoidal heights",
     single(marker("arrow", "30,90,200,255", 3.0, angle_field="heading_deg")),
 )
-TARGETS = Layer(
-    "targets",
-    "Point",
-    COLUMNS,
-    "places, each the average of its clicks",
-    by_value(
+#: The style of each layer of targets.
+_STYLES = {
+    TARGETS.name: by_value(
         "target_kind",
         {
             kind: marker("circle", colour, 3.4)
@@ -228,14 +225,8 @@ TARGETS = Layer(
         },
         label=_NAMED,
     ),
-)
-ELLIPSES = Layer(
-    "ellipses",
-    "Polygon",
-    {"target": "TEXT", "number": "INTEGER", "name": "TEXT"},
-    "95 % ellipses of the targets",
-    single(area("228,26,28,30", "228,26,28,255", 0.4)),
-)
+    ELLIPSES.name: single(area("228,26,28,30", "228,26,28,255", 0.4)),
+}
 
 
 _CONFIDENCE = ConfidenceConfig()
@@ -262,11 +253,13 @@ class Vectors:
         confidence: ConfidenceConfig = _CONFIDENCE,
         state_at: Callable[[int], str | None] | None = None,
     ) -> None:
-        known = None if targets is None else read_targets(targets)
-        of_targets = () if known is None else (TARGETS, ELLIPSES)
+        clicked = [] if targets is None else read_targets(targets)
+        layers = () if targets is None else (TARGETS, ELLIPSES)
+        of_targets = [layer._replace(style=_STYLES[layer.name]) for layer in layers]
         self._file = LayerFile(path, (FOOTPRINTS, TRACK, TRACK_POINTS, *of_targets))
-        for target in known or ():
-            _add_target(self._file, target)
+        for target in clicked:
+            for layer, row, positions in rows_of_target(target):
+                self._file.add(layer.name, positions, row)
         self._track = _Track(self._file, max(_INTERVALS * every_s, _LONGEST_S), state_at)
         self._confidence = confidence
         self._without_ground = 0
@@ -401,12 +394,3 @@ def _heading_sigma_rad(body: BodyPose) -> float:
     nose_n: Sequence[float] = matrix_from_quat(body.q_nb)[:, 0].tolist()
     row = np.array(azimuth_row(nose_n))
     return float(np.sqrt(row @ body.covariance[3:, 3:] @ row))
-
-
-def _add_target(file: LayerFile, target: Target) -> None:
-    place, row = target.place, of_target(target)
-    position = [(place.longitude_deg, place.latitude_deg)]
-    file.add(TARGETS.name, position, row | {"time": place.stamp_ns})
-    outline = [(longitude, latitude) for latitude, longitude in place.outline()[:-1]]
-    said = {"target": target.id, "number": target.number, "name": row["name"]}
-    file.add(ELLIPSES.name, outline, said)

@@ -14,8 +14,7 @@ import pytest
 from layers_by_gdal import layers_in, rows_of
 
 from tirgeo_ros.core.types.errors import ExportError
-from tirgeo_ros.io.geopackage import layer_file
-from tirgeo_ros.io.geopackage.layer_file import Layer, LayerFile
+from tirgeo_ros.io.geopackage.layers import Layer, LayerFile
 from tirgeo_ros.io.maps import load_layers
 from tirgeo_ros.tools.export.vectors import area, by_value, line, marker, single
 
@@ -96,16 +95,6 @@ def test_it_is_what_the_standard_asks_for(path):
 def test_the_index_finds_what_is_near(path):
     near = rows_of(path, "points", bbox=(16.015, 47.9, 16.035, 48.1))
     assert [one["n"] for one in near] == [2, 3]
-
-
-def test_rows_are_written_in_batches(tmp_path, monkeypatch):
-    monkeypatch.setattr(layer_file, "_ROWS", 10)
-    file = LayerFile(tmp_path / "out.gpkg", [POINTS])
-    for number in range(35):
-        file.add("points", [(16.0, 48.0, 1.0)], row(number))
-        assert len(file._waiting["points"].shapes) < 10
-    file.finish()
-    assert [one["n"] for one in rows_of(file.path, "points")] == list(range(35))
 
 
 def test_a_layer_without_rows_is_there(tmp_path):
