@@ -265,7 +265,8 @@ class OverlayNode(GraphNode):
 
     def _picture_state(self) -> PictureState:
         config = self._config
-        return PictureState(self._notice, config.video_latency_s, config.confidence)
+        newest_ns = self._frames.newest_ns
+        return PictureState(self._notice, config.video_latency_s, config.confidence, newest_ns)
 
     def _overlay_item(self) -> DiagnosticItem:
         watch, overlay = self.resources, self._overlay
@@ -328,6 +329,11 @@ class FrameStatistics:
         took_s = now_s - dict(self._arrived_s).get(stamp_ns, now_s)
         self._took_s.append(took_s)
         return took_s
+
+    @property
+    def newest_ns(self) -> int:
+        """Return the stamp of the newest frame; 0 before the first."""
+        return self._arrived_s[-1][0] if self._arrived_s else 0
 
     @property
     def counts(self) -> dict[str, int]:
